@@ -52,7 +52,7 @@ def must_be(quantity: Quantity, value: float) -> str | None:
 
 
 def attrs_of(quantities: Iterable[Quantity]) -> dict[str, dict[str, str]]:
-    """Attributes of variables by name."""
+    """Return the attributes of variables by name."""
     return {quantity.name: quantity.attrs for quantity in quantities}
 
 
@@ -170,7 +170,7 @@ Motion = Literal["displacement", "velocity", "acceleration"]
 
 
 def derivative_order(response: str) -> int:
-    """How often the displacement was differentiated to give a response: 0, 1 or 2.
+    """Return how often the displacement was differentiated to give a response: 0, 1 or 2.
 
     Args:
         response: displacement, velocity or acceleration.
@@ -189,12 +189,12 @@ def derivative_order(response: str) -> int:
 
 
 def per(unit: str, source: str) -> str:
-    """A unit divided by another: `m` per `V` is `m/V`, `m` per `N/kg` is `m/(N/kg)`."""
+    """Return a unit divided by another: `m` per `V` is `m/V`, `m` per `N/kg` is `m/(N/kg)`."""
     return f"{unit}/({source})" if "/" in source else f"{unit}/{source}"
 
 
 def gain_unit(source: str) -> str:
-    """Unit of the gain of a source: force per unit modal mass over what drives it.
+    """Return the unit of the gain of a source: force per unit modal mass over what drives it.
 
     A source that is a force, in N, has one over the modal mass; a force per mass, the number 1.
     """
@@ -202,7 +202,7 @@ def gain_unit(source: str) -> str:
 
 
 def in_dialect(unit: str) -> str:
-    """A unit in the one dialect, also where an old run wrote `m s-1` or `m^-2 s^6`."""
+    """Return a unit in the one dialect, also where an old run wrote `m s-1` or `m^-2 s^6`."""
     stem, words, rest = unit.partition(" per ")
     # What stands after a letter and a sign is a power; `m/s^2`, of today, has no such thing.
     if not re.search(r"[A-Za-z]\^?-\d", stem):
@@ -223,7 +223,7 @@ AT, TIED = "@", "="  # between a name and the joint that it is of, and between j
 
 
 def label(name: str) -> str:
-    """A joint's name as a part of a parameter's: `bolt 1` is `bolt_1`."""
+    """Return a joint's name as a part of a parameter's: `bolt 1` is `bolt_1`."""
     return re.sub(r"\W+", "_", name)
 
 
@@ -250,7 +250,7 @@ def split(law: str) -> tuple[str, tuple[str, ...]]:
 
 
 def are_at_joints(laws: Iterable[Any]) -> bool:
-    """Whether these are laws of several joints."""
+    """Return whether these are laws of several joints."""
     return any(isinstance(law, str) and AT in law for law in laws)
 
 
@@ -268,12 +268,12 @@ def motion_factor(mode: int, joint: str) -> Quantity:
 
 
 def motion_factors_in(names: Iterable[Any]) -> dict[str, Quantity]:
-    """The factors on motions of joints among names, by name."""
+    """Return the factors on motions of joints among names, by name."""
     stated = [re.fullmatch(rf"{MOTION_FACTOR}_(\d+){AT}(\w+)", str(name)) for name in names]
     found = (motion_factor(int(match[1]), match[2]) for match in stated if match)
     return {quantity.name: quantity for quantity in found}
 
 
 def joints_of(laws: Iterable[str]) -> tuple[str, ...]:
-    """Names of all joints that have laws, in the order of their laws."""
+    """Return the names of all joints that have laws, in the order of their laws."""
     return tuple(dict.fromkeys(joint for law in laws for joint in split(law)[1]))

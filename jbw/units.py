@@ -293,7 +293,7 @@ def titled(title: str) -> tuple[str, str]:
 
 
 def is_unit(text: str) -> bool:
-    """Whether a text is a unit that jbw knows, or a compound or decibels of such units."""
+    """Return whether a text is a unit that jbw knows, or a compound or decibels of such units."""
     written = plain(text)
     if decibels(text) is not None or _in_table(written):
         return True
@@ -345,7 +345,7 @@ def quantity_of(unit: str, among: tuple[str, ...] = tuple(FACTORS)) -> str:
 
 
 def to_si(values: ArrayLike, unit: str, quantity: str) -> NDArray[np.float64]:
-    """Values in SI, as float64.
+    """Return the values in SI, as float64.
 
     Args:
         values: Numbers in `unit`.

@@ -40,7 +40,7 @@ class Dof(NamedTuple):
 
 
 def dof_of(node: object, direction: object) -> Dof:
-    """A degree of freedom as files state it, with numbers or names.
+    """Return a degree of freedom as files state it, with numbers or names.
 
     Raises:
         DataError: No such direction.
@@ -75,7 +75,7 @@ def require_distinct(dofs: Sequence[Dof]) -> None:
 
 
 def weights_at(place: Place, dofs: Sequence[Dof], what: str) -> Weights:
-    """Weights w of a place, whose motion is w^T q.
+    """Return the weights w of a place, whose motion is w^T q.
 
     Args:
         place: As `Place` says.
@@ -146,7 +146,7 @@ def _absent(dof: Dof, dofs: Sequence[Dof], what: str) -> ConfigError:
 
 
 def _nearest(node: str, dofs: Sequence[Dof]) -> list[str]:
-    """Nodes of the nearest numbers, or the first ones where nodes are no numbers."""
+    """Return the nodes of the nearest numbers, or the first ones where nodes are no numbers."""
     nodes = list(dict.fromkeys(dof.node for dof in dofs))
     numbered = [name for name in nodes if name.lstrip("-").isdigit()]
     if node.lstrip("-").isdigit() and numbered:

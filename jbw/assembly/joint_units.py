@@ -26,7 +26,7 @@ class JointUnits(NamedTuple):
     names: tuple[str, str, str]  # of force, motion and time
 
     def value(self, si: Any, unit: str, power_of_length: Any = 0.0) -> Any:
-        """A number in these units.
+        """Return a number in these units.
 
         Args:
             si: The same in SI, where forces are in newtons and motions in metres.
@@ -50,7 +50,7 @@ class JointUnits(NamedTuple):
 
 
 def joint_units(system: str, *, rotates: bool) -> JointUnits:
-    """Units of a joint that moves by a length, or that rotates."""
+    """Return the units of a joint that moves by a length, or that rotates."""
     units = system_named(system)
     force, length, time = units.names
     if rotates:
@@ -61,7 +61,7 @@ def joint_units(system: str, *, rotates: bool) -> JointUnits:
 
 
 def rotates(terms: Terms) -> bool:
-    """Whether a joint's motion is the rotation of nodes against each other, in radians."""
+    """Return whether a joint's motion is the rotation of nodes against each other, in radians."""
     return all(dof.direction in ROTATIONS and abs(weight) == 1.0 for dof, weight in terms)
 
 

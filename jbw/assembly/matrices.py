@@ -92,7 +92,7 @@ def matrix_model(
     damping: Any = None,
     nodes: Mapping[str, tuple[float, float, float]] | None = None,
 ) -> MatrixModel:
-    """A model of matrices, dense or sparse, with what `read_matrices` checks of files.
+    """Return a model of matrices, dense or sparse, with what `read_matrices` checks of files.
 
     Args:
         mass: M.
@@ -160,7 +160,7 @@ def _row(dof: Dof | tuple[Any, Any] | str) -> Dof:
 
 
 def _square(name: str, matrix: Any) -> Sparse:
-    """A matrix as a sparse one of float64, checked for shape and finite numbers."""
+    """Return a matrix as a sparse one of float64, checked for shape and finite numbers."""
     stored = _sparse(matrix if sp.issparse(matrix) else np.atleast_2d(np.asarray(matrix)))
     if np.iscomplexobj(stored.data):
         raise DataError(
@@ -188,7 +188,7 @@ def _sparse(matrix: Any) -> Sparse:
 
 
 def _symmetrised(name: str, matrix: Sparse, dofs: Sequence[Dof]) -> tuple[Sparse, str]:
-    """The symmetric part, and a sentence where that changed more than round-off."""
+    """Return the symmetric part, and a sentence where that changed more than round-off."""
     size = np.sqrt(np.abs(matrix.diagonal()))
     largest = max(float(size.max()), float(np.sqrt(abs(matrix).max())) if matrix.nnz else 0.0)
     size[size == 0.0] = largest or 1.0
@@ -265,7 +265,7 @@ def modal_damping(
     modes: StuckModes,
     names: Sequence[str],
 ) -> ModalDamping:
-    """Damping ratios by C's diagonal, and dashpots where they are all that is beside it.
+    """Return the damping ratios by C's diagonal, and dashpots where they are all that is beside it.
 
     Raises:
         ModelError: C gives energy to a mode.
@@ -314,7 +314,7 @@ def _of_form(
 
 
 def _left_out(reduced: np.ndarray, diagonal: np.ndarray) -> tuple[str, ...]:
-    """The largest damping beside the diagonal, with a warning where it is large."""
+    """Return the largest damping beside the diagonal, with a warning where it is large."""
     size = np.sqrt(np.where(diagonal > 0, diagonal, np.inf))
     coupling = np.abs(reduced) / np.outer(size, size)
     np.fill_diagonal(coupling, 0.0)

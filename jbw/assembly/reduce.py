@@ -104,7 +104,7 @@ class ReducedModel:
         return self.omega[: self.num_kept] / (2 * np.pi)
 
     def frequencies_at(self, stiffness: Sequence[float] | np.ndarray) -> np.ndarray:
-        r"""Natural frequencies where the joints have other stiffnesses [Hz].
+        r"""Return the natural frequencies where the joints have other stiffnesses [Hz].
 
         Eigenvalues of $\Lambda + H^T\,\mathrm{diag}(\kappa_j - k_j)\,H$.
 
@@ -116,7 +116,7 @@ class ReducedModel:
         return np.sqrt(np.maximum(np.linalg.eigvalsh(matrix), 0.0)) / (2 * np.pi)
 
     def structure(self) -> Any:
-        """The `jbw.Structure` of these modes, with the joints' laws."""
+        """Return the `jbw.Structure` of these modes, with the joints' laws."""
         return structure_of_joints(self)
 
     def __repr__(self) -> str:
@@ -219,7 +219,7 @@ def reduce(
 
 
 def structure_of_joints(reduced: ReducedModel) -> Any:
-    """The `jbw.Structure` of a reduced model: one joint as numbers a mode, several as rows.
+    """Return the `jbw.Structure` of a reduced model: one joint as numbers a mode, several as rows.
 
     Dashpots stand across the joints, and modes have what is left of the damping ratios.
     """
@@ -311,7 +311,7 @@ def _damping(
 def _of_every_mode(
     damping: ModalDamping, omega: np.ndarray, H: np.ndarray
 ) -> Float[np.ndarray, " mode"]:
-    """Damping ratios of the kept modes and of residual ones, which take the last.
+    """Return the damping ratios of the kept modes and of residual ones, which take the last.
 
     By a damping matrix of mass, stiffness and dashpots those of residual modes are known too.
     """

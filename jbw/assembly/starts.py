@@ -110,7 +110,7 @@ def joint_starts(
 
 
 def _errors(columns: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Standard errors of the joints that are not held at zero."""
+    """Return the standard errors of the joints that are not held at zero."""
     errors = np.full(free.size, np.nan)
     _, triangle = np.linalg.qr(columns[:, free])
     if np.all(np.abs(np.diag(triangle)) > 0):

@@ -52,7 +52,7 @@ class StuckModes(NamedTuple):
 
 
 def stuck_modes(stiffness: Sparse, mass: Sparse, to_hz: float) -> StuckModes:
-    """Modes of (M, K_s) up to a frequency [Hz].
+    """Return the modes of (M, K_s) up to a frequency [Hz].
 
     Raises:
         ConfigError: No mode lies below `to_hz`.
@@ -159,7 +159,7 @@ def _signed(shapes: np.ndarray) -> np.ndarray:
 
 
 def rotated_clusters(modes: StuckModes, loads: Float[np.ndarray, "dof load"]) -> StuckModes:
-    """Modes of one frequency turned so that as few as possible move each load in turn.
+    """Return the modes of one frequency turned so that as few as possible move each load in turn.
 
     Of a pair, one mode alone moves the first load. Without this the participation factors of
     coincident modes are arbitrary, and change with the last digit of the matrices.
@@ -231,7 +231,7 @@ def residual_modes(
     whole: Float[np.ndarray, " load"],
     slowest_limit: float,
 ) -> ResidualModes:
-    r"""Residual modes of attachment modes Psi.
+    r"""Return the residual modes of attachment modes Psi.
 
     A mode beyond the limit is slowed, $\omega_p \to s\omega_p$, $h_p \to sh_p$, which keeps what it
     adds statically, $h_p^2/\omega_p^2$.

@@ -39,7 +39,7 @@ SYSTEMS = {
 
 
 def system_named(units: str) -> ConsistentUnits:
-    """The system of a name of `SYSTEMS`.
+    """Return the system of a name of `SYSTEMS`.
 
     Raises:
         ConfigError: No such system.
@@ -56,7 +56,7 @@ def system_named(units: str) -> ConsistentUnits:
 def in_si(
     matrix: Sparse, dofs: Sequence[Dof], system: ConsistentUnits, power_of_time: int
 ) -> Sparse:
-    """A matrix in SI: `power_of_time` is 0 of stiffness, 1 of damping, 2 of mass.
+    """Return a matrix in SI: `power_of_time` is 0 of stiffness, 1 of damping, 2 of mass.
 
     Raises:
         ConfigError: The matrix is not in SI, and which rows are rotations is unknown.

@@ -73,14 +73,14 @@ def _channels_of(path: Path, channels: Collection[str], ask: Ask, tell: Tell) ->
 
 
 def _one_of(names: Collection[str], question: str, default: str, ask: Ask, tell: Tell) -> str:
-    """An answer that is one of some names, or the default where it is empty."""
+    """Return an answer that is one of some names, or the default where it is empty."""
     while (answer := ask(question).strip()) and answer not in names:
         tell(f"`{answer}` is none of them. {did_you_mean(answer, names)}".rstrip())
     return answer or default
 
 
 def answered(text: str, ask: Ask, tell: Tell) -> str:
-    """The draft with a person's answers; as it is from where nobody answers any more."""
+    """Return the draft with a person's answers; as it is from where nobody answers any more."""
     lines = text.splitlines()
     files = ""
     for i, line in enumerate(lines):
@@ -97,7 +97,7 @@ def answered(text: str, ask: Ask, tell: Tell) -> str:
 
 
 def still_doubtful(text: str) -> Iterator[str]:
-    """Lines of a draft that are still marked, each with its files."""
+    """Yield the lines of a draft that are still marked, each with its files."""
     files = ""
     for line in text.splitlines():
         if line.startswith("files = "):
@@ -135,7 +135,7 @@ def _shown(value: Any) -> str:
 
 
 def _value(line: str, key: str, answer: str) -> str:
-    """The line with another value, no longer a comment and no longer doubtful."""
+    """Return the line with another value, no longer a comment and no longer doubtful."""
     numbers = [part for part in re.split(r"[,;\s]+", answer.strip("[] ")) if part]
     try:
         values = [float(number) for number in numbers]
@@ -156,7 +156,7 @@ def _of(line: str, role: str, answer: str) -> str:
 
 
 def _taken(lines: list[str], i: int, line: str, tell: Tell) -> str:
-    """A new line, or the old one where the campaign file cannot take it."""
+    """Return a new line, or the old one where the campaign file cannot take it."""
     before, after = (
         _error("\n".join([*lines[:i], new_line, *lines[i + 1 :]])) for new_line in (lines[i], line)
     )

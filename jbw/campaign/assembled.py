@@ -18,7 +18,7 @@ FILES = ("mass", "stiffness", "damping", "dofs", "nodes")
 
 
 def place(value: Any) -> AnyPlace:
-    """A degree of freedom, a list of weighted ones, or a table of weights."""
+    """Return a degree of freedom, a list of weighted ones, or a table of weights."""
     if isinstance(value, Mapping) and value:
         stated: AnyPlace = {values.text(name): values.number(x) for name, x in value.items()}
     else:
@@ -217,12 +217,12 @@ def groups_of(joints: Sequence[JointTable]) -> list[int]:
 
 
 def laws_of_joint(joint: JointTable, joints: Sequence[JointTable]) -> tuple[str, ...]:
-    """Names of the laws of a joint, those of another where it shares them."""
+    """Return the names of the laws of a joint, those of another where it shares them."""
     return (leader_of(joint, {other.name: other for other in joints}) or joint).laws
 
 
 def laws_by_joint(joints: Sequence[JointTable]) -> tuple[str, ...]:
-    """Names of all laws with the joints that have them: those of a tie together."""
+    """Return the names of all laws with the joints that have them: those of a tie together."""
     groups = groups_of(joints)
     shared = [
         (joints[leader], [t.name for t, g in zip(joints, groups, strict=True) if g == leader])

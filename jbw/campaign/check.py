@@ -186,7 +186,7 @@ class _CheckedTest:
 def _checked_test(
     test: TestSpec, spec: CampaignSpec, folder: Path, *, allow_outside: bool
 ) -> _CheckedTest:
-    """Every repeat of a test, and a row for every channel of it."""
+    """Return every repeat of a test, and a row for every channel of it."""
     checked = _CheckedTest()
     for item in repeats_of(test, folder, allow_outside=allow_outside):
         if isinstance(item, Record):
@@ -232,7 +232,7 @@ def gain_read(record: Record, test: TestSpec) -> list[tuple[str, float]]:
 
 
 def _roles(first: Sequence[Record]) -> tuple[str, str]:
-    """Roles of response and drive of a test with a sweep."""
+    """Return the roles of response and drive of a test with a sweep."""
     driven = [one for one in first if any(role in one.channels for role in INPUTS)]
     return (driven[0].response, driven[0].source) if driven else ("", "")
 
@@ -262,7 +262,7 @@ def beside_stated(fault: Fault, test: TestSpec) -> Fault:
 
 
 def _with(rows: Sequence[Row], faults: Sequence[tuple[str, Fault]]) -> Iterator[Row]:
-    """Rows with faults of whole tests, each in the row of its channel."""
+    """Yield the rows with faults of whole tests, each in the row of its channel."""
     for row in rows:
         more = [fault for test, fault in faults if (test, fault.channel) == (row.test, row.role)]
         row_faults = (*more, *row.findings)
@@ -270,7 +270,7 @@ def _with(rows: Sequence[Row], faults: Sequence[tuple[str, Fault]]) -> Iterator[
 
 
 def as_json(check: Check) -> dict[str, Any]:
-    """The check as plain values, for scripts."""
+    """Return the check as plain values, for scripts."""
     channels = [asdict(row) for row in check.rows]
     facts = {"campaign": check.campaign, "status": check.status, "channels": channels}
     joints = {} if check.joints is None else {"joints": check.joints.as_json()}
@@ -410,7 +410,7 @@ def _reading(record: Record, test: TestSpec) -> ModeReading | None:
 
 
 def _started_apart(record: Record, test: TestSpec) -> Iterator[Fault]:
-    """The refusal of channels that the file says were started one after the other."""
+    """Yield the refusal of channels that the file says were started one after the other."""
     if not any(role in record.channels for role in INPUTS) or test.traits.is_curve:
         return
     starts = [

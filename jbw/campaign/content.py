@@ -61,7 +61,7 @@ def falls(x: Reals) -> bool:
 
 
 def controlled_kind(roles: Mapping[str, Channel], series: Mapping[str, Leaf]) -> str:
-    """Kind of a controlled test, where frequencies and amplitudes say so; else nothing.
+    """Return the kind of a controlled test, where frequencies and amplitudes say so; else nothing.
 
     A phase that stays makes a backbone, and so do a frequency and a force that go with the
     amplitude; frequencies that stay, or go back, make points of S-curves and of folded curves.
@@ -97,7 +97,7 @@ def controlled_kind(roles: Mapping[str, Channel], series: Mapping[str, Leaf]) ->
 
 
 def _column(channel: Channel, series: Mapping[str, Leaf]) -> Reals | None:
-    """A column of finite real numbers; None where it is none."""
+    """Return a column of finite real numbers; None where it is none."""
     leaf = series.get(channel.path)
     if leaf is None or max(leaf.shape, default=0) > MOST_SAMPLES:
         return None

@@ -67,7 +67,7 @@ class FileTable(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     def keys(self) -> Iterator[str]:
-        """Names of what was stated, so that `{**settings}` leaves the defaults open."""
+        """Return the names of what was stated, so that `{**settings}` leaves the defaults open."""
         return (name for name in type(self).model_fields if name in self.model_fields_set)
 
     def __iter__(self) -> Iterator[str]:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -84,7 +84,7 @@ def key(default: Any, says: str, example: Any = None) -> Any:
 
 
 def unlike(name: str, names: Iterable[str]) -> str:
-    """The end of a refusal of a name: the nearest known one, and all of them."""
+    """Return the end of a refusal of a name: the nearest known one, and all of them."""
     names = list(names)
     nearest = get_close_matches(str(name), names, n=1, cutoff=0.5)
     return (f"; did you mean `{nearest[0]}`" if nearest else "") + f" (known: {', '.join(names)})"
@@ -112,7 +112,7 @@ def text_of(path: Path, what: str, remedy: str) -> str:
 
 
 def document_of(source: str, file: str) -> dict[str, Any]:
-    """The document that the TOML text of a file holds.
+    """Return the document that the TOML text of a file holds.
 
     Raises:
         ConfigError: Not TOML.
@@ -223,7 +223,7 @@ def _plain(node: Any) -> Any:
 
 
 def toml(value: Any) -> str:
-    """A value as TOML writes it."""
+    """Return a value as TOML writes it."""
     if isinstance(value, Density):
         value = value.table()
     if isinstance(value, Mapping):
@@ -232,7 +232,7 @@ def toml(value: Any) -> str:
 
 
 def commented(table: type[FileTable], names: Iterable[str]) -> list[str]:
-    """Keys offered in a comment of a file, with an example and what they mean."""
+    """Return the keys offered in a comment of a file, with an example and what they mean."""
     fields = {name: table.model_fields[name] for name in names}
     return [
         f"# {name} = {toml(field.examples[0]) if field.examples else '...'}  # {field.description}"
@@ -261,12 +261,12 @@ def _with_decimal_points(line: str) -> str:
 
 
 def _with_whole_numbers(line: str) -> str:
-    """The line whose numbers have digits on both sides of their points."""
+    """Return the line whose numbers have digits on both sides of their points."""
     return POINT.sub(lambda match: f"{match[1] or 0}.{match[2] or 0}", line)
 
 
 def _with_quotes(line: str) -> str:
-    """The line whose bare words are in quotes, or are the constants that they mean."""
+    """Return the line whose bare words are in quotes, or are the constants that they mean."""
 
     def quoted(match: re.Match[str]) -> str:
         value = WORDS_OF_TOML.get(match[2]) or '"{}"'.format(match[2].replace("\\", "/"))
@@ -351,7 +351,7 @@ def _in_one_table(
 
 
 def _is_toml_to(number: int, lines: list[str]) -> bool:
-    """Whether lines are TOML up to that of a number, itself included."""
+    """Return whether lines are TOML up to that of a number, itself included."""
     source = "\n".join(lines)
     try:
         tomllib.loads(source)

@@ -130,9 +130,9 @@ def start_campaign(
         raise ConfigError(f"The modal mass must be above zero [kg], but is {mass:g}.")
     if not folder.is_dir():
         raise DataError(f"Folder `{folder}` does not exist.", remedy="Name the folder of records.")
+    records_of = set(measurement_files(folder) if files is None else files)
     there = sorted(folder.iterdir() if files is None else files)
     model = model_files(there)
-    records_of = set(measurement_files(folder) if files is None else files)
     visible = sorted(records_of - set(model.paths if model else ()), key=_stem)
     if model and not visible:
         what, why, remedy = messages.matrices_alone(str(folder), [p.name for p in model.paths])
@@ -194,13 +194,13 @@ def start_campaign(
 
 
 def _torque_of(path: Path) -> str:
-    """A tightening torque in a file's name, as it is written there; empty without one."""
+    """Return a tightening torque in a file's name, as it is written there; empty without one."""
     found = TORQUE.search(path.stem)
     return found.group(0).strip("_ -") if found else ""
 
 
 def _in_newton_metres(torque: str) -> float:
-    """A torque as a file's name has it [N m]."""
+    """Return a torque as a file's name has it [N m]."""
     (number, unit) = TORQUE.findall(torque)[0]
     value = float(re.sub("[,pP]", ".", number)) * NEWTON_METRES[unit[0].lower()]
     return float(f"{value:.6g}")
@@ -289,14 +289,14 @@ def _named(blocks: Sequence[str], names: Sequence[str]) -> list[str]:
 
 
 def looked_at(contents: Contents) -> Looked:
-    """The channels of an open file, its rate and its recorder."""
+    """Return the channels of an open file, its rate and its recorder."""
     leaves = {name: item for name, item in names(contents.root) if isinstance(item, Leaf)}
     series = _series_in(leaves) if contents.series is None else dict(contents.series)
     return Looked(leaves, series, contents.fs, contents.recorder, contents.doubts)
 
 
 def _once(assumed: Sequence[tuple[str, str]]) -> Iterator[str]:
-    """Every assumption in one line with all the files that it concerns."""
+    """Yield every assumption in one line with all the files that it concerns."""
     files: dict[str, list[str]] = {}
     for name, what in assumed:
         files.setdefault(what, []).append(name)
@@ -337,7 +337,7 @@ def write_campaign(draft: Draft, folder: str | Path, name: str = NAMED) -> Path:
 
 
 def already_written(path: Path) -> ConfigError:
-    """The refusal to write over a campaign file."""
+    """Return the refusal to write over a campaign file."""
     return ConfigError(
         f"`{path}` exists already, and is not overwritten.",
         remedy="See the draft with: jbw init --print FOLDER",
@@ -367,7 +367,7 @@ def _frequencies_of_curves(groups: Sequence[Sequence[Path]]) -> Reach | None:
 
 
 def _may_hold_a_curve(path: Path) -> bool:
-    """Whether the beginning of a text speaks of frequencies; of other files nobody knows."""
+    """Return whether the beginning of a text speaks of frequencies; of other files nobody knows."""
     with suppress(OSError), path.open("rb") as stream:
         head = stream.read(BEGINNING)
         is_text = READERS.get(path.suffix.lower(), "").endswith(".csv") and b"\0" not in head
@@ -378,7 +378,7 @@ def _may_hold_a_curve(path: Path) -> bool:
 def _blocks(
     files: Sequence[Path], assumed: list[tuple[str, str]], curves: Reach | None, named: Named
 ) -> list[str]:
-    """The [[test]] tables of some files, or a comment where they cannot be a test."""
+    """Return the [[test]] tables of some files, or a comment where they cannot be a test."""
     try:
         with opened(files[0]) as contents:
             looked = looked_at(contents)
@@ -485,7 +485,7 @@ def _checks(channels: Mapping[str, Channel], assume: Assume) -> str:
 def _levels(
     files: Sequence[Path], roles: Mapping[str, str], lines: Sequence[str]
 ) -> list[tuple[list[Path], list[str]]]:
-    """Files by the level of their source, with its line; nothing where none can be told.
+    """Return the files by the level of their source, with its line; nothing where none can be told.
 
     Repeats of one level are alike; a programme doubles it, or halves it.
     """
@@ -594,7 +594,7 @@ def _uneven(leaf: Leaf, unit: str) -> float | None:
 
 
 def _units(channels: Mapping[str, Channel], looked: Looked, assume: Assume) -> list[str]:
-    """The lines of units, and of sensors whose channels are in volts."""
+    """Return the lines of units, and of sensors whose channels are in volts."""
     units, guessed, sensors = {}, [], {}
     for role, channel in channels.items():
         if channel.unit:
@@ -638,7 +638,7 @@ def _band(
     assume: Assume,
     curves: Reach | None,
 ) -> str:
-    """The band of a free decay, about the strongest line of its first record.
+    """Return the band of a free decay, about the strongest line of its first record.
 
     Where response curves lie beside it, of those among their frequencies: a hammer excites the
     suspension as well, which moves further than the joint's mode.
@@ -653,7 +653,7 @@ def _band(
 
 
 def _first_record(path: Path, roles: Mapping[str, str], lines: Sequence[str]) -> Record:
-    """The first record of a file, as the lines of its table have it so far."""
+    """Return the first record of a file, as the lines of its table have it so far."""
     stated = tomllib.loads("\n".join(lines[1:]))
     # The band of a sensor in volts is the same by any sensitivity.
     sensors = [role for line in lines if line.startswith(SENSORS)
@@ -787,7 +787,7 @@ def _is_complex(leaf: Leaf) -> bool:
 def _kind_of(
     path: Path, roles: Mapping[str, Channel], series: Leaves, *, is_timed: bool = True
 ) -> tuple[str, bool]:
-    """Kind of a test by its file's name and channels, and whether these say so."""
+    """Return the kind of a test by its file's name and channels, and whether these say so."""
     if kind := controlled_kind(roles, series):
         return kind, True
     if {"frequency", "phase"} <= set(roles):
@@ -819,7 +819,7 @@ def _kind_of(
 
 
 def _samples_of(series: Leaves, path: str) -> NDArray[np.float64] | None:
-    """Samples of a channel that is one real series, and not too long to be looked at."""
+    """Return the samples of a channel that is one real series, and not too long to be looked at."""
     leaf = series.get(path)
     if leaf is None or len(leaf.shape) != 1 or leaf.shape[0] > MOST_SAMPLES or _is_complex(leaf):
         return None

@@ -62,7 +62,7 @@ def structure_lines(model: ModelFiles, folder: Path) -> Iterator[str]:
 
 
 def _holds_model(path: Path) -> bool:
-    """Whether a file holds mass and stiffness by their names."""
+    """Return whether a file holds mass and stiffness by their names."""
     suffix = path.suffix.lower()
     if suffix in HELD_TOGETHER:
         return True

@@ -75,7 +75,7 @@ class Repetition(NamedTuple):
 
 
 def held_twice(sources: Sequence[ResponseOrigin]) -> Iterator[tuple[str, Fault]]:
-    """The second test of every record that a campaign holds twice, and the refusal."""
+    """Yield the second test of every record that a campaign holds twice, and the refusal."""
     repetitions = list(_repetitions(sources))
     of_test: dict[str, list[ResponseOrigin]] = {}
     for source in sources:

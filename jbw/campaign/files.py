@@ -92,7 +92,7 @@ def _as_stated(record: Record, test: TestSpec) -> Record:
 
 
 def _file_sets(test: TestSpec, folder: Path, allow_outside: bool) -> list[list[Part]]:
-    """The files of each repeat; more than one where roles have files of their own."""
+    """Return the files of each repeat; more than one where roles have files of their own."""
     selection = Wanted(**{field.name: getattr(test, field.name) for field in fields(Wanted)})
     if not isinstance(test.files, Mapping):
         files = found_files(test.files, folder, allow_outside)
@@ -117,7 +117,7 @@ def _file_sets(test: TestSpec, folder: Path, allow_outside: bool) -> list[list[P
 
 
 def found_files(patterns: Iterable[str], folder: Path, allow_outside: bool = False) -> list[Path]:
-    """Files that the patterns name, each once, in the order of the patterns.
+    """Return the files that the patterns name, each once, in the order of the patterns.
 
     A pattern is a file's name with * and ? relative to the campaign's folder; $JBW_DATA at its
     beginning is the folder of that environment variable.
@@ -149,7 +149,7 @@ def _stay_inside(path: Path, pattern: str, folder: Path, allow_outside: bool) ->
 
 
 def _with_data_folder(pattern: str) -> str:
-    """The pattern with the data folder of this machine in the place of $JBW_DATA."""
+    """Return the pattern with the data folder of this machine in the place of $JBW_DATA."""
     if not pattern.startswith(DATA_FOLDER):
         return pattern
     folder = os.environ.get(DATA_FOLDER[1:])

@@ -35,5 +35,5 @@ def gain_of(gain: Gain, drive: str) -> float | None:
 
 
 def differ(drives: Collection[str]) -> bool:
-    """Whether a measured force drives some tests, and a shaker's feed others."""
+    """Return whether a measured force drives some tests, and a shaker's feed others."""
     return "force" in drives and not FED.keys().isdisjoint(drives)

@@ -55,7 +55,7 @@ def campaigns_of(given: Sequence[Path], tell: Tell, mass: float | None = None) -
 
 
 def _of_folder(folder: Path, tell: Tell, mass: float | None) -> tuple[bool, Path]:
-    """Whether a campaign was drafted, and its file."""
+    """Return whether a campaign was drafted, and its file."""
     if (campaign := campaign_in(folder)) is not None:
         return False, campaign
     if any(folder.glob("*.toml")) or not measurement_files(folder):
@@ -64,7 +64,7 @@ def _of_folder(folder: Path, tell: Tell, mass: float | None) -> tuple[bool, Path
 
 
 def _of_records(records: Sequence[Path], tell: Tell, mass: float | None) -> tuple[bool, Path]:
-    """Whether a campaign was drafted, and its file."""
+    """Return whether a campaign was drafted, and its file."""
     folders = {path.resolve().parent for path in records}
     if len(folders) > 1:
         what, why, remedy = messages.several_folders(sorted(map(str, folders)))

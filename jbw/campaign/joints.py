@@ -65,7 +65,7 @@ class JointsCheck:
     model: ReducedModel | None = None
 
     def as_json(self) -> dict[str, Any]:
-        """The same as plain values."""
+        """Return the same as plain values."""
         separability = self.separability
         return {
             "joints": list(self.joints),
@@ -84,7 +84,7 @@ class JointsCheck:
 
 
 def reduced_model(spec: CampaignSpec, folder: Path, *, allow_outside: bool = False) -> ReducedModel:
-    """Modes and joints of a campaign whose structure is known by matrices.
+    """Return the modes and joints of a campaign whose structure is known by matrices.
 
     Args:
         spec: The campaign file, checked.
@@ -121,7 +121,7 @@ def reduced_model(spec: CampaignSpec, folder: Path, *, allow_outside: bool = Fal
 def _files(
     structure: AssembledStructure, folder: Path, allow_outside: bool
 ) -> Path | dict[str, Path]:
-    """The files of matrices within the campaign's folder."""
+    """Return the files of matrices within the campaign's folder."""
     stated = structure.matrices
     if isinstance(stated, Mapping):
         return {
@@ -205,7 +205,7 @@ def _modes_of(spec: CampaignSpec, folder: Path, allow_outside: bool) -> _Modes:
 
 
 def _names_of_groups(joints: Sequence[JointTable]) -> tuple[str, ...]:
-    """Names of the joints, those that share a law as one."""
+    """Return the names of the joints, those that share a law as one."""
     groups = groups_of(joints)
     return tuple(
         " = ".join(table.name for table, g in zip(joints, groups, strict=True) if g == group)
@@ -225,7 +225,7 @@ def _swept(spec: CampaignSpec, frequencies_hz: np.ndarray) -> tuple[int, ...]:
 
 
 def _inseparable(separability: JointSeparability, joints: Sequence[JointTable]) -> Iterator[Fault]:
-    """Joints with laws of their own that the swept modes do not tell apart.
+    """Yield the joints with laws of their own that the swept modes do not tell apart.
 
     Of one kind of law the posterior has a mode for each order of the joints: that is refused. Of
     different kinds it is doubtful, and so it is of one mode, which tells the sum of all joints.
@@ -260,7 +260,7 @@ def _reason(pair: InseparablePair, separability: JointSeparability) -> str:
 
 
 def _unseen(motion: np.ndarray, names: Sequence[str]) -> Iterator[Fault]:
-    """Joints that no swept mode moves: their laws keep their prior."""
+    """Yield the joints that no swept mode moves: their laws keep their prior."""
     reach = (motion / motion.max(axis=0)).max(axis=1)
     for name, largest in zip(names, reach, strict=True):
         if largest < _UNMOVED:
@@ -285,7 +285,7 @@ class SeveralJoints:
 def several_joints(
     spec: CampaignSpec, folder: Path, *, allow_outside: bool = False
 ) -> SeveralJoints | None:
-    """The joints of a campaign with matrices; None of one joint.
+    """Return the joints of a campaign with matrices; None of one joint.
 
     Raises:
         ConfigError: As `reduced_model`; or the tests do not tell two joints of one kind of law

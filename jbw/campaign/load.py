@@ -102,7 +102,7 @@ class Campaign:
 
 
 def _line(test: Test) -> str:
-    """A test in a line."""
+    """Return a test in a line."""
     level = "" if isnan(test.level) else f", level {test.level:g}"
     return f"{test.name}: {test.kind}, {len(test.records)} records{level}"
 

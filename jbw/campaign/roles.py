@@ -58,12 +58,12 @@ class Channel(NamedTuple):
 
 
 def last_name(path: str) -> str:
-    """The last name of a path, without what follows in brackets."""
+    """Return the last name of a path, without what follows in brackets."""
     return re.split(r"[./]", re.sub(r"\[[^\]]*\]", "", path))[-1].lower()
 
 
 def channels_by_role(series: Leaves) -> dict[str, Channel]:
-    """Role to channel, by names, labels and units."""
+    """Return the role to channel, by names, labels and units."""
     named: dict[str, list[Channel]] = {}
     rest: list[tuple[str, Leaf]] = []
     # Three letters alone are axes of what nobody says.
@@ -169,7 +169,7 @@ def _fits(role: str, unit: str) -> bool:
 
 
 def _behind(text: str, role: str) -> str:
-    """A unit at the end of a name, such as that of `disp_mm` or `frequency_Hz`; or none."""
+    """Return a unit at the end of a name, such as that of `disp_mm` or `frequency_Hz`; or none."""
     for mark in range(len(text)):
         if text[mark] != "_" or mark == 0:
             continue
@@ -182,7 +182,7 @@ def _behind(text: str, role: str) -> str:
 
 
 def _by_unit(leaf: Leaf) -> str:
-    """The role that the unit of a channel alone tells, or none."""
+    """Return the role that the unit of a channel alone tells, or none."""
     with suppress(ConfigError):
         return BY_QUANTITY.get(quantity_of(leaf.unit), "") if leaf.unit else ""
     return ""
@@ -226,7 +226,7 @@ def _clock_of(channels: Sequence[Channel], series: Leaves) -> Channel:
 
 
 def strength(leaf: Leaf) -> float:
-    """Standard deviation of a channel; 0 of one that is too long, or no series."""
+    """Return the standard deviation of a channel; 0 of one that is too long, or no series."""
     if int(np.prod(leaf.shape, dtype=float)) > MOST_SAMPLES or len(leaf.shape) != 1:
         return 0.0
     samples = load(leaf)
@@ -291,7 +291,7 @@ def _is_complex(leaf: Leaf) -> bool:
 
 
 def rises(leaf: Leaf) -> bool:
-    """Whether a channel only ever increases, from no negative number."""
+    """Return whether a channel only ever increases, from no negative number."""
     if len(leaf.shape) != 1 or leaf.shape[0] > MOST_SAMPLES:
         return False
     samples = load(leaf)

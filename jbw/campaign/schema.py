@@ -140,7 +140,7 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
 
 
 def _joints(tables: Any, errors: list[str]) -> list[JointTable]:
-    """The [[joint]] tables; none where there is a [joint] table, or nothing."""
+    """Return the [[joint]] tables; none where there is a [joint] table, or nothing."""
     if not isinstance(tables, list):
         return []
     stated = [
@@ -152,7 +152,7 @@ def _joints(tables: Any, errors: list[str]) -> list[JointTable]:
 def _structures(
     table: Any, errors: list[str]
 ) -> tuple[Structured | None, AssembledStructure | None]:
-    """The [structure] table, of stated modes or of matrices."""
+    """Return the [structure] table, of stated modes or of matrices."""
     if table is None:
         return None, None
     if isinstance(table, Mapping) and "matrices" in table:

@@ -150,7 +150,7 @@ class Identify(FileTable):
 
     @classmethod
     def of(cls, stated: "Identify | Mapping[str, Any]") -> "Identify":
-        """The record of what is stated, as a record or by its keys.
+        """Return the record of what is stated, as a record or by its keys.
 
         Raises:
             ConfigError: A key or a value that the [identify] table does not admit.
@@ -202,7 +202,7 @@ class Structured(FileTable):
 
     @classmethod
     def of(cls, stated: "Structured | Mapping[str, Any] | None") -> "Structured | None":
-        """The record of what is stated, as a record or by its keys; None of one mode.
+        """Return the record of what is stated, as a record or by its keys; None of one mode.
 
         Raises:
             ConfigError: A key or a value that the [structure] table does not admit.
@@ -244,7 +244,7 @@ class Structured(FileTable):
 def structure_errors(
     structure: Structured | None, tests: Iterable[Any], points: Iterable[str] = ()
 ) -> Iterator[str]:
-    """Tests of kinds that know one mode alone, or at unknown points; a sentence each.
+    """Yield the tests of kinds that know one mode alone, or at unknown points; a sentence each.
 
     `points` are those that a model's matrices have.
     """
@@ -276,7 +276,7 @@ def structure_errors(
 
 
 def _knows_several(kind: Kind) -> bool:
-    """Whether tests of a kind are followed in time, of several modes as of one."""
+    """Return whether tests of a kind are followed in time, of several modes as of one."""
     return kind.is_transient or kind.is_periodic or kind.is_free
 
 

@@ -288,7 +288,7 @@ def _needs(test: TestSpec) -> Iterator[str]:
 
 
 def _contradictions(test: TestSpec) -> Iterator[str]:
-    """Keys that are given, but not meant for the test's kind or channels."""
+    """Yield the keys that are given, but not meant for the test's kind or channels."""
     curves, is_curve, roles = _curves(), test.traits.is_curve, set(test.channels)
     if not is_curve and (roles - set(test.traits.channels)) & {"frequency", "phase"}:
         yield f"channels: `frequency` and `phase` belong to kind {curves}."
@@ -360,7 +360,7 @@ def _of_base(test: TestSpec, roles: set[str]) -> Iterator[str]:
 
 
 def _of_controlled_tests(test: TestSpec) -> Iterator[str]:
-    """Keys of controlled tests that another kind states."""
+    """Yield the keys of controlled tests that another kind states."""
     locked = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_locked)
     controlled = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_controlled)
     is_beside = test.traits.is_locked and test.locked_phase != -90
@@ -378,5 +378,5 @@ def _of_controlled_tests(test: TestSpec) -> Iterator[str]:
 
 
 def _curves() -> str:
-    """The kinds that are curves, as messages name them."""
+    """Return the kinds that are curves, as messages name them."""
     return ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_curve)

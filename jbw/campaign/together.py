@@ -27,7 +27,7 @@ def named(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
 
 
 def at_every_point(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
-    """Tests, each followed by itself as further points saw it, in the same run."""
+    """Yield the tests, each followed by itself as further points saw it, in the same run."""
     for test in tests:
         if not test.points:
             yield test
@@ -42,7 +42,7 @@ def at_every_point(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
 
 
 def of_others(tests: Sequence[TestSpec], assembly: Assembly) -> Iterator[str]:
-    """Tests of other assemblies than the one whose torque the campaign states."""
+    """Yield the tests of other assemblies than the one whose torque the campaign states."""
     names = {test.assembly for test in tests if test.assembly} | {assembly.name or None} - {None}
     if len(names) > 1 and list(assembly.keys()):
         yield messages.several_assemblies(len(names), sorted(map(str, names)))
@@ -57,7 +57,7 @@ def on_a_base(tests: Sequence[TestSpec]) -> Iterator[str]:
 
 
 def among(tests: Sequence[TestSpec], settings: Identify) -> Iterator[str]:
-    """Names that several tests have, and levels to fit that none has."""
+    """Yield the names that several tests have, and levels to fit that none has."""
     names = [test.name for test in tests if test.name]
     for name in sorted({name for name in names if names.count(name) > 1}):
         yield messages.name_of_several(name, names.count(name))
@@ -86,7 +86,7 @@ class Level(NamedTuple):
 
 
 def level_of(record: Record, test: TestSpec) -> list[Level]:
-    """The level of a driven test, where it states one."""
+    """Return the level of a driven test, where it states one."""
     driven = any(role in record.channels for role in INPUTS)
     if not (test.level > 0 and driven):
         return []

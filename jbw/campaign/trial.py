@@ -82,7 +82,7 @@ def _cures(
     *,
     further: bool = True,
 ) -> bool:
-    """Whether the first line of a remedy takes a fault away and brings no other.
+    """Return whether the first line of a remedy takes a fault away and brings no other.
 
     A `further` one may come that a line of its own cures.
     """
@@ -125,7 +125,7 @@ def _leaves(reading: ModeReading | None, key: str, mode: tuple[float, float]) ->
 
 
 def _of_parts(kept: Sequence[str], parts: Sequence[str]) -> str:
-    """A remedy of the parts that are kept; as it was where all are."""
+    """Return a remedy of the parts that are kept; as it was where all are."""
     if not kept:
         return remedies.NO_LINE
     remedy = OR.join(kept).removesuffix(".") + "." * parts[-1].endswith(".")

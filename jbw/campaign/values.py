@@ -39,7 +39,7 @@ class OneOf:
     otherwise: str = ""  # a sentence on what else may have been meant
 
     def check(self, value: Any) -> str:
-        """The name, if it is known."""
+        """Return the name, if it is known."""
         if text(value) not in (names := list(self.known())):
             raise ValueError(f"{value!r} is unknown{unlike(value, names)}.{self.otherwise}")
         return value
@@ -54,7 +54,7 @@ class OneOf:
 
 
 def text(value: Any) -> str:
-    """A string of printable characters, on one line."""
+    """Return a string of printable characters, on one line."""
     if not isinstance(value, str):
         raise ValueError(f"must be a string, but is {value!r}.")
     if not value.isprintable():
@@ -63,7 +63,7 @@ def text(value: Any) -> str:
 
 
 def number(value: Any) -> int | float:
-    """A finite number; true and false are none."""
+    """Return a finite number; true and false are none."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"must be a number, but is {value!r}.")
     try:
@@ -87,7 +87,7 @@ def whole(least: int) -> Callable[[Any], int]:
 
 
 def repeats(value: Any) -> int | str:
-    """A number of repeats, or all of them."""
+    """Return a number of repeats, or all of them."""
     if value == ALL:
         return ALL
     try:
@@ -99,7 +99,7 @@ def repeats(value: Any) -> int | str:
 
 
 def strings(value: Any) -> tuple[str, ...]:
-    """A string, or a list of at least one."""
+    """Return a string, or a list of at least one."""
     items = value if isinstance(value, list | tuple) else [value]
     if not items or not all(isinstance(item, str) and item for item in items):
         raise ValueError(f"must be a string or a list of strings, but is {value!r}.")
@@ -107,14 +107,14 @@ def strings(value: Any) -> tuple[str, ...]:
 
 
 def numbers(value: Any) -> tuple[Any, ...]:
-    """A list of at least one number."""
+    """Return a list of at least one number."""
     if not isinstance(value, list | tuple) or not value:
         raise ValueError(f"must be a list of numbers, but is {value!r}.")
     return tuple(number(item) for item in value)
 
 
 def bounds(value: Any) -> tuple[Any, Any]:
-    """Two numbers, the second larger."""
+    """Return two numbers, the second larger."""
     pair = numbers(value)
     if len(pair) != 2 or pair[0] >= pair[1]:
         hint = ""
@@ -141,14 +141,14 @@ def prior(value: Any) -> tuple[float, float]:
 
 
 def unequal(value: Any) -> tuple[Any, ...]:
-    """Numbers, all different."""
+    """Return the numbers, all different."""
     if len(set(numbers(value))) < len(value):
         raise ValueError(f"must not repeat a frequency, but is {list(value)}.")
     return tuple(value)
 
 
 def nonzero(value: Any) -> tuple[Any, ...]:
-    """Numbers other than zero."""
+    """Return the numbers other than zero."""
     if 0 in numbers(value):
         raise ValueError(f"must not hold a 0, but is {list(value)}.")
     return tuple(value)
@@ -160,7 +160,7 @@ def modes(value: Any) -> tuple[Any, ...] | int:
 
 
 def lag(value: Any) -> float:
-    """A phase between half a turn behind and none [deg], as a driven motion has it."""
+    """Return a phase between half a turn behind and none [deg], as a driven motion has it."""
     if not -180 < number(value) < 0:
         raise ValueError(
             f"must lie between -180 and 0, -90 at phase resonance, but is {value!r}; the "
@@ -213,7 +213,7 @@ def _by_role(check: Callable[[str, Any], Any], example: Any) -> Callable[[Any], 
 
 
 def named(value: Any) -> dict[str, str]:
-    """A table of channels by any names."""
+    """Return a table of channels by any names."""
     if not isinstance(value, Mapping) or not value:
         raise ValueError(f"must be a table such as {toml({'wing': 'acc_2'})}, but is {value!r}.")
     for name, item in value.items():

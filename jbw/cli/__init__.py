@@ -65,11 +65,11 @@ class LazyGroup(click.Group):
     """A group that imports a command's module only when the command is called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names of the commands, in the order of the work."""
+        """Return the names of the commands, in the order of the work."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command, imported now."""
+        """Return the command, imported now."""
         if cmd_name not in COMMANDS:
             return None
         return getattr(import_module(f"jbw.cli.{COMMANDS[cmd_name]}"), cmd_name)

@@ -37,7 +37,7 @@ def parameters() -> dict[str, str]:
 
 
 def names_of_law(law: Any) -> set[str]:
-    """Names of a law's parameters and products."""
+    """Return the names of a law's parameters and products."""
     of_products = {product.quantity.name for product in law.products}
     return {quantity.name for quantity in law.table} | of_products
 
@@ -147,7 +147,7 @@ def completion(shell: str) -> None:
 
 
 def first_page(package: Path) -> Path:
-    """The documentation's first page: packed into the wheel, or built in a clone beside it.
+    """Return the documentation's first page: packed into the wheel, or built in a clone beside it.
 
     Raises:
         RunError: Neither is there.

@@ -61,7 +61,7 @@ def require_unwritten(folder: Path, print_: bool) -> None:
 
 
 def asked_about(folder: Path) -> "Draft":
-    """The draft of a folder with a person's answers; doubtful is what is still marked in it.
+    """Return the draft of a folder with a person's answers; doubtful is what is still marked in it.
 
     Questions go to stderr, so that --print and --json stay what they are.
     """
@@ -146,7 +146,7 @@ def _shakers(campaign: Path, allow_outside: bool) -> list[str]:
 
 
 def _first_records(campaign: Path, allow_outside: bool) -> "Iterator[tuple[str, Record]]":
-    """Each test's name and the first of its repeats that can be read."""
+    """Yield each test's name and the first of its repeats that can be read."""
     from jbw.campaign.files import repeats_of
     from jbw.campaign.schema import read_spec
     from jbw.measurement.records import Record
@@ -161,7 +161,7 @@ def _first_records(campaign: Path, allow_outside: bool) -> "Iterator[tuple[str, 
 
 
 def _lines(checked: "Check") -> Iterator[Table | str]:
-    """The channels, a line each, and what was found of them."""
+    """Yield the channels, a line each, and what was found of them."""
     names = ("test", "channel", "role", "unit")
     columns = [Column(name, attrgetter(name), align="left") for name in names]
     columns += [
@@ -207,7 +207,7 @@ def _joints(joints: "JointsCheck") -> Iterator[Table | str]:
 
 
 def finding_lines(rows: "Sequence[Row]") -> Iterator[str]:
-    """A line a finding with all tests that it concerns; why and remedy once where alike."""
+    """Yield a line a finding with all tests that it concerns; why and remedy once where alike."""
     by_remedy: dict[tuple[str, str, str], dict[tuple[str, str], list[str]]] = {}
     for row in rows:
         for finding in row.findings:

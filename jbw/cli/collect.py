@@ -91,7 +91,7 @@ def _runs_of(folder: Path, say: Any) -> list[Path]:
 
 
 def _rows(fleet: Any) -> Iterator[dict[str, Any]]:
-    """A row a unit: covariates, verdict, draws."""
+    """Yield a row a unit: covariates, verdict, draws."""
     for name in fleet.coords["unit"].values.tolist():
         unit = fleet.dataset.sel(unit=name)
         numbers = {key: float(unit[key]) for key in ("torque", "sequence", "temperature", "ess")}
@@ -105,7 +105,7 @@ def _rows(fleet: Any) -> Iterator[dict[str, Any]]:
 
 
 def fleet_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """A line a unit."""
+    """Return a line a unit."""
     return table(
         f"Fleet of {len(rows)} units",
         rows,

@@ -218,7 +218,7 @@ def identify_several(
 
 
 def several_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """A line a campaign."""
+    """Return a line a campaign."""
     done = sum(row["status"] == "done" for row in rows)
     return table(
         f"{done} of {len(rows)} campaigns are identified",
@@ -351,7 +351,7 @@ def short_lines(summary: Mapping[str, Any], tree: Any) -> Iterator[Text | str]:
 
 
 def summary_lines(summary: Mapping[str, Any]) -> Iterator[Table | str]:
-    """The paper's Table 1, the statements and the prediction errors."""
+    """Yield the paper's Table 1, the statements and the prediction errors."""
     from jbw.report.tables import parameters_table, table_of_tests
 
     yield parameters_table(summary, {})

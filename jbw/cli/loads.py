@@ -31,7 +31,7 @@ class Quantities(click.ParamType):
     name = "value"
 
     def convert(self, value: Any, *of: Any) -> list[tuple[float, str]]:
-        """Numbers and units."""
+        """Return the numbers and units."""
         if not isinstance(value, str):
             return value
         found = []

@@ -92,7 +92,7 @@ def look(
 
 
 def tests_table(record: Row) -> Table:
-    """A row a test, in the order of the motion."""
+    """Return a row a test, in the order of the motion."""
     factor, unit = length_unit(max((row["y"] for row in record["tests"]), default=1.0))
     return table(
         without_model(record["campaign"]),
@@ -111,7 +111,7 @@ def tests_table(record: Row) -> Table:
 
 
 def _with_scatter(row: Row, name: str, key: str, scale: float) -> str:
-    """A mean, with the standard deviation over records where there are several."""
+    """Return a mean, with the standard deviation over records where there are several."""
     sd = row[f"{name}_sd"]
     if not sd:
         return number(scale * row[key], digits=5 if name == "frequency" else 3)

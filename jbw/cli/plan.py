@@ -121,7 +121,7 @@ def _plan_fleet(torques: str, scatter: float, json_: bool) -> None:
 
 
 def fleet_table(rows: "list[dict[str, float]]", scatter: float) -> Table:
-    """A line a design."""
+    """Return a line a design."""
     return table(
         planning.fleet_title(scatter),
         rows,
@@ -132,7 +132,7 @@ def fleet_table(rows: "list[dict[str, float]]", scatter: float) -> Table:
 
 
 def plan_table(planned: "MeasurementPlan") -> Table:
-    """The candidates, a line each."""
+    """Return the candidates, a line each."""
     wish = planned.wish
 
     def cv(name: str) -> Column:
@@ -160,7 +160,7 @@ def plan_table(planned: "MeasurementPlan") -> Table:
 
 
 def _recommended(combination: "Combination", planned: "MeasurementPlan") -> list[str]:
-    """The combination in words: what to measure, what it tells, what it does not."""
+    """Return the combination in words: what to measure, what it tells, what it does not."""
     wish = planned.wish
     if combination.met and not combination.tests:
         best = max(planned.rows, key=lambda row: row.information_gain / row.seconds_each)

@@ -99,7 +99,7 @@ def _drawn(
     bands: tuple[np.ndarray, np.ndarray],
     shown: "Table",
 ) -> tuple[str, "Panels"]:
-    """The page with the units side by side, and its figure."""
+    """Return the page with the units side by side, and its figure."""
     from jbw.report.population import population_figure, population_sheet
     from jbw.report.sheet import render_sheet
 

@@ -188,7 +188,7 @@ def _of_population(torque: float | None, requests: Sequence[tuple[Any, Any]]) ->
 
 
 def _planned(basis: "Basis", options: Mapping[str, Any]) -> "Iterator[Test]":
-    """The tests that nobody measured, at each level."""
+    """Yield the tests that nobody measured, at each level."""
     from jbw.verification import planned
 
     sweep, stepped, tone = (options[kind] for kind in ("sweep", "stepped", "tone"))
@@ -205,7 +205,7 @@ def _planned(basis: "Basis", options: Mapping[str, Any]) -> "Iterator[Test]":
 
 
 def prediction_table(rows: Sequence[dict[str, Any]]) -> Table:
-    """The predictions, a line a test."""
+    """Return the predictions, a line a test."""
     from jbw.report.tables import inside, level_of  # loads matplotlib
 
     return table(

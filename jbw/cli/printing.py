@@ -20,7 +20,7 @@ STATUS = {"ok": MARKS["good"], "failed": MARKS["bad"]}
 
 
 def console() -> Console:
-    """A console on stdout, wide where it is no terminal; NO_COLOR is heeded by Rich."""
+    """Return a console on stdout, wide where it is no terminal; NO_COLOR is heeded by Rich."""
     screen = Console(highlight=False)
     return screen if screen.is_terminal else Console(highlight=False, width=PIPE_WIDTH)
 
@@ -68,7 +68,7 @@ def plain_values(value: Any) -> Any:
 
 
 def verdict_line(verdict: Mapping[str, Any]) -> Text:
-    """A verdict in one line, with the status of each of its three answers."""
+    """Return a verdict in one line, with the status of each of its three answers."""
     parts: list[Any] = ["Verdict: ", _status(verdict["status"])]
     for i, (name, answered) in enumerate(verdict.get("answers", {}).items()):
         word = answered.get("word")
@@ -77,7 +77,7 @@ def verdict_line(verdict: Mapping[str, Any]) -> Text:
 
 
 def verdict_lines(verdict: Mapping[str, Any], *, passed: bool = False) -> Iterator[Text | str]:
-    """A verdict as a record holds it, and each finding against it; those passed, too."""
+    """Yield a verdict as a record holds it, and each finding against it; those passed, too."""
     status = verdict["status"]
     yield Text.assemble("Verdict: ", _status(status))
     for name, answered in verdict.get("answers", {}).items():

@@ -228,7 +228,7 @@ def called(name: str) -> str:
 
 
 def chain_table(name: str, so_far: Any) -> Table:
-    """One line a chain: steps, draws, effective draws so far, divergences, time left."""
+    """Return one line a chain: steps, draws, effective draws so far, divergences, time left."""
     table = Table.grid(padding=(0, 2))
     table.title, table.title_justify = called(name), "left"
     sizes = effective(so_far.draws)
@@ -249,7 +249,7 @@ def chain_table(name: str, so_far: Any) -> Table:
 
 
 def chain_sentence(name: str, so_far: Any) -> str:
-    """The same in one line for all chains."""
+    """Return the same in one line for all chains."""
     sizes = effective(so_far.draws)
     if so_far.in_rounds and sizes is not None:
         # Groups of points are independent of one another: what they are worth adds up.

@@ -36,7 +36,7 @@ class ProductDraws(NamedTuple):
 
 
 def products_of(draws: Draws, laws: Laws) -> list[ProductDraws]:
-    """The products of all laws at every draw."""
+    """Return the products of all laws at every draw."""
     products = (product for law in laws_named(laws) for product in law.products)
     return [
         ProductDraws(product.name, product.quantity.unit, np.asarray(product.of(draws)))
@@ -109,7 +109,7 @@ def picked(draws: Draws, numbers: NDArray[np.intp] | list[int]) -> Draws:
 
 
 def stated_draw(draws: Draws, number: int) -> int:
-    """A number that was asked for.
+    """Return a number that was asked for.
 
     Raises:
         ConfigError: There is no such draw.

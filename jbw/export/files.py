@@ -39,7 +39,7 @@ Columns = Mapping[str, Sequence[Any] | NDArray[np.float64]]
 
 
 def chosen_programs(names: Sequence[str], result: Export) -> tuple[Program, ...]:
-    """The programs of some names; of none the usual ones, as far as they take the joint.
+    """Return the programs of some names; of none the usual ones, as far as they take the joint.
 
     Raises:
         ConfigError: One is not known, or cannot take the joint.
@@ -89,7 +89,7 @@ def write_export(
 
 
 def chosen_programs_of_joints(names: Sequence[str], result: JointsExport) -> tuple[Program, ...]:
-    """The programs of some names; of none the usual ones, as far as they take the joints.
+    """Return the programs of some names; of none the usual ones, as far as they take the joints.
 
     Raises:
         ConfigError: One is not known, or cannot take the joints.
@@ -151,7 +151,7 @@ def write_joints(
 
 
 def _as_fields(by_name: Mapping[str, Any]) -> dict[str, Any]:
-    """The same by names that MATLAB takes: `alpha@bolt_1` is `alpha_at_bolt_1`."""
+    """Return the same by names that MATLAB takes: `alpha@bolt_1` is `alpha_at_bolt_1`."""
     return {name.replace(AT, "_at_"): value for name, value in by_name.items()}
 
 
@@ -164,14 +164,14 @@ def notes_on(programs: Iterable[Program]) -> tuple[str, ...]:
 
 
 def _values_of_joint(draw: Export) -> dict[str, Any]:
-    """Parameters and products of a draw of one joint."""
+    """Return the parameters and products of a draw of one joint."""
     parameters = {parameter.name: parameter.value for parameter in parameters_of(draw)}
     of_mode = {name: draw.joint[name] for name in ("omega_n", "zeta")}
     return {"parameters": parameters | of_mode, "products": draw.products}
 
 
 def _values_of_joints(draw: JointsExport) -> dict[str, Any]:
-    """Parameters of a draw, those of the modes and of each joint."""
+    """Return the parameters of a draw, those of the modes and of each joint."""
     return {
         "modes": {q.name: draw.joint[q.name] for q in modal_quantities(draw)},
         "joints": {
@@ -277,7 +277,7 @@ def export_of_run(
     y_max: float | None = None,
     draw: int | None = None,
 ) -> RunExport:
-    """The export of a run's joint, or of all its joints.
+    """Return the export of a run's joint, or of all its joints.
 
     Args:
         tree: The run's result.
@@ -319,6 +319,6 @@ def export_of_run(
 def _with_fmus(
     chosen: Callable[[Sequence[str]], tuple[Program, ...]], names: Sequence[str], *, fmu: bool
 ) -> tuple[Program, ...]:
-    """The chosen programs, and FMUs where they are asked for."""
+    """Return the chosen programs, and FMUs where they are asked for."""
     programs = chosen(names)
     return tuple(dict.fromkeys((*programs, *chosen(FMUS)))) if fmu else programs

@@ -82,7 +82,7 @@ def static_loops(one: Draws, y_max: float, laws: Laws, mass: float) -> Table:
 def _force_unloading(
     theta: Mapping[str, jax.Array], peaks: jax.Array, y: jax.Array, laws: Laws
 ) -> jax.Array:
-    """Force of the spring and all laws on the way down from each peak [N/kg]."""
+    """Return the force of the spring and all laws on the way down from each peak [N/kg]."""
     joint = oscillator_of(theta, laws).undamaged
     return joint.k * y + jax.vmap(joint.force_unloading)(peaks, y)  # pyright: ignore[reportReturnType]
 
@@ -97,7 +97,7 @@ def _even_force(theta: Mapping[str, jax.Array], y: jax.Array, laws: Laws) -> jax
 def materials_of(
     theta: Mapping[str, float], laws: Laws, mass: float, y_max: float
 ) -> tuple[Material, ...]:
-    """The spring and every law's force as materials of OpenSees, or none where one has none.
+    """Return the spring and every law's force as materials of OpenSees, or none where one has none.
 
     Laws of Masing's kind are sliders up to `REACH` times the largest displacement.
     """
@@ -127,7 +127,7 @@ def _in_parallel(sliders: Sliders, mass: float) -> tuple[Material, ...]:
 
 
 def error_of_sliders(law: Masing, y_max: float) -> float:
-    """The largest error of what cycles of a tenth to the whole largest displacement lose."""
+    """Return the largest error of what cycles of a tenth to the whole largest displacement lose."""
     peaks = y_max * np.linspace(0.1, 1.0, 10)
     exact = np.pi * peaks**2 * np.asarray(jax.vmap(lambda y: law.loop(y).damping)(peaks))
     return float(np.max(np.abs(lost_by(sliders_of(law, REACH * y_max), peaks) / exact - 1.0)))

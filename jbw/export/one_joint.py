@@ -83,7 +83,7 @@ def export(
     draw: int | None = None,
     summary: Mapping[str, Any] | None = None,
 ) -> Export:
-    """One joint of a run in several conventions, with its backbone and its static loops.
+    """Return one joint of a run in several conventions, with its backbone and its static loops.
 
     It is the draw of highest posterior density among those that are like the others in what the
     data know (`best_draw`), or the one that is asked for; means along a ridge are no joint.
@@ -200,7 +200,7 @@ def every_draw(basis: Basis) -> Draws:
 
 
 def evenly_numbered(total: int, count: int) -> list[int]:
-    """Numbers of so many draws of a posterior, each in the middle of its share.
+    """Return the numbers of so many draws of a posterior, each in the middle of its share.
 
     Raises:
         ConfigError: `count` is not from 1 to the number of draws.
@@ -240,7 +240,7 @@ def _require_positive(**arguments: float) -> None:
 
 # -- what it is ------------------------------------------------------------------------------------
 def verdict_of(summary: Mapping[str, Any]) -> Iterable[str]:
-    """The run's verdict and the first reason for it."""
+    """Yield the run's verdict and the first reason for it."""
     verdict = summary.get("verdict") or {}
     status = verdict.get("status", "not assessed")
     findings = [row for row in verdict.get("findings", ()) if row["status"] == status]
@@ -300,7 +300,7 @@ def parameter_row(
 
 
 def _converted(theta: Mapping[str, float], laws: Laws, mass: float) -> Mapping[str, Conversion]:
-    """The oscillator in other conventions, which know one law alone."""
+    """Return the oscillator in other conventions, which know one law alone."""
     joint = oscillator_of(theta, laws)
     if len(joint.laws) != 1:
         return {}
@@ -314,7 +314,7 @@ def backbone_table(
     laws: Laws,
     mass: float = 1.0,
 ) -> Table:
-    """Frequency, equivalent damping and force [N] in resonance, of one draw and of all.
+    """Return the frequency, equivalent damping and force [N] in resonance, of one draw and of all.
 
     As far as there are bands.
     """

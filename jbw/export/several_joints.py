@@ -206,7 +206,7 @@ def refuse_options_of_one_joint(**options: Any) -> None:
 def _cards(
     draws: Draws, basis: Basis, assembly: ModelJoints, tree: xr.DataTree
 ) -> list[tuple[JointCard, ...]]:
-    """The joints that have laws, of every draw."""
+    """Return the joints that have laws, of every draw."""
     count = count_of(draws)
     per_joint = []
     for model_joint in assembly.joints:
@@ -246,7 +246,7 @@ def _largest_motion(draws: Draws, name: str, tree: xr.DataTree) -> tuple[float, 
 def _exports(
     draws: Draws, model_joint: ModelJoint, names: Laws, units: JointUnits, reach: float, hz: float
 ) -> list[Export]:
-    """A joint of every draw as that of an oscillator of unit mass, in some units."""
+    """Return a joint of every draw as that of an oscillator of unit mass, in some units."""
     laws = tuple(split(name)[0] for name in names)
     plain, quantities = _plain(draws, model_joint, names, units)
     peak = float(units.value(reach, "m"))
@@ -312,7 +312,7 @@ def _losing_at(skeleton: Table, hz: float, time: float) -> Table:
 
 
 def modal_quantities(result: JointsExport) -> tuple[Quantity, ...]:
-    """Frequency and damping ratio of every mode that the tests drove."""
+    """Return the frequency and damping ratio of every mode that the tests drove."""
     return _modal(result.joint)
 
 

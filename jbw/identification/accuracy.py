@@ -43,7 +43,7 @@ def solver_finding(posterior: xr.Dataset, data: Dataset) -> Finding | None:
 
 
 def substeps_of(data: Dataset) -> int:
-    """Most steps of the solver between two samples."""
+    """Return the most steps of the solver between two samples."""
     return max((part.substeps or 1 for part in data.parts), default=1)
 
 
@@ -69,7 +69,7 @@ def solver_change(
 def thinned(
     posterior: xr.Dataset, names: tuple[str, ...] | None = None, num_draws: int = NUM_DRAWS
 ) -> dict[str, np.ndarray]:
-    """A few draws of the parameters, evenly spaced over all chains."""
+    """Return a few draws of the parameters, evenly spaced over all chains."""
     keep = evenly_spaced(posterior, num_draws)
     chosen = names or tuple(str(name) for name in posterior.data_vars)
     return {name: posterior[name].values.ravel()[keep] for name in chosen}
@@ -81,7 +81,7 @@ def residual_finding(
     error: Mapping[str, float],
     laws: Sequence[str] = (),
 ) -> Finding | None:
-    """The largest lag-one correlation of what a fit leaves of a group of 16 values or more.
+    """Return the largest lag-one correlation of what a fit leaves of a group of 16 values or more.
 
     By label: the `residuals`, the fraction of values `counted`, the relative `error`; `laws` are
     those fitted.

@@ -32,7 +32,7 @@ WORDS = {
 
 
 def kinds_of(data: Dataset) -> dict[str, tuple[str, ...]]:
-    """Labels of the groups of each kind of test of which a fit leaves a residual."""
+    """Return the labels of the groups of each kind of test of which a fit leaves a residual."""
     labels: dict[str, list[str]] = {}
     for part in measured_parts(data):
         labels.setdefault(_kind_of(part), []).extend(part.groups.labels)
@@ -70,7 +70,7 @@ def across_kinds(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
 
 
 def across_kinds_sentence(predicted: xr.Dataset) -> str:
-    """How well each kind of test is predicted from the others, in words."""
+    """Return how well each kind of test is predicted from the others, in words."""
     kinds = across_kinds_record(predicted)
     errors = {kind: (row["error"], row["fitted"]) for kind, row in kinds.items()}
     identified = {kind: row["rests_on"] for kind, row in kinds.items()}
@@ -79,7 +79,7 @@ def across_kinds_sentence(predicted: xr.Dataset) -> str:
 
 
 def across_kinds_record(predicted: xr.Dataset) -> dict[str, dict[str, Any]]:
-    """The same in plain values, by kind."""
+    """Return the same in plain values, by kind."""
     needed = identified_alone(predicted["wider"])
     return {
         str(kind): {

@@ -225,7 +225,7 @@ def fitted_repeats(seen: Measured) -> dict[str, list[int]]:
 
 
 def _reduced(tests: Sequence[Test], seen: Measured) -> list[Observable]:
-    """Tests by the register of kinds, and by what drives them."""
+    """Return the tests by the register of kinds, and by what drives them."""
     parts: list[Observable] = []
     if worn := never_steady(seen.laws, {test.kind for test in tests}):
         raise ConfigError(f"Argument `laws`: {worn}")
@@ -246,7 +246,7 @@ def _names(tests: Sequence[Test]) -> set[str]:
 
 
 def _reducible(seen: Measured) -> list[Test]:
-    """The chosen tests with the repeats to fit alone; without those that validate."""
+    """Return the chosen tests with the repeats to fit alone; without those that validate."""
     chosen, linear = seen.chosen, seen.linear
     validating = () if linear is None else selection.loop_tests(chosen, linear.natural_hz)
     split = [test for test in chosen if test.traits.is_transient or test.traits.is_free]

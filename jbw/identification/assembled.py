@@ -193,7 +193,7 @@ def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
 
 
 def _moves(test: Test, window_hz: tuple[float, float]) -> bool:
-    """Whether a mode moves in a test: its source passes through it, or its band holds it."""
+    """Return whether a mode moves in a test: its source passes through it, or its band holds it."""
     if not test.traits.is_free:
         return passes(test, window_hz)
     if test.band_hz is None:
@@ -203,7 +203,7 @@ def _moves(test: Test, window_hz: tuple[float, float]) -> bool:
 
 
 def passes(test: Test, window_hz: tuple[float, float]) -> bool:
-    """Whether a test's source has loud lines within a window, in the test's band."""
+    """Return whether a test's source has loud lines within a window, in the test's band."""
     record = test.records[0]
     hz = np.fft.rfftfreq(record.num_samples, 1 / record.fs)
     size = np.abs(np.fft.rfft(record.channels[record.source]))
@@ -223,7 +223,7 @@ def known_gain(modes: Modes | None, tests: Sequence[Test]) -> float | None:
 
 
 def with_steps(parts: Sequence, modes: Modes | None, settings: Identify) -> list:
-    """Records whose steps follow the fastest residual mode, by at most a radian each.
+    """Return the records whose steps follow the fastest residual mode, by at most a radian each.
 
     Raises:
         ConfigError: `substeps` are stated, and too few: the motion would be unstable.
@@ -279,7 +279,7 @@ def joint_bounds(
 
 
 def _largest_motion(modes: Modes, data: Dataset, joint: str) -> float:
-    """Largest motion of a joint in the modes that the first point sees [m, or rad]."""
+    """Return the largest motion of a joint in the modes that the first point sees [m, or rad]."""
     numbers, amplitudes = dict(modes.numbers), largest_amplitudes(modes, data)
     motion = [numbers[motion_name(i, joint)] for i in range(1, len(amplitudes) + 1)]
     return float(np.nanmax(np.abs(motion) * amplitudes))

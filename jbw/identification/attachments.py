@@ -89,12 +89,12 @@ def _read(test: Test) -> ShakerReading | None:
 
 
 def _feeds(test: Test, drive: str) -> bool:
-    """Whether what a test records of its shaker's feed is this drive's."""
+    """Return whether what a test records of its shaker's feed is this drive's."""
     return BY_UNIT.get(test.records[0].units.get("input", ""), drive) == drive
 
 
 def _is_response(record: Record) -> bool:
-    """Whether the drive point's channel is that of the response."""
+    """Return whether the drive point's channel is that of the response."""
     response = record.channels[record.response]
     return record.response == "acceleration" and bool(
         np.array_equal(response, record.channels["drive_point"])
@@ -117,7 +117,7 @@ def _change(reading: ShakerReading, mode: int, share: float) -> tuple[Own, Own]:
 
 
 def _sentence(test: Test, reading: ShakerReading, mode: int, share: float) -> str:
-    """How far the attachment is to be trusted, and how heavy it is."""
+    """Return how far the attachment is to be trusted, and how heavy it is."""
     added = reading.shaker.mass * reading.modes.residues[mode, 0]
     sentence = messages.attachment(test.name, share, added, at_drive_point=share > SHARE)
     return f"{sentence} {messages.heavy(HEAVY)}" if abs(added) > HEAVY else sentence

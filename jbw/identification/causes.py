@@ -66,17 +66,17 @@ class Suspect(NamedTuple):
 
 
 def three(x: float) -> float:
-    """A number of three digits."""
+    """Return a number of three digits."""
     return float(f"{x:.3g}")
 
 
 def as_columns(*rows: Row) -> NDArray[np.float64]:
-    """Rows as columns, of complex ones the real parts above the imaginary parts."""
+    """Return the rows as columns, of complex ones the real parts above the imaginary parts."""
     return real_rows(np.stack(rows, axis=1))
 
 
 def suspects(spectra: Spectra, slopes: Slopes, omega_n: float) -> Iterator[Suspect]:
-    """All that is tried of groups."""
+    """Yield all that is tried of groups."""
     yield _delay(spectra)
     yield from _clock(spectra)
     yield from (_factor(label, spectrum) for label, spectrum in spectra.items())
@@ -88,7 +88,7 @@ def suspects(spectra: Spectra, slopes: Slopes, omega_n: float) -> Iterator[Suspe
 
 
 def _delay(spectra: Spectra) -> Suspect:
-    r"""All responses late by tau: $-j\omega X$."""
+    r"""Return all responses late by tau: $-j\omega X$."""
 
     def words(coefficients: NDArray[np.float64]) -> Words:
         (tau,) = coefficients
@@ -99,7 +99,7 @@ def _delay(spectra: Spectra) -> Suspect:
 
 
 def _clock(spectra: Spectra) -> Iterator[Suspect]:
-    r"""All responses by a clock that is fast by a part: $-t\,\dot x$ for each unit of it."""
+    r"""Yield all responses by a clock that is fast by a part: $-t\,\dot x$ for each unit of it."""
     columns = {n: as_columns(-s.stretched) for n, s in spectra.items() if s.stretched is not None}
 
     def words(coefficients: NDArray[np.float64]) -> Words:
@@ -111,7 +111,7 @@ def _clock(spectra: Spectra) -> Iterator[Suspect]:
 
 
 def _factor(label: str, spectrum: Spectrum) -> Suspect:
-    """One group's response times a factor: its sign, its unit, another gain."""
+    """Return one group's response times a factor: its sign, its unit, another gain."""
     columns = {label: as_columns(spectrum.values - spectrum.residual)}
     return Suspect(
         f"{FACTOR} of {label}",
@@ -131,7 +131,7 @@ def factor_words(label: str, factor: float, source: str = "input") -> Words:
 
 
 def _in_time(spectra: Spectra) -> Iterator[Suspect]:
-    """Samples with a constant offset each record, or cut off at the largest one."""
+    """Yield the samples with a constant offset each record, or cut off at the largest one."""
     sampled = {
         label: spectrum
         for label, spectrum in spectra.items()
@@ -179,7 +179,7 @@ def _residual_term(spectra: Spectra) -> Suspect:
 
 
 def _own_frequency(spectra: Spectra, slopes: Slopes, omega_n: float) -> Suspect:
-    """Every group with changes of its own of what runs may differ in."""
+    """Return every group with changes of its own of what runs may differ in."""
     columns, wide = {}, len(spectra) * len(slopes)
     for place, label in enumerate(spectra):
         group_columns = as_columns(*(-slope[label] for slope in slopes.values()))
@@ -195,7 +195,7 @@ def _own_frequency(spectra: Spectra, slopes: Slopes, omega_n: float) -> Suspect:
 
 
 def modes_anywhere(spectra: Spectra, omega_n: float) -> Iterator[Suspect]:
-    """One more mode anywhere in what is driven, but for the joint's own place."""
+    """Yield one more mode anywhere in what is driven, but for the joint's own place."""
     lines = [s.omega[np.abs(s.source) > DRIVEN * np.abs(s.source).max()] for s in spectra.values()]
     driven = np.concatenate([line[line > 0] for line in lines])
     if not len(driven):
@@ -210,7 +210,7 @@ def modes_anywhere(spectra: Spectra, omega_n: float) -> Iterator[Suspect]:
 
 
 def modes_at(spectra: Spectra, places: Iterable[float], remedy: str = "") -> Iterator[Suspect]:
-    """One more mode at any of some frequencies [rad/s], of any of the usual dampings."""
+    """Yield one more mode at any of some frequencies [rad/s], of any of the usual dampings."""
     for omega in places:
         yield from (_mode(spectra, float(omega), zeta, remedy) for zeta in MODE_ZETAS)
 
@@ -285,7 +285,7 @@ def causes(best: Fit, data: Dataset) -> list[Cause]:
 
 
 def other_mode(best: Fit, data: Dataset, places: Iterable[float] = ()) -> Cause | None:
-    """The mode that would explain most of a misfit, at some frequencies [rad/s] or anywhere.
+    """Return the mode that would explain most of a misfit, at some frequencies [rad/s] or anywhere.
 
     None where no misfit is seen of what responses there are.
     """
@@ -301,7 +301,7 @@ def other_mode(best: Fit, data: Dataset, places: Iterable[float] = ()) -> Cause 
 
 
 def _spectra(best: Fit, data: Dataset) -> dict[str, Spectrum]:
-    """Spectra of every group whose misfit can be tried, by label."""
+    """Return the spectra of every group whose misfit can be tried, by label."""
     residuals = residual_by_label(best.residual, data)
     return {
         label: spectrum._replace(source_role="force" if part.drive == "force" else "input")
@@ -311,7 +311,7 @@ def _spectra(best: Fit, data: Dataset) -> dict[str, Spectrum]:
 
 
 def cause_finding(found: Sequence[Cause]) -> Finding | None:
-    """The first of causes, where it explains most of the misfit."""
+    """Return the first of causes, where it explains most of the misfit."""
     if not found or found[0].explained < MOSTLY:
         return None
     first = found[0]
@@ -364,7 +364,7 @@ def _linearised(best: Fit, data: Dataset, spectra: Spectra, missed: Sequence[str
 
 
 def _tried(suspect: Suspect, linearised: Linearised) -> Cause:
-    """One step along a suspect's columns, and what it explains."""
+    """Return one step along a suspect's columns, and what it explains."""
     wide = next(iter(suspect.columns.values())).shape[1]
     columns = np.zeros((len(linearised.residual), wide))
     for label, group_columns in suspect.columns.items():
@@ -435,7 +435,7 @@ def stiffness(mode: Mapping[str, float], omega: NDArray[np.float64]) -> NDArray[
 
 
 def _swapped(spectra: Spectra, missed: Sequence[str], theta: Mapping[str, float]) -> list[Cause]:
-    """Groups whose input is what the mode makes of their response."""
+    """Return the groups whose input is what the mode makes of their response."""
     swaps = []
     for label in missed:
         spectrum = spectra[label]

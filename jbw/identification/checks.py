@@ -239,29 +239,29 @@ def posterior_checks(checked: CheckedPosterior) -> list[Outcome]:
 
 
 def residual_of_fit(checked: CheckedPosterior) -> Outcome:
-    """Whether the residuals are white."""
+    """Return whether the residuals are white."""
     counted, data = noise.fractions_counted(checked.data), checked.data
     return Outcome(accuracy.residual_finding(checked.residuals, counted, checked.error, data.laws))
 
 
 def shape_of_fit(checked: CheckedPosterior) -> Outcome:
-    """Whether the fit follows the groups whose observable says what is too much."""
+    """Return whether the fit follows the groups whose observable says what is too much."""
     return Outcome(accuracy.shape_finding(checked.error, checked.data))
 
 
 def repeats_of_tests(checked: CheckedPosterior) -> Outcome:
-    """Whether the fit misses a test by more than its repeats scatter."""
+    """Return whether the fit misses a test by more than its repeats scatter."""
     return Outcome(accuracy.repeatability_finding(checked.error, checked.data))
 
 
 def solver_steps(checked: CheckedPosterior) -> Outcome:
-    """Whether the solver's steps are fine enough."""
+    """Return whether the solver's steps are fine enough."""
     sampled = checked.draws[list(checked.fitted.box.names)]
     return Outcome(accuracy.solver_finding(sampled, checked.data))
 
 
 def response_bands(checked: CheckedPosterior) -> Outcome:
-    """Whether chains agree on frequency and damping against amplitude."""
+    """Return whether chains agree on frequency and damping against amplitude."""
     data, y_peak = checked.data, checked.fitted.y_peak
     return Outcome(response_finding(checked.draws, data.held, y_peak, data.laws))
 
@@ -273,7 +273,7 @@ def lack_of_fit(checked: CheckedPosterior) -> Outcome:
 
 
 def offsets_of_runs(checked: CheckedPosterior) -> Outcome:
-    """Offsets of omega_n and zeta from run to run, where there are any."""
+    """Return the offsets of omega_n and zeta from run to run, where there are any."""
     runs = runs_dataset(checked.key, checked.draws, checked.fitted.box.names, checked.data)
     return Outcome() if runs is None else Outcome(None, (runs_sentence(runs),), {"runs": runs})
 
@@ -300,23 +300,23 @@ def of_drives(checked: CheckedPosterior) -> Outcome:
 
 
 def participation(checked: CheckedPosterior) -> Outcome:
-    """How much of the joint's motion every mode has."""
+    """Return how much of the joint's motion every mode has."""
     return Outcome(statements=tuple(participation_sentences(checked.draws, checked.data.modes)))
 
 
 def one_joint(checked: CheckedPosterior) -> Outcome:
-    """Whether modes have one joint in common."""
+    """Return whether modes have one joint in common."""
     ready = checked.fitted
     return Outcome(statements=tuple(one_joint_sentences(ready.fit, ready.box, ready.data)))
 
 
 def difference_of_joints(checked: CheckedPosterior) -> Outcome:
-    """How far the joints of uncoupled modes differ."""
+    """Return how far the joints of uncoupled modes differ."""
     return Outcome(statements=tuple(same_joint_sentences(checked.draws, checked.data)))
 
 
 def joint_of_each_mode(checked: CheckedPosterior) -> Outcome:
-    """Whether each mode fits better with a joint of its own."""
+    """Return whether each mode fits better with a joint of its own."""
     sentences = own_joint_sentences(checked.key, checked.fitted.fit, checked.data)
     return Outcome(statements=tuple(sentences))
 
@@ -335,7 +335,7 @@ def thresholds_reached(checked: CheckedPosterior) -> Outcome:
 
 
 def each_test_left_out(checked: CheckedPosterior) -> Outcome:
-    """Every run as predicted by a fit without it."""
+    """Return every run as predicted by a fit without it."""
     ready = checked.fitted
     left_out = leave_one_out(ready.fit, ready.box, ready.data, checked.without_each_run)
     if left_out is None:
@@ -345,7 +345,7 @@ def each_test_left_out(checked: CheckedPosterior) -> Outcome:
 
 
 def left_beyond_noise(checked: CheckedPosterior) -> Outcome:
-    """The model discrepancy: what the law misses of tests beyond their noise."""
+    """Return the model discrepancy: what the law misses of tests beyond their noise."""
     ready = checked.fitted
     missed = model_discrepancy(ready.fit, ready.box, ready.data, checked.without_each_run)
     finding = discrepancy_finding(missed, ready.data.laws)
@@ -353,7 +353,7 @@ def left_beyond_noise(checked: CheckedPosterior) -> Outcome:
 
 
 def each_kind_left_out(checked: CheckedPosterior) -> Outcome:
-    """Every kind of test as predicted by a fit to the others."""
+    """Return every kind of test as predicted by a fit to the others."""
     ready = checked.fitted
     if (predicted := across_kinds(ready.fit, ready.box, ready.data)) is None:
         return Outcome(statements=tuple(map(one_kind, kinds_of(ready.data))))
@@ -361,7 +361,7 @@ def each_kind_left_out(checked: CheckedPosterior) -> Outcome:
 
 
 def each_record_alone(checked: CheckedPosterior) -> Outcome:
-    """Whether fits to single records agree."""
+    """Return whether fits to single records agree."""
     ready = checked.fitted
     if (between := between_records(ready.fit, ready.box, ready.data)) is None:
         return Outcome()
@@ -458,7 +458,7 @@ def stuck(posterior: xr.DataTree, findings: Iterable[Finding]) -> list[str]:
 def joint_step(
     key: Key[Array, ""], problem: JointProblem, *, name: str = "joint", keep: Keep = no_checkpoint
 ) -> tuple[Step, Dataset]:
-    """A joint posterior that is judged by its own checks, and the dataset as it was sampled.
+    """Return a joint posterior that is judged by its own checks, and the dataset as it was sampled.
 
     The dataset has the offsets of the runs, effective values and solver steps that the fit found.
     """
@@ -473,7 +473,7 @@ def joint_step(
 def step_of(
     posterior: JointPosterior, checks: Checks, judged: Verdict, statements: Sequence[str]
 ) -> Step:
-    """A posterior with its verdict and all that is said of it."""
+    """Return a posterior with its verdict and all that is said of it."""
     groups = {name: xr.DataTree(group) for name, group in checks.groups.items()}
     fitted = posterior.fitted
     return Step(

@@ -87,7 +87,7 @@ def _bounds_of(
 
 
 def _bounds_beside(settings: Identify, data: Dataset, estimates: Mapping[str, float]) -> Bounds:
-    """Bounds of modes beside the first."""
+    """Return the bounds of modes beside the first."""
     if data.modes is None:
         return {}
     wide = bounds_of(data.modes, estimates, with_joint=bool(data.laws))
@@ -237,7 +237,7 @@ def _shared(
 def chosen_coordinates(
     best: Fit, settings: Identify, laws: tuple[str, ...]
 ) -> Iterator[tuple[type[Law], Coordinates]]:
-    """Coordinates to sample in, law by law: its products where no more is known.
+    """Yield the coordinates to sample in, law by law: its products where no more is known.
 
     A campaign says so by `coordinates`; otherwise, where it bounds none of the law's parameters
     itself and the fit leaves one of them open.
@@ -283,7 +283,7 @@ def coordinate_box(
 
 
 def combinations(names: Iterable[str], laws: tuple[str, ...] = DEFAULT_LAWS) -> tuple[Product, ...]:
-    """The products that weak motion knows of every law, and its parameters if not sampled.
+    """Return the products that weak motion knows of every law, and its parameters if not sampled.
 
     Of these those whose parameters are all in the box of these `names`.
     """

@@ -157,7 +157,7 @@ def _smooth_pair(
 
 
 def masing_ratio(exponent: float) -> float:
-    """Damping over softening of Masing's laws, C_d / C_s."""
+    """Return the damping over softening of Masing's laws, C_d / C_s."""
     softening, damping = power_losses(exponent)
     return float(damping / softening)
 

@@ -112,7 +112,7 @@ class Discrepancy:
         return AtAmplitude(frequency, damping, within, beyond)
 
     def is_stated(self, y: float) -> bool:
-        """Whether the discrepancy can be stated at an amplitude [m].
+        """Return whether the discrepancy can be stated at an amplitude [m].
 
         No farther above the amplitudes that were fitted, in the logarithm, than these are apart, or
         one octave: runs left out show nothing of what lies beyond. Where they show nothing since
@@ -133,7 +133,7 @@ def _at(share: Scatter, missed: AtAmplitude) -> float:
 
 
 def growth(y: float | None, y_low: float, y_high: float) -> float:
-    r"""The factor $\sqrt g$ of a standard deviation at an amplitude y [m].
+    r"""Return the factor $\sqrt g$ of a standard deviation at an amplitude y [m].
 
     It grows by the logarithm of the amplitude; below, where a joint sticks, to three at most.
     """
@@ -145,7 +145,7 @@ def growth(y: float | None, y_low: float, y_high: float) -> float:
 
 
 def growth_shown(y: float | None, y_low: float, y_high: float) -> float:
-    r"""The factor $\sqrt{g_r}$ by which a run counts that is left out of others.
+    r"""Return the factor $\sqrt{g_r}$ by which a run counts that is left out of others.
 
     Below these it grows by the amplitude: what a run misses there is no more than that explained.
     """
@@ -163,7 +163,7 @@ def outward(y: float | None, y_low: float, y_high: float) -> float:
 
 
 def discrepancy_in(found: xr.Dataset) -> Discrepancy:
-    """The discrepancy as predictions take it; of old runs without what grows outward."""
+    """Return the discrepancy as predictions take it; of old runs without what grows outward."""
     names, rests = map(str, found["kind"].values), found["rest"].values.tolist()
     rests_beyond = (
         found["rest_beyond"].values.tolist() if "rest_beyond" in found else [0.0] * len(rests)

@@ -62,7 +62,7 @@ def effects(
 
 
 def only_damps(found: Effects) -> bool:
-    """Whether a joint adds damping and leaves the frequency alone, by 99 % intervals."""
+    """Return whether a joint adds damping and leaves the frequency alone, by 99 % intervals."""
     low, _, high = np.quantile(found.frequency, QUANTILES)
     return bool(low <= 0.0 <= high and np.quantile(found.damping, QUANTILES[0]) > 0.0)
 
@@ -92,7 +92,7 @@ def response_finding(
     y_peak: float,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Finding | None:
-    r"""Whether chains agree on what response bands are made of, from every draw.
+    r"""Return whether chains agree on what response bands are made of, from every draw.
 
     $$\omega(Y) = \sqrt{k + k_{eq}}, \qquad \zeta(Y) = \zeta + \frac{E}{2\pi\,\omega^2 Y^2}$$
 
@@ -130,7 +130,7 @@ def _joint_draws(
 def _effects(
     theta: Mapping[str, Array], y_peak: float, laws: tuple[str, ...]
 ) -> tuple[Float[Array, " draw"], Float[Array, " draw"]]:
-    """Relative change of the natural frequency, and damping ratio added."""
+    """Return the relative change of the natural frequency, and damping ratio added."""
     joint = oscillator_of(theta, laws)
     loop = joint.loop(y_peak)
     square = joint.k + loop.stiffness

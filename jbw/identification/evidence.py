@@ -158,7 +158,7 @@ def _named[T](parts: Parts, law: str, name: str, make: Callable[[], T], *kinds: 
 def tried_under(
     laws: Laws, data: Dataset, meet: str, settings: Identify
 ) -> tuple[Dataset, Identify]:
-    """The same data under other laws, and the settings with the priors that go with them.
+    """Return the same data under other laws, and the settings with the priors that go with them.
 
     Raises:
         ConfigError: Several joints do not identify one of them.
@@ -191,7 +191,7 @@ def alike(settings: Identify) -> Identify:
 
 
 def again(key: Key[Array, ""], one: Candidate, common: Fitted) -> Candidate:
-    """A candidate fitted to the common data with the common residual terms.
+    """Return a candidate fitted to the common data with the common residual terms.
 
     By as many solver steps as it takes.
     """
@@ -221,7 +221,7 @@ def trials(sets: Sequence[Laws], seen: Measured) -> list[tuple[Laws, str]]:
 
 
 def under(laws: Laws, data: Dataset, meet: str = "") -> Dataset:
-    """The same data, of other laws, whose modes meet otherwise where that is said."""
+    """Return the same data, of other laws, whose modes meet otherwise where that is said."""
     modes, held = data.modes, data.held
     if modes is not None and meet:
         modes = modes._replace(meet=meet)
@@ -231,7 +231,7 @@ def under(laws: Laws, data: Dataset, meet: str = "") -> Dataset:
 
 
 def with_modes_of(one: Candidate, data: Dataset) -> Dataset:
-    """The data with what a candidate holds of modes at the joint, and its stated priors.
+    """Return the data with what a candidate holds of modes at the joint, and its stated priors.
 
     It holds signs, and shapes where they were measured.
     """
@@ -241,12 +241,12 @@ def with_modes_of(one: Candidate, data: Dataset) -> Dataset:
 
 
 def name_of(laws: Laws, meet: str = "") -> str:
-    """Laws in a word, and how several modes meet in them where that is not as stated."""
+    """Return the laws in a word, and how several modes meet in them where that is not as stated."""
     return (" + ".join(laws) or "linear") + MEET.get(meet, "")
 
 
 def errors_of(best: Fit, data: Dataset) -> dict[str, float]:
-    """Error of every group over its response, at a fit."""
+    """Return the error of every group over its response, at a fit."""
     residuals = dataset.residual_by_label(best.residual, data)
     return {n: e for n, e in dataset.error_by_label(residuals, data).items() if np.isfinite(e)}
 
@@ -287,7 +287,7 @@ def likelihood_at(best: Fit, data: Dataset) -> float:
 
 
 def hopeless(found: Sequence[Candidate], likelihoods: Mapping[str, float]) -> set[str]:
-    r"""Names of candidates that no posterior could bring back.
+    r"""Return the names of candidates that no posterior could bring back.
 
     $$\log Z = \log \int L\,\pi \le \log L_{max}$$
 
@@ -305,7 +305,7 @@ def hopeless(found: Sequence[Candidate], likelihoods: Mapping[str, float]) -> se
 
 
 def about_fit(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
-    """Draws of the Gaussian about a candidate's fit, for its curves: of no posterior.
+    """Return the draws of the Gaussian about a candidate's fit, for its curves: of no posterior.
 
     One at which a solve fails is moved to the fit.
     """
@@ -326,7 +326,7 @@ def about_fit(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
 
 
 def place_of(best: Fit, one: Candidate) -> Reparametrisation:
-    """Coordinates about a fit: along its ridge where one is open or ends at a wall."""
+    """Return the coordinates about a fit: along its ridge where one is open or ends at a wall."""
     prior, optimum = one.fitted.box, (best.theta, best.covariance)
     if best.weak is not None or best.at_bound:
         return along_ridge(*optimum, prior)
@@ -336,7 +336,7 @@ def place_of(best: Fit, one: Candidate) -> Reparametrisation:
 def without_offsets(
     key: Key[Array, ""], seen: Measured, found: Sequence[Candidate], best: Candidate
 ) -> list[Candidate]:
-    """The candidates fitted again to runs that share omega_n and zeta.
+    """Return the candidates fitted again to runs that share omega_n and zeta.
 
     To the data as the best of them weighs these then. Offsets of runs trade with softening.
     """

@@ -110,7 +110,7 @@ class CurveMisfit(eqx.Module):
     laws: tuple[str, ...] = eqx.field(static=True)
 
     def __call__(self, theta: Mapping[str, Array], seen: AmplitudeCurve) -> Float[Array, " value"]:
-        """Relative errors of every amplitude."""
+        """Return the relative errors of every amplitude."""
         model = backbone(oscillator_of(theta, self.laws), seen.y)
         frequency = (model.omega / seen.omega - 1) / FREQUENCY_STD
         damping = (model.zeta - seen.zeta) / (DAMPING_STD * jnp.max(seen.zeta))
@@ -161,7 +161,7 @@ def across_thresholds(best: Fit, prior: Box, data: Dataset) -> Fit:
 
 
 def with_waterfall(chosen: Fit, ends: Sequence[Fit]) -> Fit:
-    """The chosen one of several ends, with the costs of all."""
+    """Return the chosen one of several ends, with the costs of all."""
     return replace(chosen, waterfall=np.sort(np.concatenate([end.waterfall for end in ends])))
 
 
@@ -200,14 +200,14 @@ def further(ends: Sequence[Fit], prior: Box, data: Dataset) -> list[Fit]:
 
 
 def rough(theta: Mapping[str, Any], prior: Box, data: Dataset) -> Fit:
-    """A fit that others follow, from one start."""
+    """Return a fit that others follow, from one start."""
     return roughly([theta], prior, data, ROUNDS[-1][1])[0]
 
 
 def roughly(
     begun: Sequence[Mapping[str, Any]], prior: Box, data: Dataset, evaluations: int
 ) -> list[Fit]:
-    """Fits that others follow, each from its start, by so many evaluations at most."""
+    """Return the fits that others follow, each from its start, by so many evaluations at most."""
     starts = {name: np.array([theta[name] for theta in begun]) for name in prior.names}
     return costly_fits(
         dataset.stacked, prior, data, starts=inside(starts, prior),
@@ -216,13 +216,13 @@ def roughly(
 
 
 def explains(found: Fit) -> bool:
-    """Whether a fit leaves little more than the noise of the data."""
+    """Return whether a fit leaves little more than the noise of the data."""
     chi_square, dof = found.chi_square
     return chi_square < EXPLAINED * dof
 
 
 def is_close(found: Fit, data: Dataset) -> bool:
-    """Whether a fit misses no group of the data by more than 15 % of its rms."""
+    """Return whether a fit misses no group of the data by more than 15 % of its rms."""
     errors = dataset.error_by_label(dataset.residual_by_label(found.residual, data), data)
     return explains(found) or (bool(errors) and max(errors.values()) <= CLOSE)
 
@@ -239,13 +239,13 @@ def screened(
 
 
 def middle_but(known: Mapping[str, float], prior: Box) -> dict[str, float]:
-    """The middle of the box, but for what is known."""
+    """Return the middle of the box, but for what is known."""
     middle = from_unit(np.full(len(prior.names), 0.5), prior)
     return {name: known.get(name, float(middle[name])) for name in prior.names}
 
 
 def inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:
-    """Starts moved into the box."""
+    """Return the starts moved into the box."""
     lower, upper = np.asarray(prior.lower), np.asarray(prior.upper)
     return {name: np.clip(starts[name], lower[i], upper[i]) for i, name in enumerate(prior.names)}
 
@@ -253,7 +253,7 @@ def inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:
 def steps_about(
     key: Key[Array, ""], best: Fit, num_draws: int
 ) -> Float[np.ndarray, "draw parameter"]:
-    """Steps from a fit, drawn by its covariance; the first is zero, the fit itself."""
+    """Return the steps from a fit, drawn by its covariance; the first is zero, the fit itself."""
     white = generator(key).standard_normal((num_draws, len(best.theta)))
     steps = white @ np.linalg.cholesky(best.covariance).T
     steps[0] = 0.0
@@ -263,6 +263,6 @@ def steps_about(
 def points_at(
     steps: Float[np.ndarray, "draw parameter"], best: Fit, prior: Box
 ) -> dict[str, np.ndarray]:
-    """Points by name at some steps from a fit, moved into the box."""
+    """Return the points by name at some steps from a fit, moved into the box."""
     columns = (list(best.theta.values()) + steps).T
     return inside(dict(zip(best.theta, columns, strict=True)), prior)

@@ -16,12 +16,12 @@ def source_units(tests: Sequence[Test]) -> dict[str, str]:
 
 
 def driven(tests: Sequence[Test]) -> list[Test]:
-    """Tests whose records have what drives them."""
+    """Return the tests whose records have what drives them."""
     return [test for test in tests if not set(INPUTS).isdisjoint(test.records[0].channels)]
 
 
 def gain_units(tests: Sequence[Test], names: Container[str]) -> dict[str, str]:
-    """Unit of every gain among the names of parameters.
+    """Return the unit of every gain among the names of parameters.
 
     That of a force where none drives anything: of loops, whose modal mass free decays tell.
     """
@@ -35,7 +35,7 @@ def gain_units(tests: Sequence[Test], names: Container[str]) -> dict[str, str]:
 
 
 def with_gain_units(tree: xr.DataTree, tests: Sequence[Test]) -> xr.DataTree:
-    """A posterior whose gains have the units of the tests' sources."""
+    """Return a posterior whose gains have the units of the tests' sources."""
     draws = tree["posterior"].to_dataset()
     units = gain_units(tests, draws)
     gains = {name: draws[name].assign_attrs(units=unit) for name, unit in units.items()}

@@ -81,7 +81,7 @@ def sensors_of(tests: Sequence[Test]) -> Sensors | None:
 def factors_of(
     rng: np.random.Generator, shape: tuple[int, ...], stated: Instruments, sensors: Sensors
 ) -> Factors:
-    """Factors of every draw."""
+    """Return the factors of every draw."""
 
     def drawn(spread: float) -> Float[np.ndarray, "..."]:
         return np.exp(spread * rng.standard_normal(shape))
@@ -110,7 +110,7 @@ def powers(unit: str) -> tuple[int, int] | None:
 
 
 def with_factors(posterior: xr.Dataset, factors: Factors, laws: Sequence[str] = ()) -> xr.Dataset:
-    """A posterior in which every draw is of the joint in its own true units."""
+    """Return a posterior in which every draw is of the joint in its own true units."""
     theta = {str(name): values.values for name, values in posterior.data_vars.items()}
     law_powers = [law.of(theta).powers_of_length() for law in laws_named(laws)]
     lengths = {name: power for powers_of_law in law_powers for name, power in powers_of_law.items()}
@@ -205,13 +205,13 @@ def _clocked(stated: Instruments, sensors: Sensors) -> bool:
 
 
 def as_recorded(before: xr.Dataset, after: xr.Dataset) -> xr.Dataset:
-    """The draws that instruments changed, as the records alone know them."""
+    """Return the draws that instruments changed, as the records alone know them."""
     return before[[name for name in before.data_vars if not before[name].equals(after[name])]]
 
 
 def spread_of(
     rows: Mapping[str, Mapping[str, float]], wide: Mapping[str, Mapping[str, float]]
 ) -> dict[str, dict[str, float]]:
-    """Rows of a summary whose mean, spread and interval are those of wider draws."""
+    """Return the rows of a summary whose mean, spread and interval are those of wider draws."""
     keys = ("mean", "sd", "cv", "q005", "q995")
     return {name: {**row, **{key: wide[name][key] for key in keys}} for name, row in rows.items()}

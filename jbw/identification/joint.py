@@ -137,7 +137,7 @@ def draw_joint(
 
 
 def without_absent_joint(key: Key[Array, ""], ready: Fitted) -> Fitted | None:
-    """The structure without its joint, where the fit sees none; None where it may see one.
+    """Return the structure without its joint, where the fit sees none; None where it may see one.
 
     Asked as soon as noise, run effects and residual terms are settled: coordinates and solver steps
     of a joint that is not there are not looked for.
@@ -173,7 +173,7 @@ def without_absent_joint(key: Key[Array, ""], ready: Fitted) -> Fitted | None:
 
 
 def names_of_laws(data: Dataset) -> set[str]:
-    """Names of the parameters of the laws and their products."""
+    """Return the names of the parameters of the laws and their products."""
     laws = laws_named(data.laws)
     names = {quantity.name for law in laws for quantity in law.table}
     return names | {product.quantity.name for law in laws for product in law.products}
@@ -191,7 +191,7 @@ def of_reading(means: Mapping[str, float], data: Dataset) -> dict[str, float]:
 def sample_joint(
     key: Key[Array, ""], ready: Fitted, settings: Identify, keep: Keep, name: str
 ) -> xr.DataTree:
-    """Draws by the settings' sampler, or by the ladder of samplers.
+    """Return the draws by the settings' sampler, or by the ladder of samplers.
 
     Coordinates are chosen by looking: the box's own, the logarithms of what cannot be zero, or
     those along the ridge of the fit, from wall to wall of the box; where none of them do, along the
@@ -263,13 +263,13 @@ def with_derived(key: Key[Array, ""], tree: xr.DataTree, data: Dataset) -> xr.Da
 
 
 def every_parameter(posterior: xr.Dataset, data: Dataset) -> dict[str, np.ndarray]:
-    """Draws by name, and what was held."""
+    """Return the draws by name, and what was held."""
     held = {name: np.asarray(value) for name, value in data.held.items()}
     return {**held, **{str(n): v.values for n, v in posterior.data_vars.items()}}
 
 
 def law_variables(posterior: xr.Dataset, data: Dataset) -> dict[str, Any]:
-    """The laws' own parameters and their products, where they were not sampled."""
+    """Return the laws' own parameters and their products, where they were not sampled."""
     theta, derived = every_parameter(posterior, data), {}
     for law in laws_named(data.laws):
         parameters = {name: np.asarray(v) for name, v in law.of(theta).parameters().items()}

@@ -36,7 +36,7 @@ BACKBONES = "backbones"
 
 
 def joints_group(posterior: xr.Dataset, data: Dataset, modes: JointModes) -> xr.Dataset:
-    """Shares of every joint in every driven mode, and what all do together.
+    """Return the shares of every joint in every driven mode, and what all do together.
 
     Variables over `joint` and `mode`, at the largest motion measured of the mode, its shape free,
     with quantiles: `energy_share_at_motion` in the mode's strain energy, `loss_share` and
@@ -99,14 +99,14 @@ def joints_group(posterior: xr.Dataset, data: Dataset, modes: JointModes) -> xr.
 
 
 def draws_of_joints(posterior: xr.Dataset, data: Dataset) -> dict[str, np.ndarray]:
-    """Draws of the parameters of the joints' laws, and of factors on their motion."""
+    """Return the draws of the parameters of the joints' laws, and of factors on their motion."""
     names = {quantity.name for quantity in quantities_of(data.laws)}
     names |= motion_factors_in(posterior).keys()
     return {str(n): x.values.ravel() for n, x in posterior.data_vars.items() if n in names}
 
 
 def values_of(posterior: xr.Dataset, data: Dataset, name: str) -> np.ndarray:
-    """Draws of a parameter, or what it is held at."""
+    """Return the draws of a parameter, or what it is held at."""
     if name in posterior:
         return posterior[name].values.ravel()
     return np.atleast_1d(np.asarray(data.held[name]))
@@ -118,7 +118,7 @@ def _loops(
     names: Sequence[str],
     largest: Float[np.ndarray, " joint"],
 ) -> tuple[Float[np.ndarray, "joint phase"], Float[np.ndarray, "joint phase"]]:
-    """Motion and force of every joint's laws along their steady loop."""
+    """Return the motion and force of every joint's laws along their steady loop."""
     phase = np.linspace(0, np.pi, NUM_PHASES // 2, endpoint=False)
     x, force = [], []
     for joint, peak in zip(names, largest, strict=True):
@@ -244,7 +244,7 @@ def _who_damps(mode: int, of_mode: xr.Dataset) -> list[str]:
 
 
 def joints_finding(group: xr.Dataset | None) -> Finding | None:
-    """Whether every joint is identified by itself; None of one joint."""
+    """Return whether every joint is identified by itself; None of one joint."""
     if group is None:
         return None
     identified = dict(zip(group["joint"].values, group["identified"].values, strict=True))
@@ -254,7 +254,7 @@ def joints_finding(group: xr.Dataset | None) -> Finding | None:
 
 
 def joints_record(group: xr.Dataset | None) -> dict[str, Any] | None:
-    """The same in plain values for a summary; None of one joint."""
+    """Return the same in plain values for a summary; None of one joint."""
     if group is None:
         return None
     quantiles = [str(q) for q in group["quantile"].values]
@@ -291,7 +291,7 @@ def _plain(x: Any) -> float | None:
 
 
 def backbones_group(data: Dataset, modes: JointModes) -> xr.Dataset:
-    """Frequency, damping and shape of every driven mode against amplitude.
+    """Return the frequency, damping and shape of every driven mode against amplitude.
 
     Variables over `mode` and `level`: `displacement` at the first point, `frequency_hz` and
     `damping` with quantiles, both `at_medians` by extended periodic motion and in `full_stick` with

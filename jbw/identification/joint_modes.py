@@ -64,7 +64,7 @@ class ModeNumbers(NamedTuple):
     energy: Float[np.ndarray, "joint mode level *draw"]
 
     def at(self, level: int) -> "ModeNumbers":
-        """The same at one level, without its axis."""
+        """Return the same at one level, without its axis."""
         rates = (x[:, level] for x in (self.omega, self.zeta))
         return ModeNumbers(*rates, *(x[:, :, level] for x in self[2:]))
 
@@ -163,7 +163,7 @@ def _backbones(
 def _with_free_shape(
     backbones: Sequence[ModalBackbone], stiffness: Float[np.ndarray, " joint"]
 ) -> ModeNumbers:
-    """Numbers of every mode by its extended periodic motion."""
+    """Return the numbers of every mode by its extended periodic motion."""
     omega, zeta, q, x, r = (
         np.stack([getattr(curve, name) for curve in backbones])
         for name in ("omega", "zeta", "q", "x", "r")
@@ -183,7 +183,7 @@ def _in_full_stick(
     amplitude: Float[np.ndarray, "mode level"],
     about: Mapping[str, float] | None,
 ) -> ModeNumbers:
-    """Numbers of every mode and draw in the shape of full stick."""
+    """Return the numbers of every mode and draw in the shape of full stick."""
     numbers = dict(data.modes.numbers if data.modes is not None else ())
     driven = _DrivenJoints(data.laws, joints_of(data.laws), *jax.device_put((numbers, amplitude)))
     of_joints = {name: x for name, x in theta.items() if name not in STUCK_NAMES}
@@ -241,7 +241,7 @@ def _linear(
     steps: Float[np.ndarray, "draw parameter"],
     chosen: Int[np.ndarray, " some"],
 ) -> Float[np.ndarray, " draw"]:
-    """One ratio of all draws by those that are known."""
+    """Return one ratio of all draws by those that are known."""
     if not np.isfinite(ratios[0]):
         return np.ones(len(steps))
     is_known = np.isfinite(ratios)

@@ -60,7 +60,7 @@ LEAST = 12.0  # over the squared width of the box: the precision of the prior al
 
 
 def fit_alone(seen: Measured, *, seed: int, report: Report) -> Posteriors:
-    """A fit of all tests, and the Gaussian about it in place of draws.
+    """Return a fit of all tests, and the Gaussian about it in place of draws.
 
     Raises:
         DataError: If there is nothing that the joint can be fitted to.
@@ -85,7 +85,7 @@ def about_fit(key: Key[Array, ""], seen: Measured, ready: Fitted) -> Posteriors:
 
 
 def laplace_tree(key: Key[Array, ""], ready: Fitted) -> xr.DataTree:
-    """Draws of the Gaussian about a fit, in the groups of a sampler."""
+    """Return the draws of the Gaussian about a fit, in the groups of a sampler."""
     lp, theta = laplace_draws(key, ready)
     low_high, meaning = bounds_by_name(ready.box), attrs(ready.data.laws)
     dims, shape = ("chain", "draw"), (NUM_CHAINS, NUM_DRAWS)

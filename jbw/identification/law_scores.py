@@ -93,7 +93,7 @@ def left_out(
 
 
 def left_out_of_fits(one: Candidate) -> LeftOut:
-    r"""The same by the fit without each run alone, $\log p(D_r | \hat\theta_{-r})$.
+    r"""Return the same by the fit without each run alone, $\log p(D_r | \hat\theta_{-r})$.
 
     What the width of a posterior adds is a few nats: nothing where a law is hopeless.
     """
@@ -145,7 +145,7 @@ def _by_points(
     piece: HeldOut,
     about_all: Reparametrisation,
 ) -> tuple[float, float]:
-    """The same by points about the fit without it, or about all draws if worth more."""
+    """Return the same by points about the fit without it, or about all draws if worth more."""
     parametrisations = {"fit": lambda: place_of(piece.fit, candidate), "draws": lambda: about_all}
     points = weighed_in(key, candidate.fitted.box, piece.rest, parametrisations)
     times = _told_by_terms(candidate.fitted.data, piece.rest)
@@ -175,7 +175,7 @@ def _error_of(piece: HeldOut, candidate: Candidate) -> float:
 
 
 def twice_as_wide(prior: Box, laws: tuple[str, ...], stated: Collection[str] = ()) -> Box:
-    """The box with those of the laws' own parameters twice as wide.
+    """Return the box with those of the laws' own parameters twice as wide.
 
     About zero where both signs are possible, otherwise upwards. A part of omega_n^2 has no wider
     prior: it ends where nothing but the joint holds; nor has one whose density is `stated`.

@@ -94,7 +94,7 @@ def fits_without_each_run(best: Fit, prior: Box, data: Dataset) -> FitsWithout:
 
 
 def _thirds(data: Dataset) -> list[tuple[str, ...]]:
-    """Names of the records of free decays, from the weakest third to the strongest."""
+    """Return the names of the records of free decays, from the weakest third to the strongest."""
     sizes = {run: y for part in data.parts for run, y in part.shown().begins.items()}
     order = sorted(sizes, key=lambda run: sizes[run])
     parts = np.array_split(np.arange(len(order)), min(len(order), 3))
@@ -169,14 +169,14 @@ def _error(labels: Sequence[str], errors: Mapping[str, float], sizes: Mapping[st
 
 
 def left_out_sentence(left_out: xr.Dataset) -> str:
-    """How well each run is predicted by the others, in words."""
+    """Return how well each run is predicted by the others, in words."""
     errors = [f"{error.run.item()} {100 * error.item():.2g} %" for error in left_out["error"]]
     proviso = messages.WITH_FREQUENCY * left_out["error"].attrs.get("own_frequency", 0)
     return messages.each_session(proviso, errors, identified_alone(left_out["wider"]))
 
 
 def identified_alone(wider: xr.DataArray) -> dict[str, list[str]]:
-    """Parameters that only the tests left out identify, by what was left out.
+    """Return the parameters that only the tests left out identify, by what was left out.
 
     `wider` holds their standard deviations without it over those with it.
     """
@@ -188,7 +188,7 @@ def identified_alone(wider: xr.DataArray) -> dict[str, list[str]]:
 
 
 def consistency_finding(left_out: xr.Dataset, laws: Sequence[str] = ()) -> Finding:
-    """Whether the runs tell of one joint; its number is the largest |z|."""
+    """Return whether the runs tell of one joint; its number is the largest |z|."""
     size = abs(left_out["z"])
     if size.isnull().all():
         return Finding("leave_one_out", "ok", {}, float("nan"), entry="leave_one_out.none")
@@ -202,7 +202,7 @@ def consistency_finding(left_out: xr.Dataset, laws: Sequence[str] = ()) -> Findi
 
 
 def between_records(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
-    """Every record of free decays fitted alone, by what it leaves itself, and their scatter.
+    """Return every record of free decays fitted alone, by what it leaves itself, and their scatter.
 
     Of the laws' products and of zeta, relative to the fit of all. None where there is another kind
     of test, which every such fit would share, where there is no law, or with fewer than three
@@ -239,7 +239,7 @@ def between_records(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
 
 
 def _own_errors(fits: Mapping[str, Fit], data: Dataset) -> NDArray[np.float64]:
-    r"""Errors of records by what each leaves alone, over those in the weights of all.
+    r"""Return the errors of records by what each leaves alone, over those in the weights of all.
 
     $\sqrt{(\sigma_i^2 / f) / (\sigma^2 / f_{all})}$: what one law leaves of all records is
     misfit, of which little is left of each, and a larger fraction f of that is independent.
@@ -261,7 +261,7 @@ def _own_errors(fits: Mapping[str, Fit], data: Dataset) -> NDArray[np.float64]:
 
 
 def _known(fitted: Fit, data: Dataset) -> tuple[dict[str, float], dict[str, float]]:
-    """The laws' products and zeta at a fit, and their standard deviations to first order."""
+    """Return the laws' products and zeta at a fit, and their standard deviations to first order."""
 
     def quantities(point: Mapping[str, Array]) -> dict[str, Array]:
         theta = {**as_arrays(fitted.theta, data), **point}
@@ -295,7 +295,7 @@ def _scatter(
 
 
 def between_finding(between: xr.Dataset) -> Finding:
-    """Whether records agree in what each of them says; its number is the largest scatter."""
+    """Return whether records agree in what each of them says; its number is the largest scatter."""
     count = between.sizes["record"]
     scatter, error = between["scatter"].values, between["std_of_all"].values
     wide = np.sqrt(error**2 + scatter**2 / count)

@@ -76,7 +76,7 @@ def line_fit_start(frf: FRF) -> NDArray[np.float64]:
 
 
 def floored(variance: NDArray[np.float64], h: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Variance kept off zero: a noise-free line would outweigh all others."""
+    """Return the variance kept off zero: a noise-free line would outweigh all others."""
     typical = np.mean(variance[np.isfinite(variance)]) if np.isfinite(variance).any() else 0.0
     return np.maximum(variance, max(1e-6 * typical, (1e-12 * np.abs(h).max()) ** 2))
 

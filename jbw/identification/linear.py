@@ -54,7 +54,7 @@ def line_fit(
     residuals: Residuals = "none",
     smear: bool | None = None,
 ) -> LineFit:
-    r"""Natural frequency, damping and gain by weighted complex least squares.
+    r"""Return the natural frequency, damping and gain by weighted complex least squares.
 
     $$H(\omega) = \frac{g}{\omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega} + r_u
       + \frac{r_l}{\omega^2}$$
@@ -113,7 +113,7 @@ def line_fit(
 
 
 def pool(fits: Sequence[LineFit]) -> PooledFit:
-    r"""Fits of several repeats as one: mean, its covariance, and the CV across repeats.
+    r"""Return the fits of several repeats as one: mean, its covariance, and the CV across repeats.
 
     $$\mathrm{Cov}(\bar\theta) = D\,\frac{1}{R^2}\sum_r C_r\,D$$
 
@@ -154,7 +154,7 @@ def pool(fits: Sequence[LineFit]) -> PooledFit:
 
 
 def checked_smear(frf: FRF, residuals: str, smear: bool | None) -> bool:
-    """Whether to smear, after a look at the options."""
+    """Return whether to smear, after a look at the options."""
     if residuals not in NUM_RESIDUALS:
         raise ConfigError(
             f"Argument `residuals` must be none, upper or both, but it is {residuals!r}."

@@ -53,7 +53,7 @@ class TriedStep(NamedTuple):
     doubts: tuple[Warning | str, ...]
 
     def taken_up(self) -> LinearStep:
-        """The step, after its warnings."""
+        """Return the step, after its warnings."""
         for doubt in self.doubts:
             warnings.warn(doubt, stacklevel=2)
         return self.step
@@ -140,12 +140,12 @@ def _joint_first(fit: ModalFit, *, counted: bool) -> ModalFit:
 
 
 def units_of(step: LinearStep) -> dict[str, str]:
-    """Units of what Step 2 gives, by name; the source's unit decides the gain's."""
+    """Return the units of what Step 2 gives, by name; the source's unit decides the gain's."""
     return {name: BY_NAME[name].unit for name in NAMES} | {"gain": gain_unit(step.source_unit)}
 
 
 def linear_dataset(step: LinearStep) -> xr.Dataset:
-    """The step as labelled arrays: fits by repeat, and the FRF in the fitted band."""
+    """Return the step as labelled arrays: fits by repeat, and the FRF in the fitted band."""
     pooled = step.pooled
     keep = lines_within(step.frf.freq, step.fits[0].band_hz)
     freq, h = step.frf.freq[keep], step.frf.h[keep]

@@ -131,13 +131,13 @@ def modes_by_output(lines: FRFLines, theta: Real) -> list[Modes]:
 
 
 def terms(part: FRF, count: int) -> Complex:
-    """The columns of U and L, in the response measured, both of the size of a receptance."""
+    """Return the columns of U and L, in the response measured, both of the size of a receptance."""
     inverse_square = (part.omega.mean() / part.omega) ** 2
     return np.array([to_measured(part), to_measured(part) * inverse_square])[:count]
 
 
 def mode_lines(part: FRF, mode: tuple[float, float, float], smear: bool) -> Complex:
-    """Lines of one mode, (omega_n, zeta, residue), in the response measured."""
+    """Return the lines of one mode, (omega_n, zeta, residue), in the response measured."""
     if smear:
         return smeared(part.omega, *mode, part.window_s, derivative_order(part.response))
     return receptance(part.omega, *mode) * to_measured(part)
@@ -164,7 +164,7 @@ def model_of(lines: FRFLines) -> Callable[[Real], Complex]:
 def _least_squares(
     lines: FRFLines, data: Complex, variance: Real, start: Real, typical: Real
 ) -> FittedLines:
-    """The optimum, whose covariance is not known before that of the lines is."""
+    """Return the optimum, whose covariance is not known before that of the lines is."""
     model, weight = model_of(lines), np.sqrt(2 / variance)  # a component has half of the variance
 
     def misfit(x: Real) -> Real:

@@ -138,7 +138,7 @@ def _poles(outputs: Sequence[FRF], order: int) -> Real:
 
 
 def _has(poles: Real, pole: Real) -> bool:
-    """Whether a pole is among others, to the tolerances of stability."""
+    """Return whether a pole is among others, to the tolerances of stability."""
     near = np.abs(poles - pole) <= np.array([SAME_OMEGA, SAME_ZETA]) * pole
     return bool(np.any(np.all(near, axis=1)))
 
@@ -205,7 +205,7 @@ def starts_of(
 
 
 def _start_near(omega: float, stable_poles: Real) -> tuple[float, float]:
-    """A frequency asked for, with the damping of what the diagram shows near it."""
+    """Return a frequency asked for, with the damping of what the diagram shows near it."""
     near = stable_poles[np.abs(stable_poles[:, 0] / omega - 1) < NEAR]
     if not len(near):
         return omega, UNSAID_ZETA
@@ -322,7 +322,7 @@ def line_of(fit: ModalFit, mode: int = 0, output: int = 0) -> LineFit:
 
 
 def in_order(fit: ModalFit, order: NDArray[np.int64]) -> ModalFit:
-    """The same fit with its modes in another order."""
+    """Return the same fit with its modes in another order."""
     num, outputs = fit.residues.shape
     place = np.arange(num * outputs).reshape(num, outputs)[order].ravel()
     read = np.concatenate([order, num + order, 2 * num + place])
@@ -339,7 +339,7 @@ def model_lines(fit: ModalFit, omega: Real) -> NDArray[np.complex128]:
 
 
 def _same_lines(outputs: list[FRF]) -> list[FRF]:
-    """The outputs, after a look at whether they are of one input at the same lines."""
+    """Return the outputs, after a look at whether they are of one input at the same lines."""
     if not outputs:
         raise ConfigError("Argument `frfs` must hold an FRF at least, but it is empty.")
     first = outputs[0]
@@ -368,7 +368,7 @@ def _enough(lines: FRFLines) -> None:
 
 
 def _projected(lines: FRFLines, starts: Real) -> Real:
-    """Parameters with the poles at their best, residues by linear least squares."""
+    """Return the parameters with the poles at their best, residues by linear least squares."""
     weights = np.split(np.sqrt(2 / observed_variance(lines)), len(lines.outputs))
     data = [part.h * to_measured(part) for part in lines.outputs]
     extra = [terms(part, lines.num_residuals) for part in lines.outputs]
@@ -430,7 +430,7 @@ def _as_fit(
     edges: tuple[float, float],
     order: NDArray[np.int64],
 ) -> ModalFit:
-    """The fit by quantity, its modes in the `order` asked for."""
+    """Return the fit by quantity, its modes in the `order` asked for."""
     num, modal = len(lines.outputs), lines.num_modes * lines.width
     place = np.arange(modal).reshape(lines.num_modes, lines.width)[order]
     read = np.concatenate([place[:, 0], place[:, 1], place[:, 2:].ravel()])

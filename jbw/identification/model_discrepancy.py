@@ -149,7 +149,7 @@ def scatter_by_amplitude(
     *,
     judged: bool = True,
 ) -> Scatter:
-    r"""The likeliest of scatters that are constant, or run with the amplitude or its square.
+    r"""Return the likeliest of scatters that are constant, or run with the amplitude or its square.
 
     $$\log p = -\tfrac12 \sum_r \Bigl[\log v_r + \frac{b_r^2}{v_r}\Bigr], \qquad
       v_r = \sigma_r^2 + \tau^2 g_r (y_r / y_{max})^{2p}, \quad p = 0, 1, 2$$
@@ -198,7 +198,7 @@ def missed_in_all(
     grown: Float[np.ndarray, " run"],
     num_fits: int,
 ) -> float:
-    r"""The $\tau_0$ of all that runs miss beyond noise, widened for few runs.
+    r"""Return the $\tau_0$ of all that runs miss beyond noise, widened for few runs.
 
     $$\tau_0^2 = \Bigl(\frac{t_{m, 0.995}}{z_{0.995}}\Bigr)^2\,
       \mathrm{mean}\,\frac{b_r^2 - \sigma_r^2}{g_r}$$
@@ -285,7 +285,7 @@ def coefficients_of(slopes: Float[np.ndarray, "value own"]) -> Float[np.ndarray,
 def root_of(
     covariance: Float[np.ndarray, "parameter parameter"],
 ) -> Float[np.ndarray, "parameter parameter"]:
-    """A root R of a covariance R R^T, of one that rounding has left indefinite too."""
+    """Return a root R of a covariance R R^T, of one that rounding has left indefinite too."""
     std = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(std, std))
     return std[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
@@ -544,7 +544,7 @@ def _missed(shown: Sequence[LeftOutRun], of_all: FitOfAll, *, judged: bool) -> M
 
 
 def amplitudes_of_runs(data: Dataset, omega_n: float) -> dict[str, float]:
-    """Largest displacement of every run [m], where it is known, by omega_n [rad/s].
+    """Return the largest displacement of every run [m], where it is known, by omega_n [rad/s].
 
     That of a part is of its largest run, and others go by the size of their response. Of free
     decays alone what their envelopes begin with.
@@ -562,7 +562,7 @@ def amplitudes_of_runs(data: Dataset, omega_n: float) -> dict[str, float]:
 
 
 def _decays(data: Dataset) -> set[str]:
-    """Names of free decays."""
+    """Return the names of free decays."""
     return {run for part in data.parts if part.own_shifts for run in part.groups.runs}
 
 
@@ -587,7 +587,7 @@ def _end_to_end(
 
 
 def _kinds(data: Dataset) -> dict[str, tuple[str, ...]]:
-    """Kinds of test that the part of every group takes, by label."""
+    """Return the kinds of test that the part of every group takes, by label."""
     return {label: part.kinds for part in data.parts for label in part.groups.labels}
 
 
@@ -662,7 +662,7 @@ def _rest(
 
 
 def _over(rest: Rest, size: float) -> Rest:
-    """A rest over the square of a response."""
+    """Return a rest over the square of a response."""
     square, mean, variance, noise = rest
     return Rest(square / size, mean / size, variance / size**2, noise / size)
 
@@ -703,5 +703,5 @@ def _square(row: Row) -> float:
 
 
 def _count(row: Row) -> int:
-    """Real values of a row."""
+    """Return the real values of a row."""
     return len(row) * (2 if np.iscomplexobj(row) else 1)

@@ -49,14 +49,14 @@ class Nested(NamedTuple):
 
 
 def without_joint(best: Fit, prior: Box, data: Dataset) -> Nested:
-    """The fit of the oscillator alone, to the same data in the same weights."""
+    """Return the fit of the oscillator alone, to the same data in the same weights."""
     return _nested(best, prior, data, (), {})
 
 
 def likely(
     key: Key[Array, ""], best: Fit, prior: Box, data: Dataset
 ) -> dict[str, Float[np.ndarray, " draw"]]:
-    r"""Points about a fit that the data do not rule out at 99 %, by name.
+    r"""Return the points about a fit that the data do not rule out at 99 %, by name.
 
     Of those drawn by its covariance, within the prior, that lose no more than half of the quantile
     of $\chi^2_k$ in log likelihood; the fit itself first.
@@ -69,7 +69,7 @@ def likely(
 
 
 def joint_finding(nested: Nested, added: Effects, y_peak: float) -> Finding:
-    r"""Whether the joint fits better than none, by the likelihood ratio of nested models.
+    r"""Return whether the joint fits better than none, by the likelihood ratio of nested models.
 
     $$\chi^2_{without} - \chi^2 > F^{-1}_{\chi^2_k}(0.99)$$
 
@@ -88,7 +88,7 @@ def joint_finding(nested: Nested, added: Effects, y_peak: float) -> Finding:
 
 
 def may_be_absent(added: Effects) -> bool:
-    """Whether the posterior hardly tells from zero how the joint changes the frequency."""
+    """Return whether the posterior hardly tells from zero how the joint changes the frequency."""
     return bool(abs(np.median(added.frequency)) < FAR * np.std(added.frequency))
 
 
@@ -112,7 +112,7 @@ def with_drag(best: Fit, prior: Box, data: Dataset, damping: float, y_peak: floa
 def _nested(
     best: Fit, prior: Box, data: Dataset, laws: tuple[str, ...], firsts: Mapping[str, float]
 ) -> Nested:
-    """The fit with other laws, whose parameters start at `firsts` within ROOM times them."""
+    """Return the fit with other laws, whose parameters start at `firsts` within ROOM times them."""
     names = {quantity.name for quantity in (*STUCK, *RESIDUAL_TERMS)}
     bounds = {name: pair for name, pair in bounds_by_name(prior).items() if name in names}
     starts = {name: best.theta[name] for name in bounds} | dict(firsts)
@@ -124,7 +124,7 @@ def _nested(
 
 
 def drag_finding(drag: Nested, added: Effects, y_peak: float, *, misses: bool) -> Finding:
-    r"""Whether hysteresis fits better than drag, which has k parameters less.
+    r"""Return whether hysteresis fits better than drag, which has k parameters less.
 
     $$\chi^2_{drag} - \chi^2 > F^{-1}_{\chi^2_k}(0.99)$$
 

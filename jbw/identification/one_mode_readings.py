@@ -61,7 +61,7 @@ NOTHING = Readings({}, ())
 
 
 def joint_readings(key: Key[Array, ""], seen: Measured) -> Readings:
-    """Starts of all joints from the weakest sweep of each mode alone.
+    """Return the starts of all joints from the weakest sweep of each mode alone.
 
     Nothing of one joint, of other laws than Bouc-Wen's, or of fewer modes that a sweep passes
     through alone than laws.
@@ -94,12 +94,12 @@ def joint_readings(key: Key[Array, ""], seen: Measured) -> Readings:
 
 
 def with_readings(ready: Fitted, readings: Readings) -> Fitted:
-    """A fit that also says what the readings do."""
+    """Return a fit that also says what the readings do."""
     return replace(ready, statements=(*readings.statements, *ready.statements))
 
 
 def _weakest(modes: Modes, tests: Sequence[Test]) -> dict[int, Test]:
-    """The weakest sweep at the first point that passes through a mode alone, by the mode."""
+    """Return the weakest sweep at the first point that passes through a mode alone, by the mode."""
     shares, weakest = np.abs(gain_shares(modes)), {}
     for test in sorted(tests, key=lambda test: float(np.mean(_source(test) ** 2))):
         passed = [i for i, window in enumerate(modes.windows_hz) if passes(test, window)]
@@ -139,7 +139,7 @@ def _products(theta: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def _known(starts: Sequence[Starts], laws: Sequence[str], modes: Modes) -> dict[str, float]:
-    """First values of every law, its stiffness at half of the joint's."""
+    """Return the first values of every law, its stiffness at half of the joint's."""
     numbers, first = dict(modes.numbers), {}
     for k, name in enumerate(laws):
         joints = split(name)[1]
@@ -151,7 +151,7 @@ def _known(starts: Sequence[Starts], laws: Sequence[str], modes: Modes) -> dict[
 
 
 def _statements(starts: Sequence[Starts], num_modes: int) -> tuple[str, ...]:
-    """Whether these joints explain these modes; nothing where nothing is left to test."""
+    """Return whether these joints explain these modes; nothing where nothing is left to test."""
     if starts[0].explains is None:
         return ()
     tests = [(start.chi_square, start.degrees_of_freedom, start.p) for start in starts]

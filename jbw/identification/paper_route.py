@@ -38,7 +38,7 @@ class PaperRoute:
 def paper_route(
     seen: Measured, keys: Iterator[Key[Array, ""]], report: Report, keep: Keep
 ) -> PaperRoute:
-    """Steps 3 and 4 where a noise test, probing tones and the law allow them.
+    """Return the steps 3 and 4 where a noise test, probing tones and the law allow them.
 
     A step that its tests do not allow is left out and said, or refused where settings are strict.
 

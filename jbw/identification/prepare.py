@@ -181,7 +181,7 @@ def completed(
 def settled(
     best: Fit, prior: Box, data: Dataset, settings: Identify, *, tolerance: float = TOLERANCE
 ) -> tuple[Fit, Dataset]:
-    """Fits and the weights that they leave, in turns until the weights move no more."""
+    """Return the fits and the weights that they leave, in turns until the weights move no more."""
     for count in range(1, MOST_ROUNDS + 1):
         under_way.info(messages.REWEIGHTING, count, MOST_ROUNDS)
         before = np.asarray(best.x)
@@ -215,13 +215,13 @@ def refit(
     theta: Mapping[str, float] | None = None,
     tolerance: float = TOLERANCE,
 ) -> Fit:
-    """The fit again, from where it ended; what it did not know begins at zero."""
+    """Return the fit again, from where it ended; what it did not know begins at zero."""
     start = inside(dict.fromkeys(prior.names, 0.0) | dict(theta or best.theta), prior)
     return costly_fit(dataset.stacked, prior, data, starts=start, tolerance=tolerance)
 
 
 def refined(key: Key[Array, ""], data: Dataset, prior: Box, best: Fit) -> Dataset:
-    """The dataset with so many solver steps that halving them would not matter to the fit.
+    """Return the dataset with so many solver steps that halving them would not matter to the fit.
 
     And with as much memory of loops within loops as the motion of the fit asks for.
     """
@@ -240,7 +240,7 @@ def refined(key: Key[Array, ""], data: Dataset, prior: Box, best: Fit) -> Datase
 def _about(
     key: Key[Array, ""], data: Dataset, prior: Box, best: Fit
 ) -> tuple[dict[str, np.ndarray], float]:
-    r"""Draws by a fit's covariance, and by what factor they are nearer than these.
+    r"""Return the draws by a fit's covariance, and by what factor they are nearer than these.
 
     Where the posterior bends they have left it: their log likelihood lies farther below the fit's
     than twice the half that a Gaussian's does a parameter. Close to the fit all is straight.

@@ -61,18 +61,18 @@ def stated_terms(data: Dataset) -> tuple[str, ...]:
 def term_bounds(
     names: tuple[str, ...], omega_n: float, given: Mapping[str, tuple[float, float]]
 ) -> Bounds:
-    """Bounds of constant terms by name: those that a campaign gives, else wide ones."""
+    """Return the bounds of constant terms by name: those that a campaign gives, else wide ones."""
     wide = bounds(omega_n)
     return {name: given.get(name, wide[name]) for name in names}
 
 
 def terms_of(prior: Box) -> Bounds:
-    """Bounds of the terms among what is inferred, by name."""
+    """Return the bounds of the terms among what is inferred, by name."""
     return {n: pair for n, pair in bounds_by_name(prior).items() if n in (UPPER, LOWER, *OF_MODES)}
 
 
 def with_terms(prior: Box, terms: Bounds) -> Box:
-    """A box with terms besides."""
+    """Return a box with terms besides."""
     return box(bounds_by_name(prior) | terms)
 
 
@@ -92,7 +92,7 @@ def shown_terms(
 
 
 def _with_constants(accepted: Taken, data: Dataset, refit: Refit) -> Taken:
-    """The terms of modes outside the band, where none was stated."""
+    """Return the terms of modes outside the band, where none was stated."""
     omega_n = float({**data.held, **accepted.fit.theta}["omega_n"])
     if {UPPER, LOWER} & set(accepted.box.names) or not _misses(accepted.fit, data, ("auto",)):
         return accepted
@@ -146,13 +146,13 @@ def _start(best: Fit, data: Dataset, omega: float | None) -> tuple[float, float,
 
 
 def _falls(before: Fit, after: Fit, growth: float = GROWTH) -> bool:
-    """Whether chi-square falls by more than chance and by more than little."""
+    """Return whether chi-square falls by more than chance and by more than little."""
     gained = 2 * (before.cost - after.cost)
     return gained > growth and gained > SHARE * 2 * before.cost
 
 
 def _misses(best: Fit, data: Dataset, takers: tuple[str, ...]) -> bool:
-    """Whether a fit leaves more than noise of data that may take terms."""
+    """Return whether a fit leaves more than noise of data that may take terms."""
     residuals = residual_by_label(best.residual, data)
     labels = (
         label for part in data.parts if part.residuals in takers for label in part.groups.labels

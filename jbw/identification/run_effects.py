@@ -124,7 +124,7 @@ def tells_apart(precision: Float[np.ndarray, "own own"]) -> bool:
 
 
 def wanted(shifts: Shifts, settings: Identify) -> bool:
-    """Whether runs get offsets: as the campaign says, or where the data show them."""
+    """Return whether runs get offsets: as the campaign says, or where the data show them."""
     return settings.offsets == "runs" or (settings.offsets != "none" and shifts.p < BY_CHANCE)
 
 
@@ -175,7 +175,7 @@ def moments_of(
 
 
 def _levels_of(runs: Sequence[str], sizes: Mapping[str, float]) -> list[list[int]]:
-    """Numbers of the runs of each level, by the size of their response."""
+    """Return the numbers of the runs of each level, by the size of their response."""
     measured = [number for number, run in enumerate(runs) if run in sizes]
     levels: list[list[int]] = []
     for number in sorted(measured, key=lambda number: sizes[runs[number]]):
@@ -217,7 +217,7 @@ def _centre(best: Fit) -> Float[np.ndarray, " own"]:
 
 
 def with_offsets(best: Fit, shifts: Shifts, data: Dataset, median: float | None = None) -> Dataset:
-    """The dataset in which every run has offsets of its own, free in least squares.
+    """Return the dataset in which every run has offsets of its own, free in least squares.
 
     In a fit that knows none, what omega_n misses hides how zeta differs, and the fit's weights
     follow the misfit: their scatter can be read where both are free (`with_scatter`). `median` is
@@ -241,7 +241,7 @@ def with_offsets(best: Fit, shifts: Shifts, data: Dataset, median: float | None 
 
 
 def own_frequency_alone(data: Dataset) -> Dataset:
-    """The dataset whose runs have their own natural frequency, but the damping ratio of all.
+    """Return the dataset whose runs have their own natural frequency, but the damping ratio of all.
 
     What a law is worth on a run is told by it: a damping ratio of the run's own would hide what the
     law misses.
@@ -261,7 +261,7 @@ def errors_with_own_frequency(fit: Fit, prior: Box, data: Dataset) -> dict[str, 
 
 
 def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
-    """The dataset whose least squares take the runs' scatter as it is known at a fit.
+    """Return the dataset whose least squares take the runs' scatter as it is known at a fit.
 
     Its root mean square: the likelihood integrates over it, and the mean of runs scatters by that.
     """
@@ -274,7 +274,7 @@ def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
 
 
 def _drawn(keys: Key[Array, " draw"], estimate: Estimate, data: Dataset) -> Spread:
-    """A scatter and offsets of the runs for every key, by what groups say of them."""
+    """Return a scatter and offsets of the runs for every key, by what groups say of them."""
     return _spreads(keys, jax.device_put(estimate), data.levels, data.scatters)
 
 
@@ -356,7 +356,7 @@ def _row(draws: Float[np.ndarray, " draw"]) -> dict[str, float]:
 
 
 def runs_sentence(runs: xr.Dataset) -> str:
-    """How far omega_n scatters, in words."""
+    """Return how far omega_n scatters, in words."""
     scatters = []
     for over, plural in PLURAL.items():
         name = "spread_omega_n" + ("" if over == "run" else f"_{over}")
@@ -387,13 +387,13 @@ def slope_of(x: Values, offset: Values, std: Values) -> Slope:
 
 
 def _scatter_of_offsets(offset: Values, std: Values) -> float:
-    """Variance between runs beyond their standard errors, by moments."""
+    """Return the variance between runs beyond their standard errors, by moments."""
     chi_square, scale = moments_of(offset, std)
     return max(0.0, (chi_square - (len(offset) - 1)) / scale)
 
 
 def trend_finding(shifts: Shifts, data: Dataset) -> Finding | None:
-    """Whether offsets of frequency or damping go with the motion; None of too few runs."""
+    """Return whether offsets of frequency or damping go with the motion; None of too few runs."""
     sizes = sizes_of(data)
     indices = [i for i, name in enumerate(shifts.runs) if name in sizes]
     x = np.array([sizes[shifts.runs[i]] for i in indices])

@@ -25,7 +25,7 @@ class Sweeps:
 
 
 def fitted(tests: Sequence[Test], settings: Identify) -> list[Test]:
-    """Tests that `fit` and `hold_out` leave."""
+    """Return the tests that `fit` and `hold_out` leave."""
     names = [test.name for test in tests]
     unknown = [name for name in settings.hold_out if name not in names]
     if unknown:
@@ -38,7 +38,7 @@ def fitted(tests: Sequence[Test], settings: Identify) -> list[Test]:
 
 
 def linear_test(tests: Sequence[Test]) -> Test | None:
-    """The noise or multisine test of the lowest level: the most linear one, for Step 2."""
+    """Return the noise or multisine test of the lowest level: the most linear one, for Step 2."""
     noise = [test for test in tests if test.traits.is_broadband]
     return min(noise, key=LEVEL, default=None)
 
@@ -87,7 +87,7 @@ def sweep_tests(tests: Sequence[Test], settings: Identify, *, every: bool = Fals
 
 
 def _outermost(sweeps: Sequence[Test], drive: str) -> list[float]:
-    """The lowest and the highest level of a drive, whose levels have a unit of their own."""
+    """Return the lowest and the highest level of a drive, whose levels have a unit of their own."""
     levels = [test.level for test in sweeps if drive_of(test) == drive]
     return [levels[0], levels[-1]] if len(levels) > 2 else levels
 
@@ -175,7 +175,7 @@ def _fitted_repeats(test: Test, settings: Identify) -> int:
 
 
 def fitted_for_use(tests: Sequence[Test], settings: Identify) -> Identify:
-    """The settings by which every test, level and repeat of the kinds to fit is fitted."""
+    """Return the settings by which every test, level and repeat of the kinds to fit is fitted."""
     levels = tuple(dict.fromkeys(test.level for test in tests if test.traits.is_transient))
     return settings.model_copy(
         update={"final": False, "hold_out": (), "fit_levels": levels or None, "fit_repeats": ALL}

@@ -31,12 +31,12 @@ class ShakerReading:
 
 
 def tells_shaker(test: Test) -> bool:
-    """Whether voltage, force and drive point were recorded together."""
+    """Return whether voltage, force and drive point were recorded together."""
     return bool(test.records) and set(ROLES) <= set(test.records[0].channels)
 
 
 def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
-    """The attachment from a test's first record, and the `modes` of its band with it.
+    """Return the attachment from a test's first record, and the `modes` of its band with it.
 
     The test's band is that of the modes; the attachment takes three halves of it more to either
     side, an octave at most, where the voltage drives it. A record counts from `settle` on.
@@ -72,7 +72,7 @@ def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
 
 
 def _after(record: Record, settle: float) -> Record:
-    """A record from the time on that is compared."""
+    """Return a record from the time on that is compared."""
     start = round(settle * record.fs)
     if start >= record.num_samples:
         raise DataError(
@@ -83,7 +83,7 @@ def _after(record: Record, settle: float) -> Record:
 
 
 def _faded(motion: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
-    """A record that begins and ends in motion, by Hann's window.
+    """Return a record that begins and ends in motion, by Hann's window.
 
     What ties voltage, force and motion to each other changes little within a line of the spectrum,
     so that the window changes all of them alike; cut off, each would leak by itself.
@@ -94,7 +94,7 @@ def _faded(motion: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
 def _modes(
     test: Test, record: Record, size: int | None, band: tuple[float, float], modes: int
 ) -> ModalFit:
-    """Modes of the band by the force, seen at the drive point, by rising frequency."""
+    """Return the modes of the band by the force, seen at the drive point, by rising frequency."""
     force, moved = record.channels["force"], record.channels["drive_point"]
     if test.traits.is_broadband:
         window = "hann" if size is None else "boxcar"

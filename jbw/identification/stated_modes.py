@@ -35,7 +35,7 @@ ROUGH = 1e-6  # of the cost and of the step: the other sign, which a further fit
 def modes_of(
     structure: Structured | None, tests: Collection[Test], settings: Identify
 ) -> Modes | None:
-    """The modes of a campaign's structure; None where one alone meets the joint.
+    """Return the modes of a campaign's structure; None where one alone meets the joint.
 
     Raises:
         ConfigError: Tests or priors that do not go with several modes.
@@ -82,7 +82,7 @@ def _require_own_constants(modes: Modes, tests: Collection[Test]) -> None:
 
 
 def with_own_constants(modes: Modes | None, tests: Collection[Test]) -> tuple[Test, ...]:
-    """Tests that say so where their residual constants are their own."""
+    """Return the tests that say so where their residual constants are their own."""
     return tuple(
         replace(test, residuals="own")
         if has_own(test.residuals, several_modes=modes is not None)
@@ -164,7 +164,7 @@ def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
 
 
 def unknown_signs(prior: Box, data: Dataset) -> list[str]:
-    """Names of the signs of modes whose shapes are free."""
+    """Return the names of the signs of modes whose shapes are free."""
     return [] if data.modes is None else [
         names.sign for names in data.modes.names if names.shape in prior.names
     ]  # fmt: skip
@@ -208,7 +208,7 @@ def one_joint_sentences(best: Fit, prior: Box, data: Dataset) -> list[str]:
 
 
 def same_joint_sentences(posterior: xr.Dataset, data: Dataset) -> list[str]:
-    r"""Whether modes with laws of their own may have one joint, a sentence each.
+    r"""Return whether modes with laws of their own may have one joint, a sentence each.
 
     In one joint a law is the same in every mode but for its units of length and of force: numbers
     and ratios of parameters of one unit, as $\delta/\gamma$, agree. Their logarithms' difference
@@ -253,7 +253,7 @@ def _log_of(
 
 
 def participation_sentences(posterior: xr.Dataset, modes: Modes | None) -> list[str]:
-    """Modes whose gain may be zero by the posterior, a sentence each."""
+    """Return the modes whose gain may be zero by the posterior, a sentence each."""
     sentences = []
     for hz, names in zip(modes.hz[1:] if modes else (), modes.names if modes else (), strict=True):
         if names.ratio not in posterior:  # free decays tell none

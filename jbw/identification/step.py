@@ -25,7 +25,7 @@ from jbw.report.messages import posterior as messages
 
 
 def attrs(laws: tuple[str, ...] = ()) -> dict[str, dict[str, str]]:
-    """Attributes of the variables of a posterior, by name: units, symbol and meaning."""
+    """Return the attributes of the variables of a posterior, by name: units, symbol and meaning."""
     factors = (motion_factor(i, j) for j in joints_of(laws) for i in range(1, MOST_MODES + 1))
     return attrs_of(
         [

@@ -49,7 +49,7 @@ def other_sides(best: Fit, prior: Box, data: Dataset) -> list[dict[str, float]]:
 def reached(
     theta: Mapping[str, Any], fitted: Mapping[str, float], data: Dataset
 ) -> Bool[np.ndarray, "threshold point"]:
-    """Whether the largest motion, of a fit, reaches the thresholds of the laws at points."""
+    """Return whether the largest motion, of a fit, reaches the thresholds of the laws at points."""
     y_peak, parameters = fitted_displacement(fitted, data), {**data.held, **theta}
     laws = [law.of(parameters) for law in laws_named(data.laws)]
     y = [np.atleast_1d(threshold.y) for law in laws for threshold in law.thresholds()]
@@ -57,7 +57,7 @@ def reached(
 
 
 def fitted_displacement(theta: Mapping[str, float], data: Dataset) -> float:
-    """Largest displacement that was measured, of a fit [m]."""
+    """Return the largest displacement that was measured, of a fit [m]."""
     omega_n = float({**data.held, **theta}.get("omega_n", 1.0))
     return dataset.largest_displacement(data, omega_n)
 

@@ -120,7 +120,7 @@ def tied_record(attrs: Mapping[Any, Any]) -> dict[str, Any] | None:
 
 
 def tied_laws(laws: Laws) -> Laws:
-    """The same laws, each shared by all joints that have the same kinds of laws."""
+    """Return the same laws, each shared by all joints that have the same kinds of laws."""
     kinds = {
         joint: tuple(split(law)[0] for law in laws if joint in split(law)[1])
         for joint in joints_of(laws)
@@ -153,7 +153,7 @@ def tied_evidence(key: Key[Array, ""], own: Fitted, settings: Identify) -> TiedE
 
 
 def tied_fit(own: Fitted, laws: Laws, modes: Modes, settings: Identify) -> Fitted:
-    """The fit of tied laws to the same data, from the fitted law of each joint in turn."""
+    """Return the fit of tied laws to the same data, from the fitted law of each joint in turn."""
     data, settings = tried_under(laws, own.data, "", settings)
     own_names = {name for law in own.data.laws for name in law_named(law).names()}
     bounds = {n: pair for n, pair in bounds_by_name(own.box).items() if n not in own_names}
@@ -247,12 +247,12 @@ def _with_changed(
 
 
 def _everywhere(laws: Laws, groups: Sequence[tuple[str, ...]]) -> Laws:
-    """Laws at all joints, those of a tie together."""
+    """Return the laws at all joints, those of a tie together."""
     return tuple(law_name(law, joints) for joints in groups for law in laws)
 
 
 def _with_others(laws: Laws, group: tuple[str, ...], campaign_laws: Laws) -> Laws:
-    """A campaign's laws with others at the joints of one tie, in their place."""
+    """Return a campaign's laws with others at the joints of one tie, in their place."""
     before = [law for law in campaign_laws if split(law)[1] != group]
     first = next(i for i, law in enumerate(campaign_laws) if split(law)[1] == group)
     return (*before[:first], *_everywhere(laws, [group]), *before[first:])

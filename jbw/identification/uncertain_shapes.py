@@ -49,7 +49,7 @@ def home_modes(modes: Modes, laws: Sequence[str]) -> dict[str, Place]:
 
 
 def shape_factors(modes: Modes, laws: Sequence[str]) -> tuple[str, ...]:
-    """Names of the factors that are inferred; none where the shapes are the model's."""
+    """Return the names of the factors that are inferred; none where the shapes are the model's."""
     if not modes.uncertain:
         return ()
     shares = _energy_shares(modes, joints_of(laws))
@@ -82,7 +82,7 @@ def first_factors(data: Dataset) -> dict[str, float]:
 
 
 def with_shape_priors(modes: Modes, laws: Sequence[str], settings: Identify) -> Identify:
-    """Settings with a prior of every factor under some laws, and of no other.
+    """Return the settings with a prior of every factor under some laws, and of no other.
 
     Where the campaign states one, its own.
     """

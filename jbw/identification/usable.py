@@ -32,7 +32,7 @@ class UsableTests(NamedTuple):
 def usable(
     tests: Sequence[Test], settings: Identify, gain: Gain = None, *, several_modes: bool = False
 ) -> UsableTests:
-    """The tests that can be reduced, and a sentence for each that cannot.
+    """Return the tests that can be reduced, and a sentence for each that cannot.
 
     All of them where the settings are `strict`, or where none can be used: so the refusal that
     follows says why. Of several modes at the joint there is no Step 2.
@@ -58,7 +58,7 @@ def usable(
 
 
 def _linear(tests: Sequence[Test], refused: Container[str]) -> Test | None:
-    """The test of Step 2 among those that are not refused."""
+    """Return the test of Step 2 among those that are not refused."""
     return linear_test([test for test in tests if test.name not in refused])
 
 

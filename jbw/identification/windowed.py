@@ -34,7 +34,7 @@ def receptance(omega: Real, omega_n: float, zeta: float, gain: float) -> Complex
 def smeared(
     omega: Real, omega_n: float, zeta: float, gain: float, window_s: float, order: int
 ) -> Complex:
-    r"""Mean of H1 under Hann windows and white input, in the response as measured.
+    r"""Return the mean of H1 under Hann windows and white input, in the response as measured.
 
     $$\mathrm{E}\,\hat H(\omega) = \int_0^T h(\tau)\,w_a(\tau)\,e^{-j\omega\tau}\,\mathrm{d}\tau,
       \qquad h = \frac{\mathrm{d}^p}{\mathrm{d}\tau^p}
@@ -53,7 +53,7 @@ def smeared(
 
 
 def _hann_transform(p: Complex, window_s: float) -> Complex:
-    """Integral from 0 to T of exp(p tau) w_a(tau)."""
+    """Return the integral from 0 to T of exp(p tau) w_a(tau)."""
     turn = 2j * np.pi / window_s
 
     def ramp(q: Complex) -> Complex:  # of (1 - tau / T) exp(q tau)

@@ -53,7 +53,7 @@ class Density(tuple[float, float]):
         return _rebuilt, (self.family, self.arguments, self._distribution_of_caller())
 
     def _distribution_of_caller(self) -> Any:
-        """The distribution that a caller made; None where family and arguments state it."""
+        """Return the distribution that a caller made; None where family and arguments state it."""
         return None if isinstance(self.arguments, dict) or self.arguments else self.build()
 
     def __repr__(self) -> str:
@@ -64,18 +64,18 @@ class Density(tuple[float, float]):
         return f"{{ {self.family} = {list(self.arguments)!r} }}"
 
     def table(self) -> dict[str, Any]:
-        """The table of a campaign file that states it."""
+        """Return the table of a campaign file that states it."""
         stated = self.arguments if isinstance(self.arguments, dict) else list(self.arguments)
         return {self.family: stated}
 
 
 def _rebuilt(family: str, arguments: Any, distribution: Any) -> Density:
-    """The density of a pickle."""
+    """Return the density of a pickle."""
     return Density(family, arguments, None if distribution is None else lambda: distribution)
 
 
 def density_of(stated: Any) -> Density:
-    """The density that a table of one name, or a distribution of NumPyro, states.
+    """Return the density that a table of one name, or a distribution of NumPyro, states.
 
     Raises:
         ValueError: It states none; the sentence says why.
@@ -102,7 +102,7 @@ def _arguments(distribution: Any) -> dict[str, float]:
 
 
 def is_distribution(value: Any) -> bool:
-    """Whether a value is one of NumPyro's distributions, without loading NumPyro."""
+    """Return whether a value is one of NumPyro's distributions, without loading NumPyro."""
     return any(kind.__module__.startswith("numpyro.distributions") for kind in type(value).__mro__)
 
 

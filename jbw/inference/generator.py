@@ -14,7 +14,7 @@ MOST = 16  # keys that one program splits a key into
 
 
 def words_of(key: Key[Any, ""]) -> list[int]:
-    """The whole numbers that a key stands for."""
+    """Return the whole numbers that a key stands for."""
     return np.ravel(jax.random.key_data(key)).tolist()
 
 

@@ -106,7 +106,7 @@ def _values(function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data
 def _rest(
     function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data: PyTree, solved: PyTree
 ) -> PyTree:
-    """Values of the function where the costly part was solved before."""
+    """Return the values of the function where the costly part was solved before."""
     return jax.vmap(lambda point, motions: function(point, eqx.combine(data, motions)))(
         dict(theta), solved
     )
@@ -170,7 +170,7 @@ class _Meeting:
         self._is_closed, self._lock = False, Lock()
 
     def values_at(self, points: np.ndarray) -> np.ndarray:
-        """Values at the points of one search, once all others wait too."""
+        """Return the values at the points of one search, once all others wait too."""
         values: Future[np.ndarray] = Future()
         with self._lock:
             if self._is_closed:

@@ -89,7 +89,7 @@ class NumpyroModel:
         return NUTS(self, **{**about_fit, **options})
 
     def random_walk(self, step_size: float | None = PAPER.step_size) -> "RandomWalk":
-        """The paper's random walk of Metropolis and Hastings, section 3.2.
+        """Return the paper's random walk of Metropolis and Hastings, section 3.2.
 
         `step_size` is the deviation of a proposal over the width of each parameter's box, the
         published one by default; when None the warm-up tunes it in the shape of the fit.
@@ -97,7 +97,7 @@ class NumpyroModel:
         return RandomWalk(self.problem, step_size, self)
 
     def _covariance(self) -> Float[np.ndarray, "parameter parameter"]:
-        r"""Covariance in the coordinates in which NumPyro walks.
+        r"""Return the covariance in the coordinates in which NumPyro walks.
 
         $$\Sigma_z^{-1} = J\,\Sigma^{-1} J + \tfrac{3}{\pi^2} I, \qquad J = d\theta / dz$$
 
@@ -143,7 +143,7 @@ class RandomWalk(MCMCKernel):
         model_args: Any,
         model_kwargs: Any,
     ) -> WalkState:
-        """The state at the fit, for every chain that a key is given for."""
+        """Return the state at the fit, for every chain that a key is given for."""
         self._options = self._options._replace(num_warmup=num_warmup)
         chain = kernel(self._problem, self._options)
         origin = jnp.zeros(len(self._problem.box.names))
@@ -154,7 +154,7 @@ class RandomWalk(MCMCKernel):
         return begun(rng_key) if _is_one(rng_key) else jax.vmap(begun)(rng_key)
 
     def sample(self, state: WalkState, model_args: Any, model_kwargs: Any) -> WalkState:
-        """The state after one more step of every chain."""
+        """Return the state after one more step of every chain."""
         step = kernel(self._problem, self._options).step
         return step(state) if _is_one(state.rng_key) else jax.vmap(step)(state)
 
@@ -169,7 +169,7 @@ class RandomWalk(MCMCKernel):
         return sites
 
     def get_diagnostics_str(self, state: WalkState) -> str:
-        """Rate of acceptance of the last step, for the progress bar."""
+        """Return the rate of acceptance of the last step, for the progress bar."""
         return f"acc. prob={np.mean(state.accept_prob):.2f}"
 
 

@@ -165,7 +165,7 @@ def sbc(
 def _step_of(
     step: str, campaign: Campaign | None, noise: str, report: Report
 ) -> models.CalibratedStep:
-    """A step of the procedure."""
+    """Return a step of the procedure."""
     of_rig, of_campaign, posterior = DESIGNS[step]
     design = of_rig() if campaign is None else of_campaign(campaign, report)
     noise_options = {"known_noise": noise == "known"} if step == "third_order" else {}
@@ -178,7 +178,7 @@ def _own_step(
     log_likelihood: LogLikelihood | None,
     prior: Prior | None,
 ) -> models.CalibratedStep | None:
-    """The posterior of one's own, where one is given, whole."""
+    """Return the posterior of one's own, where one is given, whole."""
     if simulate is None and log_likelihood is None and prior is None:
         return None
     if simulate is None or log_likelihood is None or prior is None or campaign is not None:
@@ -214,7 +214,7 @@ def _numbers_of(calibration: Calibration) -> dict[str, Any]:
 
 
 def suited(step: models.CalibratedStep, name: str) -> tuple[Model, Sampler, Any]:
-    """A sampler for one posterior of many, with counts that suit a calibration."""
+    """Return a sampler for one posterior of many, with counts that suit a calibration."""
     # Where time is stepped through, and for samplers that need it, least squares find the posterior
     # first; the others cross the whole box, so that nothing helps them that a campaign would not.
     sampler, model = sampler_named(name), step.model

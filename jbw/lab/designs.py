@@ -100,7 +100,7 @@ def joint() -> Design[Records]:
 
 
 def lines() -> tuple[FRF, Box]:
-    """Lines of an FRF about the resonance without leakage, and the prior of Step 2."""
+    """Return the lines of an FRF about the resonance without leakage, and the prior of Step 2."""
     first, last, spacing = LINES_HZ
     freq = np.arange(first, last, spacing)
     omega_n, zeta = truth()["omega_n"], truth()["zeta"]
@@ -117,7 +117,7 @@ def lines() -> tuple[FRF, Box]:
 
 
 def truth() -> dict[str, float]:
-    """Parameters of the rig, the paper's Table 1, with its gain."""
+    """Return the parameters of the rig, the paper's Table 1, with its gain."""
     parameters = as_oscillator(TRUTH).parameters()
     return {**{name: float(value) for name, value in parameters.items()}, "gain": GAIN}
 

@@ -88,7 +88,7 @@ def opening(design: Design[Records]) -> CalibratedStep:
 
 
 def joint(design: Design[Records]) -> CalibratedStep:
-    """All parameters from sweeps."""
+    """Return all parameters from sweeps."""
 
     def simulate(key: Key[Array, ""], theta: Theta) -> Dataset:
         records = measured_records(key, _with_held(theta, design), design.data)
@@ -106,7 +106,7 @@ def _with_held(theta: Theta, design: Design[Records]) -> Theta:
 
 
 def _response(theta: Theta, data: Dataset) -> Float[Array, ""]:
-    """Response of the last level at one instant, shortly after the resonance."""
+    """Return the response of the last level at one instant, shortly after the resonance."""
     records = cast(Records, data.parts[0])
     at = round(WHERE * records.source.shape[-1])
     return records.predict({**data.held, **theta})[-1, at]

@@ -271,7 +271,7 @@ def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:
 
 
 def exact_numbers(tree: xr.DataTree) -> dict[str, Row]:
-    """The same from the table of a quadrature, with the errors that it states."""
+    """Return the same from the table of a quadrature, with the errors that it states."""
     table = tree["exact"].to_dataset()
     error = float(tree.attrs["quadrature_error"])
     rows: dict[str, Row] = {}
@@ -286,7 +286,7 @@ def exact_numbers(tree: xr.DataTree) -> dict[str, Row]:
 
 
 def worst_ess(rows: Mapping[str, Row]) -> float | None:
-    """Smallest effective sample size, of bulk and tail, over all parameters."""
+    """Return the smallest effective sample size, of bulk and tail, over all parameters."""
     sizes = [row[kind] for row in rows.values() for kind in ("ess_bulk", "ess_tail")]
     available = [value for value in sizes if value is not None]
     return min(available) if available and len(available) == len(sizes) else None
@@ -304,7 +304,7 @@ def reference_of(rows: Mapping[str, Mapping[str, Row]]) -> str:
 
 
 def distances(row: Row, reference: Row) -> dict[str, float | None]:
-    """Distances of all quantities from a reference's, z_ before each."""
+    """Return the distances of all quantities from a reference's, z_ before each."""
     return {f"z_{name}": distance(row, reference, name, f"mcse_{name}") for name in QUANTITIES}
 
 
@@ -323,7 +323,7 @@ def distance(
 
 
 def furthest(rows: Sequence[Row]) -> float | None:
-    """Largest of all distances, without its sign."""
+    """Return the largest of all distances, without its sign."""
     scores = [row.get(f"z_{name}") for row in rows for name in QUANTITIES]
     sizes = [abs(value) for value in scores if value is not None]
     return max(sizes) if sizes else None

@@ -46,7 +46,7 @@ def compare_rows(rows: dict[str, dict[str, Any]], scores: Mapping[str, np.ndarra
 
 
 def _best(rows: Mapping[str, Row], scores: Mapping[str, np.ndarray], *, by_runs: bool) -> str:
-    """The law of the highest score, of the most evidence, or of the smallest error.
+    """Return the law of the highest score, of the most evidence, or of the smallest error.
 
     One whose weights can be trusted, where there is one, unless the score of another is above it
     by more than that may be off by.
@@ -69,7 +69,7 @@ def _may_be_off(row: Row) -> float:
 
 
 def _is_rough(row: Row, *, by_runs: bool) -> bool:
-    """Whether the weights that a law's score was found by cannot be trusted."""
+    """Return whether the weights that a law's score was found by cannot be trusted."""
     khat = row["khat" if by_runs else "khat_evidence"]
     return khat is not None and not khat <= GOOD_KHAT
 
@@ -94,7 +94,7 @@ def _behind_by_runs(row: Row, best: Row) -> bool:
 
 
 def _behind_by_evidence(row: Row, best: Row) -> bool:
-    """Whether the evidence lies behind, whichever width the priors have."""
+    """Return whether the evidence lies behind, whichever width the priors have."""
     if any(_is_rough(law, by_runs=False) for law in (row, best)):
         return False
     pairs = [(row[key], best[key]) for key in ("log_evidence", "log_evidence_wide")]
@@ -112,7 +112,7 @@ def differences(scores: Mapping[str, Float[np.ndarray, " run"]], reference: str)
 
 
 def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float]:
-    """Weights of the laws whose mixture would have predicted the left-out runs best.
+    """Return the weights of the laws whose mixture would have predicted the left-out runs best.
 
     They are for prediction, and no probabilities of truth: laws that predict alike share theirs.
     """
@@ -236,7 +236,7 @@ def _of_parameters(rows: Mapping[str, Row]) -> Iterator[str]:
 
 
 def _of_rough_scores(rows: Mapping[str, Row]) -> Iterator[str]:
-    """Laws whose scores or evidence rest on few draws."""
+    """Yield the laws whose scores or evidence rest on few draws."""
     sentences = {"khat": laws.unreliable_scores, "khat_evidence": laws.unreliable_evidence}
     for key, sentence in sentences.items():
         if rough := [name for name, row in rows.items() if (row[key] or 0.0) > GOOD_KHAT]:
@@ -272,7 +272,7 @@ def _of_offsets(best: str, shared: Row | None) -> Iterator[str]:
 
 
 def _of_widths(rows: Mapping[str, Row]) -> Iterator[str]:
-    """How much the evidence depends on the priors."""
+    """Yield how much the evidence depends on the priors."""
     pairs = {name: (row["log_evidence"], row["log_evidence_wide"]) for name, row in rows.items()}
     if changes := {name: pair[1] - pair[0] for name, pair in pairs.items() if None not in pair}:
         yield laws.wider_priors(changes)

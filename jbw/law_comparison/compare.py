@@ -238,19 +238,19 @@ def _left_out(weighed: Mapping[str, Weighed]) -> dict[str, LeftOut]:
 
 
 def _fitted_names(candidate: Candidate) -> tuple[str, ...]:
-    """Names of the runs and groups that a law was fitted to."""
+    """Return the names of the runs and groups that a law was fitted to."""
     data = candidate.fitted.data
     return *data.runs, *data.labels
 
 
 def _offsets(key: Key[Array, ""], law: Weighed) -> xr.Dataset | None:
-    """Offsets of the runs under a law; None where it has none."""
+    """Return the offsets of the runs under a law; None where it has none."""
     fitted = law.candidate.fitted
     return runs_dataset(key, law.draws["posterior"].to_dataset(), fitted.box.names, fitted.data)
 
 
 def _rows(weighed: Mapping[str, Weighed], highest: str | None) -> dict[str, dict[str, Any]]:
-    """A row of every law, compared by scores of runs left out, with its errors on these."""
+    """Return a row of every law, compared by scores of runs left out, with its errors on these."""
     rows, scores = {name: row_of(law) for name, law in weighed.items()}, _left_out(weighed)
     compare_rows(rows, {name: np.array(list(law.elpd.values())) for name, law in scores.items()})
     for name, law in scores.items():
@@ -268,7 +268,7 @@ def _trials(campaign: Campaign, laws: Sequence[str | Sequence[str]] | None) -> T
 
 
 def _usual(campaign: Campaign) -> list[tuple[str, ...]]:
-    """The usual laws that the register has, and the campaign's own."""
+    """Return the usual laws that the register has, and the campaign's own."""
     has_loops = any(test.traits.is_prescribed for test in campaign.tests)
     usual = [_parts(names) for names in (*USUAL, *(OF_LOOPS if has_loops else ()))]
     available = [names for names in usual if all(_known(name) for name in names)]
@@ -285,7 +285,7 @@ def _chosen(laws: Sequence[str | Sequence[str]]) -> list[tuple[str, ...]]:
 
 
 def _parts(name: str) -> tuple[str, ...]:
-    """Names of laws that + joins; none of a linear structure."""
+    """Return the names of laws that + joins; none of a linear structure."""
     parts = [part.strip() for part in name.split("+")]
     return tuple(part for part in parts if part not in ("", "linear"))
 
@@ -295,7 +295,7 @@ def _known(name: str) -> bool:
 
 
 def _highest(campaign: Campaign, runs: Sequence[str]) -> str | None:
-    """The run of the highest level of the first kind of test that has levels."""
+    """Return the run of the highest level of the first kind of test that has levels."""
     levels: dict[str, dict[str, float]] = {}
     for test in campaign.tests:
         of_test = [run for run in runs if belongs_to(run, test.name)]
@@ -330,7 +330,7 @@ def _scores(
 
 
 def _curves(weighed: Mapping[str, Weighed], y_peak: float) -> xr.Dataset:
-    """Frequency and damping against amplitude under every law, with bands."""
+    """Return the frequency and damping against amplitude under every law, with bands."""
     amplitude = np.linspace(0.0, 1.25 * y_peak, NUM_AMPLITUDES + 1)[1:]
     frequency, damping = [], []
     for law in weighed.values():
@@ -425,7 +425,7 @@ def weigh(
 
 
 def _by_draws(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
-    """A law by its posterior, its runs left out where there are several."""
+    """Return a law by its posterior, its runs left out where there are several."""
     drawn, moments = evidence.posterior(keys[0], candidate)
     held_out = left_out(keys[1], candidate, drawn, moments) if several else None
     wide = log_evidence_wide(keys[0], candidate, drawn)
@@ -433,13 +433,13 @@ def _by_draws(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
 
 
 def _by_fit(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
-    """A hopeless law by its fits alone."""
+    """Return a hopeless law by its fits alone."""
     held_out = left_out_of_fits(candidate) if several else None
     return evidence.about_fit(keys[0], candidate), held_out, None
 
 
 def row_of(weighed: Weighed) -> dict[str, Any]:
-    """Numbers of one law, plain values."""
+    """Return the numbers of one law, plain values."""
     candidate, tree, held_out = weighed.candidate, weighed.draws, weighed.left_out
     names, posterior = candidate.fitted.box.names, tree["posterior"].to_dataset()
     every = every_parameter(posterior, candidate.fitted.data)

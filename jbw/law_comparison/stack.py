@@ -53,7 +53,7 @@ def save_laws(folder: Path, tree: xr.DataTree, record: Mapping) -> None:
 
 
 def holds_laws(folder: Path) -> bool:
-    """Whether a folder is that of a comparison of laws."""
+    """Return whether a folder is that of a comparison of laws."""
     return (folder / "laws.json").is_file()
 
 

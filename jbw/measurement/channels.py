@@ -71,7 +71,7 @@ def noise_of(x: Reals) -> float:
 
 
 def sampling(fs: float) -> float:
-    """The sampling frequency as a float [Hz], positive and finite."""
+    """Return the sampling frequency as a float [Hz], positive and finite."""
     if not (np.isfinite(fs) and fs > 0):
         raise ConfigError(f"Argument `fs` must be positive [Hz], but it is {fs}.")
     return float(fs)
@@ -84,12 +84,12 @@ def lines_within(freq: Reals, band: Sequence[float]) -> NDArray[np.bool_]:
 
 
 def whole_down(number: float) -> int:
-    """The whole number at or below one, which may have been rounded to just below it."""
+    """Return the whole number at or below one, which may have been rounded to just below it."""
     return int(np.floor(number + ROUNDING * abs(number)))
 
 
 def whole_up(number: float) -> int:
-    """The whole number at or above one, which may have been rounded to just above it."""
+    """Return the whole number at or above one, which may have been rounded to just above it."""
     return int(np.ceil(number - ROUNDING * abs(number)))
 
 
@@ -106,7 +106,7 @@ def passband(band: tuple[float, float], nyquist: float) -> tuple[float, float]:
 
 
 def rms(values: ArrayLike) -> float:
-    """Root mean square; NaN of none."""
+    """Return the root mean square; NaN of none."""
     squares = np.square(values)
     return float(np.sqrt(np.mean(squares))) if squares.size else float("nan")
 

@@ -65,7 +65,7 @@ class ControlledCurve(NamedTuple):
 
 
 def controlled_curve(record: Record, locked_phase: float = float("nan")) -> ControlledCurve:
-    """The points that a record of a controlled test holds.
+    """Return the points that a record of a controlled test holds.
 
     The phase is the measured one, by whatever channel the response is, and `locked_phase` [deg] of
     the displacement where none was measured; NaN for none.
@@ -93,7 +93,7 @@ def displacement_of(curve: MeasuredCurve) -> Complexes:
 
 
 def forced_loop(record: Record, delay: float = 0.0) -> ForcedLoop:
-    """The prescribed displacement and the force that a record of kind `loop` holds.
+    """Return the prescribed displacement and the force that a record of kind `loop` holds.
 
     A force that is late by a `delay` [s] is read as much later, by straight lines between samples;
     samples of which the force is then not known are left out.

@@ -11,7 +11,7 @@ from jbw.measurement.records import Test
 
 
 def filter_of(test: Test) -> BandFilter:
-    """The filter of the band that a test must state."""
+    """Return the filter of the band that a test must state."""
     if test.band_hz is None:
         (bandless_fault,) = bandless(test.records[0], test.settle)
         raise DataError(
@@ -32,7 +32,7 @@ def envelopes(test: Test) -> list[np.ndarray]:
 
 
 def bands_of(modes_hz: Sequence[float], test: Test) -> list[tuple[float, float]]:
-    """A band about every mode that no other reaches through its filter [Hz].
+    """Return a band about every mode that no other reaches through its filter [Hz].
 
     Raises:
         DataError: A mode does not lie in the band of the test, which must state one.

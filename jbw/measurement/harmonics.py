@@ -59,7 +59,7 @@ def harmonics(
     also: Sequence[float] = (),
     refine: bool = False,
 ) -> Harmonics:
-    r"""Complex amplitudes of orders 1..n by a least-squares sine fit.
+    r"""Return the complex amplitudes of orders 1..n by a least-squares sine fit.
 
     $$y(t) \approx c_0 + c_1 t + \mathrm{Re}\sum_n Y_n e^{jn\omega t}, \qquad
       Y_n = \frac{V_n}{jn\omega} = \frac{A_n}{-(n\omega)^2}$$
@@ -189,7 +189,7 @@ def _fitted(y: Reals, design: Reals, tones: Tones) -> SineFit:
 
 
 def _covariance(fit: SineFit, fs: float, omega: Reals) -> Reals:
-    """Covariance of (Re Y_1, Im Y_1, ...) for noise that may be coloured."""
+    """Return the covariance of (Re Y_1, Im Y_1, ...) for noise that may be coloured."""
     # (X^T X)^-1, scaled by the residual's level beside each harmonic as if it were white there.
     num_samples = fit.residual.shape[-1]
     # The Hann window keeps strong remains elsewhere (hum, other tones) out of the local bins.
@@ -211,7 +211,7 @@ def _covariance(fit: SineFit, fs: float, omega: Reals) -> Reals:
 
 
 def _halves(y: Reals, t: Reals, tones: Tones) -> list[SineFit]:
-    """The fits to the first and the second half of the samples, by one design."""
+    """Return the fits to the first and the second half of the samples, by one design."""
     design, half = _design(t, tones), len(t) // 2
     parts = slice(half), slice(half, None)
     return [_fitted(y[..., part], design[:, part], tones) for part in parts]

@@ -56,7 +56,7 @@ def register(kind: Kind) -> None:
 
 
 def kind_named(name: str) -> Kind:
-    """The kind of this name; a ConfigError where there is none."""
+    """Return the kind of this name; a ConfigError where there is none."""
     if name not in KINDS:
         remedy = did_you_mean(name, KINDS) + f"Known: {', '.join(KINDS)}."
         raise ConfigError(f"There is no kind of test `{name}`.", remedy=remedy)

@@ -110,7 +110,7 @@ def _in_band(
 
 
 def _gain(f: Reals, low: float, high: float) -> Reals:
-    """One inside the band, falling by a raised cosine outside of it."""
+    """Return one inside the band, falling by a raised cosine outside of it."""
     below = np.clip((low - f) / (ROLL_OFF * low), 0, 1) if low > 0 else np.zeros_like(f)
     above = np.clip((f - high) / (ROLL_OFF * high), 0, 1)
     return np.cos(np.pi / 2 * below) ** 2 * np.cos(np.pi / 2 * above) ** 2
@@ -186,7 +186,7 @@ class CycleReading(NamedTuple):
 
 
 def cycles_of(loop: ForcedLoop) -> list[Cycle]:
-    """Whole cycles of a loop, from one upper turning point to the next."""
+    """Return the whole cycles of a loop, from one upper turning point to the next."""
     y = loop.displacement
     least = TURN * np.ptp(y)
     turns, rising, place = [], True, 0
@@ -200,13 +200,13 @@ def cycles_of(loop: ForcedLoop) -> list[Cycle]:
 
 
 def _between_passages(loop: ForcedLoop) -> list[Cycle]:
-    """Whole cycles of a loop, from one passage of the middle to the second next."""
+    """Return the whole cycles of a loop, from one passage of the middle to the second next."""
     crossings = passages(loop.displacement)
     return [_cycle(loop, *ends) for ends in zip(crossings[:-2:2], crossings[2::2], strict=False)]
 
 
 def _cycle(loop: ForcedLoop, first: int, last: int) -> Cycle:
-    """The cycle between two samples, which are both of it."""
+    """Return the cycle between two samples, which are both of it."""
     samples = slice(first, last + 1)
     stroke, force = np.ptp(loop.displacement[samples]), np.std(loop.force[samples])
     return Cycle(samples, float(stroke), float(force))
@@ -236,7 +236,7 @@ def passages(y: Reals) -> list[int]:
 
 
 def readings_of_cycles(loop: ForcedLoop) -> list[CycleReading]:
-    """Every whole cycle of a loop, in its order."""
+    """Return every whole cycle of a loop, in its order."""
     readings: list[CycleReading] = []
     first: dict[int, float] = {}
     cycles = _between_passages(loop)
@@ -256,7 +256,7 @@ def readings_of_cycles(loop: ForcedLoop) -> list[CycleReading]:
 
 
 def _amplitudes(cycles: Sequence[Cycle]) -> list[int]:
-    """A number for every cycle, the same for cycles of one stroke."""
+    """Return a number for every cycle, the same for cycles of one stroke."""
     strokes: list[float] = []
     numbers = []
     for cycle in cycles:
@@ -280,7 +280,7 @@ def lopsided(loop: ForcedLoop) -> float:
 
 
 def of_one_amplitude(cycles: Sequence[Cycle]) -> list[list[Cycle]]:
-    """Runs of three cycles or more whose strokes are alike."""
+    """Return the runs of three cycles or more whose strokes are alike."""
     groups: list[list[Cycle]] = []
     for cycle in cycles:
         if groups and abs(cycle.stroke / groups[-1][0].stroke - 1) < ALIKE:
@@ -299,7 +299,7 @@ def _centre(loop: ForcedLoop, cycle: Cycle) -> tuple[float, float]:
 
 
 def _turning_points(loop: ForcedLoop, cycle: Cycle) -> tuple[Reals, Reals]:
-    """Least and largest displacement of a cycle, and the forces there."""
+    """Return the least and largest displacement of a cycle, and the forces there."""
     y, force = loop.displacement[cycle.samples], loop.force[cycle.samples]
     bottom, top = int(np.argmin(y)), int(np.argmax(y))
     return y[[bottom, top]], force[[bottom, top]]

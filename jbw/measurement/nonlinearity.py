@@ -120,7 +120,7 @@ def seen_in(test: Stated, records: Sequence[Record]) -> list[str]:
 
 
 def _same_source(u: NDArray[np.float64]) -> bool:
-    """Whether the source was repeated."""
+    """Return whether the source was repeated."""
     mean = u.mean(axis=0)
     return float(np.std(u - mean)) <= SAME_SOURCE * float(np.std(mean))
 
@@ -185,7 +185,7 @@ def _noise(
 def coherence_at_resonance(
     u: NDArray[np.float64], y: NDArray[np.float64], fs: float, role: Motion
 ) -> tuple[float, float]:
-    """Frequency of the strongest response [Hz], and the mean coherence about it.
+    """Return the frequency of the strongest response [Hz], and the mean coherence about it.
 
     About it are the lines whose power is within a quarter of the largest; `u` and `y` have the
     shape (repeat, time), `role` is the response's.
@@ -256,7 +256,7 @@ def repeatability(y: ArrayLike) -> Repeatability:
 
 
 def _band(mean: np.ndarray) -> np.ndarray:
-    """Lines that hold the response: those of a hundredth of its largest amplitude."""
+    """Return the lines that hold the response: those of a hundredth of its largest amplitude."""
     size = np.abs(np.fft.rfft(mean))
     return size > 0.01 * size.max()
 
@@ -344,7 +344,7 @@ def best_linear_approximation(u: ArrayLike, y: ArrayLike, fs: float) -> BestLine
 
 
 def detection_lines(u: ArrayLike, y: ArrayLike) -> Distortion:
-    """Response at unexcited odd and even lines, the source's own share there taken out.
+    """Return the response at unexcited odd and even lines, the source's own share there taken out.
 
     The source's share is its spectrum there times the response over it at the nearest excited
     line. `u` and `y` are steady periods of one realisation, (period, time).
@@ -369,7 +369,7 @@ def detection_lines(u: ArrayLike, y: ArrayLike) -> Distortion:
 
 
 def excited_lines(u: Float[np.ndarray, "*batch time"]) -> Int[np.ndarray, " line"]:
-    """Lines of the spectrum that the source excites, zero and the last one excluded."""
+    """Return the lines of the spectrum that the source excites, zero and the last one excluded."""
     power = np.mean(np.abs(np.fft.rfft(u)) ** 2, axis=tuple(range(u.ndim - 1)))
     power[0] = power[-1] = 0.0
     if not power.max() > 0:

@@ -135,7 +135,7 @@ def third_order_kernel(
 
 
 def _demanded(amplitude: complex | None, num_repeats: int) -> tuple[Complexes, Complexes]:
-    """Harmonics 1 and 3 of an input that was not measured, the third unknown."""
+    """Return the harmonics 1 and 3 of an input that was not measured, the third unknown."""
     if amplitude is None or not abs(amplitude) > 0:
         raise DataError(
             "The input's amplitude must be known, but neither `u` nor `amplitude` was given.",

@@ -190,7 +190,7 @@ class Test:
 
 
 def belongs_to(label: str, name: str) -> bool:
-    """Whether a run, or a group of data, is that of a name: it has it, or that and more."""
+    """Return whether a run, or a group of data, is that of a name: it has it, or that and more."""
     return label == name or label.startswith(f"{name} ")
 
 
@@ -250,7 +250,7 @@ def steady(test: Test) -> tuple[Test, int] | None:
 
 
 def _steady(record: Record, test: Test) -> tuple[Record, int]:
-    """A record without its transient periods, and the samples of a period."""
+    """Return a record without its transient periods, and the samples of a period."""
     size, rest = divmod(record.num_samples, test.periods)
     if rest:
         raise DataError(

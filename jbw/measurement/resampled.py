@@ -49,7 +49,7 @@ OF_RESPONSE = (*RESPONSES, "drive_point")  # roles that the response's recorder 
 def interpolated(
     x: Float[np.ndarray, " time"], place: Float[np.ndarray, " at"], stretch: float = 1.0
 ) -> Reals:
-    """Values of a sampled band-limited signal at places counted in samples.
+    """Return the values of a sampled band-limited signal at places counted in samples.
 
     What lies above half of the rate over `stretch`, 1 or more, is taken out.
     """
@@ -68,7 +68,7 @@ def interpolated(
 
 
 def _mirrored(x: Reals, reach: int) -> Reals:
-    """A signal with its mirror image through either end, as often as it takes."""
+    """Return a signal with its mirror image through either end, as often as it takes."""
     return np.asarray(np.pad(x, reach, mode="reflect", reflect_type="odd"), np.float64)
 
 
@@ -133,7 +133,7 @@ def from_uneven(x: Reals, time: Reals, new_fs: float, begins: float = 0.0) -> tu
 
 
 def _rate_through(time: Reals, new_fs: float) -> float:
-    """Rate of a band-limited signal that uneven samples fix [Hz]."""
+    """Return the rate of a band-limited signal that uneven samples fix [Hz]."""
     mean_rate = (len(time) - 1) / float(time[-1] - time[0])
     return min(SHARE * mean_rate, 1 / float(np.max(np.diff(time))), new_fs)
 
@@ -160,7 +160,7 @@ def proposed_rate(time: Reals) -> float:
 
 
 def _band_limited(x: Reals, time: Reals, rate: float, at: Reals) -> Reals:
-    """Values of the band-limited signal through uneven samples at further instants."""
+    """Return the values of the band-limited signal through uneven samples at further instants."""
     last = max(float(time[-1]), float(at[-1]))
     size = int(np.ceil(last * rate)) + 1
     mean, scale = float(np.mean(x)), float(np.std(x)) or 1.0
@@ -189,7 +189,7 @@ def _blocks(size: int) -> Iterator[tuple[int, int]]:
 
 
 def _matrix(place: Reals, size: int) -> scipy.sparse.csr_array:
-    """The kernel at places, a row each, over values of unit distance."""
+    """Return the kernel at places, a row each, over values of unit distance."""
     nearest = np.floor(place).astype(int)
     columns = nearest[:, None] + np.arange(1 - REACH, REACH + 1)
     inside = (columns >= 0) & (columns < size)

@@ -151,7 +151,7 @@ def read_curve(
     source: Complex[np.ndarray, " point"],
     y: Complex[np.ndarray, " point"],
 ) -> Reading:
-    """The reading of a response curve, at the amplitude of its points weighed by energy."""
+    """Return the reading of a response curve, at the amplitude of its points weighed by energy."""
     if len(omega) < LEAST_POINTS:
         raise DataError(f"A curve shows its resonance by {LEAST_POINTS} frequencies or more.")
     return read_resonance(omega, source, y, is_curve=True)._replace(y=_weighed(y))
@@ -164,7 +164,7 @@ def read_resonance(
     *,
     is_curve: bool = False,
 ) -> Reading:
-    r"""An oscillator through the lines about the peak, narrower with what the last one said.
+    r"""Return an oscillator through the lines about the peak, narrower with what the last one said.
 
     What the lines leave, r of the response, is noise or a joint. What a joint leaves open is
     $0.45\,r\,\zeta$, of the frequency and in the damping ratio, by drawn records of noise and
@@ -239,7 +239,7 @@ def _weighed(envelope: Complex[np.ndarray, " value"]) -> float:
 
 
 def curves_of_points(test: Test) -> list[ControlledCurve]:
-    """The points of every record of a controlled test, those that were lost left out."""
+    """Return the points of every record of a controlled test, those that were lost left out."""
     held = test.locked_phase if test.traits.is_locked else float("nan")
     curves = [controlled_curve(record, held) for record in test.records]
     return [curve.at(curve.valid) for curve in curves]

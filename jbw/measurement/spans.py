@@ -20,7 +20,7 @@ SPAN = "span"  # in a record's provenance
 
 
 def span_words(span: tuple[float, float]) -> str:
-    """A span as the provenance states it."""
+    """Return a span as the provenance states it."""
     return f"{span[0]:.9g}-{span[1]:.9g} s"
 
 
@@ -120,7 +120,7 @@ def left_out(record: Record) -> str:
 
 
 def is_by_file(leaving_out: str) -> bool:
-    """Whether a record is left out by the name of its file."""
+    """Return whether a record is left out by the name of its file."""
     return remedies.EXCLUDE.search(leaving_out) is not None
 
 
@@ -139,7 +139,7 @@ def exclude_line(record: Record) -> str:
 
 
 def of_all(of_records: Sequence[str], count: int) -> str:
-    """The remedy that serves some of `count` records, of those of each.
+    """Return the remedy that serves some of `count` records, of those of each.
 
     It keeps the span that they have in common and leaves out all that have none.
     """
@@ -166,7 +166,7 @@ def of_all(of_records: Sequence[str], count: int) -> str:
 
 
 def toml_list(names: Sequence[str | int]) -> str:
-    """Names of files, or numbers of repeats, as TOML writes a list of them."""
+    """Return the names of files, or numbers of repeats, as TOML writes a list of them."""
     return json.dumps(list(names), ensure_ascii=False)
 
 

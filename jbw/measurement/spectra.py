@@ -244,7 +244,7 @@ def _channel(record: Record, role: str) -> Reals:
 
 
 def _checked(window: str, estimator: str, overlap: float | None) -> float:
-    """The overlap, after a look at the words."""
+    """Return the overlap, after a look at the words."""
     if window not in RESOLUTION_BINS:
         raise ConfigError(f"Argument `window` must be hann or boxcar, but it is {window!r}.")
     if estimator not in ("h1", "h2"):
@@ -259,7 +259,7 @@ def _checked(window: str, estimator: str, overlap: float | None) -> float:
 def _segment_length(
     shape: tuple[int, ...], fs: float, window_s: float | None, nperseg: int | None, overlap: float
 ) -> int:
-    """Samples in a segment: as asked, or the longest that gives 16 segments in all."""
+    """Return the samples in a segment: as asked, or the longest that gives 16 segments in all."""
     num_repeats, num_samples = shape
     if window_s is not None and nperseg is not None:
         raise ConfigError("Give `window_s` or `nperseg`, not both.")
@@ -343,7 +343,7 @@ def averaged(
 
 
 def stands_out(h: Complexes) -> bool:
-    """Whether there is a peak to judge; a flat or noisy estimate has none."""
+    """Return whether there is a peak to judge; a flat or noisy estimate has none."""
     power = np.abs(h) ** 2
     return bool(power.max() > 10 * np.median(power))
 

@@ -109,7 +109,7 @@ def lines_removed(lines: Sequence[SteadyLine]) -> str:
 
 
 def _mode_of(x: Reals, fs: float, lines_hz: Sequence[float], resolution: float) -> list[float]:
-    """Frequency [Hz] and rate [1/s] of the strongest decay before, to begin with."""
+    """Return the frequency [Hz] and rate [1/s] of the strongest decay before, to begin with."""
     size = np.abs(np.fft.rfft((x - np.mean(x)) * np.hanning(len(x)), FINER * len(x)))
     freq = np.fft.rfftfreq(FINER * len(x), 1 / fs)
     size[freq < PERIODS * resolution] = 0

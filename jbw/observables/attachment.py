@@ -57,7 +57,7 @@ class Foretold(KnownReading):
         *,
         laws: Laws = DEFAULT_LAWS,
     ) -> Self:
-        """The changes of omega_n [rad/s] and zeta that a shaker's attachment leads to."""
+        """Return the changes of omega_n [rad/s] and zeta that a shaker's attachment leads to."""
         groups = read_before(label_of(fed), run, len(OFFSETS))
         read = jnp.asarray(mean)[None]
         return cls(jnp.asarray(std), fed, words, mean=read, groups=groups, laws=laws)
@@ -89,5 +89,5 @@ class Foretold(KnownReading):
 
 
 def mode_words(omega_n: float, zeta: float) -> str:
-    """A mode in words: its frequency, and its damping in percent."""
+    """Return a mode in words: its frequency, and its damping in percent."""
     return f"{omega_n / (2 * np.pi):.5g} Hz ({100 * zeta:.3g} %)"

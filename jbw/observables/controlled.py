@@ -124,7 +124,7 @@ class ControlledPoints(Observable):
         *,
         is_locked: bool,
     ) -> Self:
-        """Tests of one form side by side."""
+        """Return the tests of one form side by side."""
         if residuals == "own":
             raise DataError(
                 f"`residuals` = 'own' must be of a test whose response is compared, but in "
@@ -209,7 +209,7 @@ class ControlledPoints(Observable):
     def _at(
         self, theta: Theta, amplitude: Float[Array, "test point"], phase: Float[Array, "test point"]
     ) -> Float[Array, "group point"]:
-        """The same at other amplitudes [m] and phases [rad]."""
+        """Return the same at other amplitudes [m] and phases [rad]."""
         joint, gain = oscillator_of(theta, self.laws), theta["gain"]
         y, phi = self._of_joint(theta, amplitude, phase)
         if self.is_locked:
@@ -263,7 +263,7 @@ class ControlledPoints(Observable):
         return np.array([forces.get(row.test, i) for i, row in enumerate(self.rows)])
 
     def spread(self, group: int) -> Float[np.ndarray, " value"]:
-        """Noise of every value by itself, over the noise of its group."""
+        """Return the noise of every value by itself, over the noise of its group."""
         where, force = compared(self.groups, group), self._force_of_test[group]
         scale, mixed = (np.asarray(x)[group][where] for x in (self.scale, self.mixed))
         noise = np.asarray(self.groups.noise_std)
@@ -344,7 +344,7 @@ class ControlledPoints(Observable):
         weights: Float[np.ndarray, "point variable"],
         scale: Float[np.ndarray, " point"],
     ) -> float:
-        """Squares of a group's repeats about their mean, as the misfit has them."""
+        """Return the squares of a group's repeats about their mean, as the misfit has them."""
         products = np.asarray(self.moments)[self.rows[group].test]
         squares = np.einsum("pi,pij,pj->p", weights, products, weights)
         return float(np.sum((squares / scale**2)[compared(self.groups, group)]))
@@ -465,7 +465,7 @@ def _require_alike(test: Test, curves: Sequence[ControlledCurve]) -> None:
 
 
 def _without_lost_points(curves: Sequence[ControlledCurve]) -> list[ControlledCurve]:
-    """Curves without points that one of them lacks, which are NaN."""
+    """Return the curves without points that one of them lacks, which are NaN."""
     valid = np.logical_and.reduce([curve.valid for curve in curves])
     return [curve.at(valid) for curve in curves]
 
@@ -484,7 +484,7 @@ def _compared(
 
 
 def _near(phase: Any, first: Any) -> Float[np.ndarray, " point"]:
-    """A phase less whole turns beside another [rad]."""
+    """Return a phase less whole turns beside another [rad]."""
     return first + np.angle(np.exp(1j * (phase - first)))
 
 
@@ -533,7 +533,7 @@ def _mean_force(curves: Sequence[ControlledCurve]) -> Float[np.ndarray, " point"
 def _moments(
     curves: Sequence[ControlledCurve], *, is_locked: bool
 ) -> Float[np.ndarray, "point variable variable"]:
-    """Products of the deviations of the repeats of every point, summed over them."""
+    """Return the products of the deviations of the repeats of every point, summed over them."""
     phase = np.stack([np.nan_to_num(_phase(curve, curves[0])) for curve in curves])
     frequency_or_phase = np.stack([curve.freq_hz for curve in curves]) if is_locked else phase
     force = np.nan_to_num(np.stack([_mean_force([curve]) for curve in curves]))

@@ -147,7 +147,7 @@ def solved(
     writes: bool,
     rows: Sequence[Float[np.ndarray, "_ _ _"] | None] | None = None,  # each part has its sizes
 ) -> Solved | None:
-    """The dataset without what costs most of predictions at points, and this; or None.
+    """Return the dataset without what costs most of predictions at points, and this; or None.
 
     As `Observable.solved` of every part, of which each has its own rows.
     """
@@ -212,7 +212,7 @@ def estimates(theta: Theta, data: Dataset) -> Estimate:
 def estimates_at(
     theta: Mapping[str, Float[np.ndarray, " point"]], data: Dataset, *, lanes: int = LANES
 ) -> Estimate:
-    """The same at points, along a first axis."""
+    """Return the same at points, along a first axis."""
     return at_points(_estimates, theta, data, lanes=lanes)
 
 
@@ -267,7 +267,7 @@ def _offsets_taken_out(
 @seeing(unnamed)
 @solved_first(partial(solved, writes=True))
 def stacked(theta: Theta, data: Dataset) -> Float[Array, " values"]:
-    """The residual as least squares takes it: its rows end to end."""
+    """Return the residual as least squares takes it: its rows end to end."""
     rows = residual(theta, data)
     return jnp.concatenate([rows[key] for key in data.layout])
 
@@ -281,7 +281,7 @@ def by_label(
 
 
 def halved(data: Dataset) -> Dataset | None:
-    """The dataset with twice as many steps of the solver; None where nothing is stepped."""
+    """Return the dataset with twice as many steps of the solver; None where nothing is stepped."""
     finer = [part.laws and part.substeps for part in data.parts]  # without a law exact by any
     if not any(finer):
         return None
@@ -290,7 +290,7 @@ def halved(data: Dataset) -> Dataset | None:
 
 
 def remembering(theta: Mapping[str, float], data: Dataset) -> Dataset:
-    """The dataset with as much memory of the laws as the motion at a point asks for."""
+    """Return the dataset with as much memory of the laws as the motion at a point asks for."""
     everything = as_arrays(theta, data)
     parts = tuple(remembered.remembering(everything, part) for part in data.parts)
     same = all(new is old for new, old in zip(parts, data.parts, strict=True))
@@ -298,7 +298,7 @@ def remembering(theta: Mapping[str, float], data: Dataset) -> Dataset:
 
 
 def largest_displacement(data: Dataset, omega_n: float) -> float:
-    """Largest displacement that was measured [m]."""
+    """Return the largest displacement that was measured [m]."""
     return max((part.shown(omega_n).y_peak for part in data.parts), default=0.0)
 
 
@@ -346,7 +346,7 @@ def with_directions(
 
 
 def as_arrays(theta: Mapping[str, float], data: Dataset) -> dict[str, Array]:
-    """A point of the parameters with what is held, as arrays, which are not compiled in."""
+    """Return a point of the parameters with what is held, as arrays, which are not compiled in."""
     return {**data.held, **jax.device_put({n: np.asarray(x, float) for n, x in theta.items()})}
 
 
@@ -368,11 +368,11 @@ def sizes_of(part: Observable) -> dict[str, float]:
 
 
 def size_by_label(data: Dataset) -> dict[str, float]:
-    """Root of the sum of squares of the mean of each group of `residual_by_label`."""
+    """Return the root of the sum of squares of the mean of each group of `residual_by_label`."""
     return {x: size for part in measured_parts(data) for x, size in sizes_of(part).items()}
 
 
 def error_by_label(residuals: Mapping[str, Row], data: Dataset) -> dict[str, float]:
-    """Size of what a fit leaves of the mean of each group, over that of the mean."""
+    """Return the size of what a fit leaves of the mean of each group, over that of the mean."""
     sizes = size_by_label(data)
     return {label: float(np.linalg.norm(residuals[label])) / size for label, size in sizes.items()}

@@ -109,7 +109,7 @@ class Decays(Envelopes):
         return Estimate(counted * log_density, matches.entry.shift[:, None] * first, precision)
 
     def shift_errors(self, found: Match) -> Float[Array, " record"]:
-        """Standard error of every record's shift of natural frequency [rad/s]."""
+        """Return the standard error of every record's shift of natural frequency [rad/s]."""
         variance = found.misfit / self._degrees
         return jnp.sqrt(variance * jnp.linalg.inv(found.precision)[:, -1, -1])
 
@@ -155,7 +155,7 @@ class Decays(Envelopes):
         return {"mean": self.mean[at, :size], "groups": groups}
 
     def statements(self, theta: Theta) -> list[str]:
-        """How far the records' frequencies scatter, and how many values were counted."""
+        """Return how far the records' frequencies scatter, and how many values were counted."""
         shift = np.asarray(matched(theta, self).entry.shift)
         scatter = float(np.sqrt(np.mean(shift**2))) / (2 * np.pi)
         return [
@@ -181,7 +181,7 @@ def counting[Data: Decays](data: Data, fraction: float) -> Data:
 
 
 def at_rest(curve: AmplitudeCurve) -> tuple[float, float]:
-    """Frequency [rad/s] and damping at no amplitude, by straight lines."""
+    """Return the frequency [rad/s] and damping at no amplitude, by straight lines."""
     y, omega, zeta = curve[:3]
     most = float(np.abs(zeta.max()))
     least = np.clip(np.polyfit(y, zeta, 1)[1], 0.1 * most, most)
@@ -189,7 +189,7 @@ def at_rest(curve: AmplitudeCurve) -> tuple[float, float]:
 
 
 def decay_of(theta: Theta, data: Envelopes) -> Complex[Array, " step"]:
-    """Logarithm log |X| + j arg X of the joint's free decay through the band's filter.
+    """Return the logarithm log |X| + j arg X of the joint's free decay through the band's filter.
 
     At steps of `step_s`, the phase without jumps: eqs. (1), (2) with u = 0, begun at rest at its
     greatest displacement, its memory on the steady loop of that amplitude.
@@ -207,7 +207,7 @@ def decay_of(theta: Theta, data: Envelopes) -> Complex[Array, " step"]:
 
 
 def _exponential(joint: Oscillator, data: Envelopes) -> Complex[Array, " step"]:
-    r"""The filtered decay of a structure without a joint, in closed form.
+    r"""Return the filtered decay of a structure without a joint, in closed form.
 
     $$X_k = \sum_{\pm} a_\pm s_\pm^d H(\lambda_\pm) \lambda_\pm^{k S}, \qquad
       s_\pm = \omega_n (-\zeta \pm \sqrt{\zeta^2 - 1}), \quad \lambda = e^{s / f_s}, \quad
@@ -233,7 +233,7 @@ def _logarithm(envelope: Complex[Array, " step"], data: Envelopes) -> Complex[Ar
 
 
 def matched(theta: Theta, data: Decays) -> Match:
-    """Every record matched at one point of the parameters, compiled."""
+    """Return every record matched at one point of the parameters, compiled."""
     return _matched(theta, alone(data))
 
 
@@ -253,7 +253,7 @@ class Beginning(NamedTuple):
     rate: Float[Array, ""]
 
     def moved(self, change: Float[Array, " own"]) -> Entry:
-        """The entry after a change of log amplitude, phase and shift."""
+        """Return the entry after a change of log amplitude, phase and shift."""
         place, phase, shift = self.entry
         return Entry(place + change[0] / self.rate, phase + change[1], shift + change[2])
 

@@ -38,13 +38,13 @@ def plain(name: str) -> str:
 
 
 def of_drive[Value](theta: Mapping[str, Value], drive: str) -> Mapping[str, Value]:
-    """Parameters with those of a drive under their plain names, where it has its own."""
+    """Return the parameters with those of a drive under their plain names, where it has its own."""
     drive_theta = {name: theta[named(name, drive)] for name in NAMES if named(name, drive) in theta}
     return {**theta, **drive_theta} if drive_theta else theta
 
 
 def of_part[Value](theta: Mapping[str, Value], part: Observable) -> Mapping[str, Value]:
-    """Parameters as a part of the data takes them."""
+    """Return the parameters as a part of the data takes them."""
     return of_drive(theta, part.drive)
 
 
@@ -133,7 +133,7 @@ def told_by(parts: Sequence[Observable], held: Mapping[str, Any] | None = None) 
 
 
 def _gain_of(held: Mapping[str, Any] | None, drive: str) -> float | None:
-    """A drive's gain where it is held."""
+    """Return a drive's gain where it is held."""
     value = (held or {}).get(named("gain", drive) if drive else "gain")
     return None if value is None else float(value)
 
@@ -153,7 +153,7 @@ def _first(parts: Sequence[Observable], gain: float | None) -> dict[str, float]:
 
 
 def lines_of(parts: Sequence[Observable]) -> SteadyLines | None:
-    """Lines of steady motion of all parts, by a motion of 1 m; None without any."""
+    """Return the lines of steady motion of all parts, by a motion of 1 m; None without any."""
     lines_by_part = [
         part_lines for part in parts if (part_lines := part.shown().steady_lines()) is not None
     ]
@@ -164,7 +164,7 @@ def lines_of(parts: Sequence[Observable]) -> SteadyLines | None:
 
 
 def _damping(omega_n: float, gain: float | None, lines: SteadyLines | None) -> float:
-    r"""Damping ratio of lines U per metre of motion by a gain, to which a joint adds.
+    r"""Return the damping ratio of lines U per metre of motion by a gain, to which a joint adds.
 
     $$\zeta = \min \frac{g\,\mathrm{Im}\,U}{2\,\omega_n\,\omega}$$
 
@@ -177,7 +177,7 @@ def _damping(omega_n: float, gain: float | None, lines: SteadyLines | None) -> f
 
 
 def _with_gain(values: Mapping[str, float], parts: Sequence[Observable]) -> dict[str, float]:
-    r"""Values with the gain by which lines U of the parts are those of omega_n and zeta.
+    r"""Return the values with the gain by which lines U of the parts are those of omega_n and zeta.
 
     $$g = \frac{\mathrm{Re} \sum U^* r}{\sum |U|^2}, \qquad
       r = \omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega$$

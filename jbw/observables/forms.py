@@ -28,7 +28,7 @@ def form_of(test: Test) -> Form:
 
 
 def common_form(tests: Sequence[Test]) -> Form:
-    """The form that tests to be reduced together share; a DataError where they do not."""
+    """Return the form that tests to be reduced together share; a DataError where they do not."""
     forms = {form_of(test) for test in tests}
     if len(forms) != 1:
         raise DataError(
@@ -40,5 +40,5 @@ def common_form(tests: Sequence[Test]) -> Form:
 
 
 def by_form(tests: Sequence[Test]) -> list[list[Test]]:
-    """Tests in groups of one form, which are reduced together."""
+    """Return the tests in groups of one form, which are reduced together."""
     return [list(same) for _, same in groupby(sorted(tests, key=form_of), key=form_of)]

@@ -19,7 +19,7 @@ Covariance = Float[np.ndarray, "parameter parameter"]
 
 
 def concrete(values: Any) -> Any:
-    """An array as NumPy's where nothing is traced: then there is no program to compile."""
+    """Return an array as NumPy's where nothing is traced: then there is no program to compile."""
     return values if isinstance(values, Tracer) else np.asarray(values)
 
 
@@ -134,7 +134,7 @@ def repeated(
         spanned: Columns of each group that its misfit may hold besides, in any scale.
         columns: Other columns of `Groups`, such as units.
     """
-    longest = int(max(sizes)) if longest is None else longest
+    longest = int(max(sizes, default=0)) if longest is None else longest
     records = [rows.reshape(len(rows), -1, rows.shape[-1]) for rows in values]
     means = [rows.mean(axis=(0, 1)) for rows in records]
     weights = [1.0] * len(values) if course is None else course
@@ -174,7 +174,7 @@ def repeated(
 def _single(
     records: Sequence[Inexact[np.ndarray, "_record _repeat _value"]],
 ) -> SingleRecords | None:
-    shape = len(records), max(map(len, records))
+    shape = len(records), max(map(len, records), default=1)
     if shape[1] == 1:
         return None
     mean = np.zeros((*shape, max(rows.shape[2] for rows in records)), records[0].dtype)

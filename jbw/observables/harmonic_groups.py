@@ -72,7 +72,7 @@ def groups_of(tests: Sequence[Test]) -> list[MeasuredHarmonic]:
 
 
 def tone_groups(tests: Sequence[Test]) -> list[MeasuredHarmonic]:
-    """Harmonics of tests with one tone each, those of one level and run together."""
+    """Return the harmonics of tests with one tone each, those of one level and run together."""
     families: dict[tuple[float, str, int], list[Test]] = {}
     for test in tests:
         run = run_of(test) if test.assembly or test.run else ""
@@ -121,7 +121,7 @@ def stepped_groups(test: Test) -> list[MeasuredHarmonic]:
 def _groups(
     label: str, run: str, omega: NDArray[np.float64], spans: list, delays: list[float]
 ) -> list[MeasuredHarmonic]:
-    """One group an order, from the repeats of every frequency."""
+    """Return one group an order, from the repeats of every frequency."""
     amplitudes = [_points(*span) for span in zip(spans, omega, delays, strict=True)]
     source, motion = np.moveaxis(np.array(amplitudes), 2, 0)
     power = derivative_order(spans[0][0][0].response)
@@ -169,7 +169,7 @@ def _points(repeats: list, omega: float, delay: float) -> NDArray[np.complex128]
 
 
 def _span(fs: float, start: float, stop: float) -> slice:
-    """Samples between two times [s]."""
+    """Return the samples between two times [s]."""
     return slice(round(start * fs), round(stop * fs))
 
 
@@ -217,6 +217,6 @@ def _unit_of(curve: MeasuredCurve, source: str, *, held: bool) -> str:
 
 
 def response_held(curve: MeasuredCurve) -> bool:
-    """Whether a controller held the response along the curve, and the force varied."""
+    """Return whether a controller held the response along the curve, and the force varied."""
     response, source = np.abs(curve.response), np.abs(curve.source)
     return bool(response.std() / response.mean() < CONTROLLED * source.std() / source.mean())

@@ -79,7 +79,7 @@ class LineReading(KnownReading):
         writes: bool,
         rows: Float[np.ndarray, "group row value"] | None = None,
     ) -> Self | None:
-        """The reading with what is read at points, by one program for all that ask for it.
+        """Return the reading with what is read at points, by one program for all that ask for it.
 
         None of several modes, and of laws that our own step does not know.
         """
@@ -137,7 +137,7 @@ def _equivalents(
 def oscillator_through(
     omega: NDArray[np.float64], u: NDArray[np.complex128], y: NDArray[np.complex128]
 ) -> dict[str, float]:
-    r"""Natural frequency [rad/s], damping and gain by linear least squares, y in m.
+    r"""Return the natural frequency [rad/s], damping and gain by linear least squares, y in m.
 
     $$(\omega_n^2 + 2j\zeta\omega_n\omega)\,Y - g\,U = \omega^2\,Y$$
     """

@@ -170,7 +170,7 @@ def together(displacement: Float[np.ndarray, " time"]) -> int:
 def blocks_of(
     rows: Float[np.ndarray, "*batch time"], size: int
 ) -> Float[np.ndarray, "*batch block"]:
-    """Means of so many neighbours; what the last block lacks is left out."""
+    """Return the means of so many neighbours; what the last block lacks is left out."""
     count = rows.shape[-1] // size
     in_blocks = rows[..., : count * size]
     return in_blocks.reshape(*rows.shape[:-1], count, size).mean(axis=-1)

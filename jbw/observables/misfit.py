@@ -48,7 +48,7 @@ def group_residuals(groups: Groups, residuals: Rows) -> list[GroupResidual]:
 def shared_misfit(
     groups: Groups, sizes: Float[np.ndarray, " group"], residuals: Rows
 ) -> Float[np.ndarray, " group"]:
-    r"""Mean square that the law is expected to leave of every value of a group.
+    r"""Return the mean square that the law is expected to leave of every value of a group.
 
     $$\tau_g^2 = \rho^2\,\frac{|\bar d_g|^2}{N_g}, \qquad
       \rho^2 = \frac1G \sum_g \frac{|r_g|^2 - N_g \sigma_g^2 / K_g}{|\bar d_g|^2}$$

@@ -136,7 +136,7 @@ class ModalDecays(Decays):
         )
 
     def matches(self, theta: Theta) -> Any:
-        """Every record at its best start, one after another; a leading axis of records."""
+        """Return every record at its best start, one after another; a leading axis of records."""
         structure = structure_of(theta, self.laws)
         records = MatchedEnvelopes(self.mean, self.begun, self.amplitude)
         return jax.lax.map(lambda seen: match(structure, seen, self), records)
@@ -231,7 +231,7 @@ def memory_at(structure: Structure, q: Array, v: Array) -> Memories:
 
 
 def joint_laws(structure: Structure) -> tuple[tuple[Any, ...], ...]:
-    """The laws of every joint of a structure that has an axis of joints."""
+    """Return the laws of every joint of a structure that has an axis of joints."""
     return structure.laws  # pyright: ignore[reportReturnType]
 
 

@@ -26,7 +26,7 @@ class MotionSpectra(NamedTuple):
 
 
 def read_modes(modes: Modes, motions: Sequence[MotionSpectra]) -> dict[str, float]:
-    """First values of every mode that is driven, by the first motion that drives it.
+    """Return the first values of every mode that is driven, by the first motion that drives it.
 
     By one that passes through it, where there is one. What is seen of it is a gain at every point,
     no ratio yet. Modes that one motion drives are fitted together, for the flank of one is under
@@ -107,7 +107,7 @@ def _parts(rows: Complex[np.ndarray, "row line"]) -> Float[np.ndarray, "row part
 def band_peak(
     x: Float[np.ndarray, "level time"], fs: float, order: int, band_hz: tuple[float, float]
 ) -> float:
-    """Largest displacement [m] in a band of responses of this order."""
+    """Return the largest displacement [m] in a band of responses of this order."""
     freq = np.fft.rfftfreq(x.shape[1], 1 / fs)
     in_band = (freq > 0) & lines_within(freq, band_hz)
     factor = np.where(in_band, (2j * np.pi * np.where(in_band, freq, 1.0)) ** -order, 0.0)

@@ -75,7 +75,7 @@ def records_of(
     noise: Mapping[str, Float[np.ndarray, " draw"]],
     data: Dataset,
 ) -> RecordTerms:
-    """All records at every draw.
+    """Return all records at every draw.
 
     Args:
         key: Of the offsets, the noise and the chi-square of the predicted sizes.
@@ -117,7 +117,7 @@ def _solved(
     task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]],
     threads: int,
 ) -> Solved | None:
-    """The sums of every part at draws, with the rows that its records ask for."""
+    """Return the sums of every part at draws, with the rows that its records ask for."""
     key, data, rows = task
     point = {name: values for name, values in theta.items() if name != SEED}
     asked = [None if part_rows is None else part_rows.rows for part_rows in rows]
@@ -186,7 +186,7 @@ def _of_part(
     sums: Mapping[str, Float[np.ndarray, "draw record"]],
     noise: Mapping[str, Float[np.ndarray, " draw"]],
 ) -> OfPart:
-    """Records of a part from what it was asked at the draws."""
+    """Return the records of a part from what it was asked at the draws."""
     groups, group, count = part.groups, records.group, records.num_repeats
     measured, deviation = records.rows[:, 0], records.rows[group, records.place]
     size, discrepancy = (np.asarray(x)[group] for x in (groups.size, groups.discrepancy))

@@ -279,7 +279,7 @@ class Records(Observable):
     def _from_origin(
         self, theta: Theta, offset: Float[Array, "level of_run"] | None
     ) -> Float[Array, "level own"]:
-        """How far omega_n and zeta of every level's run are from where it was linearised."""
+        """Return how far omega_n and zeta of every level's run are from where it was linearised."""
         away = jnp.zeros((len(self.groups.origin), self.groups.directions.shape[1]))
         if self.groups.origin.shape[1]:
             away = jnp.stack([theta[name] for name in OFFSETS]) - self.groups.origin
@@ -365,7 +365,7 @@ class Records(Observable):
         rows: Float[np.ndarray, "row value"] | None = None,
         writes: bool,
     ) -> Motions:
-        """Motions of one level at points, at its own origin where it has one.
+        """Return the motions of one level at points, at its own origin where it has one.
 
         And their products with rows of what is compared. Joints that are there are not made.
         """
@@ -390,7 +390,7 @@ class Records(Observable):
     def _joints_at(
         self, theta: Mapping[str, Float[np.ndarray, " point"]], number: int
     ) -> Oscillator | None:
-        """The joints at points as a level sees them; None of those that are not marched."""
+        """Return the joints at points as a level sees them; None of those that are not marched."""
         joints = self._joints_of_levels(theta, [number])
         return None if joints is None else joints[0]
 
@@ -443,7 +443,7 @@ class Records(Observable):
         return replace(placed, groups=with_slope(placed.groups, slope))
 
     def slope_by_differences(self, theta: Theta) -> Float[np.ndarray, "level value own"] | None:
-        r"""Derivative of what is compared by each level's own omega_n and zeta.
+        r"""Return the derivative of what is compared by each level's own omega_n and zeta.
 
         $$x'(0) \approx \frac{8 (x(h) - x(-h)) - (x(2h) - x(-2h))}{12 h}$$
 
@@ -559,13 +559,13 @@ def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
 def _behind(
     rows: Float[np.ndarray, "row value"] | None, skipped: int
 ) -> Float[np.ndarray, "row time"] | None:
-    """Rows of what is compared as rows of all samples."""
+    """Return the rows of what is compared as rows of all samples."""
     return None if rows is None else np.pad(rows, ((0, 0), (skipped, 0)))
 
 
 @eqx.filter_jit
 def _slope_at_origin(theta: Theta, data: Records) -> Float[Array, "level value own"]:
-    """Derivative of what is compared by each level's own omega_n and zeta."""
+    """Return the derivative of what is compared by each level's own omega_n and zeta."""
 
     def moved(offset: Float[Array, " own"]) -> Float[Array, "level value"]:
         groups = replace(data.groups, origin=data.groups.origin + offset)

@@ -21,13 +21,13 @@ Records = Any  # with held inputs, which calls these functions
 
 
 def guesses(theta: Mapping[str, Array], data: Observable) -> Float[Array, " level"]:
-    """How often the force of each level may have been a guess."""
+    """Return how often the force of each level may have been a guess."""
     return _guesses(theta, alone(data))
 
 
 @eqx.filter_jit
 def _guesses(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"]:
-    """The same, compiled."""
+    """Return the same, compiled."""
 
     def one(source: HeldInput) -> Array:
         return motion_under(theta, source, data.fs, **data.solving).guesses

@@ -40,7 +40,7 @@ DAMPED = (1e-4, 0.2)  # damping ratio of a neighbour
 
 
 def has_own(residuals: str, *, several_modes: bool) -> bool:
-    """Whether a test's constants are its own: as it states, or as all are of several modes.
+    """Return whether a test's constants are its own: as it states, or as all are of several modes.
 
     What a mode above adds differs from band to band and from point to point. One constant for all
     would be a compromise that gains and shapes make up for, and no residual shows it.
@@ -49,7 +49,7 @@ def has_own(residuals: str, *, several_modes: bool) -> bool:
 
 
 def taken(theta: Mapping[str, Any], residuals: str) -> dict[str, Any]:
-    """The terms that theta has and a test takes, by name."""
+    """Return the terms that theta has and a test takes, by name."""
     return {name: theta[name] for name in TAKEN[residuals] if name in theta}
 
 
@@ -107,7 +107,7 @@ def own_columns(
 
 
 def driven(size: Float[Array, " line"]) -> Bool[Array, " line"]:
-    """Lines of a spectrum from the first that is driven to the last.
+    """Return the lines of a spectrum from the first that is driven to the last.
 
     Between them none is left out: a shaker's force drops off where the structure resonates.
     """
@@ -116,7 +116,7 @@ def driven(size: Float[Array, " line"]) -> Bool[Array, " line"]:
 
 
 def neighbours_of(theta: Mapping[str, float]) -> tuple[float, ...]:
-    """Natural frequencies of the neighbours that theta has [rad/s]."""
+    """Return the natural frequencies of the neighbours that theta has [rad/s]."""
     return tuple(float(theta[mode[0]]) for mode in MODES if mode[0] in theta)
 
 

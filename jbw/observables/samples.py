@@ -48,7 +48,7 @@ def lines_of(band_hz: Sequence[float], length: int, fs: float) -> Lines | None:
 
 
 def in_band(samples: np.ndarray, lines: Lines | None) -> np.ndarray:
-    """Samples along the last axis with nothing left but some lines of their spectrum."""
+    """Return the samples along the last axis with nothing left but some lines of their spectrum."""
     if lines is None:
         return samples
     spectrum = np.fft.rfft(samples)
@@ -63,7 +63,7 @@ def noise_share(lines: Lines | None, length: int) -> float:
 
 
 def values_of(samples: Float[Array | np.ndarray, "*batch time"], lines: Lines | None) -> Any:
-    r"""Samples, or a band's lines $\sqrt{2/N}\,(\mathrm{Re}\,X_n, \mathrm{Im}\,X_n)$."""
+    r"""Return the samples, or a band's lines $\sqrt{2/N}\,(\mathrm{Re}\,X_n, \mathrm{Im}\,X_n)$."""
     if lines is None:
         return samples
     xp: Any = np if isinstance(samples, np.ndarray) else jnp
@@ -73,7 +73,7 @@ def values_of(samples: Float[Array | np.ndarray, "*batch time"], lines: Lines | 
 
 
 def loudest_hz(means: Float[np.ndarray, "level time"], fs: float) -> float:
-    """Frequency at which the responses together have the most power [Hz]."""
+    """Return the frequency at which the responses together have the most power [Hz]."""
     power = np.sum(np.abs(np.fft.rfft(means)) ** 2, axis=0)
     return float(np.fft.rfftfreq(means.shape[1], 1 / fs)[np.argmax(power)])
 
@@ -87,7 +87,7 @@ def substeps_for(hz: float, fs: float, least: int) -> int:
 def band_limited(
     source: Float[np.ndarray | Array, "*level time"], *, periodic: bool = False
 ) -> HeldInput:
-    """A measured input, between its samples the band-limited one that the sampling saw."""
+    """Return a measured input, between its samples the band-limited one that the sampling saw."""
     return held(source, "band_limited", periodic=periodic)
 
 
@@ -126,7 +126,7 @@ def motion_under(
     depth: int | None = None,
     every_point: bool = False,
 ) -> Any:
-    """Motion of the joint by eqs. (1), (2) under a measured input, from rest or steady.
+    """Return the motion of the joint by eqs. (1), (2) under a measured input, from rest or steady.
 
     Of a structure's output where theta has further modes (`jbw.oscillator.modes.parameters`), or
     of its outputs at every point, along a first axis.
@@ -156,7 +156,7 @@ def response_to(
     residuals: str = "none",
     **options: Any,
 ) -> Float[Array, "*point time"]:
-    """Displacement [m], velocity [m/s] or acceleration [m/s^2] of `motion_under`.
+    """Return the displacement [m], velocity [m/s] or acceleration [m/s^2] of `motion_under`.
 
     With what the modes outside the band add to it, as far as theta has that and `residuals` say:
     theta has none where there are further points, to which a term of the first does not belong.

@@ -15,7 +15,7 @@ Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
 
 
 def real_rows(table: Inexact[np.ndarray, "value column"]) -> Float[np.ndarray, "part column"]:
-    """Real parts above the imaginary parts; what is real stays as it is."""
+    """Return the real parts above the imaginary parts; what is real stays as it is."""
     values: Any = table
     return np.concatenate([values.real, values.imag]) if np.iscomplexobj(values) else values
 
@@ -58,7 +58,7 @@ def of_samples(
     *,
     periodic: bool,
 ) -> Spectrum:
-    """A record in time, at rest before and after unless it is one period."""
+    """Return a record in time, at rest before and after unless it is one period."""
     length = len(mean)
     padded = length if periodic else 2 * length
     measured, predicted, driven = (np.fft.rfft(x, padded) for x in (mean, mean - residual, source))
@@ -81,7 +81,7 @@ def of_lines(
     factor: Spectral,
     stretched: Row | None = None,
 ) -> Spectrum:
-    """Lines of a spectrum, or harmonics at some frequencies."""
+    """Return the lines of a spectrum, or harmonics at some frequencies."""
     return Spectrum(
         values, residual, omega, values, values - residual, source, factor,
         lambda spectrum: spectrum, stretched,

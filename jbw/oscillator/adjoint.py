@@ -70,7 +70,7 @@ def _states(substeps: int, every: int, stepping: Stepping, initial: State) -> Tr
 
 
 def packed(stepping: Stepping, state: State) -> State:
-    """A state in the layout of the time loop."""
+    """Return a state in the layout of the time loop."""
     y, v, memory = state
     return y, v, pack_memories(stepping.step.laws, memory)
 
@@ -171,7 +171,7 @@ def _linearised(
 
 
 def _recurrence(x_dot: State, inputs) -> tuple[State, State]:
-    """One step of the tangent recurrence; matrices come column by column."""
+    """Return one step of the tangent recurrence; matrices come column by column."""
     columns, offset = inputs
     leaves, tree = jax.tree.flatten(x_dot)
     after = [
@@ -236,7 +236,7 @@ def tangent_of_stacks(
 
 
 def _kinked(step: ExactStep, before: State, after: State, push: Push) -> Bool[Array, ""]:
-    """Whether the solve has taken a step through a kink."""
+    """Return whether the solve has taken a step through a kink."""
     kinked = meets_kink(step, before, push)
     laws: Laws = step.laws
     for law, a, b in zip(laws, before[2], after[2], strict=True):
@@ -260,7 +260,7 @@ def _right_hand_side(first: Carriers, stepping_dot: Pushed, num_states: int) -> 
 
 
 def _system(step: ExactStep, steps: _Steps, unknown: _Tangents) -> _Tangents:
-    """The system's left-hand side."""
+    """Return the system's left-hand side."""
     advanced = jax.vmap(partial(_after, step), (0, 0, None, 0))(
         steps, _but_last(unknown.x), unknown.step, unknown.push
     )
@@ -301,7 +301,7 @@ def _backward(at: tuple[ExactStep, _Steps], c: _Tangents) -> _Tangents:
 
 
 def _lanes_apart(solve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """The same solve; under vmap one lane after another, but many right-hand sides at once.
+    """Return the same solve; under vmap one lane after another, but many right-hand sides at once.
 
     Lanes side by side take the long derivative of a kink always.
     """
@@ -348,12 +348,12 @@ def _before(step: ExactStep, at: Any, x_bar: Carriers) -> tuple[Carriers, ExactS
 
 
 def _stepped(kinks: Kinks, start: State, step: ExactStep, x: Carriers, push: Push) -> Carriers:
-    """The carriers after a step."""
+    """Return the carriers after a step."""
     return _split(step.laws, advance(step, _joined(step.laws, start, x), push, kinks=kinks))
 
 
 def _split(laws: Laws, state: State) -> Carriers:
-    """The carriers of a state."""
+    """Return the carriers of a state."""
     y, v, memory = state
     heads, columns = [jnp.asarray(y), jnp.asarray(v)], []
     for law, law_memory in zip(laws, memory, strict=True):
@@ -365,7 +365,7 @@ def _split(laws: Laws, state: State) -> Carriers:
 
 
 def _joined(laws: Laws, state: State, x: Carriers) -> State:
-    """A state with these carriers; everything else follows from them."""
+    """Return a state with these carriers; everything else follows from them."""
     (y, v, *heads), columns = x.heads, list(x.columns)
     memory = []
     for law, law_memory in zip(laws, state[2], strict=True):

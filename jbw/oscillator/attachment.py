@@ -43,7 +43,7 @@ class Attachment(NamedTuple):
 def attached(
     omega: ArrayLike, zeta: ArrayLike, shape: ArrayLike, attachment: Attachment
 ) -> tuple[Modal, Modal]:
-    r"""Natural frequencies [rad/s] and damping ratios of a structure with an attachment.
+    r"""Return the natural frequencies [rad/s] and damping ratios of a structure with an attachment.
 
     $$(I + m_a \phi\phi^T)\,\ddot q + (\mathrm{diag}(2\zeta\omega) + c_a \phi\phi^T)\,\dot q
       + (\mathrm{diag}(\omega^2) + k_a \phi\phi^T)\,q = 0$$

@@ -126,7 +126,7 @@ def march(
     known: Float[np.ndarray, "lane direction"] | None = None,
     writes: bool = True,
 ) -> Motions:
-    """Motions of oscillators, from rest, under one sampled input.
+    """Return the motions of oscillators, from rest, under one sampled input.
 
     Args:
         joints: The oscillators, at most `LANES` along the first axis of every leaf; their laws are
@@ -221,7 +221,7 @@ def _none() -> _Totals:
 def record_of(
     source: HeldInput, number: int | None = None, measured: MeasuredResponse | None = None
 ) -> MarchedRecord:
-    """A record on the device, in pieces, made once as long as its arrays are there.
+    """Return a record on the device, in pieces, made once as long as its arrays are there.
 
     Args:
         source: The input, which is not periodic; its gain is left out.
@@ -273,7 +273,7 @@ def _starts(num_samples: int) -> range:
 
 
 def _filled(rows: np.ndarray, size: int) -> Array:
-    """Rows with zeros behind them, on the device."""
+    """Return the rows with zeros behind them, on the device."""
     filled = np.zeros((size, *rows.shape[1:]))
     filled[: len(rows)] = rows
     return jax.device_put(filled)
@@ -366,7 +366,7 @@ def _written(rows: Array, row: Array, place: Array) -> Array:
 
 
 def _moved(coefficients: tuple[Array, ...], start: Array, part: Array) -> tuple[Array, ...]:
-    r"""Coefficients of a part of an interval, $p(s_0 + h s)$, by Horner's rule."""
+    r"""Return the coefficients of a part of an interval, $p(s_0 + h s)$, by Horner's rule."""
     moved = list(coefficients)
     for lowest in range(len(moved) - 1):
         for power in reversed(range(lowest, len(moved) - 1)):

@@ -20,7 +20,7 @@ from jbw.report.messages.joint import stiffer_than_structure
 
 
 def is_concrete(*values: object) -> bool:
-    """Whether none of the values (arrays or records) is being traced by a transformation.
+    """Return whether none of the values (arrays or records) is being traced by a transformation.
 
     Under `jit` what is computed of constants is traced all the same: before a result is looked at,
     the result itself must be concrete.

@@ -111,14 +111,14 @@ def _agree(found: Any, right: Any, least: Any) -> bool:
 
 
 def _worst(found: Any, what: str, right: Any) -> tuple[Any, str, Any]:
-    """The pair of numbers that lie farthest apart."""
+    """Return the pair of numbers that lie farthest apart."""
     found, right = np.broadcast_arrays(np.atleast_1d(found), np.atleast_1d(right))
     at = np.unravel_index(np.argmax(np.nan_to_num(np.abs(found - right), nan=np.inf)), found.shape)
     return found[at], what, right[at]
 
 
 def _of_force(law: Law, joint: Oscillator) -> Iterator[Check]:
-    """A finite number with finite slopes at rest."""
+    """Yield a finite number with finite slopes at rest."""
     force = np.asarray(law.force(0.3 * Y, 0.3 * Y * OMEGA, law.at_rest()))
     yield "force", force.ndim, messages.A_SCALAR, 0, 0.0
     yield "force", force, "finite, such as", np.nan_to_num(force, posinf=0.0, neginf=0.0), 0.0
@@ -135,7 +135,7 @@ def _of_force(law: Law, joint: Oscillator) -> Iterator[Check]:
 
 
 def _of_memory(law: Law, joint: Oscillator) -> Iterator[Check]:
-    """The memory moves with the displacement alone, as its rate says."""
+    """Yield the memory moves with the displacement alone, as its rate says."""
     if not law.remembers:
         return
     start = law.move(0.0, law.at_rest(), 0.2 * Y)
@@ -166,7 +166,7 @@ def _of_memory(law: Law, joint: Oscillator) -> Iterator[Check]:
 
 
 def _of_stiffness(law: Law, joint: Oscillator) -> Iterator[Check]:
-    """The slope by displacement at rest is the stiffness."""
+    """Yield the slope by displacement at rest is the stiffness."""
     dy, size = 1e-9 * Y, np.abs(law.force(0.3 * Y, 0.3 * Y * OMEGA, law.at_rest()))
     after = law.move(0.0, law.at_rest(), dy)
     slope = (law.force(dy, SLOW, after) - law.force(0.0, SLOW, law.at_rest())) / dy
@@ -174,7 +174,7 @@ def _of_stiffness(law: Law, joint: Oscillator) -> Iterator[Check]:
 
 
 def _of_motion(law: Law, joint: Oscillator) -> Iterator[Check]:
-    """A record's derivative is the difference of two records."""
+    """Yield a record's derivative is the difference of two records."""
     if not offers(type(law), *STEP):
         return
     time = np.arange(64) / 512.0

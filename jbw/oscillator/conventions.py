@@ -32,7 +32,7 @@ __all__ = [
 
 
 def from_baber_noori(other: BaberNoori) -> BoucWen:
-    """The joint of a Bouc-Wen-Baber-Noori oscillator; the inverse of `to_baber_noori`.
+    """Return the joint of a Bouc-Wen-Baber-Noori oscillator; the inverse of `to_baber_noori`.
 
     Args:
         other: Its parameters, A = 1 and no degradation.
@@ -57,7 +57,7 @@ def from_baber_noori(other: BaberNoori) -> BoucWen:
 
 
 def from_benchmark(other: Benchmark) -> BoucWen:
-    """The joint of the hysteretic benchmark's parameters; the inverse of `to_benchmark`.
+    """Return the joint of the hysteretic benchmark's parameters; the inverse of `to_benchmark`.
 
     Args:
         other: The benchmark's parameters.

@@ -56,7 +56,7 @@ def forgot(joint: Oscillator | Structure, guesses: object) -> bool:
 def with_places[Model: Oscillator | Structure](
     joint: Model, start: Any, depth: int
 ) -> tuple[Model, Any]:
-    """The same model and its state with memory for at least `depth` reversals."""
+    """Return the same model and its state with memory for at least `depth` reversals."""
     *motion, memory = start
 
     def short(law: Any) -> bool:

@@ -46,7 +46,7 @@ class ScaledForce(eqx.Module):
     stiffness: Scalar
 
     def __call__(self, q: Scalar) -> Scalar:
-        """Force at the displacement q."""
+        """Return the force at the displacement q."""
         length = jnp.asarray(self.length)
         at_rest = length == 0.0
         safe = jnp.where(at_rest, 1.0, length)
@@ -55,7 +55,7 @@ class ScaledForce(eqx.Module):
 
 
 def dimensionless(joint: BoucWen, omega: Scalar, amplitude: Scalar) -> Dimensionless:
-    r"""The joint under a tone in its own units: four numbers and a frequency.
+    r"""Return the joint under a tone in its own units: four numbers and a frequency.
 
     $$\Omega = \omega/\omega_n, \quad \alpha/\omega_n^2, \quad \delta A/\omega_n^2, \quad
       \gamma A/\omega_n^2, \quad f\!\left((A/\omega_n^2)\,q\right)/A, \quad y = (A/\omega_n^2)\, q$$

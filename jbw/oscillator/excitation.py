@@ -31,7 +31,7 @@ Input = Callable[[Scalar], Scalar]
 
 
 def sampled(u: Input, fs: float, num_samples: int) -> Float[Array, " time"]:
-    """Values of an input at t = n / fs.
+    """Return the values of an input at t = n / fs.
 
     Args:
         u: Input as a function of time [s].

@@ -76,7 +76,7 @@ def drag_at_rest(law: Law) -> Scalar:
 
 
 def slope(law: Law, y: Scalar, memory: Memory, direction: Scalar) -> Scalar:
-    """Slope dF/dy of a motion in a direction [1/s^2]."""
+    """Return the slope dF/dy of a motion in a direction [1/s^2]."""
     like = jnp.broadcast_shapes(
         *(jnp.shape(x) for x in jax.tree.leaves((law, y, memory, direction)))
     )
@@ -141,7 +141,7 @@ def bend_by_rates(
 def turn_by_slopes(
     law: Law, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
 ) -> tuple[Memory, Scalar, Scalar]:
-    """Two moves through a turning point, and the impulse of the slope's jump there."""
+    """Return two moves through a turning point, and the impulse of the slope's jump there."""
     path = StepPath.through(ends, quartic)
     top = y + path.before
     memory_at_top = law.move(y, memory, path.before)
@@ -195,7 +195,7 @@ def harmonics_by_moves(
 def force_by_moves(
     law: Law, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], omega: Scalar
 ) -> Float[Array, " time"]:
-    """Force in the second of two periods, whose first sets the memory."""
+    """Return the force in the second of two periods, whose first sets the memory."""
     y, v = synthesis(q, theta), omega * synthesis(q, theta, 1)
 
     def onward(carry: tuple, point: tuple) -> tuple[tuple, Array]:
@@ -209,7 +209,7 @@ def force_by_moves(
 
 
 def no_force(law: Law) -> str | None:
-    """A warning of a parameter below its least value, or None; concrete values only."""
+    """Return a warning of a parameter below its least value, or None; concrete values only."""
     parameters = law.parameters()
     for quantity in law.table:
         least = float(np.min(np.asarray(parameters[quantity.name])))

@@ -49,7 +49,7 @@ class HeldInput(eqx.Module):
         return self.gain[..., None] * self.samples
 
     def times(self, factor: Scalar) -> Self:
-        """The input times a factor; the polynomials stay as they are."""
+        """Return the input times a factor; the polynomials stay as they are."""
         return eqx.tree_at(lambda held: held.gain, self, factor * self.gain)
 
     def pieces(self, substeps: int) -> tuple[Float[Array, " substep"], ...]:
@@ -62,7 +62,7 @@ class HeldInput(eqx.Module):
 def held(
     u: Float[np.ndarray | Array, "*batch time"] | HeldInput, hold: Hold, *, periodic: bool
 ) -> HeldInput:
-    """A sampled input and its polynomials, by NumPy where the samples are NumPy's.
+    """Return a sampled input and its polynomials, by NumPy where the samples are NumPy's.
 
     A `HeldInput` stays as it is.
     """
@@ -122,7 +122,7 @@ def quintic(start: Float[Array, "... 3"], end: Float[Array, "... 3"]) -> Float[A
 def periodic_derivatives(
     u: Float[np.ndarray | Array, "... time"],
 ) -> tuple[Float[Array, "... time"], Float[Array, "... time"]]:
-    r"""Slope and curvature per sample of one period of a band-limited signal.
+    r"""Return the slope and curvature per sample of one period of a band-limited signal.
 
     $$u^{(m)} = \mathcal F^{-1}\left[(j\theta)^m \mathcal F u\right]$$
 
@@ -148,7 +148,7 @@ def line_frequencies(num: int, spacing: Scalar, xp: Any = jnp) -> Float[Array, "
 def record_derivatives(
     u: Float[np.ndarray | Array, "... time"],
 ) -> tuple[Float[Array, "... time"], Float[Array, "... time"]]:
-    """Slope and curvature per sample of a record that is not periodic.
+    """Return the slope and curvature per sample of a record that is not periodic.
 
     The line from the first to the last sample and a bump with the curvature of either end are
     taken off and the rest is continued as an odd function about both ends. That continuation is
@@ -184,7 +184,7 @@ def _bump(
 
 
 def _namespace(x: Any) -> Any:
-    """The module of an array's functions: `numpy`, or `jax.numpy`."""
+    """Return the module of an array's functions: `numpy`, or `jax.numpy`."""
     return jnp if isinstance(x, jax.Array) else np
 
 

@@ -38,11 +38,11 @@ class CubicPath(NamedTuple):
         return s * (self.c_1 + s * (self.c_2 + s * self.c_3))
 
     def slope(self, s: Scalar) -> Scalar:
-        """First derivative, h v [m]."""
+        """Return the first derivative, h v [m]."""
         return self.c_1 + s * (2.0 * self.c_2 + 3.0 * s * self.c_3)
 
     def bend(self, s: Scalar) -> Scalar:
-        """Second derivative, h^2 dv/dt [m]."""
+        """Return the second derivative, h^2 dv/dt [m]."""
         return 2.0 * self.c_2 + 6.0 * s * self.c_3
 
 
@@ -105,7 +105,7 @@ class StepPath(NamedTuple):
 
     @classmethod
     def through(cls, ends: Ends, quartic: Scalar) -> Self:
-        """The path of given slopes and rise, with a quartic term for the turning point."""
+        """Return the path of given slopes and rise, with a quartic term for the turning point."""
         start, end, rise = ends
         turns = jnp.asarray(start * end < 0.0)
         cubic = barrier(hermite(*ends))
@@ -134,7 +134,7 @@ class StepPath(NamedTuple):
         return self._nearer(s, target)
 
     def _nearer(self, s: Scalar, target: Scalar) -> Scalar:
-        """One step of Newton's iteration."""
+        """Return one step of Newton's iteration."""
         weight = s * (1.0 - s)
         move = self.cubic.move(s) + self.quartic * weight**2
         slope = self.cubic.slope(s) + 2.0 * self.quartic * weight * (1.0 - 2.0 * s)

@@ -71,24 +71,24 @@ class Law(eqx.Module):
     # -- of the kind of law ------------------------------------------------------------------------
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """Names of the parameters."""
+        """Return the names of the parameters."""
         return tuple(quantity.name for quantity in cls.table)
 
     @classmethod
     def build(cls, theta: Mapping[str, Any]) -> Self:
-        """The law from a dictionary of its parameters, which may hold others too."""
+        """Return the law from a dictionary of its parameters, which may hold others too."""
         return cls(**{cls.fields.get(name, name): theta[name] for name in cls.names()})
 
     @classmethod
     def of(cls, theta: Mapping[str, Any]) -> Self:
-        """The law from a dictionary of its parameters or of any of its other coordinates."""
+        """Return the law from a dictionary of its parameters or of any of its other coordinates."""
         for coordinates in cls.coordinates.values():
             if set(coordinates.names) <= theta.keys():
                 return cls.build(coordinates.to_parameters(theta))
         return cls.build(theta)
 
     def parameters(self) -> dict[str, Any]:
-        """Values of the parameters by name, the inverse of `build`."""
+        """Return the values of the parameters by name, the inverse of `build`."""
         return {name: getattr(self, self.fields.get(name, name)) for name in self.names()}
 
     @classmethod
@@ -101,16 +101,16 @@ class Law(eqx.Module):
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """A warning about bounds within which the law misbehaves, or None."""
+        """Return a warning about bounds within which the law misbehaves, or None."""
         return None
 
     # -- of one law --------------------------------------------------------------------------------
     def at_rest(self) -> Memory:
-        """Memory before any motion."""
+        """Return the memory before any motion."""
         return ()
 
     def force(self, y: Scalar, v: Scalar, memory: Memory) -> Scalar:
-        """Force F, on the side of the springs [N/kg]."""
+        """Return the force F, on the side of the springs [N/kg]."""
         raise NotImplementedError
 
     def rate(self, y: Scalar, v: Scalar, memory: Memory) -> Memory:
@@ -118,7 +118,7 @@ class Law(eqx.Module):
         return ()
 
     def stiffness(self) -> Scalar:
-        """Slope dF/dy at rest, which omega_n^2 includes [1/s^2]."""
+        """Return the slope dF/dy at rest, which omega_n^2 includes [1/s^2]."""
         rest = jax.tree.map(lambda x: jnp.asarray(x, float), self.at_rest())
         return generic.slope(self, jnp.zeros(()), rest, jnp.ones(()))
 
@@ -131,11 +131,11 @@ class Law(eqx.Module):
         return self.move(y, memory, dy)
 
     def undamaged(self) -> "Law":
-        """The law before any cycle has changed it; itself where none does."""
+        """Return the law before any cycle has changed it; itself where none does."""
         return self
 
     def at_tip(self, y_peak: Scalar) -> Memory:
-        """Memory at y = Y on the steady loop between -Y and Y; the second time there."""
+        """Return the memory at y = Y on the steady loop between -Y and Y; the second time there."""
         memory = self.move(0.0 * y_peak, self.at_rest(), y_peak)
         memory = self.move(y_peak, memory, -2.0 * y_peak)
         return self.move(-y_peak, memory, 2.0 * y_peak)
@@ -208,7 +208,7 @@ class Law(eqx.Module):
         return generic.turn_by_slopes(self, y, memory, ends, quartic)
 
     def shift(self, y: Scalar, memory: Memory, dy: Scalar, branch: Branch) -> Memory:
-        """Memory after the corrector's small change of y, on the branch at the end."""
+        """Return the memory after the corrector's small change of y, on the branch at the end."""
         return self.move(y, memory, dy)
 
     # -- along a periodic motion -----------------------------------------------------------------
@@ -238,7 +238,7 @@ class Law(eqx.Module):
 
     # -- for other programs ------------------------------------------------------------------------
     def convert(self, omega_n: float, zeta: float, mass: float) -> Mapping[str, Conversion]:
-        """The oscillator of this law alone, of a modal mass [kg], in other conventions."""
+        """Return the oscillator of this law alone, of a modal mass [kg], in other conventions."""
         return {}
 
     # -- at the doors ------------------------------------------------------------------------------
@@ -265,7 +265,7 @@ class Law(eqx.Module):
 
 
 def laws_in(laws: Any) -> list[Law]:
-    """All laws of one joint, a tuple of them, or of several, a tuple a joint."""
+    """Return all laws of one joint, a tuple of them, or of several, a tuple a joint."""
     return jax.tree.leaves(laws, is_leaf=_is_law)
 
 
@@ -321,7 +321,7 @@ class ScaledLaw(Law):
         return self.law.stiffness() / self.unit
 
     def at_rest(self) -> Memory:
-        """Memory of the law before any motion."""
+        """Return the memory of the law before any motion."""
         return self.law.at_rest()
 
     def force(self, y: Scalar, v: Scalar, memory: Memory) -> Scalar:
@@ -330,15 +330,15 @@ class ScaledLaw(Law):
         return self.law.force(self.length * y, speed, memory) / (self.unit * self.length)
 
     def rate(self, y: Scalar, v: Scalar, memory: Memory) -> Memory:
-        """Rate of the law's memory at l q."""
+        """Return the rate of the law's memory at l q."""
         return self.law.rate(self.length * y, self.length * v, memory)
 
     def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """The law's memory after a move of l q."""
+        """Return the law's memory after a move of l q."""
         return self.law.move(self.length * y, memory, self.length * dy)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """The law's loop at l Y, over kappa."""
+        """Return the law's loop at l Y, over kappa."""
         loop = self.law.loop(self.length * y_peak, omega * jnp.sqrt(self.unit))
         return Loop(loop.stiffness / self.unit, loop.damping / self.unit)
 

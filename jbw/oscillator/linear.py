@@ -41,7 +41,7 @@ class Moments(eqx.Module):
 
 
 def impulse_moments(stiffness: Scalar, damping: Scalar, dt: Scalar, num: int) -> Moments:
-    r"""Moments of the impulse response over one step, for any damping.
+    r"""Return the moments of the impulse response over one step, for any damping.
 
     $$W_j = \int_0^h e^{L(h-s)} \begin{bmatrix}0\\1\end{bmatrix} (s/h)^j ds
           = h \sum_k \frac{j!}{(j+k+1)!} (Lh)^k \begin{bmatrix}0\\1\end{bmatrix},

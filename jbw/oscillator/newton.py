@@ -15,7 +15,7 @@ def newton_root(
     tolerance: float,
     max_steps: int,
 ) -> tuple[Float[Array, "..."], Bool[Array, ""]]:
-    """The root of function(x, args) from `start`, and whether the iteration converged.
+    """Return the root of function(x, args) from `start`, and whether the iteration converged.
 
     Args:
         function: Vanishes at the root.

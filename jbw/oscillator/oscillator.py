@@ -70,7 +70,7 @@ class Oscillator(eqx.Module):
         return tuple(law.move(y, law_memory, dy) for law, law_memory in pairs)
 
     def follow(self, y: Scalar, memory: tuple[Memory, ...], dy: Scalar) -> tuple[Memory, ...]:
-        """The same of one of many moves along a record."""
+        """Return the same of one of many moves along a record."""
         pairs = zip(self.laws, memory, strict=True)
         return tuple(law.follow(y, law_memory, dy) for law, law_memory in pairs)
 
@@ -130,7 +130,7 @@ class Oscillator(eqx.Module):
 
 
 def _as_pytree(force: Restoring | None) -> Restoring | None:
-    """A plain function as a pytree without leaves; a pytree as it is."""
+    """Return a plain function as a pytree without leaves; a pytree as it is."""
     return Partial(force) if callable(force) and all_leaves([force]) else force
 
 
@@ -191,7 +191,7 @@ Joint = Oscillator | BoucWen
 
 
 def as_oscillator(joint: Joint) -> Oscillator:
-    """An oscillator of laws; a `BoucWen` is one."""
+    """Return an oscillator of laws; a `BoucWen` is one."""
     if isinstance(joint, Oscillator):
         return joint
     return Oscillator(joint.omega_n, joint.zeta, joint.laws)

@@ -111,12 +111,12 @@ class Coordinates(NamedTuple):
         return tuple(monomial.quantity for monomial in self.inverse)
 
     def to_parameters(self, theta: Mapping[str, Any]) -> dict[str, Any]:
-        """The same point in the law's own parameters; everything else in theta as it is."""
+        """Return the same point in the law's own parameters; everything else in theta as it is."""
         rest = {name: value for name, value in theta.items() if name not in self.names}
         return rest | {monomial.name: monomial.of(theta) for monomial in self.forward}
 
     def from_parameters(self, theta: Mapping[str, Any]) -> dict[str, Any]:
-        """The same point in these coordinates; everything else in theta as it is."""
+        """Return the same point in these coordinates; everything else in theta as it is."""
         law_names = {monomial.name for monomial in self.forward}
         rest = {name: value for name, value in theta.items() if name not in law_names}
         return rest | {monomial.name: monomial.of(theta) for monomial in self.inverse}
@@ -188,11 +188,11 @@ class Conversion(NamedTuple):
 
 
 def of_opensees(*materials: Material) -> dict[str, Conversion]:
-    """The conversions of a law that only OpenSees has, as materials."""
+    """Return the conversions of a law that only OpenSees has, as materials."""
     return {"OpenSees": Conversion({}, {}, materials)}
 
 
 def beyond_all_motion(name: str, bounds: tuple[float, float], y_peak: float) -> str | None:
-    """A warning of a prior on a gap that is wider than the largest motion [m], or None."""
+    """Return a warning of a prior on a gap that is wider than the largest motion [m], or None."""
     least, most = bounds
     return None if most <= y_peak else messages.prior_beyond_motion(name, least, most, y_peak)

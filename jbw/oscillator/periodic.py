@@ -86,7 +86,7 @@ def steady_period(
 
 
 def _settle_one_by_one(gap: Callable, x: Float[Array, " state"]) -> Float[Array, " state"]:
-    """The same, under vmap one point after another.
+    """Return the same, under vmap one point after another.
 
     Side by side all are solved again until the last has settled.
     """
@@ -134,7 +134,7 @@ def _settle(gap: Callable, x: Float[Array, " state"]) -> Float[Array, " state"]:
 def _value_and_slope(
     gap: Callable, x: Float[Array, " state"], sloped: Bool[Array, ""]
 ) -> tuple[Float[Array, " state"], Float[Array, "state state"]]:
-    """The gap and, where `sloped`, its slope by differences, one column after another.
+    """Return the gap and, where `sloped`, its slope by differences, one column after another.
 
     Newton's steps outdo the slope's error in the next round.
     """

@@ -28,7 +28,7 @@ def unshared() -> Iterator[None]:
 
 
 def where_rare(met: Bool[Array, ""], rare: Callable[[Any], Any], operands: Any, usual: Any) -> Any:
-    """The value `rare(operands)` where a step has `met` a rare event, else `usual`.
+    """Return the value `rare(operands)` where a step has `met` a rare event, else `usual`.
 
     Args:
         met: Whether it has.
@@ -53,7 +53,7 @@ def where_rare(met: Bool[Array, ""], rare: Callable[[Any], Any], operands: Any, 
 
 
 def on_one_device() -> bool:
-    """Whether all lanes of a program lie on one device.
+    """Return whether all lanes of a program lie on one device.
 
     Where JAX shares lanes among devices by itself, any of all lanes is a sum over the devices in
     every step, which costs the time loop its native call. Within `jax.shard_map` it is not, nor
@@ -94,5 +94,5 @@ def _condition(rare: Callable[[Any], Any], depth: int) -> Callable[..., Any]:
 
 
 def _spread(met: Array, ndim: int) -> Array:
-    """One flag a lane, with axes of length one for those of a lane's value."""
+    """Return one flag a lane, with axes of length one for those of a lane's value."""
     return met.reshape(met.shape + (1,) * (ndim - met.ndim))

@@ -85,7 +85,7 @@ def residual_sums(
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _sums(substeps: int, task: _Task) -> Sums:
-    """The sums by one loop that carries them."""
+    """Return the sums by one loop that carries them."""
     rest = _at_rest(task)
     none = jnp.zeros(())
     task = eqx.tree_at(  # rows by themselves: the loop would slice their array in every step
@@ -120,7 +120,7 @@ def _sums_jvp(substeps, primals, tangents):
 
 
 def _of_trajectory(substeps: int, task: _Task) -> Sums:
-    """The same from the states at the samples, for derivatives."""
+    """Return the same from the states at the samples, for derivatives."""
     compared = task.compared
     trajectory = solve(substeps, task.stepping, _at_rest(task))
     response = response_of(task.joint, compared.order, trajectory, task.force)[compared.first :]
@@ -136,7 +136,7 @@ def _at_rest(task: _Task) -> State:
 
 
 def response_of(joint: Oscillator, order: int, state: Any, u: Any) -> Any:
-    """Displacement, velocity or acceleration of a state, or of many along an axis."""
+    """Return the displacement, velocity or acceleration of a state, or of many along an axis."""
     y, v, memory = state
     if order < 2:
         return v if order else y

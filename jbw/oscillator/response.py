@@ -110,7 +110,7 @@ def simulate(
     solver: AbstractSolver | None = None,
     controller: AbstractStepSizeController | None = None,
 ) -> Response | StructureResponse:
-    r"""Response of the oscillator, N samples in and N samples out.
+    r"""Return the response of the oscillator, N samples in and N samples out.
 
     $$\ddot y + 2\zeta\omega_n\dot y + k y + \sum F = u$$
 
@@ -240,14 +240,14 @@ def _simulate_batch(
 
 
 def _is_stepped(joint: Oscillator) -> bool:
-    """Whether the exact step supports all laws."""
+    """Return whether the exact step supports all laws."""
     return all(law.stepped for law in joint.laws)
 
 
 def _simulate(
     options: _Options, joint: Oscillator, u: HeldInput | Callable, fs: Scalar, initial: State
 ) -> Response:
-    """One oscillator under one input."""
+    """Return one oscillator under one input."""
     t = jnp.arange(options.num_samples) / fs  # no constant of the program
     if callable(u):
         u_sampled = jnp.asarray(jax.vmap(u)(t))

@@ -60,13 +60,13 @@ class Stepping(eqx.Module):
         return self.push_of(tuple(piece[substep] for piece in self.pieces))
 
     def push_of(self, powers: tuple[Scalar, ...]) -> Push:
-        """The same by the coefficients of the input in a substep."""
+        """Return the same by the coefficients of the input in a substep."""
         start = self.gain * powers[0]
         push = weighted(self.on_y, powers), weighted(self.on_v, powers), start
         return (*push, self.gain * added(powers)) if self._is_damped else push
 
     def pushed(self) -> "Pushed":
-        """The same of all substeps at once, by one product, as derivatives take it."""
+        """Return the same of all substeps at once, by one product, as derivatives take it."""
         count = len(self.pieces)
         weights = [
             jnp.stack(self.on_y), jnp.stack(self.on_v), self.gain * np.eye(1, count)[0],
@@ -157,7 +157,7 @@ class HysteresisExact(diffrax.AbstractSolver):
         return y1, None, dense_info, substep + 1, diffrax.RESULTS.successful
 
     def func(self, terms, t0, y0, args):
-        """The vector field."""
+        """Return the vector field."""
         return terms.vf(t0, y0, args)
 
 

@@ -94,7 +94,7 @@ def exact_step(oscillator: Oscillator, dt: Scalar) -> tuple[ExactStep, Array, Ar
 
 
 def advance(step: ExactStep, state: State, push: Push, *, kinks: Kinks) -> State:
-    r"""One step.
+    r"""Return one step.
 
     $$q_1 = E q + p - W_0 r - W_1 h\dot r, \quad m_1 = M(m, y_1 - y), \quad
       q_2 = q_1 - W_2 c_2 - W_3 c_3, \quad m_2 = M(m_1, y_2 - y_1)$$
@@ -141,13 +141,13 @@ def _advanced(
 
 
 def meets_kink(step: ExactStep, state: State, push: Push) -> Bool[Array, "..."]:
-    """Whether a step turns or meets a kink of a law, so that it is a rare one."""
+    """Return whether a step turns or meets a kink of a law, so that it is a rare one."""
     branches, _, _, y_1, v_1 = _predicted(step, state, push)
     return glided(step.laws, state, branches, y_1, v_1)[1]
 
 
 def _predicted(step: ExactStep, state: State, push: Push) -> tuple[Any, ...]:
-    """The laws' branches, their remainder and its rate, and the predictor's y and v."""
+    """Return the laws' branches, their remainder and its rate, and the predictor's y and v."""
     y, v, memory = state
     branches = tuple(
         law.branch(v, law_memory) for law, law_memory in zip(step.laws, memory, strict=True)
@@ -161,7 +161,7 @@ def _predicted(step: ExactStep, state: State, push: Push) -> tuple[Any, ...]:
 def _remainder(
     step: ExactStep, state: State, branches: tuple[Any, ...], u: Scalar
 ) -> tuple[Scalar, Scalar]:
-    """The laws' remainders r and h times their rates, summed.
+    """Return the laws' remainders r and h times their rates, summed.
 
     Only the rate of a force of the velocity, dF/dv times the acceleration, needs the input u.
     """
@@ -175,7 +175,7 @@ def _remainder(
 
 
 def _acceleration(step: ExactStep, y: Scalar, v: Scalar, r: Scalar, u: Scalar) -> Scalar:
-    """Acceleration under the input u and the remainders r [m/s^2]."""
+    """Return the acceleration under the input u and the remainders r [m/s^2]."""
     return u - step.damping * v - step.stiffness * y - r
 
 

@@ -26,7 +26,7 @@ def square_wave(
     variant: Variant = "corrected",
     num_terms: int = 2,
 ) -> Float[Array, "..."]:
-    r"""Fourier series of the switched force u_0 = lambda_0 sgn(v) for y = Y cos(theta).
+    r"""Return the fourier series of the switched force u_0 = lambda_0 sgn(v) for y = Y cos(theta).
 
     $$u_0 = -\frac{4\lambda_0}{\pi} \sum_{m = 1, 3, \dots} \frac{\sin m\theta}{m}$$
 
@@ -68,7 +68,7 @@ def require_variant(variant: str) -> None:
 def smoothed_harmonics(
     smoothing: Smoothing, y_peak: Real[ArrayLike, "..."]
 ) -> tuple[Complex[Array, "..."], Complex[Array, "..."]]:
-    r"""First and third harmonic of the smoothed force for y = Y cos(theta).
+    r"""Return the first and third harmonic of the smoothed force for y = Y cos(theta).
 
     $$Z_1 = \lambda_1 Y + \tfrac34 \lambda_3 Y^3
       + \frac{4j}{\pi}\left(\lambda_0 - \tfrac13 \lambda_2 Y^2\right)$$
@@ -133,7 +133,7 @@ def equivalent_acceleration(
     direction: Real[ArrayLike, "..."] | None = None,
     width: Scalar = 0.0,
 ) -> Float[Array, "..."]:
-    r"""Acceleration of the equivalent system.
+    r"""Return the acceleration of the equivalent system.
 
     $$\ddot y = u - 2\zeta\omega_n\dot y - (k+\lambda_1)\,y - \rho\,y^2 - \lambda_3 y^3 - u_0$$
 

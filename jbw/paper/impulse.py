@@ -104,7 +104,7 @@ def impulse_3(
 def _linear_cubed(
     system: PolynomialOscillator, tau_1: Delay, tau_2: Delay, tau_3: Delay
 ) -> Float[Array, "..."]:
-    """Integral over s of h_1(s) h_1(tau_1 - s) h_1(tau_2 - s) h_1(tau_3 - s)."""
+    """Return the integral over s of h_1(s) h_1(tau_1 - s) h_1(tau_2 - s) h_1(tau_3 - s)."""
     p_0, p_1, p_2, p_3 = _poles(system, 4)
     tau_1, tau_2, tau_3 = (_spread(tau, 4) for tau in (tau_1, tau_2, tau_3))
     until = jnp.minimum(jnp.minimum(tau_1, tau_2), tau_3)
@@ -115,7 +115,7 @@ def _linear_cubed(
 def _linear_times_second(
     system: PolynomialOscillator, tau_1: Delay, tau_2: Delay, tau_3: Delay
 ) -> Float[Array, "..."]:
-    """Integral over s of h_1(s) h_1(tau_1 - s) h_2(tau_2 - s, tau_3 - s)."""
+    """Return the integral over s of h_1(s) h_1(tau_1 - s) h_2(tau_2 - s, tau_3 - s)."""
     p_0, p_1, p_2, p_3, p_4 = _poles(system, 5)
     tau_1, tau_2, tau_3 = (_spread(tau, 5) for tau in (tau_1, tau_2, tau_3))
     inner = jnp.minimum(tau_2, tau_3)
@@ -129,7 +129,7 @@ def _linear_times_second(
 
 
 def _poles(system: PolynomialOscillator, count: int) -> list[Complex[Array, "..."]]:
-    """The two poles of the linear part, on each of so many last axes."""
+    """Return the two poles of the linear part, on each of so many last axes."""
     decay = jnp.asarray(system.damping) / 2.0
     poles = -decay + 1j * jnp.array([1.0, -1.0]) * _damped(system)
     return [poles.reshape(2, *(1,) * (count - 1 - axis)) for axis in range(count)]
@@ -164,5 +164,5 @@ def _spread(tau: Delay, axes: int) -> Float[Array, "..."]:
 
 
 def _ramp(rate: Complex[Array, "..."], until: Float[Array, "..."]) -> Complex[Array, "..."]:
-    """Integral of exp(rate s) over s from 0 to `until`."""
+    """Return the integral of exp(rate s) over s from 0 to `until`."""
     return jnp.expm1(rate * until) / rate

@@ -188,13 +188,13 @@ def tone_terms(
 
 
 def _slots(num_tones: int, order: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Every choice of `order` factors of (A, A*, B, B*, ...), and their powers."""
+    """Return every choice of `order` factors of (A, A*, B, B*, ...), and their powers."""
     slots = np.array(list(combinations_with_replacement(range(2 * num_tones), order)))
     return slots, (slots[:, :, None] == np.arange(2 * num_tones)).sum(axis=1)
 
 
 def _rows(omega: ArrayLike, amplitude: ArrayLike) -> tuple[Array, Array]:
-    """Frequencies and amplitudes as arrays, one value of each for every tone."""
+    """Return the frequencies and amplitudes as arrays, one value of each for every tone."""
     omega, amplitude = jnp.asarray(omega), jnp.asarray(amplitude)
     if omega.ndim != 1 or omega.shape != amplitude.shape:
         raise ConfigError(
@@ -212,7 +212,7 @@ def _coefficients(
     slots: Int[ArrayLike, "term order"],
     weight: Int[ArrayLike, " term"],
 ) -> Complex[Array, " term"]:
-    """Coefficients of the terms that take these slots of (A, A*, B, B*, ...)."""
+    """Return the coefficients of the terms that take these slots of (A, A*, B, B*, ...)."""
     signed = jnp.stack([omega, -omega], axis=1).ravel()
     half = jnp.stack([amplitude, jnp.conj(amplitude)], axis=1).ravel() / 2.0
     return jnp.asarray(weight) * jnp.prod(half[slots], axis=1) * kernel(system, *signed[slots].T)
@@ -292,7 +292,7 @@ def merge_lines(lines: Lines, tolerance: float = 1e-9) -> Lines:
 
 
 def synthesize(lines: Lines, t: Float[ArrayLike, "..."]) -> Float[Array, "..."]:
-    r"""Response in time from its lines, $y(t) = \mathrm{Re}\sum Y\,e^{j\Omega t}$.
+    r"""Return the response in time from its lines, $y(t) = \mathrm{Re}\sum Y\,e^{j\Omega t}$.
 
     Args:
         lines: Lines of the response.
@@ -383,7 +383,7 @@ def _cascade(
     substeps: int,
     max_order: int,
 ) -> tuple[Float[Array, "order time"], Float[Array, "order time"]]:
-    """Displacement and velocity of each order at the samples."""
+    """Return the displacement and velocity of each order at the samples."""
     step = dt / substeps
     moments = impulse_moments(system.stiffness, system.damping, step, 4)
     y, v = _propagate(moments, _held(_refined(u, hold, substeps), hold))
@@ -524,7 +524,7 @@ def volterra_sums(
 def _sums(
     system: PolynomialOscillator, u: Float[Array, " time"], dt: Scalar, memory: int
 ) -> Float[Array, "order time"]:
-    """The three convolutions over the last `memory` samples of each instant."""
+    """Return the three convolutions over the last `memory` samples of each instant."""
     # The record starts at its first sample: the trapezoid there has one side only.
     padded = jnp.concatenate([jnp.zeros(memory - 1), u.at[0].divide(2.0)])
     past = dt * padded[jnp.arange(u.size)[:, None] + memory - 1 - jnp.arange(memory)]
@@ -537,7 +537,7 @@ def _sums(
 
 
 def _record(u: Float[ArrayLike, "..."]) -> Float[Array, " time"]:
-    """The record as an array, checked to be one."""
+    """Return the record as an array, checked to be one."""
     u = jnp.asarray(u, dtype=float)
     if u.ndim != 1 or u.size < 2:
         raise DataError(
@@ -551,7 +551,7 @@ def _record(u: Float[ArrayLike, "..."]) -> Float[Array, " time"]:
 
 
 def _refined(u: Float[Array, " time"], hold: Hold, substeps: int) -> Float[Array, " fine"]:
-    """The held input on a grid `substeps` times as fine; the last sample stays the last."""
+    """Return the held input on a grid `substeps` times as fine; the last sample stays the last."""
     if hold == "zero":
         return jnp.concatenate([jnp.repeat(u[:-1], substeps), u[-1:]])
     fine = u[:-1, None] + (u[1:] - u[:-1])[:, None] * jnp.arange(substeps) / substeps

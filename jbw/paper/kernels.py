@@ -214,7 +214,7 @@ def cubic_stiffness(
 def harmonic_response(
     h_1: Values, h_3: Values, amplitude: Values
 ) -> tuple[Complex[Array, "..."], Complex[Array, "..."]]:
-    r"""First and third harmonic of the response to a tone, by the leading kernels.
+    r"""Return the first and third harmonic of the response to a tone, by the leading kernels.
 
     $$y(t) = \mathrm{Re}\,[Y(\omega)\,e^{j\omega t} + Y(3\omega)\,e^{3j\omega t}], \qquad
       Y(\omega) = A\,H_1(\omega), \quad Y(3\omega) = \tfrac14 A^3 H_3(\omega,\omega,\omega)$$

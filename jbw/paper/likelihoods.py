@@ -211,7 +211,7 @@ def map_estimate(
     *,
     max_steps: int = 256,
 ) -> Theta:
-    r"""Parameters of the greatest posterior density, $\arg\max_\theta p(\theta | D)$.
+    r"""Return the parameters of the greatest posterior density, $\arg\max_\theta p(\theta | D)$.
 
     It is the least-squares estimate only under a uniform prior, one known noise and away from the
     prior's bounds. BFGS from `start` in the logit of the box: a maximum nearby.

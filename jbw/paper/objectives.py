@@ -16,7 +16,7 @@ def kernel_residual(
     model: Inexact[ArrayLike, " freq"],
     weight: Float[ArrayLike, "..."] = 1.0,
 ) -> Float[Array, " values"]:
-    r"""Residuals of a measured kernel, real parts then imaginary parts.
+    r"""Return the residuals of a measured kernel, real parts then imaginary parts.
 
     $$r_i = w_i\,\bigl(H_3(\omega_i) - H_3(\omega_i; \theta)\bigr)$$
 
@@ -57,7 +57,7 @@ def kernel_objective(
 
 
 def kernel_constraints(omega_n: float) -> Bounds:
-    r"""Bounds of Step 3: $0 < \alpha \le \omega_n^2$ and $0 < \delta \le 500$.
+    r"""Return the bounds of Step 3: $0 < \alpha \le \omega_n^2$ and $0 < \delta \le 500$.
 
     With them k = omega_n^2 - alpha, which is not negative.
 
@@ -80,7 +80,7 @@ def kernel_constraints(omega_n: float) -> Bounds:
 def kernel_energy(
     h_3: Inexact[ArrayLike, "... freq"], omega: Float[ArrayLike, " freq"]
 ) -> Float[Array, "..."]:
-    r"""Energy of a kernel over the probing band, $\int_B |H_3(\omega)|^2\,d\omega$.
+    r"""Return the energy of a kernel over the probing band, $\int_B |H_3(\omega)|^2\,d\omega$.
 
     Args:
         h_3: Kernel of every draw at the probing frequencies [m^-2 s^6].

@@ -54,7 +54,7 @@ def kernel(system: PolynomialOscillator, *omega: Float[ArrayLike, "..."]) -> Com
 
 
 def _partitions(items: tuple[int, ...], blocks: int) -> Iterator[tuple[tuple[int, ...], ...]]:
-    """Every way to part `items` into so many non-empty blocks, each counted once."""
+    """Yield every way to part `items` into so many non-empty blocks, each counted once."""
     if blocks == 1:
         yield (items,)
         return

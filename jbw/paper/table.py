@@ -31,7 +31,7 @@ class Equation(NamedTuple):
 
 
 def equations() -> tuple[Equation, ...]:
-    """Every public function with the equations of the paper that it computes, by number.
+    """Return every public function with the equations of the paper that it computes, by number.
 
     Returns:
         Rows in the order of the equations; one equation may have several functions.
@@ -49,7 +49,7 @@ def equations() -> tuple[Equation, ...]:
 
 
 def rows_of(function: str, docstring: str) -> list[Equation]:
-    """The equations that a docstring refers to."""
+    """Return the equations that a docstring refers to."""
     import inspect
 
     section = _SECTION.search(inspect.cleandoc(docstring))
@@ -66,6 +66,6 @@ def rows_of(function: str, docstring: str) -> list[Equation]:
 
 
 def numbers(text: str) -> list[int]:
-    """The numbers of a list of equations, such as (3)-(6), (9)."""
+    """Return the numbers of a list of equations, such as (3)-(6), (9)."""
     spans = ((int(first), int(last or first)) for first, last in _SPAN.findall(text))
     return [number for first, last in spans for number in range(first, last + 1)]

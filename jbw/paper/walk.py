@@ -66,7 +66,7 @@ def random_walk(
     burn_in: float = 0.1,
     step_size: float | None = STEP_SIZE,
 ) -> Walk:
-    r"""One chain of the paper's sampler.
+    r"""Return one chain of the paper's sampler.
 
     A proposal outside the box is rejected and the state repeated. 850 steps of the published size
     cannot cross the box: the draws then show where the walk began, not the posterior. Run several
@@ -112,7 +112,7 @@ def _walk(
     x: Float[Array, " parameter"],
     options: Options,
 ) -> Walk:
-    """Every step of one chain."""
+    """Return every step of one chain."""
 
     def terms(theta: Any, _: Any) -> Array:
         return log_likelihood(theta)
@@ -129,7 +129,7 @@ def _walk(
 
 
 def coefficient_of_variation(draws: Float[ArrayLike, "... draw"]) -> Float[Array, "..."]:
-    r"""Standard deviation of draws over the modulus of their mean.
+    r"""Return the standard deviation of draws over the modulus of their mean.
 
     Args:
         draws: Draws of a parameter.

@@ -52,7 +52,7 @@ class Beliefs:
         return len(self.scale)
 
     def joint_by_joint(self) -> Iterator[dict[str, Array]]:
-        """Every joint's parameters by name."""
+        """Yield every joint's parameters by name."""
         for i in range(self.num_joints):
             yield {name: jnp.asarray(values[i]) for name, values in self.joints.items()}
 
@@ -81,7 +81,7 @@ def shares_of(laws: tuple[str, ...]) -> dict[str, str]:
 
 
 def usual_of(laws: tuple[str, ...]) -> dict[str, tuple[str, Range]]:
-    """Parameters that a default stands for: what they are parts of, and which parts."""
+    """Return the parameters that a default stands for: what they are parts of, and which parts."""
     return {name: part for law in laws_named(laws) for name, part in law.usual.items()}
 
 

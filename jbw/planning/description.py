@@ -57,7 +57,7 @@ def _within(quantity: Quantity, bounds: Range) -> Range:
 
 
 def _part(bounds: Range) -> Range:
-    """A share below one: the rest is the stiffness beside the joint."""
+    """Return a share below one: the rest is the stiffness beside the joint."""
     if bounds[1] >= 1:
         raise ValueError(
             f"must lie between 0 and 1, a part of the stiffness, but reaches {bounds[1]:g}."
@@ -111,7 +111,7 @@ class PlanTable(FileTable):
 
 @cache
 def plan_table(laws: tuple[str, ...] = DEFAULT_LAWS) -> type[PlanTable]:
-    """The [plan] table of a joint with these laws, whose parameters are keys too."""
+    """Return the [plan] table of a joint with these laws, whose parameters are keys too."""
     fields: dict[str, Any] = {}
     for quantity in quantities_of(laws):
         kind: Any = Annotated[AnyRange, AfterValidator(partial(_within, quantity))]
@@ -130,7 +130,7 @@ TABLES: dict[str, type[FileTable]] = {"joint": JointLaws, "plan": PlanTable, **G
 
 
 def plan_file() -> type[FileTable]:
-    """The whole file, as its JSON Schema tells it to editors."""
+    """Return the whole file, as its JSON Schema tells it to editors."""
     fields: dict[str, Any] = {name: (table | None, None) for name, table in TABLES.items()}
     fields["plan"] = plan_table() | None, None
     return create_model("PlanFile", __base__=FileTable, **fields)
@@ -209,7 +209,7 @@ def _told_by_run(plan: PlanTable | None, stated_keys: set[str], laws: tuple[str,
 
 
 def _missing(plan: PlanTable | None, stated_keys: set[str], laws: tuple[str, ...]) -> list[str]:
-    """Keys that no default stands for, and stiffnesses of the joint beyond the whole."""
+    """Return the keys that no default stands for, and stiffnesses of the joint beyond the whole."""
     faults, usual, fields = [], usual_of(laws), plan_table(laws).model_fields
     tells_frequency = bool({"natural_hz", "omega_n"} & stated_keys)
     if not tells_frequency:

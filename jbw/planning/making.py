@@ -223,7 +223,7 @@ def rig_of(tree: xr.DataTree) -> Rig:
 
 
 def _noise(posterior: xr.Dataset) -> ResponseNoise | None:
-    """Median over levels and draws of the noise of a sample."""
+    """Return the median over levels and draws of the noise of a sample."""
     # That of free decays, which were filtered, and that of harmonics are none of a sample.
     for name, values in posterior.data_vars.items():
         response = RESPONSE_OF.get(in_dialect(str(values.attrs.get("units", ""))))
@@ -263,7 +263,7 @@ def covariance(precision: Matrices) -> Matrices:
 
 
 def worst_decile(values: Float[np.ndarray, " joint *n"]) -> Float[np.ndarray, "*n"]:
-    """The least value that nine joints in ten do not exceed."""
+    """Return the least value that nine joints in ten do not exceed."""
     return np.quantile(values, 0.9, axis=0, method="inverted_cdf")
 
 
@@ -300,7 +300,7 @@ def information_gain(
 
 
 def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> CandidateRow:
-    """A candidate judged: repeats, spread, gain and limits."""
+    """Return a candidate judged: repeats, spread, gain and limits."""
     candidate, information = prospect.candidate, prospect.information
     positions = [beliefs.names.index(name) for name in wish.wanted]
     eigenmodes = modes(beliefs.precision, information)
@@ -342,7 +342,7 @@ def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> CandidateRow:
 def expected(
     spreads: Float[np.ndarray, "joint parameter"], beliefs: Beliefs, wish: Wish
 ) -> dict[str, Expected]:
-    """Median and worst decile over joints of the spread of the wanted parameters."""
+    """Return the median and worst decile over joints of the spread of the wanted parameters."""
     worst, middle = worst_decile(spreads), np.median(spreads, axis=0)
     return {
         name: Expected(float(middle[i]), float(worst[i]))
@@ -366,7 +366,7 @@ def _undetermined(
 
 
 def ordered(rows: Sequence[CandidateRow]) -> tuple[CandidateRow, ...]:
-    """Rows by status, then by measuring time, then by what they tell."""
+    """Return the rows by status, then by measuring time, then by what they tell."""
 
     def place(candidate: CandidateRow) -> tuple[int, float, float]:
         seconds = candidate.seconds_each * (candidate.repeats or 1)

@@ -236,7 +236,7 @@ class FleetDesign(NamedTuple):
 def fleet_designs(
     torque: tuple[float, float], designs: Iterable[tuple[int, int]] = DESIGNS
 ) -> list[FleetDesign]:
-    """Each design between the least and the largest torque [N m].
+    """Return each design between the least and the largest torque [N m].
 
     Raises:
         ConfigError: Torques that are no range, or a design of fewer than three units.

@@ -119,7 +119,7 @@ class Reach:
 
 
 def sampling_for(natural_hz: float) -> float:
-    """A power of two with forty samples a period or more [Hz]."""
+    """Return a power of two with forty samples a period or more [Hz]."""
     return float(2 ** np.ceil(np.log2(PER_PERIOD * natural_hz)))
 
 
@@ -201,7 +201,7 @@ def _span_about(natural: float, every: Sequence[float]) -> tuple[float, float]:
 
 
 def _aimed(shape: PlannedSweep, level: float, y: float, beliefs: Beliefs) -> float:
-    """Level at which a sweep moves the joint that responds most to y."""
+    """Return the level at which a sweep moves the joint that responds most to y."""
     for _ in range(NUM_TRIES):
         peaks = peak_displacements(replace(shape, level=level), beliefs)
         bounded = peaks[np.isfinite(peaks)]
@@ -271,7 +271,7 @@ def _resonance(beliefs: Beliefs, y: float) -> Resonances:
 
 
 def _within(levels: Sequence[float], reach: Reach) -> tuple[float, ...]:
-    """Levels in few digits, those beyond the largest input brought down to it."""
+    """Return the levels in few digits, those beyond the largest input brought down to it."""
     return tuple(sorted({min(_rounded(level), reach.max_input) for level in levels}))
 
 

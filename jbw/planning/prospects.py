@@ -122,7 +122,7 @@ def _found(
     information: Float[np.ndarray, "joint parameter parameter"],
     y_peak: Float[np.ndarray, " joint"],
 ) -> Prospect:
-    """A candidate with what was found, without joints for which no response was."""
+    """Return a candidate with what was found, without joints for which no response was."""
     lost = ~np.isfinite(information).all(axis=(1, 2)) | ~np.isfinite(y_peak)
     information[lost], y_peak[lost] = 0.0, np.nan
     return Prospect(candidate, information, y_peak)
@@ -140,7 +140,7 @@ def peak_displacements(
 def _planned_sweep(
     candidate: PlannedSweep, laws: tuple[str, ...], response: str, longest: int
 ) -> Records:
-    """A sweep's record without a response, which is left at zero."""
+    """Return a sweep's record without a response, which is left at zero."""
     played = sweep(
         candidate.level, candidate.start_hz, candidate.stop_hz, candidate.burst,
         fade=candidate.fade,
@@ -156,7 +156,7 @@ def _planned_sweep(
 def _sweep_design(
     candidate: PlannedSweep, laws: tuple[str, ...], noise: ResponseNoise, longest: int
 ) -> Design:
-    """A sweep's record, whose information does not depend on the response."""
+    """Return a sweep's record, whose information does not depend on the response."""
     planned = _planned_sweep(candidate, laws, noise.response, longest)
     groups = changed(planned.groups, noise_std=np.full(1, noise.std))
     is_measured = np.arange(planned.mean.shape[1]) < candidate.num_samples

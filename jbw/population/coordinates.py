@@ -44,12 +44,12 @@ class Pooled(NamedTuple):
 
 
 def unit_names(fleet: xr.DataTree) -> list[str]:
-    """Names of the units, in order."""
+    """Return the names of the units, in order."""
     return [str(name) for name in fleet.to_dataset()["unit"].values]
 
 
 def parameters_of(fleet: xr.DataTree) -> tuple[str, ...]:
-    """Names of the parameters of the structure and of the fleet's laws."""
+    """Return the names of the parameters of the structure and of the fleet's laws."""
     laws = laws_named(laws_of(fleet))
     return (*STRUCTURE, *(name for law in laws for name in law.names()))
 
@@ -84,7 +84,7 @@ def pooled(fleet: xr.DataTree, names: Sequence[str] | None = None) -> Pooled:
 
 
 def laws_of(fleet: xr.DataTree) -> tuple[str, ...]:
-    """Names of the fleet's laws."""
+    """Return the names of the fleet's laws."""
     return tuple(json.loads(fleet.attrs["laws"]))
 
 
@@ -160,7 +160,7 @@ def _require_whole(fleet: xr.DataTree, name: str) -> None:
 
 
 def cut_of(fleet: xr.DataTree, name: str) -> tuple[Float[np.ndarray, " unit"], Any]:
-    r"""How much of each unit's posterior a prior cuts, and the parameter whose prior does.
+    r"""Return how much of each unit's posterior a prior cuts, and the parameter whose prior does.
 
     Of a quantity that was not sampled itself, what the bounds of each that was cut, times the part
     $\rho^2$ of its variance that goes with that one: a product stays whole where its factors trade

@@ -88,7 +88,7 @@ def fleet_of(
     covariates: Mapping[str, Mapping[str, Any]] | None = None,
     mixed_versions: bool = False,
 ) -> xr.DataTree:
-    """Draws of several finished runs with their covariates, as this module describes it.
+    """Return the draws of several finished runs with their covariates, as this module describes it.
 
     Args:
         runs: Folders of finished runs, or what `jbw.identify` and `jbw.load_study` return; one a
@@ -126,7 +126,7 @@ def fleet_of(
 
 
 def read_fleet(path: str | Path) -> xr.DataTree:
-    """A fleet from the file that `write_fleet` or `jbw collect` wrote.
+    """Return a fleet from the file that `write_fleet` or `jbw collect` wrote.
 
     Raises:
         DataError: No such file, or one that holds no fleet of this format.
@@ -254,7 +254,7 @@ def _log_bounds(unit: Unit, name: str) -> tuple[float, float]:
 
 
 def beyond(unit: Unit, name: str) -> float:
-    """Probability beyond the prior's bounds of a Gaussian of the draws' mean and sd.
+    """Return the probability beyond the prior's bounds of a Gaussian of the draws' mean and sd.
 
     A posterior that the box leaves alone has next to none there; one that is cut at its mode,
     half a Gaussian, has 9 %, one that is flat up to a bound 4 %. NaN where not sampled.

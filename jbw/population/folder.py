@@ -12,7 +12,7 @@ SAME_TORQUE = 1e-3  # a part: what is stated with three digits
 
 
 def holds_population(folder: Path) -> bool:
-    """Whether a folder is that of a population of units."""
+    """Return whether a folder is that of a population of units."""
     return (folder / "population.json").is_file()
 
 
@@ -34,7 +34,7 @@ def basis_of_population(folder: Path) -> Basis:
 
 
 def require_same_torque(folder: Path, torque: float | None) -> float | None:
-    """The torque [N m] of the units that a population predicts, which that of tests must be.
+    """Return the torque [N m] of the units that a population predicts, which that of tests must be.
 
     None where the folder holds no population, or one without a torque.
     """

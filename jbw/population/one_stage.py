@@ -68,7 +68,7 @@ def one_stage(
     seed: int = 0,
     report: Callable[[str], Any] = logger.info,
 ) -> dict[str, np.ndarray]:
-    """Draws of `line`, `tau` and `scatter` from all records at once, axes (chain, draw).
+    """Return the draws of `line`, `tau` and `scatter` from all records at once, axes (chain, draw).
 
     Args:
         studies: What `jbw.identify` returned of every unit, in the order of the fleet.
@@ -103,7 +103,7 @@ def one_stage(
 
 
 def measured_units(studies: Sequence[Study], population: Population) -> list[MeasuredUnit]:
-    """Every unit with its records."""
+    """Return every unit with its records."""
     if len(studies) != len(population.record["units"]):
         raise ConfigError(
             f"Argument `studies` must hold the {len(population.record['units'])} units of the "

@@ -110,7 +110,7 @@ def population_of(
     report: Report = logger.info,
     parts: Parts = unkept,
 ) -> Population:
-    r"""The population that the units of a fleet come from.
+    r"""Return the population that the units of a fleet come from.
 
     Units scatter normally, in logarithms, about a line in ln torque and in ln of the number of the
     tightening, as far as these vary. A unit that knows itself better than the population does is
@@ -252,7 +252,7 @@ def left_out(
 def _design_rows(
     design: CovariateDesign, d: int, u: Array | None
 ) -> Float[Array, "unit d coefficient"]:
-    """The coordinates of every unit as a product with the line, coordinate by coordinate."""
+    """Return the coordinates of every unit as a product with the line, coordinate by coordinate."""
     x = jnp.repeat(jnp.asarray(design.x)[:, None], d, axis=1)
     if u is not None:
         j = design.columns.index(TORQUE)
@@ -273,7 +273,7 @@ class Pooling(NamedTuple):
 def record_of(
     fleet: xr.DataTree, pooling: Pooling, belongs: Float[np.ndarray, " unit"]
 ) -> dict[str, Any]:
-    """All numbers of a population; `belongs` as `belonging` has it."""
+    """Return all numbers of a population; `belongs` as `belonging` has it."""
     pooled, units, design, prior, draws = pooling
     root, names = fleet.to_dataset(), unit_names(fleet)
     torque = root["torque"].values.tolist()
@@ -299,13 +299,13 @@ def record_of(
 
 
 def own_over_scatter(pooled: Pooled, draws: Draws) -> Float[np.ndarray, "unit d"]:
-    """Each unit's own error over the median scatter."""
+    """Return each unit's own error over the median scatter."""
     unit_sd = np.sqrt(np.diagonal(pooled.cov, axis1=1, axis2=2))
     return unit_sd / np.median(draws["tau"], axis=(0, 1))
 
 
 def interval(values: np.ndarray) -> dict[str, float]:
-    """Median and 99 % interval."""
+    """Return the median and 99 % interval."""
     low, median, high = np.quantile(values, QUANTILES)
     return {"median": float(median), "q005": float(low), "q995": float(high)}
 
@@ -313,7 +313,7 @@ def interval(values: np.ndarray) -> dict[str, float]:
 def _rows(
     fleet: xr.DataTree, pooled: Pooled, design: CovariateDesign, draws: Draws
 ) -> dict[str, dict[str, Any]]:
-    """A row a coordinate: mean, scatter between units and between runs, powers."""
+    """Return a row a coordinate: mean, scatter between units and between runs, powers."""
     units, symbols = (json.loads(fleet.attrs[key]) for key in ("units", "symbols"))
     line, tau = draws["line"], draws["tau"]
     ratio = own_over_scatter(pooled, draws).max(axis=0)
@@ -413,7 +413,7 @@ def status_of(record: Mapping[str, Any]) -> str:
 
 
 def statements(record: Record) -> list[str]:
-    """Sentences of a record: how far to trust it first, then what it says."""
+    """Return the sentences of a record: how far to trust it first, then what it says."""
     topics = (
         _few_units, _failed, _confounded, _without_logarithm, _trends, _ratio_trends, _runs, _odd,
         _stands, _weak, _saturates, _wrench,
@@ -509,5 +509,5 @@ def _wrench(record: Record) -> Iterator[str]:
 
 
 def _holds_zero(slope: Mapping[str, float]) -> bool:
-    """Whether a 99 % interval holds zero."""
+    """Return whether a 99 % interval holds zero."""
     return slope["q005"] <= 0.0 <= slope["q995"]

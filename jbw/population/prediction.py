@@ -39,7 +39,7 @@ def new_units(
     seed: int = 0,
     num: int = NUM_UNITS,
 ) -> dict[str, Float[np.ndarray, " unit"]]:
-    r"""Parameters of further units, at a torque [N m] or at the reference.
+    r"""Return the parameters of further units, at a torque [N m] or at the reference.
 
     What is pooled may be fewer numbers than the parameters: products, where data know no factor. A
     draw of a measured unit is moved by the least step, in logarithms, that gives it the pooled
@@ -106,7 +106,7 @@ def gains_of(fleet: xr.DataTree) -> list[Float[np.ndarray, " draw"]] | None:
 
 
 def y_peak_of(fleet: xr.DataTree) -> float:
-    """The displacement that every unit was driven to [m]; NaN where none says."""
+    """Return the displacement that every unit was driven to [m]; NaN where none says."""
     peaks = np.array([fleet[name].attrs.get("y_peak", np.nan) for name in unit_names(fleet)], float)
     return float(np.min(peaks[np.isfinite(peaks)], initial=np.inf)) if np.any(peaks > 0) else np.nan
 

@@ -22,14 +22,14 @@ Reals = Float[Array, "..."] | Float[np.ndarray, "..."]
 
 
 def saturating(ratio: Reals, u: Reals) -> Float[Array, "..."]:
-    """The curve at T/T_ref = `ratio`: zero there, with the slope 1 on ln T."""
+    """Return the curve at T/T_ref = `ratio`: zero there, with the slope 1 on ln T."""
     return jnp.asarray(u * (1.0 - jnp.exp((1.0 - ratio) / u)))
 
 
 def expected(
     line: Reals, x: Reals, design: CovariateDesign, u: Reals | None
 ) -> Float[Array, "... unit d"]:
-    """Coordinates of units at their covariates, axes (..., unit, d).
+    """Return the coordinates of units at their covariates, axes (..., unit, d).
 
     Args:
         line: Axes (..., d, covariate).

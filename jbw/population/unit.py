@@ -73,7 +73,7 @@ class Unit(NamedTuple):
 
 
 def units_of(runs: Sequence[Study | str | Path]) -> list[Unit]:
-    """Every run as a unit, under a name that is its own: that of its folder."""
+    """Return every run as a unit, under a name that is its own: that of its folder."""
     folders = [None if isinstance(run, Study) else Path(run).resolve() for run in runs]
     for folder in folders:
         if folder is not None and folders.count(folder) > 1:

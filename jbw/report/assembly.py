@@ -77,7 +77,7 @@ def view_of(
 
 
 def _moved(group: xr.Dataset, mode: int, view: View) -> Float[np.ndarray, "node 2"]:
-    """Nodes of a mode's shape, as they are seen."""
+    """Return the nodes of a mode's shape, as they are seen."""
     position = group["position"].values
     scale = EXAGGERATED * np.ptp(position, axis=0).max()
     return (position + scale * group["deflection"].values[mode]) @ view.directions.T
@@ -112,7 +112,7 @@ def _draw_joints(panel: Axes, group: xr.Dataset, joints: xr.Dataset, mode: int, 
 
 
 def _title(joints: xr.Dataset) -> str:
-    """A mode, and the joints with the largest shares in its strain energy."""
+    """Return a mode, and the joints with the largest shares in its strain energy."""
     shares = joints["energy_share"].values
     largest = np.argsort(-shares, kind="stable")[:MOST_NAMED]
     named = ", ".join(
@@ -128,7 +128,7 @@ def _colour(joint: int) -> str:
 
 
 def _bars(joints: xr.Dataset, ax: Any) -> Panels:
-    """Shares in the joints' losses by mode, a bar a joint."""
+    """Return the shares in the joints' losses by mode, a bar a joint."""
     axes = panels(ax, 1, 1, height=2.6)
     panel = axes[0, 0]
     names, modes = joints["joint"].values, joints["mode"].values

@@ -197,7 +197,7 @@ def _interval(low: float, middle: float, high: float) -> str:
 
 
 def _modes(tree: xr.DataTree) -> Cells:
-    """Every mode at small motion, of a structure of several; no rows of one mode."""
+    """Return every mode at small motion, of a structure of several; no rows of one mode."""
     group = node(tree, "posterior")
     drawn = {} if group is None else group.to_dataset().data_vars
     pairs = [("omega_n", "zeta"), *((f"omega_{k}", f"zeta_{k}") for k in range(2, 20))]
@@ -337,7 +337,7 @@ def _put(figure: Figure, x: float, top: float, text: str, **look: Any) -> None:
 
 
 def _broken(text: str, width: float, size: float, most: int) -> list[str]:
-    """A text in lines of a width [in], the last one shortened where there are more."""
+    """Return a text in lines of a width [in], the last one shortened where there are more."""
     lines = [""]
     words = list(_pieces(printable(text).split(), width, size))
     for i, word in enumerate(words):
@@ -353,7 +353,7 @@ def _broken(text: str, width: float, size: float, most: int) -> list[str]:
 
 
 def _pieces(words: Sequence[str], width: float, size: float) -> Iterator[str]:
-    """Words, those longer than a line in parts."""
+    """Yield the words, those longer than a line in parts."""
     for word in words:
         while _width(word, size) > width:
             count = next(
@@ -365,7 +365,7 @@ def _pieces(words: Sequence[str], width: float, size: float) -> Iterator[str]:
 
 
 def _shortened(text: str, width: float, size: float, weight: str = "normal") -> str:
-    """A text that fits into a width [in], with an ellipsis where it was longer."""
+    """Return a text that fits into a width [in], with an ellipsis where it was longer."""
     text = " ".join(printable(text).split())
     if _width(text, size, weight) <= width:
         return text
@@ -378,7 +378,7 @@ def _shortened(text: str, width: float, size: float, weight: str = "normal") -> 
 
 
 def _width(text: str, size: float, weight: str = "normal") -> float:
-    """Width of a line [in]."""
+    """Return the width of a line [in]."""
     font = FontProperties(size=size, weight=weight)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph")

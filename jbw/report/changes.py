@@ -36,7 +36,7 @@ LEVEL = 0.99  # of the band in which a further reading of an unchanged joint lie
 
 
 def parameters_table(record: Row) -> Table:
-    """A row a quantity that both runs know."""
+    """Return a row a quantity that both runs know."""
     return table(
         messages.TABLE,
         record["parameters"],
@@ -48,7 +48,7 @@ def parameters_table(record: Row) -> Table:
 
 
 def backbone_table(record: Row) -> Table:
-    """Frequency and damping at amplitudes that both runs fitted."""
+    """Return the frequency and damping at amplitudes that both runs fitted."""
     factor, unit = length_unit(max((row["amplitude"] for row in record["backbone"]), default=1.0))
     return table(
         messages.BACKBONE_TABLE,
@@ -108,7 +108,7 @@ def side_by_side_figure(record: Row, bands: xr.Dataset, ax: Any = None) -> Panel
 
 
 def _columns() -> tuple[Column, ...]:
-    """Both intervals, that of the difference, and the probability."""
+    """Return both intervals, that of the difference, and the probability."""
     return (
         *(Column(run, partial(_interval, key=run.lower())) for run in RUNS),
         Column("A - B", partial(_interval, key="difference")),
@@ -194,7 +194,7 @@ def watch_figure(
 def watch_sheet(
     name: str, settings: Mapping[str, Any], readings: Sequence[Mapping[str, Any]]
 ) -> Sheet:
-    """The page of a watch: figure, what was said at every alarm, every reading."""
+    """Return the page of a watch: figure, what was said at every alarm, every reading."""
     alarms = [reading for reading in readings if reading.get("alarm")]
     stated = [f"{row['record']}: {row['statement']}" for row in alarms if "statement" in row]
     last = [reading["statement"] for reading in readings if "statement" in reading][-1:]
@@ -210,7 +210,7 @@ def watch_sheet(
 
 
 def watch_table(settings: Mapping[str, Any], entries: Any) -> Table:
-    """A line a record, with its readings at the first amplitude."""
+    """Return a line a record, with its readings at the first amplitude."""
 
     def number(heading: str, read: Any, form: str) -> Column:
         def shown(reading: Mapping[str, Any]) -> str:
@@ -240,5 +240,5 @@ def watch_table(settings: Mapping[str, Any], entries: Any) -> Table:
 
 
 def _damping(reading: Mapping[str, Any]) -> float | None:
-    """Damping ratio in per cent at the first amplitude."""
+    """Return the damping ratio in per cent at the first amplitude."""
     return 100 * float(np.exp(reading["values"][1])) if "values" in reading else None

@@ -229,7 +229,7 @@ def decimated(points: CurvePoints, most: int) -> CurvePoints:
 
 
 def _extremes(y: Values, width: int) -> np.ndarray:
-    """Places of the least and the largest value of every stretch, and of both ends."""
+    """Return the places of the least and the largest value of every stretch, and of both ends."""
     starts = np.arange(0, len(y), width)
     padded = np.append(y, np.full(-len(y) % width, y[-1])).reshape(-1, width)
     extremes = (starts + padded.argmin(axis=1), starts + padded.argmax(axis=1))

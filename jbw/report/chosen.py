@@ -12,7 +12,7 @@ Part = Literal["chosen", "rest", "all"]
 
 
 def selected(tests: Tests, part: Part) -> Tests:
-    """The chosen tests, those that the choice leaves, or all of them, in their order.
+    """Return the chosen tests, those that the choice leaves, or all of them, in their order.
 
     Raises:
         ConfigError: Another part.

@@ -22,7 +22,7 @@ def motion_unit(largest: float, unit: str = "m") -> tuple[float, str]:
 
 
 def loops_table(loops: Sequence[Row]) -> Table:
-    """A row a force loop: its largest motion and the secant stiffness there."""
+    """Return a row a force loop: its largest motion and the secant stiffness there."""
     motion, stiffness = _written(loops)
     return table(
         "Force loops",

@@ -125,7 +125,7 @@ def _write(ax: Axes, x: float, y: float, text: str, size: float = 9.0, **look: A
 
 
 def _spread(parameter: PosteriorParameter) -> str:
-    """Median of a parameter with half of its 99 % interval, as a page shows it."""
+    """Return the median of a parameter with half of its 99 % interval, as a page shows it."""
     shown = shown_as(parameter.name, parameter.unit)
     return spread_text(shown.factor * parameter.draws, shown.unit)
 

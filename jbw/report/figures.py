@@ -216,7 +216,7 @@ def draw_when_asked() -> None:
 
 
 def _drawn(entry: ReportFigure, tree: xr.DataTree, files: Files | None) -> DrawnFigure:
-    """One figure; one that fails costs neither the others nor the tables."""
+    """Return one figure; one that fails costs neither the others nor the tables."""
     drawn = DrawnFigure()
 
     def written(figure: Figure, end: str = "") -> str:
@@ -242,7 +242,7 @@ def _drawn(entry: ReportFigure, tree: xr.DataTree, files: Files | None) -> Drawn
 
 
 def svg(figure: Figure, name: str) -> str:
-    """A figure as SVG in the page's light or dark theme; the name keeps its ids apart."""
+    """Return a figure as SVG in the page's light or dark theme; the name keeps its ids apart."""
     buffer = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "path", "svg.hashsalt": name}):
         figure.savefig(buffer, format="svg", transparent=True, dpi=160, metadata={"Date": None})

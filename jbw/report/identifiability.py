@@ -86,7 +86,7 @@ def _column(group: xr.Dataset, what: str) -> Float[np.ndarray, " quantity"]:
 
 
 def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """How far can each parameter move while the others make up for it?
+    """Return how far can each parameter move while the others make up for it?
 
     Least χ² with the parameter held, less the least of all. A parabola that passes the dashed line
     on both sides gives a 99 % interval; a curve that stays below it up to the bound is a limit that
@@ -116,7 +116,7 @@ def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def directions_table(summary: Row, quantities: Names) -> Table:
-    """The information spectrum of a summary, a row a direction, the strongest first."""
+    """Return the information spectrum of a summary, a row a direction, the strongest first."""
 
     def direction(row: Row) -> Cell:
         return Cell(combination(row["combination"], quantities), typed=row["combination"])
@@ -171,7 +171,7 @@ def _waterfall(summary: Row) -> str:
 
 
 def _shift(row: Row, quantities: Names) -> str:
-    """How far a mean follows the box, and which bound moves it."""
+    """Return how far a mean follows the box, and which bound moves it."""
     shift = row["box_sensitivity"]
     if shift is None or not shift.get("box"):
         return NOTHING
@@ -180,7 +180,7 @@ def _shift(row: Row, quantities: Names) -> str:
 
 
 def _interval(row: Row) -> str:
-    """The interval of a profile; an open side has no number."""
+    """Return the interval of a profile; an open side has no number."""
     profile = row["profiles"]
     if profile is None:
         return NOTHING

@@ -10,7 +10,7 @@ from jbw.report.text import NOTHING
 
 
 def law_order(record: Mapping[str, Any]) -> list[str]:
-    """Names of the laws: the preferred one, then by their scores."""
+    """Return the names of the laws: the preferred one, then by their scores."""
     worst = -float("inf")
 
     def rank(name: str) -> tuple[bool, float]:
@@ -24,7 +24,7 @@ def law_order(record: Mapping[str, Any]) -> list[str]:
 
 
 def laws_table(record: Mapping[str, Any]) -> Table:
-    """A line a law, the best first."""
+    """Return a line a law, the best first."""
     laws = record["laws"]
     rows = [{"law": name, "floor": record["line"], **laws[name]} for name in law_order(record)]
     return table(
@@ -65,7 +65,7 @@ def free_law_table(record: Mapping[str, Any]) -> Table | None:
 
 
 def _across_kinds(row: Mapping[str, Any]) -> str:
-    """Largest error of a kind of test as the others predict it."""
+    """Return the largest error of a kind of test as the others predict it."""
     errors = row.get("error_across")
     return f"{100 * max(errors.values()):.3g}" if errors else NOTHING
 

@@ -55,7 +55,7 @@ def _is_seen(of_mode: xr.Dataset) -> bool:
 
 
 def _stuck_hz(of_mode: xr.Dataset) -> float:
-    """Frequency at the smallest amplitude."""
+    """Return the frequency at the smallest amplitude."""
     return float(of_mode["frequency_hz"].values[0, 1])
 
 

@@ -63,7 +63,7 @@ def split_sentence(summary: Summary) -> str | None:
 
 
 def lead(summary: Summary, drawn: Sequence[str]) -> str | None:
-    """The name of the figure that stands first, of those that could be drawn."""
+    """Return the name of the figure that stands first, of those that could be drawn."""
     moves = "loops" if not _has_mode(summary) else None
     leads = LEADS if (summary.get("look") or {}).get("tests") else UNREAD
     return next((name for name in (moves, *leads) if name in drawn), None)
@@ -114,7 +114,7 @@ def _digits(low: float, high: float) -> int:
 
 
 def effect_sentence(summary: Summary, tree: xr.DataTree) -> str:
-    """Frequency and damping at a tenth of the largest displacement fitted, and there."""
+    """Return the frequency and damping at a tenth of the largest displacement fitted, and there."""
     for finding in summary["verdict"]["findings"]:
         if finding["code"] == ABSENT and finding["status"] != "ok":
             return finding["reason"]
@@ -205,7 +205,7 @@ def _odds(nats: float, *, at_least: bool) -> str:
 
 
 def _per_cents(ends: Mapping[str, float]) -> str:
-    """Median and 99 % interval in per cent."""
+    """Return the median and 99 % interval in per cent."""
     low, middle, high = (f"{100 * ends[quantile]:.3g}" for quantile in ("0.005", "0.5", "0.995"))
     return f"{middle} % [{low}, {high}]"
 
@@ -221,7 +221,7 @@ def _change(what: str, values: np.ndarray, unit: str) -> str:
 
 
 def _misfits(summary: Summary) -> Iterator[str]:
-    """Errors of the fitted tests, and of those held out."""
+    """Yield the errors of the fitted tests, and of those held out."""
     tests = [row for row in (summary.get("predictions") or {}).values() if row.get("nrmse")]
     fitted = [row for row in tests if row.get("fitted")]
     held_out = [row for row in tests if not row.get("fitted")]
@@ -243,7 +243,7 @@ def _misfits(summary: Summary) -> Iterator[str]:
 
 
 def _of_held_out(tests: Sequence[Summary]) -> str:
-    """Errors of tests that were held out, and how much of them the bands hold."""
+    """Return the errors of tests that were held out, and how much of them the bands hold."""
     inside = [row["coverage"] for row in tests if row.get("coverage") is not None]
     widths = [width for row in tests if (width := row.get("half_width")) is not None]
     return messages.held_out_errors(
@@ -269,7 +269,7 @@ def fit_sentence(summary: Summary) -> str:
 
 
 def _errors(tests: Sequence[Summary]) -> str:
-    """Errors over the rms of the record, of the joint and of the best linear oscillator.
+    """Return the errors over the rms of the record, of the joint and of the best linear oscillator.
 
     Of held-out free decays also with each record's own natural frequency.
     """
@@ -284,7 +284,7 @@ def _errors(tests: Sequence[Summary]) -> str:
 
 
 def _span(ratios: Sequence[float], digits: int = 2) -> str:
-    """Least and largest ratio in per cent."""
+    """Return the least and largest ratio in per cent."""
     ends = min(ratios), max(ratios)
     return messages.span(*(f"{float(f'{100 * ratio:.{digits}g}'):g}" for ratio in ends))
 
@@ -317,7 +317,7 @@ def _per_cent(cv: float) -> str:
 
 
 def _following(summary: Summary) -> str:
-    """The remedy of the first finding that fails, else of the first that is not ok.
+    """Return the remedy of the first finding that fails, else of the first that is not ok.
 
     A cause that explains what the fit leaves comes before what follows from it. Of a joint
     that is not seen no parameter can be identified: its bounds are no remedy.

@@ -97,7 +97,7 @@ def render_page(
 
 
 def _verdict(verdict: Mapping[str, Any], quantities: Names) -> dict[str, Any]:
-    """The verdict: its badge in words, its findings, and what it answers."""
+    """Return the verdict: its badge in words, its findings, and what it answers."""
     status = badge(verdict)
     answers = [
         {
@@ -119,7 +119,7 @@ def _verdict(verdict: Mapping[str, Any], quantities: Names) -> dict[str, Any]:
 def _step(
     name: str, step: Mapping[str, Any], summary: Mapping[str, Any], quantities: Names
 ) -> dict[str, Any]:
-    """A step of the identification, with its findings and statements."""
+    """Return a step of the identification, with its findings and statements."""
     return {
         "name": tables.step_heading(name, summary),
         "main": name == summary.get("main"),
@@ -132,7 +132,7 @@ def _step(
 
 
 def _parameters(summary: Mapping[str, Any], quantities: Names) -> dict[str, Table]:
-    """Parameters of the main posterior, of other steps, and of the paper's route."""
+    """Return the parameters of the main posterior, of other steps, and of the paper's route."""
     parameters = tables.parameters_table(summary, quantities, shown=True)
     main, of_route = summary.get("main"), partial(tables.of_route, summary=summary)
     return {
@@ -194,7 +194,7 @@ def campaign_name(summary: Mapping[str, Any]) -> str:
 
 
 def _shown(entry: ReportFigure, drawn: DrawnFigure) -> dict[str, Any]:
-    """One figure as the page has it."""
+    """Return one figure as the page has it."""
     number = entry.name.removeprefix("figure_") if entry.name.startswith("figure_") else ""
     # The SVG is our own drawing of numbers, its texts outlines: safe to insert as it is.
     pictures = {"svg": Markup(drawn.svg), "rest": Markup(drawn.rest)}
@@ -254,6 +254,6 @@ def render_interactive(tree: xr.DataTree, campaign: str = "") -> str:
 
 
 def _lighter(line: Mapping[str, Any], limit: int) -> dict[str, Any]:
-    """A trace of plotly with so many points at most."""
+    """Return a trace of plotly with so many points at most."""
     x, y = decimated(CurvePoints(line["x"], line["y"]), limit)
     return {**line, "x": x, "y": y}

@@ -149,7 +149,7 @@ def peaks_of(spectra: dict[str, ShownSpectrum]) -> list[Peak]:
 def _together(
     peaks: Sequence[tuple[float, float, str]],
 ) -> Iterator[list[tuple[float, float, str]]]:
-    """Peaks of one mode: along the frequency each close to the one before."""
+    """Yield the peaks of one mode: along the frequency each close to the one before."""
     mode: list[tuple[float, float, str]] = []
     for peak in sorted(peaks):
         if mode and peak[0] > (1 + APART) * mode[-1][0]:
@@ -172,7 +172,7 @@ def _band(before: float, centre: float, after: float) -> tuple[float, float]:
 
 
 def _powers(record: Record, *, is_driven: bool) -> tuple[Lines, Lines, Lines]:
-    """Frequencies [Hz], power of the response there and of the source, 1 without one."""
+    """Return the frequencies [Hz], power of the response there and of the source, 1 without one."""
     freq = np.fft.rfftfreq(record.num_samples, 1 / record.fs)[1:]
     response = _power(record.channels[record.response])
     source = _power(record.channels[record.source]) if is_driven else np.ones_like(freq)
@@ -180,7 +180,7 @@ def _powers(record: Record, *, is_driven: bool) -> tuple[Lines, Lines, Lines]:
 
 
 def _power(samples: Float[np.ndarray, " time"]) -> Lines:
-    """Squares of a transform's lines less the mean's, each the mean of those beside it.
+    """Return the squares of a transform's lines less the mean's, each the mean of those beside it.
 
     Zero stands where a sample is missing.
     """
@@ -199,7 +199,7 @@ def _of_curves(test: Test) -> ShownSpectrum:
 
 
 def shown(spectrum: ShownSpectrum) -> ShownSpectrum:
-    """The largest line of every stretch, so that no peak is lost."""
+    """Return the largest line of every stretch, so that no peak is lost."""
     width = -(-len(spectrum.size) // NUM_SHOWN)
     starts = range(0, len(spectrum.size), width)
     largest = [start + int(np.argmax(spectrum.size[start : start + width])) for start in starts]

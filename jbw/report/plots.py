@@ -28,7 +28,7 @@ __all__ = ["draw", "enclosed_areas", "laws", "names", "population_figure", "pred
 
 
 def names() -> tuple[str, ...]:
-    """Names of the report's figures, in its order."""
+    """Return the names of the report's figures, in its order."""
     return tuple(FIGURES)
 
 

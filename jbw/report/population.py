@@ -58,7 +58,7 @@ def population_figure(
 def population_sheet(
     name: str, record: Mapping[str, Any], mean: np.ndarray, sd: np.ndarray, pooled: Table
 ) -> Sheet:
-    """The page of a fleet: figure, statements, the population, every unit.
+    """Return the page of a fleet: figure, statements, the population, every unit.
 
     Args:
         name: Of the fleet.
@@ -79,7 +79,7 @@ def population_sheet(
 
 
 def population_table(record: Mapping[str, Any]) -> Table:
-    """A line a coordinate, with a new unit's."""
+    """Return a line a coordinate, with a new unit's."""
     torque = record["new_unit"]["torque"]
     at = torque if torque is not None else record["reference_torque"]
     where = "" if at is None else f" at {at:.3g} N m"

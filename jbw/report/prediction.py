@@ -59,7 +59,7 @@ def prediction(name: str, dataset: xr.Dataset) -> Panels:
 
 
 def _tree(group: str, datasets: dict[str, xr.Dataset]) -> xr.DataTree:
-    """A result that holds nothing but these."""
+    """Return a result that holds nothing but these."""
     safe = {name.replace("/", "\N{DIVISION SLASH}"): dataset for name, dataset in datasets.items()}
     return xr.DataTree.from_dict(
         {f"/verification/{group}/{n}": dataset for n, dataset in safe.items()}
@@ -67,14 +67,14 @@ def _tree(group: str, datasets: dict[str, xr.Dataset]) -> xr.DataTree:
 
 
 def _groups(dataset: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]:
-    """Every group of a test by its label, in its unit."""
+    """Yield every group of a test by its label, in its unit."""
     for label, group in dataset.groupby("group"):
         unit = {"units": str(group["unit"].values[0])}
         yield str(label), group.assign({n: x.assign_attrs(unit) for n, x in group.items()})
 
 
 def _records(name: str, dataset: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]:
-    """The records of a test of decays, each without what fills it up."""
+    """Yield the records of a test of decays, each without what fills it up."""
     for i in range(dataset.sizes["record"]):
         record = dataset.isel(record=i).dropna("time", subset=["measured"])
         yield f"{name} {i + 1}", record.assign_attrs(nrmse=float(record["nrmse_of_record"]))

@@ -119,7 +119,7 @@ def node(tree: xr.DataTree, path: str) -> xr.DataTree | None:
 
 
 def branch(tree: xr.DataTree, path: str, *needed: str) -> xr.Dataset:
-    """The group at `path` as a dataset, or a DataError where it or a variable is missing."""
+    """Return the group at `path` as a dataset, or a DataError where it or a variable is missing."""
     group = node(tree, path)
     if group is None:
         raise DataError(f"The result has no group /{path.strip('/')}.")
@@ -129,7 +129,7 @@ def branch(tree: xr.DataTree, path: str, *needed: str) -> xr.Dataset:
 
 
 def tests(tree: xr.DataTree, path: str, *needed: str) -> list[tuple[str, xr.Dataset]]:
-    """The tests under `path` by name, in order of their level, or a DataError."""
+    """Return the tests under `path` by name, in order of their level, or a DataError."""
     parent = node(tree, path)
     if parent is None or not parent.children:
         raise DataError(f"The result has no test under /{path.strip('/')}.")
@@ -207,7 +207,7 @@ def _element(value: Any, index: int) -> float | None:
 
 
 def of_joint(group: xr.Dataset) -> list[PosteriorParameter]:
-    """The oscillator's and its laws' own parameters: no gain, no noise, no products."""
+    """Return the oscillator's and its laws' own parameters: no gain, no noise, no products."""
     # The symbol of a product has several letters with spaces between them.
     return [
         parameter

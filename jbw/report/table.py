@@ -63,7 +63,7 @@ class Table:
         return [row for section in self.sections for row in section.rows]
 
     def columns_shown(self, where: str) -> list[Column]:
-        """Columns that say anything on the page or in the terminal."""
+        """Return the columns that say anything on the page or in the terminal."""
         here = [column for column in self.columns if column.only in ("", where)]
         rows = self.rows
         return [c for c in here if any(c.cell(row).text not in ("", NOTHING) for row in rows)]
@@ -80,12 +80,12 @@ class Table:
 
 
 def table(title: str, rows: Iterable[Any], *columns: Column, note: str = "") -> Table:
-    """A table of one section."""
+    """Return a table of one section."""
     return Table(title, columns, (Section(list(rows)),), note)
 
 
 def named(heading: str, names: Names) -> Column:
-    """The column of names: symbols on the page, in the terminal as one types them."""
+    """Return the column of names: symbols on the page, in the terminal as one types them."""
     return Column(
         heading,
         lambda row: Cell(symbol(row["name"], names) + row.get("suffix", ""), typed=row["name"]),
@@ -94,22 +94,22 @@ def named(heading: str, names: Names) -> Column:
 
 
 def words(heading: str, key: str, align: str = "left") -> Column:
-    """A column of texts as they are."""
+    """Return a column of texts as they are."""
     return Column(heading, lambda row: str(row[key]), align=align)
 
 
 def by_sd(heading: str, key: str, **more: Any) -> Column:
-    """A column of numbers to the digits of their row's standard deviation."""
+    """Return a column of numbers to the digits of their row's standard deviation."""
     return Column(heading, lambda row: number(row.get(key), row.get("sd")), **more)
 
 
 def digits(heading: str, key: str, count: int = 3, place: float = 0, **more: Any) -> Column:
-    """A column of numbers to so many digits of their own, or all to one decimal place."""
+    """Return a column of numbers to so many digits of their own, or all to one decimal place."""
     return Column(heading, lambda row: number(row.get(key), place, count), **more)
 
 
 def shares(heading: str, key: str, missing: str = NOTHING, **more: Any) -> Column:
-    """A column of ratios in percent."""
+    """Return a column of ratios in percent."""
 
     def share(row: Row) -> str:
         return percent(row.get(key), digits=2).replace(NOTHING, missing)
@@ -141,12 +141,12 @@ def most_spared(shown: Table) -> int:
 
 
 def typed_cell(cell: Cell) -> str:
-    """A cell as a terminal shows it, without control characters: names come from files."""
+    """Return a cell as a terminal shows it, without control characters: names come from files."""
     return printable(cell.typed or typed(cell.text))
 
 
 def _rich(shown: Table, spared: int, *, is_tight: bool = False) -> Any:
-    """The table as Rich knows it, without the columns that are spared first.
+    """Return the table as Rich knows it, without the columns that are spared first.
 
     A tight one has single spaces between columns, and folds those with long cells alone.
     """

@@ -49,7 +49,7 @@ Summary = Mapping[str, Any]
 
 
 def main_first(summary: Summary) -> list[tuple[str, Summary]]:
-    """The steps, the main one first: it is what the others are held against."""
+    """Return the steps, the main one first: it is what the others are held against."""
     steps = (summary.get("steps") or {}).items()
     return sorted(steps, key=lambda step: step[0] != summary.get("main"))
 
@@ -60,12 +60,12 @@ def step_heading(name: str, summary: Summary) -> str:
 
 
 def of_route(name: str, summary: Summary) -> bool:
-    """Whether a step is of the paper's own route, which is expected to fail."""
+    """Return whether a step is of the paper's own route, which is expected to fail."""
     return name.startswith(ROUTE) and name != summary.get("main")
 
 
 def parameters_table(summary: Summary, quantities: Names, *, shown: bool = False) -> Table:
-    """Table 1: every step with its verdict and what it found of every parameter.
+    """Return the table 1: every step with its verdict and what it found of every parameter.
 
     Frequencies are `shown` in Hz and damping ratios in per cent, or as they are inferred.
     """
@@ -95,7 +95,7 @@ def parameters_table(summary: Summary, quantities: Names, *, shown: bool = False
 
 
 def _as_shown(row: dict[str, Any]) -> dict[str, Any]:
-    """A parameter's numbers in the unit in which a page shows them."""
+    """Return a parameter's numbers in the unit in which a page shows them."""
     shown = shown_as(row["name"], str(row.get("unit") or ""))
     scaled = {key: shown.factor * row[key] for key in IN_UNIT if row.get(key) is not None}
     return {**row, **scaled, "unit": shown.unit, "suffix": shown.suffix}
@@ -142,7 +142,7 @@ def correlation_words(step: Summary, quantities: Names, strong: float = 0.9) -> 
 
 
 def table_of_tests(summary: Summary, tree: xr.DataTree | None = None) -> Table:
-    """Every test of a campaign: fitted or held out, and how well the model follows it.
+    """Return every test of a campaign: fitted or held out, and how well the model follows it.
 
     Where all tests are fitted in the end, those held out before are there with both errors.
     """
@@ -183,7 +183,7 @@ def table_of_tests(summary: Summary, tree: xr.DataTree | None = None) -> Table:
 
 
 def every_test(summary: Summary, tree: xr.DataTree | None = None) -> list[dict[str, Any]]:
-    """Every test with its prediction error, where there is one, as the summary tells it.
+    """Return every test with its prediction error, where there is one, as the summary tells it.
 
     A run of an earlier version lists no tests: then those that were read and those predicted.
     """
@@ -198,7 +198,7 @@ def every_test(summary: Summary, tree: xr.DataTree | None = None) -> list[dict[s
 
 
 def tests_of_records(rows: Sequence[Summary]) -> dict[str, Summary]:
-    """The row of its test for every record that has one of its own, as free decays have."""
+    """Return the row of its test for every record that has one of its own, as free decays have."""
     return {
         row["test"]: test
         for test in rows
@@ -239,7 +239,7 @@ def inside(row: Summary) -> str:
 
 
 def level_of(row: Summary) -> str:
-    """A test's level with its unit."""
+    """Return a test's level with its unit."""
     if row.get("level") is None:
         return NOTHING
     return f"{row['level']:.4g} {unit_text(str(row.get('level_unit') or ''))}".strip()
@@ -263,7 +263,7 @@ def _fitted(row: Summary) -> str:
 
 
 def routes_table(summary: Summary, quantities: Names) -> Table:
-    """The paper's cut beside the joint posterior, a row a parameter."""
+    """Return the paper's cut beside the joint posterior, a row a parameter."""
     compared = (summary.get("comparison") or {}).get("parameters") or {}
     facts = [(route, key) for route in ("cut", "joint") for key in ("mean", "sd")]
     rows = [
@@ -289,7 +289,7 @@ def routes_table(summary: Summary, quantities: Names) -> Table:
 
 
 def loops_table(tree: xr.DataTree) -> Table:
-    """The enclosed areas, a row a test and kind of force."""
+    """Return the enclosed areas, a row a test and kind of force."""
     rows = []
     parent = node(tree, "validation/loops")
     for name, test in parent.children.items() if parent is not None else ():
@@ -347,7 +347,7 @@ def joints_table(tree: xr.DataTree) -> Table:
 
 
 def _share(ends: np.ndarray) -> str:
-    """Median and 99 % interval of a share."""
+    """Return the median and 99 % interval of a share."""
     if not np.all(np.isfinite(ends)):
         return NOTHING
     low, middle, high = (f"{100 * end:.3g}" for end in ends)

@@ -77,7 +77,7 @@ def axis_label(what: str, unit: str) -> str:
 
 
 def about(level: float | None) -> float:
-    """A level to two digits: repeats of one level have the same."""
+    """Return a level to two digits: repeats of one level have the same."""
     return float(f"{level or 0.0:.2g}")
 
 
@@ -98,7 +98,7 @@ def number(value: Any, sd: Any = None, digits: int = 3) -> str:
 
 
 def interval(low: float, middle: float, high: float, sd: float = 0.2) -> str:
-    """A value and its interval as one types them, to two digits of so many of its widths."""
+    """Return a value and its interval as one types them, to two digits of so many of its widths."""
     ends = [typed(number(x, sd * (high - low))) for x in (middle, low, high)]
     return f"{ends[0]} [{ends[1]}, {ends[2]}]"
 

@@ -132,7 +132,7 @@ def measure(
 
 
 def _truth_of(rig: Preset, joint: Joint) -> dict[str, Any]:
-    """The gain, and the parameters that an identification of the joint is to find."""
+    """Return the gain, and the parameters that an identification of the joint is to find."""
     parameters = {name: float(x) for name, x in as_oscillator(joint).parameters().items()}
     if rig.shapes is None:
         return {"gain": rig.gain, "joint": parameters}
@@ -243,7 +243,7 @@ def _campaign_text(campaign: RigCampaign) -> str:
 
 
 def _table(head: str, table: Mapping[str, Any]) -> str:
-    """A table, keys that say nothing left out."""
+    """Return a table, keys that say nothing left out."""
     stated = [f"{key} = {toml(value)}" for key, value in table.items() if value is not None]
     return "\n".join([head, *stated]) + "\n"
 

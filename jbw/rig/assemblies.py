@@ -67,7 +67,7 @@ class JointedModel:
         return reduce(self.model, self.joints, outputs=self.outputs, **(stated | options))
 
     def with_laws(self, *laws: Any) -> Self:
-        """The same with a law, or a tuple of laws, for each joint in turn."""
+        """Return the same with a law, or a tuple of laws, for each joint in turn."""
         joints = tuple(
             Joint(joint.name, joint.weights, stiffness=joint.stiffness, laws=law)
             for joint, law in zip(self.joints, laws, strict=True)
@@ -88,7 +88,7 @@ def lapped_beams(
     second: Sequence[float] = (0.04, 0.08, 0.08, 0.08),
     stiffness: Sequence[float] = (BOLT, BOLT),
 ) -> JointedModel:
-    r"""Two lapped beams with two bolts, the first one cantilevered.
+    r"""Return two lapped beams with two bolts, the first one cantilevered.
 
     The last element of the first beam and the first element of the second one lie upon each other
     between the bolts, where stiff springs tie their deflections. Joint j is the slip of the faces
@@ -185,7 +185,7 @@ def plate_chain(
     elements: int = 3,
     clamped: bool = True,
 ) -> JointedModel:
-    r"""A chain of plates in cylindrical bending, with a joint between each and the next.
+    r"""Return a chain of plates in cylindrical bending, with a joint between each and the next.
 
     Deflections are continuous, and joint j is the relative rotation of two plates,
     $x_j = \theta_{j+1} - \theta_j$ [rad]. Plate j has the nodes 100 j + 0 ... `elements`
@@ -222,7 +222,7 @@ def plate_chain(
 
 
 def _numbers_from(elements: int) -> int:
-    """First number of a member's nodes, 100 or as many digits as its elements need."""
+    """Return the first number of a member's nodes, 100 or as many digits as its elements need."""
     return 10 ** max(2, len(str(elements)))
 
 

@@ -31,7 +31,7 @@ class Force(eqx.Module):
         return ()
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
-        """Rate of what is kept."""
+        """Return the rate of what is kept."""
         return ()
 
     def settle(self, before: Kept, dy: Scalar, after: Kept) -> Kept:
@@ -60,7 +60,7 @@ class BoucWenForce(Force):
         return 0.0
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
-        """Rate of Z [N/kg/s]."""
+        """Return the rate of Z [N/kg/s]."""
         return self.alpha * v - self.gamma * abs(v) * z - self.delta * v * abs(z)
 
     def exerted(self, y: Scalar, v: Scalar, z: Kept) -> Scalar:
@@ -86,7 +86,7 @@ class BoucWenNuForce(Force):
         return 0.0
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
-        """Rate of w [m/s]."""
+        """Return the rate of w [m/s]."""
         size = (abs(z) / MILLIMETRE) ** self.nu
         return v - self.nu_softening * v * size - self.nu_opening * abs(v) * jnp.sign(z) * size
 

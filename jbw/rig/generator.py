@@ -137,7 +137,7 @@ def analog(
 
 
 def draw_phases(excitation: Excitation, rng: np.random.Generator, fs: float) -> Samples:
-    """Phases of the lines of noise and multisine, uniform [rad]; none for the others."""
+    """Return the phases of the lines of noise and multisine, uniform [rad]; none for the others."""
     if isinstance(excitation, Multisine):
         return rng.uniform(0.0, 2.0 * np.pi, excitation.lines.size)
     if not isinstance(excitation, Noise):

@@ -48,11 +48,11 @@ class Specimen(NamedTuple):
         return self.omega_n**2 - sum(force.stiffness for force in self.forces)
 
     def at_rest(self) -> Parts:
-        """Memory before any motion."""
+        """Return the memory before any motion."""
         return tuple(force.at_rest() for force in self.forces)
 
     def joint_force(self, y: Scalar, v: Scalar, parts: Parts) -> Array:
-        """Force of the joint beside the spring k [N/kg]."""
+        """Return the force of the joint beside the spring k [N/kg]."""
         pairs = zip(self.forces, parts, strict=True)
         return jnp.asarray(sum((force.exerted(y, v, z) for force, z in pairs), 0.0))
 
@@ -61,7 +61,7 @@ class Specimen(NamedTuple):
         return tuple(force.rate(v, z) for force, z in zip(self.forces, parts, strict=True))
 
     def state_rate(self, state: State, u: Scalar) -> State:
-        """Rate of the state (y, v, parts) under a force per unit mass u [N/kg]."""
+        """Return the rate of the state (y, v, parts) under a force per unit mass u [N/kg]."""
         y, v, parts = state
         a = u - 2 * self.zeta * self.omega_n * v - self.k * y
         return v, a - self.joint_force(y, v, parts), self.rates(v, parts)
@@ -74,7 +74,7 @@ class Specimen(NamedTuple):
 
 
 def specimen_of(joint: Joint | Specimen) -> Specimen:
-    """The rig's own record of a joint, its numbers in double precision."""
+    """Return the rig's own record of a joint, its numbers in double precision."""
     if isinstance(joint, Specimen):
         return joint
     require_double()
@@ -91,7 +91,7 @@ def require_double() -> None:
 
 
 def doubles(numbers: Any) -> Any:
-    """A specimen, or any numbers, as arrays of double precision for compiled code."""
+    """Return a specimen, or any numbers, as arrays of double precision for compiled code."""
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float64), numbers)
 
 

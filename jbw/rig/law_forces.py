@@ -109,7 +109,7 @@ FORCES: dict[str, Callable[[Mapping[str, Scalar]], Sequence[Force]]] = {
 
 
 def forces_of(laws: Iterable[Law], number: Callable[[Any], Scalar] = float) -> tuple[Force, ...]:
-    """The rig's own forces of laws, every parameter made a number by `number`."""
+    """Return the rig's own forces of laws, every parameter made a number by `number`."""
     forces: list[Force] = []
     for law in laws:
         if law.name == "bouc_wen" and (nu := getattr(law, "nu", 1.0)) != 1.0:

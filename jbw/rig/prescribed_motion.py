@@ -40,12 +40,12 @@ class Growth:
     duration: float  # length of the record T [s]
 
     def displacement(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Displacement at times t [m]."""
+        """Return the displacement at times t [m]."""
         phase = 2.0 * np.pi * self.frequency_hz * t
         return self.level * t / self.duration * np.sin(phase)
 
     def velocity(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Velocity at times t [m/s]."""
+        """Return the velocity at times t [m/s]."""
         omega = 2.0 * np.pi * self.frequency_hz
         rate = np.sin(omega * t) + omega * t * np.cos(omega * t)
         return self.level / self.duration * rate
@@ -96,7 +96,7 @@ class HeldPoints:
 
 
 def s_curve(frequency_hz: float, levels: tuple[float, ...], **stated: float) -> HeldPoints:
-    """Amplitudes in turn at one frequency."""
+    """Return the amplitudes in turn at one frequency."""
     return HeldPoints((frequency_hz,) * len(levels), levels, **stated)
 
 
@@ -120,7 +120,7 @@ def holding_force(joint: Joint | Specimen, held: Held) -> NDArray[np.complex128]
 def held_points(
     joint: Joint | Specimen, points: HeldPoints, distortion: float = 0.0
 ) -> NDArray[np.complex128]:
-    """Force F_1 per unit mass of each point that holds a response of phase zero [N/kg].
+    """Return the force F_1 per unit mass of each point that holds a response of phase zero [N/kg].
 
     The exciter's third harmonic is so large a part of its first, and moves along with its phase.
     """

@@ -122,7 +122,7 @@ class Preset:
 
 
 def named(kind: str, level: float, unit: str = "V") -> str:
-    """A test's name after its level: "sweep_0p05V", "noise_0p005V", no dot in it."""
+    """Return a test's name after its level: "sweep_0p05V", "noise_0p005V", no dot in it."""
     digits = 2 if round(level, 2) == level else 3
     return f"{kind}_{level:.{digits}f}{unit}".replace(".", "p")
 
@@ -139,7 +139,7 @@ def _noise(level: float, duration: float, unit: str) -> Plan:
 
 
 def sweep_plan(level: float) -> Plan:
-    """A sweep for Step 4: 0-40 Hz in 8 s from rest, then 8 s of decay."""
+    """Return a sweep for Step 4: 0-40 Hz in 8 s from rest, then 8 s of decay."""
     excitation = Sweep(0.0, 40.0, level, burst=8.0, fade=0.2, duration=16.0)
     return _plan("sweep", "sweep", excitation, 48)
 
@@ -150,7 +150,7 @@ def stepped_plan(level: float) -> Plan:
 
 
 def pull_plan(level: float) -> Plan:
-    """A loop under a prescribed displacement that grows in 6 s at 1 Hz."""
+    """Return a loop under a prescribed displacement that grows in 6 s at 1 Hz."""
     excitation = Growth(1.0, level, duration=6.0)
     return Plan(named("pull", 1e3 * level, "mm"), "loop", excitation, repeats=2)
 
@@ -300,7 +300,7 @@ PRESETS = {
 
 
 def preset_named(preset: str | Preset) -> Preset:
-    """A preset by its name, or a preset of one's own as it is."""
+    """Return a preset by its name, or a preset of one's own as it is."""
     if isinstance(preset, Preset):
         return preset
     if preset not in PRESETS:
@@ -310,7 +310,7 @@ def preset_named(preset: str | Preset) -> Preset:
 
 
 def plans_named(preset: Preset, names: Iterable[str] | None) -> list[Plan]:
-    """The plans with these names, in the order of the preset; all when None."""
+    """Return the plans with these names, in the order of the preset; all when None."""
     if names is None:
         return list(preset.plans)
     requested = [names] if isinstance(names, str) else list(names)

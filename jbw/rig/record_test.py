@@ -106,7 +106,7 @@ def record_test(
 
 
 def _recorded(bench: Bench, days: Sequence[Specimen]) -> tuple[list[Channels], Sequence[Samples]]:
-    """Channels of every repeat, and the demands of what a shaker plays."""
+    """Return the channels of every repeat, and the demands of what a shaker plays."""
     plan, rig, excitation = bench.plan, bench.rig, bench.plan.excitation
     if not isinstance(excitation, Growth | Held | Locked | HeldPoints):
         if rig.shapes is not None:
@@ -129,14 +129,14 @@ def _recorded(bench: Bench, days: Sequence[Specimen]) -> tuple[list[Channels], S
 
 
 def _tones(excitation: Excitation | Growth | Held | Locked | HeldPoints) -> tuple[float, ...]:
-    """Frequencies of the tones that are played [Hz]."""
+    """Return the frequencies of the tones that are played [Hz]."""
     if isinstance(excitation, Tone):
         return (excitation.frequency_hz,)
     return excitation.frequencies_hz if isinstance(excitation, Steps) else ()
 
 
 def _by_day(test: Test, demands: Sequence[Samples]) -> Iterator[tuple[Test, Sequence[Samples]]]:
-    """A test a day, each of one record, with its demand."""
+    """Yield a test a day, each of one record, with its demand."""
     for r, record in enumerate(test.records):
         name, day = f"{test.name}_day{r + 1}", f"day {r + 1}"
         of_day = (replace(record, name=f"{name}_01"),)
@@ -167,7 +167,7 @@ def _shaken(
 
 
 def _by_laser(bench: Bench, velocity: Samples, repeat: int) -> Samples:
-    """The velocity as it is sensed."""
+    """Return the velocity as it is sensed."""
     rig, conditions = bench.rig, bench.conditions
     noise = conditions.noise_std
     if conditions.noise_ratio is not None:
@@ -251,7 +251,7 @@ def _play_structure(
 
 
 def _pulled(bench: Bench, growth: Growth, specimen: Specimen, repeat: int) -> Channels:
-    """A slow loop: the displacement that was prescribed, and the force it took."""
+    """Return a slow loop: the displacement that was prescribed, and the force it took."""
     rig, noise = bench.rig, bench.conditions.force_noise_std
     y, force = pulled(specimen, growth, bench.conditions.fs)
     force = force / rig.gain
@@ -264,7 +264,7 @@ def _pulled(bench: Bench, growth: Growth, specimen: Specimen, repeat: int) -> Ch
 
 
 def _held(bench: Bench, held: Held, specimen: Specimen, repeat: int) -> Channels:
-    """A controller's curve, line by line."""
+    """Return a controller's curve, line by line."""
     # A sine fitted to T seconds keeps sigma sqrt(2 / (T f_s)) of a channel's noise in either part.
     force = holding_force(specimen, held) / bench.rig.gain
     std = bench.conditions.force_noise_std * np.sqrt(2 / (held.dwell * bench.conditions.fs))
@@ -279,7 +279,7 @@ def _held(bench: Bench, held: Held, specimen: Specimen, repeat: int) -> Channels
 
 
 def _locked(bench: Bench, locked: Locked, specimen: Specimen, repeat: int) -> Channels:
-    """Points at phase resonance or another phase, as far as the controller holds it."""
+    """Return the points at phase resonance or another phase, as far as the controller holds it."""
     held = np.full(len(locked.levels), locked.phase)
     phase = np.radians(held + locked.phase_error * _scatter(bench, repeat, 0, held))
     distortion = bench.conditions.distortion
@@ -289,7 +289,7 @@ def _locked(bench: Bench, locked: Locked, specimen: Specimen, repeat: int) -> Ch
 
 
 def _points(bench: Bench, points: HeldPoints, specimen: Specimen, repeat: int) -> Channels:
-    """Points at amplitudes that are held."""
+    """Return the points at amplitudes that are held."""
     held = held_points(specimen, points, bench.conditions.distortion)
     phase = -np.angle(held) + points.force_noise * _scatter(bench, repeat, 3, held)
     frequency = np.asarray(points.frequencies_hz)
@@ -299,7 +299,7 @@ def _points(bench: Bench, points: HeldPoints, specimen: Specimen, repeat: int) -
 def _read_points(
     bench: Bench, excitation: Locked | HeldPoints, force: Samples, phase: Samples, repeat: int
 ) -> Channels:
-    """Force, amplitude and phase of points as they are read."""
+    """Return the force, amplitude and phase of points as they are read."""
     level, noise = np.asarray(excitation.levels), excitation.amplitude_noise
     read = force / bench.rig.gain
     return {
@@ -311,5 +311,5 @@ def _read_points(
 
 
 def _scatter(bench: Bench, repeat: int, number: int, like: NDArray[Any]) -> Samples:
-    """Standard normal numbers of one channel of one repeat, one a point."""
+    """Return the standard normal numbers of one channel of one repeat, one a point."""
     return bench.stream(repeat, number).standard_normal(like.size)

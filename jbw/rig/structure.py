@@ -76,7 +76,7 @@ class Assembled(NamedTuple):
         return self.specimen.settle(before, after)
 
     def state_rate(self, state: State, source: Any) -> State:
-        """Rate of the state under a source [V, or N]."""
+        """Return the rate of the state under a source [V, or N]."""
         x, q, rate, parts = state
         shapes, shaker, joint = self.shapes, self.armature, self.specimen
         v = shapes.joint @ rate
@@ -128,7 +128,7 @@ def _motion_and_source(structure: Assembled, state: State, source: Array) -> See
 
 
 def of_day(shapes: Shapes, specimen: Specimen) -> Shapes:
-    """The modes as they are where the first has a specimen's frequency and damping."""
+    """Return the modes as they are where the first has a specimen's frequency and damping."""
     omega = shapes.omega * (specimen.omega_n / shapes.omega[0])
     return shapes._replace(omega=omega, zeta=shapes.zeta * (specimen.zeta / shapes.zeta[0]))
 

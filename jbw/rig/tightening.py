@@ -77,7 +77,7 @@ def tightened(
     sequence: int = 1,
     chance: Float[np.ndarray, " 5"] | None = None,
 ) -> Oscillator:
-    """The structure with its joint tightened to a torque.
+    """Return the structure with its joint tightened to a torque.
 
     Args:
         joint: The structure at the reference torque, when nothing scatters.
@@ -182,7 +182,7 @@ def _order(num: int, assembly: int, seed: int) -> Sequence[int]:
 
 
 def _stated(campaign: RigCampaign, assembly: str, torque: float, sequence: int) -> RigCampaign:
-    """A campaign with its [assembly] table and without the paper's prior boxes."""
+    """Return a campaign with its [assembly] table and without the paper's prior boxes."""
     table = Assembly(name=assembly, torque=torque, sequence=sequence)
     settings = campaign.settings.model_copy(update={"prior": {}})
     name = f"{campaign.name}, {assembly} at {torque:g} N m"

@@ -93,7 +93,7 @@ def pack(number: int, arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def unpack(content: bytes) -> Generation | None:
-    """A checkpoint from its bytes; None where they are torn or changed."""
+    """Return a checkpoint from its bytes; None where they are torn or changed."""
     head, _, rest = content.partition(b"\n")
     if head != b"%s %s" % (MAGIC, hashlib.sha256(rest).hexdigest().encode()):
         return None

@@ -14,12 +14,12 @@ MARK = "hashes"  # attribute of a posterior's file whose summary has them
 
 
 def sealed(summary: Mapping[str, Any], posterior: Path) -> dict[str, Any]:
-    """The summary with the hash of its own content and that of the posterior's file."""
+    """Return the summary with the hash of its own content and that of the posterior's file."""
     return {**summary, SEAL: {"summary": _digest(summary), posterior.name: hash_of(posterior)}}
 
 
 def unsealed(summary: Mapping[str, Any], posterior: Path) -> dict[str, Any]:
-    """The summary without its hashes, once it and the posterior's file agree with them.
+    """Return the summary without its hashes, once it and the posterior's file agree with them.
 
     Runs of earlier versions have none, and are taken as they are.
 
@@ -40,7 +40,7 @@ def unsealed(summary: Mapping[str, Any], posterior: Path) -> dict[str, Any]:
 
 
 def damaged(path: Path) -> DataError:
-    """The error of a file that is no longer what the run wrote."""
+    """Return the error of a file that is no longer what the run wrote."""
     return DataError(
         f"The file {path} is damaged: its content is not what the run wrote, by its SHA-256.",
         remedy="Restore the folder from a copy, or identify again: jbw identify CAMPAIGN.toml.",

@@ -95,7 +95,7 @@ def _digest(content: Mapping[str, Any]) -> str:
 
 
 def with_inputs(manifest: Manifest, campaign: Path, inputs: Mapping[str, str]) -> Manifest:
-    """The manifest once its campaign was read; refused where it was read before and changed.
+    """Return the manifest once its campaign was read; refused where it was read before and changed.
 
     With the hash of every data file by its path, as it was read.
     """

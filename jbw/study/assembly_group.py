@@ -86,7 +86,7 @@ def assembly_group(model: ReducedModel, modes_hz: Sequence[float] = ()) -> xr.Da
 
 
 def _geometry(model: ReducedModel, modes_hz: Sequence[float]) -> dict[str, Any]:
-    """Nodes, links and shapes to be drawn; nothing where positions are not known."""
+    """Return the nodes, links and shapes to be drawn; nothing where positions are not known."""
     positions = model.matrices.positions
     if not positions:
         return {}
@@ -117,7 +117,7 @@ def _geometry(model: ReducedModel, modes_hz: Sequence[float]) -> dict[str, Any]:
 def _with_coincident(
     moved: Float[np.ndarray, "mode node 3"], position: Float[np.ndarray, "node 3"]
 ) -> Float[np.ndarray, "mode node 3"]:
-    """Nodes that only rotate share the deflection of another one at their place."""
+    """Return the nodes that only rotate share the deflection of another one at their place."""
     is_still, near = np.all(moved == 0, axis=(0, 2)), SAME_PLACE * np.ptp(position, axis=0).max()
     filled = moved.copy()
     for node in np.flatnonzero(is_still):
@@ -129,7 +129,7 @@ def _with_coincident(
 
 
 def assembly_of(tree: xr.DataTree) -> ModelJoints:
-    """The joints of a run's result.
+    """Return the joints of a run's result.
 
     Raises:
         DataError: The run is of a version that did not keep them.

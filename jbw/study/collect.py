@@ -128,7 +128,7 @@ def _drawn_groups(measured: Measured, posteriors: Posteriors, truth: Mapping[str
 
 
 def groups_in(tree: xr.DataTree) -> Groups:
-    """The groups of one posterior by name."""
+    """Return the groups of one posterior by name."""
     return {name: node.to_dataset() for name, node in tree.children.items()}
 
 
@@ -155,7 +155,7 @@ def run_attrs(
 
 
 def _with_truth(parts: Groups, truth: Mapping[str, float]) -> Groups:
-    """The groups of one posterior, the truth beside the draws where it is known."""
+    """Return the groups of one posterior, the truth beside the draws where it is known."""
     groups = dict(parts)
     posterior = groups["posterior"].copy()
     for name in posterior.data_vars:
@@ -167,7 +167,7 @@ def _with_truth(parts: Groups, truth: Mapping[str, float]) -> Groups:
 
 
 def _with_units(left_out: xr.Dataset, posterior: xr.Dataset) -> xr.Dataset:
-    """Fits without a run, whose parameters have the units of their draws."""
+    """Return the fits without a run, whose parameters have the units of their draws."""
     units = {"group_units": [posterior[n].attrs["units"] for n in left_out["parameter"].values]}
     return left_out.assign({n: left_out[n].assign_attrs(units) for n in ("estimate", "std")})
 
@@ -288,7 +288,7 @@ def at_large(data: Dataset) -> Dataset:
 
 
 def noise_of(posterior: xr.Dataset) -> dict[str, Float[np.ndarray, "chain draw"]]:
-    """Draws of every group's noise, by its label."""
+    """Return the draws of every group's noise, by its label."""
     return {
         str(label): values.sel({values.dims[-1]: label}).values
         for name, values in posterior.data_vars.items()
@@ -315,7 +315,7 @@ def prior_draws(
 
 
 def coordinates(records: RecordTerms) -> dict[str, Any]:
-    """Names of the records, and of the test, the run and the repeat of each."""
+    """Return the names of the records, and of the test, the run and the repeat of each."""
 
     def every(field: str) -> list[Any]:
         return [value for part in records.parts for value in getattr(part, field)]
@@ -358,7 +358,7 @@ def log_prior(posterior: xr.Dataset, box: Box, records: RecordTerms, data: Datas
 def _of_records(
     rows: Float[np.ndarray, "..."], coords: Mapping[str, Any], attrs: Mapping[str, str]
 ) -> xr.Dataset:
-    """One number a record, by chain and draw where it is drawn."""
+    """Return one number a record, by chain and draw where it is drawn."""
     from arviz_base import dict_to_dataset  # it is needed only here
 
     dataset = dict_to_dataset(
@@ -372,7 +372,7 @@ def _of_records(
 
 
 def created(dataset: xr.Dataset) -> xr.Dataset:
-    """A group with what ArviZ writes of a group's origin."""
+    """Return a group with what ArviZ writes of a group's origin."""
     from arviz_base import make_attrs
 
     origin = {"inference_library": "jbw", "inference_library_version": version("jbw")}

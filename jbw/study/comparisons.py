@@ -82,7 +82,7 @@ def compare(
 
 
 def constants_sentence(posterior: xr.Dataset, held: Mapping[str, float], source: str) -> str | None:
-    """One real constant with its 99 % interval, and what it is of; None where there is none.
+    """Return one real constant with its 99 % interval, and what it is of; None where there is none.
 
     `source` is the unit of what drives the tests.
     """

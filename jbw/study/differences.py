@@ -120,13 +120,13 @@ def differences(first: Path, second: Path) -> Difference:
 
 
 def _model_adequacy(summary: Mapping[str, Any]) -> str:
-    """The answer to whether the model follows the data; empty where nothing tells."""
+    """Return the answer to whether the model follows the data; empty where nothing tells."""
     answers = (summary.get("verdict") or {}).get("answers") or {}
     return str((answers.get("law") or {}).get("status", ""))
 
 
 def compared(a: Float[np.ndarray, " draw"], b: Float[np.ndarray, " other"]) -> dict[str, Any]:
-    """Both intervals, the interval of the difference A less B, and P(A > B)."""
+    """Return both intervals, the interval of the difference A less B, and P(A > B)."""
     below = np.searchsorted(np.sort(b), a, "left") + np.searchsorted(np.sort(b), a, "right")
     away = np.subtract.outer(a, b).ravel()
     return {
@@ -171,7 +171,7 @@ def _shared(first: FinishedRun, second: FinishedRun) -> list[str]:
 
 
 def _parameters(first: FinishedRun, second: FinishedRun) -> tuple[list[dict[str, Any]], list[str]]:
-    """A row a shared quantity, and the names of those that only one of the runs drew."""
+    """Return a row a shared quantity, and the names of those that only one of the runs drew."""
     drawn = [_drawn(run) for run in (first, second)]
     rows: list[dict[str, Any]] = []
     for name in _shared(first, second):
@@ -227,7 +227,7 @@ def _is_of_prior(run: FinishedRun, name: str) -> bool:
 def _along_amplitude(
     first: FinishedRun, second: FinishedRun
 ) -> tuple[xr.Dataset | None, list[dict[str, Any]]]:
-    """Frequency and damping of both at amplitudes that both fitted."""
+    """Return the frequency and damping of both at amplitudes that both fitted."""
     y_peak = min(run.basis.y_peak for run in (first, second))
     needed = set(parameter_names(first.basis.laws)) - {INPUT}
     drawn = [run.basis.thinned(NUM_CARRIED) for run in (first, second)]
@@ -315,7 +315,7 @@ def _is_sure(row: Mapping[str, Any]) -> bool:
 
 
 def _differs(row: Mapping[str, Any]) -> str:
-    """One quantity's difference with its interval; of the backbone at its amplitude."""
+    """Return one quantity's difference with its interval; of the backbone at its amplitude."""
     unit = "" if row["unit"] in ("", "1") else f" {row['unit']}"
     place = f" at {number(row['amplitude'])} m" if "amplitude" in row else ""
     difference = f"{interval(*row['difference'], sd=0.5)}{unit}"
@@ -323,7 +323,7 @@ def _differs(row: Mapping[str, Any]) -> str:
 
 
 def _scatter_words(runs: Sequence[FinishedRun]) -> str:
-    """Whether the scatter from assembly to assembly is known, and that it is not in P."""
+    """Return whether the scatter from assembly to assembly is known, and that it is not in P."""
     units = [in_dialect(quantity.unit) for quantity in OSCILLATOR[:2]]
     spreads = {}
     for run in runs:
@@ -412,7 +412,7 @@ def ratios(laws: Sequence[str]) -> list[Ratio]:
 
 
 def _over(second: Monomial, first: Monomial) -> Monomial:
-    """One product over another, named by what does not cancel."""
+    """Return one product over another, named by what does not cancel."""
     names = dict.fromkeys((*second.powers, *first.powers))
     powers = {name: second.powers.get(name, 0) - first.powers.get(name, 0) for name in names}
     powers = {name: power for name, power in powers.items() if power}
@@ -435,12 +435,12 @@ def of_draws(ratio: Ratio, draws: Draws) -> Float[np.ndarray, " draw"] | None:
 
 
 def are_two_modes(first: Draws, second: Draws) -> bool:
-    """Whether two runs are of different modes, by their natural frequencies."""
+    """Return whether two runs are of different modes, by their natural frequencies."""
     both = [float(np.median(draws["omega_n"])) for draws in (first, second) if "omega_n" in draws]
     return len(both) == 2 and max(both) > APART * min(both)
 
 
 def _shared_joint_sentence(row: Mapping[str, Any], *, sure: bool) -> str:
-    """Whether two modes may have one joint, by the row of a ratio."""
+    """Return whether two modes may have one joint, by the row of a ratio."""
     a, b = interval(*row["a"]), interval(*row["b"])
     return messages.one_joint(row["name"], a, b, sure=sure)

@@ -45,7 +45,7 @@ def finished_study(
     *,
     notes: Mapping[str, Any] | None = None,
 ) -> Study:
-    """The study of what was identified, as `posterior.nc` and `summary.json` hold it.
+    """Return the study of what was identified, as `posterior.nc` and `summary.json` hold it.
 
     `notes` is what else stands in the summary.
     """
@@ -92,7 +92,7 @@ def about_instruments(order: Order, prepared: PreparedTests) -> str:
 
 
 def _with_instruments(recorded: xr.Dataset, wide: xr.Dataset) -> dict[str, xr.Dataset]:
-    """The posterior with the instruments' errors, and that of the records beside it."""
+    """Return the posterior with the instruments' errors, and that of the records beside it."""
     widened = {n: wide[n].assign_attrs(x.attrs) for n, x in recorded.data_vars.items()}
     return {
         f"/{AS_RECORDED}": as_recorded(recorded, wide),
@@ -123,7 +123,7 @@ def held_out(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def with_held_out(final: Study, held: Study) -> Study:
-    """The study of all tests, with the held-out answer of the study before."""
+    """Return the study of all tests, with the held-out answer of the study before."""
     verdict = adequate_as(held.verdict, final.verdict)
     before = {
         "verdict": held.record["verdict"]["status"],
@@ -140,7 +140,7 @@ def with_held_out(final: Study, held: Study) -> Study:
 
 
 def adequate_as(held: Verdict, final: Verdict) -> Verdict:
-    """The verdict on a posterior whose model was found adequate, or not, on held-out tests.
+    """Return the verdict on a posterior whose model was found adequate, or not, on held-out tests.
 
     Findings of convergence and of identifiability are the final posterior's. Of each finding of
     model adequacy the worse one counts, and of equal ones that of the held-out answer.

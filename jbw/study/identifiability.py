@@ -96,7 +96,7 @@ class Identifiability:
 
 
 def plain(value: float) -> float | None:
-    """A number for JSON; None where it is not known or infinite."""
+    """Return a number for JSON; None where it is not known or infinite."""
     return float(value) if np.isfinite(value) else None
 
 
@@ -196,7 +196,7 @@ def _waterfall(costs: NDArray[np.float64]) -> str:
 
 
 def as_group(found: Identifiability) -> xr.Dataset:
-    """The group /identifiability; NaN beyond the end of a shorter profile."""
+    """Return the group /identifiability; NaN beyond the end of a shorter profile."""
     directions, names = found.information.directions, list(found.information.names)
     products = [product.name for product in found.products]
     texts, power, ratio, loadings = (

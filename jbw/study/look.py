@@ -152,7 +152,7 @@ def _modes_hz(campaign: Campaign) -> tuple[float, ...]:
 
 
 def _of_first_mode(campaign: Campaign) -> Iterator[Test]:
-    """Tests of a campaign; decays of several modes in a band of the first alone."""
+    """Yield the tests of a campaign; decays of several modes in a band of the first alone."""
     structure = campaign.structure
     modes_hz = () if structure is None else structure.modes
     for test in campaign.tests:
@@ -163,7 +163,7 @@ def _of_first_mode(campaign: Campaign) -> Iterator[Test]:
 
 
 def look_quietly(campaign: Campaign) -> Look:
-    """The same beside an identification, where what is doubtful was said at the door."""
+    """Return the same beside an identification, where what is doubtful was said at the door."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return look(campaign, report=lambda _: None)
@@ -207,7 +207,7 @@ def _seen(test: Test) -> list[str]:
 
 
 def _curves(tests: Sequence[Test]) -> dict[str, list[Test]]:
-    """Tests that are read together: single tones of a level are one curve."""
+    """Return the tests that are read together: single tones of a level are one curve."""
     groups_of_tests: dict[str, list[Test]] = {}
     for test in tests:
         if not test.traits.is_prescribed:
@@ -249,7 +249,7 @@ def _read(
 
 
 def _of_rows(rows: Sequence[Reading]) -> RecordRead:
-    """Rows that do not know of each other, as a table."""
+    """Return the rows that do not know of each other, as a table."""
     y, hz, zeta, hz_sd, zeta_sd = (
         np.array([getattr(row, name) for row in rows], float)
         for name in ("y", "frequency_hz", "damping", "frequency_sd", "damping_sd")
@@ -259,7 +259,7 @@ def _of_rows(rows: Sequence[Reading]) -> RecordRead:
 
 
 def _of_reading(read: ModeReading) -> RecordRead:
-    """The table of a decay or a sweep, from the smallest amplitude on."""
+    """Return the table of a decay or a sweep, from the smallest amplitude on."""
     table = read.table()
     sds = (np.sqrt(np.diag(x)) for x in (table.hz_covariance, table.zeta_covariance))
     columns = table.y, table.hz, table.zeta, *sds
@@ -271,18 +271,18 @@ def _of_reading(read: ModeReading) -> RecordRead:
 
 
 def _of_decays(test: Test) -> Iterator[RecordRead]:
-    """Every record of a test, in its band or in one about its strongest line."""
+    """Yield every record of a test, in its band or in one about its strongest line."""
     yield from (_of_reading(read) for read in read_decays(test) if read is not None)
 
 
 def _of_sweep(record: Record, test: Test) -> RecordRead | None:
-    """A record of a sweep; None of a drive that is none."""
+    """Return a record of a sweep; None of a drive that is none."""
     read = examined_sweep(record, test.band_hz, test.delay).reading
     return None if read is None or read.residual > MISSED else _of_reading(read)
 
 
 def _holding(one: RecordRead) -> RecordRead | None:
-    """A record without rows that are no oscillator's; None where none is left."""
+    """Return a record without rows that are no oscillator's; None where none is left."""
     holds = np.array([row.holds for row in one.rows])
     if np.all(holds):
         return one
@@ -415,7 +415,7 @@ def _shown(
     read: Reading,
     test: Test,
 ) -> ShownResponse:
-    """A response about its resonance, as it is drawn."""
+    """Return a response about its resonance, as it is drawn."""
     centre = 2 * np.pi * read.frequency_hz
     half = max(0.02, min(WIDE, 10 * abs(read.damping))) * centre
     near = np.flatnonzero(np.abs(omega - centre) < half)[:NUM_SHOWN]
@@ -426,7 +426,7 @@ def _shown(
 
 
 def read_of_shaker(spec: TestSpec, record: Record) -> str:
-    """The shaker's attachment and the mode that it moves; or why they cannot be read."""
+    """Return the shaker's attachment and the mode that it moves; or why they cannot be read."""
     test = Test(
         spec.kind, (record,), name=spec.name, band_hz=spec.band, periods=spec.periods,
         settle=spec.settle,
@@ -488,7 +488,7 @@ def statements(
 def _by_mode(
     by_test: Mapping[str, list[RecordTable]], modes_hz: Sequence[float]
 ) -> dict[float | None, list[tuple[str, RecordTable]]]:
-    """Tables with their tests, by the frequency of the mode that they are nearest to."""
+    """Return the tables with their tests, by the frequency of the mode that they are nearest to."""
     groups: dict[float | None, list[tuple[str, RecordTable]]] = {
         _nearest(mode_hz, modes_hz): [] for mode_hz in modes_hz or (1.0,)
     }
@@ -499,7 +499,7 @@ def _by_mode(
 
 
 def _nearest(frequency_hz: float, modes_hz: Sequence[float]) -> float | None:
-    """The nearest of several modes [Hz]; None where there is one alone."""
+    """Return the nearest of several modes [Hz]; None where there is one alone."""
     if len(modes_hz) < 2:
         return None
     return min(modes_hz, key=lambda hz: abs(np.log(frequency_hz / hz)))
@@ -598,7 +598,7 @@ def _goes_with(offsets: np.ndarray, labels: Sequence[str]) -> str:
 
 
 def _between_ends(tables: Sequence[RecordTable], differ: list[str]) -> Nonlinear:
-    """The same of one reading a record, too few for a test: the last against the first."""
+    """Return the same of one reading a record, too few for a test: the last against the first."""
     y, frequency, damping = (
         [float(getattr(table, name)[0]) for table in tables] for name in ("y", "hz", "zeta")
     )

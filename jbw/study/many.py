@@ -251,7 +251,7 @@ def _folders(files: Sequence[Path], out: Path) -> dict[Path, Path]:
 
 
 def _finished_before(task: Task) -> RunOutcome | None:
-    """The outcome of a run that is finished; None where there is work.
+    """Return the outcome of a run that is finished; None where there is work.
 
     Its manifest is gone, or where a first answer is asked for it holds one.
     """
@@ -323,7 +323,7 @@ def _outcome_of(task: Task, future: Any) -> RunOutcome:
 
 
 def _sentence(outcome: RunOutcome, so_far: Sequence[RunOutcome], total: int) -> str:
-    """How far all are, and what became of the last one."""
+    """Return how far all are, and what became of the last one."""
     failed = sum(earlier.status == "failed" for earlier in so_far)
     name = Path(outcome.folder).name
     if outcome.status == "failed":

@@ -78,7 +78,7 @@ def numpyro_model(
 
 
 def model_of(fitted: Fitted, *, responses: bool = False) -> NumpyroModel:
-    """The posterior of a fit's data as a NumPyro model."""
+    """Return the posterior of a fit's data as a NumPyro model."""
     fit, box, data = fitted.fit, fitted.box, fitted.data
     unstated = replace(data, stated=StatedDensities())  # sites have the stated densities themselves
 
@@ -98,7 +98,7 @@ def model_of(fitted: Fitted, *, responses: bool = False) -> NumpyroModel:
 
 
 def _of_laws(theta: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
-    """Parameters and products of the laws that are not sampled."""
+    """Return the parameters and products of the laws that are not sampled."""
     every = {**data.held, **theta}
     values: dict[str, Any] = {}
     for law in laws_named(data.laws):
@@ -118,7 +118,7 @@ def _predicted(theta: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
 
 
 def _with_prior(campaign: Campaign, prior: Mapping[str, Any]) -> Campaign:
-    """The campaign with some priors replaced, each checked as one of its file."""
+    """Return the campaign with some priors replaced, each checked as one of its file."""
     # Only the prior is new: what a loaded campaign holds elsewhere need not be valid as a file's.
     checked = Identify.of({"prior": {**campaign.settings.prior, **prior}})
     settings = campaign.settings.model_copy(update={"prior": checked.prior})

@@ -29,7 +29,7 @@ class PreparedTests(NamedTuple):
 
 
 def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTests:
-    """The tests that can be used, a look at them without a model, and what each step takes.
+    """Return the tests that can be used, a look at them without a model, and what each step takes.
 
     All of this comes before anything is sampled: what is wrong with a record then costs no result.
     A campaign that states no law, and whose readings propose another one than the default before

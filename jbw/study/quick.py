@@ -59,7 +59,7 @@ def fit_tree(seen: Measured, posteriors: Posteriors) -> xr.DataTree:
 
 
 def fit_errors(fitted: Fitted) -> dict[str, float]:
-    """Error of the fit by group of data, over the rms of the group."""
+    """Return the error of the fit by group of data, over the rms of the group."""
     residuals = dataset.residual_by_label(fitted.fit.residual, fitted.data)
     errors = dataset.error_by_label(residuals, fitted.data)
     return {label: float(error) for label, error in errors.items()}
@@ -73,7 +73,7 @@ def report_fit(seen: Measured, fitted: Fitted, seed: int, report: Report) -> Non
 
 
 def fit_lines(seen: Measured, fitted: Fitted, seed: int) -> list[str]:
-    """The lines of a first answer."""
+    """Return the lines of a first answer."""
     posteriors = about_fit(jax.random.key(seed), seen, fitted)
     checks = posteriors.checks
     judged = judge(checks.findings)

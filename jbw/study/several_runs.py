@@ -106,7 +106,7 @@ def _require_backbone(folder: Path, basis: Basis) -> None:
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
-    """Names of the folders, and their paths where two have one name."""
+    """Return the names of the folders, and their paths where two have one name."""
     short = [folder.resolve().name for folder in folders]
     return short if len({*short}) == len(short) else [str(folder) for folder in folders]
 
@@ -114,7 +114,7 @@ def _names(folders: Sequence[Path]) -> list[str]:
 def _along(
     basis: Basis, amplitude: Float[np.ndarray, " place"]
 ) -> Float[np.ndarray, "what draw place"]:
-    """Draws of frequency [Hz] and damping ratio against amplitude [m]."""
+    """Return the draws of frequency [Hz] and damping ratio against amplitude [m]."""
     carried = carry(curves, basis.thinned(NUM_DRAWS), jnp.asarray(amplitude), basis.laws)
     return np.array([np.asarray(x) for x in carried[:2]])
 

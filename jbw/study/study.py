@@ -78,7 +78,7 @@ class Study:
         return verdict + page_of(self.record, self.tree)
 
     def _known(self) -> str:
-        """The campaign and the parameters that are known, in one line."""
+        """Return the campaign and the parameters that are known, in one line."""
         sentences = known_parameters(self.record) if "main" in self.record else []
         listed = "; ".join(sentences) or "no parameter is known"
         return shorten(f"Study of {self.record.get('campaign', '')}: {listed}", LINE)
@@ -95,7 +95,7 @@ class Study:
         return Verdict(stored["status"], tuple(map(kept_finding, stored["findings"])))
 
     def summary(self) -> dict[str, Any]:
-        """Every step and parameter in numbers, and in words what is identified."""
+        """Return every step and parameter in numbers, and in words what is identified."""
         return self.record
 
     def table(self, step: str | None = None) -> "DataFrame":
@@ -172,7 +172,7 @@ class Study:
     def planned_sweep(
         self, band_hz: tuple[float, float], level: float, *, duration: float, fs: float
     ) -> Test:
-        """A linear sweep from rest that nobody measured, for `predict`.
+        """Return a linear sweep from rest that nobody measured, for `predict`.
 
         Args:
             band_hz: First and last frequency [Hz].
@@ -324,7 +324,7 @@ class Study:
 
 
 def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
-    """The result of a run that was saved, by `jbw identify` or `Study.save`.
+    """Return the result of a run that was saved, by `jbw identify` or `Study.save`.
 
     Args:
         folder: The run's folder.
@@ -373,7 +373,7 @@ def _basis(folder: Path, record: Mapping[str, Any], tree: xr.DataTree) -> Basis:
 
 
 def campaign_of(folder: Path, stated: Path | None = None) -> Path:
-    """The campaign file of a run's folder: what the user says it is, or the run."""
+    """Return the campaign file of a run's folder: what the user says it is, or the run."""
     summary, _ = read_result(folder, "posterior")
     within = sorted(folder.glob("*/campaign.toml"))
     for campaign_path in filter(None, [stated, summary.get("campaign_file"), *within]):
@@ -388,7 +388,7 @@ def campaign_of(folder: Path, stated: Path | None = None) -> Path:
 
 
 def known_of(folder: Path) -> tuple[dict[str, Any], Known]:
-    """The summary of a run, and what its posterior knows of priors and of Step 3."""
+    """Return the summary of a run, and what its posterior knows of priors and of Step 3."""
     summary, tree = read_result(folder, "posterior", "steps")
     bounds, means = {}, {}
     if summary["main"] == "joint" and "posterior" in tree.children:
@@ -427,7 +427,7 @@ def inputs_of(campaign: Campaign) -> dict[str, str]:
 
 
 def input_hashes(campaign: Campaign) -> dict[str, str]:
-    """File to hash, of everything that was read."""
+    """Return the file to hash, of everything that was read."""
     records = [record for test in campaign.tests for record in test.records]
     sources = [r.provenance for r in records if "sha256" in r.provenance]
     return {source.get("path", ""): source["sha256"] for source in sources}

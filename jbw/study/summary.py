@@ -54,7 +54,7 @@ def record_of(
     compared: Mapping[str, Any],
     wide: xr.Dataset | None = None,
 ) -> dict[str, Any]:
-    """The summary of what was identified.
+    """Return the summary of what was identified.
 
     `compared` is the comparison of the routes, `wide` the main posterior with the errors of the
     instruments, where they are stated.
@@ -95,7 +95,7 @@ def record_of(
 
 
 def _turning(tests: Iterable[Test]) -> dict[str, str]:
-    """The unit of the motion where every test is one of torsion; nothing where none is."""
+    """Return the unit of the motion where every test is one of torsion; nothing where none is."""
     units = {record.units.get(record.response, "") for test in tests for record in test.records}
     turns = units and all(unit.startswith("rad") for unit in units)
     return {"motion_unit": "rad"} if turns else {}
@@ -133,7 +133,7 @@ def steps_group(record: Mapping[str, Any]) -> xr.Dataset:
 
 
 def verdict_record(verdict: Verdict) -> dict[str, Any]:
-    """A verdict in plain values."""
+    """Return a verdict in plain values."""
     findings = [
         {**finding.record(), "number": plain(finding.number)} for finding in verdict.findings
     ]
@@ -142,7 +142,7 @@ def verdict_record(verdict: Verdict) -> dict[str, Any]:
 
 
 def fitted_and_held_out(seen: Measured) -> list[dict[str, Any]]:
-    """Every test of the campaign, and which of its repeats were fitted."""
+    """Return every test of the campaign, and which of its repeats were fitted."""
     used, repeats = entered(seen), fitted_repeats(seen)
     return [
         {
@@ -193,7 +193,7 @@ def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
 
 
 def _modes(fit: ModalFit) -> list[dict[str, float]]:
-    """Every mode of Step 2 with standard deviations, the joint's own first."""
+    """Return every mode of Step 2 with standard deviations, the joint's own first."""
     columns = (*np.split(fit.theta, [len(fit.omega), 2 * len(fit.omega)]),)
     spreads = (*np.split(fit.std, [len(fit.omega), 2 * len(fit.omega)]),)
     return [
@@ -217,7 +217,7 @@ def _modes_sentence(fit: ModalFit) -> str:
 def widened_by_instruments(
     campaign: Campaign, sensors: Sensors | None, found: Identification, seed: int
 ) -> xr.Dataset | None:
-    """The main posterior with the stated errors of the instruments; None where none are."""
+    """Return the main posterior with the stated errors of the instruments; None where none are."""
     if sensors is None or not campaign.instruments.is_stated:
         return None
     main = found.main
@@ -234,7 +234,7 @@ def step_record(
     wide: xr.Dataset | None = None,
     stated: StatedDensities | None = None,
 ) -> dict[str, Any]:
-    """A posterior in plain values: parameters, statements, correlations, offsets of runs.
+    """Return a posterior in plain values: parameters, statements, correlations, offsets of runs.
 
     `wide` is it with the errors of the instruments, where they are stated; `stated` are the prior
     densities beside its box.
@@ -281,7 +281,7 @@ def _predictions(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def _across_kinds(tree: xr.DataTree) -> dict[str, Any]:
-    """How well each kind of test is predicted from the others; nothing of one kind."""
+    """Return how well each kind of test is predicted from the others; nothing of one kind."""
     group = node(tree, "across_kinds")
     return {} if group is None else across_kinds_record(group.to_dataset())
 

@@ -96,7 +96,7 @@ def _side_by_side[Task: Hashable](
 def _begun[Task](
     pool: futures.ProcessPoolExecutor, function: Callable[[Task], Any], task: Task
 ) -> tuple[futures.Future[Any], futures.ProcessPoolExecutor]:
-    """A task's future and its pool; a new one where the process of this one has died."""
+    """Return a task's future and its pool; a new one where the process of this one has died."""
     try:
         return pool.submit(function, task), pool
     except BrokenProcessPool:

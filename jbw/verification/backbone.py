@@ -64,7 +64,7 @@ def backbone_group(draws: Draws, y_peak: float, laws: Laws) -> xr.Dataset | None
 def curves(
     theta: Mapping[str, Array], amplitude: Float[Array, " amplitude"], laws: Laws
 ) -> tuple[Float[Array, " amplitude"], ...]:
-    """Frequency [Hz], damping and force [N/kg] at amplitudes of the displacement [m]."""
+    """Return the frequency [Hz], damping and force [N/kg] at amplitudes of the displacement [m]."""
     curve = backbone(oscillator_of(theta, laws), amplitude)
     return curve.omega / (2 * jnp.pi), curve.zeta, curve.amplitude
 
@@ -84,7 +84,7 @@ def _unloading(
 
 
 def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws) -> xr.Dataset:
-    r"""Frequency and damping against amplitude: read from free decays, and of the model.
+    r"""Return the frequency and damping against amplitude: read from free decays, and of the model.
 
     $$X = \omega(Y)^p\,Y$$
 
@@ -131,7 +131,7 @@ def curves_of_response(
     order: int,
     laws: Laws,
 ) -> tuple[Float[Array, " amplitude"], ...]:
-    """The same at amplitudes of the measured response."""
+    """Return the same at amplitudes of the measured response."""
     joint, omega = oscillator_of(theta, laws), jnp.full_like(amplitude, centre)
     for _ in range(3):  # the displacement of an amplitude depends weakly on the frequency
         omega = backbone(joint, amplitude / omega**order).omega

@@ -34,7 +34,7 @@ def errors(
     noise_std: float | NDArray[np.float64] | None,
     repeats: Float[np.ndarray, "repeat value"] | None = None,
 ) -> dict[str, float]:
-    """How far a test lies from the model, and from the oscillators it is compared with."""
+    """Return how far a test lies from the model, and from the oscillators it is compared with."""
     # `coverage` is the share of `num_values` values, of the repeats or else their mean, that lie
     # inside the predictive band; `half_width` is of that band, or of the parameters' alone;
     # `scatter` is of the repeats about their mean, over the same as `nrmse`.
@@ -52,7 +52,7 @@ def errors(
 
 
 def middle(values: Shaped[np.ndarray, " draw *value"]) -> Shaped[np.ndarray, " *value"]:
-    """Median over draws, of complex values their real and imaginary parts apart."""
+    """Return the median over draws, of complex values their real and imaginary parts apart."""
     if not np.iscomplexobj(values):
         return np.median(values, axis=0)
     return np.median(np.real(values), axis=0) + 1j * np.median(np.imag(values), axis=0)
@@ -61,7 +61,7 @@ def middle(values: Shaped[np.ndarray, " draw *value"]) -> Shaped[np.ndarray, " *
 def recentred(
     model: Shaped[np.ndarray, " draw *value"], centre: Shaped[np.ndarray, " *value"]
 ) -> Shaped[np.ndarray, " draw *value"]:
-    r"""Draws moved to another median, $m_k + m_0 - \operatorname{med}_k(m_k)$.
+    r"""Return the draws moved to another median, $m_k + m_0 - \operatorname{med}_k(m_k)$.
 
     Where a model discrepancy scatters frequencies widely, the phases of the draws $m_k$ scatter
     too, and their median is smaller than any of them: it does not predict what the law does. The
@@ -113,7 +113,7 @@ def beside(
 
 
 def phase_near(h: NDArray[Any], reference: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Phase on the branch next to a reference, so that bands do not straddle +-pi."""
+    """Return the phase on the branch next to a reference, so that bands do not straddle +-pi."""
     return reference + np.angle(h * np.exp(-1j * reference))
 
 

@@ -65,7 +65,7 @@ def curves_of(tests: Sequence[Test], of_tones: str = "") -> dict[str, Curve]:
 
 
 def predict_curve(source: Source, test: Test) -> Predicted:
-    """Harmonics of a tone, a stepped sine or a response curve."""
+    """Return the harmonics of a tone, a stepped sine or a response curve."""
     (predicted,) = predict_curves(source, list(curves_of([test]).values()))
     return predicted
 
@@ -81,7 +81,7 @@ def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
 
 
 def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> list[Predicted]:
-    """The same of curves that take the same residual terms."""
+    """Return the same of curves that take the same residual terms."""
     # The force's phase counts from the displacement, the response's from the source. Errors are
     # over real and imaginary parts.
     groups = [group for curve in curves for group in curve.groups]
@@ -148,7 +148,7 @@ def _carried(
 
 
 def _forces(theta: Mapping[str, Array], data: Points) -> Complex[Array, "group value"]:
-    """Force of every group that the measured motion takes, in the unit of the source."""
+    """Return the force of every group that the measured motion takes, in the unit of the source."""
     return data.factor * force_of(theta, data)[data.point] / theta["gain"]
 
 

@@ -65,7 +65,7 @@ class ForcedTests:
     def attempted(
         self, test: Test, build: Callable[[], Placed], what: str = ""
     ) -> dict[str, xr.Dataset]:
-        """The groups that a comparison makes, or made before it failed."""
+        """Return the groups that a comparison makes, or made before it failed."""
         under_way.info("%s", test.name)
         made: dict[str, xr.Dataset] = {}
         what = messages.comparison_of(test.name, what)
@@ -88,7 +88,7 @@ class ForcedTests:
         return source_of(self.basis, test, num_draws, missed, **how)
 
     def marks(self, test: Test) -> dict[str, Any]:
-        """Whether a test was fitted, and what its bands have in them."""
+        """Return whether a test was fitted, and what its bands have in them."""
         flags = {
             "fitted": int(test.name in self.fitted), "offsets": int(len(self.basis.scatter) > 0)
         }  # fmt: skip
@@ -99,7 +99,7 @@ class ForcedTests:
     def marked(
         self, kind: str, name: str, test: Test, predicted: Predicted
     ) -> tuple[str, xr.Dataset]:
-        """A prediction in its place, without bands where none can be stated."""
+        """Return a prediction in its place, without bands where none can be stated."""
         attrs = {"noise": predicted.noise.says, **self.marks(test)}
         extrapolation = predicted.extrapolation(self.basis)
         if extrapolation is not None and not attrs["fitted"]:
@@ -110,14 +110,14 @@ class ForcedTests:
         return where, without_band(compared) if withheld else compared
 
     def frf(self, motion: Motion) -> Placed:
-        """The frequency response of a record in the band that it drives most."""
+        """Yield the frequency response of a record in the band that it drives most."""
         test = motion.test
         band_hz = most_driven(test.records[0], self.bands_hz)
         frf = compare_frfs(motion, band_hz).assign_attrs(self.marks(test))
         yield place("verification/frf", test.name), frf
 
     def sweep(self, test: Test) -> Placed:
-        """A sweep in time and by its frequency response."""
+        """Yield a sweep in time and by its frequency response."""
         source = self.beside(test)
         motion = motion_of(source, test)
         yield from self.attempted(test, partial(self.frf, motion), FRF).items()
@@ -127,13 +127,13 @@ class ForcedTests:
         yield self.marked("sweep", test.name, test, shown)
 
     def response(self, test: Test) -> Placed:
-        """The frequency response of random motion, by few draws."""
+        """Yield the frequency response of random motion, by few draws."""
         source = replace(self.beside(test, NUM_FEW, NOTHING), references={})
         for where, frf in self.frf(motion_of(source, test, substeps=1)):
             yield where, frf.assign_attrs(discrepancy=0)
 
     def curves(self, named: Mapping[str, Curve], discrepancy: AtAmplitude) -> Placed:
-        """Curves of one run and drive, predicted together."""
+        """Yield the curves of one run and drive, predicted together."""
         together = list(named.values())
         source = self.beside(together[0].test, discrepancy=discrepancy)
         compared = predict_curves(source, together)
@@ -141,17 +141,17 @@ class ForcedTests:
             yield self.marked("curve", name, curve.test, predicted)
 
     def whole(self, test: Test) -> Placed:
-        """A test by the one route of its kind."""
+        """Yield a test by the one route of its kind."""
         source = self.beside(test, NUM_FEW if test.is_cyclic else NUM_DRAWS)
         yield self.marked(test.kind, test.name, test, route_of(test)(source, test))
 
     def points(self, test: Test) -> Placed:
-        """The points of a controlled test."""
+        """Yield the points of a controlled test."""
         for name, predicted in predict_apart(self.beside(test), test):
             yield self.marked("controlled", name, test, predicted)
 
     def loop(self, test: Test) -> Placed:
-        """A held tone at the resonance, by its loop: the paper's validation."""
+        """Yield a held tone at the resonance, by its loop: the paper's validation."""
         draws = self.beside(test, discrepancy=NOTHING).draws
         validated = loop_validation(test, draws, self.basis.laws)
         marked = validated.assign_attrs(scatter=int(self.basis.scatters(test)))

@@ -114,7 +114,7 @@ def _dataset(test: Test, part: Observable, number: int, group: Group) -> xr.Data
 
 
 def groups_of(source: Source, test: Test, part: Observable) -> Iterator[Group]:
-    """The groups of a part of a test, each with its predictions where these are compared."""
+    """Yield the groups of a part of a test, each with its predictions where these are compared."""
     predicted, others = source.observed(part)
     plain = np.abs if part.groups.is_complex else np.asarray
     for i, label in enumerate(part.groups.labels):

@@ -219,7 +219,7 @@ def compare_records(source: Source, motion: Motion) -> xr.Dataset:
 
 
 def _resolves(motion: Motion, band_hz: tuple[float, float]) -> bool:
-    """Whether the segments of a settled broadband record have enough lines in a band."""
+    """Return whether the segments of a settled broadband record have enough lines in a band."""
     segment_s = (motion.model.shape[1] - motion.unsettled) / (SEGMENTS * motion.data.fs)
     lines = (band_hz[1] - band_hz[0]) * segment_s
     return motion.test.traits.is_broadband and lines >= LEAST_LINES
@@ -270,7 +270,7 @@ def _frf(
 
 
 def bands_of_modes(draws: Draws) -> list[tuple[float, float]]:
-    """The band around every mode that the draws have [Hz]."""
+    """Return the band around every mode that the draws have [Hz]."""
     return [(NEAR[0] * hz, NEAR[1] * hz) for hz in natural_hz(draws)]
 
 

@@ -28,7 +28,7 @@ OWN = "own_{}"  # of a draw: what its start lies off the best one by, standard n
 
 
 def modes_of_draws(draws: Draws) -> Modes | None:
-    """The modes that draws have, at their mean frequencies; None of one."""
+    """Return the modes that draws have, at their mean frequencies; None of one."""
     hz = tuple(natural_hz(draws))
     return Modes(hz) if len(hz) > 1 else None
 

@@ -6,7 +6,7 @@ from jbw.measurement.records import Record
 
 
 def place(group: str, name: str) -> str:
-    """Path of a test in the tree."""
+    """Return the path of a test in the tree."""
     return f"/{group}/{safe(name)}"
 
 

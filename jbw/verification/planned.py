@@ -48,12 +48,12 @@ def planned_tones(basis: Basis, freq_hz: Sequence[float], level: float) -> Test:
 
 
 def steps(band_hz: tuple[float, float]) -> tuple[float, ...]:
-    """Frequencies of a stepped sine over a band [Hz]."""
+    """Return the frequencies of a stepped sine over a band [Hz]."""
     return tuple(np.linspace(*band_hz, 61).tolist())
 
 
 def predict_planned(source: Source, test: Test) -> Predicted:
-    """First and third harmonic of the steady motion at each tone of a planned test."""
+    """Return the first and third harmonic of the steady motion at each tone of a planned test."""
     record = test.records[0]
     omega = 2 * np.pi * np.asarray(test.tones_hz)
 
@@ -85,7 +85,7 @@ def predict_planned(source: Source, test: Test) -> Predicted:
 
 
 def _record(basis: Basis, kind: str, source: np.ndarray, fs: float) -> Record:
-    """A record of the source alone, its response unknown, in the units of the run."""
+    """Return a record of the source alone, its response unknown, in the units of the run."""
     driven = [
         fitted_test
         for fitted_test in basis.seen.values()

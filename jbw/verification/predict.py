@@ -147,7 +147,7 @@ def _require_point_known(basis: Basis, test: Test) -> None:
 
 
 def _source(basis: Basis, test: Test, request: Request) -> Source:
-    """The draws that a test is predicted with: fewer of them through long records."""
+    """Return the draws that a test is predicted with: fewer of them through long records."""
     most, route = request.num_draws, route_of(test)
     gain = _gain_for(basis, test, request)
     if route in (predict_records, predict_periods, predict_groups):
@@ -178,13 +178,13 @@ def _reach(basis: Basis, test: Test, request: Request) -> float:
 
 
 def _by_few_draws(basis: Basis, test: Test, gain: float | None, seed: int) -> Predicted:
-    """A test as a few draws predict it, which tells its amplitude."""
+    """Return a test as a few draws predict it, which tells its amplitude."""
     draws = basis.draws_for(test, LANES, gain, seed)
     return route_of(test)(Source(basis, draws, seed=seed), test)
 
 
 def missed_in(basis: Basis, test: Test, gain: float | None = None, seed: int = 0) -> AtAmplitude:
-    """The model discrepancy at the amplitude of a test that was not fitted.
+    """Return the model discrepancy at the amplitude of a test that was not fitted.
 
     The amplitude is what a few draws predict; free decays have one in each record.
     """
@@ -240,7 +240,7 @@ def warnings_of(dataset: xr.Dataset) -> list[str]:
 
 
 def row_of(dataset: xr.Dataset) -> dict[str, Any]:
-    """A prediction of `predict` in plain numbers, None where one is not known."""
+    """Return a prediction of `predict` in plain numbers, None where one is not known."""
     attrs = dataset.attrs
     columns = ("test", "kind", "level", "level_unit", "noise", *ERRORS, "num_draws")
     row = {name: attrs.get(name) for name in columns}

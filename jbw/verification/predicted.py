@@ -141,7 +141,7 @@ class Source:
     def observed(
         self, data: Observable, predict: Callable[..., PyTree] = prediction
     ) -> tuple[Any, dict[str, Any]]:
-        """The same of reduced data, by (theta, data) to what is predicted."""
+        """Return the same of reduced data, by (theta, data) to what is predicted."""
         seen = alone(data)
         return self.carried(lambda draws, laws: carry(predict, draws, replace(seen, laws=laws)))
 
@@ -174,7 +174,7 @@ def source_of(
 
 
 def is_measured(test: Test) -> bool:
-    """Whether a test has a response, or is only planned."""
+    """Return whether a test has a response, or is only planned."""
     record = test.records[0]
     return bool(np.any(np.isfinite(record.channels[record.response])))
 

@@ -137,7 +137,7 @@ class Basis:
         *,
         missed: AtAmplitude = NOTHING,
     ) -> Draws:
-        """The same with omega_n and zeta of the test's own run, where that was fitted.
+        """Return the same with omega_n and zeta of the test's own run, where that was fitted.
 
         Free decays have draws of their own posterior, and involve no gain.
         """
@@ -160,7 +160,7 @@ class Basis:
         return next(names, None) if test.name in self.seen else None
 
     def has_fitted_kind(self, kind: str) -> bool:
-        """Whether a test of a kind was fitted."""
+        """Return whether a test of a kind was fitted."""
         labels = noise_by_label(self.posterior)
         kinds = {
             seen.kind
@@ -204,18 +204,18 @@ class Basis:
 
 
 def natural_hz(draws: Draws) -> list[float]:
-    """Mean natural frequency of every mode that draws have [Hz]."""
+    """Return the mean natural frequency of every mode that draws have [Hz]."""
     names = ("omega_n", *(omega.name for omega, *_ in MODES))
     return [float(np.mean(draws[name])) / (2 * np.pi) for name in names if name in draws]
 
 
 def count_of(draws: Mapping[str, Any]) -> int:
-    """How many draws there are."""
+    """Return how many draws there are."""
     return len(next(iter(draws.values())))
 
 
 def parameter_names(laws: Laws) -> tuple[str, ...]:
-    """Names of the oscillator's parameters, those of its laws, and `gain`."""
+    """Return the names of the oscillator's parameters, those of its laws, and `gain`."""
     return ("omega_n", "zeta", *(quantity.name for quantity in quantities_of(laws)), "gain")
 
 
@@ -275,7 +275,7 @@ def basis_attrs(
 
 
 def decay_attrs(data: Decays) -> dict[str, str]:
-    """The same of free decays that were fitted apart from all else."""
+    """Return the same of free decays that were fitted apart from all else."""
     constants = {"worth": data.fraction, "shift_std": data.shift_std, "substeps": data.substeps}
     return {"decay": json.dumps({name: float(value) for name, value in constants.items()})}
 
@@ -315,7 +315,7 @@ def _of_decays(tree: xr.DataTree, posterior: xr.Dataset, laws: Laws) -> xr.Datas
 
 
 def noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
-    """Mean noise of every group of data of a posterior, by the group's label."""
+    """Return the mean noise of every group of data of a posterior, by the group's label."""
     noise = {}
     for name, values in posterior.data_vars.items():
         dims = [dim for dim in values.dims if dim not in ("chain", "draw")]
@@ -326,7 +326,7 @@ def noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
 
 
 def seen_of(test: Test) -> CampaignTest:
-    """A test's kind, the unit of its source and what is compared."""
+    """Return a test's kind, the unit of its source and what is compared."""
     record = test.records[0]
     place = (test.level if np.isfinite(test.level) else None, family_of(test), drive_of(test))
     if test.traits.is_prescribed:

@@ -64,7 +64,7 @@ def of_run(
 def references(
     data: Dataset, known: Mapping[str, float], kinds: Sequence[str] = ("linear",)
 ) -> dict[str, Reference]:
-    r"""The linear and the cubic oscillator that come closest to all fitted tests.
+    r"""Return the linear and the cubic oscillator that come closest to all fitted tests.
 
     $$\min \sum_i |d_i - m_i|^2 / |d_i|^2, \qquad
       \ddot y + 2\zeta\omega_n\dot y + \omega_n^2 y + \lambda_3 y^3 = g u$$

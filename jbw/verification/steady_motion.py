@@ -161,7 +161,7 @@ def _cycles(record: Record, test: Test, omega: float) -> dict[str, NDArray[np.fl
 def _kinematics(
     x: NDArray[np.float64], fs: float, band_hz: tuple[float, float], response: str
 ) -> list[NDArray[np.float64]]:
-    """Displacement, velocity and acceleration from the one that was measured."""
+    """Return the displacement, velocity and acceleration from the one that was measured."""
     order = derivative_order(response)
     motions = [x]
     for _ in range(order):

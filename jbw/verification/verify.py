@@ -79,7 +79,7 @@ def _verify_free(
     seed: int,
     attempts: Attempts,
 ) -> Groups:
-    """Every free decay beside the model's, and frequency and damping against amplitude."""
+    """Return every free decay beside the model's, and frequency and damping against amplitude."""
     groups: Groups = {}
     together, num_fitted = decays.together, len(decays.fitted.records)
     draws = basis.draws_for(together, NUM_DRAWS)
@@ -115,7 +115,7 @@ def _freely(draws: Draws, decays: Decays) -> tuple[Any, ...]:
 
 
 def predicted_tests(tree: xr.DataTree) -> Mapping[str, Mapping[str, Any]]:
-    """Attributes of every test beside its prediction, by name."""
+    """Return the attributes of every test beside its prediction, by name."""
     parents = tree["verification"].children if "verification" in tree.children else {}
     return {
         name: {"group": group, **{str(key): value for key, value in node.attrs.items()}}
@@ -155,7 +155,7 @@ def _simpler(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> lis
 
 
 def _replaced(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> list[Finding]:
-    """Whether the model discrepancy in a band is more than a linear oscillator would miss.
+    """Return whether the model discrepancy in a band is more than a linear oscillator would miss.
 
     Nothing where the bands have no discrepancy, or the joint hardly acts: the linear oscillator is
     close, and no worse than the joint.

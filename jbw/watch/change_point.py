@@ -73,7 +73,7 @@ def run_length(
     hazard: float,
     start: Belief | None = None,
 ) -> RunLength:
-    """Length of the present run after all readings, from the oldest to the newest.
+    """Return the length of the present run after all readings, from the oldest to the newest.
 
     Args:
         readings: In the order in which they came.
@@ -131,7 +131,7 @@ def updated(x: Float[np.ndarray, "*batch p"], belief: Belief) -> Belief:
 
 
 def _with_new_run(belief: Belief, prior: Belief) -> Belief:
-    """The beliefs of all runs, that of one which begins now in front."""
+    """Return the beliefs of all runs, that of one which begins now in front."""
     mean = np.broadcast_to(
         prior.mean[..., None, :], (*belief.mean.shape[:-2], 1, prior.mean.shape[-1])
     )

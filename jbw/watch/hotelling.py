@@ -33,7 +33,7 @@ class ReferenceReadings(NamedTuple):
 
 
 def reference_of(readings: Float[np.ndarray, "*batch record p"]) -> ReferenceReadings:
-    """The reference that readings without change make.
+    """Return the reference that readings without change make.
 
     Raises:
         ConfigError: No more readings than they have values each: their covariance is singular.
@@ -81,12 +81,12 @@ def distance(
 
 
 def tail(squared: Float[np.ndarray, "*batch"], p: int, num: int) -> Float[np.ndarray, "*batch"]:
-    r"""Probability that a reading without change has as large a $T^2$."""
+    r"""Return the probability that a reading without change has as large a $T^2$."""
     return np.asarray(fisher.sf(np.asarray(squared) / _scale(p, num), p, num - p))
 
 
 def power(false_alarms: float, p: int, num: int, change: float) -> float:
-    r"""Probability that one reading after a change exceeds the threshold.
+    r"""Return the probability that one reading after a change exceeds the threshold.
 
     $n_0 (n_0 - p) / (p (n_0 - 1)(n_0 + 1)) T^2$ is non-central F with $d^2 n_0 / (n_0 + 1)$.
 

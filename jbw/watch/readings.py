@@ -179,7 +179,7 @@ def trend_of(
     *,
     report: Callable[[str], None] = print,
 ) -> Trend:
-    """The trend with torque of readings at amplitudes of a test's response, by a fleet.
+    """Return the trend with torque of readings at amplitudes of a test's response, by a fleet.
 
     Args:
         fleet: From `jbw.fleet_of` or `jbw.read_fleet`.

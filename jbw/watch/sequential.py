@@ -73,7 +73,7 @@ class Update(NamedTuple):
 
 
 def particles_of(x: Float[np.ndarray, "particle d"], log_density: LogDensity) -> Particles:
-    """Draws of a posterior, all of one weight."""
+    """Return the draws of a posterior, all of one weight."""
     return Particles(x, np.full(len(x), -np.log(len(x))), log_density(x))
 
 
@@ -132,7 +132,7 @@ def updated(
     seed: int = 0,
     report: Callable[[str], None] = print,
 ) -> xr.DataTree:
-    """Draws of the joint's posterior with further free decays, and the evidence of each.
+    """Return the draws of the joint's posterior with further free decays, and the evidence of each.
 
     The values of a new record count as those of the run do: as many of them as are independent.
     Its initial state, its noise and its shift of frequency are integrated out.
@@ -228,7 +228,7 @@ def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
 
 
 def _with_records(part: Decays, test: Test, records: Sequence[Record]) -> Decays:
-    """The decays of a run with further records of their kind."""
+    """Return the decays of a run with further records of their kind."""
     response, fs = test.records[0].response, test.records[0].fs
     for record in records:
         if response not in record.channels or not share_clock(record.fs, fs):
@@ -280,7 +280,7 @@ def _tree(
     updates: Sequence[Update],
     records: Sequence[Record],
 ) -> xr.DataTree:
-    """The draws as a chain, with what follows from them, and what each record did."""
+    """Return the draws as a chain, with what follows from them, and what each record did."""
     posterior = xr.Dataset(
         {n: (("chain", "draw"), x[None], sampled[n].attrs) for n, x in draws.items()}
     )

@@ -163,7 +163,7 @@ def _direction(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]) -> s
 
 
 def sentence(statement: Statement, names: Sequence[str], num_reference: int) -> str:
-    """A statement in words; `names` are those of the watched records."""
+    """Return a statement in words; `names` are those of the watched records."""
     numbers = watch.distances(
         statement.squared, statement.threshold, num_reference, statement.unchanged
     )
@@ -177,7 +177,7 @@ def sentence(statement: Statement, names: Sequence[str], num_reference: int) -> 
 
 
 def as_plain(statement: Statement) -> dict[str, Any]:
-    """A statement as a line of the log has it."""
+    """Return a statement as a line of the log has it."""
     plain, change = statement._asdict(), statement.change
     if change is None:
         return plain
@@ -188,7 +188,7 @@ def as_plain(statement: Statement) -> dict[str, Any]:
 def torque_after(
     away: Float[np.ndarray, " p"], reference: ReferenceReadings, num: int, trend: Trend
 ) -> TorqueChange:
-    """The torque that readings behind a change are like.
+    """Return the torque that readings behind a change are like.
 
     Args:
         away: Their mean less that of the references.
@@ -213,7 +213,7 @@ def torque_after(
 
 
 def words_of(change: TorqueChange) -> str:
-    """A change of torque as the end of a sentence."""
+    """Return a change of torque as the end of a sentence."""
     after = change.after, change.low, change.high
     return watch.torque_change(
         change.before, after, within_fleet=change.inside, is_explained=change.explained

@@ -201,7 +201,7 @@ def _identified(records: Sequence[Record]) -> list[tuple[str, Record]]:
 
 
 def _decay_test(spec: CampaignSpec, name: str | None) -> TestSpec:
-    """The test of free decays that is watched, by its name or the only one."""
+    """Return the test of free decays that is watched, by its name or the only one."""
     decays = {test.name: test for test in spec.tests if KINDS[test.kind].is_free}
     if name is not None and name not in decays:
         raise ConfigError(
@@ -263,7 +263,7 @@ def _begun(test: Test, name: str, wishes: Wishes) -> Entry:
 
 
 def _comparable(test: Test, amplitudes: Sequence[float]) -> int:
-    """How many of the campaign's records can be read at the amplitudes."""
+    """Return how many of the campaign's records can be read at the amplitudes."""
     count = 0
     for record in test.records:
         try:
@@ -310,7 +310,7 @@ def locked_log(folder: Path) -> Iterator[Path]:
 
 
 def read_log(path: Path) -> list[Entry]:
-    """Every entry of a log, the oldest first; none where there is no log.
+    """Return every entry of a log, the oldest first; none where there is no log.
 
     Raises:
         RunError: A line that is no entry, other than the last, which `set_aside` takes away.

@@ -54,7 +54,7 @@ def require_sparse(name: str, shape: Sequence[int], entries: int) -> None:
 def of_labels(
     rows: Sequence[Dof], columns: Sequence[Dof], entries: np.ndarray
 ) -> tuple[Sparse, list[Dof]]:
-    """A symmetric matrix of entries with labels, and its degrees of freedom in order.
+    """Return a symmetric matrix of entries with labels, and its degrees of freedom in order.
 
     Entries of one triangle alone are mirrored.
     """

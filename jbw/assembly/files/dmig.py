@@ -101,6 +101,6 @@ def _fields(text: str) -> list[str]:
 
 
 def _number(text: str) -> float:
-    """A number as Nastran writes it."""
+    """Return a number as Nastran writes it."""
     plain = text.upper().replace("D", "E")
     return float(plain if "E" in plain else _SHORT_EXPONENT.sub(r"E\1", plain))

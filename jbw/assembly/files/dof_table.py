@@ -36,7 +36,7 @@ def read_table(path: Path) -> list[Dof]:
 
 
 def _order(header: Sequence[str], path: Path) -> list[int]:
-    """Columns of row, node and direction by their names."""
+    """Return the columns of row, node and direction by their names."""
     names = [name.lower() for name in header]
     columns = {"row": ("row", "index"), "node": ("node",), "direction": ("direction", "dof", "dir")}
     order = [
@@ -89,13 +89,13 @@ def _cells_of(row: Any, name: str) -> list[str]:
 
 
 def _plain(cell: Any) -> str:
-    """A number that is whole as one, and text as it is."""
+    """Return a number that is whole as one, and text as it is."""
     text = str(cell).strip()
     return text.removesuffix(".0") if text.endswith(".0") else text
 
 
 def _in_order(rows: list[list[str]], name: str) -> list[list[str]]:
-    """Lines by their row, without it."""
+    """Return the lines by their row, without it."""
     try:
         numbers = [int(row[0]) for row in rows]
     except ValueError:

@@ -25,7 +25,7 @@ _EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # as Fortran writes it
 
 
 def contents(path: Path) -> MatrixFile:
-    """The matrix of a .mtx file, with labels where it has them."""
+    """Return the matrix of a .mtx file, with labels where it has them."""
     with path.open(encoding="utf-8", errors="replace") as stream:
         is_market = stream.readline().startswith("%%MatrixMarket")
     if is_market:

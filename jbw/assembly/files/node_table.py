@@ -29,7 +29,7 @@ def read_nodes(path: Path) -> dict[str, Position]:
 
 
 def positions(table: Any, name: str = NODES) -> dict[str, Position]:
-    """Position of every node, in the unit of length of the matrices.
+    """Return the position of every node, in the unit of length of the matrices.
 
     Args:
         table: Rows of [node, x, y, z].

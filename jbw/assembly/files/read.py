@@ -164,7 +164,7 @@ def _required(matrix: _Matrix | None) -> _Matrix:
 
 
 def _table(table: Any) -> list[Dof]:
-    """A table of a file or in memory."""
+    """Return a table of a file or in memory."""
     if isinstance(table, str | Path):
         path = Path(table)
         return _attempted(path, read_table)
@@ -172,7 +172,7 @@ def _table(table: Any) -> list[Dof]:
 
 
 def _nodes(table: Any) -> Mapping[str, Position] | None:
-    """Positions of a file or in memory; None of none."""
+    """Return the positions of a file or in memory; None of none."""
     if table is None:
         return None
     if isinstance(table, str | Path):
@@ -181,7 +181,7 @@ def _nodes(table: Any) -> Mapping[str, Position] | None:
 
 
 def _of_source(entry: Any, role: str) -> _Matrix | None:
-    """A matrix of a file or in memory."""
+    """Return a matrix of a file or in memory."""
     if entry is None:
         return None
     if not isinstance(entry, str | Path):
@@ -195,7 +195,7 @@ def _of_source(entry: Any, role: str) -> _Matrix | None:
 
 
 def _named(file: MatrixFile, role: str, where: str, *, required: bool = True) -> _Matrix | None:
-    """The matrix of a role by its name."""
+    """Return the matrix of a role by its name."""
     for name, matrix in file.matrices.items():
         if role_of(name) == role:
             return _Matrix(matrix, file.dofs.get(name))
@@ -242,7 +242,7 @@ def _attempted[Read](path: Path, read: Callable[[Path], Read]) -> Read:
 
 
 def _placed(matrix: _Matrix, table: Sequence[Dof]) -> _Matrix:
-    """A matrix with labels in the order of a table, with zeros where it has no entry."""
+    """Return a matrix with labels in the order of a table, with zeros where it has no entry."""
     if matrix.dofs is None:
         return matrix
     number = {dof: i for i, dof in enumerate(table)}
@@ -255,7 +255,7 @@ def _placed(matrix: _Matrix, table: Sequence[Dof]) -> _Matrix:
 
 
 def _without_fixed(parts: _Parts, units: str) -> MatrixModel:
-    """The model without rows that an entry of 1e36 on the diagonal of K holds in place."""
+    """Return the model without rows that an entry of 1e36 on the diagonal of K holds in place."""
     matrices: list[Sparse] = [
         None if part is None else sp.csc_array(part.matrix) for part in parts.matrices
     ]

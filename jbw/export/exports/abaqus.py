@@ -37,14 +37,14 @@ def _card(folder: Path, result: Export) -> Paths:
 
 
 def _joints_code(folder: Path, result: JointsExport) -> Paths:
-    """The element, which is the same of all joints."""
+    """Return the element, which is the same of all joints."""
     joint = replace(result.cards[0].joint, about=result.about)
     facts = _facts(joint)
     return (write_text(folder / "joint_uel.c", "abaqus/joint_uel.c", joint, **facts),)
 
 
 def _joints_card(folder: Path, result: JointsExport) -> Paths:
-    """Nodes, equations, elements and properties of all joints."""
+    """Return the nodes, equations, elements and properties of all joints."""
     joints = nodes_of(result)
     first = joints[0].card.joint
     forms = forms_of("c/laws", first)

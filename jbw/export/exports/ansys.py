@@ -7,7 +7,7 @@ from jbw.export.one_joint import Export
 
 
 def _card(folder: Path, result: Export) -> Paths:
-    """The elements' types and real constants."""
+    """Return the elements' types and real constants."""
     table = result.skeleton
     pairs = zip(table["displacement_m"], table["tip_force_n"], strict=True)
     # Of the origin on; Ansys mirrors what is given for positive displacements.

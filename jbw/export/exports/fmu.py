@@ -55,7 +55,7 @@ class Variable(NamedTuple):
 
 
 def _code(version: int, folder: Path, result: Export) -> Paths:
-    """The FMU; without a compiler of sources alone, which importers can compile."""
+    """Return the FMU; without a compiler of sources alone, which importers can compile."""
     parameters = parameters_of(result)
     facts: dict[str, Any] = {"forms": forms_of("c/laws", result), "description": DESCRIPTION}
     facts["memory"] = sum(form.memory for form in facts["forms"])
@@ -78,19 +78,19 @@ def _code(version: int, folder: Path, result: Export) -> Paths:
 
 
 def _card(folder: Path, result: Export) -> Paths:
-    """The parameters as SSP's set of values, by which importers replace the FMU's own."""
+    """Return the parameters as SSP's set of values, by which importers replace the FMU's own."""
     parameters = parameters_of(result)
     more = {"description": DESCRIPTION, "units": units_of(parameters)}
     return (write_text(folder / "joint.ssv", "fmu/joint.ssv", result, **more),)
 
 
 def _joints_code(version: int, folder: Path, result: JointsExport) -> Paths:
-    """An FMU a joint in a folder of its own, in SI."""
+    """Return an FMU a joint in a folder of its own, in SI."""
     return _each_joint(partial(_code, version), folder, result)
 
 
 def _joints_card(folder: Path, result: JointsExport) -> Paths:
-    """Values of the parameters a joint in a folder of its own, in SI."""
+    """Return the values of the parameters a joint in a folder of its own, in SI."""
     return _each_joint(_card, folder, result)
 
 

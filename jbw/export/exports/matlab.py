@@ -7,7 +7,7 @@ from jbw.export.one_joint import Export
 
 
 def _code(folder: Path, result: Export) -> Paths:
-    """The step function, of any parameters."""
+    """Return the step function, of any parameters."""
     forms = forms_of("matlab/laws", result)
     facts = {"forms": forms, "memory": sum(form.memory for form in forms)}
     return (write_text(folder / "joint_step.m", "matlab/joint_step.m", result, **facts),)

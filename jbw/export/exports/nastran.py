@@ -43,7 +43,7 @@ class JointTables(NamedTuple):
 
 
 def _card(folder: Path, result: Export) -> Paths:
-    """The element, its property and the tables."""
+    """Return the element, its property and the tables."""
     tables = _tables(result, FORCE, DAMPING)
     facts = {"tables": tables, "linear": _linear(result), "force": FORCE, "damping": DAMPING}
     return (write_text(folder / "joint.bdf", "nastran/joint.bdf", result, **facts),)
@@ -88,7 +88,7 @@ def _linear(result: Export) -> tuple[str, str]:
 
 
 def _field(value: float) -> str:
-    """A number in a field of sixteen characters."""
+    """Return a number in a field of sixteen characters."""
     return f"{value:<16.9e}"
 
 

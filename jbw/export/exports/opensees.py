@@ -46,7 +46,7 @@ def _card(folder: Path, result: Export) -> Paths:
 
 
 def _joints_card(folder: Path, result: JointsExport) -> Paths:
-    """Nodes, materials and elements of all joints."""
+    """Return the nodes, materials and elements of all joints."""
     joints, parts = nodes_of(result), 1 + max(joint.node for joint in nodes_of(result))
     lines = []
     for joint in joints:

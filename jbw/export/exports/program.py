@@ -144,7 +144,7 @@ class JointNodes(NamedTuple):
 
 
 def nodes_of(result: JointsExport) -> tuple[JointNodes, ...]:
-    """The joints with nodes of their own, numbered beyond those of the model.
+    """Return the joints with nodes of their own, numbered beyond those of the model.
 
     Raises:
         ConfigError: A degree of freedom of a joint has no number of node or direction.
@@ -199,7 +199,7 @@ def require_joints(program: Program, result: JointsExport, takers: Iterable[str]
 
 
 def takes_joints(program: Program, result: JointsExport) -> bool:
-    """Whether a program takes the joints."""
+    """Return whether a program takes the joints."""
     try:
         require_joints(program, result, ())
     except ConfigError:
@@ -215,7 +215,7 @@ def family_of(law: str) -> str:
 
 
 def forms_of(folder: str, result: Export) -> tuple[Form, ...]:
-    """The laws' forms in the language of a folder of templates."""
+    """Return the laws' forms in the language of a folder of templates."""
     return tuple(_form(folder, law, result) for law in result.laws)
 
 
@@ -268,18 +268,18 @@ def mirrored(table: Table, column: str, *, odd: bool) -> Iterable[float]:
 
 
 def number(value: Any) -> str:
-    """All digits of a number, as C, MATLAB, Modelica and Fortran read it."""
+    """Return all digits of a number, as C, MATLAB, Modelica and Fortran read it."""
     return repr(float(value))
 
 
 def wrapped(values: Iterable[str], count: int) -> list[list[str]]:
-    """Words in rows of so many."""
+    """Return the words in rows of so many."""
     words = list(values)
     return [words[i : i + count] for i in range(0, len(words), count)]
 
 
 def in_modelica(unit: str) -> str:
-    """A unit of jbw's dialect as Modelica writes it, `1/(m2.s2)`."""
+    """Return a unit of jbw's dialect as Modelica writes it, `1/(m2.s2)`."""
     return unit.replace("^", "").replace(" ", ".")
 
 

@@ -69,7 +69,7 @@ def reduce(kernels: Sequence[ThirdOrder], omega_n: float) -> KernelData:
 
 
 def predict(theta: Mapping[str, Array], data: KernelData) -> Complex[Array, " freq"]:
-    r"""The paper's closed form at the probing frequencies [m^-2 s^6].
+    r"""Return the paper's closed form at the probing frequencies [m^-2 s^6].
 
     $$H_3(\omega) = -\lambda_3\,H_1(\omega)^3\,H_1(3\omega), \qquad
       \lambda_3 = \alpha\Bigl(\frac{\delta^2}{6} - \frac{35\,\delta}{96\,Y}\Bigr)$$
@@ -110,7 +110,7 @@ def known_noise_log_likelihood(
 
 
 def residual(theta: Mapping[str, Array], data: KernelData) -> Float[Array, " values"]:
-    """Residuals of the means in their standard errors, real parts then imaginary parts.
+    """Return the residuals of the means in their standard errors, real parts then imaginary parts.
 
     Reference:
         Eq. (38), weighted by the noise of each frequency.

@@ -18,7 +18,7 @@ Moments = dict[str, tuple[float, float]]
 
 
 def compare_routes(linear: LinearStep | None, posteriors: Posteriors) -> dict[str, Any]:
-    """Every parameter that both routes give, side by side; empty without a cut.
+    """Return every parameter that both routes give, side by side; empty without a cut.
 
     The mean and sd of either route, `sd_ratio`, the joint posterior's sd over the cut's, and
     `difference`, cut less joint in sds of the joint; what the cut costs in words and seconds.
@@ -43,7 +43,7 @@ def compare_routes(linear: LinearStep | None, posteriors: Posteriors) -> dict[st
 
 
 def _cut(linear: LinearStep | None, steps: Mapping[str, Step]) -> Moments:
-    """Mean and sd of every parameter by the step of the paper that identifies it."""
+    """Return the mean and sd of every parameter by the step of the paper that identifies it."""
     moments: Moments = {}
     if linear is not None:
         mean, variance = linear.pooled.mean, np.diag(linear.pooled.covariance)
@@ -60,7 +60,7 @@ def _cut(linear: LinearStep | None, steps: Mapping[str, Step]) -> Moments:
 
 
 def _moments(posterior: xr.Dataset, held: Mapping[str, float]) -> Moments:
-    """Mean and sd of the parameters of a posterior, and of the products with alpha."""
+    """Return the mean and sd of the parameters of a posterior, and of the products with alpha."""
     draws = {str(n): np.ravel(v.values) for n, v in posterior.data_vars.items() if v.ndim == 2}
     alpha = draws.get("alpha", held.get("alpha"))
     for product, factor in PRODUCTS.items():

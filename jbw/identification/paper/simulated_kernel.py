@@ -55,7 +55,7 @@ def measured_kernel(
 
 
 def kernel_values(theta: Theta, design: KernelData) -> Complex[Array, " freq"]:
-    r"""The paper's third-order kernel, written out.
+    r"""Return the paper's third-order kernel, written out.
 
     $$H_3(\omega) = \frac{-\alpha\,(\delta^2/6 - 35\,\delta/(96 Y))}
       {(\omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega)^3\,
@@ -80,7 +80,7 @@ def ranked_quantities(design: KernelData) -> Mapping[str, Quantity]:
 
 
 def _lambda_3(theta: Theta, data: KernelData) -> Float[Array, ""]:
-    """The paper's lambda_3 at the displacement of the first tone."""
+    """Return the paper's lambda_3 at the displacement of the first tone."""
     delta, y_peak = theta["delta"], data.y_peak[0]
     return theta["alpha"] * (delta**2 / 6 - 35 * delta / (96 * y_peak))
 

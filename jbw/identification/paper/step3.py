@@ -56,7 +56,7 @@ class KernelFit:
 
 
 def about(centre: Mapping[str, float], half_width: Mapping[str, float]) -> Bounds:
-    """The paper's kind of box: a share of the initial fit to either side."""
+    """Return the paper's kind of box: a share of the initial fit to either side."""
     return {
         name: bounds_about(centre[name], 1 - share, 1 + share)
         for name, share in half_width.items()
@@ -97,7 +97,7 @@ def _product(measured: ThirdOrder, linear: PooledFit) -> float:
 
 
 def _measured_kernel(test: Test, linear: PooledFit, softer: float) -> ThirdOrder:
-    r"""The kernel of one test, by the receptance of the joint that slides under its tone.
+    r"""Return the kernel of one test, by the receptance of the joint that slides under its tone.
 
     $$\frac1{H(3\omega)} = \frac1{H_1(3\omega)} - \frac{2\,\alpha\delta\,|Y_1|}{\pi}$$
 
@@ -182,7 +182,7 @@ def draw(
     request: SamplingRequest,
     supervision: Supervision = UNSUPERVISED,
 ) -> xr.DataTree:
-    """Draws along the ridge alpha*delta, the noise integrated out."""
+    """Return the draws along the ridge alpha*delta, the noise integrated out."""
     noisy = as_noise(step.fit)
     ridge = along_ridge(noisy.theta, noisy.covariance, step.box)
     target = Target(kernel.log_likelihood, step.box, step.data)
@@ -190,7 +190,7 @@ def draw(
 
 
 def as_noise(best: Fit) -> Fit:
-    """A fit whose misfit counts as noise, as it does where the noise is integrated out."""
+    """Return a fit whose misfit counts as noise, as it does where the noise is integrated out."""
     chi_square, dof = best.chi_square
     return replace(best, covariance=best.covariance * max(1.0, chi_square / max(dof, 1)))
 

@@ -113,7 +113,7 @@ def log_likelihood(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Arr
 
 
 def residual(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " level"]:
-    """Root of each level's misfit in units of its noise: half its square is the cost.
+    """Return the root of each level's misfit in units of its noise: half its square is the cost.
 
     Reference:
         Eqs. (41), (42).
@@ -142,7 +142,7 @@ def fit_opening(
 
 
 def with_curvature(found: Fit, prior: Box, curve: OpeningCurve) -> Fit:
-    r"""The fit with what the likelihood's curvature knows of gamma.
+    r"""Return the fit with what the likelihood's curvature knows of gamma.
 
     $$\frac1{\sigma_\gamma^2} = -\frac{d^2}{d\gamma^2} \log p$$
 
@@ -218,7 +218,7 @@ def of_draws(
 def _series_finding(
     posterior: xr.Dataset, curve: OpeningCurve, held: Mapping[str, float], records: Records
 ) -> Finding:
-    """Whether the series is right where the posterior lies, by solves between its nodes."""
+    """Return whether the series is right where the posterior lies, by solves between its nodes."""
     gamma = jnp.asarray(np.quantile(posterior["gamma"].values, np.linspace(0.05, 0.95, 8)))
     exact = misfits(gamma, dict(held), records)
     series = jax.vmap(lambda value: misfit(value, curve))(gamma)

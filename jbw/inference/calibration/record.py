@@ -98,7 +98,7 @@ def judged(names: tuple[str, ...], replications: Ranked, num_ranks: int) -> Cali
 
 
 def _uniform(p_chi_square: dict[str, float], p_ecdf: dict[str, float]) -> Finding:
-    """The least p-value times their number, by Bonferroni."""
+    """Return the least p-value times their number, by Bonferroni."""
     both = [(p, name, "chi-square") for name, p in p_chi_square.items()]
     both += [(p, name, "ECDF") for name, p in p_ecdf.items()]
     p, name, test = min(both)
@@ -108,7 +108,7 @@ def _uniform(p_chi_square: dict[str, float], p_ecdf: dict[str, float]) -> Findin
 
 
 def _covered(coverage: dict[str, tuple[float, float, float]], count: int) -> Finding:
-    """Whether 99 % intervals hold 99 % of the truths, the worst quantity first."""
+    """Return whether 99 % intervals hold 99 % of the truths, the worst quantity first."""
     corrected = 1 - (1 - LEVEL) / len(coverage)
     shares = {name: estimate[0] for name, estimate in coverage.items()}
     for name in (min(shares, key=shares.__getitem__), max(shares, key=shares.__getitem__)):
@@ -188,7 +188,7 @@ def _law(num_replications: int, num_ranks: int) -> stats.distributions.rv_frozen
 def _bounds(
     num_replications: int, num_ranks: int, gamma: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Counts of which neither tail's probability, doubled, is below gamma."""
+    """Return the counts of which neither tail's probability, doubled, is below gamma."""
     law = _law(num_replications, num_ranks)
     lower, upper = law.ppf(gamma / 2), law.isf(gamma / 2)
     # Quantiles of a discrete law: the count itself, or its neighbour.
@@ -198,7 +198,7 @@ def _bounds(
 
 
 def _stays_inside(num_replications: int, num_ranks: int, gamma: float) -> float:
-    """Probability that all counts stay between their bounds."""
+    """Return the probability that all counts stay between their bounds."""
     lower, upper = (side.astype(int) for side in _bounds(num_replications, num_ranks, gamma))
     log_factorial = gammaln(np.arange(num_replications + 1) + 1.0)
     count, p = np.array([0]), np.array([1.0])

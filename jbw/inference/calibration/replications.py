@@ -145,7 +145,7 @@ def _in_rounds(
 def _posed(
     key: Key[Array, ""], model: Model
 ) -> tuple[dict[str, Array], Problem, Key[Array, ""], Key[Array, ""]]:
-    """A truth, the posterior of data simulated from it, and keys to draw and to rank by."""
+    """Return a truth, the posterior of data simulated from it, and keys to draw and to rank by."""
     key_truth, key_data, key_place, key_draws, key_rank = jax.random.split(key, 5)
     truth = from_unit(jax.random.uniform(key_truth, (len(model.box.names),)), model.box)
     data = model.simulate(key_data, truth)
@@ -232,7 +232,7 @@ def _check(model: Model, num_replications: int, num_ranks: int, batch: int) -> N
 
 
 def own_model(simulate: Simulate, log_likelihood: LogLikelihood, prior: Prior) -> Model:
-    """The posterior of a simulator, a log likelihood and a prior.
+    """Return the posterior of a simulator, a log likelihood and a prior.
 
     Raises:
         ConfigError: One of the priors is no distribution of one real number, or has neither
@@ -259,12 +259,12 @@ def own_model(simulate: Simulate, log_likelihood: LogLikelihood, prior: Prior) -
 
 
 def theta_of(u: Theta, quantiles: Mapping[str, Callable[[Array], Array]]) -> dict[str, Array]:
-    """Parameters at the quantiles u of their priors."""
+    """Return the parameters at the quantiles u of their priors."""
     return {name: of(jnp.clip(u[name], EDGE, 1.0 - EDGE)) for name, of in quantiles.items()}
 
 
 def _quantile_of(prior: dist.Distribution) -> Callable[[Array], Array]:
-    """The quantiles of a prior, its own or by halving its cumulative distribution."""
+    """Return the quantiles of a prior, its own or by halving its cumulative distribution."""
     try:
         jax.eval_shape(prior.icdf, jnp.asarray(0.5))
     except WITHOUT:
@@ -273,7 +273,7 @@ def _quantile_of(prior: dist.Distribution) -> Callable[[Array], Array]:
 
 
 def _inverted(prior: dist.Distribution, u: Array) -> Array:
-    """A quantile with its derivative, one over the density."""
+    """Return a quantile with its derivative, one over the density."""
     onto = biject_to(prior.support)
 
     def halved(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:

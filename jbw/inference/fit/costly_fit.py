@@ -83,7 +83,7 @@ def costly_fits(
     max_evaluations: int,
     tolerance: float,
 ) -> list[Fit]:
-    """The same from every start by itself, in their order, but for starts that are refused.
+    """Return the same from every start by itself, in their order, but for starts that are refused.
 
     Where all are refused, that is an error. All starts are solved side by side.
     """
@@ -120,7 +120,7 @@ def _fitted(
     max_evaluations: int,
     tolerance: float,
 ) -> Fit | None:
-    """The fit from one start in the unit cube; None where it is refused."""
+    """Return the fit from one start in the unit cube; None where it is refused."""
     part = part_of(evaluate)
     end = trust_region(part, start, max_evaluations, tolerance)
     if not np.isfinite(end.cost):
@@ -221,7 +221,7 @@ def trust_region(
 def residual_at(
     residual: Residual, x: NDArray[np.float64], box: Box, data: PyTree
 ) -> NDArray[np.float64]:
-    """The residual at the unit coordinate x, by the program that fits it."""
+    """Return the residual at the unit coordinate x, by the program that fits it."""
     return evaluator(residual, box, data)(to_search(x, box), 0)
 
 
@@ -237,7 +237,7 @@ def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
 
 
 def part_of(evaluate: Evaluate) -> Part:
-    """The same where points are evaluated by a function of them."""
+    """Return the same where points are evaluated by a function of them."""
 
     @lru_cache(maxsize=1)  # scipy asks for the residual and then for the Jacobian at one point
     def at(s: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -250,7 +250,7 @@ def part_of(evaluate: Evaluate) -> Part:
 
 
 def rows_of(residual: Residual, box: Box, data: PyTree) -> Evaluate:
-    """Residuals at points of the search, a row each; NaN where they are out of reach."""
+    """Return the residuals at points of the search, a row each; NaN where they are out of reach."""
 
     def evaluate(points: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, "point value"]:
         rows = at_points(_real_of, parameters_at(points, box), (residual, data), lanes=LANES)
@@ -262,7 +262,7 @@ def rows_of(residual: Residual, box: Box, data: PyTree) -> Evaluate:
 def _with_differences(
     evaluate: Evaluate, s: NDArray[np.float64], steps: Float[np.ndarray, " parameter"]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Residual and Jacobian, over steps of each parameter."""
+    """Return the residual and Jacobian, over steps of each parameter."""
     apart = np.diag(steps)
     rows = evaluate(s + np.concatenate([np.zeros((1, len(s))), apart, -apart]))
     ahead, behind = np.split(rows[1:], 2)
@@ -308,7 +308,7 @@ def _real_of(theta: Mapping[str, Array], residual_and_data: Any) -> Float[Array,
 
 
 def parameters_at(s: Float[np.ndarray, "point parameter"], box: Box) -> dict[str, np.ndarray]:
-    """Parameters by name at points of the search."""
+    """Return the parameters by name at points of the search."""
     return named(np.asarray(_forward(search_coordinate(box), jax.device_put(s))), box)
 
 
@@ -335,13 +335,13 @@ def search_coordinate(box: Box) -> Composed:
 
 
 def to_search(x: Float[np.ndarray, " parameter"], box: Box) -> Float[np.ndarray, " parameter"]:
-    """The coordinate of the search at the unit coordinate x."""
+    """Return the coordinate of the search at the unit coordinate x."""
     lower, upper = np.asarray(box.lower), np.asarray(box.upper)
     return search_coordinate(box).inverse(lower + np.asarray(x) * (upper - lower))
 
 
 def from_search(s: Vector, box: Box) -> tuple[Vector, Vector]:
-    """The unit coordinate x at s, and dx / ds."""
+    """Return the unit coordinate x at s, and dx / ds."""
     return _unit_and_slope(search_coordinate(box), s, box)
 
 

@@ -138,7 +138,7 @@ def describe_optimum(
 
 
 def _definite(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The covariance, positive definite in spite of rounding.
+    """Return the covariance, positive definite in spite of rounding.
 
     A sum known far better than its parts may leave a negative eigenvalue of the correlations.
     """
@@ -170,7 +170,7 @@ def _starts(
 
 
 def named_starts(starts: Mapping[str, Any], box: Box) -> Float[np.ndarray, "start parameter"]:
-    """Unit coordinates of starts given by name, one value for all or one a start."""
+    """Return the unit coordinates of starts given by name, one value for all or one a start."""
     columns = np.broadcast_arrays(*(np.atleast_1d(starts[name]) for name in box.names))
     lower, upper = np.asarray(box.lower), np.asarray(box.upper)
     return (np.stack(columns, axis=-1) - lower) / (upper - lower)
@@ -209,7 +209,7 @@ def linearise(
 
 
 def real(residual: Array) -> Float[Array, " residual"]:
-    """The residual as a vector; a complex one is refused."""
+    """Return the residual as a vector; a complex one is refused."""
     if jnp.iscomplexobj(residual):
         raise ConfigError(
             "The residual must be real, but it is complex.",
@@ -234,7 +234,7 @@ def _at_bound(
     residual: Float[np.ndarray, " residual"],
     names: tuple[str, ...],
 ) -> dict[str, str]:
-    """Parameters near a bound whose own Newton step leads onto it or beyond."""
+    """Return the parameters near a bound whose own Newton step leads onto it or beyond."""
     curvature = np.sum(jacobian**2, axis=0)
     newton_end = x - (jacobian.T @ residual) / np.where(curvature > 0, curvature, np.inf)
     lower = (x < NEAR_BOUND) & (newton_end <= 0)

@@ -75,7 +75,7 @@ def weak_direction_of_draws(draws: Draws, box: Box) -> WeakDirection | None:
 
 
 def _never_zero(centre: NDArray[np.float64], covariance: Matrix) -> NDArray[np.bool_]:
-    """Whether parameters are told from zero, those that they might be traded for known."""
+    """Return whether parameters are told from zero, those that they might be traded for known."""
     std = np.sqrt(np.diag(covariance))
     if not (np.all(np.isfinite(covariance)) and np.all(std > 0)):  # draws that never moved
         return np.zeros(len(std), bool)
@@ -84,7 +84,7 @@ def _never_zero(centre: NDArray[np.float64], covariance: Matrix) -> NDArray[np.b
 
 
 def _weak(posterior: Matrix, logs: NDArray[np.bool_], box: Box) -> WeakDirection | None:
-    """The weak directions of a covariance in logarithms of some parameters."""
+    """Return the weak directions of a covariance in logarithms of some parameters."""
     bounds = bounds_by_name(box).values()
     prior = np.array(
         [
@@ -188,7 +188,7 @@ def contraction(draws: Draws, box: Box, products: Iterable[Product]) -> dict[str
 
 
 def _positive(draws: Float[np.ndarray, "..."], lower: float) -> bool:
-    """Whether a parameter is positive by its box, or by the data in a box from zero on."""
+    """Return whether a parameter is positive by its box, or by the data in a box from zero on."""
     if lower != 0:
         return lower > 0
     return bool(np.min(draws) > 0 and np.mean(draws) > RESOLVED * np.std(draws))

@@ -42,7 +42,7 @@ class Search(NamedTuple):
 def locate(
     key: Key[Array, ""], search: Search, log_likelihood: LogLikelihood, box: Box, data: PyTree
 ) -> Problem:
-    """The posterior, whitened about where least squares found it."""
+    """Return the posterior, whitened about where least squares found it."""
     outer = Logarithms(tuple(name in search.logs for name in box.names))
     lower, upper = outer.inverse(box.lower), outer.inverse(box.upper)
     inner = unit(lower, upper)

@@ -180,7 +180,7 @@ def statements(spectrum: Information, products: Iterable[Product] = ()) -> list[
 
 
 def directions_sentence(spectrum: Information) -> str:
-    """How many directions of the parameters the data know better than the prior does."""
+    """Return how many directions of the parameters the data know better than the prior does."""
     learnt = sum(direction.ratio < UNLEARNT for direction in spectrum.directions)
     return identified.directions(learnt, len(spectrum.directions))
 
@@ -314,7 +314,7 @@ def _crossing(s: NDArray[np.float64], root: NDArray[np.float64]) -> float | None
 
 
 def _value(place: float, held: int, box: Box) -> float:
-    """The parameter at a place of its coordinate of search."""
+    """Return the parameter at a place of its coordinate of search."""
     x = from_search(jnp.full(len(box.names), place), box)[0]
     return float(box.lower[held] + x[held] * (box.upper[held] - box.lower[held]))
 
@@ -340,7 +340,7 @@ def walk(
 
 
 def _refined(part: Part, side: list[Point], held: int) -> list[Point]:
-    """A side with points put in where another parameter met its bound: a wall, too steep."""
+    """Return a side with points put in where another parameter met its bound: a wall, too steep."""
     centre = side[0][1]
     for _ in range(MOST_HALVINGS):
         rise = np.array([max(chi_square - centre, 0.0) for _, chi_square in side])
@@ -406,7 +406,7 @@ def constrained(part: Part, s: NDArray[np.float64], held: int, place: float) -> 
 
 
 def profile_statements(of_all: Mapping[str, Profile]) -> list[str]:
-    """Every one of `profiles` in a sentence."""
+    """Return every one of `profiles` in a sentence."""
     sentences = [_sentence(profile) for profile in of_all.values()]
     sentences += [
         identified.profile_refused(profile.name, profile.num_refused)

@@ -63,18 +63,18 @@ class Valley(Coordinate):
     roots: Float[Array, "knot other other"]
 
     def forward(self, x: Vector) -> Vector:
-        """The parameters at a distance from the floor."""
+        """Return the parameters at a distance from the floor."""
         floor, root = self._at(x[self.held])
         return x.at[self._others].set(floor + root @ x[self._others])
 
     def inverse(self, y: Vector) -> Vector:
-        """The distance of parameters from the floor."""
+        """Return the distance of parameters from the floor."""
         floor, root = self._at(y[self.held])
         away = jax.scipy.linalg.solve_triangular(root, y[self._others] - floor, lower=True)
         return y.at[self._others].set(away)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Logarithm of the valley's width there."""
+        """Return the logarithm of the valley's width there."""
         return jnp.sum(jnp.log(jnp.diagonal(self._at(x[self.held])[1])))
 
     @property
@@ -84,7 +84,7 @@ class Valley(Coordinate):
     def _at(
         self, q: Float[Array, ""]
     ) -> tuple[Float[Array, " other"], Float[Array, "other other"]]:
-        """The floor, extrapolated beyond its ends, and the root, constant beyond them."""
+        """Return the floor, extrapolated beyond its ends, and the root, constant beyond them."""
         i = jnp.clip(jnp.searchsorted(self.knots, q) - 1, 0, self.knots.size - 2)
         length = self.knots[i + 1] - self.knots[i]
         part = jnp.clip((q - self.knots[i]) / length, 0.0, 1.0)
@@ -103,7 +103,7 @@ def along_valley(
     outer: Composed,
     bounds: tuple[Float[Array, " parameter"], Float[Array, " parameter"]],
 ) -> Reparametrisation:
-    """The coordinates along a floor, whose points are in coordinates within bounds.
+    """Return the coordinates along a floor, whose points are in coordinates within bounds.
 
     Args:
         floor: Where the valley lies.
@@ -165,7 +165,7 @@ def about_valley(residual: Residual, box: Box, data: PyTree, best: Fit) -> Repar
 
 
 def _least_known(jacobian: Float[np.ndarray, "residual parameter"]) -> list[int]:
-    """The parameters of a part in the direction that is known least, the largest first."""
+    """Return the parameters of a part in the direction that is known least, the largest first."""
     weakest: Any = np.abs(np.linalg.eigh(precision(jacobian))[1][:, 0])
     order = np.argsort(-weakest)
     return order[weakest[order] > PART * weakest.max()].tolist()

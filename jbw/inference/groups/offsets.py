@@ -39,7 +39,7 @@ def complex_gaussian_log_likelihood(
 def complex_gaussian_marginal_log_likelihood(
     mean: Complexes, within_ss: Reals, num_repeats: Reals, model: Complexes
 ) -> Float[Array, ""]:
-    r"""The same of all points, their unknown noise integrated out under the prior 1/sigma.
+    r"""Return the same of all points, their unknown noise integrated out under the prior 1/sigma.
 
     $$\log p = -N K \log \sum_{i,k} |d_{ik} - m_i|^2 + \mathrm{const}$$
     """
@@ -70,7 +70,7 @@ def estimate(
     num_values: Float[Array, " group"],
     directions: Float[Array, "group own value"],
 ) -> Estimate:
-    r"""Offsets of each group by least squares, its noise integrated out under 1/sigma.
+    r"""Return the offsets of each group by least squares, its noise integrated out under 1/sigma.
 
     $$A = K J J^T, \quad \hat b = K A^{-1} J r, \quad
       Q = K|r|^2 + S - \hat b^T A \hat b, \quad
@@ -132,14 +132,14 @@ def solve(
 
 
 def log_determinant(matrix: Float[Array, "group own own"]) -> Float[Array, " group"]:
-    """Logarithm of the determinant of positive definite matrices of any size."""
+    """Return the logarithm of the determinant of positive definite matrices of any size."""
     return sum(jnp.log(pivot) for pivot in factorised(matrix)[1])  # pyright: ignore
 
 
 def factorised(
     matrix: Float[Array, "group own own"],
 ) -> tuple[list[list[Array]], list[Float[Array, " group"]]]:
-    """Factors $A = L D L^T$: rows of L below its diagonal of ones, and the pivots D.
+    """Return the factors $A = L D L^T$: rows of L below its diagonal of ones, and the pivots D.
 
     Written out over rows and columns, which are few: a call of LAPACK for each of the small
     matrices would cost more. A pivot is zero where a row is a combination of those before it.
@@ -177,7 +177,7 @@ def shrunk(
     runs: tuple[int, ...],
     scatter: Float[Array, " own"],
 ) -> tuple[list[Float[Array, "_group _value"]], Float[Array, "run own"]]:
-    r"""Residuals with the best offset of each run taken out, and what the offsets cost.
+    r"""Return the residuals with the best offset of each run taken out, and what the offsets cost.
 
     $$\hat b_r = (W_r + S^{-1})^{-1} \sum_{g \in r} J_g r_g, \qquad r_g - J_g^T \hat b_r,
       \qquad S^{-1/2}\,\hat b_r$$

@@ -43,7 +43,7 @@ def scatter_grid(
     assemblies: bool = False,
     medians: tuple[float | None, ...] = (),
 ) -> Float[np.ndarray, "node level_own"]:
-    """Nodes of the scatters of runs, then of `assemblies`, all of one weight.
+    """Return the nodes of the scatters of runs, then of `assemblies`, all of one weight.
 
     From least to most of each offset, whose logarithm is uniform there, one node where they are
     equal; about its median where that is stated: the scatter is log-normal then, within a factor of
@@ -94,7 +94,7 @@ def draw_offsets(
     levels: Levels,
     scatters: Float[Array, "node level_own"],
 ) -> Spread:
-    """One draw of the scatter and of every run's offset, given the shared parameters."""
+    """Return one draw of the scatter and of every run's offset, given the shared parameters."""
     num_own = estimates.offset.shape[1]
     runs = _of_runs(estimates, levels)
     keys = jax.random.split(key, 3)
@@ -166,7 +166,7 @@ def _passed_on(data: _Information, scatter: Float[Array, " own"]) -> _Informatio
 def _drawn(
     key: Key[Array, ""], data: _Information, scatter: Float[Array, " own"]
 ) -> Float[Array, "member own"]:
-    """One draw of every offset given its scatter."""
+    """Return one draw of every offset given its scatter."""
     precision, pull = _scaled(data, scatter)
     root = jnp.linalg.cholesky(precision)
     white = jax.random.normal(key, pull.shape)

@@ -88,7 +88,7 @@ class Finding:
 
 
 def kept_finding(record: Mapping[str, Any]) -> Finding:
-    """The finding of a record, as a run's summary keeps it; JSON has no NaN."""
+    """Return the finding of a record, as a run's summary keeps it; JSON has no NaN."""
     number = float("nan") if record["number"] is None else record["number"]
     return Finding(record["code"], record["status"], record["reason"], number, record["action"])
 
@@ -130,14 +130,14 @@ class Amendment(NamedTuple):
     remedy: str = ""
 
     def applied_to(self, finding: Finding) -> Finding:
-        """The finding, amended where this is about it."""
+        """Return the finding, amended where this is about it."""
         if finding.code not in self.codes or finding.status != self.before:
             return finding
         return amended(finding, self.status, self.sentence, self.remedy)
 
 
 def judge(findings: Iterable[Finding], amendments: Iterable[Amendment | None] = ()) -> Verdict:
-    """The verdict that follows from findings, amended in order; not assessed without any."""
+    """Return the verdict that follows from findings, amended in order; not assessed without any."""
     in_order = [amendment for amendment in amendments if amendment is not None]
     judged = tuple(
         reduce(lambda finding, amendment: amendment.applied_to(finding), in_order, finding)
@@ -156,7 +156,7 @@ def answered(findings: Sequence[Finding]) -> Status:
 
 
 def worst_of(statuses: Collection[Status]) -> Status:
-    """The worst of some statuses; of none, not assessed."""
+    """Return the worst of some statuses; of none, not assessed."""
     for status in WORST_FIRST:
         if status in statuses:
             return status
@@ -169,7 +169,7 @@ def usable_within(codes: tuple[str, ...], limits: str) -> Amendment:
 
 
 def amended(finding: Finding, status: Status, sentence: str, remedy: str = "") -> Finding:
-    """A finding with the status that a later check gives it, and what that check adds.
+    """Return a finding with the status that a later check gives it, and what that check adds.
 
     Of one that fails after all, the limits within which it was usable are not said any more.
     """
@@ -187,7 +187,7 @@ def checked(
     *,
     entry: str = "",
 ) -> Finding:
-    """A finding that is ok or failed; the remedy is for the failure."""
+    """Return a finding that is ok or failed; the remedy is for the failure."""
     needed = {} if ok or remedy is None else remedy
     return Finding(code, "ok" if ok else "failed", values, float(number), needed, entry=entry)
 
@@ -211,14 +211,14 @@ class Answer:
 
 
 def question_of(code: str) -> str:
-    """The question of the verdict that findings of a code answer."""
+    """Return the question of the verdict that findings of a code answer."""
     if code in ASKED_BY:
         return ASKED_BY[code]
     return FINDINGS[code].question if code in FINDINGS else "sampling"
 
 
 def answers(findings: Iterable[Finding]) -> Iterator[tuple[str, Answer]]:
-    """The three answers of a verdict by name; none without findings."""
+    """Yield the three answers of a verdict by name; none without findings."""
     looked = tuple(findings)
     for name, question in QUESTIONS.items():
         relevant = [finding for finding in looked if question_of(finding.code) == name]
@@ -238,13 +238,13 @@ def answers(findings: Iterable[Finding]) -> Iterator[tuple[str, Answer]]:
 
 
 def first_line(status: str, answers: Iterable[tuple[str, str]] = ()) -> str:
-    """The status, and that of each answer."""
+    """Return the status, and that of each answer."""
     parts = ", ".join(f"{name} {answer}" for name, answer in answers)
     return f"Verdict: {status}" + (f" ({parts})" if parts else "")
 
 
 def text_of(findings: Sequence[Finding]) -> Iterator[str]:
-    """A line a finding that is not ok, and how many are."""
+    """Yield a line a finding that is not ok, and how many are."""
     against = [finding for finding in findings if finding.status != "ok"]
     for finding in against:
         reason = shorten(finding.reason, CHARACTERS)

@@ -14,12 +14,12 @@ NUM_WARMUP = 500  # of a sampler that states none
 
 
 def other_sampler(now: str = "") -> str:
-    """A sampler that may cope where another did not."""
+    """Return a sampler that may cope where another did not."""
     return "tempered_smc" if now == "nuts" else "nuts"
 
 
 def more_draws(num_samples: int, least: float, target: float, sampler: str = "") -> dict[str, Any]:
-    """How many draws of a chain raise the least effective sample size to a target.
+    """Return how many draws of a chain raise the least effective sample size to a target.
 
     None where that would be more than twenty times as many, for those chains do not move; then the
     other sampler counts.
@@ -44,7 +44,7 @@ def wider(bounds: Bounds, sides: Iterable[str], least: float | None = None) -> B
 
 
 def put_bounds(name: str, bounds: Bounds) -> str:
-    """The line of a prior, its bounds rounded outwards to three digits of their distance."""
+    """Return the line of a prior, its bounds rounded outwards to three digits of their distance."""
     low, high = bounds
     digits = 2 - floor(log10(high - low))
     scale = 10.0**digits

@@ -63,7 +63,7 @@ def _from_density(
 
 
 def scalars(tree: xr.DataTree) -> dict[str, Float[np.ndarray, "chain draw"]]:
-    """Draws of every scalar quantity of a posterior, by name."""
+    """Return the draws of every scalar quantity of a posterior, by name."""
     return {
         str(name): np.asarray(variable.values)
         for name, variable in tree["posterior"].to_dataset().items()
@@ -164,7 +164,7 @@ def band(
 
 
 def as_plain(rows: Mapping[str, Row]) -> dict[str, dict[str, Any]]:
-    """Rows of `summarise` for JSON, which has no NaN: None instead."""
+    """Return the rows of `summarise` for JSON, which has no NaN: None instead."""
     return {
         name: {key: None if np.isnan(value) else value for key, value in row.items()}
         for name, row in rows.items()

@@ -197,7 +197,7 @@ def _trajectories(stats: xr.Dataset, facts: Mapping[Any, Any]) -> list[Finding]:
 
 
 def _at_once(facts: Mapping[Any, Any]) -> list[Finding]:
-    """Findings from the tree's attributes of a sampler that draws everything at once."""
+    """Return the findings from the tree's attributes of a sampler that draws everything at once."""
     findings = []
     other = {"sampler": other_sampler()}
     if "khat" in facts:
@@ -231,7 +231,7 @@ def _budget(facts: Mapping[Any, Any], findings: Iterable[Finding]) -> list[Findi
 
 
 def enough(draws: Draws) -> bool:
-    """Whether draws pass every check of convergence of a verdict."""
+    """Return whether draws pass every check of convergence of a verdict."""
     finite = all(np.all(np.isfinite(values)) for values in draws.values())
     return finite and all(finding.status != "failed" for finding in _convergence(draws))
 
@@ -264,7 +264,7 @@ class ModeSplit(NamedTuple):
 
 
 def deepest_split(draws: Draws) -> ModeSplit | None:
-    """The quantity of the deepest valley, below half of both peaks.
+    """Return the quantity of the deepest valley, below half of both peaks.
 
     Either side has more than 2 % of the draws, beyond doubt: fewer are a tail.
     Modes that overlap in every marginal are not seen.

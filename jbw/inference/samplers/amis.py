@@ -124,7 +124,7 @@ def gather(
 
 
 def look(key: Key[Any, ""], problem: Problem, num_points: int) -> float:
-    """Effective number of draws of `num_points` points about the fit."""
+    """Return the effective number of draws of `num_points` points about the fit."""
     return weighed(_grown(generator(key), None, problem, num_points)).effective
 
 
@@ -187,7 +187,7 @@ def _is_over(
 
 
 def _grown(rng: np.random.Generator, past: Past | None, problem: Problem, num_points: int) -> Past:
-    """One more round: the mixtures that suit all points so far, and points from them."""
+    """Return one more round: the mixtures that suit all points so far, and points from them."""
     first = mixtures.standard(len(problem.box.names))
     pair = (first, first) if past is None else _next_pair(rng, past)
     half_size = max(num_points // 2, 1)
@@ -224,13 +224,13 @@ def placed(
 
 @eqx.filter_jit
 def _placed(problem: Problem, w: Float[Array, "point parameter"]) -> tuple[dict[str, Any], Any]:
-    """The same, compiled."""
+    """Return the same, compiled."""
     prior = partial(log_prior, problem, problem.coordinate)
     return jax.vmap(problem.theta)(w), jax.vmap(prior)(w)
 
 
 def _log_density(pair: Pair, w: Points) -> Weights:
-    """Logarithm of the density of every point, of the mixture of its half."""
+    """Return the logarithm of the density of every point, of the mixture of its half."""
     halves = [mixtures.log_density(mixture, w[i::2]) for i, mixture in enumerate(pair)]
     return np.stack(halves, axis=1).ravel()
 

@@ -112,7 +112,7 @@ def draw_chains(make: MakeKernel, key: Key[Array, ""], problem: Problem, options
 def start_chains(
     starts: Starts, problem: Problem, make: MakeKernel, options: Any
 ) -> tuple[PyTree, Bool[Array, " chain"]]:
-    r"""First states of the chains.
+    r"""Return the first states of the chains.
 
     A chain starts at w + spread eta with eta standard normal (logistic where no fit is known),
     drawn again while the posterior is impossible there. Also returned is whether each is possible.
@@ -169,7 +169,7 @@ def evaluate_chains(
 
 
 def num_devices_for(num_chains: int) -> int:
-    """Most devices that share the chains evenly."""
+    """Return the most devices that share the chains evenly."""
     return max(n for n in range(1, jax.device_count() + 1) if num_chains % n == 0)
 
 
@@ -207,7 +207,7 @@ def in_batches(f: Callable[[PyTree], PyTree], points: PyTree) -> PyTree:
 def _advanced(
     kernel: Kernel, state: PyTree, count: Int[Array, ""], capacity: int, skipped: int
 ) -> tuple[PyTree, Draw]:
-    """The state after `count` steps, and the draws of the steps after `skipped`, as rows."""
+    """Return the state after `count` steps, and the draws of the steps after `skipped`, as rows."""
 
     def step(i: Array, carry: tuple[PyTree, Draw]) -> tuple[PyTree, Draw]:
         state, rows = carry
@@ -234,7 +234,7 @@ def _first_state(
     problem: Problem,
     spread: Array,
 ) -> tuple[PyTree, Bool[Array, ""]]:
-    """The first state of a chain, and whether the posterior is possible there."""
+    """Return the first state of a chain, and whether the posterior is possible there."""
     key_start, key_chain = jax.random.split(start[0])
     # A logistic logit is a uniform x: without a whitening the spread 1 fills the box.
     disperse = jax.random.normal if problem.located else jax.random.logistic

@@ -65,11 +65,11 @@ class Kept(Protocol):
         ...
 
     def load(self) -> Arrays | None:
-        """The arrays that were saved last, or None."""
+        """Return the arrays that were saved last, or None."""
         ...
 
     def due(self) -> bool:
-        """Whether to save now."""
+        """Return whether to save now."""
         ...
 
     def save(self, arrays: Arrays, *, last: bool) -> None:
@@ -146,7 +146,7 @@ def grow_chains(
     done, rows, count = before.done, before.rows, CHUNK if checkpoint is None else 1
 
     def end(spent: float) -> int:
-        """Steps at which the chains end, by their draws and the time spent on them."""
+        """Return the steps at which the chains end, by their draws and the time spent on them."""
         if until is not None and rows and spent >= until.budget_s:
             return done
         if done < total or until is None or until.enough(_joined(rows)[0][0].theta):
@@ -188,13 +188,13 @@ def grow_chains(
 
 
 def _resumed(checkpoint: Kept | None, mark: str) -> Chains:
-    """The chains of a checkpoint; empty chains without one of this posterior."""
+    """Return the chains of a checkpoint; empty chains without one of this posterior."""
     arrays = kept_arrays(checkpoint, mark)
     return Chains([], 0, [], 0.0) if arrays is None else _from_arrays(arrays)
 
 
 def kept_arrays(checkpoint: Kept | None, mark: str) -> Arrays | None:
-    """The checkpoint with a `fingerprint`; None, with a warning, where it has another."""
+    """Return the checkpoint with a `fingerprint`; None, with a warning, where it has another."""
     arrays = None if checkpoint is None else checkpoint.load()
     if arrays is None or str(arrays.get("fingerprint")) == mark:
         return arrays
@@ -229,7 +229,7 @@ def _states(
 def _grown(
     states: PyTree, done: int, count: int, problem: Problem, make: MakeKernel, options: Any
 ) -> tuple[PyTree, list[Rows]]:
-    """The states after a chunk of steps, and its draws, if any, after the warm-up."""
+    """Return the states after a chunk of steps, and its draws, if any, after the warm-up."""
     states, draws = advance_chains(states, jnp.asarray(count), CHUNK, problem, make, options)
     first = min(count, max(0, options.num_warmup - done))
     if first == count:
@@ -258,7 +258,7 @@ def _next_count(count: int, seconds: float, spent: float) -> int:
 
 
 def _joined(rows: list[Rows]) -> list[Rows]:
-    """Rows of all chunks in one piece."""
+    """Return the rows of all chunks in one piece."""
     return [jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *rows)] if rows else []
 
 

@@ -26,7 +26,7 @@ FORBIDDEN = -1e30  # log density of the impossible: tempered by zero it is zero,
 
 
 def reference(problem: Problem) -> Distribution:
-    """The reference density of the whitened coordinate."""
+    """Return the reference density of the whitened coordinate."""
     size = len(problem.box.names)
     if problem.located:
         return dist.MultivariateStudentT(HEAVY, jnp.zeros(size), jnp.eye(size))
@@ -40,7 +40,7 @@ def log_ratio(problem: Problem, w: Float[Array, " parameter"]) -> Float[Array, "
 
 
 def is_possible(log_ratios: Float[Array, "..."]) -> Bool[Array, ""]:
-    """Whether any of some log ratios is one of a possible point."""
+    """Return whether any of some log ratios is one of a possible point."""
     return jnp.any(log_ratios > FORBIDDEN / 2)
 
 
@@ -62,7 +62,7 @@ def effective_draws(weights: Float[Array, " draw"]) -> Float[Array, ""]:
 def weighted_moments(
     weights: Float[Array, " draw"], points: Float[Array, "draw parameter"]
 ) -> tuple[Float[Array, " parameter"], Float[Array, "parameter parameter"]]:
-    """Mean and covariance of points whose weights sum to one."""
+    """Return the mean and covariance of points whose weights sum to one."""
     mean = weights @ points
     deviations = points - mean
     return mean, (weights[:, None] * deviations).T @ deviations
@@ -74,7 +74,7 @@ def highest_power(
     ends: tuple[Array, Array],
     halvings: int,
 ) -> Float[Array, ""]:
-    """The highest power between two that leaves `least` draws effective, by bisection."""
+    """Return the highest power between two that leaves `least` draws effective, by bisection."""
 
     def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = ends

@@ -39,11 +39,11 @@ class Stretch(Coordinate):
     """
 
     def forward(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
-        """The stretched point."""
+        """Return the stretched point."""
         return 2.0 * jnp.sinh(0.5 * x)
 
     def inverse(self, y: Float[Array, "..."]) -> Float[Array, "..."]:
-        """The point that is stretched to y."""
+        """Return the point that is stretched to y."""
         return 2.0 * jnp.arcsinh(0.5 * y)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
@@ -80,12 +80,12 @@ class Grid(NamedTuple):
 
 
 def tensor(axes: list[Float[Array, " _place"]]) -> Float[Array, "node parameter"]:
-    """All combinations of places, the first axis slowest."""
+    """Return all combinations of places, the first axis slowest."""
     return jnp.stack(jnp.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
 def grid_within(problem: Problem, whitening: Coordinate, bounds: Bounds, num_places: int) -> Grid:
-    """A grid of `num_places` nodes along each coordinate."""
+    """Return a grid of `num_places` nodes along each coordinate."""
     axes = jnp.linspace(bounds[0], bounds[1], num_places, axis=1)
     return Grid(whitening, axes, log_density_at(problem, whitening, tensor(list(axes))))
 
@@ -175,7 +175,7 @@ def located(problem: Problem) -> LogitMoments:
 def _raised(
     problem: Problem, grid: Grid, power: Float[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, " node"]]:
-    """A higher power of the likelihood that the grid still resolves, and log p at it."""
+    """Return a higher power of the likelihood that the grid still resolves, and log p at it."""
     placed = eqx.tree_at(lambda posterior: posterior.whitening, problem, grid.whitening)
     prior = jax.vmap(placed.coordinate.log_abs_det_jacobian)(grid.nodes) - log_volume(problem.box)
     likelihood = grid.log_p - prior
@@ -195,7 +195,7 @@ def _raised(
 def _no_narrower(
     covariance: Float[Array, "parameter parameter"], least: Float[Array, ""]
 ) -> Float[Array, "parameter parameter"]:
-    """The covariance with no direction narrower than the nodes can tell."""
+    """Return the covariance with no direction narrower than the nodes can tell."""
     values, vectors = jnp.linalg.eigh(covariance)
     return vectors * jnp.maximum(values, least**2) @ vectors.T
 

@@ -116,7 +116,7 @@ def smooth(raw: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def _resampled(key: Key[Array, ""], weights: Float[Array, " draw"], options: Options) -> Array:
-    """Rows of the draws, each group from points of its own, by stratified resampling.
+    """Return the rows of the draws, each group from points of its own, by stratified resampling.
 
     Copies stand together: an effective size from autocorrelation counts them as one.
     """

@@ -179,7 +179,7 @@ def by_chains(
 
 
 def is_good(tree: xr.DataTree, until: Until | None) -> bool:
-    """Whether weights can be trusted, and their draws are enough."""
+    """Return whether weights can be trusted, and their draws are enough."""
     if not (tree.attrs["khat"] < GOOD_KHAT and tree.attrs["ess_weights"] >= ESS):
         return False
     return until is None or until.enough(scalars(tree))

@@ -36,12 +36,12 @@ class Mixture(NamedTuple):
 
 
 def standard(size: int) -> Mixture:
-    """One component about zero, of scale one."""
+    """Return one component about zero, of scale one."""
     return Mixture(np.ones(1), np.zeros((1, size)), np.eye(size)[None])
 
 
 def draw(rng: np.random.Generator, mixture: Mixture, count: int) -> Points:
-    """Points drawn from a mixture."""
+    """Return the points drawn from a mixture."""
     size = mixture.centres.shape[1]
     which = rng.choice(len(mixture.shares), count, p=mixture.shares)
     normal = rng.standard_normal((count, size))
@@ -50,7 +50,7 @@ def draw(rng: np.random.Generator, mixture: Mixture, count: int) -> Points:
 
 
 def log_density(mixture: Mixture, x: Points) -> Weights:
-    """Logarithm of the density at points."""
+    """Return the logarithm of the density at points."""
     return np.asarray(logsumexp(_log_components(mixture, _squares(mixture, x)), axis=1))
 
 
@@ -65,7 +65,7 @@ def _squares(mixture: Mixture, x: Points) -> Float[np.ndarray, "point component"
 def _log_components(
     mixture: Mixture, squares: Float[np.ndarray, "point component"]
 ) -> Float[np.ndarray, "point component"]:
-    """Logarithm of each component's density times its share."""
+    """Return the logarithm of each component's density times its share."""
     size = mixture.centres.shape[1]
     log_det = np.sum(np.log(np.diagonal(mixture.roots, axis1=1, axis2=2)), axis=1)
     scale = gammaln((HEAVY + size) / 2) - gammaln(HEAVY / 2) - 0.5 * size * np.log(HEAVY * np.pi)
@@ -102,7 +102,7 @@ def refitted(rng: np.random.Generator, x: Points, weights: Weights) -> Mixture:
 def _of_weight(
     x: Points, weights: Weights
 ) -> tuple[Float[np.ndarray, "heavy parameter"], Float[np.ndarray, " heavy"]]:
-    """The points that hold all of the weight but a ten-thousandth, and their weights."""
+    """Return the points that hold all of the weight but a ten-thousandth, and their weights."""
     order = np.argsort(-weights)
     heavy = np.sort(order[: 1 + int(np.searchsorted(np.cumsum(weights[order]), 1 - SLIGHT))])
     return x[heavy], weights[heavy] / weights[heavy].sum()
@@ -130,7 +130,7 @@ def _score(
 
 
 def _fitted(rng: np.random.Generator, x: Points, weights: Weights, count: int) -> Mixture:
-    """The fitted mixture of at most `count` components."""
+    """Return the fitted mixture of at most `count` components."""
     size = x.shape[1]
     effective = 1 / np.sum(weights**2)
     overall = _overall(weights, x)
@@ -145,7 +145,7 @@ def _fitted(rng: np.random.Generator, x: Points, weights: Weights, count: int) -
 def _improved(
     mixture: Mixture, x: Points, weights: Weights, effective: float, overall: NDArray[np.float64]
 ) -> Mixture:
-    """The mixture after one step, without components of too few points."""
+    """Return the mixture after one step, without components of too few points."""
     size = x.shape[1]
     squares = _squares(mixture, x)
     parts = _log_components(mixture, squares)

@@ -56,7 +56,7 @@ class NestedRun(NamedTuple):
 
 
 def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
-    """The draws, equally weighted."""
+    """Return the draws, equally weighted."""
     num_live = max(options.num_samples // 2, 8 * len(problem.box.names), 20)
     keys = jax.random.split(key, options.num_chains)
 
@@ -130,7 +130,7 @@ def _live_share(state: Any) -> Float[Array, ""]:
 def _shrunk(
     key: Key[Array, ""], slices: Any, state: Any, possible: Bool[Array, ""], together: int
 ) -> _Carry:
-    """The run from its first live points to its end."""
+    """Return the run from its first live points to its end."""
     num_live = len(state.particles.loglikelihood)
     room = ROOM * num_live // together * together
     # Empty rows have births and deaths above all others, where the volume is zero.

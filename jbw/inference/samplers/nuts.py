@@ -26,7 +26,7 @@ class Options(NamedTuple):
 
 
 def kernel(problem: Problem, options: Options) -> Kernel:
-    """The chain of Hoffman, Gelman (2014), JMLR 15, 1593.
+    """Return the chain of Hoffman, Gelman (2014), JMLR 15, 1593.
 
     Trajectories are `diverging` whose energy went astray or met no likelihood.
     """

@@ -168,7 +168,7 @@ def distribution(
 def _drawn(
     key: Key[Array, ""], problem: Problem, grid: Grid, options: Options
 ) -> dict[str, Float[Array, "chain draw"]]:
-    """Draws cell by cell, weighed by the density where they fell in the cell."""
+    """Return the draws cell by cell, weighed by the density where they fell in the cell."""
     count = options.num_samples * options.num_chains
     key_cell, key_order, key_move, key_keep = jax.random.split(key, 4)
     cells = jax.random.permutation(key_order, resampling.stratified(key_cell, grid.weights, count))

@@ -49,7 +49,7 @@ class Sampler(NamedTuple):
     in_rounds: bool = False
 
     def suits(self, num_parameters: int) -> bool:
-        """Whether the sampler takes `num_parameters` parameters."""
+        """Return whether the sampler takes `num_parameters` parameters."""
         return self.most_parameters is None or num_parameters <= self.most_parameters
 
 
@@ -95,7 +95,7 @@ for _sampler in (
 
 
 def sampler_named(name: str) -> Sampler:
-    """The sampler of a name; an unknown name is refused with the nearest known one."""
+    """Return the sampler of a name; an unknown name is refused with the nearest known one."""
     if name in SAMPLERS:
         return SAMPLERS[name]
     near = get_close_matches(name, SAMPLERS, 1)
@@ -106,13 +106,13 @@ def sampler_named(name: str) -> Sampler:
 
 
 def module_of(sampler: Sampler) -> Any:
-    """The module of a sampler, imported where it is given by its path."""
+    """Return the module of a sampler, imported where it is given by its path."""
     module = sampler.module
     return import_module(module) if isinstance(module, str) else module
 
 
 def default_options(sampler: Sampler) -> Any:
-    """The options of a sampler as they are unless somebody chooses others."""
+    """Return the options of a sampler as they are unless somebody chooses others."""
     options = getattr(module_of(sampler), sampler.options)
     return options() if isinstance(options, type) else options
 

@@ -83,7 +83,7 @@ def sample_until(
 
 
 def agree(draws: Mapping[str, Float[np.ndarray, "chain draw"]]) -> bool:
-    """Whether chains agree well enough to go on with their draws; one chain always does."""
+    """Return whether chains agree well enough to go on with their draws; one chain always does."""
     if len(next(iter(draws.values()))) < 2:
         return True
     return all(diagnose(values)["r_hat"] < AGREED for values in draws.values())

@@ -235,7 +235,7 @@ def _in_chunks(
 def _at_once(
     entry: Sampler, key: Key[Array, ""], problem: Problem, options: Any, method: str
 ) -> SamplerOutput:
-    """All draws at once, and the terms of the log likelihood at each."""
+    """Return all draws at once, and the terms of the log likelihood at each."""
     drawn = _drawn(entry, key, problem, options)
     require_possible(bool(drawn.possible))
     if hasattr(module_of(entry), "require_arrival"):
@@ -251,7 +251,7 @@ def _tree(
     box: Box,
     attrs: Mapping[str, Mapping[str, str]],
 ) -> xr.DataTree:
-    """The posterior's one container, the prior bounds beside each parameter."""
+    """Return the posterior's one container, the prior bounds beside each parameter."""
     dims, volume = ("chain", "draw"), float(log_volume(jax.device_get(box)))
     log_prior = np.full(terms.shape[:2], -volume)
     dimensionless = {"units": "1"}

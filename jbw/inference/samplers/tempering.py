@@ -47,7 +47,7 @@ class Options(NamedTuple):
 
 
 def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
-    """The particles at the end of each run, after moves on the posterior itself."""
+    """Return the particles at the end of each run, after moves on the posterior itself."""
     keys = jax.random.split(key, options.num_chains)
     moves = options.num_moves or 5 * len(problem.box.names) + 5
 

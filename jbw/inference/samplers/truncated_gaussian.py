@@ -70,13 +70,13 @@ def mixture_within(
 
 
 def log_mass(a: Rows, b: Rows) -> Rows:
-    r"""The logarithm of $\Phi(b) - \Phi(a)$, exact far out on either side."""
+    r"""Return the logarithm of $\Phi(b) - \Phi(a)$, exact far out on either side."""
     a, b = np.where(a > 0, -b, a), np.where(a > 0, -a, b)  # the lower tail has the small numbers
     return log_ndtr(b) + np.log(-np.expm1(np.minimum(log_ndtr(a) - log_ndtr(b), 0.0)))
 
 
 def normal_within(share: Rows, a: Rows, b: Rows) -> Rows:
-    r"""The number x of which $\Phi(x) = \Phi(a) + p\,(\Phi(b) - \Phi(a))$, for shares p."""
+    r"""Return the number x of which $\Phi(x) = \Phi(a) + p\,(\Phi(b) - \Phi(a))$, for shares p."""
     is_upper = a > 0
     low, high = np.where(is_upper, -b, a), np.where(is_upper, -a, b)
     log_share = np.log(np.maximum(share, np.finfo(float).tiny))

@@ -52,12 +52,12 @@ class SmoothedWeights(NamedTuple):
 
 
 def weighed(past: Past) -> SmoothedWeights:
-    """The weights of all points, their tail smoothed."""
+    """Return the weights of all points, their tail smoothed."""
     return weights_of(past.log_weight)
 
 
 def weights_of(log_weight: Weights) -> SmoothedWeights:
-    """Weights by their logarithms up to a constant, the tail smoothed by a Pareto's."""
+    """Return the weights by their logarithms up to a constant, the tail smoothed by a Pareto's."""
     raw = relative(log_weight)
     log_smoothed, khat = smooth(raw)
     weights = softmax(log_smoothed)
@@ -71,7 +71,7 @@ def relative(log_weight: Weights) -> Weights:
 
 
 def as_arrays(past: Past, spent: float, mark: str) -> dict[str, np.ndarray]:
-    """The rounds by name, for a `Kept`."""
+    """Return the rounds by name, for a `Kept`."""
     arrays: dict[str, Any] = {"fingerprint": mark, "wall_s": spent, **past._asdict()}
     for i, pair in enumerate(arrays.pop("rounds")):
         for half, mixture in enumerate(pair):
@@ -80,7 +80,7 @@ def as_arrays(past: Past, spent: float, mark: str) -> dict[str, np.ndarray]:
 
 
 def resumed(arrays: Arrays | None) -> tuple[Past | None, float]:
-    """The rounds of a checkpoint, None without one, and the time spent on them [s]."""
+    """Return the rounds of a checkpoint, None without one, and the time spent on them [s]."""
     if arrays is None:
         return None, 0.0
 

@@ -21,7 +21,7 @@ class Box(eqx.Module):
 
 
 def bounds_by_name(box: Box) -> dict[str, tuple[float, float]]:
-    """Lower and upper bound of every parameter."""
+    """Return the lower and upper bound of every parameter."""
     pairs = zip(box.lower.tolist(), box.upper.tolist(), strict=True)
     return dict(zip(box.names, pairs, strict=True))
 
@@ -79,7 +79,7 @@ def from_unit(x: Float[Any, "... parameter"], box: Box) -> dict[str, Any]:
 
 
 def named(values: Float[Any, "... parameter"], box: Box) -> dict[str, Any]:
-    """Parameters by name from the last axis of an array."""
+    """Return the parameters by name from the last axis of an array."""
     return {name: values[..., i] for i, name in enumerate(box.names)}
 
 
@@ -103,12 +103,12 @@ class Product(NamedTuple):
 
 
 def alone(name: str) -> Product:
-    """A parameter by itself."""
+    """Return a parameter by itself."""
     return Product(name, name, {name: 1.0})
 
 
 def value_of(product: Product, theta: Mapping[str, Any]) -> Any:
-    """The product's value at one point, or of draws."""
+    """Return the product's value at one point, or of draws."""
     return math.prod(theta[name] ** power for name, power in product.powers.items())
 
 
@@ -124,7 +124,7 @@ def gradient_of(
 
 
 def prior_of(product: Product, box: Box) -> tuple[float, float]:
-    r"""Mean and standard deviation of the product under the box's uniform prior.
+    r"""Return the mean and standard deviation of the product under the box's uniform prior.
 
     $$E[\theta^p] = \frac{u^{p+1} - l^{p+1}}{(p + 1)(u - l)}, \qquad
       E[\theta^{-1}] = \frac{\log(u/l)}{u - l}$$

@@ -27,15 +27,15 @@ class Coordinate(eqx.Module):
 
     @abstractmethod
     def forward(self, x: Vector) -> Vector:
-        """The point y = f(x)."""
+        """Return the point y = f(x)."""
 
     @abstractmethod
     def inverse(self, y: Vector) -> Vector:
-        """The point x of which y = f(x)."""
+        """Return the point x of which y = f(x)."""
 
     @abstractmethod
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Logarithm of the absolute determinant of dy/dx at x."""
+        """Return the logarithm of the absolute determinant of dy/dx at x."""
 
 
 class Affine(Coordinate):
@@ -54,15 +54,15 @@ class Affine(Coordinate):
             self.log_det = jnp.linalg.slogdet(factor)[1]
 
     def forward(self, x: Vector) -> Vector:
-        """The point c + L x."""
+        """Return the point c + L x."""
         return self.centre + self.factor @ x
 
     def inverse(self, y: Vector) -> Vector:
-        """The point that L maps to y - c."""
+        """Return the point that L maps to y - c."""
         return jnp.linalg.solve(self.factor, y - self.centre)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Logarithm of |det L|, the same everywhere."""
+        """Return the logarithm of |det L|, the same everywhere."""
         return self.log_det
 
 
@@ -72,11 +72,11 @@ class Elementwise(Coordinate):
     transform: Transform
 
     def forward(self, x: Vector) -> Vector:
-        """The transformed point."""
+        """Return the transformed point."""
         return jnp.asarray(self.transform(x))
 
     def inverse(self, y: Vector) -> Vector:
-        """The point that is transformed to y."""
+        """Return the point that is transformed to y."""
         if _namespace(y) is np:
             return np.asarray(jax.tree.map(np.asarray, self.transform).inv(y))
         return jnp.asarray(self.transform.inv(y))
@@ -105,12 +105,12 @@ class Logarithms(Coordinate):
     chosen: tuple[bool, ...] = eqx.field(static=True)
 
     def forward(self, x: Vector) -> Vector:
-        """The point with the chosen ones exponentiated."""
+        """Return the point with the chosen ones exponentiated."""
         xp = _namespace(x)
         return xp.where(self._mask, xp.exp(xp.where(self._mask, x, 0.0)), x)
 
     def inverse(self, y: Vector) -> Vector:
-        """The point with the logarithms of the chosen ones."""
+        """Return the point with the logarithms of the chosen ones."""
         xp = _namespace(y)
         return xp.where(self._mask, xp.log(xp.where(self._mask, y, 1.0)), y)
 
@@ -132,11 +132,11 @@ class Sinh(Coordinate):
     scale: Vector
 
     def forward(self, x: Vector) -> Vector:
-        """The point c sinh x."""
+        """Return the point c sinh x."""
         return jnp.where(self.scale > 0, self.scale * jnp.sinh(x), x)
 
     def inverse(self, y: Vector) -> Vector:
-        """The point arsinh(y / c)."""
+        """Return the point arsinh(y / c)."""
         xp = _namespace(y)
         scale = np.asarray(self.scale) if xp is np else self.scale
         return xp.where(scale > 0, xp.arcsinh(y / xp.where(scale > 0, scale, 1.0)), y)
@@ -154,13 +154,13 @@ class Composed(Coordinate):
     parts: tuple[Coordinate, ...]
 
     def forward(self, x: Vector) -> Vector:
-        """The point after all parts."""
+        """Return the point after all parts."""
         for part in self.parts:
             x = part.forward(x)
         return x
 
     def inverse(self, y: Vector) -> Vector:
-        """The point before all parts."""
+        """Return the point before all parts."""
         for part in reversed(self.parts):
             y = part.inverse(y)
         return y

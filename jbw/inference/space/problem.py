@@ -68,7 +68,7 @@ class Problem(eqx.Module):
         return Composed((unit(self.lower, self.upper), self.outer))
 
     def theta(self, w: Float[Array, " parameter"]) -> dict[str, Array]:
-        """The parameters by name at a whitened point."""
+        """Return the parameters by name at a whitened point."""
         return named(self.coordinate.forward(w), self.box)
 
     def log_density(self, w: Float[Array, " parameter"]) -> Float[Array, ""]:
@@ -79,7 +79,7 @@ class Problem(eqx.Module):
 def problem_of(
     log_likelihood: LogLikelihood, box: Box, data: PyTree, place: Reparametrisation
 ) -> Problem:
-    """The posterior in given coordinates."""
+    """Return the posterior in given coordinates."""
     bounds, size = (place.lower, place.upper), len(box.names)
     whitening, located = Affine(np.zeros(size), np.eye(size)), False
     if place.start is not None and place.covariance is not None:
@@ -117,7 +117,7 @@ def log_prior(
 
 
 def log_volume(box: Box) -> Float[Array, ""]:
-    """Logarithm of the box's volume, in the parameters' units."""
+    """Return the logarithm of the box's volume, in the parameters' units."""
     xp = np if isinstance(box.lower, np.ndarray) else jnp  # of NumPy's nothing is compiled
     return xp.sum(xp.log(box.upper - box.lower))
 
@@ -151,7 +151,7 @@ def laplace_whitening(
 def _checked_precision(
     covariance: NDArray[np.float64], num_parameters: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Standard deviations, and the inverse of the correlation matrix."""
+    """Return the standard deviations, and the inverse of the correlation matrix."""
     if covariance.shape != (num_parameters, num_parameters):
         raise ConfigError(
             f"Argument `covariance` must be {num_parameters} x {num_parameters}, one row a "

@@ -37,7 +37,7 @@ class Reparametrisation(NamedTuple):
 def in_box(
     box: Box, start: Theta | None, covariance: Covariance | None, num_chains: int
 ) -> Reparametrisation:
-    """The parameters themselves, in their prior box; starts and covariance checked."""
+    """Return the parameters themselves, in their prior box; starts and covariance checked."""
     parametrisation = Reparametrisation(IDENTITY, box.lower, box.upper)
     if start is None:
         if covariance is not None:

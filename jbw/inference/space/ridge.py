@@ -53,14 +53,14 @@ class Ridge(Coordinate):
     along: Member
 
     def forward(self, x: Vector) -> Vector:
-        """The parameters at a point of the ridge."""
+        """Return the parameters at a point of the ridge."""
         foot = self._foot(x)
         low, high = walls(foot, self.along)
         s = foot + (low + x[-1] * (high - low)) * self.along
         return self._joined(x[: len(self.others)], self.lower + s * self.width)
 
     def inverse(self, y: Vector) -> Vector:
-        """The point of the ridge at parameters."""
+        """Return the point of the ridge at parameters."""
         s = (y[np.array(self.members)] - self.lower) / self.width
         w, tau = self.across.T @ (s - self.origin), self.along @ (s - self.origin)
         low, high = walls(self.origin + self.across @ w, self.along)
@@ -76,7 +76,7 @@ class Ridge(Coordinate):
         return jnp.where(high > low, log_length, -jnp.inf)
 
     def _foot(self, x: Vector) -> Member:
-        """The point s_0 + B w on the plane across the ridge."""
+        """Return the point s_0 + B w on the plane across the ridge."""
         return self.origin + self.across @ x[len(self.others) : -1]
 
     def _joined(self, others: Float[Array, " other"], members: Member) -> Vector:
@@ -121,7 +121,7 @@ def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) ->
 
 
 def _ridge_of(in_logs: Reparametrisation, floored: NDArray[np.bool_]) -> Ridge:
-    """The ridge along the weakest direction, in units of the box.
+    """Return the ridge along the weakest direction, in units of the box.
 
     Its members have a part in that direction, in which logarithms down to a floor count as they
     are: that this lies far down makes none of them small.

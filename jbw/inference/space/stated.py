@@ -96,7 +96,7 @@ def _score(density: Any, value: Any) -> Float[Array, ""]:
 
 
 def as_wide(prior: Box, stated: StatedDensities) -> Box:
-    """The box in which a uniform prior is as wide as each stated density.
+    """Return the box in which a uniform prior is as wide as each stated density.
 
     As wide in the logarithm where the box is positive, otherwise in the parameter itself; what
     compares a posterior with its prior compares it with this box.

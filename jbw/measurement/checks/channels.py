@@ -49,7 +49,7 @@ def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> t
 
 
 def _channel(record: Record, role: str, masked: bool) -> Iterator[Fault]:
-    """The checks of one channel; whatever makes its numbers meaningless ends them."""
+    """Yield the checks of one channel; whatever makes its numbers meaningless ends them."""
     x = record.channels[role]
     # NaN passes through min and max, which need no copy of a long record.
     if len(x) and not np.isfinite([x.min(), x.max()]).all():
@@ -164,7 +164,7 @@ def _clipped(record: Record, role: str, levels: Reals) -> Iterator[Fault]:
 
 
 def _is_no_crest(x: Reals, start: int, stop: int, step: float, noise: float) -> bool:
-    r"""Whether a flat peak is none that a smooth signal has by rounding or by noise.
+    r"""Return whether a flat peak is none that a smooth signal has by rounding or by noise.
 
     A parabola that is within one step of a converter for n samples is, n samples farther, lower by
     $((3n - 1) / (n - 1))^2$ steps at most, and rounding adds one; noise flattens a sharper one.
@@ -184,7 +184,7 @@ def _is_no_crest(x: Reals, start: int, stop: int, step: float, noise: float) -> 
 
 
 def _piles_up(x: Reals, step: float) -> bool:
-    """Whether single peaks end at one value more often than chance lets them.
+    """Return whether single peaks end at one value more often than chance lets them.
 
     A steady sine comes near its crest more often than to it, and a record that repeats itself does
     so at every level.

@@ -54,7 +54,7 @@ def uncontrolled(record: Record, control: Control) -> Iterator[Fault]:
 
 
 def _turned(role: str, curve: ControlledCurve) -> Fault:
-    """The doubt that a displacement leads the force, which then takes energy out."""
+    """Return the doubt that a displacement leads the force, which then takes energy out."""
     phase = np.zeros(1) if curve.phase is None else curve.phase
     lowest = np.argsort(curve.freq_hz)[: max(1, len(curve.freq_hz) // 4)]
     # Far below the resonance a displacement goes with its force: turned over, it goes against it.
@@ -68,7 +68,7 @@ def _turned(role: str, curve: ControlledCurve) -> Fault:
 def _off_phase(
     role: str, phase: Reals, numbers: NDArray[np.intp], control: Control
 ) -> Iterator[Fault]:
-    """The doubt that a controller missed the phase that it was to hold."""
+    """Yield the doubt that a controller missed the phase that it was to hold."""
     held = control.locked_phase or 0.0
     error = np.degrees(np.angle(np.exp(1j * (phase - np.radians(held)))))
     off = np.abs(error) > control.tolerance
@@ -86,7 +86,7 @@ def _off_phase(
 def _jumps(
     role: str, curve: ControlledCurve, numbers: NDArray[np.intp], *, is_locked: bool
 ) -> Iterator[Fault]:
-    """The doubt that the motion jumped to another branch from one point to the next."""
+    """Yield the doubt that the motion jumped to another branch from one point to the next."""
     steps = _steps_apart(curve, is_locked=is_locked)
     if not steps.any():
         return

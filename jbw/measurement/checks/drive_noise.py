@@ -27,7 +27,7 @@ MORE = 1.0  # r from which the noise is named
 
 
 def noisy_drive(first: Record, second: Record) -> Iterator[Fault]:
-    """The doubt that the drive of two repeats was measured too roughly."""
+    """Yield the doubt that the drive of two repeats was measured too roughly."""
     if not set(INPUTS) & first.channels.keys():
         return
     role, y = first.source, first.response
@@ -42,7 +42,7 @@ def noisy_drive(first: Record, second: Record) -> Iterator[Fault]:
 
 
 def passed_on(u: Reals, y: Reals) -> float:
-    """The ratio r of two repeats of drive and response, (repeat, time).
+    """Return the ratio r of two repeats of drive and response, (repeat, time).
 
     Zero where the drives are not one, where they leave too few lines empty, and where the response
     moved with what differs in the drive, which is no noise of its channel then.

@@ -43,7 +43,7 @@ def gathered(named_faults: Iterable[tuple[str, Fault]], count: int) -> list[Faul
 
 
 def _of_one_record(fault: Fault) -> bool:
-    """Whether a fault is cured record by record, and not by a key of its whole test."""
+    """Return whether a fault is cured record by record, and not by a key of its whole test."""
     of_test = "Put under [[test]]" in fault.remedy or LEAVES_OUT.search(fault.remedy)
     return fault.severity == "error" and not of_test
 
@@ -79,7 +79,7 @@ def _numbers(text: str) -> list[float]:
 
 
 def _reach(numbers: Sequence[str]) -> str:
-    """The least to the largest of numbers as they were written."""
+    """Return the least to the largest of numbers as they were written."""
     least, most = min(numbers, key=float), max(numbers, key=float)
     return least if float(least) == float(most) else f"{least} to {most}"
 

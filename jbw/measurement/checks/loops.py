@@ -37,7 +37,7 @@ def one_sided(loop: ForcedLoop) -> Iterator[Fault]:
 
 
 def travels_freely(loop: ForcedLoop, laws: Sequence[str]) -> Iterator[Fault]:
-    """The doubt that a joint has free travel between two contacts, and its laws have none."""
+    """Yield the doubt that a joint has free travel between two contacts, and its laws have none."""
     cycles = cycles_of(loop)
     if not cycles or set(laws) & set(FREE):
         return
@@ -78,6 +78,6 @@ def _gap_of(y: Reals, force: Reals) -> float | None:
 
 
 def _stiffens(stroke: Reals) -> bool:
-    """Whether the force along a stroke, at even steps of motion, is steeper at its end."""
+    """Return whether the force along a stroke, at even steps of motion, is steeper at its end."""
     slopes = stroke[END:] - stroke[:-END]
     return bool(slopes[-1] > TWICE * np.min(slopes[:-END]))

@@ -51,7 +51,7 @@ def doubts(
 
 
 def swapped(record: Record) -> Iterator[Fault]:
-    """The doubt that input and response of a sweep are swapped."""
+    """Yield the doubt that input and response of a sweep are swapped."""
     try:
         estimate = _frf(record, SEGMENTS, 0.0)
     except DataError:  # too short, or no input at some frequencies: nothing to compare
@@ -68,7 +68,7 @@ def _frf(record: Record, segments: int, delay: float) -> FRF:
 
 
 def _carried(estimate: FRF) -> NDArray[np.bool_]:
-    """Lines at which both channels hold something."""
+    """Return the lines at which both channels hold something."""
     force, response = estimate.input_spectrum, estimate.output_spectrum
     return (force > FLOOR * force.max()) & (response > FLOOR * response.max())
 
@@ -107,7 +107,7 @@ def _outside_band(role: str, estimate: FRF, band_hz: tuple[float, float] | None)
 
 
 def _unresolved(record: Record, resolution_hz: float, freq: Reals, h: Complexes) -> Iterator[Fault]:
-    """A half-power width 2 zeta f_n that the longest useful window cannot tell from none."""
+    """Yield a half-power width 2 zeta f_n that the longest useful window cannot tell from none."""
     width, peak = half_power_bandwidth(freq, h), float(freq[np.abs(h).argmax()])
     lasts = record.num_samples / record.fs
     if width <= RESOLVED * resolution_hz:

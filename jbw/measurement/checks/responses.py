@@ -45,7 +45,7 @@ DECAYED = 0.9  # last quarter of a decay over its first: more is no decay
 def unsteady(
     record: Record, tones_hz: Sequence[float], settle: float, dwell: float | None
 ) -> Iterator[Fault]:
-    """Whether tones, or steps of `dwell` seconds, settled and order 3 is above the noise."""
+    """Yield whether tones, or steps of `dwell` seconds, settled and order 3 is above the noise."""
     y, role, fs = record.channels[record.response], record.response, record.fs
     fitted, refused = [], []
     for i, tone in enumerate(tones_hz):
@@ -110,7 +110,7 @@ def impassive(curve: MeasuredCurve) -> Iterator[Fault]:
 
 
 def phase_in_degrees(phase: Reals) -> Iterator[Fault]:
-    """The doubt that a phase given in radians was written in degrees."""
+    """Yield the doubt that a phase given in radians was written in degrees."""
     largest = float(np.nanmax(np.abs(phase)))  # lines that are masked are NaN
     if largest > DEGREES:
         yield doubt("phase", *messages.in_degrees(largest))
@@ -132,7 +132,7 @@ def gives_energy(loop: ForcedLoop) -> Iterator[Fault]:
 
 
 def undecaying(record: Record, settle: float) -> Iterator[Fault]:
-    """The doubt that a free decay does not decay: its last quarter against its first."""
+    """Yield the doubt that a free decay does not decay: its last quarter against its first."""
     x = record.channels[record.response][round(settle * record.fs) :]
     quarter = len(x) // 4
     if quarter == 0:
@@ -144,7 +144,7 @@ def undecaying(record: Record, settle: float) -> Iterator[Fault]:
 
 
 def already_moving(record: Record, band: Sequence[float] | None, settle: float) -> Iterator[Fault]:
-    """The doubt that a record followed from rest begins in motion, by its first period."""
+    """Yield the doubt that a record followed from rest begins in motion, by its first period."""
     x, fs = record.channels[record.response], record.fs
     if abs(np.mean(x)) > OFFSET * np.std(x):
         yield doubt(record.response, *messages.offset(abs(np.mean(x)) / np.std(x)))
@@ -164,7 +164,7 @@ def already_moving(record: Record, band: Sequence[float] | None, settle: float) 
 
 
 def level_unlike(record: Record, level: float) -> Iterator[Fault]:
-    """The doubt that a level is a name: neither peak nor rms of any channel comes near it."""
+    """Yield the doubt that a level is a name: neither peak nor rms of any channel comes near it."""
     seen = {}
     for role, samples in record.channels.items():
         x = np.abs(samples[np.isfinite(samples)])
@@ -180,7 +180,7 @@ def level_unlike(record: Record, level: float) -> Iterator[Fault]:
 
 
 def bandless(record: Record, settle: float) -> Iterator[Fault]:
-    """The refusal of a free decay without a band, with one about its strongest line."""
+    """Yield the refusal of a free decay without a band, with one about its strongest line."""
     remedy = messages.STATE_BAND
     if record.num_samples - settle * record.fs > 2 * PERIODS:
         low, high = band_about_peak(record, settle)
@@ -189,7 +189,7 @@ def bandless(record: Record, settle: float) -> Iterator[Fault]:
 
 
 def several_resonances(record: Record) -> Iterator[Fault]:
-    """The doubt that a driven record without a band holds other modes than the strongest.
+    """Yield the doubt that a driven record without a band holds other modes than the strongest.
 
     By the power that lies away from the strongest line, less what one oscillator has there under
     the same source.
@@ -211,7 +211,7 @@ def several_resonances(record: Record) -> Iterator[Fault]:
 
 
 def _around_line(peak_hz: float) -> tuple[float, float]:
-    """Frequencies about a line [Hz]."""
+    """Return the frequencies about a line [Hz]."""
     return (1 - ABOUT) * peak_hz, (1 + ABOUT) * peak_hz
 
 
@@ -223,7 +223,7 @@ def _in_two_digits(band_hz: tuple[float, float]) -> tuple[float, float]:
 def band_about_peak(
     record: Record, settle: float = 0.0, *, within: tuple[float, float] | None = None
 ) -> tuple[float, float]:
-    """The band to propose for a record, `about_peak`, to two digits [Hz]."""
+    """Return the band to propose for a record, `about_peak`, to two digits [Hz]."""
     return _in_two_digits(about_peak(record, settle, within=within))
 
 
@@ -288,7 +288,7 @@ def _lines(record: Record, settle: float) -> tuple[Reals, Reals, int]:
 
 
 def _around(freq: Reals, size: Reals) -> Reals:
-    """Median of lines between frequencies of a ratio of 1.5, at every frequency."""
+    """Return the median of lines between frequencies of a ratio of 1.5, at every frequency."""
     edges = np.geomspace(freq[0], freq[-1], 2 + int(np.log(freq[-1] / freq[0]) / np.log(1.5)))
     parts = np.searchsorted(edges, freq, side="right")
     middles, medians = zip(
@@ -302,7 +302,7 @@ def _around(freq: Reals, size: Reals) -> Reals:
 
 
 def too_short(record: Record, band: tuple[float, float], settle: float) -> Iterator[Fault]:
-    """The refusal of a record that holds too few independent values in its band."""
+    """Yield the refusal of a record that holds too few independent values in its band."""
     size = record.num_samples - round(settle * record.fs)
     count = _num_values(band, size, record.fs)
     if count >= FEWEST_VALUES:

@@ -109,7 +109,7 @@ def records_of(
 def _clock(
     contents: Contents, sources: Mapping[str, list[Leaf]], request: Wanted
 ) -> tuple[_Clock, str]:
-    """The rate and the samples to read, and how the rate is known."""
+    """Return the rate and the samples to read, and how the rate is known."""
     is_resampled = bool(request.resample) and "frequency" not in sources
     fs, rate_source, part = (
         (request.resample, messages.resampled_to(request.resample), WHOLE)
@@ -141,7 +141,7 @@ def _size(
 
 
 def _is_curve(role: str, sources: Mapping[str, list[Leaf]]) -> bool:
-    """Whether a role is that of a response along frequency."""
+    """Return whether a role is that of a response along frequency."""
     return "frequency" in sources and role in RESPONSES
 
 
@@ -152,7 +152,7 @@ def _channel(
     request: Wanted,
     clock: _Clock,
 ) -> tuple[_Channels, str]:
-    """The repeats of one role in SI, and what a response along frequency is per unit of."""
+    """Return the repeats of one role in SI, and what a response along frequency is per unit of."""
     items, is_curve, done = sources[role], _is_curve(role, sources), {}
     unit, against = _unit(role, items[0].unit, request)
     reference, unit = decibels(unit) or (0.0, unit)
@@ -186,7 +186,7 @@ def _channel(
 
 
 def _unit_source(source: str, sources: Mapping[str, list[Leaf]], read: _Channels) -> _Channels:
-    """The source that a response is per unit of: its amplitude is 1."""
+    """Return the source that a response is per unit of: its amplitude is 1."""
     if any(role in sources for role in INPUTS):
         raise DataError(
             f"the response is per unit of excitation, but `{source}` is given too.",
@@ -198,7 +198,7 @@ def _unit_source(source: str, sources: Mapping[str, list[Leaf]], read: _Channels
 
 
 def _parted(role: str, sources: Mapping[str, list[Leaf]], rows: Repeats) -> _Channels:
-    """Complex repeats as magnitude and phase."""
+    """Return the complex repeats as magnitude and phase."""
     if "phase" in sources:
         raise DataError(
             f"role `{role}` is complex, but `phase` is given too.",
@@ -262,7 +262,7 @@ def _require_one_motion(units: Mapping[str, str]) -> None:
 
 
 def unwindowed(x: Reals, tau: float, first: int) -> Reals:
-    r"""Samples without the exponential window of an analyser, $x(t) e^{t / \tau}$.
+    r"""Return the samples without the exponential window of an analyser, $x(t) e^{t / \tau}$.
 
     The window counts from the record's first sample, of which `x` begins `first` samples later;
     `tau` is its time constant in samples.
@@ -278,7 +278,7 @@ def unwindowed(x: Reals, tau: float, first: int) -> Reals:
 
 
 def _repeats(channels: Mapping[str, Repeats], record: Record) -> tuple[Record, ...]:
-    """One record a repeat; a channel given once is shared by all repeats."""
+    """Return one record a repeat; a channel given once is shared by all repeats."""
     counts = {role: len(rows) for role, rows in channels.items()}
     number = max(counts.values(), default=0)
     if any(count not in (1, number) for count in counts.values()):
@@ -382,7 +382,7 @@ def _sources(contents: Contents, request: Wanted) -> dict[str, list[Leaf]]:
 
 
 def joined(parts: Sequence[Sequence[Record]]) -> tuple[Record, ...]:
-    """Records whose channels lie in several files, put together repeat by repeat."""
+    """Return the records whose channels lie in several files, put together repeat by repeat."""
     heads = [part[0] for part in parts]
     if len({len(part) for part in parts}) != 1:
         listed = ", ".join(f"{part[0].name} has {len(part)}" for part in parts)

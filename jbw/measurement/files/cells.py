@@ -25,12 +25,12 @@ DIGITS = 9  # of a second, that stamps have at most
 
 
 def is_lost(text: str) -> bool:
-    """Whether a cell stands for a sample that is not there."""
+    """Return whether a cell stands for a sample that is not there."""
     return text.partition("(")[0].strip().lower() in LOST
 
 
 def ungrouped(text: str, decimal: str) -> str:
-    """A number without the marks between its thousands, and with a decimal point."""
+    """Return a number without the marks between its thousands, and with a decimal point."""
     if GROUPED[decimal].fullmatch(text):
         return re.sub(r"[.' ]" if decimal == "," else r"[,' ]", "", text).replace(",", ".")
     if decimal == ",":

@@ -52,7 +52,7 @@ class Dialect:
         return fields[:-1] if self.trailing and len(fields) > 1 and not fields[-1] else fields
 
     def is_number(self, text: str) -> bool:
-        """Whether a field is a number; a point beside a decimal comma makes it none."""
+        """Return whether a field is a number; a point beside a decimal comma makes it none."""
         if "_" in text:  # which Python would read
             return False
         for written in (text if self.decimal == "." else None, ungrouped(text, self.decimal)):
@@ -63,11 +63,11 @@ class Dialect:
         return False
 
     def is_cell(self, text: str) -> bool:
-        """Whether a field is a number, a date or time, or stands for a lost sample."""
+        """Return whether a field is a number, a date or time, or stands for a lost sample."""
         return self.is_number(text) or is_lost(text) or stamp(text) is not None
 
     def has_decimals(self, fields: Sequence[str]) -> bool:
-        """Whether a field is a number with decimals, as no column's number is."""
+        """Return whether a field is a number with decimals, as no column's number is."""
         return any(self.decimal in text and self.is_number(text) for text in fields)
 
     def width(self, line: str) -> int:
@@ -262,7 +262,7 @@ def _one_column(lines: Sequence[str]) -> tuple[int, Dialect]:
 
 
 def _is_label(line: str) -> bool:
-    """Whether a line begins with a word, as that of a statistic below a table does."""
+    """Return whether a line begins with a word, as that of a statistic below a table does."""
     first = line.strip().strip('"#*%')
     return bool(re.match(r"\s*[^\W\d_]{2,}", first)) and not is_lost(first.split(";")[0])
 
@@ -372,7 +372,7 @@ def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[st
 
 
 def _unit_in(header: Sequence[str]) -> list[str]:
-    """The unit of a single column that a line above it states, such as `Unit: g`."""
+    """Return the unit of a single column that a line above it states, such as `Unit: g`."""
     units = [stated(line, "units?|einheit|y[ _]units?") for line in header]
     return [text for text in units if text][-1:]
 
@@ -405,7 +405,7 @@ def _bare(text: str) -> str:
 
 
 def _names_times(row: Sequence[str]) -> bool:
-    """Whether several columns of a row are times, which may be called alike."""
+    """Return whether several columns of a row are times, which may be called alike."""
     return sum(is_time(titled(title)[0]) for title in row) > 1
 
 
@@ -432,7 +432,7 @@ def _columns(
 
 
 def _cell_by_cell(body: Sequence[str], dialect: Dialect) -> tuple[list[Reals], frozenset[int]]:
-    """The same of a table with lost cells, grouped digits, dates or times."""
+    """Return the same of a table with lost cells, grouped digits, dates or times."""
     cells: list[list[str]] = []
     for i, line in enumerate(body):
         if not line.strip():
@@ -512,7 +512,7 @@ def _complex_pairs(titles: Sequence[str], leaves: Sequence[Leaf]) -> dict[str, L
 
 
 def _numbered(columns: Sequence[Reals], leaves: Sequence[Leaf]) -> Node:
-    """The columns by their numbers: one table where all are alike, else one by one."""
+    """Return the columns by their numbers: one table where all are alike, else one by one."""
     if all(column_leaf.fs is None and not column_leaf.unit for column_leaf in leaves):
         return leaf(np.stack(columns)) if columns else Opaque("empty")
     numbered: NDArray[np.object_] = np.empty(len(leaves), dtype=object)
@@ -551,7 +551,7 @@ def _on_own_clocks(
 
 
 def _filled(column: Reals) -> int:
-    """Length of a column without the empty cells at its end."""
+    """Return the length of a column without the empty cells at its end."""
     filled = np.flatnonzero(np.isfinite(column))
     return int(filled[-1]) + 1 if len(filled) else 0
 

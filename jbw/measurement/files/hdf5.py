@@ -76,7 +76,7 @@ def write_hdf5(
 
 
 def group_tree(group: h5py.Group, node: Callable[[h5py.Group, str], Node]) -> dict[str, Node]:
-    """Names of a group and what they hold, as `node` finds it."""
+    """Return the names of a group and what they hold, as `node` finds it."""
     return {name: node(group, name) for name in map(str, group) if not name.startswith("#")}
 
 
@@ -127,7 +127,7 @@ def inside(dataset: h5py.Dataset) -> h5py.Dataset:
 
 
 def text_of(attributes: Mapping[str, Any], name: str) -> str:
-    """An attribute as text."""
+    """Return an attribute as text."""
     value = attribute(attributes, name)
     if isinstance(value, np.ndarray) and value.size <= MOST_TEXTS:
         return _joined(value)
@@ -174,7 +174,7 @@ def _joined(value: Any) -> str:
 
 
 def facts_of(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Attributes that are texts or numbers, by name; several texts are a line each."""
+    """Return the attributes that are texts or numbers, by name; several texts are a line each."""
     facts: dict[str, Any] = {}
     for name in list(attributes)[:MOST_FACTS]:
         value = attribute(attributes, name)
@@ -225,7 +225,7 @@ def require_sound_heaps(path: Path) -> None:
 
 
 def _is_sound(data: mmap.mmap, start: int) -> bool:
-    """Whether the objects of a heap fill it, one behind the other."""
+    """Return whether the objects of a heap fill it, one behind the other."""
     head = data[start + len(HEAP) : start + HEAD]
     total = int.from_bytes(head, "little")
     if len(head) < HEAD - len(HEAP) or not LEAST_HEAP <= total <= len(data) - start:

@@ -54,7 +54,7 @@ def contents(path: Path) -> Iterator[Contents]:
 
 
 def _node(value: Any) -> Node:
-    """A tree from what scipy hands over: structs, object arrays, numbers."""
+    """Return a tree from what scipy hands over: structs, object arrays, numbers."""
     if isinstance(value, OPAQUE):
         return Opaque(messages.MATLAB_OBJECT, messages.EXPORT_ARRAYS)
     if isinstance(value, scipy.io.matlab.mat_struct):
@@ -67,7 +67,7 @@ def _node(value: Any) -> Node:
 
 
 def _complex73(item: Any) -> OnDemand:
-    """Complex numbers, which MATLAB keeps as compounds of `real` and `imag`."""
+    """Return the complex numbers, which MATLAB keeps as compounds of `real` and `imag`."""
 
     def read(index: Any) -> NDArray[np.complex128]:
         parts = item[index]
@@ -77,7 +77,7 @@ def _complex73(item: Any) -> OnDemand:
 
 
 def _node73(group: h5py.Group, name: str) -> Node:
-    """A tree from MATLAB's conventions in HDF5: references for cells, axes in reverse."""
+    """Return a tree from MATLAB's conventions in HDF5: references for cells, axes in reverse."""
     link = group.get(name, getlink=True)
     if not isinstance(link, h5py.HardLink):
         raise DataError(
@@ -124,7 +124,7 @@ def _item73(item: Any) -> Node:
 
 
 def _text73(item: Any) -> str:
-    """Text of a char array of one row, which is stored as codes; empty if it is none."""
+    """Return the text of a char array of one row, which is stored as codes; empty if it is none."""
     if not np.issubdtype(item.dtype, np.integer) or item.size > LONGEST_TEXT:
         return ""
     if hdf5.attribute(item.attrs, "MATLAB_empty"):

@@ -46,7 +46,7 @@ def require_sound(path: Path) -> None:
 
 
 def _variables(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
-    """The variables of a v5 file: the bytes that each takes once unpacked, and its check."""
+    """Yield the variables of a v5 file: the bytes that each takes once unpacked, and its check."""
     order = {b"IM": "<", b"MI": ">"}.get(bytes(data[HEADER - 2 : HEADER]))
     if order is None:
         raise ValueError("its header has no mark of the byte order")
@@ -97,14 +97,14 @@ class Elements:
         self.data, self.order = data, order
 
     def take(self, count: int) -> memoryview:
-        """The next bytes, all of them."""
+        """Return the next bytes, all of them."""
         if count > len(self.data):
             raise ValueError(f"{count} bytes are declared, where {len(self.data)} are left")
         head, self.data = self.data[:count], self.data[count:]
         return head
 
     def integers(self, form: str) -> tuple[int, ...]:
-        """The next bytes as integers of these forms."""
+        """Return the next bytes as integers of these forms."""
         form = self.order + form
         return struct.unpack(form, self.take(struct.calcsize(form)))
 
@@ -129,7 +129,7 @@ class Elements:
         return content
 
     def whole_numbers(self, what: str, codes: tuple[int, ...]) -> tuple[int, ...]:
-        """The next element as integers of four bytes."""
+        """Return the next element as integers of four bytes."""
         content = self.short(what, codes)
         return struct.unpack(f"{self.order}{len(content) // 4}i", content[: len(content) & ~3])
 

@@ -56,7 +56,7 @@ def read(
     span: tuple[float, float] | None = None,
     exclude: Sequence[int] = (),
 ) -> tuple[Record, ...]:
-    """Records of one measurement file, in SI and checked.
+    """Return the records of one measurement file, in SI and checked.
 
     Args:
         path: The file: .mat (any version), .h5, .npz, .csv and other text, .wav, .uff, .tdms, .mf4,

@@ -128,7 +128,7 @@ def on_even_grid(
 def _own_clock(
     row: NDArray[np.float64], item: Leaf, contents: Contents, sources: Sources, request: Wanted
 ) -> tuple[float, NDArray[np.float64] | None]:
-    """Rate of a channel [Hz], or the times of its samples where these are uneven."""
+    """Return the rate of a channel [Hz], or the times of its samples where these are uneven."""
     if item.fs is not None:
         return item.fs, None
     for clock in sources.get("time", ()):
@@ -164,7 +164,7 @@ def _without_rate(contents: Contents, sources: Sources, request: Wanted) -> Data
 
 
 def _with_time(name: str, request: Wanted) -> str:
-    """The channels of a request and a column of times, as a campaign file has them."""
+    """Return the channels of a request and a column of times, as a campaign file has them."""
     return toml_table({"time": name, **(request.channels or {})})
 
 
@@ -193,7 +193,7 @@ def _agree_with_unused_time(
 
 
 def _unused_times(contents: Contents, sources: Sources) -> Iterator[tuple[str, Leaf]]:
-    """Columns of a file that are called times, as long as a channel that is read."""
+    """Yield the columns of a file that are called times, as long as a channel that is read."""
     lengths = {max(item.shape, default=0) for items in sources.values() for item in items}
     for name, item in names(contents.root):
         is_time = isinstance(item, Leaf) and re.search(TIME, name.rpartition(".")[2].lower())
@@ -261,7 +261,7 @@ def _seconds_in(item: Leaf, printed: NDArray[np.number], request: Wanted) -> flo
 
 
 def cut(fs: float, span: tuple[float, float] | None) -> slice:
-    """Samples of a span in seconds."""
+    """Return the samples of a span in seconds."""
     if span is None:
         return WHOLE
     if not np.isfinite(fs):

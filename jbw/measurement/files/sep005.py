@@ -27,7 +27,7 @@ def from_sep005(
     *,
     name: str = "SEP-005",
 ) -> Record:
-    """A record, in SI and checked, of SEP-005 series that were sampled together.
+    """Return a record, in SI and checked, of SEP-005 series that were sampled together.
 
     Without `channels`, role to series, it takes series named like a role, or whose `quantity` is.
 
@@ -66,7 +66,7 @@ def from_sep005(
 
 
 def to_sep005(record: Record, names: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
-    """The channels of a record in time as SEP-005 dictionaries, in SI, `names` by role.
+    """Return the channels of a record in time as SEP-005 dictionaries, in SI, `names` by role.
 
     Examples:
         A channel becomes a series under the name that the other tool knows:

@@ -30,7 +30,7 @@ class Bounded(BufferedReader):
     """A file never asked for more bytes than it has, which a damaged length would do."""
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """The next bytes, up to the end of the file."""
+        """Return the next bytes, up to the end of the file."""
         remaining = os.fstat(self.fileno()).st_size - self.tell()
         return super().read(remaining if size is None or size < 0 else min(size, max(remaining, 0)))
 

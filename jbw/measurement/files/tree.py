@@ -55,7 +55,7 @@ class OnDemand:
         return np.asarray(self.read(index), self.dtype)
 
     def astype(self, dtype: DTypeLike) -> "OnDemand":
-        """The same array in another type."""
+        """Return the same array in another type."""
         return replace(self, dtype=np.dtype(dtype))
 
 
@@ -114,7 +114,7 @@ def cells(nodes: Sequence[Node], shape: tuple[int, ...]) -> NDArray[Any]:
 
 
 def names(root: Node, prefix: str = "") -> Iterator[tuple[str, Leaf | Opaque]]:
-    """Every path of the tree that ends in an array, and what is there."""
+    """Yield every path of the tree that ends in an array, and what is there."""
     if isinstance(root, Leaf | Opaque):
         yield prefix, root
     elif isinstance(root, Mapping):
@@ -165,7 +165,7 @@ def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> N
 
 
 def optional(package: str, extra: str, path: Path) -> Any:
-    """A library that only files of one format need."""
+    """Return a library that only files of one format need."""
     try:
         return import_module(package)
     except ImportError:

@@ -74,14 +74,14 @@ def contents(path: Path) -> Iterator[Contents]:
 
 
 def names_of(node: Node, path: str) -> Iterator[tuple[str, Leaf]]:
-    """The arrays of a set, by their paths."""
+    """Yield the arrays of a set, by their paths."""
     for name, item in names(node):
         if isinstance(item, Leaf):
             yield (f"{path}.{name}" if name else path), item
 
 
 def _stated(dataset: Mapping[str, Any], key: str) -> str:
-    """A text of a set; empty where it says NONE."""
+    """Return a text of a set; empty where it says NONE."""
     # pyuff replaces what is no UTF-8: behind a second that is a power, of files in Latin-1.
     text = re.sub("(?<=s)\ufffd", "^2", str(dataset.get(key, "")).strip())
     return "" if text.upper() == "NONE" else text
@@ -129,7 +129,7 @@ def _node(dataset: Mapping[str, Any], where: str, system: Mapping[str, Any]) -> 
 
 
 def _is_ratio(unit: str) -> bool:
-    """Whether a unit is a response per force already, as `m/s^2/N` or `1/kg`."""
+    """Return whether a unit is a response per force already, as `m/s^2/N` or `1/kg`."""
     of_unit = measured(plain(unit))
     return of_unit is not None and of_unit[1][1] < 0
 

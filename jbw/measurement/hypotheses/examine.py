@@ -143,7 +143,7 @@ def _sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
 
 
 def _read_fits(fits: Fits) -> ModeReading | None:
-    """The table of a record; None where its errors cannot be told."""
+    """Return the table of a record; None where its errors cannot be told."""
     try:
         return read_fits(fits)
     except np.linalg.LinAlgError:

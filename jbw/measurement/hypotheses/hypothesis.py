@@ -178,7 +178,7 @@ def named_cause(fits: Fits, hypotheses: Sequence[Hypothesis]) -> Named | None:
 
 
 def _mode(fits: Fits, linear: ModeFit) -> tuple[float, float]:
-    """Frequency [Hz] and damping ratio of a linear mode."""
+    """Return the frequency [Hz] and damping ratio of a linear mode."""
     sigma, turn = linear.theta[fits.FIRST : fits.FIRST + 2] * fits.scale
     pole = complex(-sigma, turn + 2 * np.pi * fits.signal.centre_hz)
     return abs(pole) / (2 * np.pi), -pole.real / abs(pole)

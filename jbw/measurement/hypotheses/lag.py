@@ -136,7 +136,7 @@ class LostBlock(_Lag):
         times = np.interp(PLACES, share / share[-1], signal.time)
 
         def fitted(at: float, step: float) -> tuple[float, float, float]:
-            """Squares, place and step of the best fit from a step at a place."""
+            """Return the squares, place and step of the best fit from a step at a place."""
             found = joint_fit(fits, "linear", SweepCause(np.array([step]), _stepped(float(at))))
             return (found.squares, at, float(found.theta[count])) if found else (np.inf, at, step)
 
@@ -173,7 +173,7 @@ class LostBlock(_Lag):
 
 
 def _stepped(at_s: float | None) -> Callable[[SweepSignal, Complexes, Reals], Complexes]:
-    """A lag that jumps at a time [s], or at one that is a parameter."""
+    """Return a lag that jumps at a time [s], or at one that is a parameter."""
 
     def stepped(signal: SweepSignal, columns: Complexes, values: Reals) -> Complexes:
         place = float(values[1]) * float(np.ptp(signal.time)) if at_s is None else at_s

@@ -76,7 +76,7 @@ def untimely(record: Record, delay: float) -> Iterator[Fault]:
 
 
 def _delayed(record: Record, lag: Lag, delay: float, least: float) -> Iterator[Fault]:
-    """The doubt that a lag along the whole record is another than the campaign states."""
+    """Yield the doubt that a lag along the whole record is another than the campaign states."""
     seconds, error = lag.constant_s
     # What is fed in volts is held from sample to sample, which is half a sample of lag.
     held = 1 / record.fs if record.source == "input" else 0.0
@@ -103,7 +103,7 @@ def _away(
 
 
 def _constant_of_noise(record: Record) -> Lag | None:
-    """The lag of a whole record of noise, by its averaged FRF away from the resonance."""
+    """Return the lag of a whole record of noise, by its averaged FRF away from the resonance."""
     u, x = (record.channels[role] for role in (record.source, record.response))
     short = 2 * len(u) // (PARTS * (AVERAGES + 1))
     freq, power, response, cross = averaged(
@@ -147,7 +147,7 @@ def _squares(design: Float[np.ndarray, "value unknown"], target: Reals) -> _Fit:
 
 
 def _better(simple: _Fit, extended: _Fit, count: int, unknowns: int) -> bool:
-    """Whether a further unknown takes away more squares than noise would give it."""
+    """Return whether a further unknown takes away more squares than noise would give it."""
     degrees = (count - unknowns) / 2  # neighbouring values overlap by half
     ratio = (simple.squares - extended.squares) / max(extended.squares, 1e-300) * degrees
     return bool(fdtrc(1, degrees, ratio) < ODDS)

@@ -94,7 +94,7 @@ def _named(
 
 
 def _bases(loop: ForcedLoop, load_cell: str, laws: Sequence[str]) -> tuple[LoopBasis, Columns]:
-    """The columns of what is stated, and those of the zero of the load cell that is not."""
+    """Return the columns of what is stated, and those of the zero of the load cell that is not."""
     y, basis = loop.displacement, basis_of(loop.displacement)
     known = LOAD_CELLS.index(load_cell)
     if abs(y[0]) > AT_REST * np.ptp(y):
@@ -114,7 +114,7 @@ def _at_rest(loop: ForcedLoop) -> Reals:
 
 
 def _loaded(rest: Reals, force: Reals) -> Iterator[Cause]:
-    """A load cell whose zero is off, by the force before the motion."""
+    """Yield a load cell whose zero is off, by the force before the motion."""
     text = messages.off_centre(float(np.mean(rest) / (0.5 * np.ptp(force))), 0.0)
     yield Cause(len(rest) * float(np.var(rest)), doubt("restoring_force", *text))
 
@@ -136,7 +136,7 @@ def _path_of(loop: ForcedLoop) -> Columns:
 
 
 def _worn(loop: ForcedLoop, basis: LoopBasis) -> Cause | None:
-    """A joint whose force falls or rises along its path, by cycles of one amplitude."""
+    """Return a joint whose force falls or rises along its path, by cycles of one amplitude."""
     if not (groups := of_one_amplitude(cycles_of(loop))):
         return None
     path = _path_of(loop)
@@ -175,7 +175,7 @@ def _late(loop: ForcedLoop, whole: LoopBasis, stated: float) -> Cause | None:
 
 
 def _high_passed(loop: ForcedLoop, basis: LoopBasis) -> Cause | None:
-    """A force behind the high-pass of a charge amplifier."""
+    """Return a force behind the high-pass of a charge amplifier."""
     mean = 0.5 * (loop.force[1:] + loop.force[:-1]) / loop.fs
     integral = np.concatenate([[0.0], np.cumsum(mean)])
     found = fit_loop(basis, loop.force, [-integral])

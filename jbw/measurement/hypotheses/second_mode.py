@@ -72,7 +72,7 @@ def _three(hz: float) -> float:
 
 
 def _rate(fits: Fits) -> float:
-    """Damping rate of the linear mode [1/s]."""
+    """Return the damping rate of the linear mode [1/s]."""
     at = 2 if isinstance(fits, DecayFits) else 0
     return abs(float(fits.fits["linear"].theta[at])) * fits.scale
 

@@ -83,7 +83,7 @@ def _in_decay(fits: DecayFits, residual: Complexes) -> DecayCause:
 
 
 def _in_sweep(fits: SweepFits, residual: Complexes) -> SweepCause:
-    """Lines above the centre of the band; its amplitude is a gain."""
+    """Return the lines above the centre of the band; its amplitude is a gain."""
     signal = fits.signal
     frame = signal.phase - 2 * np.pi * signal.centre_hz * signal.time
     turn, _ = strongest_line(residual * np.exp(1j * frame), signal.step_s)

@@ -85,7 +85,7 @@ class _Fall(NamedTuple):
 
 
 def _fall_of(logs: Float[np.ndarray, "group frame"], time: Reals, variance: float) -> _Fall:
-    """The one fall of all groups, whose values have a variance."""
+    """Return the one fall of all groups, whose values have a variance."""
     centred = time - time.mean()
     spread = float(np.sum(centred**2))
     rate = -float(np.mean(logs @ centred)) / spread

@@ -300,7 +300,7 @@ def decay_slopes(
 
 
 def _steepest(signal: DecaySignal) -> float:
-    """Damping rate that the filter's moments do not follow any more [1/s]."""
+    """Return the damping rate that the filter's moments do not follow any more [1/s]."""
     return 300 * signal.fs / max(signal.half, 1)
 
 

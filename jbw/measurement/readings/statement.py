@@ -231,7 +231,7 @@ def _between_records(
 def _offsets(
     rows: _RowsOfRecords, design: Float[np.ndarray, "row unknown"], found: _Estimate, tau: float
 ) -> tuple[tuple[float, float], ...]:
-    """Mean residual of every record and its standard deviation."""
+    """Return the mean residual of every record and its standard deviation."""
     left = rows.split(rows.value - design @ found.values)
     weights = [np.linalg.inv(block).sum() for block in rows.blocks]
     sums = [
@@ -257,7 +257,7 @@ def _turn(b: Reals, covariance: Reals, low: float) -> float | None:
 
 
 def _onset(b: Reals, covariance: Reals, low: float, top: float) -> float | None:
-    """Smallest amplitude whose value differs surely from that at the smallest."""
+    """Return the smallest amplitude whose value differs surely from that at the smallest."""
     powers = np.arange(1, len(b) + 1)
     for r in np.geomspace(low, 1.0, 60)[1:]:
         step = r**powers - low**powers
@@ -309,7 +309,7 @@ def laws_with(hz: AmplitudeTrend, zeta: AmplitudeTrend) -> tuple[str, ...]:
 def _with_power(
     laws: Mapping[str, float], interval: tuple[float, float, float] | None
 ) -> tuple[str, ...]:
-    """Laws whose power lies in an interval; none without one."""
+    """Return the laws whose power lies in an interval; none without one."""
     if interval is None:
         return ()
     low, high = interval[1] - EQUAL, interval[2] + EQUAL

@@ -246,7 +246,7 @@ def mirror_of(signal: SweepSignal, pole: Complexes) -> Complexes:
 
 
 def _middle(values: Any) -> Any:
-    """Values in the middle of every step."""
+    """Return the values in the middle of every step."""
     return 0.5 * (values[1:] + values[:-1])
 
 
@@ -401,7 +401,7 @@ def _project(
     left = target - columns @ gains
 
     def moved(by: Columns) -> Complexes:
-        """Slope of what is left where the columns change."""
+        """Return the slope of what is left where the columns change."""
         change = by @ gains
         return -change - columns @ gains_of(along(by, left) - along(columns, change))
 

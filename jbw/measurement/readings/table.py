@@ -205,7 +205,7 @@ def _chosen(fits: dict[str, ModeFit], count: float) -> str:
 
 
 def _amplitudes(fits: DecayFits | SweepFits, name: str) -> Reals:
-    """Amplitudes of the table: from the largest down to where the noise begins."""
+    """Return the amplitudes of the table: from the largest down to where the noise begins."""
     if isinstance(fits, DecayFits):
         size = np.abs(decay_model(fits.signal, fits.fits[name].theta, BASES[name], fits.scale))
     else:
@@ -274,13 +274,13 @@ def _change(values: Reals, spread: Square, floor: float, factor: float = 1.0) ->
 
 
 def _matters(hz: MeasuredChange, zeta: MeasuredChange, damping: float) -> bool:
-    """Whether a change is larger than averaging tells, and sure."""
+    """Return whether a change is larger than averaging tells, and sure."""
     is_large = max(abs(hz.value), abs(zeta.value)) >= LEAST_CHANGE * abs(damping)
     return is_large and any(abs(change.value) >= SURE * change.sd for change in (hz, zeta))
 
 
 def _chance_of_linear(fits: DecayFits | SweepFits, count: float) -> float:
-    """Probability of the coefficients beyond the constants by chance: Wald's test."""
+    """Return the probability of the coefficients beyond the constants by chance: Wald's test."""
     if "quadratic" not in fits.fits:
         return 1.0
     fit, first = fits.fits["quadratic"], fits.FIRST

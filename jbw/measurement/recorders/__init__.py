@@ -31,7 +31,7 @@ def modules() -> tuple[str, ...]:
 
 @cache
 def recorders() -> tuple[Recorder, ...]:
-    """All recorders in the order of their files, those that take a whole format last."""
+    """Return all recorders in the order of their files, those that take a whole format last."""
     collected: list[Recorder] = []
     for name in modules():
         module = import_module(name)

@@ -30,7 +30,7 @@ def node_at(node: Any, *names: str) -> Any:
 
 
 def text_at(node: Any, *names: str) -> str:
-    """Text at names within structs; empty where there is none."""
+    """Return the text at names within structs; empty where there is none."""
     child = node_at(node, *names)
     return child.text.strip() if isinstance(child, Opaque) else ""
 
@@ -59,7 +59,7 @@ def rate_of(increment: float) -> float | None:
 
 
 def positive(value: float) -> float | None:
-    """A number that is positive and finite, or None."""
+    """Return a number that is positive and finite, or None."""
     return value if math.isfinite(value) and value > 0 else None
 
 
@@ -161,5 +161,5 @@ def titled_leaf(leaf: Leaf, title: str) -> Leaf:
 
 
 def is_time(title: str) -> bool:
-    """Whether a title names a column of times."""
+    """Return whether a title names a column of times."""
     return re.search(TIMES, title.replace("_", " ").strip().lower()) is not None

@@ -22,7 +22,7 @@ DATA = re.compile(r"(Channel_\d+)_Data")
 
 
 def is_of(contents: Contents) -> bool:
-    """Whether there is a header of the file, and channels."""
+    """Return whether there is a header of the file, and channels."""
     root = top(contents)
     return not math.isnan(number_at(root, "File_Header", "SampleFrequency")) and any(
         DATA.fullmatch(str(name)) for name in root

@@ -34,12 +34,12 @@ LARGEST_ROUNDING = 1e-4  # of an interval, that the provenance does not mention
 
 
 def is_text(lines: Sequence[str]) -> bool:
-    """Whether it begins as the specification says."""
+    """Return whether it begins as the specification says."""
     return bool(lines) and lines[0].strip("\ufeff \t,").startswith("LabVIEW Measurement")
 
 
 def read_text(lines: Sequence[str], path: Path) -> Contents:
-    """One segment: its channels with their own rate, start and unit."""
+    """Return one segment: its channels with their own rate, start and unit."""
     ends = [i for i, line in enumerate(lines) if line.startswith(END)]
     if len(ends) < 2:
         raise ValueError(f"a LabVIEW measurement has two headers, but this has {len(ends)}")
@@ -93,7 +93,7 @@ def read_text(lines: Sequence[str], path: Path) -> Contents:
 def _with_times_of_each(
     lines: Sequence[str], path: Path, segment_facts: dict[str, list[str]], marks: tuple[str, str]
 ) -> Contents:
-    """Channels that each have a column of times before them."""
+    """Return the channels that each have a column of times before them."""
     mark, decimal = marks
     number = int(number_in(segment_facts.get("channels", ["0"])[0]))
     names = [text.strip() for text in lines[0].split(mark)]
@@ -107,7 +107,7 @@ def _with_times_of_each(
 
 
 def _without_empty(columns: Contents, counts: Sequence[str]) -> Contents:
-    """Times and channels, but for those that declare no sample."""
+    """Return the times and channels, but for those that declare no sample."""
     series = columns.series or {}
     if len(series) != 1 + len(counts):
         return columns
@@ -139,7 +139,7 @@ def _rounding(text: str) -> float:
 
 
 def _facts(lines: Sequence[str], mark: str = "\t") -> dict[str, list[str]]:
-    """Keys of a header, in lower case, and what stands behind each."""
+    """Return the keys of a header, in lower case, and what stands behind each."""
     mark = mark if any(mark in line for line in lines) else ","
     parts = [[text.strip() for text in line.split(mark)] for line in lines]
     return {row[0].lower(): row[1:] for row in parts if row[0] and len(row) > 1}
@@ -151,7 +151,7 @@ def _of_each(facts: dict[str, list[str]], key: str, number: int) -> list[str]:
 
 
 def _cells(line: str, mark: str, first: int, number: int) -> str:
-    """The numbers of a row: without the empty column of times, and without a comment."""
+    """Return the numbers of a row: without the empty column of times, and without a comment."""
     return mark.join(line.split(mark)[first : number + 1])
 
 

@@ -36,7 +36,7 @@ def _texts(node: Any) -> list[str]:
 
 
 def _units_of(node: Mapping[str, Any]) -> dict[str, str]:
-    """Units of the arrays of a struct by their names; empty where none are stated."""
+    """Return the units of the arrays of a struct by their names; empty where none are stated."""
     fields = [name for name, item in node.items() if isinstance(item, Leaf)]
     properties = node_at(node, "Properties")
     if isinstance(properties, Mapping):
@@ -55,7 +55,7 @@ def _units_of(node: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _rate_of(node: Mapping[str, Any]) -> float | None:
-    """A rate that a struct states as text, or an interval that it states as a number [s]."""
+    """Return a rate that a struct states as text, or an interval that it states as a number [s]."""
     for name, item in node.items():
         if isinstance(item, Opaque) and item.text and RATE.search(str(name)):
             return positive(number_in(item.text))
@@ -69,7 +69,7 @@ def _states_units(node: Any) -> bool:
 
 
 def is_of(contents: Contents) -> bool:
-    """Whether the file, or a struct at its top, states units or a rate beside its arrays."""
+    """Return whether the file, or a struct at its top, states units or a rate beside its arrays."""
     root = top(contents)
     if not contents.reader.startswith(("MATLAB", "npz")):
         return False
@@ -77,7 +77,7 @@ def is_of(contents: Contents) -> bool:
 
 
 def read(contents: Contents) -> Contents:
-    """Arrays with the units and the rate that stand beside them."""
+    """Return the arrays with the units and the rate that stand beside them."""
     root = _with_units(top(contents))
     for name, node in top(contents).items():
         if _states_units(node):

@@ -25,7 +25,7 @@ from jbw.measurement.recorders.recorder import Recorder
 
 
 def is_of(contents: Contents) -> bool:
-    """Whether there is an interval beside channels of one letter."""
+    """Return whether there is an interval beside channels of one letter."""
     root = top(contents)
     return "Tinterval" in root and any(
         re.fullmatch("[A-H]", str(name)) for name in root
@@ -33,7 +33,7 @@ def is_of(contents: Contents) -> bool:
 
 
 def read(contents: Contents) -> Contents:
-    """Rate and start of every channel."""
+    """Return the rate and start of every channel."""
     root = top(contents)
     series: dict[str, Leaf] = {}
     fs, start = rate_of(number_at(root, "Tinterval")), number_at(root, "Tstart")
@@ -46,12 +46,12 @@ def read(contents: Contents) -> Contents:
 
 
 def is_text(lines: Sequence[str]) -> bool:
-    """Whether the columns are called as PicoScope calls them."""
+    """Return whether the columns are called as PicoScope calls them."""
     return bool(lines) and re.match(r"\"?Time\"?[,;\t] *\"?Channel [A-H]", lines[0]) is not None
 
 
 def read_text(lines: Sequence[str], path: Path) -> Contents:
-    """The table below names and units."""
+    """Return the table below names and units."""
     from jbw.measurement.files.csv import table
 
     return table(lines, path)

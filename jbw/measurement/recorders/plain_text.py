@@ -19,7 +19,7 @@ from jbw.measurement.recorders.recorder import Recorder
 
 
 def read(contents: Contents) -> Contents:
-    """The table as the reader found it."""
+    """Return the table as the reader found it."""
     return replace(contents)
 
 

@@ -81,12 +81,12 @@ def _clock(node: Any) -> Leaf | None:
 
 
 def is_of(contents: Contents) -> bool:
-    """Whether there is a table with names."""
+    """Return whether there is a table with names."""
     return contents.reader in ("HDF5", "npz") and bool(_tables(top(contents)))
 
 
 def read(contents: Contents) -> Contents:
-    """Every row or column of a named table as a channel of its name."""
+    """Return every row or column of a named table as a channel of its name."""
     root = top(contents)
     series: dict[str, Leaf] = {}
     for _, item, facts in _tables(top(contents)):
@@ -114,12 +114,12 @@ def read(contents: Contents) -> Contents:
 
 
 def is_labelled(contents: Contents) -> bool:
-    """Whether there is a coordinate of times."""
+    """Return whether there is a coordinate of times."""
     return contents.reader == "HDF5" and _clock(top(contents)) is not None
 
 
 def read_labelled(contents: Contents) -> Contents:
-    """Variables along a coordinate of times, which is the role `time` of all."""
+    """Return the variables along a coordinate of times, which is the role `time` of all."""
     clock = _clock(top(contents))
     if clock is None:
         return contents

@@ -32,7 +32,7 @@ def signals(contents: Contents) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def is_of(contents: Contents) -> bool:
-    """Whether there are such structs."""
+    """Return whether there are such structs."""
     return contents.reader.startswith("MATLAB") and any(True for _ in signals(contents))
 
 

@@ -17,7 +17,7 @@ from jbw.measurement.recorders.recorder import Recorder
 
 
 def read(contents: Contents) -> Contents:
-    """The channels as the reader found them."""
+    """Return the channels as the reader found them."""
     return replace(contents)
 
 

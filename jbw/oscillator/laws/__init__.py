@@ -67,7 +67,7 @@ FAMILIES: dict[str, Callable[[int], Kind]] = {"jenkins": jenkins}
 
 
 def is_law(kind: Any) -> bool:
-    """Whether this is a kind of law, a class."""
+    """Return whether this is a kind of law, a class."""
     return isinstance(kind, type) and issubclass(kind, Law)
 
 
@@ -91,7 +91,7 @@ def register(law: Kind) -> Kind:
 
 
 def law_named(name: str | Kind) -> Kind:
-    """The kind of law of a name, such as `bouc_wen` or `jenkins_3`; a law's class is itself.
+    """Return the kind of law of a name, such as `bouc_wen` or `jenkins_3`; a law's class is itself.
 
     Raises:
         ConfigError: There is no such law; with the nearest known name.
@@ -112,7 +112,7 @@ def law_named(name: str | Kind) -> Kind:
 
 
 def laws_named(names: Iterable[str | Kind]) -> tuple[Kind, ...]:
-    """The kinds of several laws that act in parallel.
+    """Return the kinds of several laws that act in parallel.
 
     Raises:
         ConfigError: One is unknown, one is there twice, or two share a parameter's name.
@@ -149,7 +149,7 @@ def same_by_construction(names: Iterable[str | Kind]) -> str | None:
 
 
 def quantities_of(laws: Iterable[str | Kind]) -> tuple[Quantity, ...]:
-    """The tables of several laws, one after the other."""
+    """Return the tables of several laws, one after the other."""
     return tuple(quantity for law in laws_named(laws) for quantity in law.table)
 
 

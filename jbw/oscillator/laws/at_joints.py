@@ -42,16 +42,16 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
 
         @classmethod
         def build(cls, theta: Mapping[str, Any]) -> Self:
-            """The law from a dictionary of its parameters at the joint."""
+            """Return the law from a dictionary of its parameters at the joint."""
             return _of_kind(cls, kind.build(plain(theta)))
 
         @classmethod
         def unnamed(cls, theta: Mapping[str, Any]) -> Law:
-            """The same as a law of its kind, which programs that step it share."""
+            """Return the same as a law of its kind, which programs that step it share."""
             return kind.build(plain(theta))
 
         def parameters(self) -> dict[str, Any]:
-            """Values of the parameters by their names at the joint."""
+            """Return the values of the parameters by their names at the joint."""
             plain_values = _of_kind(kind, self).parameters()
             return {name_at(name, joint): value for name, value in plain_values.items()}
 
@@ -62,7 +62,7 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
 
         @classmethod
         def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-            """A warning about the joint's bounds, or None."""
+            """Return a warning about the joint's bounds, or None."""
             return kind.caution(plain(bounds), y_peak)
 
         def powers_of_length(self) -> dict[str, Any]:
@@ -79,7 +79,7 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
 
 
 def _of_kind[Kind: Law](kind: type[Kind], law: Law) -> Kind:
-    """A law with the same numbers, of another class of the same fields."""
+    """Return a law with the same numbers, of another class of the same fields."""
     same = object.__new__(kind)
     for field in fields(law):
         object.__setattr__(same, field.name, getattr(law, field.name))
@@ -102,6 +102,6 @@ _PER_MASS = {
 
 
 def resolved(name: str, law_named: Callable[[str], type[Law]]) -> type[Law]:
-    """The kind of law of a name with joints in it."""
+    """Return the kind of law of a name with joints in it."""
     plain, joints = split(name)
     return law_at(law_named(plain), joints)

@@ -161,7 +161,7 @@ class BoucWenLaw(Law):
         return memory
 
     def rate(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
-        """Rate of Z [N/kg/s]."""
+        """Return the rate of Z [N/kg/s]."""
         return hysteresis_rate(self, v, memory)
 
     def move(self, y: Scalar, memory: Scalar, dy: Scalar) -> Scalar:
@@ -174,7 +174,7 @@ class BoucWenLaw(Law):
         return self.nu == 1.0
 
     def branch(self, v: Scalar, memory: Scalar) -> Scalar:
-        """The constant c of dZ/dy = alpha - c Z, gamma sgn(v) + delta sgn(Z) [1/m]."""
+        """Return the constant c of dZ/dy = alpha - c Z, gamma sgn(v) + delta sgn(Z) [1/m]."""
         return signed(self.gamma, v) + signed(self.delta, memory)
 
     def remainder(

@@ -108,13 +108,13 @@ class BoucWenNu(Law):
 
     @classmethod
     def of_bouc_wen(cls, alpha: Scalar, delta: Scalar, gamma: Scalar, nu: Scalar) -> "BoucWenNu":
-        """The law of Eq. (2)'s parameters; delta and gamma in kg^(nu-1)/(N^(nu-1) m)."""
+        """Return the law of Eq. (2)'s parameters; delta and gamma in kg^(nu-1)/(N^(nu-1) m)."""
         factor = power(alpha, nu - 1.0) * power(REFERENCE, nu)
         return cls(alpha, delta * factor, gamma * factor, nu)
 
     @classmethod
     def of_masing(cls, alpha: Scalar, loss: Scalar, exponent: Scalar) -> "BoucWenNu":
-        r"""The law that weak motion does not tell from a Masing law that softens by a power.
+        r"""Return the law that weak motion does not tell from a Masing law that softens by a power.
 
         $$\nu = q, \qquad \alpha d = \kappa\,C_s^M / C_s, \qquad
           \alpha g = \kappa\,C_d^M / C_d$$
@@ -142,7 +142,7 @@ class BoucWenNu(Law):
         return dict.fromkeys(names, -self.nu)
 
     def memory_unit(self, omega_n: Scalar) -> Scalar:
-        """A displacement times omega_n is a velocity."""
+        """Return a displacement times omega_n is a velocity."""
         return omega_n
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
@@ -155,15 +155,15 @@ class BoucWenNu(Law):
         return self.nu_stiffness * memory
 
     def rate(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
-        """Rate of w [m/s]."""
+        """Return the rate of w [m/s]."""
         return v * (1.0 - self._lost(v, memory))
 
     def move(self, y: Scalar, memory: Scalar, dy: Scalar) -> Scalar:
-        """The stretch after a monotone move of any length, by the way that it takes."""
+        """Return the stretch after a monotone move of any length, by the way that it takes."""
         return batched(stretch_path.moved, self, memory, dy)
 
     def follow(self, y: Scalar, memory: Scalar, dy: Scalar) -> Scalar:
-        """The stretch by eight short moves.
+        """Return the stretch by eight short moves.
 
         Of a record of 250 samples a cycle within 1e-6 of the largest stretch for nu >= 0.5, and
         2e-4 for nu = 0.1, whose force bends sharply at w = 0.
@@ -174,7 +174,7 @@ class BoucWenNu(Law):
         return memory
 
     def _factors(self) -> tuple[Array, Array]:
-        """Factors c of the way to w = 0 and of that away from it."""
+        """Return the factors c of the way to w = 0 and of that away from it."""
         less, more = self.nu_softening - self.nu_opening, self.nu_softening + self.nu_opening
         return jnp.asarray(less), jnp.asarray(more)
 
@@ -243,7 +243,7 @@ class BoucWenNu(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """Two short moves, and the impulse of the slope's jump, 2 alpha g |w|^nu."""
+        """Return two short moves, and the impulse of the slope's jump, 2 alpha g |w|^nu."""
         path = StepPath.through(ends, quartic)
         w_turn = self._stretched(memory, path.before)
         jump = self.nu_stiffness * (
@@ -255,7 +255,7 @@ class BoucWenNu(Law):
         return self._stretched(w_turn, path.after), impulse.v, impulse.y
 
     def shift(self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar) -> Scalar:
-        """The stretch along its tangent."""
+        """Return the stretch along its tangent."""
         return memory + (1.0 - self._lost(branch, memory)) * dy
 
     def missed(
@@ -281,7 +281,7 @@ class BoucWenNu(Law):
 
     # -- along a periodic motion -------------------------------------------------------------------
     def at_tip(self, y_peak: Scalar) -> Scalar:
-        """The stretch at y = Y on the steady loop."""
+        """Return the stretch at y = Y on the steady loop."""
         return batched(stretch_path.tip, self, y_peak)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
@@ -320,7 +320,7 @@ class BoucWenNu(Law):
 
 
 def _along(law: BoucWenNu, steps: Float[Array, " time"], w: Array) -> tuple[Array, Array]:
-    """The stretch at the end of moves from w, and after each of them."""
+    """Return the stretch at the end of moves from w, and after each of them."""
     # In long slip, a step between two angles passes the whole layer in which slip begins.
     most = jnp.max(jnp.abs(jnp.stack(law._factors())))
     longest = _SHORT * stretch_path.stretch_limit(most, law.nu)
@@ -334,7 +334,7 @@ def _along(law: BoucWenNu, steps: Float[Array, " time"], w: Array) -> tuple[Arra
 
 
 def _in_parts(operands: tuple[BoucWenNu, Scalar, Scalar]) -> Scalar:
-    """The stretch w after a move dy of any length along a period, by many short ones."""
+    """Return the stretch w after a move dy of any length along a period, by many short ones."""
     law, w, dy = operands
     part = dy / _MANY_PARTS
     return jax.lax.fori_loop(0, _MANY_PARTS, lambda _, at: law._stretched(at, part), w)

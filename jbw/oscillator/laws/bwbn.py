@@ -131,7 +131,7 @@ class BWBNPinching(Law):
         return Worn(0.0, 0.0)
 
     def memory_unit(self, omega_n: Scalar) -> Worn:
-        """A displacement times omega_n is a velocity; the energy is a number."""
+        """Return a displacement times omega_n is a velocity; the energy is a number."""
         return Worn(omega_n, 0.0)
 
     def force(self, y: Scalar, v: Scalar, memory: Worn) -> Scalar:
@@ -147,7 +147,7 @@ class BWBNPinching(Law):
         return 1.0, 1.0
 
     def slope(self, v: Scalar, memory: Worn) -> Scalar:
-        """Slope dz/dy in a direction of motion."""
+        """Return the slope dz/dy in a direction of motion."""
         w, n = memory[0] / self.bwbn_yield, self.bwbn_n
         nu, eta = self.degradation(memory[1])
         dissipating = signed(signed(self.bwbn_beta, v), w)
@@ -175,7 +175,7 @@ class BWBNPinching(Law):
         return self._in_parts(memory, dy, PARTS)
 
     def _in_parts(self, memory: Worn, dy: Scalar, parts: int) -> Worn:
-        """Memory after a short monotone move by Runge and Kutta's rule of order 4.
+        """Return the memory after a short monotone move by Runge and Kutta's rule of order 4.
 
         Stages stay within the largest stretch that the law reaches, so that moves much longer than
         the yield end in slip and not beyond.
@@ -220,7 +220,7 @@ class BWBNPinching(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Worn, ends: Ends, quartic: Scalar
     ) -> tuple[Worn, Scalar, Scalar]:
-        """Two short moves, and the impulse of the jump of the slope between them."""
+        """Return two short moves, and the impulse of the jump of the slope between them."""
         path = StepPath.through(ends, quartic)
         top = self._in_parts(memory, path.before, 1)
         jump = self.bwbn_stiffness * (self.slope(path.after, top) - self.slope(path.before, top))
@@ -230,12 +230,12 @@ class BWBNPinching(Law):
         return self._in_parts(top, path.after, 1), impulse.v, impulse.y
 
     def shift(self, y: Scalar, memory: Worn, dy: Scalar, branch: Scalar) -> Worn:
-        """The stretch along its tangent; the energy of the change is of second order."""
+        """Return the stretch along its tangent; the energy of the change is of second order."""
         return Worn(memory[0] + self.slope(branch, memory) * dy, memory[1])
 
     # -- before damage -----------------------------------------------------------------------------
     def undamaged(self) -> BoucWenNu:
-        """The law at e = 0, without pinching: Bouc-Wen's of the exponent n."""
+        """Return the law at e = 0, without pinching: Bouc-Wen's of the exponent n."""
         lost = power(REFERENCE / self.bwbn_yield, self.bwbn_n)
         softening, opening = (1.0 - self.bwbn_beta) * lost, self.bwbn_beta * lost
         return BoucWenNu(self.bwbn_stiffness, softening, opening, self.bwbn_n)
@@ -289,7 +289,7 @@ class BWBNPinching(Law):
         return 0.0, mass * self.bwbn_stiffness, self.bwbn_n, gamma, beta, 1.0
 
     def _yield_energy(self, mass: float) -> Scalar:
-        """Unit of the energy e, m alpha z_y^2 [J]."""
+        """Return the unit of the energy e, m alpha z_y^2 [J]."""
         return mass * self.bwbn_stiffness * self.bwbn_yield**2
 
 
@@ -335,7 +335,7 @@ class BWBN(BWBNPinching):
 
 
 def _moved(law: BWBNPinching, memory: Worn, dy: Scalar) -> Worn:
-    """Memory after a monotone move, by Dormand and Prince's rule of order 8."""
+    """Return the memory after a monotone move, by Dormand and Prince's rule of order 8."""
 
     def rate(part: Scalar, scaled: tuple[Scalar, Scalar], dy: Any) -> tuple[Scalar, Scalar]:
         by = law.rate(0.0, dy, Worn(law.bwbn_yield * scaled[0], scaled[1]))

@@ -72,7 +72,7 @@ class Benchmark(NamedTuple):
 
 
 def to_baber_noori(joint: Any, mass: float) -> BaberNoori:
-    r"""The joint as a Bouc-Wen-Baber-Noori oscillator.
+    r"""Return the joint as a Bouc-Wen-Baber-Noori oscillator.
 
     $$z = Z / \alpha: \quad k_0 = m\omega_n^2, \quad a = k / \omega_n^2, \quad
       \beta = \gamma\,\alpha^{\nu-1}, \quad \gamma_{BN} = \delta\,\alpha^{\nu-1}$$
@@ -91,7 +91,7 @@ def to_baber_noori(joint: Any, mass: float) -> BaberNoori:
 
 
 def to_benchmark(joint: Any, mass: float, beta: float = 1.0) -> Benchmark:
-    r"""The joint in the hysteretic benchmark's letters.
+    r"""Return the joint in the hysteretic benchmark's letters.
 
     $$z = m Z: \quad k = m (\omega_n^2 - \alpha), \quad \alpha_B = m\alpha, \quad
       \beta\gamma_B = \gamma\,m^{1-\nu}, \quad \beta\delta_B = \delta\,m^{1-\nu}$$
@@ -112,7 +112,7 @@ def to_benchmark(joint: Any, mass: float, beta: float = 1.0) -> Benchmark:
 
 
 def bouc_wen(stiffness: Scalar, n: Scalar, gamma: Scalar, beta: Scalar) -> Material:
-    r"""The hysteretic force alone in OpenSees [N], without the parallel spring and dashpot.
+    r"""Return the hysteretic force alone in OpenSees [N], without the parallel spring and dashpot.
 
     $$F = k_0 z, \qquad dz / dy = 1 - |z|^n\,(\gamma + \beta\,\mathrm{sgn}(z\,dy))$$
 
@@ -127,7 +127,7 @@ def bouc_wen(stiffness: Scalar, n: Scalar, gamma: Scalar, beta: Scalar) -> Mater
 
 
 def conversions(joint: Any, mass: float) -> dict[str, Conversion]:
-    """The joint in every convention of this file, by name."""
+    """Return the joint in every convention of this file, by name."""
     baber, benchmark = to_baber_noori(joint, mass), to_benchmark(joint, mass)
     # Of z as a displacement, and as a force; the exponent decides.
     n = baber.n

@@ -49,7 +49,7 @@ class QuadraticDamping(Damper):
         return {"quadratic_damping": (0.0, MOST_ADDED * 0.75 * np.pi / scales.y_peak)}
 
     def __call__(self, v: Scalar) -> Scalar:
-        """Force at the velocity v [N/kg]."""
+        """Return the force at the velocity v [N/kg]."""
         return self.c * v * jnp.abs(v)
 
     def bend(
@@ -117,7 +117,7 @@ class CubicDamping(Damper):
         return {"cubic_damping": (0.0, MOST_ADDED * 8 / 3 / (scales.y_peak**2 * scales.omega_n))}
 
     def __call__(self, v: Scalar) -> Scalar:
-        """Force at the velocity v [N/kg]."""
+        """Return the force at the velocity v [N/kg]."""
         return self.c * v**3
 
     def harmonics(

@@ -28,7 +28,7 @@ class Dashpot(Damper):
     c: Scalar
 
     def __call__(self, v: Scalar) -> Scalar:
-        """Force at the velocity v [N/kg]."""
+        """Return the force at the velocity v [N/kg]."""
         return self.c * v
 
     def harmonics(

@@ -126,7 +126,7 @@ class GapSeries(Law):
         return 1.0 / omega_n, omega_n
 
     def branch(self, v: Scalar, memory: Memory) -> Contact:
-        """Whether the element moves, and the constant c of dZ/dy = alpha - c Z."""
+        """Return whether the element moves, and the constant c of dZ/dy = alpha - c Z."""
         z, s = memory
         outward = (jnp.abs(s) >= self.gap) & (signed(s, v) > 0.0)
         c = signed(self.gap_opening, v) + signed(self.gap_softening, jnp.where(z == 0.0, v, z))
@@ -170,7 +170,7 @@ class GapSeries(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
-        r"""Two moves, and the impulses of the turning point, of releases and of contacts.
+        r"""Return two moves, and the impulses of the turning point, of releases and of contacts.
 
         With $c = \sigma(\gamma - \delta)$ at a release and $\sigma(\gamma + \delta)$ at a contact,
         whose jumps have the other sign,
@@ -247,7 +247,7 @@ class GapSeries(Law):
         return Loop(jnp.where(acts, real, 0.0), jnp.where(acts, damping, 0.0))
 
     def _falling(self, travel: Scalar, tip: Memory) -> Scalar:
-        """Force after some travels down from a tip [N/kg]."""
+        """Return the force after some travels down from a tip [N/kg]."""
         column = GapSeries(*(jnp.asarray(x)[..., None] for x in self.parameters().values()))
         return moved(column, tip, -travel).memory[0]
 

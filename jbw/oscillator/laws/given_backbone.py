@@ -48,7 +48,7 @@ class GivenBackbone(Masing):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """The curve to a few times; no stiffer than the structure's own stiffness."""
+        """Return the curve to a few times; no stiffer than the structure's own stiffness."""
         stiffest = scales.omega_n**2 / cls.at_zero
         return {
             cls.names()[0]: (SCALE[0] * min(1.0, stiffest), min(SCALE[1], stiffest)),
@@ -57,15 +57,15 @@ class GivenBackbone(Masing):
 
     @classmethod
     def build(cls, theta: Any) -> "GivenBackbone":
-        """The law of a dictionary of its two scales."""
+        """Return the law of a dictionary of its two scales."""
         return cls(*(theta[name] for name in cls.names()))
 
     def parameters(self) -> dict[str, Any]:
-        """The two scales by name."""
+        """Return the two scales by name."""
         return dict(zip(self.names(), (self.scale_force, self.scale_displacement), strict=True))
 
     def stiffness(self) -> Scalar:
-        """Slope of the curve at zero [1/s^2]."""
+        """Return the slope of the curve at zero [1/s^2]."""
         return self.at_zero * self.scale_force / self.scale_displacement
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
@@ -76,7 +76,7 @@ class GivenBackbone(Masing):
         return self.scale_force * lag, self.scale_force / self.scale_displacement * slope
 
     def lag_integral(self, x: Scalar) -> Scalar:
-        """Integral of the lag."""
+        """Return the integral of the lag."""
         c, t, before = self._piece(x)
         scaled_integral = before + t * (c[0] + t * (c[1] / 2.0 + t * (c[2] / 3.0 + t * c[3] / 4.0)))
         return self.scale_force * self.scale_displacement * scaled_integral
@@ -95,7 +95,7 @@ class GivenBackbone(Masing):
 
 
 def given_backbone(name: str, x: Sequence[float], force: Sequence[float]) -> type[GivenBackbone]:
-    r"""The kind of law of a given virgin curve; `register` makes it available to campaigns.
+    r"""Return the kind of law of a given virgin curve; `register` makes it available to campaigns.
 
     Args:
         name: Name of the law, such as `lap_joint`; its parameters are `NAME_force` and

@@ -53,7 +53,7 @@ class SteadyLoop(eqx.Module):
 def hysteresis_rate(
     joint: Hysteresis, v: Real[ArrayLike, "..."], z: Real[ArrayLike, "..."]
 ) -> Float[Array, "..."]:
-    r"""Rate of the hysteretic force, for every nu > 0.
+    r"""Return the rate of the hysteretic force, for every nu > 0.
 
     $$\dot Z = \alpha v - \gamma |v| |Z|^{\nu-1} Z - \delta v |Z|^\nu$$
 

@@ -63,7 +63,7 @@ class MasingPower(Masing):
         return secant * x, (1.0 + self.power_exponent) * secant
 
     def lag_integral(self, x: Scalar) -> Scalar:
-        """Integral of the lag."""
+        """Return the integral of the lag."""
         return self.lag(x)[0] * x / (2.0 + self.power_exponent)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
@@ -120,7 +120,7 @@ class Iwan4(Masing):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """A part of the stiffness, and what the power law loses of it."""
+        """Return a part of the stiffness, and what the power law loses of it."""
         share = FORCED_SHARE if scales.forced else SHARE
         low, high = MasingPower.prior(scales)["power_loss"]
         return {
@@ -132,14 +132,14 @@ class Iwan4(Masing):
 
     @classmethod
     def of_segalman(cls, k_t: Scalar, f_s: Scalar, chi: Scalar, beta: Scalar) -> "Iwan4":
-        """The law of Segalman's parameters: K_T [1/s^2], F_S [N/kg], chi and beta."""
+        """Return the law of Segalman's parameters: K_T [1/s^2], F_S [N/kg], chi and beta."""
         phi_max = f_s * (1.0 + beta) / (k_t * (beta + (chi + 1.0) / (chi + 2.0)))
         secant = k_t / ((1.0 + beta) * (2.0 + chi))
         return cls(k_t, secant * power(REFERENCE / phi_max, 1.0 + chi), chi, beta)
 
     @classmethod
     def of_density(cls, phi_max: Scalar, r: Scalar, s: Scalar, chi: Scalar) -> "Iwan4":
-        """The law of its density: phi_max [m], R [1/(m^(1+chi) s^2)], S [1/s^2] and chi."""
+        """Return the law of its density: phi_max [m], R [1/(m^(1+chi) s^2)], S [1/s^2] and chi."""
         spread = r * power(phi_max, 1.0 + chi) / (1.0 + chi)
         loss = r * power(REFERENCE, 1.0 + chi) / ((1.0 + chi) * (2.0 + chi))
         return cls(spread + s, loss, chi, s / spread)
@@ -208,7 +208,7 @@ class Iwan4(Masing):
         return lag, jnp.where(sticks, (2.0 + self.iwan_chi) * secant, self.iwan_stiffness)
 
     def lag_integral(self, x: Scalar) -> Scalar:
-        """Integral of the lag."""
+        """Return the integral of the lag."""
         phi_max = self.phi_max
         below = jnp.minimum(x, phi_max)
         slips = self.iwan_stiffness * (x + below) / 2.0 - self.f_s
@@ -263,7 +263,7 @@ class MasingExponential(Masing):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """A part of the stiffness; softening matters where b Y is of order one."""
+        """Return a part of the stiffness; softening matters where b Y is of order one."""
         share = FORCED_SHARE if scales.forced else SHARE
         low, high = (float(part * scales.omega_n**2) for part in share)
         return {
@@ -282,6 +282,6 @@ class MasingExponential(Masing):
         return alpha * x * s * exponential_remainder(2, s), alpha * s * exponential_remainder(1, s)
 
     def lag_integral(self, x: Scalar) -> Scalar:
-        """Integral of the lag, alpha x^2 s E_3(s)."""
+        """Return the integral of the lag, alpha x^2 s E_3(s)."""
         s = jnp.asarray(self.exponential_b * x, float)
         return self.exponential_alpha * x**2 * s * exponential_remainder(3, s)

@@ -110,7 +110,7 @@ class Iwan5(Law):
         return SliderStretches(stretch, direction)
 
     def virgin(self, x: Scalar) -> Scalar:
-        """Force of the first loading to a displacement x >= 0 [N/kg], in closed form."""
+        """Return the force of the first loading to a displacement x >= 0 [N/kg], in closed form."""
         most, theta = self.sticking.phi_max, self.iwan_theta
         q, last = jnp.minimum(x, most), self._lump * jnp.where(x < most, x, theta * most)
         return theta * self._first(q) + x * (self._spread - self._zeroth(q)) + last
@@ -133,7 +133,7 @@ class Iwan5(Law):
         return gone - stuck + never + self._lump * jnp.where(y_peak < most, y_peak - by, slid)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Equivalent stiffness and damping of the steady loop, from each slider's own.
+        r"""Return the equivalent stiffness and damping of the steady loop, from each slider's own.
 
         With r = phi/Y, and the angle of its drop $\cos c = 1 - (1 + \vartheta)\,r$, a slider of
         unit stiffness that slides has
@@ -179,7 +179,7 @@ class Iwan5(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: SliderStretches, ends: Ends, quartic: Scalar
     ) -> tuple[SliderStretches, Scalar, Scalar]:
-        """Every slider that slides sticks at the turning point."""
+        """Return every slider that slides sticks at the turning point."""
         path = StepPath.through(ends, quartic)
         at_turn = self.move(y, memory, path.before)
         regained = jnp.sum(self.array()[0] * jnp.abs(at_turn.slides))

@@ -40,7 +40,7 @@ _SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 def _table(count: int) -> tuple[Quantity, ...]:
-    """Parameters of `count` sliders, in the order of their slips."""
+    """Return the parameters of `count` sliders, in the order of their slips."""
     rows = []
     for i in range(1, count + 1):
         low, before = (f"{number}".translate(_SUBSCRIPT) for number in (i, i - 1))
@@ -60,7 +60,7 @@ def _slip(i: int) -> Quantity:
 
 
 def _slips(count: int) -> tuple[Monomial, ...]:
-    """The other sliders' slips, products of the first one and the ratios."""
+    """Return the other sliders' slips, products of the first one and the ratios."""
     return tuple(
         Monomial(_slip(i), {"slip_1": 1} | {f"slip_ratio_{j}": 1 for j in range(2, i + 1)})
         for i in range(2, count + 1)
@@ -104,7 +104,7 @@ class Jenkins(Law):
         return cls(tuple(theta[f"stiffness_{i}"] for i in range(1, len(phi) + 1)), tuple(phi))
 
     def parameters(self) -> dict[str, Any]:
-        """Values by name."""
+        """Return the values by name."""
         values: dict[str, Any] = {}
         for i, (alpha, phi) in enumerate(zip(self.alpha, self.phi, strict=True)):
             values[f"stiffness_{i + 1}"] = alpha
@@ -126,14 +126,14 @@ class Jenkins(Law):
 
     # -- motion ------------------------------------------------------------------------------------
     def thresholds(self) -> tuple[Threshold, ...]:
-        """The slips; sliders that never slip are one linear spring."""
+        """Return the slips; sliders that never slip are one linear spring."""
         return tuple(
             Threshold(f"slip of slider {i}", phi, messages.STUCK_SLIDER)
             for i, phi in enumerate(self.phi, 1)
         )
 
     def stiffness(self) -> Scalar:
-        """All sliders stuck [1/s^2]."""
+        """Return all sliders stuck [1/s^2]."""
         return sum(self.alpha)
 
     def at_rest(self) -> tuple[Scalar, ...]:
@@ -145,7 +145,7 @@ class Jenkins(Law):
         return sum(alpha * x for alpha, x in zip(self.alpha, memory, strict=True))
 
     def rate(self, y: Scalar, v: Scalar, memory: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-        """A spring stretches as y moves while its slider sticks."""
+        """Return a spring stretches as y moves while its slider sticks."""
         slips = self.branch(v, memory)
         return tuple(jnp.where(slip, 0.0, v) for slip in slips)
 
@@ -159,7 +159,7 @@ class Jenkins(Law):
         return of_opensees(*(Material("ElasticPP", (mass * k, slip)) for k, slip in pairs))
 
     def memory_unit(self, omega_n: Scalar) -> tuple[Scalar, ...]:
-        """A stretch times omega_n is a velocity."""
+        """Return a stretch times omega_n is a velocity."""
         return tuple(omega_n for _ in self.alpha)
 
     # -- through a time step -----------------------------------------------------------------------
@@ -184,7 +184,7 @@ class Jenkins(Law):
     def glide(
         self, y: Scalar, memory: tuple[Scalar, ...], dy: Scalar, branch: tuple
     ) -> tuple[tuple[Scalar, ...], Bool[Array, "..."]]:
-        """The exact move, and whether a slider began to slip."""
+        """Return the exact move, and whether a slider began to slip."""
         moved = self.move(y, memory, dy)
         after = self.branch(dy, moved)
         met = (now != was for now, was in zip(after, branch, strict=True))
@@ -193,7 +193,7 @@ class Jenkins(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: tuple[Scalar, ...], ends: Ends, quartic: Scalar
     ) -> tuple[tuple[Scalar, ...], Scalar, Scalar]:
-        """Every slider may begin to slip before the turning point and again after it."""
+        """Return every slider may begin to slip before the turning point and again after it."""
         path = StepPath.through(ends, quartic)
         start = jnp.where(ends[0] == 0.0, ends[1], ends[0])
         # All sliders at once: one by one they take several times as long to compile.
@@ -225,7 +225,7 @@ class Jenkins(Law):
         return tuple(jnp.where(slip, x, jnp.clip(x + dy, -phi, phi)) for x, phi, slip in triples)
 
     def _slipping(self, branch: tuple) -> Scalar:
-        """Stiffness of the sliders that slip [1/s^2]."""
+        """Return the stiffness of the sliders that slip [1/s^2]."""
         pairs = zip(self.alpha, branch, strict=True)
         return sum(jnp.where(slip, alpha, 0.0) for alpha, slip in pairs)
 
@@ -296,7 +296,7 @@ class Jenkins(Law):
 
 @cache
 def jenkins(count: int) -> type[Jenkins]:
-    """The kind of law with `count` sliders, `jenkins_3` in a campaign."""
+    """Return the kind of law with `count` sliders, `jenkins_3` in a campaign."""
     body = {
         "name": f"jenkins_{count}",
         "table": _table(count),

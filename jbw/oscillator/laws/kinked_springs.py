@@ -52,7 +52,7 @@ class KinkedSpring(Spring):
     """Base of the odd springs with corners, at which the time step and the quadrature are split."""
 
     def corners(self) -> tuple[Corner, ...]:
-        """The corners in falling order of their displacements."""
+        """Return the corners in falling order of their displacements."""
         raise NotImplementedError
 
     def even_part(self) -> None:
@@ -67,7 +67,7 @@ class KinkedSpring(Spring):
     def glide(
         self, y: Scalar, memory: tuple[()], dy: Scalar, branch: tuple[()]
     ) -> tuple[tuple[()], Bool[Array, "..."]]:
-        """Whether the step leads through a corner."""
+        """Return whether the step leads through a corner."""
         passed = ((y > corner.y) != (y + dy > corner.y) for corner in self.corners())
         return (), jnp.any(jnp.stack([jnp.asarray(crossed) for crossed in passed]), 0)
 
@@ -143,7 +143,7 @@ class Quadratic(KinkedSpring):
         return {"quadratic": (-most, most)}
 
     def __call__(self, y: Scalar) -> Scalar:
-        """Force at the displacement y [m]."""
+        """Return the force at the displacement y [m]."""
         return self.c * y * jnp.abs(y)
 
     def corners(self) -> tuple[Corner, ...]:
@@ -178,7 +178,7 @@ class Stop(KinkedSpring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """A share of the linear stiffness, of either sign; within what was moved."""
+        """Return a share of the linear stiffness, of either sign; within what was moved."""
         least, most = (share * scales.omega_n**2 for share in STOP_SHARE)
         near, far = (share * scales.y_peak for share in STOP_GAP)
         return {"stop_stiffness": (least, most), "stop_gap": (near, far)}
@@ -193,7 +193,7 @@ class Stop(KinkedSpring):
         return (Threshold("the stop", self.gap, "its stiffness"),)
 
     def __call__(self, y: Scalar) -> Scalar:
-        """Force at the displacement y [m]."""
+        """Return the force at the displacement y [m]."""
         return self.k * (y - jnp.clip(y, -self.gap, self.gap))
 
     def corners(self) -> tuple[Corner, ...]:

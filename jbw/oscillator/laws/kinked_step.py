@@ -54,7 +54,7 @@ class _Motion(NamedTuple):
 
 @jax.custom_jvp
 def kinked_step(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-    """Force z at the end of a step, and its kinks' impulses on v/h and y/h^2 [m/s^2].
+    """Return the force z at the end of a step, and its kinks' impulses on v/h and y/h^2 [m/s^2].
 
     Without the path's quartic term, (h d/dt)^4 y / 24 [m], the turning point would be of order 4
     only, and its derivatives, which move it within the step, of order 3.
@@ -78,7 +78,7 @@ def _kinked_step_jvp(primals, tangents):
 
 
 def _kinked(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Kinked:
-    """Values and derivatives; under jit only those that are used are computed."""
+    """Return the values and derivatives; under jit only those that are used are computed."""
     motion = _motion(law, z, ends, quartic)
     fraction_slopes, sharpness_slopes, by_path, by_quartic = _turn_slopes(motion, ends, quartic)
     z_1 = motion.moves.end
@@ -131,7 +131,7 @@ def _turn_slopes(
 
 
 def _along(moves: MoveSlopes, by_path: PathSlopes, by_quartic: Scalar) -> Slopes:
-    """Derivatives by the path instead of by the two moves along it."""
+    """Return the derivatives by the path instead of by the two moves along it."""
     delta, gamma, z, first, second = moves
     more = first - second
     start, end, rise = (more * x for x in by_path)

@@ -64,7 +64,7 @@ class LuGre(Law):
         return 0.0
 
     def rate(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
-        """Rate of the bristles' deflection [m/s]."""
+        """Return the rate of the bristles' deflection [m/s]."""
         falls = self.lugre_static - self.lugre_friction
         limit = self.lugre_friction + falls * jnp.exp(-((v / self.lugre_speed) ** 2))
         return v - self.lugre_stiffness * jnp.abs(v) / limit * memory

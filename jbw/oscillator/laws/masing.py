@@ -83,7 +83,7 @@ class Masing(Law):
         raise NotImplementedError
 
     def lag_integral(self, x: Scalar) -> Scalar:
-        """Integral of the lag from 0 to x [J/kg]."""
+        """Return the integral of the lag from 0 to x [J/kg]."""
         raise NotImplementedError
 
     def kink(self) -> Kink | None:
@@ -91,7 +91,7 @@ class Masing(Law):
         return None
 
     def backbone(self, x: Scalar) -> Scalar:
-        """Force on the virgin curve at x >= 0, F_b [N/kg]."""
+        """Return the force on the virgin curve at x >= 0, F_b [N/kg]."""
         return self.stiffness() * x - self.lag(x)[0]
 
     # -- motion ------------------------------------------------------------------------------------
@@ -100,7 +100,7 @@ class Masing(Law):
         return nothing_remembered(self.depth)
 
     def force(self, y: Scalar, v: Scalar, memory: Branch) -> Scalar:
-        """Force on the present branch [N/kg]."""
+        """Return the force on the present branch [N/kg]."""
         return memory.force
 
     def rate(self, y: Scalar, v: Scalar, memory: Branch) -> Branch:
@@ -111,11 +111,11 @@ class Masing(Law):
         return still._replace(force=slope * v)
 
     def move(self, y: Scalar, memory: Branch, dy: Scalar) -> Branch:
-        """Memory after a monotone move, exact through any number of closures."""
+        """Return the memory after a monotone move, exact through any number of closures."""
         return self._moved(y, memory, dy).end
 
     def refreshed(self, y: Scalar, memory: Branch) -> Branch:
-        """The branch and the force at y found anew from the reversals."""
+        """Return the branch and the force at y found anew from the reversals."""
         branch = branch_of(memory.sense, memory.stack)
         force, slope = self._on_branch(branch, y)
         moved = memory.stack.count > 0.5
@@ -129,7 +129,7 @@ class Masing(Law):
         return self.move(0.0 * y_peak, self.at_rest(), y_peak)
 
     def memory_unit(self, omega_n: Scalar) -> Branch:
-        """A force over omega_n and a displacement times omega_n are velocities."""
+        """Return a force over omega_n and a displacement times omega_n are velocities."""
         # Counters and dependent entries have a small weight; a power of two causes no rounding.
         small = 2.0**-10 + 0.0 * omega_n
         none = 0.0 * omega_n  # `missed` counts on
@@ -159,24 +159,24 @@ class Masing(Law):
         return memory.stack.y, memory.stack.f
 
     def with_columns(self, y: Scalar, memory: Branch, columns: tuple) -> Branch:
-        """The branch at y that other reversals leave."""
+        """Return the branch at y that other reversals leave."""
         stack = memory.stack._replace(y=columns[0], f=columns[1])
         return self.refreshed(y, memory._replace(stack=stack))
 
     def turned_or_closed(self, before: Branch, after: Branch) -> Bool[Array, "..."]:
-        """Whether a step has turned or closed a branch."""
+        """Return whether a step has turned or closed a branch."""
         closed = before.stack.count != after.stack.count
         return jnp.asarray((before.sense != after.sense) | closed)
 
     def _on_branch(self, memory: Branch, y: Scalar) -> tuple[Scalar, Scalar]:
-        """Force at y on the present branch, and its slope less that of rest."""
+        """Return the force at y on the present branch, and its slope less that of rest."""
         distance, stretched = memory.sense * (y - memory.y), memory.stretch > 1.5
         lag, slope = self.lag(jnp.maximum(distance, 0.0) * jnp.where(stretched, 0.5, 1.0))
         rest = self.stiffness() * distance - jnp.where(stretched, 2.0, 1.0) * lag
         return memory.f + memory.sense * rest, -slope
 
     def _moved(self, y: Scalar, memory: Branch, dy: Scalar) -> _Move:
-        """A monotone move."""
+        """Return a monotone move."""
         sense, stack = headed(memory.sense, memory.stack, y, memory.force, dy)
         begin = branch_of(sense, stack)._replace(force=memory.force)
         begin, stack = barrier((begin, stack))
@@ -212,7 +212,7 @@ class Masing(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Branch, ends: Ends, quartic: Scalar
     ) -> tuple[Branch, Scalar, Scalar]:
-        """Two moves, before and after the turning point, and the impulses of their kinks."""
+        """Return two moves, before and after the turning point, and the impulses of their kinks."""
         start, end, rise = ends
         # A start against the sense is a residue of the corrector: too short for a turn.
         strays = (memory.sense * start <= 0.0) & (start * end < 0.0)
@@ -228,7 +228,7 @@ class Masing(Law):
         return last, impulse_v, impulse_y
 
     def shift(self, y: Scalar, memory: Branch, dy: Scalar, branch: tuple) -> Branch:
-        """The force along its tangent."""
+        """Return the force along its tangent."""
         return memory._replace(force=memory.force + (self.stiffness() + memory.slope) * dy)
 
     def _kinks(self, y: Scalar, path: StepPath, first: _Move):

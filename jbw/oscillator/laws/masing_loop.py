@@ -28,7 +28,7 @@ _NODES, _NODES_PER_HARMONIC = 48, 2
 
 
 def steady_loop(law: Masing, y_peak: Scalar) -> tuple[Scalar, Scalar]:
-    """Equivalent stiffness and damping of one law; those of rest at Y = 0."""
+    """Return the equivalent stiffness and damping of one law; those of rest at Y = 0."""
     at_zero = y_peak == 0.0
     peak = jnp.where(at_zero, 1.0, y_peak)
     kink = law.kink()
@@ -60,7 +60,7 @@ def steady_harmonics(law: Masing, q: Complex[Array, " harmonic"]) -> Complex[Arr
 def steady_force(
     law: Masing, q: Complex[Array, " harmonic"], theta: Float[Array, " time"]
 ) -> Float[Array, " time"]:
-    """Force at angles of the period [N/kg]."""
+    """Return the force at angles of the period [N/kg]."""
     peak = synthesis(q, crest(q))
     side = jnp.where(synthesis(q, theta, 1) > 0.0, -1.0, 1.0)
     y = side * synthesis(q, theta)

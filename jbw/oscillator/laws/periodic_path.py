@@ -38,7 +38,7 @@ _NUM_PERIODICITY = 12
 
 
 def opening(y_peak: Scalar, delta: Scalar, gamma: Scalar) -> Float[Array, "..."]:
-    """Displacement at which z vanishes on unloading from `y_peak`, with gamma's sign."""
+    """Return the displacement at which z vanishes on unloading from `y_peak`, with gamma's sign."""
     sign = jnp.where(gamma < 0.0, -1.0, 1.0)
     d, g = delta * y_peak, sign * gamma * y_peak
     return sign * y_peak * opening_and_area(half_width(d, g), d + g, g)[0]  # pyright: ignore[reportArgumentType]
@@ -47,7 +47,7 @@ def opening(y_peak: Scalar, delta: Scalar, gamma: Scalar) -> Float[Array, "..."]
 def relaxed_force(
     q: Complex[Array, " harmonic"], delta: Scalar, gamma: Scalar, max_turns: int
 ) -> Complex[Array, " harmonic"]:
-    r"""Harmonics of what relaxation takes from the elastic force, r = z/alpha - y.
+    r"""Return the harmonics of what relaxation takes from the elastic force, r = z/alpha - y.
 
     $$r_n = \frac{2}{\pi}\int_{\theta_t}^{\theta_t+\pi} r\, e^{-jn\theta}\,d\theta, \qquad
       r = -(y_0 + \text{lag}) \text{ on unloading}$$
@@ -93,7 +93,7 @@ def force_over_period(
 def _folded_relaxed_force(
     q: Complex[Array, " harmonic"], delta: Scalar, gamma: Scalar, max_turns: int
 ) -> Complex[Array, " harmonic"]:
-    """The same with more turning points, by quadrature between them and the zeros of z."""
+    """Return the same with more turning points, by quadrature between them and the zeros of z."""
     num_harmonics = q.shape[0]
     law, turns, y_turn, z_turn = _turning_states(q, delta, gamma, max_turns)
     turns, zeros = stop_gradient((turns, _zeros(q, turns, y_turn, z_turn, law)))
@@ -115,7 +115,7 @@ def _folded_force_over_period(
     gamma: Scalar,
     max_turns: int,
 ) -> Float[Array, " time"]:
-    """The same with more turning points, from the last one on."""
+    """Return the same with more turning points, from the last one on."""
     law, turns, y_turn, z_turn = _turning_states(q, delta, gamma, max_turns)
     after = jnp.mod(theta - turns[0], 2.0 * jnp.pi)
     side = jnp.where(after >= jnp.pi, -1.0, 1.0)

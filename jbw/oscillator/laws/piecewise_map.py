@@ -67,7 +67,7 @@ def saturation_slope(x: Scalar) -> Scalar:
 
 
 def smooth_move(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> Scalar:
-    r"""Force z after a move dy along one branch, $|c\,dy| \le 1$.
+    r"""Return the force z after a move dy along one branch, $|c\,dy| \le 1$.
 
     $$z + (\alpha - c z)\,dy\,P(c\,dy)$$
     """
@@ -75,7 +75,7 @@ def smooth_move(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> Scalar:
 
 
 def segment(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> tuple[Scalar, Scalar]:
-    r"""Force z after a move dy along one branch, $|c\,dy| \le 4$, and $\phi$.
+    r"""Return the force z after a move dy along one branch, $|c\,dy| \le 4$, and $\phi$.
 
     $$z_1 = z + (\alpha - c z)\,\phi, \quad \phi = dy\,P(c\,dy), \qquad
       \partial_{dy} z_1 = \alpha - c z_1, \quad \partial_z z_1 = 1 - c\phi, \quad
@@ -87,7 +87,7 @@ def segment(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> tuple[Scalar, Sc
 
 @jax.custom_jvp
 def distance(c: Scalar, w: Scalar) -> Scalar:
-    r"""Distance d from z = 0 to $z = \alpha w$ along one branch, $|c d| \le 4$.
+    r"""Return the distance d from z = 0 to $z = \alpha w$ along one branch, $|c d| \le 4$.
 
     $$d = -\frac{\log(1 - c w)}{c}$$
 
@@ -114,7 +114,7 @@ def _distance_jvp(primals, tangents):
 
 
 def _total(out: Scalar, tangents: tuple, *partials: Callable[[], Scalar]) -> Scalar:
-    """Total derivative: only the partial derivatives that are needed are computed."""
+    """Return the total derivative: only the partial derivatives that are needed are computed."""
     terms = [
         barrier(derivative()) * tangent
         for derivative, tangent in zip(partials, tangents, strict=True)
@@ -182,7 +182,7 @@ class _Segments(NamedTuple):
 def two_moves(
     alpha: Scalar, delta: Scalar, gamma: Scalar, z: Scalar, moves: Pair, directions: Pair
 ) -> TwoMoves:
-    """Force z after each of two monotone moves, of which one may lead through z = 0."""
+    """Return the force z after each of two monotone moves, of which one may lead through z = 0."""
     segments = _segments(alpha, delta, gamma, z, moves, directions)
     a, b, c, early, late, past = segments
     length_a = jnp.where(early, past - moves[0], moves[0])
@@ -223,7 +223,7 @@ def two_moves(
 
 
 def _by_law(*terms: tuple[_Segment, Scalar]) -> Pair:
-    """Derivatives by delta and gamma from those by the constants c of the segments."""
+    """Return the derivatives by delta and gamma from those by the constants c of the segments."""
     by_delta = sum((part.delta_sign * by_c for part, by_c in terms), 0.0)
     by_gamma = sum((part.gamma_sign * by_c for part, by_c in terms), 0.0)
     return barrier((by_delta, by_gamma))

@@ -61,7 +61,7 @@ def phi(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, ".
 
 
 def psi(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
-    r"""Distance that relaxes to x, the inverse of `phi`.
+    r"""Return the distance that relaxes to x, the inverse of `phi`.
 
     $$\psi(c, x) = -\frac{\ln(1 - c x)}{c}, \qquad \psi(0, x) = x$$
     """
@@ -160,7 +160,7 @@ def _half_width_jvp(
 
 
 def _slope(x: Array, b: Array, g: Array) -> Array:
-    """Slope of x - 1 - opening(x)."""
+    """Return the slope of x - 1 - opening(x)."""
     relaxed = phi(b, x)
     return 1.0 - g * relaxed / (jnp.exp(-b * x) + 2.0 * g * relaxed)
 
@@ -171,7 +171,7 @@ def loop_harmonics(
     opening: Float[Array, "..."],
     area: Float[Array, "..."],
 ) -> tuple[Complex[Array, "..."], Complex[Array, "..."], Complex[Array, "..."]]:
-    r"""Harmonics 1, 3 and 5 of z/(alpha Y) for y = Y cos(theta).
+    r"""Return the harmonics 1, 3 and 5 of z/(alpha Y) for y = Y cos(theta).
 
     On unloading, 0 < theta < pi, z/(alpha Y) = cos(theta) - opening - lag. The first two terms are
     integrated by hand, so that the harmonics stay accurate where the lag is small; the imaginary

@@ -72,20 +72,20 @@ _OUT_OF_REACH = 1e3  # m
 
 
 def nothing_remembered(size: int = SIZE) -> Branch:
-    """An empty memory for `size` reversals."""
+    """Return an empty memory for `size` reversals."""
     none = (0.0,) * size
     return Branch(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, Stack(0.0, 0.0, 0.0, none, none))
 
 
 def with_room(memory: Branch, size: int) -> Branch:
-    """A memory for more reversals; those that were dropped are lost."""
+    """Return a memory for more reversals; those that were dropped are lost."""
     stack = memory.stack
     more = tuple(0.0 * stack.count for _ in range(size - len(stack.y)))
     return memory._replace(stack=stack._replace(y=(*stack.y, *more), f=(*stack.f, *more)))
 
 
 def branch_of(sense: Scalar, stack: Stack) -> Branch:
-    """The branch that follows from the reversals, before its force is computed."""
+    """Return the branch that follows from the reversals, before its force is computed."""
     none, last = 0.0 * stack.count, stack.count - 1.0
     behind = _closing_place(stack.y, stack.count)
     closure = jnp.where(stack.count > 1.5, behind, sense * _OUT_OF_REACH)
@@ -96,7 +96,7 @@ def branch_of(sense: Scalar, stack: Stack) -> Branch:
 
 
 def closes(sense: Scalar, y: Scalar, begin: Scalar, closure: Scalar) -> Bool[Array, "..."]:
-    """Whether a motion to y closes a branch."""
+    """Return whether a motion to y closes a branch."""
     rounding = _ROUNDING * (jnp.abs(y) + jnp.abs(begin))
     return jnp.asarray(sense * (y - closure) >= -rounding)
 

@@ -36,7 +36,7 @@ class Sliders(NamedTuple):
 
 
 def sliders_of(law: Masing, reach: float, count: int = COUNT) -> Sliders:
-    """The sliders that slip up to a displacement; what slips farther out is a spring.
+    """Return the sliders that slip up to a displacement; what slips farther out is a spring.
 
     Args:
         law: One law, its parameters scalars.

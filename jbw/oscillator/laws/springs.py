@@ -28,7 +28,7 @@ class Spring(Law):
     """Base of the springs: a law without memory, which may be called with the displacement."""
 
     def __call__(self, y: Scalar) -> Scalar:
-        """Force at the displacement y [m]."""
+        """Return the force at the displacement y [m]."""
         raise NotImplementedError
 
     def stiffness(self) -> Scalar:
@@ -38,7 +38,7 @@ class Spring(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: tuple[()], branch: tuple[()]
     ) -> tuple[Scalar, Scalar]:
-        """The force f(y), and h times its rate f'(y) v."""
+        """Return the force f(y), and h times its rate f'(y) v."""
         return barrier(jax.jvp(self, (y,), (h * v,)))
 
     def harmonics(
@@ -54,7 +54,7 @@ class Spring(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """The force of the displacement there."""
+        """Return the force of the displacement there."""
         return self(synthesis(q, theta))  # pyright: ignore[reportReturnType]
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
@@ -68,7 +68,7 @@ class Spring(Law):
         return Loop(stiffness, jnp.zeros_like(stiffness))
 
     def force(self, y: Scalar, v: Scalar, memory: tuple[()]) -> Scalar:
-        """Force at the displacement y [N/kg]."""
+        """Return the force at the displacement y [N/kg]."""
         return self(y)
 
     def check_periodic(self) -> None:
@@ -128,7 +128,7 @@ class Cubic(Spring):
         return {"cubic": (-most, most)}
 
     def __call__(self, y: Scalar) -> Scalar:
-        """Force at the displacement y [m]."""
+        """Return the force at the displacement y [m]."""
         return self.lambda_3 * y**3
 
     def even_part(self) -> None:
@@ -157,7 +157,7 @@ class Quintic(Spring):
         return {"quintic": (-most, most)}
 
     def __call__(self, y: Scalar) -> Scalar:
-        """Force at the displacement y [m]."""
+        """Return the force at the displacement y [m]."""
         return self.k_5 * y**5
 
     def even_part(self) -> None:
@@ -191,7 +191,7 @@ class Square(Spring):
         return {"square": (-most, most)}
 
     def __call__(self, y: Scalar) -> Scalar:
-        """Force at the displacement y [m]."""
+        """Return the force at the displacement y [m]."""
         return self.k_2 * y**2
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
@@ -206,7 +206,7 @@ class Square(Spring):
         return 0.0 * q
 
     def even_part(self) -> str:
-        """All of it."""
+        """Return all of it."""
         return messages.EVEN_SQUARE
 
 
@@ -233,12 +233,12 @@ class Polynomial(Spring):
     coefficients: tuple[Scalar | None, ...] = eqx.field(converter=tuple)
 
     def parameters(self) -> dict[str, Any]:
-        """Values by name, c_2, c_3, ... of the powers that are there."""
+        """Return the values by name, c_2, c_3, ... of the powers that are there."""
         terms = enumerate(self.coefficients, start=2)
         return {f"c_{n}": c for n, c in terms if c is not None}
 
     def __call__(self, y: Scalar) -> Scalar:
-        """Force at the displacement y [m]."""
+        """Return the force at the displacement y [m]."""
         terms = enumerate(self.coefficients, start=2)
         return sum((c * y**n for n, c in terms if c is not None), 0.0 * y)
 
@@ -266,10 +266,10 @@ class Callable(Spring):
     function: Restoring
 
     def __call__(self, y: Scalar) -> Scalar:
-        """Force at the displacement y [m]."""
+        """Return the force at the displacement y [m]."""
         return self.function(y)
 
 
 def as_law(force: Restoring) -> Spring:
-    """A restoring force as a law: itself where it is one."""
+    """Return a restoring force as a law: itself where it is one."""
     return force if hasattr(force, "stiffness") else Callable(force)  # pyright: ignore

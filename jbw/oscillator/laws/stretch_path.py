@@ -76,14 +76,14 @@ def _lag(c: Scalar, w: Scalar, nu: Scalar, m: int = 0, gap: Scalar | None = None
 
 
 def stretch_limit(c: Scalar, nu: Scalar) -> Scalar:
-    """The stretch at which 1 - c |w|^nu vanishes, that nothing passes."""
+    """Return the stretch at which 1 - c |w|^nu vanishes, that nothing passes."""
     bounded = c > 0.0
     most = power(1.0 / jnp.where(bounded, c, 1.0), 1.0 / nu)
     return jnp.where(bounded, REFERENCE * most, jnp.inf)
 
 
 def _gap(q: Scalar, c: Scalar, nu: Scalar, most: Scalar) -> Scalar:
-    r"""How far a stretch $w = L_m (1 - e^{-q})$ is from the limit L of c, over L.
+    r"""Return how far a stretch $w = L_m (1 - e^{-q})$ is from the limit L of c, over L.
 
     $$1 - w/L = (1 - L_m/L) + e^{-q} L_m/L$$
 
@@ -146,7 +146,7 @@ def moved(law: StretchLaw, memory: Scalar, dy: Scalar) -> Scalar:
 
 
 def _slope(q: Scalar, c: Scalar, nu: Scalar, most: Scalar, scale: Scalar) -> Scalar:
-    """Derivative of the way by q, finite however near the limit."""
+    """Return the derivative of the way by q, finite however near the limit."""
     gap = jnp.maximum(_gap(q, c, nu, most), 1e-300)
     lost = c * power(-scale * jnp.expm1(-q) / REFERENCE, nu)
     near = gap < _POLE
@@ -179,7 +179,7 @@ def tip(law: StretchLaw, y_peak: Scalar) -> Scalar:
 
 
 def loop(law: StretchLaw, y_peak: Scalar) -> tuple[Scalar, Scalar]:
-    r"""Equivalent stiffness and damping of one law; those of rest at Y = 0.
+    r"""Return the equivalent stiffness and damping of one law; those of rest at Y = 0.
 
     $$\mathrm{Re}\,\kappa = \frac{2\alpha}{\pi Y}
       \int_{-w_m}^{w_m} \sqrt{1 - (y(w)/Y)^2}\,dw, \qquad

@@ -78,7 +78,7 @@ def _march(stepping: ModalStepping, initial: ModalState) -> Trajectory:
 
 
 def _no_kicks(step: ModalStep, state: ModalState) -> tuple:
-    """The kicks before the first step."""
+    """Return the kicks before the first step."""
     none = jnp.zeros_like(state[0][0])
     return tuple((none, none) for _ in step.joints)
 
@@ -143,7 +143,7 @@ class JointSlopes(NamedTuple):
 
 
 def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, Any, Any]:
-    """The derivatives of every joint's steps, and what constants and input add to the modes.
+    """Return the derivatives of every joint's steps, and what constants and input add to the modes.
 
     Of many steps, along the first axis of all but the constants.
     """
@@ -233,7 +233,7 @@ def _half_bend(kernel: JointKernel, at: tuple) -> tuple[Scalar, ...]:
 
 
 def _passing(kernel: JointKernel, bends: tuple, at: tuple) -> tuple[Passed, End]:
-    """A joint's step before the correction of its x, by x, v, memories and path.
+    """Return a joint's step before the correction of its x, by x, v, memories and path.
 
     Where the joint turns, the bends of the others add to x and v at the end of the path, and to the
     shift; derivatives by them follow from those by the path.
@@ -245,7 +245,7 @@ def _passing(kernel: JointKernel, bends: tuple, at: tuple) -> tuple[Passed, End]
 def _sloped(
     function: Callable[..., Any], kernel: JointKernel, kernel_dot: JointKernel, at: Any
 ) -> tuple[Any, StepSlopes]:
-    """A part of a joint's step, and its derivatives."""
+    """Return a part of a joint's step, and its derivatives."""
     value, by_at = jax.linearize(lambda at: function(kernel, at), at)
     _, offset = jax.jvp(lambda kernel: function(kernel, at), (kernel,), (kernel_dot,))
     return value, StepSlopes(tuple(tuple(by_at(way)) for way in _ways(at)), tuple(offset))
@@ -254,7 +254,7 @@ def _sloped(
 def _passing_slopes(
     kernel: JointKernel, kernel_dot: JointKernel, at: tuple, bends: tuple
 ) -> tuple[Passed, End, StepSlopes]:
-    """A joint after its kernel, its end, and the derivatives of both."""
+    """Return a joint after its kernel, its end, and the derivatives of both."""
     (passed, end), by_at = jax.linearize(partial(_passing, kernel, bends), at)
     _, offset = jax.jvp(lambda kernel: _passing(kernel, bends, at), (kernel,), (kernel_dot,))
     return passed, end, StepSlopes(tuple(by_at(way) for way in _ways(at)), offset)
@@ -282,7 +282,7 @@ def _moved_slopes(
 
 
 def _ways(at: Any) -> list[Any]:
-    """One unit change of each number of an argument, with the others at rest."""
+    """Return one unit change of each number of an argument, with the others at rest."""
     leaves, tree = jax.tree.flatten(at)
     none, unit = jnp.zeros_like(leaves[0]), jnp.ones_like(leaves[0])
     size = range(len(leaves))
@@ -290,7 +290,7 @@ def _ways(at: Any) -> list[Any]:
 
 
 def _recurrence(step: ModalStep, state_dot, inputs):
-    """One step of the tangent recurrence: linear parts, and the columns of every joint."""
+    """Return one step of the tangent recurrence: linear parts, and the columns of every joint."""
     slopes, (rise_by, gain_by, seen_by), post = inputs
     (q, v, memories), _ = state_dot
     none = tuple(jnp.zeros_like(part) for part in q)

@@ -46,7 +46,7 @@ def held_numbers(
     b: Float[np.ndarray, " mode"],
     c: Mapping[str, Float[np.ndarray, " mode"]],
 ) -> dict[str, float]:
-    """Numbers of a reduced model by name, modes that tests drive first.
+    """Return the numbers of a reduced model by name, modes that tests drive first.
 
     Args:
         omega: Natural frequencies [rad/s].
@@ -88,7 +88,7 @@ def motion_in(theta: Mapping[str, Any], mode: int, joint: str) -> Any:
 
 
 def is_assembled(names: Any) -> bool:
-    """Whether names of parameters have the numbers of a reduced model beside them."""
+    """Return whether names of parameters have the numbers of a reduced model beside them."""
     return FIRST_PUSH in names
 
 
@@ -98,7 +98,7 @@ def num_modes(theta: Mapping[str, Any]) -> int:
 
 
 def rows(theta: Mapping[str, Any], names: Sequence[str]) -> Float[Array, " mode"]:
-    """Numbers of all modes by their names."""
+    """Return the numbers of all modes by their names."""
     return _stacked([theta[name] for name in names])
 
 
@@ -111,7 +111,7 @@ def assembled_structure(
     laws: tuple[str, ...],
     driven: Sequence[tuple[str, ...]],
 ) -> Structure:
-    """The structure of a dictionary of parameters.
+    """Return the structure of a dictionary of parameters.
 
     Args:
         theta: The parameters.
@@ -143,7 +143,7 @@ def seen_by(theta: Mapping[str, Any]) -> Float[Array, "point mode"]:
 
 
 def laws_at(theta: Mapping[str, Any], laws: tuple[str, ...], joint: str) -> tuple[Law, ...]:
-    """The laws of one joint."""
+    """Return the laws of one joint."""
     kinds: Any = laws_named(laws)
     return tuple(
         kind.unnamed(theta)
@@ -153,7 +153,7 @@ def laws_at(theta: Mapping[str, Any], laws: tuple[str, ...], joint: str) -> tupl
 
 
 def joints_in(theta: Mapping[str, Any]) -> tuple[str, ...]:
-    """Labels of all joints of a dictionary of parameters, with laws or without."""
+    """Return the labels of all joints of a dictionary of parameters, with laws or without."""
     stem = motion_name(1, "")
     return tuple(name.removeprefix(stem) for name in theta if name.startswith(stem))
 

@@ -161,7 +161,7 @@ def _require_mode(structure: Structure, mode: int, is_one_joint: bool) -> None:
 def _backbone(
     structure: Structure, mode: Mode, amplitude: Array, options: BackboneOptions
 ) -> tuple[ModalBackbone, Array]:
-    """The backbone at every amplitude, and whether it was found."""
+    """Return the backbone at every amplitude, and whether it was found."""
     flat = amplitude.ravel()
     order = jnp.argsort(flat)
     points, good = _followed(options, mode, structure, flat[order])
@@ -302,7 +302,7 @@ class BackboneMotion(NamedTuple):
 def _motion(
     options: BackboneOptions, mode: Mode, structure: Structure, point: Point, amplitude: Scalar
 ) -> BackboneMotion:
-    """Frequency, damping, joints and modes of a point."""
+    """Return the frequency, damping, joints and modes of a point."""
     units = _units(options, mode, structure)
     omega_m = structure.omega_n[mode]  # pyright: ignore[reportIndexIssue]
     omega, zeta = point[0] * omega_m, point[1]
@@ -336,7 +336,7 @@ def _imbalance(
 def _backbone_point(
     options: BackboneOptions, mode: Mode, structure: Structure, point: Point, amplitude: Array
 ) -> tuple[ModalBackbone, Array]:
-    r"""A point of the backbone, and how often the joint turns that turns most often.
+    r"""Return a point of the backbone, and how often the joint turns that turns most often.
 
     A joint loses $\pi \sum_n n\,\mathrm{Im}(r_n \bar X_n)$ a cycle.
     """

@@ -42,7 +42,7 @@ class StructureHarmonics(eqx.Module):
 
 
 def of_one_joint(harmonics: StructureHarmonics) -> StructureHarmonics:
-    """The same without the axis of joints."""
+    """Return the same without the axis of joints."""
     return replace(harmonics, x=harmonics.x[..., 0, :])
 
 
@@ -59,7 +59,7 @@ def dynamic_stiffness(
 def joint_forces(
     laws: tuple, omega: Scalar, x: Complex[Array, "joint harmonic"], max_turns: int
 ) -> Complex[Array, "joint harmonic"]:
-    """Harmonics r_n of the remainders of every joint's laws along its motion.
+    """Return the harmonics r_n of the remainders of every joint's laws along its motion.
 
     Joints whose laws are of the same kinds are worked out side by side, by one program.
     """
@@ -107,7 +107,7 @@ def _law_harmonics_jvp(max_turns: int, primals: tuple, tangents: tuple) -> tuple
 
 
 def _joint_force(laws: tuple, x: Array, omega: Scalar, max_turns: int) -> Array:
-    """Harmonics of the remainders of one joint's laws."""
+    """Return the harmonics of the remainders of one joint's laws."""
     parts = [
         law.harmonics(x, max_turns, omega) if law.feels_rate else law_harmonics(law, x, max_turns)
         for law in laws
@@ -122,7 +122,7 @@ def modal_imbalance(
     load: Any,
     max_turns: int,
 ) -> Complex[Array, "joint harmonic"]:
-    """Residual of the condensed balance at a motion of the joints."""
+    """Return the residual of the condensed balance at a motion of the joints."""
     return x - structure.h @ _coordinates(structure, omega, x, load, max_turns)  # pyright: ignore
 
 
@@ -176,7 +176,7 @@ def modes_of(
     x: Complex[Array, "joint harmonic"],
     max_turns: int,
 ) -> StructureHarmonics:
-    """Joints, modes and outputs of a motion of the joints."""
+    """Return the joints, modes and outputs of a motion of the joints."""
     load = amplitude * (orders(x.shape[-1]) == 1)
     q = _coordinates(structure, omega, x, load, max_turns)
     return StructureHarmonics(x, q, structure.c @ q)  # pyright: ignore

@@ -56,7 +56,7 @@ def model_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Oscillator | St
 
 
 def has_further_modes(names: Any) -> bool:
-    """Whether names of parameters include those of a second mode, or of several joints."""
+    """Return whether names of parameters include those of a second mode, or of several joints."""
     at_joints = any(AT in str(name) for name in names)  # draws lack what is held
     return NAMES[0].omega in names or is_assembled(names) or at_joints
 
@@ -92,7 +92,7 @@ def own_name(name: str, mode: int) -> str:
 
 
 def own_quantities(laws: tuple[str, ...], num_modes: int = 1 + len(MODES)) -> list[Quantity]:
-    """Parameters of the laws that further modes have where they do not meet."""
+    """Return the parameters of the laws that further modes have where they do not meet."""
     return [
         quantity._replace(
             name=own_name(quantity.name, mode), symbol=f"{quantity.symbol}({mode})",
@@ -130,7 +130,7 @@ def seen_by_points(theta: Mapping[str, Any], num_modes: int) -> Float[Array, "po
 
 
 def at_points(theta: Mapping[str, Any], structure: Structure) -> Structure:
-    """The structure with an output for every point."""
+    """Return the structure with an output for every point."""
     if is_assembled(theta):
         return replace(structure, c=seen_by(theta))
     return replace(structure, c=seen_by_points(theta, jnp.size(structure.omega_n)))

@@ -93,7 +93,7 @@ class ModalOptions(NamedTuple):
 def simulate_structure(
     structure: Structure, u: Any, fs: Scalar, initial: tuple, options: ModalOptions
 ) -> StructureResponse:
-    """Response of a structure; `jbw.simulate` documents its arguments."""
+    """Return the response of a structure; `jbw.simulate` documents its arguments."""
     substeps, num_samples = options.substeps, options.num_samples
     check_options(fs, options.hold, substeps, num_samples, callable(u))  # pyright: ignore[reportArgumentType]
     stated_structure, structure = structure, admitted(structure)
@@ -133,7 +133,7 @@ def simulate_structure(
 def _simulate_lanes(
     options: ModalOptions, structure: Structure, u: Any, fs: Scalar, initial: ModalState
 ) -> StructureResponse:
-    """Response to every record of a batch of inputs."""
+    """Return the response to every record of a batch of inputs."""
     if not callable(u):
         u = held(u, options.hold, periodic=options.periodic)
     if callable(u) or not u.gain.shape:
@@ -147,7 +147,7 @@ def _simulate_lanes(
 
 
 def _per_mode(part: Any, structure: Structure) -> tuple[Array, ...]:
-    """A start of every mode; one number is that of each."""
+    """Return a start of every mode; one number is that of each."""
     num = jnp.shape(structure.omega_n)
     part = jnp.asarray(part, float)
     if part.ndim and part.shape != num:
@@ -160,7 +160,7 @@ def _per_mode(part: Any, structure: Structure) -> tuple[Array, ...]:
 def _simulate(
     options: ModalOptions, structure: Structure, u: Any, fs: Scalar, initial: ModalState
 ) -> StructureResponse:
-    """One structure under one input."""
+    """Return one structure under one input."""
     is_one_joint = jnp.ndim(structure.h) == 1
     if is_one_joint:
         structure, initial = by_joint(structure), (*initial[:2], (initial[2],))
@@ -200,14 +200,14 @@ class _Solved(NamedTuple):
 
 
 def _stepped(options: ModalOptions, steps: ModalStepping, initial: ModalState) -> _Solved:
-    """A motion by our own step."""
+    """Return a motion by our own step."""
     states, kicks = modal_solve(steps, initial)
     samples = jax.tree.map(lambda x: x[:: options.substeps], states)
     return _Solved(samples, lambda structure: work_of_joints(structure, steps, states, kicks))
 
 
 def _response_of(structure, t, u, states, residual, work) -> StructureResponse:
-    """Motion of the modes, the joints and the outputs along a trajectory."""
+    """Return the motion of the modes, the joints and the outputs along a trajectory."""
     q, dq, memories = jnp.stack(states[0]), jnp.stack(states[1]), states[2]
     x, v = structure.h @ q, structure.h @ dq
     z, r, guesses = [], [], jnp.zeros(())
@@ -247,7 +247,7 @@ def oscillate_modes(structure: Structure, u: Scalar, state: Any) -> Any:
 def _stock(
     options: ModalOptions, structure: Structure, u: Callable, fs: Scalar, initial: ModalState
 ) -> _Solved:
-    """A motion by a stock solver; a periodic one goes on to the next period's start."""
+    """Return a motion by a stock solver; a periodic one goes on to the next period's start."""
     num = (options.num_samples or 0) + options.periodic
     scheme = StockScheme(options.solver, options.controller, options.substeps)
     start = initial, tuple(jnp.zeros(()) for _ in structure.laws)

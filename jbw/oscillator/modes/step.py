@@ -281,7 +281,7 @@ def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array]
 def modal_advance(
     step: ModalStep, state: ModalState, push: ModalPush
 ) -> tuple[ModalState, tuple[tuple[Scalar, Scalar], ...]]:
-    """One step of all modes and joints, and every joint's kicks on y and on v."""
+    """Return one step of all modes and joints, and every joint's kicks on y and on v."""
     q, v, memories = state
     change = freely(step, (q, v), push)
     seen = seen_by_joints(step, (q, v), change, push[2])
@@ -319,7 +319,7 @@ def freely(step: ModalStep, motion: ModalMotion, push: ModalPush) -> ModalMotion
 def seen_by_joints(
     step: ModalStep, motion: ModalMotion, change: ModalMotion, u: Scalar
 ) -> tuple[FreeMotion, ...]:
-    """Motion of every joint by the modes alone, which change so freely: five scalars."""
+    """Return the motion of every joint by the modes alone, which change so freely: five scalars."""
     q, v = motion
     pulls = tuple(
         m.damping * dy + m.stiffness * y for m, y, dy in zip(step.modes, q, v, strict=True)
@@ -356,19 +356,19 @@ def bent(joint: JointStep, half_bends: Sequence[Scalar]) -> tuple[Scalar, ...]:
 
 
 def all_bent(step: ModalStep, half_bends: tuple[Scalar, ...]) -> tuple[tuple[Scalar, ...], ...]:
-    """The same of every joint; linear in the bends."""
+    """Return the same of every joint; linear in the bends."""
     return tuple(bent(joint, _without(joint.place, half_bends)) for joint in step.joints)
 
 
 def _without(place: int, values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """All values but the one at a place."""
+    """Return all values but the one at a place."""
     return values[:place] + values[place + 1 :]
 
 
 def predicted(
     step: ModalStep, seen: Sequence[FreeMotion], starts: Sequence[Remainder]
 ) -> tuple[Path, ...]:
-    """Every joint's path by r and h r' of all joints; linear in both arguments."""
+    """Return every joint's path by r and h r' of all joints; linear in both arguments."""
 
     def path(joint: JointStep, at: FreeMotion) -> Path:
         pairs = list(zip(joint.by, starts, strict=True))
@@ -387,7 +387,7 @@ def _less(total: Scalar, *parts: Any) -> Scalar:
 def pass_where_met(
     joint: JointStep, at: Begun, path: Path, others: tuple[tuple[Begun, Scalar], ...]
 ) -> tuple[Passed, End]:
-    """A joint along its path: `jbw.oscillator.step.advance` without the motion of the modes.
+    """Return a joint along its path: `jbw.oscillator.step.advance` without the motion of the modes.
 
     Kinks are gone through where the joint meets one. The others are the other joints at the start
     and their accelerations there.
@@ -407,7 +407,7 @@ def pass_where_met(
 
 
 def pass_always(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[Passed, End]:
-    """The same through kinks in every step, as derivatives of many steps at once take it.
+    """Return the same through kinks in every step, as derivatives of many steps at once take it.
 
     `bends` are what half of h^2 r'' of the other joints does to this one's x and v.
     """
@@ -468,7 +468,7 @@ def driven(
     starts: Sequence[Remainder],
     passed: Sequence[Passed],
 ) -> ModalMotion:
-    """The modes at the end of the step: their free change, and the joints' forces."""
+    """Return the modes at the end of the step: their free change, and the joints' forces."""
     (q, v), (rise, gain) = motion, change
     forces = [
         (start.r, start.rate, end.r_1 - start.r, end.rate_1)

@@ -89,7 +89,7 @@ class Structure(eqx.Module):
 
 
 def by_joint(structure: Structure) -> Structure:
-    """An admitted structure with an axis of joints: h (joint, mode), p (mode, joint)."""
+    """Return an admitted structure with an axis of joints: h (joint, mode), p (mode, joint)."""
     if jnp.ndim(structure.h) == 2:
         return structure
     h, p = jnp.asarray(structure.h), jnp.asarray(structure.p)
@@ -97,7 +97,7 @@ def by_joint(structure: Structure) -> Structure:
 
 
 def map_joint_laws(function: Callable[..., Any], laws: Laws, *of_joints: Any) -> Laws:
-    """The function of every law and of its joint's entries of others."""
+    """Return the function of every law and of its joint's entries of others."""
     return tuple(
         tuple(function(law, *entries) for law in of_joint)  # pyright: ignore[reportGeneralTypeIssues]
         for of_joint, *entries in zip(laws, *of_joints, strict=True)
@@ -127,7 +127,7 @@ class Commensurate(NamedTuple):
 
 
 def admitted(structure: Structure) -> Structure:
-    """The structure with an array for every number; raises where it is invalid.
+    """Return the structure with an array for every number; raises where it is invalid.
 
     Raises:
         ConfigError: Shapes differ, or nothing of the modes reaches a joint.

@@ -277,7 +277,7 @@ def tone_at_phase(
     num_harmonics: int = NUM_HARMONICS,
     num_steps: int = NUM_STEPS,
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    r"""Frequency [rad/s] and force amplitude [N/kg] that hold an amplitude at a phase.
+    r"""Return the frequency [rad/s] and force amplitude [N/kg] that hold an amplitude at a phase.
 
     For y = Y cos(theta), of stiffness K and damping C at amplitude Y, the first harmonic is
 
@@ -328,5 +328,5 @@ def _imbalance(
 
 
 def _split(values: Complex[Array, " harmonic"]) -> Float[Array, " part"]:
-    """Real parts, then imaginary parts."""
+    """Return the real parts, then imaginary parts."""
     return jnp.concatenate([values.real, values.imag])

@@ -35,12 +35,12 @@ _LEAST_LOAD_STEP = 1e-3
 
 
 def pack(q: Complex[Array, "*joint harmonic"]) -> Packed:
-    """Real and imaginary parts of complex amplitudes."""
+    """Return the real and imaginary parts of complex amplitudes."""
     return jnp.stack([q.real, q.imag])
 
 
 def unpack(packed: Packed) -> Complex[Array, "*joint harmonic"]:
-    """Complex amplitudes from their real and imaginary parts."""
+    """Return the complex amplitudes from their real and imaginary parts."""
     return jax.lax.complex(packed[0], packed[1])
 
 
@@ -64,7 +64,7 @@ def imbalance(
     load: Shaped[ArrayLike, " harmonic"],
     max_turns: int = 2,
 ) -> Complex[Array, " harmonic"]:
-    r"""Residual of the harmonic balance at a motion, harmonic by harmonic, in any units.
+    r"""Return the residual of the harmonic balance at a motion, harmonic by harmonic, in any units.
 
     $$R_n = (\omega_n^2 - n^2\omega^2 + 2j\zeta\omega_n n\omega)\,q_n + \sum r_n - u_n$$
 
@@ -156,7 +156,7 @@ def residual(packed: Packed, problem: tuple[Unit, Scalar], max_turns: int) -> Pa
 def balance(
     joint: Unit, omega: Scalar, start: Packed, max_turns: int
 ) -> tuple[Packed, Float[Array, ""]]:
-    """Root of the residual, by loading in as few steps as Newton's iteration allows.
+    """Return the root of the residual, by loading in as few steps as Newton's iteration allows.
 
     The full load is tried at once from `start`; where that fails, the load rises from the linear
     response in steps, halved on failure and doubled on success. The derivatives are implicit, so
@@ -189,7 +189,7 @@ def balance(
 
 
 def _loaded(load: Scalar, law: Law) -> Law:
-    """The law in units of a part of the load."""
+    """Return the law in units of a part of the load."""
     return law.scaled(load, 1.0)
 
 

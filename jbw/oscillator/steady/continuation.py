@@ -179,7 +179,7 @@ def response_curve(  # pyright: ignore[reportInconsistentOverload]
 def _first_point(
     unit: Unit, ratio: Array, side: float, num_harmonics: int, max_turns: int
 ) -> tuple[Point, Point]:
-    """The response at the first frequency and the direction there; NaN where not found."""
+    """Return the response at the first frequency and the direction there; NaN where not found."""
     start = linear_response(unit, ratio, num_harmonics)
     packed, load = balance(unit, ratio, start, max_turns)
     x = jnp.where(load == 1.0, jnp.append(packed.ravel(), ratio), jnp.nan)
@@ -191,7 +191,7 @@ def _first_point(
 def _advance(
     unit: Unit, x: Point, direction: Point, arc: Float[Array, ""], max_turns: int
 ) -> tuple[Point, Point, Array]:
-    """The next point, the direction there, and whether it was found."""
+    """Return the next point, the direction there, and whether it was found."""
     scale = _scale(x)
     predicted = x + arc * direction * scale
 
@@ -212,13 +212,13 @@ def _equations(unit: Unit, x: Point, max_turns: int) -> Float[Array, " equation"
 
 
 def _harmonics(unit: Unit, x: Point) -> Packed:
-    """The harmonics of a point, of every joint of a structure."""
+    """Return the harmonics of a point, of every joint of a structure."""
     joints = (len(unit.laws),) if isinstance(unit, Structure) else ()
     return x[:-1].reshape(2, *joints, -1)
 
 
 def _tangent(unit: Unit, x: Point, previous: Point, max_turns: int) -> Point:
-    """Unit tangent of the curve, scaled, on the side of the previous one."""
+    """Return the unit tangent of the curve, scaled, on the side of the previous one."""
     scale = _scale(x)
     jacobian = jax.jacfwd(lambda x: _equations(unit, x, max_turns))(x) * scale
     bordered = jnp.concatenate([jacobian, previous[None]])

@@ -120,7 +120,7 @@ def converged(
     amplitude: ArrayLike,
     max_turns: int,
 ) -> Complex[Array, "... harmonic"]:
-    """Harmonics by `solve`; an eager call tries again with many turns, then raises."""
+    """Return the harmonics by `solve`; an eager call tries again with many turns, then raises."""
     harmonics, turns = solve(max_turns)
     if not is_concrete(joint, omega, amplitude, harmonics):
         return harmonics
@@ -138,7 +138,7 @@ def steady_cycle(
     *,
     max_turns: int = 2,
 ) -> SteadyCycle:
-    r"""One period of the motion with the given harmonics, and of its hysteretic force.
+    r"""Return one period of the motion with the given harmonics, and of its hysteretic force.
 
     $$y = \mathrm{Re}\sum_n Y_n e^{jn\theta}, \quad v = \omega\,y', \quad a = \omega^2 y''$$
 

@@ -25,7 +25,7 @@ def modal_tones(
     *,
     swept: bool,
 ) -> StructureHarmonics:
-    """Harmonics of every tone; those of a sweep start from their neighbours along omega.
+    """Return the harmonics of every tone; those of a sweep start from their neighbours along omega.
 
     Raises:
         ModelError, ConfigError: As for `steady_state`.

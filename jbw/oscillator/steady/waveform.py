@@ -18,12 +18,12 @@ _LEAST_POINTS = 64
 
 
 def orders(num_harmonics: int) -> Float[np.ndarray, " harmonic"]:
-    """The odd orders 1, 3, 5, ..."""
+    """Return the odd orders 1, 3, 5, ..."""
     return 2.0 * np.arange(num_harmonics) + 1.0
 
 
 def exponentials(theta: Float[Array, "..."], num_harmonics: int) -> Complex[Array, "... harmonic"]:
-    r"""The basis exp(j n theta), by products, doubling the number of orders each time."""
+    r"""Return the basis exp(j n theta), by products, doubling the number of orders each time."""
     powers = jnp.exp(1j * theta)[..., None]
     while (count := powers.shape[-1]) < num_harmonics:
         shift = jnp.exp(2j * count * theta)[..., None]
@@ -34,7 +34,7 @@ def exponentials(theta: Float[Array, "..."], num_harmonics: int) -> Complex[Arra
 def synthesis(
     q: Complex[Array, " harmonic"], theta: Float[Array, "..."], derivative: int = 0
 ) -> Float[Array, "..."]:
-    r"""Motion or a derivative by theta, Re sum (j n)^m q_n exp(j n theta)."""
+    r"""Return the motion or a derivative by theta, Re sum (j n)^m q_n exp(j n theta)."""
     basis = exponentials(theta, q.shape[0])
     return jnp.sum(basis * (1j * orders(q.shape[0])) ** derivative * q, -1).real
 
@@ -67,7 +67,7 @@ def num_turns(q: Complex[Array, " harmonic"]) -> Int[Array, ""]:
 
 
 def odd_harmonics(force: Restoring, q: Complex[Array, " harmonic"]) -> Complex[Array, " harmonic"]:
-    r"""Harmonics of an odd force along the motion, from its values on a uniform grid.
+    r"""Return the harmonics of an odd force along the motion, from its values on a uniform grid.
 
     $$f_n = \frac{2}{M}\sum_{j<M} f(y(\theta_j))\,e^{-jn\theta_j}, \qquad
       \theta_j = \pi j/M, \quad M = \max(64, 8H)$$
@@ -89,7 +89,7 @@ def _half_grid(
 
 
 def flatter(q: Complex[Array, " harmonic"], theta: Float[Array, "..."]) -> Float[Array, "..."]:
-    """One step of Newton's iteration for y' = 0."""
+    """Return one step of Newton's iteration for y' = 0."""
     curvature = synthesis(q, theta, 2)
     safe = jnp.where(curvature == 0.0, 1.0, curvature)
     return theta - synthesis(q, theta, 1) / safe
@@ -126,7 +126,7 @@ def gauss_legendre(
 def gauss_legendre_between(
     num_nodes: int, *breaks: Real[ArrayLike, "..."]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Nodes and weights on all segments between break points in rising order, joined."""
+    """Return the nodes and weights on all segments between break points in rising order, joined."""
     segments = (gauss_legendre(num_nodes, lower, upper) for lower, upper in pairwise(breaks))
     nodes, weights = (jnp.concatenate(parts, -1) for parts in zip(*segments, strict=True))
     return nodes, weights
@@ -134,7 +134,7 @@ def gauss_legendre_between(
 
 @cache
 def _rule(num_nodes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights on [0, 1]."""
+    """Return the nodes and weights on [0, 1]."""
     nodes, _ = np.polynomial.legendre.leggauss(num_nodes)
     # Christoffel's sum of squares; numpy's own weights are off by 1e-12 at the ends.
     squares = np.polynomial.legendre.legvander(nodes, num_nodes - 1) ** 2

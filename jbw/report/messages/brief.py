@@ -26,10 +26,10 @@ def levels(*, several_modes: bool) -> str:
 
 
 def more_findings(count: int) -> str:
-    """How many findings have no room."""
+    """Return the message on how many findings have no room."""
     return f"{count} more: see report.html."
 
 
 def more_lines(count: int) -> str:
-    """How many lines of a table have no room."""
+    """Return the message on how many lines of a table have no room."""
     return f"and {count} more lines: see report.html"

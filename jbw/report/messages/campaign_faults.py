@@ -53,7 +53,7 @@ def mended(number: int, line: str, alike_lines: Sequence[int]) -> str:
 
 
 def table_again(number: int, table: str, other: int) -> tuple[str, str]:
-    """A table that two lines open."""
+    """Return the message on a table that two lines open."""
     return (
         f"line {number} opens [{table}] again, after line {other}",
         f"Put its keys below line {other}, and remove line {number}.",
@@ -61,7 +61,7 @@ def table_again(number: int, table: str, other: int) -> tuple[str, str]:
 
 
 def key_again(number: int, key: str, other: int) -> tuple[str, str]:
-    """A key that two lines state."""
+    """Return the message on a key that two lines state."""
     return (
         f"line {number} states `{key}` again, after line {other}",
         f"Keep one of lines {other} and {number}.",
@@ -69,7 +69,7 @@ def key_again(number: int, key: str, other: int) -> tuple[str, str]:
 
 
 def in_one_table(other: int, number: int, key: str, line: str) -> tuple[str, str]:
-    """A key whose table two lines state, and the line for both."""
+    """Return the message on a key whose table two lines state, and the line for both."""
     return (
         f"lines {other} and {number} both state `{key}`",
         f"Write line {other} as `{line}`, and remove line {number}.",
@@ -77,7 +77,7 @@ def in_one_table(other: int, number: int, key: str, line: str) -> tuple[str, str
 
 
 def decimal_points(bounds: str) -> str:
-    """Two bounds that were written with decimal commas."""
+    """Return the message on two bounds that were written with decimal commas."""
     return f"A comma separates values; with decimal points they are {bounds}."
 
 
@@ -91,7 +91,7 @@ def two_rates(fs: float, other: str, other_fs: float) -> FaultText:
 
 
 def motion_of_metres(motion: float, hz: float) -> FaultText:
-    """A motion [m] that no bench has, by a line [Hz]; 0 of a displacement."""
+    """Return the message on a motion [m] that no bench has, by a line [Hz]; 0 of a displacement."""
     line = f" at its strongest line, {hz:.3g} Hz" if hz else ""
     return FaultText(
         f"The motion would be {motion:.3g} m{line}.",
@@ -101,7 +101,7 @@ def motion_of_metres(motion: float, hz: float) -> FaultText:
 
 
 def band_beyond(end: float, nyquist: float) -> FaultText:
-    """A band that ends above half the sampling frequency [Hz]."""
+    """Return the message on a band that ends above half the sampling frequency [Hz]."""
     return FaultText(
         f"`band` ends at {end:g} Hz, above half the sampling frequency ({nyquist:g} Hz).",
         remedy=f"Lower the band's end to at most {nyquist:g} Hz, or correct fs.",
@@ -109,7 +109,7 @@ def band_beyond(end: float, nyquist: float) -> FaultText:
 
 
 def tone_beyond(tone: float, limit: float) -> FaultText:
-    """A tone whose third harmonic is not sampled [Hz]."""
+    """Return the message on a tone whose third harmonic is not sampled [Hz]."""
     return FaultText(
         f"Tone {tone:g} Hz must lie below a third of half the sampling frequency ({limit:.4g} Hz).",
         "Its third harmonic folds back otherwise.",
@@ -118,7 +118,7 @@ def tone_beyond(tone: float, limit: float) -> FaultText:
 
 
 def too_short(length: float, needed: float, *, is_stepped: bool) -> FaultText:
-    """A record that is shorter than its steps or its transient [s]."""
+    """Return the message on a record that is shorter than its steps or its transient [s]."""
     duration = "the steps take" if is_stepped else "`settle` alone takes"
     return FaultText(
         f"The record lasts {length:.4g} s, but {duration} {needed:.4g} s.",
@@ -127,7 +127,7 @@ def too_short(length: float, needed: float, *, is_stepped: bool) -> FaultText:
 
 
 def broken_periods(samples: int, periods: int) -> FaultText:
-    """Samples that are no whole number of periods."""
+    """Return the message on samples that are no whole number of periods."""
     return FaultText(
         f"The record's {samples} samples are not {periods} whole periods.",
         "Averages over periods would drift through the record.",
@@ -136,7 +136,7 @@ def broken_periods(samples: int, periods: int) -> FaultText:
 
 
 def no_line_in_band(lines: tuple[float, float], band: Sequence[float]) -> FaultText:
-    """A curve whose lines lie outside the band [Hz]."""
+    """Return the message on a curve whose lines lie outside the band [Hz]."""
     return FaultText(
         f"No line of the curve, {lines[0]:.4g} to {lines[1]:.4g} Hz, lies in `band` = "
         f"[{band[0]:g}, {band[1]:g}] Hz.",
@@ -145,7 +145,7 @@ def no_line_in_band(lines: tuple[float, float], band: Sequence[float]) -> FaultT
 
 
 def started_apart(size_s: float, delay_s: float, *, later: bool) -> FaultText:
-    """Channels that were started one after the other [s]."""
+    """Return the message on channels that were started one after the other [s]."""
     return FaultText(
         f"By the file the response was started {size_s:.6g} s {'after' if later else 'before'} "
         "the drive.",
@@ -155,7 +155,7 @@ def started_apart(size_s: float, delay_s: float, *, later: bool) -> FaultText:
 
 
 def unread(name: str, reason: str) -> FaultText:
-    """A setting that changes nothing, and why."""
+    """Return the message on a setting that changes nothing, and why."""
     return FaultText(
         f"`{name}` changes nothing: {reason}.",
         remedy="Leave it out.",
@@ -163,27 +163,27 @@ def unread(name: str, reason: str) -> FaultText:
 
 
 def read_by_kinds(kinds: str) -> str:
-    """Kinds of test that read a setting."""
+    """Return the message on kinds of test that read a setting."""
     return f"only tests of kind {kinds} read it, and there are none"
 
 
 def no_test_of_kind(kind: str) -> str:
-    """That no test is of a kind."""
+    """Return the message that no test is of a kind."""
     return f"no test is of kind {kind}"
 
 
 def nothing_to_adapt(sampler: str) -> str:
-    """A sampler without a warm-up."""
+    """Return the message on a sampler without a warm-up."""
     return f"sampler {sampler} has nothing to adapt"
 
 
 def no_coordinates(laws: str) -> str:
-    """Laws without other coordinates."""
+    """Return the message on laws without other coordinates."""
     return f"no law of the joint ({laws}) has other coordinates to choose"
 
 
 def put_same_as(joint: str, leader: str) -> str:
-    """The line that ties a joint to another."""
+    """Return the message on the line that ties a joint to another."""
     return f"Put under [[joint]] `{joint}`: `same_as = {leader}`, or sweep further modes."
 
 
@@ -197,7 +197,7 @@ def few_modes(laws: int, modes: int) -> FaultText:
 
 
 def unmoved(joint: str) -> FaultText:
-    """A joint that no swept mode moves."""
+    """Return the message on a joint that no swept mode moves."""
     return FaultText(
         f"Joint `{joint}` is moved by none of the modes in the bands of the tests; its law keeps "
         "its prior.",
@@ -206,7 +206,7 @@ def unmoved(joint: str) -> FaultText:
 
 
 def exchanged(test: str, ratio: float, other: str, smaller: float) -> FaultText:
-    """Tests whose levels do not suit their drives."""
+    """Return the message on tests whose levels do not suit their drives."""
     return FaultText(
         f"The `level` of test `{test}` is {ratio:.3g} times that of `{other}`, but its drive is "
         f"{smaller:.3g} times as small, and its response smaller.",
@@ -216,7 +216,7 @@ def exchanged(test: str, ratio: float, other: str, smaller: float) -> FaultText:
 
 
 def twice(first: str, relation: str, second: str, remedy: str) -> FaultText:
-    """A record that two tests hold."""
+    """Return the message on a record that two tests hold."""
     return FaultText(
         f"{first} {relation} {second}.",
         "A record that counts twice makes intervals too narrow, and predicts itself.",
@@ -225,7 +225,7 @@ def twice(first: str, relation: str, second: str, remedy: str) -> FaultText:
 
 
 def shares(share: float) -> str:
-    """What a record has in common with another, as a share of the shorter."""
+    """Return the message on what a record has in common with another, as a share of the shorter."""
     return f"shares {share:.0%} with"
 
 
@@ -235,7 +235,7 @@ def rest_or_leave_out(part_line: str, leaving_out: str) -> str:
 
 
 def several_assemblies(count: int, names: Sequence[str]) -> str:
-    """A torque of one assembly for tests of several."""
+    """Return the message on a torque of one assembly for tests of several."""
     return (
         f"[assembly]: speaks of one assembly, but the campaign has {count}: {', '.join(names)}; "
         "write a campaign file for each."
@@ -243,12 +243,12 @@ def several_assemblies(count: int, names: Sequence[str]) -> str:
 
 
 def name_of_several(name: str, count: int) -> str:
-    """A name that several tests have."""
+    """Return the message on a name that several tests have."""
     return f"[[test]] name: {name!r} is given to {count} tests."
 
 
 def mode_outside(hz: float, bands: str) -> str:
-    """A mode that no test with a source covers [Hz]."""
+    """Return the message on a mode that no test with a source covers [Hz]."""
     return (
         f"[identify] modes: {hz:g} Hz must lie in the band of a test with a source, {bands}; "
         "widen `band`, or leave it to `residuals`."
@@ -256,12 +256,12 @@ def mode_outside(hz: float, bands: str) -> str:
 
 
 def no_level(level: float, levels: str) -> str:
-    """A level that no test has."""
+    """Return the message on a level that no test has."""
     return f"[identify] fit_levels: no test has level {level:g}; levels: {levels}."
 
 
 def no_role(role: str) -> str:
-    """A role of `gain_std` that no test has."""
+    """Return the message on a role of `gain_std` that no test has."""
     return f"[campaign] gain_std: names role `{role}`, which no test has in its channels."
 
 
@@ -274,27 +274,27 @@ def base_beside_others(others: str) -> str:
 
 
 def joint_twice(table: str, count: int) -> str:
-    """A name that several joints have."""
+    """Return the message on a name that several joints have."""
     return f"{table} name: must be of one joint, but {count} have it."
 
 
 def no_place(table: str) -> str:
-    """A joint beside matrices without a place."""
+    """Return the message on a joint beside matrices without a place."""
     return f"{table}: beside matrices a joint must have `across` or `weights`."
 
 
 def no_stiffness(table: str) -> str:
-    """A joint beside matrices without its stiffness."""
+    """Return the message on a joint beside matrices without its stiffness."""
     return f"{table} stiffness: missing; in full stick, in SI [N/m, or N m/rad]."
 
 
 def without_matrices(table: str, key: str) -> str:
-    """A key that matrices alone make read."""
+    """Return the message on a key that matrices alone make read."""
     return f"{table} {key}: is read beside `matrices` under [structure] alone."
 
 
 def shape_of_modes(table: str, modes: int, count: int) -> str:
-    """A shape of another number of modes."""
+    """Return the message on a shape of another number of modes."""
     return (
         f"{table} shape: must hold a number for each of {modes} modes under [structure], but "
         f"holds {count}."
@@ -302,12 +302,12 @@ def shape_of_modes(table: str, modes: int, count: int) -> str:
 
 
 def unknown_leader(key: str, leader: str, guess: str, joints: str) -> str:
-    """A joint whose leader there is not."""
+    """Return the message on a joint whose leader there is not."""
     return f"{key}: must be the name of a joint, but is `{leader}`. {guess}Joints: {joints}."
 
 
 def circle(key: str) -> str:
-    """Joints that share laws in a circle."""
+    """Return the message on joints that share laws in a circle."""
     return (
         f"{key}: must lead to a joint with a law of its own, but leads in a circle. Leave it out "
         "of one of them."
@@ -315,7 +315,7 @@ def circle(key: str) -> str:
 
 
 def other_laws(key: str, joint: str, laws: str, leader: str, of_leader: str) -> str:
-    """Joints that share a law and state others."""
+    """Return the message on joints that share a law and state others."""
     return (
         f"{key}: joints that share a law must have the same laws, but `{joint}` has {laws} and "
         f"`{leader}` {of_leader}. Leave `laws` out of `{joint}`."

@@ -9,18 +9,18 @@ Words = tuple[str, str]
 
 
 def causes(explained: Sequence[tuple[float, str]]) -> str:
-    """What would explain the residual, each with its share."""
+    """Return the message on what would explain the residual, each with its share."""
     shares = [f"{text} ({percent(share, '.0f')})" for share, text in explained]
     return f"Causes that would explain a part of the residual, each alone: {'; '.join(shares)}."
 
 
 def swapped(test: str) -> Words:
-    """That input and response of a test are exchanged."""
+    """Return the message that input and response of a test are exchanged."""
     return f"{test} with input and response swapped", f"Swap the channels of {test}."
 
 
 def delay(seconds: float, line: str) -> Words:
-    """A response that is late [s], or early, and the line of its delay."""
+    """Return the message on a response that is late [s], or early, and the line of its delay."""
     side = "behind" if seconds > 0 else "before"
     return (
         f"a response that is {abs(seconds):.3g} s {side} the input",
@@ -29,7 +29,7 @@ def delay(seconds: float, line: str) -> Words:
 
 
 def clock(ppm: float, line: str) -> Words:
-    """A response by another clock, and the line of its error."""
+    """Return the message on a response by another clock, and the line of its error."""
     pace = "fast" if ppm > 0 else "slow"
     return (
         f"a clock of the response that runs {abs(ppm):.3g} ppm {pace} against the drive's",
@@ -38,7 +38,7 @@ def clock(ppm: float, line: str) -> Words:
 
 
 def turned(test: str, line: str) -> Words:
-    """A test whose sign is reversed, and the line that turns it."""
+    """Return the message on a test whose sign is reversed, and the line that turns it."""
     return (
         f"{test} with its sign reversed",
         f"Reverse the sign of one channel of {test}, for example its input. {line}",
@@ -56,7 +56,7 @@ def factor(test: str, size: float, unit: str | None, line: str, *, is_turned: bo
 
 
 def offset(largest: float, line: str) -> Words:
-    """A constant offset of the response, and the line that removes it."""
+    """Return the message on a constant offset of the response, and the line that removes it."""
     return (
         f"a constant offset of the response, {largest:.3g} at most",
         f"Measure AC coupled, or remove the mean. {line}",
@@ -64,7 +64,7 @@ def offset(largest: float, line: str) -> Words:
 
 
 def clipping(tests: Sequence[str]) -> Words:
-    """Tests whose responses are clipped."""
+    """Return the message on tests whose responses are clipped."""
     return (
         f"clipping of {', '.join(tests)} at the largest value",
         "Measure again with a wider range, or leave out what is clipped.",
@@ -72,7 +72,7 @@ def clipping(tests: Sequence[str]) -> Words:
 
 
 def residual_term(constant: float, line: str) -> Words:
-    """The response of modes outside the band, and the line that fits it."""
+    """Return the message on the response of modes outside the band, and the line that fits it."""
     return (
         f"a residual term of the modes beyond the band, {constant:.3g} m per unit of the input",
         f"Fit residual terms, or restrict the band. {line}",
@@ -90,7 +90,7 @@ def natural_frequencies(scatter: float, line: str) -> Words:
 
 
 def further_mode(hz: float, line: str) -> Words:
-    """One more mode in the band, and the line of a band without it."""
+    """Return the message on one more mode in the band, and the line of a band without it."""
     return (
         f"one more mode about {hz:.3g} Hz",
         "State it by `modes` in [identify], restrict the `band` to one mode, or measure in the "

@@ -18,7 +18,7 @@ def lost_block(at_s: float, sign: str, keep: str) -> FaultText:
 
 
 def another_clock(size: float, fast: str, change_s: float, ppm: float) -> FaultText:
-    """That a lag grows along a record by two clocks."""
+    """Return the message that a lag grows along a record by two clocks."""
     return FaultText(
         f"The response's clock runs {size:.2g} ppm {fast} against the drive's: their lag changes "
         f"by {change_s:.2g} s along the record.",

@@ -19,7 +19,7 @@ def parameter_explained(quantity: Quantity, laws: Sequence[str]) -> str:
 
 
 def nothing_called(name: str, nearest: str) -> str:
-    """That a name is not explained, with the nearest that is."""
+    """Return the message that a name is not explained, with the nearest that is."""
     guess = f" Did you mean '{nearest}'?" if nearest else ""
     return f"Nothing is called '{name}'.{guess} All findings: jbw explain"
 
@@ -57,18 +57,18 @@ RUN_FOLDER = "CAMPAIGN-run, or runs for several,"
 
 
 def one_at_a_time(first: str, second: str) -> str:
-    """That a command was given two campaigns."""
+    """Return the message that a command was given two campaigns."""
     return f"One campaign at a time: {first} and {second} are two."
 
 
 def no_command(name: str, nearest: str) -> str:
-    """That a command is misspelt, with the nearest one."""
+    """Return the message that a command is misspelt, with the nearest one."""
     guess = f" Did you mean '{nearest}'?" if nearest else ""
     return f"No such command '{name}'.{guess}"
 
 
 def identify_again(folder: str) -> str:
-    """The command that makes a run's folder."""
+    """Return the message on the command that makes a run's folder."""
     return f"jbw identify CAMPAIGN.toml --out {folder}"
 
 
@@ -83,12 +83,12 @@ def draw_posterior(folder: str) -> str:
 
 
 def or_export(folder: str) -> str:
-    """What else a good result is for."""
+    """Return the message on what else a good result is for."""
     return f", or for other programs: jbw export {folder}"
 
 
 def or_plan(folder: str) -> str:
-    """What else may be done after a result that fails."""
+    """Return the message on what else may be done after a result that fails."""
     return f", or what to measure: jbw plan {folder}"
 
 
@@ -117,5 +117,5 @@ def condition_number(value: str) -> str:
 
 
 def two_numbers(value: str) -> str:
-    """That a range of frequencies is misspelt."""
+    """Return the message that a range of frequencies is misspelt."""
     return f"{value} must be two numbers in Hz with a colon, as in 10:25."

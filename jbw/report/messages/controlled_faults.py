@@ -8,7 +8,7 @@ PUT_CONJUGATE = "Put under [[test]]: `conjugate = true`."
 
 
 def not_positive(name: str, point: int) -> FaultText:
-    """An amplitude that is not positive, with the number of its point."""
+    """Return the message on an amplitude that is not positive, with the number of its point."""
     return FaultText(
         f"The {name} of every point must be positive, but that of point {point} is not.",
         remedy="Give amplitudes, not instantaneous values; correct the polarity in the response.",
@@ -16,7 +16,7 @@ def not_positive(name: str, point: int) -> FaultText:
 
 
 def few_points(least: int, count: int) -> FaultText:
-    """That too few points move."""
+    """Return the message that too few points move."""
     return FaultText(
         f"A controlled test needs {least} points of some motion, but {count} were found.",
         remedy="Measure more levels.",
@@ -24,12 +24,12 @@ def few_points(least: int, count: int) -> FaultText:
 
 
 def put_scale(role: str) -> str:
-    """The line that turns a response over."""
+    """Return the message on the line that turns a response over."""
     return f"Put under [[test]]: `scale = {{ {role} = -1.0 }}`."
 
 
 def leading(degrees: float, remedy: str) -> FaultText:
-    """That a displacement leads its force, with the remedy [degrees]."""
+    """Return the message that a displacement leads its force, with the remedy [degrees]."""
     return FaultText(
         f"The displacement leads the force by {degrees:.3g} degrees: the force takes energy out.",
         "A wrong sign gives a joint with negative damping.",
@@ -38,12 +38,12 @@ def leading(degrees: float, remedy: str) -> FaultText:
 
 
 def put_locked_phase(phase: float) -> str:
-    """The line of the phase that was held [degrees]."""
+    """Return the message on the line of the phase that was held [degrees]."""
     return f"Put under [[test]]: `locked_phase = {phase:g}`."
 
 
 def put_tolerance(tolerance: float) -> str:
-    """The line of the tolerance of a phase that was held [degrees]."""
+    """Return the message on the line of the tolerance of a phase that was held [degrees]."""
     return (
         "The fit uses their measured phase, so that the deviation is no error; points that were "
         'not steady are left out as NaN with gaps = "mask". Where they were: Put under [[test]]: '
@@ -62,12 +62,12 @@ def off_phase(points: str, error: float, held: float, remedy: str) -> FaultText:
 
 
 def frequency_jumps(before: float, after: float) -> str:
-    """Frequencies of two neighbouring points [Hz]."""
+    """Return the message on frequencies of two neighbouring points [Hz]."""
     return f"the frequency jumps from {before:.5g} to {after:.5g} Hz"
 
 
 def amplitude_jumps(before: float, after: float) -> str:
-    """Amplitudes of two neighbouring points [m]."""
+    """Return the message on amplitudes of two neighbouring points [m]."""
     return f"the amplitude jumps from {before:.3g} to {after:.3g} m"
 
 

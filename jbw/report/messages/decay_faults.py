@@ -19,7 +19,7 @@ def few_values(
 
 
 def put_wider_band(low: float, high: float) -> str:
-    """The line of a band that a record is long enough for [Hz]."""
+    """Return the message on the line of a band that a record is long enough for [Hz]."""
     return f"Put under [[test]]: `band = [{low:g}, {high:g}]`, where no other mode lies in it."
 
 
@@ -34,7 +34,7 @@ def late_blow(blow_s: float, settle_s: float, settle: str) -> FaultText:
 
 
 def read_from_blow(test: str, first: str, last: str, count: int, of: int) -> str:
-    """That records begin before their blows, and what is read of them."""
+    """Return the message that records begin before their blows, and what is read of them."""
     when = first if first == last else f"{first} to {last}"
     return (
         f"{test}: {count} of {of} records begin before their blow, which comes after {when}; each "
@@ -72,7 +72,7 @@ def interrupted(at_s: float, remedy: str) -> FaultText:
 
 
 def steady_line(hz: str, share: float) -> FaultText:
-    """A line that does not decay [Hz], over the largest response."""
+    """Return the message on a line that does not decay [Hz], over the largest response."""
     return FaultText(
         f"A line at {hz} Hz does not decay; it is {share:.2g} of the largest response.",
         "Late in the decay it is taken for the mode, and changes frequency and damping.",
@@ -81,7 +81,7 @@ def steady_line(hz: str, share: float) -> FaultText:
 
 
 def line_in_sweep(hz: str) -> FaultText:
-    """A line in a sweep that its drive does not make [Hz]."""
+    """Return the message on a line in a sweep that its drive does not make [Hz]."""
     return FaultText(
         f"A line at {hz} Hz does not come from the drive.",
         "Where the sweep passes it, it is taken for the response.",

@@ -17,13 +17,13 @@ SHARES = {True: "the modes have two joints", False: "the modes may share one joi
 
 
 def differs(name: str, difference: str, *, sure: bool) -> str:
-    """One difference with its interval."""
+    """Return the message on one difference with its interval."""
     verb = "differs" if sure else "may be the same"
     return f"{name} {verb}: A - B is {difference}."
 
 
 def may_be_same(names: Sequence[str]) -> str:
-    """Parameters without a significant difference."""
+    """Return the message on parameters without a significant difference."""
     return f"May be the same: {', '.join(names)}."
 
 
@@ -59,23 +59,23 @@ def homes_differ(joints: str, first: str, second: str) -> str:
 
 
 def of_prior(names: Mapping[str, Sequence[str]]) -> str:
-    """Parameters of which a run holds its prior alone, with these runs."""
+    """Return the message on parameters of which a run holds its prior alone, with these runs."""
     shown = ", ".join(f"{name} ({' and '.join(runs)})" for name, runs in names.items())
     return f"Not compared, because the data of a run do not identify it: {shown}."
 
 
 def only_one(names: Sequence[str]) -> str:
-    """Parameters that only one run has."""
+    """Return the message on parameters that only one run has."""
     return f"Only one of the runs has {listed(names)}."
 
 
 def not_usable(run: str, verdict: str) -> str:
-    """That a run's verdict does not allow to use its numbers."""
+    """Return the message that a run's verdict does not allow to use its numbers."""
     return f"The verdict of run {run} is {verdict}: read its report before you use its numbers."
 
 
 def inadequate(runs: Sequence[str]) -> str:
-    """That the difference may be one of the records, by model discrepancy."""
+    """Return the message that the difference may be one of the records, by model discrepancy."""
     return (
         f"In {listed(runs)} the residual of the law exceeds the noise. Its parameters then depend "
         f"on the fitted records and their motion, which no interval includes: the difference may "
@@ -108,12 +108,12 @@ def sessions_scatter(spreads: Mapping[str, tuple[str, str]]) -> str:
 
 
 def one_joint(ratio: str, a: str, b: str, *, sure: bool) -> str:
-    """Whether two modes may have one joint."""
+    """Return the message on whether two modes may have one joint."""
     return f"One joint across both modes has one {ratio}; A {a}, B {b}: {SHARES[sure]}."
 
 
 def without_backbone(run: str) -> str:
-    """That a run has no frequency and damping against amplitude."""
+    """Return the message that a run has no frequency and damping against amplitude."""
     return f"Run {run} lacks the parameters or the displacement for frequency and damping."
 
 

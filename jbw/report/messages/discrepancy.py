@@ -46,7 +46,7 @@ FIT_THAT_LEVEL = "Fit a test of that level."
 
 
 def bands_withheld(names: Sequence[str]) -> str:
-    """Which held-out tests have no band, and why."""
+    """Return the message on which held-out tests have no band, and why."""
     return (
         f"No band is stated for {listed(names)}: the law misses more than noise, and no run that "
         "is left out shows how much at that amplitude."
@@ -54,7 +54,7 @@ def bands_withheld(names: Sequence[str]) -> str:
 
 
 def one_kind(kind: str) -> str:
-    """That no kind of test can be predicted from the others."""
+    """Return the message that no kind of test can be predicted from the others."""
     return (
         f"How the law predicts another kind of test cannot be scored: the fitted tests are {kind} "
         "alone."
@@ -62,7 +62,7 @@ def one_kind(kind: str) -> str:
 
 
 def not_scored(levels: str, kind: str) -> str:
-    """What no test shows of a law's predictions.
+    """Return the message on what no test shows of a law's predictions.
 
     `levels` is a key of `UNSCORED`, `kind` the kind of all tests; each is empty where others show
     it.
@@ -80,7 +80,7 @@ def missed(
     run_frequency: float,
     run_damping: float,
 ) -> str:
-    """What a law misses, and how the run lies on which it shows most."""
+    """Return the message on what a law misses, and how the run lies on which it shows most."""
     parts = [f"{percent(frequency)} of the natural frequency"] if frequency else []
     parts += [f"{percent(damping)} of critical damping"] if damping else []
     parts += [f"{percent(rest)} of the response in shape"] if rest else []

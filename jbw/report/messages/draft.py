@@ -38,7 +38,7 @@ def several_folders(folders: Sequence[str]) -> tuple[str, str, str]:
 
 
 def other_records(path: str) -> tuple[str, str, str]:
-    """That a campaign file has the name of a draft, and other records."""
+    """Return the message that a campaign file has the name of a draft, and other records."""
     return (
         f"`{path}`, which the campaign of these records would be called, names other records.",
         "A campaign file is not overwritten.",
@@ -55,68 +55,68 @@ def mass_of_campaign(path: str, mass: str) -> tuple[str, str]:
 
 
 def drafted(path: str) -> str:
-    """That a campaign file was written."""
+    """Return the message that a campaign file was written."""
     return f"Drafted from the records: {path}"
 
 
 def drafted_before(path: str) -> str:
-    """That the campaign of some records is there already."""
+    """Return the message that the campaign of some records is there already."""
     return f"The records are those of {path}, which is used."
 
 
 def guessed_kind(kind: str) -> str:
-    """A kind of test that was guessed."""
+    """Return the message on a kind of test that was guessed."""
     return f"kind {kind!r} is a guess."
 
 
 def guessed_role(role: str, channel: str) -> str:
-    """A role of a channel that was guessed."""
+    """Return the message on a role of a channel that was guessed."""
     return f"role {role} of {channel} is a guess."
 
 
 def check_roles(roles: Sequence[str]) -> str:
-    """Roles that were guessed."""
+    """Return the message on roles that were guessed."""
     are = "is a guess" if len(roles) == 1 else "are guesses"
     return f"  # CHECK: {', '.join(roles)} {are}"
 
 
 def not_used(channels: str) -> str:
-    """Channels that are not drafted."""
+    """Return the message on channels that are not drafted."""
     return f"# not used: {channels}"
 
 
 def shared_band(band: str) -> str:
-    """A band about the line that every decay shows."""
+    """Return the message on a band about the line that every decay shows."""
     return f"band = {band}  # CHECK: about the line that every decay shows"
 
 
 def about_strongest(low: float, high: float) -> str:
-    """A band that was guessed from one record [Hz]."""
+    """Return the message on a band that was guessed from one record [Hz]."""
     return f"band {low:g} to {high:g} Hz is about the strongest line."
 
 
 def about_shared(low: float, high: float) -> str:
-    """A band that was guessed from all decays [Hz]."""
+    """Return the message on a band that was guessed from all decays [Hz]."""
     return f"band {low:g} to {high:g} Hz is about the line that every decay shows."
 
 
 def more_groups(count: int) -> str:
-    """Groups of a file that are not drafted."""
+    """Return the message on groups of a file that are not drafted."""
     return f"# {count} more groups like these are in the file.\n"
 
 
 def files(pattern: str, count: int) -> str:
-    """The files of a test, and how many they are."""
+    """Return the message on the files of a test, and how many they are."""
     return f"files = {pattern}  # {count} file(s), one repeat each"
 
 
 def assembly(name: str) -> str:
-    """The assembly of a test, by the torque in its files' name."""
+    """Return the message on the assembly of a test, by the torque in its files' name."""
     return f"assembly = {name}  # CHECK: by the torque in the name"
 
 
 def of_one_torque(torque: str) -> str:
-    """The table of the torque [N m] that the names of all files have."""
+    """Return the message on the table of the torque [N m] that the names of all files have."""
     return f"[assembly]\ntorque = {torque}  # [N m] CHECK: by the names of the files"
 
 
@@ -131,122 +131,122 @@ def torques(patterns: Sequence[str]) -> str:
 
 
 def level(level: str, source: str) -> str:
-    """The level of a test, as its source was recorded."""
+    """Return the message on the level of a test, as its source was recorded."""
     return f"level = {level}  # peak of the {source}"
 
 
 def delay(delay: str) -> str:
-    """A delay by the start times."""
+    """Return the message on a delay by the start times."""
     return f"delay = {delay}  # by the start times in the file"
 
 
 def resampled(rate: str) -> str:
-    """A rate for times that are not even [Hz]."""
+    """Return the message on a rate for times that are not even [Hz]."""
     return f"resample = {rate}  # CHECK: [Hz]; its times are not even"
 
 
 def resampled_at(rate: float) -> str:
-    """A rate that was guessed [Hz]."""
+    """Return the message on a rate that was guessed [Hz]."""
     return f"resampled at {rate:g} Hz, since its times are not even."
 
 
 def assumed_unit(role: str, unit: str) -> str:
-    """A unit that the file does not state."""
+    """Return the message on a unit that the file does not state."""
     return f"unit of {role} assumed to be {unit}, the SI unit."
 
 
 def check_units(roles: str) -> str:
-    """Roles whose units the file does not state."""
+    """Return the message on roles whose units the file does not state."""
     return f"  # CHECK: SI assumed, not in the file, for {roles}"
 
 
 def band(band: str) -> str:
-    """A band about the strongest line."""
+    """Return the message on a band about the strongest line."""
     return f"band = {band}  # CHECK: about the strongest line; no other mode in it"
 
 
 def about_tone(hz: float) -> str:
-    """A tone that was guessed [Hz]."""
+    """Return the message on a tone that was guessed [Hz]."""
     return f"tones of {hz:g} Hz are the strongest line of its source."
 
 
 def tone(tones: str) -> str:
-    """A tone at the strongest line."""
+    """Return the message on a tone at the strongest line."""
     return f"tones = {tones}  # CHECK: the strongest line of its source [Hz]"
 
 
 def scalar_rate(name: str) -> str:
-    """A sampling frequency that a scalar of the file holds."""
+    """Return the message on a sampling frequency that a scalar of the file holds."""
     return f"fs = {name}  # the scalar of that name in the file"
 
 
 def name_channels(file: str, channels: str) -> str:
-    """That a person must name the channels of a file."""
+    """Return the message that a person must name the channels of a file."""
     return f"# CHECK: name the channels of {file} by hand, from {channels}."
 
 
 def kind(kind: str, kinds: str) -> str:
-    """A kind of test, among all."""
+    """Return the message on a kind of test, among all."""
     return f"# kind = {kind}  # one of {kinds}"
 
 
 def separate_files(files: str) -> str:
-    """Files of the response by themselves."""
+    """Return the message on files of the response by themselves."""
     return f"# where the response lies in files of its own: files = {files}"
 
 
 def slowest(rate: str) -> str:
-    """The rate of the slowest channel [Hz]."""
+    """Return the message on the rate of the slowest channel [Hz]."""
     return f"resample = {rate}  # [Hz], the slowest channel's"
 
 
 def doubtful(doubt: str) -> str:
-    """A line of what a reader cannot use."""
+    """Return the message on a line of what a reader cannot use."""
     return f"# CHECK: {doubt}"
 
 
 def one_of_axes(role: str, channels: str) -> str:
-    """That one of several axes or curves is drafted."""
+    """Return the message that one of several axes or curves is drafted."""
     return f"{role} is one of {channels}: choose, or make a test of each."
 
 
 def check_axes(role: str, channels: str) -> str:
-    """The mark of a channel that is one of several axes."""
+    """Return the message on the mark of a channel that is one of several axes."""
     return f"  # CHECK: {role} is one of {channels}"
 
 
 def assumed_time_unit(channel: str, unit: str) -> str:
-    """A unit of times that the file does not state."""
+    """Return the message on a unit of times that the file does not state."""
     return f"unit of the times {channel} assumed to be {unit}; the sampling frequency hangs on it."
 
 
 def counts_samples(channel: str) -> str:
-    """A column that counts samples, beside which no rate is stated."""
+    """Return the message on a column that counts samples, beside which no rate is stated."""
     return f"{channel} counts samples, so that the sampling frequency fs must be given."
 
 
 def coarse_times(channel: str, fs: float) -> str:
-    """Times that have too few digits, and their mean rate [Hz]."""
+    """Return the message on times that have too few digits, and their mean rate [Hz]."""
     return f"times {channel} have too few digits; their mean rate is {fs:g} Hz."
 
 
 def mean_rate(fs: str) -> str:
-    """The mean rate of times with too few digits [Hz]."""
+    """Return the message on the mean rate of times with too few digits [Hz]."""
     return f"fs = {fs}  # CHECK: [Hz], the mean rate of times with too few digits"
 
 
 def in_volts(role: str) -> str:
-    """A channel of a sensor that the file states in volts."""
+    """Return the message on a channel of a sensor that the file states in volts."""
     return f"{role} is in volts by the file: state the sensitivity of its sensor."
 
 
 def sensitivity(sensors: str) -> str:
-    """The line of sensitivities, to be filled in."""
+    """Return the message on the line of sensitivities, to be filled in."""
     return f"# sensitivity = {sensors}  # CHECK: of the sensor, by its certificate"
 
 
 def matrices(files: Sequence[str]) -> str:
-    """Files of a model's matrices beside records."""
+    """Return the message on files of a model's matrices beside records."""
     return (
         f"{', '.join(files)}: matrices of a model. To identify its joints, fill in the tables "
         "[structure] and [[joint]], which the draft holds in a comment."
@@ -254,7 +254,7 @@ def matrices(files: Sequence[str]) -> str:
 
 
 def matrices_alone(folder: str, files: Sequence[str]) -> tuple[str, str, str]:
-    """A folder of a model's matrices, without a record."""
+    """Return the message on a folder of a model's matrices, without a record."""
     return (
         f"Folder `{folder}` must hold a record, but holds matrices of a model alone: "
         f"{', '.join(files)}.",
@@ -285,5 +285,5 @@ stiffness = 1e6  # CHECK: in full stick [N/m, or N m/rad]
 
 
 def to_export(remedy: str) -> str:
-    """What to do about a file that nobody reads."""
+    """Return the message on what to do about a file that nobody reads."""
     return f"there is no reader of it. {remedy}"

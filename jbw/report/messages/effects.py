@@ -98,13 +98,13 @@ def readings(count: int, range_mm: tuple[float, float], of_frequency: str, of_da
 
 
 def no_softening(*, grows: bool) -> str:
-    """That no softening is seen, with damping that grows or without."""
+    """Return the message that no softening is seen, with damping that grows or without."""
     likeness = "as with Dahl's law or a damper" if grows else "as of sliders in full stick"
     return f"No softening is seen to compare the damping with, {likeness}."
 
 
 def elastic_softening(share: Estimate) -> str:
-    """The share of the softening that dissipates nothing."""
+    """Return the message on the share of the softening that dissipates nothing."""
     return f": {_percent(share)} of the softening is elastic, or of no Masing law"
 
 

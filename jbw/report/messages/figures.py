@@ -43,17 +43,17 @@ IDENTIFIED, UNIDENTIFIED = "identified", "unidentified"
 
 
 def mode_at(mode: int, hz: float) -> str:
-    """A mode by its number and frequency."""
+    """Return the message on a mode by its number and frequency."""
     return f"mode {mode}, {hz:.4g} Hz"
 
 
 def energy_of(shares: str) -> str:
-    """Joints with their shares in a mode's strain energy."""
+    """Return the message on joints with their shares in a mode's strain energy."""
     return f"strain energy: {shares}"
 
 
 def secant(stiffness: str, unit: str) -> str:
-    """The slope from tip to tip of a loop."""
+    """Return the message on the slope from tip to tip of a loop."""
     return f"secant {stiffness} {unit}"
 
 
@@ -68,7 +68,7 @@ def taken_by_slip(stiffness: str) -> str:
 
 
 def full_stick(stiffness: str) -> str:
-    """The line of the joint at full stick, by the name of its stiffness."""
+    """Return the message on the line of the joint at full stick, by the name of its stiffness."""
     return f"full stick, Z = {stiffness} y"
 
 
@@ -84,7 +84,7 @@ def first_point_amplitude(unit: str) -> str:
 
 
 def fold(mode: str, amplitude: str) -> str:
-    """Where the backbone of a mode ends."""
+    """Return the message on where the backbone of a mode ends."""
     return f"{mode}: folds over, or turns\ntoo often, at {amplitude}"
 
 

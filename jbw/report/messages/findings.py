@@ -36,7 +36,7 @@ def sentence_of(entry: str, values: Mapping[str, Any], *, passed: bool) -> str:
 
 
 def remedy_of(entry: str, values: Mapping[str, Any]) -> str:
-    """The remedy of an entry with its values."""
+    """Return the message on the remedy of an entry with its values."""
     return written(FINDINGS[entry].remedy, values)
 
 

@@ -25,12 +25,12 @@ def bands(y: float, hz: Sequence[float], zeta: Sequence[float]) -> str:
 
 
 def bands_beyond(times: float, hz: Sequence[float], zeta: Sequence[float]) -> str:
-    """The same beyond the readings."""
+    """Return the message on the same beyond the readings."""
     return f"At {times:g} times that amplitude, which no reading reaches, it has {_band(hz, zeta)}."
 
 
 def masing(rule: str, nats: float, limit: float) -> str:
-    """Whether damping and stiffness are bound to each other."""
+    """Return the message on whether damping and stiffness are bound to each other."""
     evidence = f"(evidence {abs(nats):.1f} nats; limit {limit:g})"
     if rule == "broken":
         return (
@@ -43,7 +43,7 @@ def masing(rule: str, nats: float, limit: float) -> str:
 
 
 def least_damping(times: float, zeta: float) -> str:
-    """The least damping that any law of sliders has beyond the readings."""
+    """Return the message on the least damping that any law of sliders has beyond the readings."""
     return (
         f"Every law that follows Masing's rule has at least {100 * zeta:.3g} % of critical damping "
         f"at {times:g} times the largest amplitude (99 %)."

@@ -25,7 +25,7 @@ def directions(learnt: int, total: int) -> str:
 
 
 def grade(kind: str, parameters: Sequence[str]) -> str:
-    """The parameters of one grade, each with its error."""
+    """Return the message on the parameters of one grade, each with its error."""
     return GRADES[kind].format(listed(parameters))
 
 
@@ -35,13 +35,13 @@ def with_error(name: str, value: float, sd: float, ratio: float) -> str:
 
 
 def tie(product: str, times: float) -> str:
-    """That a product is better identified than its factors."""
+    """Return the message that a product is better identified than its factors."""
     size = f"{times:.0f}" if times >= 10 else f"{times:.2g}"
     return f"{product} is {size} times more certain than its factors, which trade off."
 
 
 def undetermined(names: Sequence[str]) -> str:
-    """Parameters that no data of a test determine."""
+    """Return the message on parameters that no data of a test determine."""
     return f"the data do not determine {listed(names)}"
 
 
@@ -59,7 +59,7 @@ def follows_bound(name: str, shift: float, bound: str) -> str:
 
 
 def box_sensitivity(moves: Sequence[str]) -> str:
-    """Means that follow the prior's bounds, or that none does."""
+    """Return the message on means that follow the prior's bounds, or that none does."""
     if not moves:
         return STABLE
     return (
@@ -70,18 +70,18 @@ def box_sensitivity(moves: Sequence[str]) -> str:
 
 
 def profile_interval(name: str, ends: Sequence[str]) -> str:
-    """Both ends of the interval of a profile."""
+    """Return the message on both ends of the interval of a profile."""
     return f"The 99 % profile interval of {name} is {' to '.join(ends)}."
 
 
 def profile_limit(name: str, limit: float, side: str) -> str:
-    """The one end that a profile has, "above" or "below"."""
+    """Return the message on the one end that a profile has, "above" or "below"."""
     other = "below" if side == "above" else "above"
     return f"The profile of {name} bounds it {side} by {limit:.5g} at 99 %, and not {other}."
 
 
 def profile_open(name: str, bounds: tuple[float, float], rise: float, *, flat: bool) -> str:
-    """That the profile of a parameter has no end within the prior."""
+    """Return the message that the profile of a parameter has no end within the prior."""
     shape = "flat" if flat else "open on both sides"
     low, high = bounds
     return (
@@ -91,12 +91,12 @@ def profile_open(name: str, bounds: tuple[float, float], rise: float, *, flat: b
 
 
 def profile_refused(name: str, count: int) -> str:
-    """How many points of a profile could not be solved."""
+    """Return the message on how many points of a profile could not be solved."""
     return f"The profile of {name} is missing {count} points where the model cannot be solved."
 
 
 def better_fit(gain: float) -> str:
-    """That a profile found a better fit than the fit had."""
+    """Return the message that a profile found a better fit than the fit had."""
     return (
         f"The profiles found a better fit, chi-square lower by {gain:.3g}: the fit had not "
         "converged."
@@ -104,7 +104,7 @@ def better_fit(gain: float) -> str:
 
 
 def waterfall(total: int, near: int) -> str:
-    """How many starts of the fit found its optimum."""
+    """Return the message on how many starts of the fit found its optimum."""
     if total == 1:
         return ONE_START
     if near == 1:

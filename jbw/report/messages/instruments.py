@@ -20,7 +20,7 @@ BESIDE_MATRICES = (
 
 
 def with_shaker(drive: str) -> str:
-    """That every test is driven by one shaker, whose armature moves along."""
+    """Return the message that every test is driven by one shaker, whose armature moves along."""
     return (
         f"Every test is driven by {drive}, so that omega_n and zeta are those of the structure "
         "with its shaker, whose armature moves along."
@@ -28,7 +28,7 @@ def with_shaker(drive: str) -> str:
 
 
 def mode_with_shaker(drive: str, loaded: str, unloaded: str) -> str:
-    """Frequency and damping with a shaker and without."""
+    """Return the message on frequency and damping with a shaker and without."""
     return f"Driven by {drive} the mode lies at {loaded}, with its shaker; otherwise at {unloaded}."
 
 
@@ -48,7 +48,7 @@ def attachment(test: str, share: float, added: float, *, at_drive_point: bool) -
 
 
 def heavy(limit: float) -> str:
-    """What to do where a shaker adds more than so much of the modal mass."""
+    """Return the message on what to do where a shaker adds more than so much of the modal mass."""
     return (
         f"Beyond {percent(limit, '.0f')} that matters: fit the tests of either drive apart, "
         "or move the shaker to where the mode moves less."
@@ -56,7 +56,7 @@ def heavy(limit: float) -> str:
 
 
 def mode_moves(before: tuple[float, float], after: tuple[float, float]) -> str:
-    """Frequency [Hz] and damping ratio of a mode, and those with a shaker."""
+    """Return the message on frequency [Hz] and damping ratio of a mode, and those with a shaker."""
     modes = (f"{hz:.4g} Hz ({percent(zeta, '.2f')})" for hz, zeta in (before, after))
     return " to ".join(modes)
 
@@ -68,7 +68,7 @@ def shaker_reading(
     residual: tuple[float, float],
     moved: str,
 ) -> str:
-    """What was read of a shaker.
+    """Return the message on what was read of a shaker.
 
     Its gain [N/V], the attachment's mass [kg], damping [N s/m] and stiffness [N/m], the residual
     of the force with and without the attachment, and how the modes move.
@@ -84,7 +84,7 @@ def shaker_reading(
 
 
 def of_clock(error: float) -> str:
-    """The relative error of the clock, among others."""
+    """Return the message on the relative error of the clock, among others."""
     return f"the clock ({error:.2g})"
 
 

@@ -14,7 +14,7 @@ STUCK_SLIDER = "its stiffness, except in the sum with others that stick"
 
 
 def stiffer_than_structure(held: str, stiffness: Any, limit: Any) -> str:
-    """That the joint's stiffness exceeds what is `held` [1/s^2]."""
+    """Return the message that the joint's stiffness exceeds what is `held` [1/s^2]."""
     return (
         f"The joint is stiffer than the structure: its stiffness must not exceed {held}, but "
         f"{stiffness:.4g} > {limit:.4g} 1/s^2. Once it slips, nothing holds the structure, and the "
@@ -57,19 +57,19 @@ def _number(value: Any) -> str:
 
 
 def unloads_beyond(z: float) -> str:
-    """That unloading begins where the hysteretic force z grows [1]."""
+    """Return the message that unloading begins where the hysteretic force z grows [1]."""
     return f"unloading starts at |z| = {z:g}, above alpha/(delta - gamma)"
 
 
 def unbounded(reason: str, parameters: Mapping[str, Any], remedy: str) -> str:
-    """That z leaves every bound, and why."""
+    """Return the message that z leaves every bound, and why."""
     return f"The hysteretic force is unbounded: {reason} ({_stated(parameters)}). {remedy}"
 
 
 def may_diverge(
     conditions: Sequence[str], broken: Sequence[str], parameters: Mapping[str, Any]
 ) -> str:
-    """Which of the conditions for a bounded z the parameters break."""
+    """Return the message on which of the conditions for a bounded z the parameters break."""
     return (
         f"The joint is bounded for {' and '.join(conditions)}, but {_stated(parameters)} break "
         f"{' and '.join(broken)}: z may diverge. Check their signs, or keep the input so small "
@@ -82,7 +82,7 @@ def _stated(parameters: Mapping[str, Any]) -> str:
 
 
 def prior_unbounded(lowest: float) -> str:
-    """That a prior admits gamma + delta below zero [1/m]."""
+    """Return the message that a prior admits gamma + delta below zero [1/m]."""
     return (
         f"The prior lets gamma + delta fall to {lowest:.4g} 1/m, where the hysteretic force "
         "grows without bound; draws that diverge count as failed solves. Raise the lower bound "
@@ -91,7 +91,7 @@ def prior_unbounded(lowest: float) -> str:
 
 
 def prior_beyond_motion(name: str, least: float, most: float, y_peak: float) -> str:
-    """That a prior admits gaps wider than the largest motion [m]."""
+    """Return the message that a prior admits gaps wider than the largest motion [m]."""
     what = f"begins at {least:.3g}" if least >= y_peak else f"reaches {most:.3g}"
     return (
         f"The prior of {name} {what} m, but the largest motion is {y_peak:.3g} m: a wider gap "
@@ -123,7 +123,7 @@ def modes_explained(
 
 
 def indistinguishable(laws: Sequence[str], why: str) -> str:
-    """That no motion tells two laws apart."""
+    """Return the message that no motion tells two laws apart."""
     return (
         f"The laws {' and '.join(f'`{name}`' for name in laws)} cannot be told apart: "
         f"{why}. Keep one of them."
@@ -131,7 +131,7 @@ def indistinguishable(laws: Sequence[str], why: str) -> str:
 
 
 def joints_stiffer(largest: float) -> str:
-    """That several joints are stiffer than the structure."""
+    """Return the message that several joints are stiffer than the structure."""
     return (
         "The joints are stiffer than the structure: no eigenvalue of k_j sum(h p / omega_n^2) "
         f"must exceed 1, but one is {largest:.4g}. Once they slip, nothing holds the structure, "
@@ -149,5 +149,5 @@ def step_of_mode(hz: float, angle: float, fs: float, substeps: int) -> str:
 
 
 def put_substeps(substeps: int) -> str:
-    """How many substeps follow the highest mode."""
+    """Return the message on how many substeps follow the highest mode."""
     return f"Put `substeps={substeps}`, sample the input faster, or leave the mode out."

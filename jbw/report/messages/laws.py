@@ -26,7 +26,7 @@ EVERY, NONE, NEITHER = "every law", "no law", "neither"  # what was tried at one
 def tried_at_joints(
     alike: Sequence[str], own: Sequence[str], num_changed: int, which: str, most: int
 ) -> str:
-    """Which laws were tried where there are several joints."""
+    """Return the message on which laws were tried where there are several joints."""
     sentences = [f"Compared with one law at all joints: {', '.join(alike)}."] if alike else []
     sentences += [f"Compared as the campaign has them: {', '.join(own)}."] if own else []
     sentences += {
@@ -41,12 +41,12 @@ def tried_at_joints(
 
 
 def best_by_predictions(law: str, num_sessions: int) -> str:
-    """The best law, where sessions are enough to compare predictions."""
+    """Return the message on the best law, where sessions are enough to compare predictions."""
     return f"Best law: {law}, by the predictions of {num_sessions} held-out sessions."
 
 
 def best_by_evidence(law: str, num_sessions: int, needed: int) -> str:
-    """The best law where they are too few."""
+    """Return the message on the best law where they are too few."""
     plural = "s do" if num_sessions != 1 else " does"
     return (
         f"Best law: {law}, by the evidence alone, which depends on the priors; {num_sessions} "
@@ -55,7 +55,7 @@ def best_by_evidence(law: str, num_sessions: int, needed: int) -> str:
 
 
 def equivalent(laws: Sequence[str]) -> str:
-    """Laws that the data do not distinguish from the best."""
+    """Return the message on laws that the data do not distinguish from the best."""
     return f"The data do not distinguish it from: {', '.join(laws)}."
 
 
@@ -69,7 +69,7 @@ _TARGETS = {
 def predicted_by(
     target: str, names: Sequence[str], error: float, best: str, of_best: float | None
 ) -> str:
-    """Which laws predict a target that the best law does not predict best."""
+    """Return the message on which laws predict a target that the best law does not predict best."""
     tests, score = _TARGETS[target]
     comparison = "" if of_best is None else f", that of {best} {percent(of_best)}"
     return (
@@ -79,12 +79,12 @@ def predicted_by(
 
 
 def worse(laws: Sequence[str]) -> str:
-    """Laws that the data distinguish from the best."""
+    """Return the message on laws that the data distinguish from the best."""
     return f"Significantly worse: {', '.join(laws)}."
 
 
 def by_fit_alone(law: str, error: float, best: str, least_error: float, behind: float) -> str:
-    """A law whose fit is so poor that nothing else was computed of it."""
+    """Return the message on a law whose fit is so poor that nothing else was computed of it."""
     return (
         f"{law} is judged by its fit alone: its RMS error is {percent(error)} ({best}: "
         f"{percent(least_error)}), its maximum log likelihood {behind:.0f} lower."
@@ -92,7 +92,7 @@ def by_fit_alone(law: str, error: float, best: str, least_error: float, behind: 
 
 
 def not_judged(laws: Sequence[str], best: str, khat: float) -> str:
-    """Laws whose scores are too uncertain."""
+    """Return the message on laws whose scores are too uncertain."""
     return (
         f"Not judged: {', '.join(laws)}; the score of each, or that of {best}, is unreliable "
         f"(k-hat above {khat:g}). Draw more samples, or narrow the priors."
@@ -100,7 +100,7 @@ def not_judged(laws: Sequence[str], best: str, khat: float) -> str:
 
 
 def against_repeats(law: str, error: float, floor: float, *, near: bool) -> str:
-    """The error of the best law beside the scatter of the mean of repeats."""
+    """Return the message on the error of the best law beside the scatter of the mean of repeats."""
     enough = "; the data need no better law" if near else ""
     return (
         f"RMS error of {law}: {percent(error)} of the response; standard error of the mean of the "
@@ -109,7 +109,7 @@ def against_repeats(law: str, error: float, floor: float, *, near: bool) -> str:
 
 
 def linear_by_session(error: float, least: float, most: float) -> str:
-    """The error of linear oscillators, one a session."""
+    """Return the message on the error of linear oscillators, one a session."""
     return (
         f"RMS error of a linear oscillator fitted to each session: {percent(error)} ("
         f"{percent(least)} to {percent(most)})."
@@ -122,17 +122,17 @@ def of_law(law: str, sentence: str) -> str:
 
 
 def at_bound(law: str, parameters: Sequence[str]) -> str:
-    """Parameters of a law that a prior bound truncates."""
+    """Return the message on parameters of a law that a prior bound truncates."""
     return f"{law}: a prior bound truncates {', '.join(parameters)}."
 
 
 def unreliable_scores(laws: Sequence[str], khat: float) -> str:
-    """Laws whose scores of held-out sessions rest on few draws."""
+    """Return the message on laws whose scores of held-out sessions rest on few draws."""
     return f"Held-out scores of {', '.join(laws)} are unreliable (k-hat above {khat:g})."
 
 
 def unreliable_evidence(laws: Sequence[str], khat: float) -> str:
-    """Laws whose evidence rests on few draws."""
+    """Return the message on laws whose evidence rests on few draws."""
     return f"The evidence of {', '.join(laws)} is unreliable (k-hat above {khat:g})."
 
 
@@ -143,12 +143,12 @@ def best_within(law: str, error: float) -> str:
 
 
 def best_beyond(law: str, error: float) -> str:
-    """The law that predicts best what moves further than what was fitted."""
+    """Return the message on the law that predicts best what moves further than what was fitted."""
     return f"Tests beyond the fitted motion: {law} predicts best (RMS error {percent(error)})."
 
 
 def best_across(law: str, kind: str, error: float) -> str:
-    """The law that predicts a kind of test best from the other kinds."""
+    """Return the message on the law that predicts a kind of test best from the other kinds."""
     return f"{law} predicts {kind} best from the other kinds of test (RMS error {percent(error)})."
 
 
@@ -178,7 +178,7 @@ def without_offsets(
 
 
 def wider_priors(changes: Mapping[str, float]) -> str:
-    """How much the evidence depends on the priors."""
+    """Return the message on how much the evidence depends on the priors."""
     shown = ", ".join(f"{law} {change:+.1f}" for law, change in changes.items())
     return (
         f"With priors of the laws' own parameters twice as wide, the log evidence changes by "
@@ -187,7 +187,7 @@ def wider_priors(changes: Mapping[str, float]) -> str:
 
 
 def no_wider_evidence(laws: Sequence[str]) -> str:
-    """Laws whose evidence under wider priors could not be computed."""
+    """Return the message on laws whose evidence under wider priors could not be computed."""
     return f"With these priors the evidence of {', '.join(laws)} could not be integrated."
 
 
@@ -197,7 +197,7 @@ def heading(count: int) -> str:
 
 
 def not_distinguished(laws: Sequence[str]) -> str:
-    """The end of the page's first sentence."""
+    """Return the message on the end of the page's first sentence."""
     return f", but the data do not distinguish it from {', '.join(laws)}"
 
 

@@ -9,22 +9,22 @@ HERTZ, NUMBER, METRE = {"units": "Hz"}, {"units": "1"}, {"units": "m"}
 
 
 def sine(level: float, unit: str) -> str:
-    """The load of a response curve."""
+    """Return the message on the load of a response curve."""
     return f"A sine of {level:g} {unit}"
 
 
 def limit(value: float, unit: str) -> str:
-    """The load of a notch."""
+    """Return the message on the load of a notch."""
     return f"A response held at {value:g} {unit}"
 
 
 def random(rms: float, unit: str) -> str:
-    """The load of a random profile."""
+    """Return the message on the load of a random profile."""
     return f"A random profile of {rms:.3g} {unit} rms"
 
 
 def shock(unit: str, pulse: Any) -> str:
-    """The load of a shock."""
+    """Return the message on the load of a shock."""
     return f"A shock of {max(abs(pulse.samples)):.3g} {unit} over {1e3 * pulse.duration:.3g} ms"
 
 
@@ -44,7 +44,7 @@ def warnings_of(what: str, y: float, reach: float, most: float, *, withheld: boo
 
 
 def units_of_resonance(response: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """Attributes of the variables of a resonance."""
+    """Return the message on attributes of the variables of a resonance."""
     return {
         "frequency": {**HERTZ, "long_name": "frequency of the peak"},
         "peak": {**response, "long_name": f"peak {response['long_name']}"},
@@ -60,7 +60,7 @@ def units_of_resonance(response: Mapping[str, str]) -> dict[str, dict[str, str]]
 
 
 def units_of_random(response: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """Attributes of the variables of a random response."""
+    """Return the message on attributes of the variables of a random response."""
     unit, name = response["units"], response["long_name"]
     return {
         "rms": {**response, "long_name": f"rms {name}"},
@@ -82,17 +82,17 @@ RESPONSE_NEEDS = "--response needs --level, and --notch needs both."
 
 
 def no_quantity(text: str) -> str:
-    """That a text is no number with a unit."""
+    """Return the message that a text is no number with a unit."""
     return f"Each value must be a number with or without a unit, such as 0.1 or 2g, not {text!r}."
 
 
 def bare_level(unit: str) -> str:
-    """That the level of a planned test has a unit."""
+    """Return the message that the level of a planned test has a unit."""
     return f"--level of a sweep, of steps or of a tone is in the run's own unit, not in {unit}."
 
 
 def contains(attrs: Mapping[str, Any]) -> str:
-    """What the bands contain, and which participation a moving base has."""
+    """Return the message on what the bands contain, and which participation a moving base has."""
     said = f"Bands of 99 % contain {attrs['band']} ({attrs['num_draws']} draws)."
     if attrs["drive"] != "base":
         return said

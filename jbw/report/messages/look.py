@@ -44,12 +44,12 @@ def worn(test: str, cycle: int, change: float) -> str:
 
 
 def not_read(tests: Sequence[str], why: str) -> str:
-    """Tests of which frequency and damping could not be read."""
+    """Return the message on tests of which frequency and damping could not be read."""
     return f"Not read: {', '.join(tests)}. {why}"
 
 
 def of_mode(hz: float, sentence: str) -> str:
-    """A sentence about one of several modes."""
+    """Return the message on a sentence about one of several modes."""
     return f"Mode near {hz:.4g} Hz: {sentence}"
 
 
@@ -59,7 +59,7 @@ def reach(y: Sequence[float]) -> str:
 
 
 def no_change(what: str, change: float, sd: float, unit: str) -> str:
-    """That a quantity does not change beyond its error."""
+    """Return the message that a quantity does not change beyond its error."""
     return f"no change of the {what} is detected ({_with_error(change, sd)}{unit})"
 
 
@@ -74,7 +74,7 @@ def change(what: str, size: float, sd: float, power: Estimate | None, unit: str)
 
 
 def turning(what: str, y: float, value: float, change: float) -> str:
-    """Where a quantity turns round [m], and its value there."""
+    """Return the message on where a quantity turns round [m], and its value there."""
     first, then = ("falls", "rises") if change > 0 else ("rises", "falls")
     return f"the {what} {first} to {value:.4g} at {1e3 * y:.3g} mm, then {then}"
 
@@ -92,7 +92,7 @@ def nonlinear(answer: bool, y: Sequence[float], count: int, changes: Sequence[st
 
 
 def one_amplitude(y: float, count: int) -> str:
-    """That readings at one amplitude say nothing of a change."""
+    """Return the message that readings at one amplitude say nothing of a change."""
     return (
         f"Nonlinear: not assessed, because {_records(count)} at one amplitude ({1e3 * y:.3g} mm) "
         "show no change with amplitude."
@@ -125,7 +125,7 @@ def likely_laws(laws: Sequence[str]) -> str:
 def between_ends(
     y: Sequence[float], shift: float, half_widths: float, damping: tuple[float, float], kind: str,
 ) -> str:  # fmt: skip
-    """The same of one reading a record: the last against the first."""
+    """Return the message on the same of one reading a record: the last against the first."""
     word = f"yes, it {kind}, if records differ in nothing but amplitude" if kind else "not detected"
     return (
         f"Nonlinear: {word}. From {reach(y)} ({len(y)} readings, too few for an exponent) the "
@@ -154,7 +154,7 @@ def not_assessed(reason: str) -> str:
 
 
 def repeats(count: int, scatter: float, floor: float, how: str) -> str:
-    """How far repeats scatter, as shares of the response, and `how`."""
+    """Return the message on how far repeats scatter, as shares of the response, and `how`."""
     return (
         f"{count} repeats scatter by {of_response(scatter)} of the response, {how}; their mean "
         f"shows no effect below {of_response(floor)}."
@@ -173,7 +173,7 @@ def more_than_noise(noise: float, p: float, size: float) -> str:
 
 
 def harmonic(order: str, share: float, hz: float) -> str:
-    """The largest harmonic of an order along a sweep."""
+    """Return the message on the largest harmonic of an order along a sweep."""
     return f"the {order} {of_response(share)} at {hz:.4g} Hz"
 
 
@@ -198,7 +198,7 @@ def distortion(noise: float, nonlinear_share: float, num_realisations: int) -> s
 
 
 def noise_of_periods(noise: float, num_periods: int) -> str:
-    """Noise by the scatter of periods."""
+    """Return the message on noise by the scatter of periods."""
     return f"noise is {of_response(noise)} of the response's mean over {num_periods} periods."
 
 
@@ -217,5 +217,5 @@ def coherence_of_noise(hz: float, coherence_mean: float) -> str:
 
 
 def of_response(share: float) -> str:
-    """A share in per cent, of two digits behind the point."""
+    """Return the message on a share in per cent, of two digits behind the point."""
     return f"{100 * share:.2f} %"

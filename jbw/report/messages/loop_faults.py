@@ -15,7 +15,7 @@ def degrading(amplitude: float, number: int, change: float, keep: str, *, falls:
 
 
 def lopsided(ratio: float, *, positive: bool) -> FaultText:
-    """That a joint is stronger to one side."""
+    """Return the message that a joint is stronger to one side."""
     return FaultText(
         f"The joint is {ratio:.2g} times as strong on the "
         f"{'positive' if positive else 'negative'} side as on the other.",
@@ -45,7 +45,7 @@ def late(lag: float, delay: float) -> FaultText:
 
 
 def high_passed(time_constant: float) -> FaultText:
-    """The time constant of a charge amplifier before a force [s]."""
+    """Return the message on the time constant of a charge amplifier before a force [s]."""
     return FaultText(
         f"The force falls back to zero with a time constant of {time_constant:.3g} s, as behind "
         "the high-pass of a charge amplifier.",

@@ -8,7 +8,7 @@ ROWS_OF_DOFS = "Write a line `row,node,direction` for each row of the matrices, 
 
 
 def no_direction(node: str, direction: str, directions: Sequence[str]) -> tuple[str, str]:
-    """A direction that a node lacks, and those that it has."""
+    """Return the message on a direction that a node lacks, and those that it has."""
     return (
         f"node {node} has no direction `{direction}`",
         f"Node {node} has {', '.join(directions)}.",
@@ -16,7 +16,7 @@ def no_direction(node: str, direction: str, directions: Sequence[str]) -> tuple[
 
 
 def no_node(node: str, nearest: Sequence[str]) -> tuple[str, str]:
-    """A node that a model lacks, and the nearest ones."""
+    """Return the message on a node that a model lacks, and the nearest ones."""
     return f"there is no node {node}", f"The nearest nodes are {', '.join(nearest)}."
 
 
@@ -31,7 +31,7 @@ def shown(matrices: str, dofs: int, nodes: int) -> str:
 
 
 def asymmetric(name: str, error: float, first: str, second: str) -> str:
-    """A matrix that is symmetric but for round-off of its file."""
+    """Return the message on a matrix that is symmetric but for round-off of its file."""
     return (
         f"{name} is symmetric to {error:.1e} only, at {first} and {second}; its symmetric part is "
         "taken."
@@ -39,7 +39,7 @@ def asymmetric(name: str, error: float, first: str, second: str) -> str:
 
 
 def reduced(count: int, frequencies: str, residual: int, joints: Sequence[str]) -> str:
-    """A reduced model in one line."""
+    """Return the message on a reduced model in one line."""
     return (
         f"ReducedModel: {count} modes in full stick at {frequencies} Hz, {residual} residual "
         f"modes, joints {', '.join(joints)}"
@@ -47,7 +47,7 @@ def reduced(count: int, frequencies: str, residual: int, joints: Sequence[str]) 
 
 
 def coupled_damping(first: int, second: int, share: float) -> str:
-    """Modes that the damping matrix couples."""
+    """Return the message on modes that the damping matrix couples."""
     return (
         f"The damping matrix couples modes {first} and {second} by {100 * share:.3g} % of their "
         "own damping; its off-diagonal part is left out."
@@ -65,7 +65,7 @@ def dashpots(by_joint: Mapping[str, float]) -> str:
 
 
 def damping_of_joints(note: str) -> str:
-    """Where damping of joints belongs."""
+    """Return the message on where damping of joints belongs."""
     return f"{note} Damping of the joints themselves belongs into their laws."
 
 
@@ -75,7 +75,7 @@ def massless(count: int) -> str:
 
 
 def slowed(limit_hz: float, count: int, fastest: str) -> str:
-    """Residual modes that were slowed to a limit [Hz]."""
+    """Return the message on residual modes that were slowed to a limit [Hz]."""
     return (
         f"Residual modes slowed to {limit_hz:.4g} Hz: {count}, the fastest from {fastest}; their "
         "static flexibility is kept."
@@ -85,7 +85,7 @@ def slowed(limit_hz: float, count: int, fastest: str) -> str:
 def inseparable(
     first: str, second: str, modes: str, numbers: str, angle: str, likeness: str
 ) -> str:
-    """Joints with nearly parallel columns of B."""
+    """Return the message on joints with nearly parallel columns of B."""
     return (
         f"Joints `{first}` and `{second}` are not told apart by {modes} {numbers}: their columns "
         f"of B are {angle} degrees apart ({likeness})."

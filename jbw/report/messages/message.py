@@ -54,7 +54,7 @@ class _Words(Formatter):
 
 
 def written(template: Template, values: Mapping[str, Any]) -> str:
-    """A text of the catalogue with its values."""
+    """Return the message on a text of the catalogue with its values."""
     if callable(template):
         return template(**values)
     return _Words().vformat(template, (), values)
@@ -66,16 +66,16 @@ def page(message: Message) -> str:
 
 
 def percent(ratio: float, digits: str = ".2g") -> str:
-    """A ratio in per cent: 0.0734 as "7.3 %"."""
+    """Return the message on a ratio in per cent: 0.0734 as "7.3 %"."""
     return f"{100 * ratio:{digits}} %"
 
 
 def listed(names: Any) -> str:
-    """Names as a list in a sentence: "a", "a and b", "a, b and c"."""
+    """Return the message on names as a list in a sentence: "a", "a and b", "a, b and c"."""
     *first, last = map(str, names)
     return f"{', '.join(first)} and {last}" if first else last
 
 
 def capital(text: str) -> str:
-    """A text with a capital at its beginning, the rest as it is."""
+    """Return the message on a text with a capital at its beginning, the rest as it is."""
     return text[:1].upper() + text[1:]

@@ -348,7 +348,7 @@ def _others(scatters: Sequence[tuple[str, float]]) -> str:
 
 
 def _change(quantiles: Sequence[float]) -> str:
-    """A relative change with its interval, in per cent."""
+    """Return the message on a relative change with its interval, in per cent."""
     low, middle, high = (f"{x:.0f}" if abs(x) >= 100 else f"{x:.2g}"
                          for x in (100 * value for value in quantiles))  # fmt: skip
     return f"{middle} % [{low}, {high}]"

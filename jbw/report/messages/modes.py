@@ -18,12 +18,12 @@ def growth_by_neighbours(growth: float) -> str:
 
 
 def one_joint(evidence: str, least: float) -> str:
-    """That modes share a joint, by chi-square and its limit."""
+    """Return the message that modes share a joint, by chi-square and its limit."""
     return f"One joint across the modes: {evidence}, by chance {least:.3g}."
 
 
 def no_shared_joint(evidence: str) -> str:
-    """That nothing shows a shared joint."""
+    """Return the message that nothing shows a shared joint."""
     return (
         f"Nothing shows that the other modes move the joint: {evidence}; drive harder, or "
         "leave them out of `modes`."
@@ -42,7 +42,7 @@ def compared(
 
 
 def still_mode(hz: float, ratio: str, low: float, high: float) -> str:
-    """A mode that source or sensor do not see."""
+    """Return the message on a mode that source or sensor do not see."""
     return (
         f"The mode at {hz:g} Hz does not take part: {ratio} lies within {low:.2g} and {high:.2g}. "
         "The source or the sensor lies in its node; leave it out of `modes`, or measure elsewhere."
@@ -50,7 +50,7 @@ def still_mode(hz: float, ratio: str, low: float, high: float) -> str:
 
 
 def one_serves(factor: float) -> str:
-    """The ratio of residuals from which one joint is rejected."""
+    """Return the message on the ratio of residuals from which one joint is rejected."""
     return (
         "One joint fits the free decays of all modes: no residual is more than "
         f"{factor:g} times that of an independent joint."
@@ -66,7 +66,7 @@ def left_by_joint(hz: float, shared: float, other: float) -> str:
 
 
 def rejected(clauses: str) -> str:
-    """That free decays reject one joint for all modes."""
+    """Return the message that free decays reject one joint for all modes."""
     return (
         f"One joint across the modes is rejected by the free decays: {clauses}. Identify the "
         "modes one by one, each in a band of its own, or state other laws."
@@ -74,7 +74,7 @@ def rejected(clauses: str) -> str:
 
 
 def hardly_seen(name: str) -> str:
-    """A mode with hardly any motion at the first point."""
+    """Return the message on a mode with hardly any motion at the first point."""
     return f"{name} hardly moves the first point: shares of its losses are not determined."
 
 
@@ -99,7 +99,7 @@ def damped_by(mode: int, joint: str, share: float, low: float, high: float) -> s
 
 
 def numbered(mode: int, hz: float) -> str:
-    """A mode with its number and frequency, as a subject."""
+    """Return the message on a mode with its number and frequency, as a subject."""
     return f"Mode {mode}, at {hz:.4g} Hz,"
 
 
@@ -119,10 +119,10 @@ def moved_by_factor(mode: int, joint: str, factor: float, low: float, high: floa
 
 
 def identified(joints: str) -> str:
-    """Joints that are identified by themselves."""
+    """Return the message on joints that are identified by themselves."""
     return f"Identified by themselves: {joints}."
 
 
 def outside_band(hz: float, low: float, high: float) -> str:
-    """A mode that a fit put outside the band [Hz]."""
+    """Return the message on a mode that a fit put outside the band [Hz]."""
     return f"A mode ended at {hz:.4g} Hz, outside the band {low:.4g} to {high:.4g} Hz"

@@ -22,7 +22,7 @@ def frequencies_scatter(count: int, scatter: float) -> str:
 
 
 def correlated(share: float, count: int) -> str:
-    """The share of values that count as independent."""
+    """Return the message on the share of values that count as independent."""
     return (
         f"Residuals are correlated: {percent(share, '.0f')} of the {count} values of a record "
         "are counted as independent."
@@ -30,7 +30,7 @@ def correlated(share: float, count: int) -> str:
 
 
 def left_of_motion(errors: str) -> str:
-    """Residuals by mode, over their rms."""
+    """Return the message on residuals by mode, over their rms."""
     return f"Residual of the free decays at the optimum, over their rms: {errors}."
 
 
@@ -50,7 +50,7 @@ def sign_of_motion(growth: float, *, is_clear: bool) -> str:
 
 
 def too_deep(label: str, count: int) -> str:
-    """How often the force of nested loops may have been a guess."""
+    """Return the message on how often the force of nested loops may have been a guess."""
     return (
         f"{label}: the motion nests more loops than the law remembers; {count} times its force may "
         "be approximate until a larger loop closes."

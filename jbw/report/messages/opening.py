@@ -50,12 +50,12 @@ STEPS = {
 
 
 def doubtful(doubt: str) -> str:
-    """A doubt about the records."""
+    """Return the message on a doubt about the records."""
     return f"Doubtful: {doubt}"
 
 
 def split(fitted: Sequence[str], held_out: Sequence[str], *, some_repeats: bool) -> str:
-    """What was fitted and what was held out, and how repeats were chosen."""
+    """Return the message on what was fitted and what was held out, and how repeats were chosen."""
     said = f"Fitted: {_some(fitted)}. Held out: {_some(held_out) if held_out else 'nothing'}."
     return f"{said} {SPREAD}" if some_repeats else said
 
@@ -71,22 +71,22 @@ def repeats(test: str, numbers: Sequence[int]) -> str:
 
 
 def effect(least: float, most: float, unit: str, changes: str) -> str:
-    """What the joint does between two amplitudes."""
+    """Return the message on what the joint does between two amplitudes."""
     return f"From {least:.2g} to {most:.2g} {unit} of motion the joint {changes}."
 
 
 def joints_effect(mode: int, frequency: str, damping: str) -> str:
-    """What all joints together do to a mode at its largest motion."""
+    """Return the message on what all joints together do to a mode at its largest motion."""
     return f"the frequency of mode {mode} changes by {frequency} and its damping ratio by {damping}"
 
 
 def in_full_stick(effect: str) -> str:
-    """That an effect is of a mode in its shape of full stick."""
+    """Return the message that an effect is of a mode in its shape of full stick."""
     return f"{effect} (in its shape of full stick)"
 
 
 def at_largest_motion(effects: Sequence[str]) -> str:
-    """The same of all modes."""
+    """Return the message on the same of all modes."""
     return (
         "By all joints together, at each mode's largest motion and in its shape there: "
         f"{'; '.join(effects)}."
@@ -100,12 +100,12 @@ def sentence(clauses: Sequence[str]) -> str:
 
 
 def damped_by(mode: int, joint: str, percent: str) -> str:
-    """The joint that takes most of what all joints lose in a mode."""
+    """Return the message on the joint that takes most of what all joints lose in a mode."""
     return f"mode {mode} is damped by {joint} ({percent} % of the joints' losses)"
 
 
 def joints_unidentified(names: Sequence[str]) -> str:
-    """Joints of which the tests do not tell what each does by itself."""
+    """Return the message on joints of which the tests do not tell what each does by itself."""
     return (
         f"Unidentified by themselves: {listed(names)}; what all joints do together to each mode "
         "is told."
@@ -113,39 +113,39 @@ def joints_unidentified(names: Sequence[str]) -> str:
 
 
 def one_law(joints: Sequence[str], odds: str) -> str:
-    """That joints share a law by the evidence."""
+    """Return the message that joints share a law by the evidence."""
     return (
         f"{' and '.join(joints)} have the same law: evidence {odds} to 1 against laws of their own."
     )
 
 
 def own_laws(joints: Sequence[str], odds: str) -> str:
-    """That joints have laws that differ by the evidence."""
+    """Return the message that joints have laws that differ by the evidence."""
     return f"{' and '.join(joints)} have laws that differ: evidence {odds} to 1 against one law."
 
 
 def law_not_told(joints: Sequence[str], reason: str) -> str:
-    """That the evidence does not tell whether joints share a law."""
+    """Return the message that the evidence does not tell whether joints share a law."""
     return f"Whether {' and '.join(joints)} have the same law is not told: {reason}."
 
 
 def rough_evidence(khat: float) -> str:
-    """That the weights by which evidence was found cannot be trusted."""
+    """Return the message that the weights by which evidence was found cannot be trusted."""
     return f"the weights of the evidence cannot be trusted, k-hat is {khat:.2g}"
 
 
 def weak_evidence(odds: str, preferred: str) -> str:
-    """That the evidence for one law or for laws of their own is weak."""
+    """Return the message that the evidence for one law or for laws of their own is weak."""
     return f"the evidence is {odds} to 1 for {preferred}"
 
 
 def keeps_stiffness(percent: float, low: float, high: float) -> str:
-    """How much of its stiffness a joint with prescribed motion keeps."""
+    """Return the message on how much of its stiffness a joint with prescribed motion keeps."""
     return f"keeps {percent:.3g} % [{low:.3g}, {high:.3g}] of its stiffness"
 
 
 def no_change(what: str, interval: str) -> str:
-    """That a quantity does not change beyond its interval."""
+    """Return the message that a quantity does not change beyond its interval."""
     return f"changes the {what} by less than its uncertainty ({interval})"
 
 
@@ -155,7 +155,7 @@ def change(what: str, start: str, interval: str, *, lowers: bool) -> str:
 
 
 def fitted_errors(count: int, errors: str, noun: str = "test") -> str:
-    """Errors of the fitted tests, or of their records."""
+    """Return the message on errors of the fitted tests, or of their records."""
     return f"RMS error of {_tests(count, 'fitted', noun)}: {errors}."
 
 
@@ -190,7 +190,7 @@ def relative_error(error: str, linear: str, own: str = "") -> str:
 
 
 def span(least: str, most: str) -> str:
-    """A range in per cent."""
+    """Return the message on a range in per cent."""
     return f"{least} %" if least == most else f"{least} to {most} %"
 
 
@@ -211,28 +211,28 @@ def not_identified(
 
 
 def truncated(reason: str) -> str:
-    """The first parameter that a prior bound truncates."""
+    """Return the message on the first parameter that a prior bound truncates."""
     return f"Uncertain: {reason}"
 
 
 def all_identified(worst: str, cv: str, *, roughly: bool) -> str:
-    """That all parameters are identified, and the least certain of them."""
+    """Return the message that all parameters are identified, and the least certain of them."""
     grade = "identified, some roughly" if roughly else "identified"
     return f"All parameters {grade}; least certain: {worst} (CV {cv} %)."
 
 
 def next_step(remedy: str) -> str:
-    """The remedy of the first finding."""
+    """Return the message on the remedy of the first finding."""
     return f"To do next: {remedy}" if remedy else NOTHING_TO_DO
 
 
 def by_the_fit(identified: Sequence[str]) -> str:
-    """Parameters by the fit alone."""
+    """Return the message on parameters by the fit alone."""
     return f"By the fit alone, not assessed: {'; '.join(identified) or 'nothing'}"
 
 
 def headline(identified: Sequence[str], *, quick: bool) -> str:
-    """Parameters in a line of the terminal."""
+    """Return the message on parameters in a line of the terminal."""
     by = ", by the fit alone" if quick else ""
     return f"Identified{by}, mean [99 % interval]: {'; '.join(identified) or 'nothing'}"
 

@@ -18,7 +18,7 @@ def held_parameters(names: str, times: str, far: str) -> str:
 
 
 def outside_interval(names: Sequence[str]) -> str:
-    """Parameters whose means of the two routes differ."""
+    """Return the message on parameters whose means of the two routes differ."""
     return (
         f"The paper's steps give means of {', '.join(names)} outside the 99 % interval of the "
         "joint posterior: trust the latter."
@@ -48,12 +48,12 @@ def left_out(why: str) -> str:
 
 
 def other_law(laws: str) -> str:
-    """That the joint has none of the law of Steps 3 and 4."""
+    """Return the message that the joint has none of the law of Steps 3 and 4."""
     return f"The paper's Steps 3 and 4 need the Bouc-Wen law and are omitted: the joint has {laws}."
 
 
 def further_laws(others: str) -> str:
-    """That the joint has laws that Steps 3 and 4 do not know."""
+    """Return the message that the joint has laws that Steps 3 and 4 do not know."""
     return (
         f"The paper's Steps 3 and 4 know the Bouc-Wen law alone and attribute the effect of "
         f"{others} to it; the joint posterior has all laws."

@@ -23,17 +23,17 @@ NATURAL_FREQUENCY = "the natural frequency"
 
 
 def drawn_from_ranges(num_joints: int) -> str:
-    """What a plan before any test rests on."""
+    """Return the message on what a plan before any test rests on."""
     return f"Plan for {num_joints} joints drawn from the ranges, which count as prior knowledge."
 
 
 def drawn_from_run(num_joints: int) -> str:
-    """What a plan after a run rests on."""
+    """Return the message on what a plan after a run rests on."""
     return f"Plan for {num_joints} draws of the run's posterior, the prior of further tests."
 
 
 def unknown_reach(displacement: float) -> str:
-    """That levels aim at a displacement of the plan's own choice [m]."""
+    """Return the message that levels aim at a displacement of the plan's own choice [m]."""
     return (
         f"The run states no largest displacement, so levels aim at {displacement:.3g} m, where the "
         "joint slips; give max_displacement in a file of --limits."
@@ -65,12 +65,12 @@ def no_response(count: int, num_joints: int) -> str:
 
 
 def with_median(worst: float, median: float) -> str:
-    """A coefficient of variation at nine in ten joints."""
+    """Return the message on a coefficient of variation at nine in ten joints."""
     return f"{worst:.2g}" if worst == median else f"{worst:.2g} (median {median:.2g})"
 
 
 def before(cvs: Mapping[str, str]) -> str:
-    """The coefficients of variation without any of the planned tests."""
+    """Return the message on the coefficients of variation without any of the planned tests."""
     return f"Before these tests: CV {_pairs(cvs)}."
 
 
@@ -80,7 +80,7 @@ def title(cv: float, parameters: Sequence[str], num_joints: int) -> str:
 
 
 def most_per_second(test: str, level: float, unit: str) -> str:
-    """The test that would add most where none is needed."""
+    """Return the message on the test that would add most where none is needed."""
     return f"Largest information gain per second: {test}, {level:g} {unit}."
 
 
@@ -93,13 +93,13 @@ def recommended(tests: Sequence[str], cvs: Mapping[str, str], duration: str) -> 
 def not_reached(
     tests: Sequence[str], cvs: Mapping[str, str], duration: str, most: int
 ) -> list[str]:
-    """The same where no combination reaches the wish."""
+    """Return the message on the same where no combination reaches the wish."""
     heading = f"No combination reaches the CV with at most {most} repeats:"
     return [heading, *tests, f"  CV {_pairs(cvs)} after {duration} of measuring."]
 
 
 def together(note: str) -> str:
-    """What all recommended tests leave open."""
+    """Return the message on what all recommended tests leave open."""
     return f"  Together, {note}."
 
 
@@ -118,22 +118,22 @@ def fleet_title(scatter: float) -> str:
 
 
 def told_by_run(key: str) -> str:
-    """A key that a run leaves no place for."""
+    """Return the message on a key that a run leaves no place for."""
     return f"{key}: the run states it; remove it."
 
 
 def single_value(key: str, value: Sequence[float]) -> str:
-    """A key that must be a single value where a run is given."""
+    """Return the message on a key that must be a single value where a run is given."""
     return f" {key}: must be a single value where a run is given, but is {list(value)}."
 
 
 def missing(key: str, meaning: str) -> str:
-    """A key that has no default."""
+    """Return the message on a key that has no default."""
     return f" {key}: missing; {meaning}."
 
 
 def beyond_stiffness(key: str, least: float, value: float) -> str:
-    """A stiffness of the joint that exceeds the whole."""
+    """Return the message on a stiffness of the joint that exceeds the whole."""
     return f" {key}: must stay below omega_n^2, which begins at {least:g}, but reaches {value:g}."
 
 

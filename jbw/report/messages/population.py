@@ -9,23 +9,23 @@ Interval = Mapping[str, float]
 
 
 def interval(row: Interval) -> str:
-    """A median with its 99 % interval."""
+    """Return the message on a median with its 99 % interval."""
     return f"{row['median']:.2g} [{row['q005']:.2g}, {row['q995']:.2g}]"
 
 
 def mostly_prior(num_units: int, free: int, *, trend: bool) -> str:
-    """That units are too few for a scatter, or for one about a trend."""
+    """Return the message that units are too few for a scatter, or for one about a trend."""
     trend_words = f" about a trend ({free} degrees of freedom)" if trend else ""
     return f"{num_units} units do not determine the scatter{trend_words}: the prior dominates here."
 
 
 def wide_intervals(num_units: int, free: int) -> str:
-    """That few degrees of freedom are left."""
+    """Return the message that few degrees of freedom are left."""
     return f"{num_units} units leave {free} degrees of freedom: the intervals are wide."
 
 
 def not_converged(r_hat: float, divergences: int) -> str:
-    """That no number of the population may be used."""
+    """Return the message that no number of the population may be used."""
     return (
         f"The sampler did not converge (R-hat {r_hat:.3f}, {divergences} divergences): do not use "
         "these results."
@@ -33,7 +33,7 @@ def not_converged(r_hat: float, divergences: int) -> str:
 
 
 def failed_runs(failed: Sequence[str], num_units: int) -> str:
-    """Units whose runs failed and are pooled all the same."""
+    """Return the message on units whose runs failed and are pooled all the same."""
     return (
         f"The population includes {len(failed)} of {num_units} units whose runs failed: "
         f"{listed(failed)}. Repair these runs (jbw explain), or remove them."
@@ -41,7 +41,7 @@ def failed_runs(failed: Sequence[str], num_units: int) -> str:
 
 
 def confounded(correlation: float) -> str:
-    """That torque and sequence of the tightenings changed together."""
+    """Return the message that torque and sequence of the tightenings changed together."""
     way = "rose together" if correlation > 0 else "changed in opposite directions"
     return (
         f"Torque and tightening number {way} (correlation {correlation:.2f}): the data determine "
@@ -58,12 +58,12 @@ def no_logarithm(name: str, units: Sequence[str]) -> str:
 
 
 def trend(name: str, slope: Interval, *, rises: bool) -> str:
-    """A parameter that changes with torque."""
+    """Return the message on a parameter that changes with torque."""
     return f"{name} {'rises' if rises else 'falls'} with torque, as torque^{interval(slope)}."
 
 
 def ratio_trend(name: str, slope: Interval, *, depends: bool) -> str:
-    """Whether a ratio of parameters changes with torque."""
+    """Return the message on whether a ratio of parameters changes with torque."""
     answer = "it depends on torque" if depends else "no dependence on torque is detected"
     return f"{name} varies as torque^{interval(slope)}: {answer}."
 
@@ -78,12 +78,12 @@ def scatter(rows: Sequence[tuple[str, float, float]]) -> str:
 
 
 def outliers(units: Sequence[str]) -> str:
-    """Units that the population does not explain."""
+    """Return the message on units that the population does not explain."""
     return f"These units do not belong to the population: {', '.join(units)}."
 
 
 def weighed(count: int, num_units: int, least: float) -> str:
-    """How many units enter by their draws."""
+    """Return the message on how many units enter by their draws."""
     return (
         f"{count} of {num_units} units enter by reweighted draws; the effective sample size is at "
         f"least {percent(least, '.0f')} of the draws."
@@ -91,7 +91,7 @@ def weighed(count: int, num_units: int, least: float) -> str:
 
 
 def approximated(units: Sequence[str]) -> str:
-    """Units whose posteriors enter as normal ones."""
+    """Return the message on units whose posteriors enter as normal ones."""
     return f"The posterior of {listed(units)} enters by a normal approximation."
 
 

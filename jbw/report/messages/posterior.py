@@ -54,7 +54,7 @@ def sampler(name: str, evaluations: int, coordinates: str) -> str:
 
 
 def evidence(log_evidence: float, error: float) -> str:
-    """The log evidence with its error [nats]."""
+    """Return the message on the log evidence with its error [nats]."""
     return f"The log evidence is {log_evidence:.2f} +- {error:.2g}."
 
 
@@ -64,22 +64,22 @@ def in_group_unit(name: str) -> str:
 
 
 def at_bound(name: str, side: str) -> str:
-    """That the fit lies at a bound of the prior."""
+    """Return the message that the fit lies at a bound of the prior."""
     return f"The best fit of {name} lies at the {side} bound of its prior."
 
 
 def by_fit(combinations: str) -> str:
-    """Which combinations the fit determines."""
+    """Return the message on which combinations the fit determines."""
     return f"By the fit, {combinations}."
 
 
 def by_initial_fit(combinations: str) -> str:
-    """Which combinations the initial fit determines."""
+    """Return the message on which combinations the initial fit determines."""
     return f"By the initial fit, {combinations}."
 
 
 def products_sampled(most: Sequence[str], last: str, names: Sequence[str], meanings: str) -> str:
-    """That products of parameters are sampled in their place."""
+    """Return the message that products of parameters are sampled in their place."""
     return (
         f"The data determine only products of {', '.join(most)} and {last}: {', '.join(names)} "
         f"are sampled instead ({meanings})."
@@ -87,7 +87,7 @@ def products_sampled(most: Sequence[str], last: str, names: Sequence[str], meani
 
 
 def test_left_out(name: str, why: str) -> str:
-    """A test that cannot be used, and why."""
+    """Return the message on a test that cannot be used, and why."""
     return f"Test {name} is left out: {why}"
 
 
@@ -100,7 +100,7 @@ def widened_fit(bounds: Sequence[str]) -> str:
 
 
 def widened(bounds: Sequence[str]) -> str:
-    """Bounds that were moved before the posterior was sampled again."""
+    """Return the message on bounds that were moved before the posterior was sampled again."""
     return (
         "Default prior bounds truncated the posterior, which was sampled again in wider ones: "
         f"{', '.join(bounds)}."

@@ -48,17 +48,17 @@ HIGHER_RATE = "Measure at a higher rate."
 
 
 def times_or_rate(channels: str) -> str:
-    """The line of channels with a column of times, or the rate."""
+    """Return the message on the line of channels with a column of times, or the rate."""
     return f"Put under [[test]]: `channels = {channels}`, or the rate in hertz: `fs = HZ`."
 
 
 def resample_or_part(resample: str, part: str) -> str:
-    """The line of a rate, or that of a part without gaps."""
+    """Return the message on the line of a rate, or that of a part without gaps."""
     return f"Put under [[test]]: {resample}, or keep a part: {part}."
 
 
 def part_or_higher_rate(line: str) -> str:
-    """The line of a part without pauses, or what to measure."""
+    """Return the message on the line of a part without pauses, or what to measure."""
     return f"{line}, or measure at a higher rate."
 
 
@@ -86,7 +86,7 @@ def time_without_unit(name: str, first: Sequence[float], guess: str) -> FaultTex
 
 
 def unfitting_names(names: Sequence[str], columns: int) -> str:
-    """Names above a table that are not as many as its columns."""
+    """Return the message on names above a table that are not as many as its columns."""
     some = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
     return (
         f"its header names {len(names)} columns ({some}), but its rows have {columns}, so that "
@@ -116,17 +116,17 @@ def beginning(fs: float | None, most: float) -> str:
 
 
 def against_file(unit: str, of_file: str) -> str:
-    """The unit of a campaign beside that of a file."""
+    """Return the message on the unit of a campaign beside that of a file."""
     return f"{unit}, by the campaign, against `{of_file}` of the file"
 
 
 def angle_of(role: str) -> str:
-    """Where a phase comes from."""
+    """Return the message on where a phase comes from."""
     return f"angle of the complex {role}"
 
 
 def few_driven_lines(record: str, least: int) -> str:
-    """A record whose source drives too few lines."""
+    """Return the message on a record whose source drives too few lines."""
     return f"{record} drives fewer than {least} lines in its band."
 
 
@@ -138,7 +138,7 @@ def rests(start: float, end: float, share: float, keep: str) -> str:
 
 
 def oversampled(per_cycle: float, hz: float, ordinal: str, fs: float, every: int) -> str:
-    """How many samples a cycle has, and how many are enough."""
+    """Return the message on how many samples a cycle has, and how many are enough."""
     return (
         f"It has {per_cycle:.0f} samples a cycle of its strongest frequency, {hz:.4g} Hz: "
         f"low-pass it, and export every {ordinal} sample ({fs:g} Hz), for {100 / every:.0f} % of "
@@ -147,7 +147,7 @@ def oversampled(per_cycle: float, hz: float, ordinal: str, fs: float, every: int
 
 
 def long_record(name: str, samples: int, proposals: Sequence[str]) -> str:
-    """A long record, and how it may be shorter."""
+    """Return the message on a long record, and how it may be shorter."""
     return f"{name} has {samples} samples, and every fit solves each. {' '.join(proposals)}"
 
 
@@ -173,7 +173,7 @@ def response_clock(ppm: float) -> str:
 
 
 def input_unknown(tone: str) -> str:
-    """That a third harmonic may be of the source."""
+    """Return the message that a third harmonic may be of the source."""
     return (
         f"{tone}: the input was not measured, so its third harmonic may be part of Y(3 omega); no "
         "verdict on the joint is possible from this frequency alone."
@@ -181,7 +181,7 @@ def input_unknown(tone: str) -> str:
 
 
 def harmonic_kept(tone: str) -> str:
-    """That the third harmonic of the source was not removed."""
+    """Return the message that the third harmonic of the source was not removed."""
     return f"{tone}: the source's third harmonic was measured but not taken out."
 
 
@@ -194,7 +194,7 @@ def large_harmonic(tone: str, ratio: float) -> str:
 
 
 def harmonic_in_noise(tone: str) -> str:
-    """That a third harmonic is noise."""
+    """Return the message that a third harmonic is noise."""
     return f"{tone}: Y(3 omega) does not stand above the noise; leave it out."
 
 
@@ -212,7 +212,7 @@ def held_phase(
 
 
 def removed_line(hz: float, amplitude: float, error: float) -> str:
-    """A line that was removed: frequency [Hz], amplitude, error."""
+    """Return the message on a line that was removed: frequency [Hz], amplitude, error."""
     return f"{hz:.6g} Hz of {amplitude:.4g} with an error of {error:.2g}"
 
 
@@ -227,17 +227,17 @@ def rounded_rate(error: float) -> str:
 
 
 def resampled_to(fs: float) -> str:
-    """The rate that a campaign asks for [Hz]."""
+    """Return the message on the rate that a campaign asks for [Hz]."""
     return f"{fs:.10g} Hz, to which it is resampled"
 
 
 def own_path(path: str) -> str:
-    """The path of a linked group."""
+    """Return the message on the path of a linked group."""
     return f"Use the group's own path `{path}`."
 
 
 def none_decays(name: str) -> tuple[str, str, str]:
-    """That no record of a test decays in its band as one mode does."""
+    """Return the message that no record of a test decays in its band as one mode does."""
     return (
         f"Test `{name}` must decay in its `band`, but no part of its records is the decay of one "
         "mode there.",

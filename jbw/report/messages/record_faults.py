@@ -15,7 +15,7 @@ FOLDED = FaultText(
 
 
 def unequal_lengths(lengths: str) -> FaultText:
-    """That channels have different lengths."""
+    """Return the message that channels have different lengths."""
     return FaultText(
         f"Channels must have equal lengths, but {lengths} samples.",
         "Cutting the longer one would assume that both begin together.",
@@ -24,12 +24,12 @@ def unequal_lengths(lengths: str) -> FaultText:
 
 
 def masked_or_left_out(leave_out: str) -> str:
-    """The remedy for lines of a curve that are no numbers."""
+    """Return the message on the remedy for lines of a curve that are no numbers."""
     return f'Put under [[test]]: `gaps = "mask"`, or {leave_out}.'
 
 
 def not_finite(count: int, total: int, first: str, remedy: str) -> FaultText:
-    """Samples that are no numbers, and the first of them."""
+    """Return the message on samples that are no numbers, and the first of them."""
     return FaultText(
         f"Samples must be finite, but {count} of {total} are not; the first at {first}.",
         "Filling gaps would invent data.",
@@ -38,7 +38,7 @@ def not_finite(count: int, total: int, first: str, remedy: str) -> FaultText:
 
 
 def masked(count: int, total: int) -> FaultText:
-    """Samples that the campaign masks."""
+    """Return the message on samples that the campaign masks."""
     return FaultText(
         f"{count} of {total} samples are not finite, and masked.",
         remedy="Nothing, if that is what was meant.",
@@ -46,7 +46,7 @@ def masked(count: int, total: int) -> FaultText:
 
 
 def beyond_measurement(sample: int, largest: float) -> FaultText:
-    """A sample that no instrument measures."""
+    """Return the message on a sample that no instrument measures."""
     return FaultText(
         f"Sample {sample} is {largest:.3g} in SI units, beyond any measurement.",
         "A damaged file reads like this, and so does an instrument's word for a lost sample.",
@@ -55,7 +55,7 @@ def beyond_measurement(sample: int, largest: float) -> FaultText:
 
 
 def constant(value: float, leave_out: str, *, toggles: bool) -> FaultText:
-    """A channel that does not change, but for its last bit."""
+    """Return the message on a channel that does not change, but for its last bit."""
     return FaultText(
         f"The channel is constant at {value:.6g}" + (" within one bit." if toggles else "."),
         "A dead sensor or an unconnected input looks like this.",
@@ -64,7 +64,7 @@ def constant(value: float, leave_out: str, *, toggles: bool) -> FaultText:
 
 
 def few_levels(count: int, least: int) -> FaultText:
-    """That a converter used few of its bits."""
+    """Return the message that a converter used few of its bits."""
     return FaultText(
         f"The channel has only {count} distinct values, fewer than {least}.",
         "Quantisation is then no longer like white noise.",
@@ -73,7 +73,7 @@ def few_levels(count: int, least: int) -> FaultText:
 
 
 def held(each: int, fs: float) -> FaultText:
-    """That each value stands for several samples."""
+    """Return the message that each value stands for several samples."""
     return FaultText(
         f"Each value is held for {each} samples: the channel was recorded at {fs:.6g} Hz.",
         f"It comes {(each - 1) / 2:g} samples late beside channels of the stated rate.",
@@ -82,7 +82,7 @@ def held(each: int, fs: float) -> FaultText:
 
 
 def dropped_out(count: int, first_s: float) -> FaultText:
-    """That a laser lost its light now and then."""
+    """Return the message that a laser lost its light now and then."""
     return FaultText(
         f"The signal has drop-outs: at {count} places, first at {first_s:.4g} s, it falls to "
         "nearly zero for a few samples.",
@@ -92,7 +92,7 @@ def dropped_out(count: int, first_s: float) -> FaultText:
 
 
 def implausible(role: str, largest: float, guess: str) -> FaultText:
-    """A motion that no bolted joint survives."""
+    """Return the message on a motion that no bolted joint survives."""
     return FaultText(
         f"The largest {role} is {largest:.3g} in SI units, more than a bolted joint survives.",
         remedy=f"Check the unit: is the file in {guess}?",
@@ -113,7 +113,7 @@ def lost_samples(
 
 
 def clipped(share: float, stretches: str, more: str, remedy: str) -> FaultText:
-    """The share of samples that are cut off, and where."""
+    """Return the message on the share of samples that are cut off, and where."""
     return FaultText(
         f"{100 * share:.2g} % of the samples are clipped, at {stretches}{more}.",
         "A clipped peak reads as softening and as harmonics.",
@@ -122,7 +122,7 @@ def clipped(share: float, stretches: str, more: str, remedy: str) -> FaultText:
 
 
 def stopped(end: float, keep: str) -> FaultText:
-    """That a recorder was stopped before the end of its file."""
+    """Return the message that a recorder was stopped before the end of its file."""
     return FaultText(
         f"The response stands still from {end:.4g} s to the end of the record.",
         "A stopped recorder fills its file like this; a structure keeps ringing.",
@@ -140,7 +140,7 @@ def gaps(stretches: str, more: str, count: int, remedy: str) -> FaultText:
 
 
 def swapped(ratio: float) -> FaultText:
-    """That the input looks like the response of the other."""
+    """Return the message that the input looks like the response of the other."""
     return FaultText(
         f"The input's spectrum is {ratio:.3g} times more peaked than the response's.",
         "That is how the FRF looks when input and response are swapped.",
@@ -149,7 +149,7 @@ def swapped(ratio: float) -> FaultText:
 
 
 def incoherent(coherence: float) -> FaultText:
-    """That little of a response comes from its input."""
+    """Return the message that little of a response comes from its input."""
     return FaultText(
         f"The coherence with the input is {coherence:.2f} in the median of the excited lines.",
         "Little of this response comes from this input.",
@@ -158,7 +158,7 @@ def incoherent(coherence: float) -> FaultText:
 
 
 def outside_band(peak: float, low: float, high: float, ratio: float) -> FaultText:
-    """A band without the largest response."""
+    """Return the message on a band without the largest response."""
     return FaultText(
         f"The response is largest at {peak:.4g} Hz, outside `band` = [{low:g}, {high:g}] Hz: "
         f"{ratio:.3g} times its centre.",
@@ -168,7 +168,7 @@ def outside_band(peak: float, low: float, high: float, ratio: float) -> FaultTex
 
 
 def unresolved(peak: float, width: float, duration_s: float, resolution_hz: float) -> FaultText:
-    """A resonance that is narrower than the record resolves."""
+    """Return the message on a resonance that is narrower than the record resolves."""
     return FaultText(
         f"The resonance at {peak:.4g} Hz is seen {width:.3g} Hz wide, hardly more than a record "
         f"of {duration_s:.4g} s resolves ({resolution_hz:.3g} Hz).",
@@ -178,7 +178,7 @@ def unresolved(peak: float, width: float, duration_s: float, resolution_hz: floa
 
 
 def negative_gain(role: str) -> FaultText:
-    """That the gain is negative."""
+    """Return the message that the gain is negative."""
     return FaultText(
         "At its resonance the response moves against the input: the gain is negative.",
         "The polarity of one channel is turned, or the response was taken the other way round.",
@@ -187,7 +187,7 @@ def negative_gain(role: str) -> FaultText:
 
 
 def base_motion(gain: float) -> FaultText:
-    """That a drive is the acceleration of a base, and the response absolute."""
+    """Return the message that a drive is the acceleration of a base, and the response absolute."""
     return FaultText(
         "At its resonance the response moves against the input, as a structure on a moving base "
         f"does: the gain is {gain:.3g} /kg.",
@@ -209,7 +209,7 @@ def other_size(ratio: float) -> FaultText:
 
 
 def noisy_drive(source: str, ratio: float, response: str) -> FaultText:
-    """The error by noise of the drive over that by noise of the response."""
+    """Return the message on the error by noise of the drive over that by noise of the response."""
     return FaultText(
         f"At the resonance the noise of `{source}` makes {ratio:.2g} times the error that the "
         f"noise of `{response}` makes.",

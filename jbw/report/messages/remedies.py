@@ -21,12 +21,12 @@ OF_ONE_ROLE = re.compile(r'(scale|units) = \{ (\w+) = (-?[\d.]+|"[^"]+") \}')
 
 
 def span(first: float, last: float) -> str:
-    """The key that keeps a part of a record [s]."""
+    """Return the message on the key that keeps a part of a record [s]."""
     return f"`span = [{first}, {last}]`"
 
 
 def exclude(files: str) -> str:
-    """The key that leaves files out, a list as TOML writes it."""
+    """Return the message on the key that leaves files out, a list as TOML writes it."""
     return f"`exclude = {files}`"
 
 
@@ -51,7 +51,7 @@ def put(table: str, key: str, value: Any) -> str:
 
 
 def beside_other_laws(line: str) -> str:
-    """The line of another law, and how further ones are compared."""
+    """Return the message on the line of another law, and how further ones are compared."""
     return f"{line} Others, a gap between contacts among them, are compared by: jbw laws."
 
 

@@ -29,7 +29,7 @@ def drifting(tones: str, change: float) -> FaultText:
 
 
 def buried_harmonic(tones: str, size: float, noise: float) -> FaultText:
-    """A third harmonic that does not stand above the noise [m]."""
+    """Return the message on a third harmonic that does not stand above the noise [m]."""
     return FaultText(
         f"{tones}: the third harmonic ({size:.2g} m) does not stand above the noise ({noise:.2g} "
         "m).",
@@ -39,7 +39,7 @@ def buried_harmonic(tones: str, size: float, noise: float) -> FaultText:
 
 
 def few_lines(count: int, least: int) -> FaultText:
-    """A response curve of too few lines."""
+    """Return the message on a response curve of too few lines."""
     return FaultText(
         f"The curve has {count} lines, but at least {least} are needed.",
         remedy="Measure more frequencies around the resonance.",
@@ -47,7 +47,7 @@ def few_lines(count: int, least: int) -> FaultText:
 
 
 def locked_phase(phase: float) -> FaultText:
-    """That a curve is a backbone [degrees]."""
+    """Return the message that a curve is a backbone [degrees]."""
     return FaultText(
         f"The phase stays at {phase:.3g} degrees at every line: points of a backbone, each at a "
         "force of its own.",
@@ -66,7 +66,7 @@ def active(doubts: Sequence[str], keys: Sequence[str]) -> FaultText:
 
 
 def in_degrees(phase: float) -> FaultText:
-    """A phase that was written in degrees."""
+    """Return the message on a phase that was written in degrees."""
     return FaultText(
         f"The phase reaches {phase:.3g} rad, more than three turns.",
         "It reads like degrees.",
@@ -85,7 +85,7 @@ def loop_turned(rises: float, work: float) -> FaultText:
 
 
 def undecaying(times: float) -> FaultText:
-    """A decay whose end is as large as its beginning."""
+    """Return the message on a decay whose end is as large as its beginning."""
     return FaultText(
         f"The response of the last quarter is {times:.2g} times that of the first.",
         "A free decay falls; this record may be driven, or begin before the impact.",
@@ -94,7 +94,7 @@ def undecaying(times: float) -> FaultText:
 
 
 def offset(ratio: float) -> FaultText:
-    """The mean of a response over its standard deviation."""
+    """Return the message on the mean of a response over its standard deviation."""
     return FaultText(
         f"The response has a mean of {ratio:.2g} times its motion.",
         "An offset of the channel is no motion, but would be fitted as one.",
@@ -103,7 +103,7 @@ def offset(ratio: float) -> FaultText:
 
 
 def already_moving(share: float) -> FaultText:
-    """The motion at the start of a record over its usual motion."""
+    """Return the message on the motion at the start of a record over its usual motion."""
     return FaultText(
         f"The record begins with {percent(share, '.0f')} of its usual motion, but such a test "
         "is followed from rest.",
@@ -114,7 +114,7 @@ def already_moving(share: float) -> FaultText:
 
 
 def unlike_level(level: float, role: str, peak: float, rms: float, unit: str) -> FaultText:
-    """A level beside peak and rms of the channel that it is of."""
+    """Return the message on a level beside peak and rms of the channel that it is of."""
     sizes = f"a peak of {peak:.3g} and an rms of {rms:.3g} {unit}".rstrip()
     return FaultText(
         f"`level` is {level:g}, but {role} has {sizes}.",
@@ -125,7 +125,7 @@ def unlike_level(level: float, role: str, peak: float, rms: float, unit: str) ->
 
 
 def put_band(low: float, high: float) -> str:
-    """The line of a band about the strongest line."""
+    """Return the message on the line of a band about the strongest line."""
     return (
         f"Put under [[test]]: `band = [{low:g}, {high:g}]`. That is about the strongest line; no "
         "other mode may lie in it."
@@ -133,7 +133,7 @@ def put_band(low: float, high: float) -> str:
 
 
 def without_band(remedy: str) -> FaultText:
-    """That a decay has no band, with the remedy."""
+    """Return the message that a decay has no band, with the remedy."""
     return FaultText(
         "A free decay needs `band`: the frequencies around the one mode of the joint.",
         "It shows every mode at once.",
@@ -142,7 +142,7 @@ def without_band(remedy: str) -> FaultText:
 
 
 def several_modes(share: float, low: float, high: float) -> FaultText:
-    """The share of the power outside a band about the strongest resonance."""
+    """Return the message on the share of the power outside a band about the strongest resonance."""
     return FaultText(
         f"{percent(share, '.0f')} of the displacement's power lies outside {low:g} to "
         f"{high:g} Hz, about the strongest resonance.",

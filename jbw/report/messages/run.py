@@ -17,13 +17,13 @@ def stopping(*, waits: bool) -> str:
 
 
 def damaged_checkpoint(name: str, folder: str, *, has_earlier: bool) -> str:
-    """That a checkpoint is damaged, and what is used instead."""
+    """Return the message that a checkpoint is damaged, and what is used instead."""
     then = "the one before it is used" if has_earlier else "its chains start again"
     return f"A checkpoint of {name} in {folder} is damaged: {then}."
 
 
 def another_machine(before: str, processors_before: str, now: str, processors_now: str) -> str:
-    """That a run goes on on another machine than it began on."""
+    """Return the message that a run goes on on another machine than it began on."""
     return (
         f"The run began on {before} ({processors_before} processors) and "
         f"continues on {now} ({processors_now}): its draws may differ in the last digits, and "

@@ -34,7 +34,7 @@ FITTING_FOR_USE = "Fitting all tests for use"
 
 
 def little_address_space(limit_gib: float, needed_gib: float) -> str:
-    """That a limit on the address space may end the process."""
+    """Return the message that a limit on the address space may end the process."""
     return (
         f"The address space of this process is limited to {limit_gib:.2g} GiB, but compiling may "
         f"reserve {needed_gib:g} GiB and ends the process where it gets none. Raise the limit: "
@@ -88,12 +88,12 @@ def starts(count: int) -> str:
 
 
 def later_round(what: str, number: int) -> str:
-    """That a posterior is drawn again."""
+    """Return the message that a posterior is drawn again."""
     return f"{what}, round {number} (chains disagreed or draws were few: drawn again)"
 
 
 def effective(size: float, needed: float) -> str:
-    """How many effective draws there are, of how many."""
+    """Return the message on how many effective draws there are, of how many."""
     return f"{size:,.0f} effective draws of at least {needed:,.0f}"
 
 

@@ -47,7 +47,7 @@ def neighbours(modes: Sequence[tuple[float, float]], residual: float) -> str:
 
 
 def rigid_body(constant: str, unit: str) -> str:
-    """That modes below the band dominate outside it."""
+    """Return the message that modes below the band dominate outside it."""
     return (
         f"The modes outside the band act as one real constant of {constant} {unit}: the rigid body "
         "and the modes below."
@@ -55,7 +55,7 @@ def rigid_body(constant: str, unit: str) -> str:
 
 
 def compliance(constant: str, unit: str) -> str:
-    """That modes above the band dominate outside it."""
+    """Return the message that modes above the band dominate outside it."""
     return (
         f"The modes outside the band act as one real constant of {constant} {unit}: the compliance "
         "of the modes above."
@@ -63,27 +63,27 @@ def compliance(constant: str, unit: str) -> str:
 
 
 def no_shaker(test: str, why: str) -> str:
-    """That a record does not show its shaker."""
+    """Return the message that a record does not show its shaker."""
     return f"{test}: its shaker is not identified. {why}"
 
 
 def identify_anew(folder: str) -> str:
-    """What to do where a folder holds another result."""
+    """Return the message on what to do where a folder holds another result."""
     return f"Move {folder} away to identify anew, or choose another `out`."
 
 
 def verdict_of(campaign: str, status: str, why: str) -> str:
-    """The verdict of a run in a line of an exported file."""
+    """Return the message on the verdict of a run in a line of an exported file."""
     return f"Verdict of the run {campaign}: {status}: {why}"
 
 
 def exported_draw(number: int, count: int, why: str, mass: float) -> str:
-    """Which draw an export holds, with the modal mass [kg]."""
+    """Return the message on which draw an export holds, with the modal mass [kg]."""
     return f"Joint: draw {number} of {count}, from 0 on, {why}; modal mass {mass:g} kg."
 
 
 def one_draw(number: int, mass: float) -> str:
-    """The same of one of several exported draws."""
+    """Return the message on the same of one of several exported draws."""
     return f"Joint: draw {number}, from 0 on; modal mass {mass:g} kg."
 
 
@@ -93,7 +93,7 @@ def exported_joints(number: int, count: int, why: str, system: str) -> str:
 
 
 def one_of_joints_draws(number: int, system: str) -> str:
-    """The same of one of several exported draws."""
+    """Return the message on the same of one of several exported draws."""
     return f"Joints: draw {number}, from 0 on; units {system}."
 
 
@@ -130,7 +130,7 @@ def joint_place(
 
 
 def joint_in_si(name: str, motion_unit: str, force_unit: str) -> str:
-    """That a file of one joint is in SI, whatever the units of the matrices."""
+    """Return the message that a file of one joint is in SI, whatever the units of the matrices."""
     return f"This is {name} in SI: its motion in {motion_unit}, its force in {force_unit}."
 
 
@@ -145,20 +145,20 @@ def joint_dashpot(name: str, hz: float, motion: float, unit: str) -> str:
 def within_interval(
     name: str, value: float, unit: str, low: float, high: float, *, inside: bool
 ) -> str:
-    """Where a product of the exported draw lies among all draws."""
+    """Return the message on where a product of the exported draw lies among all draws."""
     place = "within" if inside else "outside"
     return f"{name} is {value:.6g} {unit}, {place} its 99 % interval {low:.6g} to {high:.6g}."
 
 
 def within_bands(*, inside: bool) -> str:
-    """Whether the exported backbone lies in the bands of all draws."""
+    """Return the message on whether the exported backbone lies in the bands of all draws."""
     return f"Its backbone {'lies within' if inside else 'leaves'} the 99 % bands of all draws."
 
 
 def sliders(
     law: str, reach: float, least: float, most: float, error: float, unit: str = "m"
 ) -> str:
-    """How far and how well sliders represent a law."""
+    """Return the message on how far and how well sliders represent a law."""
     return (
         f"Sliders represent {law} up to {reach:.4g} {unit}, a spring beyond; from {least:.4g} to "
         f"{most:.4g} {unit} the loss per cycle is right to {error:.2g} %."
@@ -166,22 +166,22 @@ def sliders(
 
 
 def without_form(program: str) -> str:
-    """A program for which no file is written."""
+    """Return the message on a program for which no file is written."""
     return f"{program} has no form of the joint, so it gets no file."
 
 
 def no_logarithm(name: str, units: Sequence[str]) -> str:
-    """A parameter that a fleet cannot pool."""
+    """Return the message on a parameter that a fleet cannot pool."""
     return f"Without {name}: unknown or not positive in {', '.join(units)}."
 
 
 def unfinished(folder: str) -> str:
-    """A run that a fleet omits."""
+    """Return the message on a run that a fleet omits."""
     return f"{folder} is not finished and is omitted; continue it: jbw resume {folder}"
 
 
 def further_units(torque: float | None, *, of_units: bool) -> str:
-    """Which units a prediction is for, and whose gain they have."""
+    """Return the message on which units a prediction is for, and whose gain they have."""
     at = "" if torque is None else f" at {torque:.3g} N m"
     gain = "the gains of the measured units" if of_units else "the campaign's gain for its tests"
     return f"Further units{at}, with {gain}"

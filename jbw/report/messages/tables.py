@@ -36,12 +36,12 @@ HARMONIC_NOTE = "of Y(3ω), removed with the measured input"
 
 
 def rests_on(parameters: Sequence[str]) -> str:
-    """Parameters that only one kind of test identifies."""
+    """Return the message on parameters that only one kind of test identifies."""
     return f"not identified without it: {', '.join(parameters)}"
 
 
 def beyond(reach: float) -> str:
-    """How far a test lies beyond the fitted ones."""
+    """Return the message on how far a test lies beyond the fitted ones."""
     return f"{reach:.2g} times the largest fitted displacement"
 
 

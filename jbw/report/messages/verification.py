@@ -23,7 +23,7 @@ def comparison_of(test: str, quantity: str) -> str:
 
 
 def extrapolated(test: str, y: float, ratio: float, fitted: float) -> str:
-    """That a prediction reaches beyond the fitted displacements [m]."""
+    """Return the message that a prediction reaches beyond the fitted displacements [m]."""
     return (
         f"Test `{test}` is predicted to reach {y:.3g} m, {ratio:.2g} times the largest "
         f"displacement that was fitted ({fitted:.3g} m), where nothing shows that the joint "
@@ -33,7 +33,7 @@ def extrapolated(test: str, y: float, ratio: float, fitted: float) -> str:
 
 
 def away_from_mode(test: str, share: float) -> str:
-    """The share of the input's power about the mode."""
+    """Return the message on the share of the input's power about the mode."""
     return (
         f"Test `{test}` has {share:.2g} of its input's power within 25 % of the natural "
         "frequency, so it hardly moves the mode that was identified: other modes may dominate its "
@@ -42,7 +42,7 @@ def away_from_mode(test: str, share: float) -> str:
 
 
 def without_terms(test: str, terms: str) -> str:
-    """What a prediction lacks of a new unit."""
+    """Return the message on what a prediction lacks of a new unit."""
     return (
         f"Test `{test}` is predicted without {terms}, which some units of the population have and "
         "others do not, or in places of their own: what other modes add to the response is left "

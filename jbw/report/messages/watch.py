@@ -7,7 +7,7 @@ Estimate = tuple[float, float, float]
 
 
 def distances(squared: float, threshold: float, num_reference: int, unchanged: float) -> str:
-    """The numbers behind a statement."""
+    """Return the message on the numbers behind a statement."""
     return (
         f"T^2 is {squared:.3g} with the threshold {threshold:.3g}; the probability of no change "
         f"since the {num_reference} reference records is {unchanged:.3g}."
@@ -15,12 +15,12 @@ def distances(squared: float, threshold: float, num_reference: int, unchanged: f
 
 
 def no_alarm(numbers: str) -> str:
-    """That the joint is as it was."""
+    """Return the message that the joint is as it was."""
     return f"No alarm. {numbers}"
 
 
 def alarm(kind: str, record: str, first: str, direction: str, changes: str, numbers: str) -> str:
-    """That the joint changed, and since which record."""
+    """Return the message that the joint changed, and since which record."""
     since = f", since {first}" if first != record else ""
     return f"Alarm ({kind}) at {record}{since}: {direction}. {changes} {numbers}"
 
@@ -51,7 +51,7 @@ def torque_change(before: float, after: Estimate, *, within_fleet: bool, is_expl
 
 
 def attenuated(error: float, attenuation: float) -> str:
-    """That slopes of torques that were read are too small."""
+    """Return the message that slopes of torques that were read are too small."""
     return (
         f"If the torques of the fleet were read to {percent(error, '.0f')} and not set, its slopes "
         f"are about {percent(attenuation, '.1g')} too small, and changes of torque are "
@@ -60,12 +60,12 @@ def attenuated(error: float, attenuation: float) -> str:
 
 
 def furthest(metres: float | None) -> str:
-    """How far all units of a fleet were driven."""
+    """Return the message on how far all units of a fleet were driven."""
     return "some units state no displacement" if metres is None else f"{metres:.3g} m"
 
 
 def torn_line(path: str, num_bytes: int, torn_path: str) -> str:
-    """That a crash cut off the last line of a watch."""
+    """Return the message that a crash cut off the last line of a watch."""
     return (
         f"A crash cut off the last line of {path}; its {num_bytes} bytes are in {torn_path}. Add "
         "that record again."
@@ -73,7 +73,7 @@ def torn_line(path: str, num_bytes: int, torn_path: str) -> str:
 
 
 def known_already(record: str, number: int) -> str:
-    """That a record is no new one."""
+    """Return the message that a record is no new one."""
     return f"The watch already holds `{record}`, as number {number}."
 
 
