@@ -23,8 +23,11 @@ def drop_off(signal: SweepSignal) -> tuple[float, float] | None:
 def drive_course(signal: SweepSignal) -> tuple[Reals, float]:
     """Return the smoothed size of a drive over its median, and the rms of what is smoothed away."""
     size = np.abs(signal.u)
-    width = max(int(SMOOTHED * len(size)), 5)
+    width = max(
+        min(max(int(SMOOTHED * len(size)), 5), len(size) // 4), 1
+    )  # of few values a quarter
     smooth = uniform_filter1d(size, width, mode="nearest")
-    inner, usual = slice(width, -width), float(np.median(smooth[width:-width]))
+    inner = slice(width, -width) if len(size) > 2 * width else slice(None)
+    usual = float(np.median(smooth[inner]))
     rough = float(np.sqrt(np.mean((size - smooth)[inner] ** 2)))
     return smooth[inner] / usual, rough / usual
