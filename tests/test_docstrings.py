@@ -10,6 +10,8 @@ import pytest
 
 import jbw
 
+OF_FLEETS = ("new_backbone", "one_stage", "updated")  # 20 to 30 CPU seconds each
+
 
 def example_of(name):
     """The example of a public name, of its own docstring and not of what it contains."""
@@ -29,7 +31,10 @@ def _a_session_of_its_own(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("_a_session_of_its_own")
-@pytest.mark.parametrize("name", jbw.__all__)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.release) if n in OF_FLEETS else n for n in jbw.__all__],
+)
 def test_the_example_of_a_public_name_prints_what_it_shows(name):
     test = example_of(name)
     assert test is not None, f"The docstring of jbw.{name} needs an example, under `Examples:`."
