@@ -99,8 +99,10 @@ class LineReading(KnownReading):
         linear = jnp.stack([theta[name] for name in READ])
         # Beside the line fit's covariance, that of what the average over amplitudes leaves out.
         margin = jnp.diag((MARGIN * (predicted[0] - linear)) ** 2)
-        excluded = self.groups.noise_std[0] ** 2
-        root = jnp.linalg.cholesky(excluded * self.covariance + margin)
+        # A reading that is held out counts for next to none of its values.
+        counted = self.groups.num_values[0] / self.groups.num_counted[0]
+        scale = self.groups.noise_std[0] ** 2 / counted
+        root = jnp.linalg.cholesky(scale * self.covariance + margin)
         columns = jnp.column_stack([(self.mean - predicted).T, self.groups.directions[0].T])
         whitened = jax.scipy.linalg.solve_triangular(root, columns, lower=True)
         return whitened[None, :, 0], whitened[:, 1:].T[None], -jnp.sum(jnp.log(jnp.diag(root)))
