@@ -268,7 +268,8 @@ def _require_same(strays: Float[np.ndarray, " particle"]) -> None:
     if not sd < SAME:
         raise DataError(
             f"The likelihood of the run's draws cannot be had again: it strays by {sd:.2g} nats.",
-            why="The run drew by other weights or solver steps than its campaign asks for now.",
+            why="The run is a quick one, whose draws are those of a Gaussian, or drew by other "
+            "weights or solver steps than its campaign asks for now.",
             remedy="Identify the joint anew with the further records in its campaign.",
         )
 
