@@ -15,12 +15,12 @@ FOOT = (
 
 
 def heading(day: str, law: str, version: str) -> str:
-    """Below the title."""
+    """Return the line below the title of the brief: its date, the law and the version of jbw."""
     return f"Bolted joint, brief of {day}. Model: {law}. jbw {version}."
 
 
 def levels(*, several_modes: bool) -> str:
-    """Of the table of frequency and damping."""
+    """Return the title of the table of frequency and damping against amplitude."""
     of_mode = " of the first mode" if several_modes else ""
     return f"Frequency and damping{of_mode} against amplitude, with 99 % intervals"
 

@@ -42,12 +42,12 @@ NO_JOINTS = "[structure] matrices: need a [[joint]] table for every joint, but t
 
 
 def typographic(typed: str) -> str:
-    """What word processors put in the place of quotes, minus signs and blanks."""
+    """Return the message for typographic quotes, minus signs and blanks, which TOML rejects."""
     return f"has typographic characters, {typed}, which TOML does not take"
 
 
 def mended(number: int, line: str, alike_lines: Sequence[int]) -> str:
-    """A line as TOML takes it, and the numbers of lines with the same slip behind it."""
+    """Return the remedy: the corrected line, and the first later line with the same slip."""
     more = f" Mend line {alike_lines[0]} likewise." if alike_lines else ""
     return f"Write line {number} as `{line}`.{more}"
 
@@ -82,7 +82,7 @@ def decimal_points(bounds: str) -> str:
 
 
 def two_rates(fs: float, other: str, other_fs: float) -> FaultText:
-    """Repeats of two sampling frequencies [Hz]."""
+    """Return the message for repeats of a test with two sampling frequencies [Hz]."""
     return FaultText(
         f"Repeats of a test must have one sampling frequency, but this has {fs:.7g} Hz and {other} "
         f"has {other_fs:.7g} Hz.",
@@ -188,7 +188,7 @@ def put_same_as(joint: str, leader: str) -> str:
 
 
 def few_modes(laws: int, modes: int) -> FaultText:
-    """Fewer swept modes than laws."""
+    """Return the message that there are fewer swept modes than laws of joints."""
     return FaultText(
         f"{laws} laws need {laws} swept modes at least, but the bands of the tests hold {modes}.",
         "Every mode determines one number, the sum over all joints.",
@@ -230,7 +230,7 @@ def shares(share: float) -> str:
 
 
 def rest_or_leave_out(part_line: str, leaving_out: str) -> str:
-    """The line of the part that no other test holds, or how to leave the record out."""
+    """Return the remedy: use the part that no other test contains, or leave the record out."""
     return f"{part_line}, which no other test holds, or {leaving_out}."
 
 
@@ -266,7 +266,7 @@ def no_role(role: str) -> str:
 
 
 def base_beside_others(others: str) -> str:
-    """Tests on a moving base and tests that something else drives in one campaign."""
+    """Return the message that a campaign mixes tests on a moving base with other drives."""
     return (
         f"[[test]] channels: tests with `base` cannot stand beside tests driven by {others}, whose "
         "gain is another; make a campaign of each."

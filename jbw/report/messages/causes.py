@@ -46,7 +46,7 @@ def turned(test: str, line: str) -> Words:
 
 
 def factor(test: str, size: float, unit: str | None, line: str, *, is_turned: bool) -> Words:
-    """A test whose response is larger or smaller than by the others, as by a unit."""
+    """Return the message for a test whose response has another scale, such as a wrong unit."""
     sign = " and with the opposite sign" if is_turned else ""
     hint = f", as {unit} would be" if unit else ""
     return (
@@ -80,7 +80,7 @@ def residual_term(constant: float, line: str) -> Words:
 
 
 def natural_frequencies(scatter: float, line: str) -> Words:
-    """Natural frequencies that differ between tests, and the line that names their session."""
+    """Return the message that natural frequencies differ between tests, and its remedy."""
     return (
         "a natural frequency and damping of each test's own, scattering by "
         f"{percent(scatter, '.2f')}",

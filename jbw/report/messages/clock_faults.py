@@ -4,12 +4,12 @@ from jbw.report.messages.message import FaultText, percent
 
 
 def response_jumps(jump: float, ahead: str) -> str:
-    """By how much a lag jumps [s]."""
+    """Return the clause that the response jumps against the drive by a lag [s]."""
     return f"the response jumps by {jump:.3g} s {ahead} the drive: one of them"
 
 
 def lost_block(at_s: float, sign: str, keep: str) -> FaultText:
-    """That a block is missing, what shows it, and how to keep what comes before it."""
+    """Return the message for a missing block of samples, and how to keep the part before it."""
     return FaultText(
         f"At {at_s:.3g} s {sign} lost a block of samples.",
         "The response after it belongs to another time of the drive.",
@@ -29,7 +29,7 @@ def another_clock(size: float, fast: str, change_s: float, ppm: float) -> FaultT
 
 
 def another_delay(way: str, size_s: float, stated_s: float, lag_s: float) -> FaultText:
-    """A lag along the whole record, and the one that the campaign states [s]."""
+    """Return the message that the lag of the response [s] differs from the stated delay [s]."""
     return FaultText(
         f"The response {way} the drive by {size_s:.2g} s; the campaign states a delay of "
         f"{stated_s:g} s.",
@@ -39,7 +39,7 @@ def another_delay(way: str, size_s: float, stated_s: float, lag_s: float) -> Fau
 
 
 def drop_off(share: float, noise: float) -> FaultText:
-    """How far a drive falls at the resonance, over its usual size, and its noise over it there."""
+    """Return the message on the drop of the drive at resonance, and its share of noise there."""
     return FaultText(
         f"At the resonance the drive falls to {share:.2g} of its usual size, of which its noise is "
         f"{percent(noise, '.0f')}.",
@@ -49,7 +49,7 @@ def drop_off(share: float, noise: float) -> FaultText:
 
 
 def other_sign(source: str) -> FaultText:
-    """A repeat whose response has the other sign, over its drive, than that of most."""
+    """Return the message for a repeat whose ratio of response to drive has the opposite sign."""
     return FaultText(
         "The response has the other sign, over the drive, than in most repeats.",
         "A channel was turned over: the mean of both cancels, and a fit meets neither.",
@@ -58,7 +58,7 @@ def other_sign(source: str) -> FaultText:
 
 
 def other_gain(ratio: float, source: str) -> FaultText:
-    """A repeat whose response over its drive is another multiple than that of most."""
+    """Return the message for a repeat whose ratio of response to drive has another size."""
     return FaultText(
         f"The response over the drive is {ratio:.4g} times that of most repeats.",
         "A channel has another unit or gain.",

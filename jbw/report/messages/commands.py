@@ -12,7 +12,7 @@ NO_NAME = "It explains parameters, columns and words too, such as: jbw explain E
 
 
 def parameter_explained(quantity: Quantity, laws: Sequence[str]) -> str:
-    """Meaning, symbol, unit and laws of a parameter."""
+    """Return the meaning, symbol, unit and laws of a parameter."""
     unit = "" if quantity.unit == "1" else f" [{quantity.unit}]"
     of_laws = f" Parameter of the law {', '.join(laws)}." if laws else ""
     return f"{capital(quantity.meaning)}, {quantity.symbol}{unit}.{of_laws}"
@@ -73,12 +73,12 @@ def identify_again(folder: str) -> str:
 
 
 def saved(folder: str, quoted: str) -> str:
-    """How to continue an interrupted run."""
+    """Return the message on how to continue an interrupted run."""
     return f"Saved in {folder}; continue: jbw resume {quoted}"
 
 
 def draw_posterior(folder: str) -> str:
-    """What follows a quick answer, behind the command that draws the posterior."""
+    """Return the hint after a quick answer: how to draw the posterior and write a report."""
     return f" draws the posterior; a page: jbw report {folder}"
 
 
@@ -93,23 +93,23 @@ def or_plan(folder: str) -> str:
 
 
 def finished(folder: str, page: str) -> str:
-    """That a run needs no more, and where its report is; none was written where `page` is empty."""
+    """Return the message that a run is finished, and where its report is (`page`, if written)."""
     where = f"see {page}" if page else f"only its report is missing, jbw report {folder}"
     return f"The run in {folder} is finished: {where}."
 
 
 def without_model(campaign: str) -> str:
-    """Of the table of a look."""
+    """Return the title of the table of readings that need no model of the joint."""
     return f"Campaign {campaign}, read without a model of the joint"
 
 
 def sampler_distances(reference: str) -> str:
-    """Of the table of samplers side by side."""
+    """Return the title of the table that compares samplers with a reference sampler."""
     return f"Distances in Monte Carlo standard errors from {reference}"
 
 
 def condition_number(value: str) -> str:
-    """Of the matrix B of the swept modes."""
+    """Return the sentence on the condition number of the matrix B of the swept modes."""
     return (
         f"Condition number of B: {value}. It multiplies the noise where each joint has a law of "
         "its own."

@@ -52,7 +52,7 @@ def put_tolerance(tolerance: float) -> str:
 
 
 def off_phase(points: str, error: float, held: float, remedy: str) -> FaultText:
-    """Points away from the phase that was to be held, with the remedy [degrees]."""
+    """Return the message for points whose phase deviates from the held phase [degrees]."""
     return FaultText(
         f"The phase of {points} lies up to {error:.3g} degrees from the {held:g} degrees that "
         "were to be held.",
@@ -72,7 +72,7 @@ def amplitude_jumps(before: float, after: float) -> str:
 
 
 def jumps(pairs: Sequence[str], jump: str) -> FaultText:
-    """Between which points the motion jumps, and from where to where."""
+    """Return the message on the points between which the motion jumps, and its size."""
     return FaultText(
         f"Between points {', '.join(pairs)} {jump}: to another branch.",
         "A controlled test follows one branch; a point beside a jump may not have been steady.",

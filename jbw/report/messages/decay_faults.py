@@ -8,7 +8,7 @@ LONGER = "Measure longer, or shorten `settle`."
 def few_values(
     count: int, least: int, band: tuple[float, float], length: tuple[float, float], remedy: str
 ) -> FaultText:
-    """Independent values of a record in its band [Hz], and its length in seconds and in periods."""
+    """Return the message that a decay has too few independent values in its band [Hz]."""
     (low, high), (seconds, periods) = band, length
     return FaultText(
         f"The record has {count} independent values in `band` = [{low:g}, {high:g}] Hz after "
@@ -24,7 +24,7 @@ def put_wider_band(low: float, high: float) -> str:
 
 
 def late_blow(blow_s: float, settle_s: float, settle: str) -> FaultText:
-    """When the blow comes, and a `settle` after it [s]."""
+    """Return the message on the time of a late blow [s], with a `settle` after it [s]."""
     return FaultText(
         f"The blow comes {blow_s:.3g} s after the start of the record"
         + (f" and its `settle` of {settle_s:g} s." if settle_s > 0 else "."),
@@ -43,7 +43,7 @@ def read_from_blow(test: str, first: str, last: str, count: int, of: int) -> str
 
 
 def still_driven(steady_s: float, settle: str) -> FaultText:
-    """Until when a record was driven, and a `settle` after it [s]."""
+    """Return the message that a decay was driven until a time [s], with a `settle` after it [s]."""
     return FaultText(
         f"The motion is steady for the first {steady_s:.3g} s and decays only then.",
         "It was still driven; a fit as a free decay would find a joint without damping.",
@@ -52,7 +52,7 @@ def still_driven(steady_s: float, settle: str) -> FaultText:
 
 
 def second_blow(at_s: float, size: float, remedy: str, *, grows: bool) -> FaultText:
-    """When a decay jumps [s], by how much, and how to leave it out."""
+    """Return the message that a decay jumps at a time [s], its size, and how to leave it out."""
     return FaultText(
         f"At {at_s:.3g} s the motion jumps by {size:.2g} of its size"
         + (": a second blow." if grows else ": samples are missing there, or it was hit again."),
@@ -62,7 +62,7 @@ def second_blow(at_s: float, size: float, remedy: str, *, grows: bool) -> FaultT
 
 
 def interrupted(at_s: float, remedy: str) -> FaultText:
-    """When a decay is interrupted [s], and what to do about it."""
+    """Return the message that samples are missing in a decay at a time [s], and its remedy."""
     return FaultText(
         f"At {at_s:.3g} s a sample does not follow from those before it: samples are missing "
         "there, or it was hit again.",
@@ -90,7 +90,7 @@ def line_in_sweep(hz: str) -> FaultText:
 
 
 def second_mode(first_hz: float, second_hz: float, band: tuple[float, float]) -> FaultText:
-    """Frequencies of two modes in a band, and a band without the second [Hz]."""
+    """Return the message for two modes in one band [Hz], and a band with the first mode only."""
     return FaultText(
         f"`band` holds two modes, at {first_hz:.4g} and {second_hz:.4g} Hz.",
         "They beat; read as one mode, frequency and damping are those of neither.",

@@ -28,7 +28,7 @@ def may_be_same(names: Sequence[str]) -> str:
 
 
 def joint_changed(joint: str, chi_square: float, degrees: int) -> str:
-    """That one of several joints has changed, by the chi-square of all its parameters."""
+    """Return the sentence that a joint has changed, with chi-square of all its parameters."""
     return (
         f"{joint} has changed: of its parameters together chi-square is {chi_square:.3g} with "
         f"{degrees} degrees of freedom."
@@ -36,13 +36,13 @@ def joint_changed(joint: str, chi_square: float, degrees: int) -> str:
 
 
 def joints_may_be_same(joints: Mapping[str, float]) -> str:
-    """Joints whose parameters differ by no more than chance, with its probability."""
+    """Return the sentence on joints whose parameters differ by no more than chance, with p."""
     shown = ", ".join(f"{joint} (p = {p:.2g})" for joint, p in joints.items())
     return f"Joints that may be the same: {shown}."
 
 
 def factors_apart(names: Sequence[str]) -> str:
-    """That factors on the joints' motion stand by themselves, not among those of a joint."""
+    """Return the sentence that factors on the motion of joints are compared one by one."""
     return (
         f"A joint is compared by its laws alone; factors on the motion of joints ({listed(names)}) "
         "are compared one by one."
@@ -50,7 +50,7 @@ def factors_apart(names: Sequence[str]) -> str:
 
 
 def homes_differ(joints: str, first: str, second: str) -> str:
-    """That the laws of joints refer to another motion in each run, of uncertain shapes."""
+    """Return the sentence that a joint's parameters refer to different motions in two runs."""
     return (
         f"The parameters of {joints} refer to the model's motion of {first} in run A and of "
         f"{second} in run B. If the model's shapes are wrong, the parameters differ for this "
@@ -85,7 +85,7 @@ def inadequate(runs: Sequence[str]) -> str:
 
 
 def records_scatter(spreads: Mapping[str, Mapping[str, float]]) -> str:
-    """Standard deviations that the scatter of a run's records adds to its means."""
+    """Return the sentence on the standard deviation between the records of each run."""
     shown = "; ".join(
         f"{run} {', '.join(f'{name} {percent(sd)}' for name, sd in row.items())}"
         for run, row in spreads.items()
@@ -97,7 +97,7 @@ def records_scatter(spreads: Mapping[str, Mapping[str, float]]) -> str:
 
 
 def sessions_scatter(spreads: Mapping[str, tuple[str, str]]) -> str:
-    """The scatter of natural frequency and damping between the sessions of each run."""
+    """Return the sentence on natural frequency and damping between the sessions of each run."""
     shown = "; ".join(
         f"{run} {omega} of omega_n and {zeta} of zeta" for run, (omega, zeta) in spreads.items()
     )
@@ -118,7 +118,7 @@ def without_backbone(run: str) -> str:
 
 
 def with_torque(quantity: str, amplitude: str, change: str, word: str) -> str:
-    """How a quantity at an amplitude goes with the torque; an empty word where nobody knows."""
+    """Return the sentence on the trend of a quantity with torque; an empty `word` is no trend."""
     if not word:
         return f"At {amplitude} the {quantity} shows no trend with torque: {change} a doubling."
     return f"At {amplitude} the {quantity} {word} with torque: {change} a doubling."

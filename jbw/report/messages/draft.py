@@ -29,7 +29,7 @@ ASK_RATE = "rate to resample to [Hz]"
 
 
 def several_folders(folders: Sequence[str]) -> tuple[str, str, str]:
-    """That records of several folders were named together, which no campaign file can name."""
+    """Return the message that the named records must lie in one folder, and its remedy."""
     return (
         f"Records that are named together must lie in one folder, but lie in {', '.join(folders)}.",
         "A campaign file names the records beside it.",
@@ -47,7 +47,7 @@ def other_records(path: str) -> tuple[str, str, str]:
 
 
 def mass_of_campaign(path: str, mass: str) -> tuple[str, str]:
-    """That a modal mass was stated beside a campaign file, which states its own."""
+    """Return the message that `--mass` has no effect on a campaign file that exists already."""
     return (
         f"Option --mass is for campaigns that are drafted, but `{path}` is there already.",
         f"State it in the file, under [campaign]: modal_mass = {mass}",
@@ -121,7 +121,7 @@ def of_one_torque(torque: str) -> str:
 
 
 def torques(patterns: Sequence[str]) -> str:
-    """That records of several torques lie together, and how to identify each by itself."""
+    """Return the message that files of several torques are drafted as assemblies of one joint."""
     return (
         "files of several torques are drafted as assemblies of one joint, each with a frequency "
         "and a damping of its own. Where the joint differs with torque, identify those of each "
@@ -264,7 +264,7 @@ def matrices_alone(folder: str, files: Sequence[str]) -> tuple[str, str, str]:
 
 
 def structure(matrices: str, places: Sequence[str], written: Sequence[str]) -> str:
-    """The structure and one of its joints, with all that the files of its model tell."""
+    """Return the commented tables [structure] and [[joint]] from the files of a model."""
     some = ", ".join(places[:6]) + (f", ..., {places[-1]}" if len(places) > 6 else "")
     push, points, across = written
     return f"""\

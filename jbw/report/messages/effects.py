@@ -13,7 +13,7 @@ SLIDERS = ": the data agree with sliders"
 
 
 def of_joint(y: float, frequency: Sequence[float], damping: Sequence[float]) -> str:
-    """By how much the joint changes frequency and damping at an amplitude [m], with intervals."""
+    """Return the sentence on the joint's change of frequency and damping at an amplitude [m]."""
     return (
         f"At {1e3 * y:.3g} mm, the largest displacement fitted, the joint "
         f"{_change('natural frequency', frequency)} and {_change('damping ratio', damping)}, over "
@@ -22,7 +22,7 @@ def of_joint(y: float, frequency: Sequence[float], damping: Sequence[float]) -> 
 
 
 def _change(quantity: str, quantiles: Sequence[float]) -> str:
-    """By how much a quantity falls or rises, with the interval; its signs where it holds zero."""
+    """Return the phrase on a change with its interval; without its sign if that is uncertain."""
     low, _, high = quantiles
     is_known = low * high > 0.0
     verb = ("lowers" if high < 0.0 else "raises") if is_known else "changes"
@@ -39,7 +39,7 @@ def _share(quantiles: Sequence[float]) -> str:
 
 
 def known_together(y: float, frequency: float, damping: float) -> str:
-    """Half widths of frequency and damping, identified where parameters trade off."""
+    """Return the sentence on frequency and damping (half widths) if parameters trade off."""
     return (
         f"Their joint effect is identified: at {1000.0 * y:.2g} mm the change of frequency to "
         f"{percent(frequency, '.0f')} and the damping to {percent(damping, '.0f')} (half of "
@@ -59,7 +59,7 @@ def damping_at(y: float) -> str:
 
 
 def turning(y: float, hz: float, last: float) -> str:
-    """Which way the frequency goes first, where it turns [m, Hz], and what it reaches [Hz]."""
+    """Return the clause on a frequency that reverses at a point [m, Hz], and its end value [Hz]."""
     first, then = ("falls", "rises") if last > hz else ("rises", "falls")
     return (
         f"the frequency {first} to {hz:.4g} Hz at {1e6 * y:.3g} um, then {then} to {last:.4g} Hz: "
@@ -68,19 +68,19 @@ def turning(y: float, hz: float, last: float) -> str:
 
 
 def frequency_falls(softening: Estimate, exponent: Estimate) -> str:
-    """By how much the frequency falls or rises, as which power of the amplitude."""
+    """Return the clause on the change of the frequency and its exponent of the amplitude."""
     change = _trend(_negative(softening), rises="rises", falls="falls")
     return f"the frequency {change}, as amplitude^{_number(exponent)}"
 
 
 def damping_grows(damping: Estimate, exponent: Estimate) -> str:
-    """By how much the damping ratio grows or shrinks, as which power of the amplitude."""
+    """Return the clause on the change of the damping ratio and its exponent of the amplitude."""
     change = _trend(damping, rises="grows", falls="shrinks")
     return f"the damping ratio {change}, as amplitude^{_number(exponent)}"
 
 
 def _trend(change: Estimate, *, rises: str, falls: str) -> str:
-    """A change by its verb and its size; where its interval holds zero, by its sign."""
+    """Return the verb and size of a change; "changes" if its interval contains zero."""
     if change[2] < 0.0:
         return f"{falls} by {_percent(_negative(change))}"
     return f"{rises if change[0] > 0.0 else 'changes'} by {_percent(change)}"
@@ -109,7 +109,7 @@ def elastic_softening(share: Estimate) -> str:
 
 
 def masing(ratio: Estimate, of_masing: float, comparison: str, opening: Estimate) -> str:
-    """Damping over softening beside that of Masing's laws, and gamma/delta that it gives."""
+    """Return the sentence on damping over softening versus Masing's laws, and on gamma/delta."""
     return (
         f"Damping over softening is {_number(ratio)}; Masing's laws have {of_masing:.2g}"
         f"{comparison}. For a Bouc-Wen law gamma/delta is {_number(opening)}."
@@ -117,7 +117,7 @@ def masing(ratio: Estimate, of_masing: float, comparison: str, opening: Estimate
 
 
 def smooth_alternative(spring: Estimate, damper: Estimate) -> str:
-    """Spring [1/(m s^2)] and damper [1/m] without hysteresis that give the same readings."""
+    """Return the sentence on a smooth spring [1/(m s^2)] and damper [1/m] that fit as well."""
     return (
         f"A smooth spring c y|y| of c = {_number(spring)} 1/(m s^2) and a damper c v|v| of "
         f"c = {_number(damper)} 1/m fit these readings as well: alone they prove no hysteresis."
@@ -133,7 +133,7 @@ def _percent(band: Estimate) -> str:
 
 
 def threshold(y: Estimate, y_peak: float, rests: str) -> str:
-    """Where a threshold of a law lies [m], and whether the largest motion reached it."""
+    """Return the phrase on a law's threshold [m], and whether the largest motion reached it."""
     low, middle, high = y
     place = (
         f"at {1e3 * middle:.2g} mm [{1e3 * low:.2g}, {1e3 * high:.2g}], {middle / y_peak:.2g} "

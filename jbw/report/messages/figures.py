@@ -58,12 +58,12 @@ def secant(stiffness: str, unit: str) -> str:
 
 
 def model_residual(error: str) -> str:
-    """Of the residual of a record."""
+    """Return the label of a record's residual, with its error."""
     return f"residual of the model: {error}"
 
 
 def taken_by_slip(stiffness: str) -> str:
-    """Of the hysteretic force less its elastic part."""
+    """Return the label of the axis of the hysteretic force minus its elastic part."""
     return f"force lost by slip, Z − {stiffness} y"
 
 
@@ -73,13 +73,13 @@ def full_stick(stiffness: str) -> str:
 
 
 def modal_amplitude(unit: str, several_joints: bool) -> str:
-    """Of the backbones of several modes: at the joint, or of the mode where joints are several."""
+    """Return the label of modal amplitude: of the mode if `several_joints`, else at the joint."""
     where = "of the mode" if several_joints else "at the joint"
     return f"amplitude {where} [{unit}]"
 
 
 def first_point_amplitude(unit: str) -> str:
-    """Of the motion of a mode where responses are measured first."""
+    """Return the label of a mode's amplitude at the first measured point."""
     return f"amplitude at the first point [{unit}]"
 
 
@@ -89,10 +89,10 @@ def fold(mode: str, amplitude: str) -> str:
 
 
 def loop_areas(count: int, largest: str) -> str:
-    """Of the loops, in the diagram of the procedure."""
+    """Return the label of the loops in the flow diagram: their number and largest area error."""
     return f"{count} loops, areas of the model within {largest}"
 
 
 def less_mean(parameter: str, reference: str) -> str:
-    """Of samplers side by side."""
+    """Return the title of a panel that compares a parameter's means between samplers."""
     return f"{parameter}: mean less that of {reference}, bars of two Monte Carlo standard errors"

@@ -30,7 +30,7 @@ def register(message: Message) -> Message:
 
 
 def sentence_of(entry: str, values: Mapping[str, Any], *, passed: bool) -> str:
-    """The sentence of an entry with its values, of a check that `passed` or of one that did not."""
+    """Return the sentence of a finding with its values, for a check that `passed` or failed."""
     message = FINDINGS[entry]
     return written((passed and message.passed) or message.sentence, values)
 
@@ -41,5 +41,5 @@ def remedy_of(entry: str, values: Mapping[str, Any]) -> str:
 
 
 def explanations() -> dict[str, str]:
-    """Code of a finding to its page."""
+    """Return a dictionary from the code of each finding to its page of explanation."""
     return {code: page(message) for code, message in FINDINGS.items() if message.explanation}

@@ -20,7 +20,7 @@ def _band(hz: Sequence[float], zeta: Sequence[float]) -> str:
 
 
 def bands(y: float, hz: Sequence[float], zeta: Sequence[float]) -> str:
-    """Frequency and damping at the largest amplitude that was read [m], with 99 % bands."""
+    """Return the sentence on frequency and damping at the largest amplitude [m] (99 % bands)."""
     return f"Without a form of the law, the joint has {_band(hz, zeta)} at {1e3 * y:.3g} mm (99 %)."
 
 
@@ -51,7 +51,7 @@ def least_damping(times: float, zeta: float) -> str:
 
 
 def scattered(times: float) -> str:
-    """Readings that no law of the amplitude describes within their errors."""
+    """Return the sentence that no law of the amplitude fits the readings within their errors."""
     return (
         f"No law of the amplitude describes the readings within their errors: they scatter "
         f"{times:.2g} times as much. The bands include this scatter."
@@ -59,7 +59,7 @@ def scattered(times: float) -> str:
 
 
 def gap_sliders(count: int, error: float, gap: float) -> str:
-    """How sliders behind gaps, a law of loops without a form, fit them."""
+    """Return the sentence on the fit of the force loops by sliders behind gaps, without a law."""
     return (
         f"Without a form of the law, {count} sliders behind gaps (mean gap {1e3 * gap:.3g} mm) fit "
         f"the force loops to {percent(error)} of the rms."
@@ -67,7 +67,7 @@ def gap_sliders(count: int, error: float, gap: float) -> str:
 
 
 def held_out_loop(test: str, error: float, with_own: float) -> str:
-    """How they predict a held-out loop."""
+    """Return the sentence on how well sliders behind gaps predict a held-out loop."""
     return (
         f"They predict held-out {test} to {percent(error)} ({percent(with_own)} with a constant "
         "force of its own)."

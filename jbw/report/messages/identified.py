@@ -18,7 +18,7 @@ ONE_START = "The fit had one start, which explained the data."
 
 
 def directions(learnt: int, total: int) -> str:
-    """In how many directions the data know more than the prior."""
+    """Return the sentence on how many parameter directions the data constrain beyond the prior."""
     return (
         f"The data constrain {learnt} of {total} directions of the parameters more than the prior."
     )
@@ -30,7 +30,7 @@ def grade(kind: str, parameters: Sequence[str]) -> str:
 
 
 def with_error(name: str, value: float, sd: float, ratio: float) -> str:
-    """A parameter with its coefficient of variation, or with its error where that is above 1."""
+    """Return a parameter with its coefficient of variation, or its error if that is above 1."""
     return f"{name} ({percent(ratio) if ratio < 1 else f'{value:.2g} +- {sd:.2g}'})"
 
 
@@ -46,14 +46,14 @@ def undetermined(names: Sequence[str]) -> str:
 
 
 def determined(combinations: Sequence[str], *, logs: bool) -> str:
-    """The products, or sums, that are determined while their members are not."""
+    """Return the clause on products (or sums) that are determined while their factors are not."""
     noun = ("product" if logs else "combination") + ("s" if len(combinations) > 1 else "")
     verb = "are" if len(combinations) > 1 else "is"
     return f"only the {noun} {listed(combinations)} {verb} determined"
 
 
 def follows_bound(name: str, shift: float, bound: str) -> str:
-    """A mean that a bound moves by so many standard deviations, or beyond its draws."""
+    """Return a parameter with the shift of its mean due to a bound, in standard deviations."""
     size = "beyond its draws" if shift == float("inf") else f"{shift:.2g} standard deviations"
     return f"{name} ({size}, {bound})"
 
@@ -115,7 +115,7 @@ def waterfall(total: int, near: int) -> str:
 
 
 def costs(shown: Sequence[str]) -> str:
-    """The costs that the starts of a fit ended at, once where all are alike."""
+    """Return the sentence on the final costs of the fit from all starts."""
     if len(set(shown)) == 1:
         return f"All {len(shown)} starts of the fit ended at a cost of {shown[0]}."
     return f"Costs from the starts of the fit, lowest first: {', '.join(shown)}."

@@ -33,7 +33,7 @@ def mode_with_shaker(drive: str, loaded: str, unloaded: str) -> str:
 
 
 def attachment(test: str, share: float, added: float, *, at_drive_point: bool) -> str:
-    """How well the attachment of a shaker predicts the mode, and the modal mass that it adds."""
+    """Return the message on a shaker's attachment: its prediction and its added modal mass."""
     error = (
         "and as the drive point is the response itself, with a standard deviation twice as wide, "
         if at_drive_point
@@ -89,7 +89,7 @@ def of_clock(error: float) -> str:
 
 
 def included(errors: Sequence[str], missing: Sequence[str]) -> str:
-    """Stated errors that intervals include, and errors that are not stated."""
+    """Return the sentence on stated errors that intervals include, and errors not stated."""
     listed = ", ".join(errors) or "nothing that is read"
     not_stated = f"; not stated: {', '.join(missing)}" if missing else ""
     return (

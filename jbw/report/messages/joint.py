@@ -100,7 +100,7 @@ def prior_beyond_motion(name: str, least: float, most: float, y_peak: float) -> 
 
 
 def no_known_force(parameter: str, law: str, must: str, value: float) -> str:
-    """That a parameter lies below the least value for which the law has a force."""
+    """Return the message for a parameter below the least value for which the law has a force."""
     return (
         f"Parameter `{parameter}` of `{law}` must be {must}, but it is "
         f"{value:g}, where the law has no force."
@@ -110,7 +110,7 @@ def no_known_force(parameter: str, law: str, must: str, value: float) -> str:
 def modes_explained(
     num_modes: int, tests: Sequence[tuple[float, int, float]], is_explained: bool
 ) -> str:
-    """Whether joints explain the softening and the losses of modes: chi-square, its dof and p."""
+    """Return the sentence on whether joints explain softening and losses: chi-square, dof and p."""
     rows = "; ".join(
         f"{what} chi-square {chi_square:.3g} with {degrees} degrees of freedom, p = {p:.2g}"
         for what, (chi_square, degrees, p) in zip(("softening", "losses"), tests, strict=True)
@@ -141,7 +141,7 @@ def joints_stiffer(largest: float) -> str:
 
 
 def step_of_mode(hz: float, angle: float, fs: float, substeps: int) -> str:
-    """By how much the highest mode moves in a step."""
+    """Return the clause on the angle by which the highest mode moves in one time step."""
     return (
         f"The highest mode, at {hz:.4g} Hz, moves by {angle:.3g} rad in a step of `fs` = {fs:g} "
         f"Hz and `substeps` = {substeps}"

@@ -10,7 +10,7 @@ IN_FIRST_MODE = " in the first mode"
 
 
 def chosen_by_reading(law: str, margins: Sequence[tuple[str, float]]) -> str:
-    """Which law a campaign that states none goes on with, and by how much it fits better."""
+    """Return the message on the law that is chosen if the campaign states none, with margins."""
     others = ", ".join(f"{name} by {margin:.2g}" for name, margin in margins)
     best = f"{law} fits the records best, before {others} (in 2 ln L - k ln n)"
     return (
@@ -137,7 +137,7 @@ def unreliable_evidence(laws: Sequence[str], khat: float) -> str:
 
 
 def best_within(law: str, error: float) -> str:
-    """The law that predicts best what was held out within the motion fitted."""
+    """Return the sentence on the law that best predicts held-out tests within the fitted motion."""
     best = f"{law} predicts best (RMS error {percent(error)})"
     return f"Held-out tests within the fitted motion: {best}."
 
@@ -153,7 +153,7 @@ def best_across(law: str, kind: str, error: float) -> str:
 
 
 def moved(name: str, without: tuple[float, float], with_: tuple[float, float]) -> str:
-    """A parameter with and without offsets of the sessions, each with its error."""
+    """Return a parameter with its error, without and with offsets of the sessions."""
     return (
         f"{name} {without[0]:.3g} +- {without[1]:.1g} (with offsets {with_[0]:.3g} +- "
         f"{with_[1]:.1g})"
@@ -164,7 +164,7 @@ def without_offsets(
     law: str, error: float, with_offsets: float, parameters: Sequence[str], least: str,
     least_error: float,
 ) -> str:  # fmt: skip
-    """What the best law would be if the sessions shared natural frequency and damping."""
+    """Return the sentence on the best law if all sessions shared natural frequency and damping."""
     other = (
         "no law would have a smaller error"
         if least == law
@@ -192,7 +192,7 @@ def no_wider_evidence(laws: Sequence[str]) -> str:
 
 
 def heading(count: int) -> str:
-    """Of the page of laws."""
+    """Return the heading of the page that compares laws."""
     return f"{count} laws fitted to the same data with the same weights, 99 % bands."
 
 
@@ -202,7 +202,7 @@ def not_distinguished(laws: Sequence[str]) -> str:
 
 
 def error_of_fit(error: float) -> str:
-    """Beside the panels of a law."""
+    """Return the title next to the panels of a law: the RMS error of its fit."""
     return f"RMS error of the fit: {percent(error)}"
 
 

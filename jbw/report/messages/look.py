@@ -18,7 +18,7 @@ NOT_STATED = "Nonlinear: not assessed, because the errors of the readings are no
 
 
 def coherence(smallest: tuple[float, str], largest: tuple[float, str]) -> str:
-    """Coherence at the resonance of the tests of the smallest and of the largest motion."""
+    """Return the sentence on the coherence at resonance for the smallest and the largest motion."""
     (first, first_test), (last, last_test) = smallest, largest
     return (
         f"Coherence at the resonance: {first:.3f} at the smallest motion ({first_test}), "
@@ -27,7 +27,7 @@ def coherence(smallest: tuple[float, str], largest: tuple[float, str]) -> str:
 
 
 def secant(first: float, last: float, change: float, unit: str = "mm") -> str:
-    """How the secant stiffness changes between two amplitudes [m], or [rad] told in mrad."""
+    """Return the sentence on the secant stiffness between two amplitudes [m], or [rad] in mrad."""
     return (
         f"The secant stiffness changes by {percent(change)} from {1e3 * first:.3g} to "
         f"{1e3 * last:.3g} {unit}."
@@ -35,7 +35,7 @@ def secant(first: float, last: float, change: float, unit: str = "mm") -> str:
 
 
 def worn(test: str, cycle: int, change: float) -> str:
-    """Which cycle of a loop differs most in stiffness from the first of its amplitude."""
+    """Return the sentence on the cycle whose stiffness differs most from the first equal cycle."""
     direction = "less" if change < 0 else "more"
     return (
         f"{test}: cycle {cycle} has {percent(abs(change))} {direction} secant stiffness than the "
@@ -54,7 +54,7 @@ def of_mode(hz: float, sentence: str) -> str:
 
 
 def reach(y: Sequence[float]) -> str:
-    """Between which amplitudes [m] there are readings."""
+    """Return the range of amplitudes [m] of the readings."""
     return f"{1e3 * y[0]:.3g} to {1e3 * y[-1]:.3g} mm"
 
 
@@ -64,7 +64,7 @@ def no_change(what: str, change: float, sd: float, unit: str) -> str:
 
 
 def change(what: str, size: float, sd: float, power: Estimate | None, unit: str) -> str:
-    """By how much a quantity changes up to the largest amplitude, and as which power of it."""
+    """Return the clause on the change of a quantity with amplitude, and its exponent."""
     verb = "falls" if size < 0 else "rises"
     text = f"the {what} {verb} by {_with_error(abs(size), sd)}{unit}"
     if power is None:
@@ -80,13 +80,13 @@ def turning(what: str, y: float, value: float, change: float) -> str:
 
 
 def _with_error(value: float, sd: float) -> str:
-    """A share in per cent with its standard deviation, to two digits of that."""
+    """Return a share in per cent with its standard deviation, rounded to two digits of that."""
     digits = max(0, 1 - floor(log10(100 * sd))) if sd > 0 else 3
     return f"{100 * value:.{digits}f} ± {100 * sd:.{digits}f} %"
 
 
 def nonlinear(answer: bool, y: Sequence[float], count: int, changes: Sequence[str]) -> str:
-    """Whether frequency or damping change with amplitude, by so many records."""
+    """Return the answer whether frequency or damping change with amplitude, with the changes."""
     word = "yes" if answer else "not detected"
     return f"Nonlinear: {word}. From {reach(y)} ({_records(count)}) {'; '.join(changes)}."
 
@@ -104,7 +104,7 @@ def _records(count: int) -> str:
 
 
 def records_differ(scatter: Sequence[tuple[str, float]], goes_with: str) -> str:
-    """By how much records differ at equal amplitude, and what the differences go with."""
+    """Return the sentence on differences of records at equal amplitude, and their likely cause."""
     sizes = " and ".join(f"the {name} by {percent(size)}" for name, size in scatter)
     causes = {
         "order": "They drift in the order of the records: the joint relaxes, wears or warms up.",
@@ -118,7 +118,7 @@ def records_differ(scatter: Sequence[tuple[str, float]], goes_with: str) -> str:
 
 
 def likely_laws(laws: Sequence[str]) -> str:
-    """Laws whose frequency and damping change by such powers of the amplitude."""
+    """Return the sentence on the laws that have the measured powers of the amplitude."""
     return f"Laws with these powers of the amplitude: {', '.join(laws)}."
 
 
@@ -136,20 +136,20 @@ def between_ends(
 
 
 def onset(y: float, *, is_linear: bool) -> str:
-    """From which amplitude [m] on the frequency differs from that at the smallest."""
+    """Return the sentence on the amplitude [m] from which the change of frequency is certain."""
     below = "; below, the structure may be taken as linear" if is_linear else ""
     return f"The change of the frequency is certain (99 %) from {1e3 * y:.3g} mm on{below}."
 
 
 def session_scatter(count: int, rows: Sequence[tuple[str, float, float]]) -> str:
-    """Scatter of records within sessions, and of sessions or assemblies, at one level."""
+    """Return the sentence on standard deviations within and between sessions at one level."""
     parts = (f"{name} {percent(a)} within, {percent(b)} between" for name, a, b in rows)
     return f"Scatter in {count} sessions or assemblies at one level: {'; '.join(parts)}."
 
 
 # Of one test, behind its name.
 def not_assessed(reason: str) -> str:
-    """Why nothing can be said of a test's repeats, harmonics or noise."""
+    """Return the reason why a test's repeats, harmonics or noise are not assessed."""
     return f"not assessed: {reason}"
 
 
@@ -165,7 +165,7 @@ AS_NOISE = "as noise does"
 
 
 def more_than_noise(noise: float, p: float, size: float) -> str:
-    """That repeats differ by more than noise does, with the probability of noise doing so."""
+    """Return the phrase that repeats differ by more than noise, with its p-value."""
     return (
         f"more than noise of {of_response(noise)} does: size, start or pace differ (p = {p:.0e}), "
         f"the size by {of_response(size)}"
@@ -178,7 +178,7 @@ def harmonic(order: str, share: float, hz: float) -> str:
 
 
 def harmonics(listed: Sequence[str], residual: float) -> str:
-    """Harmonics along a sweep over the largest response, and what the fit leaves."""
+    """Return the sentence on harmonics of a sweep over the largest response, and the residual."""
     if not listed:
         return (
             f"no harmonic exceeds the residual of the fit, {of_response(residual)} of the response."
@@ -190,7 +190,7 @@ def harmonics(listed: Sequence[str], residual: float) -> str:
 
 
 def distortion(noise: float, nonlinear_share: float, num_realisations: int) -> str:
-    """Noise and nonlinear distortion of the best linear approximation, by realisations."""
+    """Return the sentence on noise and nonlinear distortion of the best linear approximation."""
     return (
         f"noise is {of_response(noise)} of the best linear approximation; nonlinear distortion is "
         f"{of_response(nonlinear_share)} of it in one of {num_realisations} realisations."
@@ -203,13 +203,13 @@ def noise_of_periods(noise: float, num_periods: int) -> str:
 
 
 def idle_lines(shares: Sequence[tuple[str, float]], noise: float) -> str:
-    """The response at even and odd lines without excitation, over that at excited lines."""
+    """Return the sentence on the response at even and odd lines without excitation, and noise."""
     listed = ", ".join(f"{name} lines {of_response(share)}" for name, share in shares)
     return f"lines without excitation, over those with it: {listed}; noise {of_response(noise)}."
 
 
 def coherence_of_noise(hz: float, coherence_mean: float) -> str:
-    """Coherence of random noise about its strongest response."""
+    """Return the sentence on the coherence at resonance under random noise."""
     return (
         f"coherence at the resonance ({hz:.4g} Hz) is {coherence_mean:.3f}; below 1 it shows "
         "noise, a window too short, or distortion."

@@ -4,7 +4,7 @@ from jbw.report.messages.message import FaultText, percent
 
 
 def degrading(amplitude: float, number: int, change: float, keep: str, *, falls: bool) -> FaultText:
-    """Equal cycles whose force changes, and how to keep the last."""
+    """Return the message that the force changes over equal cycles, and how to keep the last."""
     return FaultText(
         f"Cycles of {amplitude:.3g} m differ: from the second to number {number} the force "
         f"{'falls' if falls else 'rises'} by {percent(change, '.0f')}.",
@@ -36,7 +36,7 @@ def off_centre(offset: float, drift: float) -> FaultText:
 
 
 def late(lag: float, delay: float) -> FaultText:
-    """By how much a force is later than the displacement, and its whole delay [s]."""
+    """Return the message that the force lags the displacement [s], and the whole delay [s]."""
     return FaultText(
         f"The force is {lag:.3g} s late against the displacement.",
         "A lag makes a loop narrower, by an energy that no law of a joint has.",
@@ -56,7 +56,7 @@ def high_passed(time_constant: float) -> FaultText:
 
 
 def slipped(size: float, at_s: float, keep: str) -> FaultText:
-    """By how much a displacement jumps [m], when [s], and how to keep what is sound."""
+    """Return the message for a jump of displacement [m] at a time [s], and its remedy."""
     return FaultText(
         f"The displacement jumps by {size:.3g} m at {at_s:.5g} s while the force does not.",
         "The gauge slipped; the joint did not move.",
@@ -65,7 +65,7 @@ def slipped(size: float, at_s: float, keep: str) -> FaultText:
 
 
 def free_travel(gap: float, amplitude: float, laws: str) -> FaultText:
-    """Free travel and amplitude of a joint with a gap [m], and laws that have one."""
+    """Return the message on free travel and amplitude of a joint [m], and laws with a gap."""
     return FaultText(
         f"The joint travels freely over {2e3 * gap:.3g} of {1e3 * amplitude:.3g} mm and is "
         "stiff beyond: a gap between two contacts.",

@@ -21,12 +21,12 @@ def no_node(node: str, nearest: Sequence[str]) -> tuple[str, str]:
 
 
 def fixed_dofs(limit: float, count: int) -> str:
-    """Degrees of freedom that a large stiffness fixes."""
+    """Return the note on the number of degrees of freedom that a large stiffness fixes."""
     return f"Degrees of freedom fixed by a stiffness above {limit:g}: {count}."
 
 
 def shown(matrices: str, dofs: int, nodes: int) -> str:
-    """Matrices in one line."""
+    """Return the one-line text of a matrix model: its source, degrees of freedom and nodes."""
     return f"MatrixModel({matrices}: {dofs} degrees of freedom at {nodes} nodes)"
 
 
@@ -55,7 +55,7 @@ def coupled_damping(first: int, second: int, share: float) -> str:
 
 
 def dashpots(by_joint: Mapping[str, float]) -> str:
-    """Dashpots across joints that a damping matrix holds [N s/m]."""
+    """Return the message on dashpots across joints that a damping matrix contains [N s/m]."""
     dampings = ", ".join(f"{d:.4g} N s/m across {name}" for name, d in by_joint.items())
     return (
         "The damping matrix is one of mass and stiffness beside dashpots at the joints: "
@@ -70,7 +70,7 @@ def damping_of_joints(note: str) -> str:
 
 
 def massless(count: int) -> str:
-    """Degrees of freedom without mass."""
+    """Return the note on the number of degrees of freedom without mass."""
     return f"Degrees of freedom without mass, condensed statically: {count}."
 
 

@@ -61,7 +61,7 @@ def written(template: Template, values: Mapping[str, Any]) -> str:
 
 
 def page(message: Message) -> str:
-    """An entry's explanation as Markdown, without the indents of the source."""
+    """Return a finding's explanation as Markdown, without the indentation of the source."""
     return cleandoc(message.explanation)
 
 

@@ -22,7 +22,7 @@ def grade(
     status: str, count: int, error: float, worst: float, linear: float, coverage: float, to: str,
     **_: object,
 ) -> str:  # fmt: skip
-    """The grade of a law with the errors, relative to the rms of the tests, that it rests on."""
+    """Return the grade of a law, with its prediction errors relative to the rms of the tests."""
     one = count == 1
     tests = "the held-out test" if one else f"{count} held-out tests"
     most = "" if one else f" (at most {percent(worst)})"
@@ -335,14 +335,14 @@ MESSAGES = (
 
 
 def _fits(growth: float) -> str:
-    """How well a law with fewer parameters fits, by the growth of chi-square."""
+    """Return the clause that a law with fewer parameters fits as well, with chi-square."""
     if growth < 0.0:
         return f"fits better: chi-square falls by {-growth:.2g}"
     return f"fits as well: chi-square grows by only {growth:.2g}"
 
 
 def _others(scatters: Sequence[tuple[str, float]]) -> str:
-    """By how much further quantities scatter between records."""
+    """Return the standard deviations of more quantities between records, in brackets."""
     listed = ", ".join(f"{name} by {percent(scatter)}" for name, scatter in scatters)
     return f" ({listed})" if scatters else ""
 

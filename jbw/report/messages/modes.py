@@ -13,7 +13,7 @@ LOOP_FORCE = "force, laws at posterior medians"
 
 
 def growth_by_neighbours(growth: float) -> str:
-    """By how much chi-square grows with linear neighbours."""
+    """Return the clause on the growth of chi-square if the neighbouring modes are linear."""
     return f"chi-square grows by {growth:.3g} if the other modes are linear"
 
 
@@ -33,7 +33,7 @@ def no_shared_joint(evidence: str) -> str:
 def compared(
     name: str, first: float, other: float, hz: float, ratio: tuple[float, float], conclusion: str
 ) -> str:
-    """A number of a law in two modes, the interval of their ratio, and what follows."""
+    """Return the sentence that compares a law's parameter in two modes, with their ratio."""
     low, high = ratio
     return (
         f"{name} is {first:.3g} in the first mode and {other:.3g} in that at {hz:g} Hz, their "
@@ -58,7 +58,7 @@ def one_serves(factor: float) -> str:
 
 
 def left_by_joint(hz: float, shared: float, other: float) -> str:
-    """Residuals of a mode with one joint for all modes, and with one of its own."""
+    """Return the clause on a mode's residual with a shared joint and with a separate joint."""
     return (
         f"at {hz:.4g} Hz its residual is {percent(shared)} of the motion, that of an independent "
         f"joint {percent(other)}"
@@ -81,7 +81,7 @@ def hardly_seen(name: str) -> str:
 def all_joints(
     name: str, change: Sequence[float], damping: Sequence[float], *, is_free: bool
 ) -> str:
-    """What all joints do to a mode, with intervals [%], and in which shape of the mode."""
+    """Return the sentence on the effect of all joints on a mode, with intervals [%]."""
     shape = "in the shape that the joints leave it" if is_free else "in its shape of full stick"
     return (
         f"{name} at its largest motion, {shape}: all joints together change its frequency by "
@@ -91,7 +91,7 @@ def all_joints(
 
 
 def damped_by(mode: int, joint: str, share: float, low: float, high: float) -> str:
-    """The joint with most of the losses of a mode, and its share with an interval."""
+    """Return the sentence on the joint with the largest share of a mode's losses, with interval."""
     return (
         f"Mode {mode} is damped by {joint} ({100 * share:.3g} % of the joints' losses, "
         f"{100 * low:.3g} to {100 * high:.3g} %)."
@@ -111,7 +111,7 @@ LAWS_BY_MODEL = (
 
 
 def moved_by_factor(mode: int, joint: str, factor: float, low: float, high: float) -> str:
-    """What a mode moves a joint by, over what the model's matrices say, with a 99 % interval."""
+    """Return the sentence on a mode's motion of a joint over that of the matrices (99 %)."""
     return (
         f"Mode {mode} moves {joint} by {factor:.3g} [{low:.3g}, {high:.3g}] times its motion by "
         "the matrices."

@@ -6,7 +6,7 @@ COMPILING = "compile what sweeps are solved by"
 
 
 def with_shaker(drive: str, loaded: str, predicted: str, unloaded: str) -> str:
-    """Frequency and damping with a shaker, as predicted, and of the structure alone."""
+    """Return the sentence on a mode's frequency and damping with a shaker, and without it."""
     return (
         f"Driven by {drive} the mode lies at {loaded}, predicted {predicted} by the shaker; the "
         f"structure alone at {unloaded}."
@@ -14,7 +14,7 @@ def with_shaker(drive: str, loaded: str, predicted: str, unloaded: str) -> str:
 
 
 def frequencies_scatter(count: int, scatter: float) -> str:
-    """By how much natural frequencies of records scatter [Hz]."""
+    """Return the sentence on the standard deviation of natural frequency between records [Hz]."""
     return (
         f"The natural frequencies of the {count} records scatter by {scatter:.2g} Hz, which the "
         "interval of omega_n includes."
@@ -35,7 +35,7 @@ def left_of_motion(errors: str) -> str:
 
 
 def moves_joint(mode: int, hz: float, h: float, p: float) -> str:
-    """By how much a mode moves the joint, and takes of its force, at the optimum."""
+    """Return the sentence on a mode's motion h of the joint and share p of its force."""
     return (
         f"Mode {mode}, at {hz:.4g} Hz, moves the joint by h = {h:.3g} and takes p = {p:.3g} of its "
         "force at the optimum, relative to the first mode."
@@ -43,7 +43,7 @@ def moves_joint(mode: int, hz: float, h: float, p: float) -> str:
 
 
 def sign_of_motion(growth: float, *, is_clear: bool) -> str:
-    """Whether the fit tells the sign of h, by the growth of chi-square for the other."""
+    """Return the sentence on whether the fit determines the sign of h, with chi-square."""
     if is_clear:
         return f"The other sign of h fits worse, chi-square by {growth:.3g}."
     return f"The other sign of h fits as well, chi-square differs by {growth:.2g}: it is not known."

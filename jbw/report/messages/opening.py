@@ -66,7 +66,7 @@ def _some(tests: Sequence[str]) -> str:
 
 
 def repeats(test: str, numbers: Sequence[int]) -> str:
-    """Some repeats of a test."""
+    """Return the name of a test with the numbers of some of its repeats."""
     return f"{test} ({'repeat' if len(numbers) == 1 else 'repeats'} {listed(numbers)})"
 
 
@@ -94,7 +94,7 @@ def at_largest_motion(effects: Sequence[str]) -> str:
 
 
 def sentence(clauses: Sequence[str]) -> str:
-    """Clauses as one sentence."""
+    """Return one sentence that joins several clauses by commas."""
     joined = ", ".join(clauses)
     return f"{joined[0].upper()}{joined[1:]}."
 
@@ -150,7 +150,7 @@ def no_change(what: str, interval: str) -> str:
 
 
 def change(what: str, start: str, interval: str, *, lowers: bool) -> str:
-    """How a quantity changes, with its interval at the end."""
+    """Return the clause on how a quantity changes, with its interval at the end."""
     return f"{'lowers' if lowers else 'raises'} the {what} from {start} to {interval}"
 
 
@@ -162,7 +162,7 @@ def fitted_errors(count: int, errors: str, noun: str = "test") -> str:
 def held_out_errors(
     count: int, errors: str, coverage: str, width: str, withheld: int = 0, noun: str = "test"
 ) -> str:
-    """Errors of held-out tests, how much of their values the bands hold, how many have none."""
+    """Return the sentence on errors of held-out tests, with the coverage of the bands."""
     half_width = f" (half width: {width} of the rms)" if width else ""
     band = f"; the 99 % bands hold {coverage} of the values{half_width}" if coverage else ""
     without = f"; {withheld} of them without a band, which is withheld" if withheld else ""
@@ -170,7 +170,7 @@ def held_out_errors(
 
 
 def fit_errors(count: int, errors: str, noun: str = "test") -> str:
-    """Errors of the fitted tests, or of their records, before the posterior is drawn."""
+    """Return the sentence on errors of fitted tests (or records) before the posterior is drawn."""
     fitted = _tests(count, "fitted", noun)
     return f"RMS error of {fitted}: {errors}; no other test is predicted yet."
 
@@ -202,7 +202,7 @@ def not_identified(
     *,
     poorly: bool = False,
 ) -> str:
-    """Parameters that the data do not identify, or `poorly`, and the products that they do."""
+    """Return the sentence on parameters that are not (or `poorly`) identified, and products."""
     grade = "Poorly identified" if poorly else "Not identified"
     sentence = f"{grade}: {listed(names)} (CV {least} % and more)"
     if identified:

@@ -9,7 +9,7 @@ CONDITIONAL = (
 
 
 def held_parameters(names: str, times: str, far: str) -> str:
-    """What Step 4 takes as known, and how its gamma differs from that of all parameters."""
+    """Return the message on the effect on gamma of the parameters that Step 4 takes as known."""
     return (
         f"The paper's Step 4 takes {names} as exactly known; gamma holds only if they are. With "
         f"all parameters free, gamma's standard deviation is {times} that of Step 4, and the two "
@@ -26,7 +26,7 @@ def outside_interval(names: Sequence[str]) -> str:
 
 
 def wall_time(cut_s: float, joint_s: float) -> str:
-    """Wall times of both routes [s]."""
+    """Return the sentence on wall times [s] of the paper's route and of the joint posterior."""
     return (
         f"Wall time: {cut_s:.3g} s for the cut, {joint_s:.3g} s for the joint posterior, "
         "compiling included."
@@ -34,7 +34,7 @@ def wall_time(cut_s: float, joint_s: float) -> str:
 
 
 def product(product: float, low: float, high: float) -> str:
-    """The product that third harmonics determine, with its interval [1/(m s^2)]."""
+    """Return the message on the product alpha*delta with its interval [1/(m s^2)]."""
     return (
         "Third harmonics determine lambda_3 and with it the product alpha*delta: "
         f"{product:.6g} 1/(m s^2), 99 % interval [{low:.6g}, {high:.6g}]. They do not "
@@ -43,7 +43,7 @@ def product(product: float, low: float, high: float) -> str:
 
 
 def left_out(why: str) -> str:
-    """Why Steps 3 and 4 are left out."""
+    """Return the sentence on the reason why Steps 3 and 4 of the paper are skipped."""
     return f"Steps 3 and 4 are left out: {why}"
 
 

@@ -41,7 +41,7 @@ def unknown_reach(displacement: float) -> str:
 
 
 def cost(num_candidates: int, num_joints: int, seconds: float) -> str:
-    """How long a plan takes."""
+    """Return the message on how long the planning of tests takes."""
     duration = f"{seconds:.2g} s" if seconds < 120.0 else f"{seconds / 60.0:.2g} minutes"
     return (
         f"{num_candidates} candidates at {num_joints} joints: about {duration} once compiled; "
@@ -50,17 +50,17 @@ def cost(num_candidates: int, num_joints: int, seconds: float) -> str:
 
 
 def too_far(displacement: float, limit: float) -> str:
-    """Why a candidate is not feasible."""
+    """Return the reason for an infeasible candidate test: its peak displacement [m]."""
     return f"peak displacement {displacement:.3g} m exceeds {limit:g} m"
 
 
 def too_strong(limit: float, unit: str) -> str:
-    """Why a candidate is not feasible."""
+    """Return the reason for an infeasible candidate test: its input exceeds the limit."""
     return f"input exceeds {limit:g} {unit}"
 
 
 def no_response(count: int, num_joints: int) -> str:
-    """Why a candidate is not predicted."""
+    """Return the reason why the response of a candidate test cannot be predicted."""
     return f"no steady response at {count} of {num_joints} joints"
 
 
@@ -75,7 +75,7 @@ def before(cvs: Mapping[str, str]) -> str:
 
 
 def title(cv: float, parameters: Sequence[str], num_joints: int) -> str:
-    """Of the table of candidates."""
+    """Return the title of the table of candidate tests."""
     return f"Tests for a CV of {cv:.2g} of {', '.join(parameters)}, at 90 % of {num_joints} joints"
 
 
@@ -85,7 +85,7 @@ def most_per_second(test: str, level: float, unit: str) -> str:
 
 
 def recommended(tests: Sequence[str], cvs: Mapping[str, str], duration: str) -> list[str]:
-    """The recommended tests, a line each, and the coefficients of variation after them."""
+    """Return the lines on the recommended tests, then the coefficients of variation."""
     heading = "Recommended, in order of expected information gain per second:"
     return [heading, *tests, f"  CV {_pairs(cvs)} after {duration} of measuring."]
 
@@ -104,7 +104,7 @@ def together(note: str) -> str:
 
 
 def fleet_designs(few: tuple[int, int], many: int, gain: float) -> str:
-    """How much better several assemblies at each of few torques determine a slope."""
+    """Return the sentence that compares designs: several assemblies at few torques, or one each."""
     assemblies, torques = few
     return (
         f"{assemblies * torques} tightenings, {assemblies} assemblies at each of {torques} "
@@ -113,7 +113,7 @@ def fleet_designs(few: tuple[int, int], many: int, gain: float) -> str:
 
 
 def fleet_title(scatter: float) -> str:
-    """Of the table of designs of a fleet."""
+    """Return the title of the table of designs for a fleet of assemblies."""
     return f"99 % intervals of a fleet with a scatter of {percent(scatter, 'g')} between assemblies"
 
 
@@ -138,7 +138,7 @@ def beyond_stiffness(key: str, least: float, value: float) -> str:
 
 
 def share_of(name: str) -> str:
-    """Meaning of the key of a stiffness ratio."""
+    """Return the meaning of a key that states a stiffness as a share of omega_n^2."""
     return f"{name} / omega_n^2, instead of {name}"
 
 

@@ -50,7 +50,7 @@ def confounded(correlation: float) -> str:
 
 
 def no_logarithm(name: str, units: Sequence[str]) -> str:
-    """A parameter that cannot be pooled, because it is not positive everywhere."""
+    """Return the message that a parameter is not pooled as it is not positive in every unit."""
     return (
         f"{name} is unknown or not positive in {listed(units)}: it is not pooled, and every unit "
         "keeps the prior of its run."
@@ -69,7 +69,7 @@ def ratio_trend(name: str, slope: Interval, *, depends: bool) -> str:
 
 
 def scatter(rows: Sequence[tuple[str, float, float]]) -> str:
-    """Parameters with their scatter between sessions of a unit and between units."""
+    """Return the sentence on standard deviations between sessions of a unit and between units."""
     parts = (
         f"{name} {percent(sessions)} between sessions of a unit, {percent(units)} between units"
         for name, sessions, units in rows
@@ -96,7 +96,7 @@ def approximated(units: Sequence[str]) -> str:
 
 
 def weak(names: Sequence[str], times: float) -> str:
-    """Parameters whose scatter rests on the shape of the units' posteriors."""
+    """Return the message on parameters whose pooling depends on normal posteriors of the units."""
     return (
         f"The error of a unit in {listed(names)} is more than {times:g} times the scatter: the "
         "result depends on the normal shape of its posterior."
@@ -104,7 +104,7 @@ def weak(names: Sequence[str], times: float) -> str:
 
 
 def saturates(names: Sequence[str], torque: Interval) -> str:
-    """The torque over which parameters saturate, as the user states that they do."""
+    """Return the sentence on parameters that saturate with torque, as the user states."""
     return (
         f"{listed(names)} saturates with torque as stated, at {interval(torque)} N m; only very "
         "different torques distinguish this from a power law."
@@ -112,7 +112,7 @@ def saturates(names: Sequence[str], torque: Interval) -> str:
 
 
 def wrench(name: str, error: float, added: float, attenuation: float) -> str:
-    """Berkson's error of a torque that is set, and the attenuation of one that is read."""
+    """Return the sentence on a wrench's error: effect on exponents if torque is set, or read."""
     return (
         f"If a wrench sets the torque to {percent(error, '.0f')}, the exponents are unbiased and "
         f"the wrench adds a scatter of {percent(added)} to {name}. If the torque is read with that "
@@ -121,22 +121,22 @@ def wrench(name: str, error: float, added: float, attenuation: float) -> str:
 
 
 def scatter_stage(num_units: int) -> str:
-    """Progress of the first round."""
+    """Return the progress message of the first stage: scatter between units."""
     return f"Population of {num_units} units: scatter between them"
 
 
 def sampling_stage(num_units: int, num_weighed: int) -> str:
-    """Progress of the second."""
+    """Return the progress message of the second stage: sampling of the population."""
     return f"Population of {num_units} units, {num_weighed} of them by their draws: NUTS"
 
 
 def without_stage(number: int, total: int) -> str:
-    """Progress of the check which units belong to the others."""
+    """Return the progress message of the check whether a unit belongs to the population."""
     return f"Population without a unit that may not belong to it: {number} of {total}"
 
 
 def one_stage(num_units: int, num_samples: int) -> str:
-    """Progress of the posterior of all units at once."""
+    """Return the progress message of the joint posterior of all units at once."""
     return f"All records of {num_units} units at once: NUTS, one chain of {num_samples} samples"
 
 
@@ -147,12 +147,12 @@ EVERY_UNIT = "Every unit, median [99 %]"
 
 
 def heading(num_units: int) -> str:
-    """Of a fleet's page."""
+    """Return the heading of the page of a fleet."""
     return f"{num_units} units identified by jbw, and their population."
 
 
 def caption(*, trend: bool) -> str:
-    """Of the figure of a fleet's page."""
+    """Return the caption of the figure on the page of a fleet."""
     against = " against torque" if trend else ""
     return (
         f"Every unit{against} with its 99 % interval, and the band that holds 99 % of further "
@@ -161,5 +161,5 @@ def caption(*, trend: bool) -> str:
 
 
 def table_title(num_units: int) -> str:
-    """Of the table of a population."""
+    """Return the title of the table of a population."""
     return f"Population of {num_units} units, median [99 %]"

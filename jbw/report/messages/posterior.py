@@ -36,17 +36,17 @@ LOG_DENSITY = "log density of the Gaussian, less that of the fit"
 
 
 def check_of(topic: str) -> str:
-    """Of a topic, as the subject of why its check is missing."""
+    """Return the subject of a sentence that explains why the check of a topic is missing."""
     return f"The check of {topic}"
 
 
 def statement_on(topic: str) -> str:
-    """Of a topic, as the subject of why it is missing."""
+    """Return the subject of a sentence that explains why a statement on a topic is missing."""
     return f"The statement on the {topic}"
 
 
 def sampler(name: str, evaluations: int, coordinates: str) -> str:
-    """Which sampler drew the posterior, in how many evaluations and which parametrisation."""
+    """Return the sentence on the sampler of the posterior, its evaluations and parametrisation."""
     return (
         f"Sampler: {name}, {evaluations} evaluations, parametrisation: {coordinates}, the best of "
         "those that were tried."
@@ -59,7 +59,7 @@ def evidence(log_evidence: float, error: float) -> str:
 
 
 def in_group_unit(name: str) -> str:
-    """Long name of a quantity whose unit differs between groups."""
+    """Return the long name of a quantity whose unit differs between groups."""
     return f"{name}, in the unit of its group"
 
 

@@ -63,7 +63,7 @@ def part_or_higher_rate(line: str) -> str:
 
 
 def coarse_times(fs: float) -> str:
-    """What to do about times of too few digits, whose mean rate is known [Hz]."""
+    """Return the remedy for times with too few digits whose mean sampling rate is known [Hz]."""
     return (
         "Export the times with more digits. If no sample is lost, take `time` out of `channels` "
         f"and put under [[test]]: `fs = {fs:.9g}`."
@@ -71,7 +71,7 @@ def coarse_times(fs: float) -> str:
 
 
 def time_without_unit(name: str, first: Sequence[float], guess: str) -> FaultText:
-    """Times of whole numbers without a unit, and the likeliest unit; empty of counts."""
+    """Return the message for whole-number times without a unit, with the likeliest unit."""
     count = "where it counts samples, take `time` out of `channels` and state the rate by `fs = HZ`"
     unit = (
         "Put under [[test]] its unit, one of s, ms, us and ns, in `units`, such as "
@@ -95,7 +95,7 @@ def unfitting_names(names: Sequence[str], columns: int) -> str:
 
 
 def of_sensor(sensitivity: str, *, is_scaled: bool = False) -> str:
-    """The sensitivity of a sensor whose channel is in volts, beside a factor or without one."""
+    """Return the remedy for a channel in volts: state the sensitivity of its sensor."""
     which = "beside its `scale`" if is_scaled else "the value of its certificate"
     return (
         f"The file holds the volts of a sensor: state its sensitivity, {which}. Put under "
@@ -104,12 +104,12 @@ def of_sensor(sensitivity: str, *, is_scaled: bool = False) -> str:
 
 
 def channel_takes(shape: tuple[int, ...]) -> str:
-    """Subject and verb of the sentence that a channel is too large."""
+    """Return the subject and verb of the sentence that a channel is too large."""
     return f"A channel of shape {shape} takes"
 
 
 def beginning(fs: float | None, most: float) -> str:
-    """How to read at most some samples of a channel of that sampling frequency [Hz], if known."""
+    """Return the remedy that reads only the start of a channel; `fs` is its rate [Hz], if known."""
     if not fs:
         return f"Read at most {most:.0f} samples of it at once, by the key `span`."
     return f"Put under [[test]]: `span = [0.0, {most / fs:.4g}]`, or another part that is as long."
@@ -131,7 +131,7 @@ def few_driven_lines(record: str, least: int) -> str:
 
 
 def rests(start: float, end: float, share: float, keep: str) -> str:
-    """Between which times a record moves [s], their share, and how to keep them."""
+    """Return the message on the times in which a record moves [s], with the key to keep them."""
     return (
         f"It rests outside of {start:g} to {end:g} s. {keep}, for {100 * share:.0f} % of the time."
     )
@@ -152,7 +152,7 @@ def long_record(name: str, samples: int, proposals: Sequence[str]) -> str:
 
 
 def to_rate(fs: float, new_fs: float, passed: float, lost: float) -> str:
-    """From which rate to which samples were taken [Hz], and what was lost."""
+    """Return the note on resampling to another rate [Hz], and the loss above the new band."""
     return (
         f"from {fs:.7g} to {new_fs:.7g} Hz, to 3e-05 below {passed * new_fs / 2:.4g} Hz; "
         f"{100 * lost:.2g} % of its rms lay above"
@@ -160,7 +160,7 @@ def to_rate(fs: float, new_fs: float, passed: float, lost: float) -> str:
 
 
 def from_uneven(usual: float, new_fs: float, band_hz: float, error: float) -> str:
-    """From uneven samples to which rate [Hz], and the error of samples held out."""
+    """Return the note on resampling uneven samples to a rate [Hz], with the held-out error."""
     return (
         f"from uneven samples of some {usual:.4g} Hz to {new_fs:.7g} Hz, below {band_hz:.4g} Hz; "
         f"samples held out are met to {100 * error:.2g} % of the rms, their noise included"
@@ -168,7 +168,7 @@ def from_uneven(usual: float, new_fs: float, band_hz: float, error: float) -> st
 
 
 def response_clock(ppm: float) -> str:
-    """By how much the response was stretched."""
+    """Return the note that the response was stretched to the clock of the drive [ppm]."""
     return f"response on that of the drive, by {ppm:g} ppm"
 
 
@@ -186,7 +186,7 @@ def harmonic_kept(tone: str) -> str:
 
 
 def large_harmonic(tone: str, ratio: float) -> str:
-    """The share of the response that the third harmonic of the source makes."""
+    """Return the message on the source's third harmonic and its share of the response."""
     return (
         f"{tone}: the source's third harmonic put {percent(ratio, '.0f')} of the joint's Y(3 "
         "omega) into the response; the corrected value depends on H1(3 omega)."
@@ -201,7 +201,7 @@ def harmonic_in_noise(tone: str) -> str:
 def held_phase(
     test: str, phase: float, amplitude_mm: tuple[float, float], hz: tuple[float, float]
 ) -> str:
-    """How the frequency at a phase [degrees] changes from the first amplitude to the last."""
+    """Return the sentence on how frequency at a held phase [degrees] changes with amplitude."""
     (first_mm, last_mm), (first_hz, last_hz) = amplitude_mm, hz
     change = last_hz / first_hz - 1
     return (
@@ -217,12 +217,12 @@ def removed_line(hz: float, amplitude: float, error: float) -> str:
 
 
 def one_header(packets: int) -> str:
-    """Packets that were read as one."""
+    """Return the note on the number of packets that were read as one record."""
     return f"{packets} under one header, read as one without a pause"
 
 
 def rounded_rate(error: float) -> str:
-    """How uncertain printed digits leave a rate."""
+    """Return the clause on the error of a sampling frequency that follows from printed digits."""
     return f"leave the sampling frequency uncertain by {error:.1e}"
 
 

@@ -102,7 +102,7 @@ def implausible(role: str, largest: float, guess: str) -> FaultText:
 def lost_samples(
     count: int, total: int, value: float, first_s: float, others: tuple[float, float], remedy: str
 ) -> FaultText:
-    """The value that a logger writes for a lost sample, and the range of all others."""
+    """Return the message on the value that a logger writes for lost samples, and its remedy."""
     low, high = others
     return FaultText(
         f"{count} of {total} samples are {value:.6g} in SI units, the first at {first_s:.4g} s; "
@@ -131,7 +131,7 @@ def stopped(end: float, keep: str) -> FaultText:
 
 
 def gaps(stretches: str, more: str, count: int, remedy: str) -> FaultText:
-    """Gaps that a recorder filled with its last value."""
+    """Return the message for gaps that a recorder filled with its last value."""
     return FaultText(
         f"The response stands still at {stretches}{more}, amid motion: {count} gap(s).",
         "A recorder that lost samples fills the gaps like this.",
@@ -199,7 +199,7 @@ def base_motion(gain: float) -> FaultText:
 
 
 def other_size(ratio: float) -> FaultText:
-    """The size of a response over what the campaign's gain makes of its input."""
+    """Return the message that a response differs in size from the input times the stated gain."""
     return FaultText(
         f"At its resonance the response is {ratio:.3g} times what the campaign's gain or modal "
         "mass makes of the input.",

@@ -31,22 +31,22 @@ def exclude(files: str) -> str:
 
 
 def leave_out(files: str) -> str:
-    """How to leave a record out by its file."""
+    """Return the remedy that leaves a record out by the name of its file."""
     return f"leave the record out: {exclude(files)}"
 
 
 def part_or_leave_out(part_line: str, leaving_out: str) -> str:
-    """The line of a part without spoilt samples, or how to leave the record out."""
+    """Return the remedy: use the part without spoilt samples, or leave the record out."""
     return f"{part_line}, which has none of them, or {leaving_out}."
 
 
 def leave_out_or_part_before(exclude_line: str, part: str) -> str:
-    """The line that leaves a record out, or the key that keeps what comes before."""
+    """Return the remedy: leave the record out, or keep the part before the fault."""
     return f"{exclude_line}, or keep what comes before: {part}."
 
 
 def put(table: str, key: str, value: Any) -> str:
-    """The sentence with a line of a campaign file: the key of a table and its value."""
+    """Return the sentence on the key and value to put under a table of a campaign file."""
     return f"Put under [{table}]: `{key} = {json.dumps(value)}`."
 
 
@@ -56,7 +56,7 @@ def beside_other_laws(line: str) -> str:
 
 
 def draw_more(num_samples: int | None, sampler: str) -> str:
-    """The line of how many samples to draw; of another sampler where no number is enough."""
+    """Return the remedy for too few draws: more samples, or another sampler if none suffice."""
     if num_samples is None:
         line = put("identify", "sampler", sampler)
         return f"More draws of this sampler will not be enough. {line}"

@@ -20,7 +20,7 @@ def across_kinds(
     *,
     own_frequency: bool,
 ) -> str:
-    """RMS error of every kind of test, predicted and as fitted, and what it alone identifies."""
+    """Return the sentence on the RMS error of each kind of test, predicted and as fitted."""
     listed = "; ".join(
         f"{kind} {percent(error)} ({percent(fitted)} as fitted)"
         for kind, (error, fitted) in errors.items()
@@ -33,7 +33,7 @@ def across_kinds(
 
 
 def identified_by(needed: Mapping[str, Sequence[str]]) -> str:
-    """Parameters that one kind of test or one session alone identifies; empty where none is."""
+    """Return the sentence on parameters that only one kind of test or session identifies, or ""."""
     words = [f"{', '.join(names)} by {which} alone" for which, names in needed.items() if names]
     return f" Identified: {'; '.join(words)}." if words else ""
 
@@ -41,7 +41,7 @@ def identified_by(needed: Mapping[str, Sequence[str]]) -> str:
 def each_session(
     proviso: str, errors: Sequence[str], identified: Mapping[str, Sequence[str]]
 ) -> str:
-    """RMS errors of sessions, predicted from the others, and what each alone identifies."""
+    """Return the sentence on the RMS error of each session, predicted from all other sessions."""
     return (
         f"RMS error of each session, predicted from the others{proviso}: {', '.join(errors)}."
         f"{identified_by(identified)}"
@@ -49,7 +49,7 @@ def each_session(
 
 
 def outside_band(terms: str, share: float) -> str:
-    """Residual constants that were fitted, and by how much they reduce chi-square."""
+    """Return the message on fitted residual terms and their reduction of chi-square."""
     return (
         "Modes outside the band contribute to the response; residual terms were fitted: "
         f'{terms}. They reduce chi-square by {percent(share, ".0f")}; `residuals = "none"` in '
@@ -58,7 +58,7 @@ def outside_band(terms: str, share: float) -> str:
 
 
 def neighbour(hz: float, zeta: float, share: float, fall: float) -> str:
-    """A linear mode beside that of the joint, and by how much it reduces chi-square."""
+    """Return the message on a linear mode added next to the joint's mode, and chi-square."""
     return (
         f"A linear mode at {hz:.4g} Hz, zeta {percent(zeta, '.2f')}, with {share:.2g} times "
         "the gain of the joint's mode was added to the fit: chi-square falls by "
@@ -67,7 +67,7 @@ def neighbour(hz: float, zeta: float, share: float, fall: float) -> str:
 
 
 def usable_within(error: float, test: str) -> str:
-    """The largest RMS error of a fitted test, within which the law may be used."""
+    """Return the sentence on the largest RMS error of a fitted test: the error of the law."""
     return (
         f"RMS error of the fitted tests: at most {percent(error)} ({test}); within this the law "
         "may be used up to the fitted amplitudes."
@@ -75,12 +75,12 @@ def usable_within(error: float, test: str) -> str:
 
 
 def worse_than_fitted(factor: float) -> str:
-    """That tests without a part in the fit are missed by more than fitted ones."""
+    """Return the clause that tests outside the fit have larger errors than fitted tests."""
     return f", more than {factor:g} times as much: the law fits better than it predicts"
 
 
 def unseen_errors(tests: str, error: float, fitted: float, comparison: str) -> str:
-    """RMS error of tests without a part in the fit, beside that of fitted ones."""
+    """Return the sentence on the RMS error of tests outside the fit and of fitted tests."""
     return (
         f"RMS error of {tests}: {percent(error)}, against {percent(fitted)} of the fitted ones"
         f"{comparison}."

@@ -19,7 +19,7 @@ STATE_BAND = "State the frequencies around the mode, with no other between them.
 
 
 def drifting(tones: str, change: float) -> FaultText:
-    """Tones that are not steady, and by how much they change."""
+    """Return the message for tones that are not steady, with the change of their amplitude."""
     return FaultText(
         f"{tones}: the amplitude changes by {percent(change, '.1f')} from one half of the "
         "record to the other.",
@@ -57,7 +57,7 @@ def locked_phase(phase: float) -> FaultText:
 
 
 def active(doubts: Sequence[str], keys: Sequence[str]) -> FaultText:
-    """Why a curve takes in no energy, and the keys that turn it."""
+    """Return the message for a response that no passive structure has, with keys to correct it."""
     return FaultText(
         f"The response cannot be that of a passive structure: {' and '.join(doubts)}.",
         "A wrong sign gives a joint with negative damping or stiffness.",
@@ -75,7 +75,7 @@ def in_degrees(phase: float) -> FaultText:
 
 
 def loop_turned(rises: float, work: float) -> FaultText:
-    """A loop of a turned sign: correlation of force and displacement, and work [J]."""
+    """Return the message for a loop of wrong sign, with correlation and work [J]."""
     return FaultText(
         f"The force falls where the displacement rises (correlation {rises:.2g}), with a work of "
         f"{work:.3g} J over the record.",

@@ -6,12 +6,12 @@ KEPT = "Its finished parts are kept: the same command goes on with them."
 
 
 def going_on(parts: int) -> str:
-    """That a command goes on with parts that a killed process of the same command kept."""
+    """Return the message that a command continues from finished parts of a killed process."""
     return f"Going on with {parts} finished parts of the same command"
 
 
 def stopping(*, waits: bool) -> str:
-    """What an interruption is answered with; some wait for a chunk of draws."""
+    """Return the message after an interruption; `waits` if a chunk of draws is saved first."""
     when = " when this chunk of draws is saved" if waits else ""
     return f"Stopping{when}; again to leave at once."
 

@@ -12,7 +12,7 @@ SHARED_DAMPING = (
 
 
 def differ(p: float, offsets_hz: Mapping[str, float], likelihood: str) -> str:
-    """That natural frequencies differ between runs, their offsets [Hz], and the likelihood."""
+    """Return the message that natural frequency differs between runs, with p and offsets [Hz]."""
     listed = ", ".join(f"{name} {offset:+.3g} Hz" for name, offset in offsets_hz.items())
     return (
         f"The natural frequency differs from run to run by more than chance (p = {p:.1g}): "
@@ -21,7 +21,7 @@ def differ(p: float, offsets_hz: Mapping[str, float], likelihood: str) -> str:
 
 
 def of_each_level(scatter: float) -> str:
-    """That levels have natural frequencies of their own, and by how much zeta scatters."""
+    """Return the message on natural frequency per level and the scatter of zeta between levels."""
     return (
         "Each level has its own omega_n in the likelihood, and zeta scatters between levels by "
         f"{percent(scatter, '.1f')} of itself, as it does between repeats of one level."
@@ -29,13 +29,13 @@ def of_each_level(scatter: float) -> str:
 
 
 def scatter(hz: tuple[float, float, float], sessions: str) -> str:
-    """A standard deviation with its interval [Hz], over runs or assemblies."""
+    """Return a standard deviation with its interval [Hz], over runs or assemblies."""
     low, middle, high = hz
     return f"{middle:.2g} Hz [{low:.2g}, {high:.2g}] over {sessions}"
 
 
 def population_mean(scatters: Sequence[str]) -> str:
-    """That the posterior's natural frequency is a mean of a population, and its scatter."""
+    """Return the message that the natural frequency is a population's mean, with its scatter."""
     return (
         "The natural frequency of the posterior is the population's mean; it scatters by "
         f"{' and '.join(scatters)} (standard deviation, 99 % interval)."

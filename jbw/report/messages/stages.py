@@ -52,12 +52,12 @@ def unkept_code(folder: str, reason: str) -> str:
 
 
 def design(step: int) -> str:
-    """Of a calibration: that the design of a step of the paper is read."""
+    """Return the progress message for reading the design of a step of the paper."""
     return f"Reading the design of Step {step} from the campaign"
 
 
 def scoring(law: str, num_sessions: int, *, by_fit: bool) -> str:
-    """Of a comparison: that sessions are predicted from the others, where there are several."""
+    """Return the progress message for a law whose sessions are predicted from each other."""
     if num_sessions == 1:
         return f"{law}: one session, judged by its {'fit' if by_fit else 'evidence'}"
     method = " by fits alone" if by_fit else "; evidence"
@@ -65,7 +65,7 @@ def scoring(law: str, num_sessions: int, *, by_fit: bool) -> str:
 
 
 def points(count: int, coordinates: str) -> str:
-    """Of the choice of coordinates: how many points are looked at."""
+    """Return the progress message on how many points a parametrisation is evaluated at."""
     return f"parametrisation {coordinates}, {count} points"
 
 
@@ -73,17 +73,17 @@ CHAINS = "chains about the draws so far"
 
 
 def drawing_figures(page: str) -> str:
-    """Of a report."""
+    """Return the progress message for drawing figures and writing a report."""
     return f"Drawing figures and writing {page}"
 
 
 def drawing_records(folder: str) -> str:
-    """Of a check."""
+    """Return the progress message for drawing the first record of every test into a folder."""
     return f"Drawing the first record of every test into {folder}"
 
 
 def starts(count: int) -> str:
-    """From how many starts fits begin at once."""
+    """Return the phrase on the number of starts from which fits run in parallel."""
     return "1 start" if count == 1 else f"{count} starts side by side"
 
 
@@ -98,7 +98,7 @@ def effective(size: float, needed: float) -> str:
 
 
 def finished_before(verdict: str) -> str:
-    """Of one campaign of several."""
+    """Return the message for a campaign that finished earlier, with its verdict."""
     return f"was finished before, verdict {verdict}"
 
 
@@ -107,25 +107,25 @@ def _groups(count: int) -> str:
 
 
 def joint_posterior(count: int) -> str:
-    """From how many groups of data the joint posterior is."""
+    """Return the progress message for the joint posterior from a number of groups of data."""
     return f"Joint posterior: all parameters from {_groups(count)} of data"
 
 
 def kernel(count: int) -> str:
-    """At how many frequencies Step 3 reads the kernel."""
+    """Return the progress message for the third-order kernel at a number of frequencies."""
     return f"Step 3: third-order kernel at {count} frequencies"
 
 
 def least_squares(count: int) -> str:
-    """From how many groups of data the least squares are."""
+    """Return the progress message for least squares on a number of groups of data."""
     return f"Least squares: all parameters from {_groups(count)} of data"
 
 
 def line_fit(test: str) -> str:
-    """Of which test Step 2 fits the lines."""
+    """Return the progress message for the line fit of a test in Step 2 of the paper."""
     return f"Step 2: line fit of {test}"
 
 
 def fitting_as(law: str) -> str:
-    """By the weights of which law all are fitted."""
+    """Return the progress message on the law whose weights are used to fit all laws."""
     return f"Fitting all laws with the weights of {law}, the law of the smallest residual"

@@ -29,7 +29,7 @@ AS_ASKED = "as asked for"
 
 
 def step_2(y_rms: float, repeats: int) -> str:
-    """At which motion Step 2 reads the oscillator."""
+    """Return the message on the rms displacement [m] at which Step 2 reads the oscillator."""
     counted = "one record has no CV" if repeats < 2 else f"CV is over {repeats} repeats"
     return (
         f"Read at an rms displacement of {y_rms:.2g} m: omega_n is that of the oscillator at this "
@@ -38,7 +38,7 @@ def step_2(y_rms: float, repeats: int) -> str:
 
 
 def neighbours(modes: Sequence[tuple[float, float]], residual: float) -> str:
-    """Modes that Step 2 fits together: frequency [Hz] and damping ratio of each."""
+    """Return the message on modes that Step 2 fits together, with frequencies [Hz] and damping."""
     shown = ", ".join(f"{hertz:.4g} Hz ({percent(ratio, '.2f')})" for hertz, ratio in modes)
     return (
         f"Fitted with the neighbouring modes in the band, the joint's mode first: {shown}; "
@@ -88,7 +88,7 @@ def one_draw(number: int, mass: float) -> str:
 
 
 def exported_joints(number: int, count: int, why: str, system: str) -> str:
-    """Which draw an export of several joints holds, and its system of units."""
+    """Return the comment on which draw of the joints is exported, and its system of units."""
     return f"Joints: draw {number} of {count}, from 0 on, {why}; units {system}."
 
 
@@ -98,7 +98,7 @@ def one_of_joints_draws(number: int, system: str) -> str:
 
 
 def mode_beside_matrices(mode: int, hz: float, model_hz: float, damping: float) -> str:
-    """Frequency and damping of a mode as identified, and the frequency that the matrices have."""
+    """Return the comment on a mode's identified frequency and damping, and the model's [Hz]."""
     return (
         f"Mode {mode} in full stick: {hz:.5g} Hz, where the matrices have {model_hz:.5g} Hz, and a "
         f"damping ratio of {percent(damping, '.3g')}."
@@ -106,7 +106,7 @@ def mode_beside_matrices(mode: int, hz: float, model_hz: float, damping: float) 
 
 
 def motion_beside_matrices(what: str, factor: float) -> str:
-    """A joint's motion in a mode over that of the matrices, which a model with these lacks."""
+    """Return the comment on a factor of joint motion that a model with these matrices lacks."""
     return f"{capital(what)} is {factor:.4g}; a model with these matrices lacks this factor."
 
 
@@ -118,7 +118,7 @@ def joint_place(
     is_held: bool,
     has_law: bool,
 ) -> str:
-    """Where a joint acts, and what of it the model's stiffness matrix holds; each with its unit."""
+    """Return the comment on where a joint acts, and its stiffness in the model, with units."""
     place = f"Joint {name} moves by x = {motion[0]} [{motion[1]}]"
     spring = f"{stiffness[0]:.6g} {stiffness[1]} in full stick"
     if not has_law:
@@ -135,7 +135,7 @@ def joint_in_si(name: str, motion_unit: str, force_unit: str) -> str:
 
 
 def joint_dashpot(name: str, hz: float, motion: float, unit: str) -> str:
-    """At which frequency and motion a dashpot loses as a joint does."""
+    """Return the comment on the frequency and motion at which a dashpot loses as a joint does."""
     return (
         f"Dashpot of {name}: at {hz:.4g} Hz it loses as the joint does at {motion:.4g} {unit}, the "
         "largest motion measured, in the mode that moved it most."
@@ -203,10 +203,10 @@ VARIABLES = {
 
 
 def rank_below(name: str) -> str:
-    """Long name of the ranks of a calibration."""
+    """Return the long name of a calibration's ranks: the draws below the true value."""
     return f"draws below the true {name}"
 
 
 def truth_inside(name: str) -> str:
-    """Long name of whether an interval holds the truth."""
+    """Return the long name of the flag that an interval contains the true value."""
     return f"true {name} inside the 99 % interval"

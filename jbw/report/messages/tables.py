@@ -46,10 +46,10 @@ def beyond(reach: float) -> str:
 
 
 def laws(campaign: str) -> str:
-    """Of a comparison of laws."""
+    """Return the title of the table that compares laws."""
     return f"Laws of the joint: {campaign}"
 
 
 def counted(count: int, noun: str) -> str:
-    """So many things of a kind."""
+    """Return a count with its noun in singular or plural."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -18,7 +18,7 @@ LEFT_OUT = "left out, as asked: band of the parameters alone"
 
 
 def comparison_of(test: str, quantity: str) -> str:
-    """A part of a result, as the subject of a sentence that says why it is missing."""
+    """Return the subject of a sentence that explains why a comparison is missing."""
     return f"The comparison of the {quantity}test `{test}` with the model"
 
 

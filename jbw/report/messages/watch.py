@@ -26,7 +26,7 @@ def alarm(kind: str, record: str, first: str, direction: str, changes: str, numb
 
 
 def changes(frequency: Estimate, damping: Estimate, torque: str) -> str:
-    """By how much frequency and, relative to what it was, damping changed."""
+    """Return the sentence on the change of frequency and the relative change of damping."""
     middle, low, high = (100 * value for value in damping)
     f, f_low, f_high = frequency
     return (
@@ -36,7 +36,7 @@ def changes(frequency: Estimate, damping: Estimate, torque: str) -> str:
 
 
 def torque_change(before: float, after: Estimate, *, within_fleet: bool, is_explained: bool) -> str:
-    """The change of torque that explains the change best, as the end of a sentence."""
+    """Return the end of a sentence: the change of torque that explains a change best."""
     middle, low, high = after
     way = "fall" if middle < before else "rise"
     phrase = (
@@ -78,13 +78,13 @@ def known_already(record: str, number: int) -> str:
 
 
 def particles(record: str, share: float, *, moved: bool) -> str:
-    """Progress: how many particles a record leaves with weight."""
+    """Return the progress message on the share of effective particles after a record."""
     kernel = ", moved since" if moved else ""
     return f"{record}: effective particles {percent(share, '.0f')}{kernel}"
 
 
 def several_amplitudes(few: int) -> str:
-    """Advice on the amplitudes of a watch of few references."""
+    """Return the advice to use one amplitude if a watch has few reference records."""
     return f"With fewer than {few} reference records, one amplitude detects more than several."
 
 
@@ -97,10 +97,10 @@ CARRIED = "A run that is carried from record to record"
 
 
 def heading(num_records: int, num_reference: int) -> str:
-    """Of a watch's page."""
+    """Return the heading of the page of a watch on new records."""
     return f"{num_records} records by jbw; the first {num_reference} are the reference."
 
 
 def table_title(amplitude: str, false_alarms: float) -> str:
-    """Of the readings of a watch."""
+    """Return the title of the table of readings of a watch."""
     return f"Readings at {amplitude}; false alarms per record: {false_alarms:g}"

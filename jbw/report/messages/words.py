@@ -408,5 +408,5 @@ WORDS: dict[tuple[str, ...], str] = {
 
 
 def words() -> dict[str, str]:
-    """Word or heading of a column, in lower case, to what it means."""
+    """Return a dictionary from each word or column heading, in lower case, to its meaning."""
     return {name.lower(): meaning for names, meaning in WORDS.items() for name in names}
