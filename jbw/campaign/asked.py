@@ -37,7 +37,7 @@ MOST_LISTED = 12  # channels named in a question
 
 
 def channels_named_by(ask: Ask, tell: Tell) -> Named:
-    """What a person says of channels whose names do not: which responds, which drives.
+    """Return a function that asks the user which channels of a file are response and drive.
 
     Files with the same channels are asked about once. An empty answer leaves a channel out.
     """
@@ -53,7 +53,7 @@ def channels_named_by(ask: Ask, tell: Tell) -> Named:
 
 
 def _channels_of(path: Path, channels: Collection[str], ask: Ask, tell: Tell) -> dict[str, str]:
-    """Role to channel of a file, the response first; none where nobody names a response."""
+    """Ask for a file's channels; return role to channel, response first, or an empty dictionary."""
     roles: dict[str, str] = {}
     file = toml(path.name)
     with suppress(EOFError):
@@ -107,7 +107,7 @@ def still_doubtful(text: str) -> Iterator[str]:
 
 
 def _questions(line: str) -> list[tuple[str, Callable[[str, str], str]]]:
-    """Questions about a line, each with what makes the line of an answer."""
+    """Return the questions about a line, each with the function that turns an answer into it."""
     match = LINE.match(line)
     if match is None:
         return []
@@ -145,7 +145,7 @@ def _value(line: str, key: str, answer: str) -> str:
 
 
 def _of(line: str, role: str, answer: str) -> str:
-    """The line with another unit or channel of a role; the others stay as doubtful as they were."""
+    """Replace the unit or channel of one role in a line; keep the doubts on all other roles."""
     match = LINE.match(line)
     body, why = (line, "") if match is None else (line.partition("  # CHECK: ")[0], match["why"])
     key, _, value = body.partition(" = ")

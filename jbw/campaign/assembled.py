@@ -151,7 +151,7 @@ class JointTable(FileTable):
 def joint_errors(
     joints: Sequence[JointTable], structure: AssembledStructure | None, num_modes: int
 ) -> Iterator[str]:
-    """What is wrong with joints beside each other and beside the structure; a sentence each."""
+    """Yield one sentence per contradiction between joints, or between joints and the structure."""
     names = [joint.name for joint in joints]
     for joint in joints:
         where = f"[[joint]] `{joint.name}`"
@@ -199,7 +199,7 @@ def _tie_errors(joints: Sequence[JointTable]) -> Iterator[str]:
 
 
 def leader_of(joint: JointTable, by_name: Mapping[str, JointTable]) -> JointTable | None:
-    """The joint whose law a joint has, itself or another; None of a circle or an unknown name."""
+    """Return the joint whose law a joint shares (or itself); None for a cycle or unknown name."""
     passed = set()
     while joint.same_as is not None:
         if joint.name in passed or joint.same_as not in by_name:
@@ -210,7 +210,7 @@ def leader_of(joint: JointTable, by_name: Mapping[str, JointTable]) -> JointTabl
 
 
 def groups_of(joints: Sequence[JointTable]) -> list[int]:
-    """For every joint the index of the joint whose law it has."""
+    """Return for every joint the index of the joint whose law it has."""
     by_name = {joint.name: joint for joint in joints}
     leaders = [leader_of(joint, by_name) or joint for joint in joints]
     return [[joint.name for joint in joints].index(leader.name) for leader in leaders]

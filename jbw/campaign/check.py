@@ -128,7 +128,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
 def _checked_joints(
     spec: CampaignSpec, folder: Path, *, allow_outside: bool
 ) -> tuple[JointsCheck | None, Sequence[Fault], set[int]]:
-    """Several joints and their faults, with the exit codes that these ask for."""
+    """Return the checked joints (None if refused), their faults and the exit codes."""
     try:
         joints, faults = check_joints(spec, folder, allow_outside=allow_outside)
     except JbwError as error:
@@ -238,7 +238,7 @@ def _roles(first: Sequence[Record]) -> tuple[str, str]:
 
 
 def beside_stated(fault: Fault, test: TestSpec) -> Fault:
-    """A fault by the roles of the file, with a remedy that stands beside what the test states.
+    """Return a fault with roles of the file and a remedy merged into the test's stated keys.
 
     A factor multiplies one that is stated: pasted over it, the line must not lose a calibration.
     What the test leaves out already stays out.
@@ -278,7 +278,7 @@ def as_json(check: Check) -> dict[str, Any]:
 
 
 def unread(spec: CampaignSpec) -> Iterator[Fault]:
-    """Settings that the tests of a campaign cannot use: they change nothing, and are told."""
+    """Yield a fault for every setting that has no effect on the tests of the campaign."""
     traits, settings = [test.traits for test in spec.tests], spec.settings
     for name, reads in READ_BY.items():
         if name in settings.keys() and not any(map(reads, traits)):
@@ -361,7 +361,7 @@ def has_one_mode(spec: CampaignSpec) -> bool:
 
 
 def _contradicting(record: Record, test: TestSpec, first: Sequence[Record]) -> list[Fault]:
-    """Faults of channels by themselves, and against what the campaign states."""
+    """Return the faults of a record's channels, and its contradictions to the campaign file."""
     in_order = test.traits.is_curve and not test.traits.is_controlled
     faults = list(inspect(record, masked=test.gaps == "mask", is_curve=in_order))
     fits = _fits_curve if test.traits.is_curve else _fits_test
@@ -384,7 +384,7 @@ def _doubtful(
     laws: Sequence[str],
     of_one_mode: bool,
 ) -> list[Fault]:
-    """Faults that a record itself shows, with remedies that nobody has tried."""
+    """Return the doubts that a record raises by itself, with remedies that are still untried."""
     faults = [*_of_metres(record, test), *_believable(record, test, per_unit, laws)]
     if of_one_mode and (examined := _examined(record, test)) is not None:
         faults += examined.faults
@@ -396,7 +396,7 @@ def _doubtful(
 
 
 def _examined(record: Record, test: TestSpec) -> Examined | None:
-    """What a decay or a sweep shows of one mode; None of other kinds of test."""
+    """Return the one-mode examination of a decay or driven sweep; None for other kinds of test."""
     if test.traits.is_free:
         return examined_decay(record, test.band, test.settle)
     if test.traits.is_transient and any(x in record.channels for x in INPUTS):
@@ -426,7 +426,7 @@ def _started_apart(record: Record, test: TestSpec) -> Iterator[Fault]:
 
 
 def _of_metres(record: Record, test: TestSpec) -> Iterator[Fault]:
-    """Doubt a motion of metres on a bench: its unit is another one, or its rate."""
+    """Yield a doubt if the motion amounts to metres: its unit or sampling rate is likely wrong."""
     response = record.response
     x = record.channels[response]
     if test.traits.is_curve or record.units[response].startswith("rad") or len(x) < FEWEST_SAMPLES:
@@ -439,13 +439,13 @@ def _of_metres(record: Record, test: TestSpec) -> Iterator[Fault]:
 
 
 def _of_two_sources(record: Record, test: TestSpec) -> Iterator[Fault]:
-    """Which of two recorded sources is taken, where the test does not say."""
+    """Yield a doubt if a test records two sources but does not state which one drives it."""
     if test.traits.is_driven and test.drive is None and set(INPUTS) <= record.channels.keys():
         yield doubt("input", *messages.TWO_SOURCES)
 
 
 def _fits_test(record: Record, test: TestSpec) -> Iterator[FaultText]:
-    """What in a record contradicts the campaign file."""
+    """Yield the contradictions between a record and the campaign file."""
     nyquist = record.fs / 2
     if test.band and test.band[1] > nyquist:
         yield messages.band_beyond(test.band[1], nyquist)
@@ -470,7 +470,7 @@ def _fits_curve(record: Record, test: TestSpec) -> Iterator[FaultText]:
 
 
 def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Fault]:
-    """What the campaign file states, or not, beside a test's first record; asked by a check alone.
+    """Yield doubts about a test's stated or missing keys, given its first record (`check` only).
 
     A look reads decays without a band, and an identification leaves them out.
     """
@@ -492,7 +492,7 @@ def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Faul
 def _believable(
     record: Record, test: TestSpec, per_unit: float | None, laws: Sequence[str]
 ) -> Iterator[Fault]:
-    """Doubts that take an estimate from the record, by the kind of its test."""
+    """Yield the doubts that need an estimate from the record, by the kind of its test."""
     driven = any(role in record.channels for role in INPUTS)
     traits = test.traits
     if traits.is_broadband:

@@ -27,7 +27,7 @@ SAME = 1e-6  # of a frequency that stays as it is
 
 
 def course_of(x: Reals) -> Literal["tones", "noise", "sweep"] | None:
-    """What a source plays: one steady tone, noise, or a line that moves; None where unclear."""
+    """Return the course of a source: a steady tone, noise or a sweep; None if it is unclear."""
     x = x[np.isfinite(x)]
     size = len(x) // PARTS
     if size < LEAST or not np.ptp(x):
@@ -51,7 +51,7 @@ def course_of(x: Reals) -> Literal["tones", "noise", "sweep"] | None:
 
 
 def falls(x: Reals) -> bool:
-    """Whether samples fall as those of a free decay do: the last quarter to half of the largest."""
+    """Return whether samples decay: rms of the last quarter is below half of the largest."""
     x = x[np.isfinite(x)]
     if len(x) < 8:
         return False

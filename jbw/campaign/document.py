@@ -78,7 +78,7 @@ class FileTable(BaseModel):
 
 
 def key(default: Any, says: str, example: Any = None) -> Any:
-    """A key of a table: its default, a factory of one or `...`, its meaning with the unit."""
+    """Return the field of a table's key: default (or factory, or `...`), meaning with unit."""
     default_field: dict[str, Any] = {"default_factory" if callable(default) else "default": default}
     return Field(**default_field, description=says, examples=None if example is None else [example])
 
@@ -91,7 +91,7 @@ def unlike(name: str, names: Iterable[str]) -> str:
 
 
 def text_of(path: Path, what: str, remedy: str) -> str:
-    """Text of a file that somebody wrote; messages say what it should be, and what to do.
+    """Return the text of a file that a user wrote; `what` and `remedy` are for its errors.
 
     Raises:
         ConfigError: No such file, none that may be read, or not UTF-8.
@@ -128,7 +128,7 @@ def document_of(source: str, file: str) -> dict[str, Any]:
 
 
 def unknown_tables(document: Mapping[str, Any], tables: Collection[str]) -> list[str]:
-    """What to say of tables that nobody knows."""
+    """Return one sentence per unknown table of a file, up to a limit, then their number."""
     unknown = [name for name in document if name not in tables]
     sentences = [f"[{name}]: unknown table{unlike(name, tables)}." for name in unknown[:LISTED]]
     return sentences + (
@@ -139,7 +139,7 @@ def unknown_tables(document: Mapping[str, Any], tables: Collection[str]) -> list
 def checked[Found: FileTable](
     model: type[Found], table: Any, where: str, errors: list[str]
 ) -> Found | None:
-    """A table as its typed record; None where anything is wrong, which is added to the errors.
+    """Validate a table and return its typed record; append errors and return None if it is wrong.
 
     `where` is how messages name the table, such as `[identify]`.
     """
@@ -160,7 +160,7 @@ def checked[Found: FileTable](
 
 
 def _lines(model: type[FileTable], error: ErrorDetails) -> Iterator[str]:
-    """What is wrong with a table, each line with the key that it is about."""
+    """Yield the lines on one error of a table, each with the key that it concerns."""
     key, *inner = [str(part) for part in error["loc"] if isinstance(part, str)] or [""]
     # Of a whole table, some lines name their key themselves.
     names = f" {': '.join([key, *inner])}: " if key else ""
@@ -199,7 +199,7 @@ def refuse(file: str, errors: Sequence[str]) -> None:
 
 
 def json_schema(model: type[FileTable]) -> dict[str, Any]:
-    """JSON Schema of a file's model, for editors: without titles and defaults that say nothing."""
+    """Return the JSON Schema of a file's model for editors, without empty titles and defaults."""
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     return head | _plain(model.model_json_schema())
 
@@ -252,7 +252,7 @@ def _with_straight_quotes(line: str) -> str:
 
 
 def _with_forward_slashes(line: str) -> str:
-    """The line whose double quotes hold paths with forward slashes, which Windows takes as well."""
+    """Replace backslashes by forward slashes in double-quoted paths (Windows takes both)."""
     return DOUBLE_QUOTED.sub(lambda match: re.sub(r"\\+", "/", match[0]), line)
 
 
@@ -285,7 +285,7 @@ SLIPS = (
 
 
 def slip_of(source: str, error: Exception) -> tuple[str, str] | None:
-    """What is wrong with a text that is not TOML and what to write instead; None where unknown.
+    """Return the error in a text that is not TOML, and its remedy; None if the cause is unknown.
 
     A slip is the cause where the text without it is TOML up to a later line.
     """
@@ -309,7 +309,7 @@ def slip_of(source: str, error: Exception) -> tuple[str, str] | None:
 
 
 def _stated_twice(number: int, lines: list[str]) -> tuple[str, str] | None:
-    """Two lines that state one key, and how to make one of them; None where there are none."""
+    """Return the error and remedy for a key or table stated on two lines; None if there is none."""
     if head := HEAD.fullmatch(lines[number - 1]):
         opened = {match[1]: i for i, x in reversed([*enumerate(lines[: number - 1], 1)])
                   if (match := HEAD.fullmatch(x))}  # fmt: skip
@@ -335,7 +335,7 @@ def _stated_twice(number: int, lines: list[str]) -> tuple[str, str] | None:
 def _in_one_table(
     key: str, role: str, item: str, table: str, numbers: tuple[int, int]
 ) -> tuple[str, str] | None:
-    """A line with all that two lines state of roles; a factor multiplies one that is stated."""
+    """Merge two lines on the roles of one key into one line; multiply two factors of one role."""
     try:
         stated, value = tomllib.loads(f"table = {table}\nitem = {item}").values()
     except (ValueError, RecursionError):
@@ -363,6 +363,6 @@ def _is_toml_to(number: int, lines: list[str]) -> bool:
 
 
 def _line_number(error: Exception, source: str) -> int:
-    """The line at which a text was found to be no TOML, counted from one; its last, of its end."""
+    """Return the line (from 1) at which TOML parsing failed; the last line if none is stated."""
     match = re.search(r"\(at line (\d+),", str(error))
     return int(match[1]) if match else source.count("\n") + 1

@@ -209,7 +209,7 @@ def _in_newton_metres(torque: str) -> float:
 def _bands_together(
     blocks: Sequence[str], folder: Path, assumed: list[tuple[str, str]]
 ) -> list[str]:
-    """Decays of one mode in one band: about the line that all of them show, where these differ.
+    """Give all drafted decays of one mode the same band, about a line that each of them shows.
 
     A blow may move the suspension more than the joint: its line is the largest of one test, the
     joint's stands out of every one.
@@ -237,7 +237,7 @@ def _bands_together(
 
 
 def _shared_bands(bands: Mapping[int, Reach], records: Mapping[int, Record]) -> dict[int, Reach]:
-    """One band for decays about one line, and about the line that all show where they differ.
+    """Return one band for decays of one mode, about a line that all show if their lines differ.
 
     Decays of one mode are fitted in one band, that of all of them: the narrowest of its ends.
     """
@@ -271,7 +271,7 @@ def shared_name(path: Path) -> str:
 
 
 def _named(blocks: Sequence[str], names: Sequence[str]) -> list[str]:
-    """Tests under the names of their files, where there are several; numbered where alike."""
+    """Name drafted tests after their files if there are several; number equal names."""
     is_test = [block.startswith("[[test]]\n") for block in blocks]
     if sum(is_test) < 2:
         return list(blocks)
@@ -345,12 +345,12 @@ def already_written(path: Path) -> ConfigError:
 
 
 def _stem(path: Path) -> tuple[str, str]:
-    """What the repeats of a test share: the name but for its last number, and the suffix."""
+    """Return the part that repeats of a test share: name without its last number, and suffix."""
     return re.sub(r"\d+$", "", path.stem), path.suffix.lower()
 
 
 def _frequencies_of_curves(groups: Sequence[Sequence[Path]]) -> Reach | None:
-    """Lowest and highest frequency of response curves [Hz], among which the joint's mode lies."""
+    """Return the lowest and highest frequency of all response curves [Hz]; None without curves."""
     ends_hz: list[float] = []
     for files in groups:
         if not _may_hold_a_curve(files[0]):
@@ -404,7 +404,7 @@ def _block(
     curves: Reach | None,
     named: Named,
 ) -> list[str]:
-    """One [[test]] table a level; as a comment where no channel is known to be a response."""
+    """Draft one [[test]] table per level, as a comment if no channel is a known response."""
 
     def assume(what: str) -> None:
         assumed.append((files[0].name, what))
@@ -522,7 +522,7 @@ class DraftedClock(NamedTuple):
 
 
 def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> DraftedClock:
-    """How the channels of a test are sampled: together, at two rates, unevenly, from two starts."""
+    """Draft the sampling of a test: common clock, two rates, uneven samples or two start times."""
     if traits.is_curve:
         return DraftedClock(True)
     leaves = {role: looked.series[c.path] for role, c in channels.items() if role != "time"}
@@ -579,7 +579,7 @@ def _round(fs: float) -> float:
 
 
 def _uneven(leaf: Leaf, unit: str) -> float | None:
-    """A rate to resample times at that are not even [Hz]; None where they are, or go backward."""
+    """Return a rate for resampling uneven times [Hz]; None if they are even or run backward."""
     with suppress(JbwError):
         seconds = np.asarray(load(leaf), np.float64) * si_of("time", unit)[0]
         if len(seconds) > MOST_SAMPLES or not np.isfinite(seconds).all():
@@ -666,7 +666,7 @@ def _first_record(path: Path, roles: Mapping[str, str], lines: Sequence[str]) ->
 
 
 def _tones(path: Path, roles: Mapping[str, str], lines: Sequence[str], assume: Assume) -> str:
-    """The tone of a test: the strongest line of its source, where that is one steady tone."""
+    """Draft the tone of a test: the strongest line of its source if that is one steady tone."""
     with suppress(JbwError, ValueError, IndexError):
         record = _first_record(path, roles, lines)
         source = record.channels[record.source]
@@ -692,7 +692,7 @@ def _scalar_rate(leaves: Leaves) -> str:
 
 
 def _skeleton(files: Sequence[Path], looked: Looked, channels: Mapping[str, Channel]) -> str:
-    """A [[test]] table to be filled in by hand, commented out, with the units of the file."""
+    """Draft a commented [[test]] table to be filled in by hand, with the units of the file."""
     leaves = looked.series or looked.leaves
     paths = {role: channel.path for role, channel in channels.items()}
     # By the file's name alone: which of its channels drives is not known.
@@ -758,7 +758,7 @@ def _listed(series_names: Collection[str]) -> str:
 
 
 def _series_in(leaves: Leaves) -> dict[str, Leaf]:
-    """The arrays that are one series, and the rows or columns of narrow tables, by their paths."""
+    """Return the one-dimensional arrays, and rows or columns of narrow tables, by their paths."""
     series: dict[str, Leaf] = {}
     for name, leaf in leaves.items():
         long = [length for length in leaf.shape if length > 1]
@@ -771,7 +771,7 @@ def _series_in(leaves: Leaves) -> dict[str, Leaf]:
 
 
 def _records_in(series: Leaves) -> list[dict[str, Leaf]]:
-    """Series by the struct or group that they lie in, where several hold the same names."""
+    """Group series by their struct or group in the file, if several groups have equal names."""
     groups: dict[str, dict[str, Leaf]] = {}
     for name, leaf in series.items():
         groups.setdefault(name.rpartition(".")[0], {})[name] = leaf
@@ -829,7 +829,7 @@ def _samples_of(series: Leaves, path: str) -> NDArray[np.float64] | None:
 
 
 def _follows(roles: Mapping[str, Channel], series: Leaves) -> bool:
-    """Whether a force follows the displacement as along a loop, and does not lead to its motion.
+    """Return whether a force follows the displacement as along a loop and does not drive it.
 
     About a resonance they are a quarter of a period apart, far above it turned.
     """

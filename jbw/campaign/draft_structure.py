@@ -43,7 +43,7 @@ def model_files(files: Sequence[Path]) -> ModelFiles | None:
 
 
 def structure_lines(model: ModelFiles, folder: Path) -> Iterator[str]:
-    """The tables [structure] and [[joint]] in a comment: a model says all but where joints are."""
+    """Yield the commented tables [structure] and [[joint]]; only the places of joints stay open."""
     stated = model.matrices
     source: str | Path | Mapping[str, Path]
     if isinstance(stated, str):
@@ -73,7 +73,7 @@ def _holds_model(path: Path) -> bool:
 
 
 def _role_of_file(path: Path) -> str:
-    """What a file has of a model by its name, as `K.mtx` or `job_STIF1.mtx`, or by its columns."""
+    """Return a file's role in a model by its name (`K.mtx`, `job_STIF1.mtx`) or its columns."""
     suffix = path.suffix.lower()
     if suffix in READERS and suffix not in HELD_TOGETHER:
         words = (word.rstrip("0123456789") for word in re.split(r"[\W_]+", path.stem))

@@ -39,7 +39,7 @@ class ResponseOrigin(NamedTuple):
 
 
 def source_of(record: Record, test: TestSpec) -> ResponseOrigin:
-    """Where a record of a test comes from."""
+    """Return the origin of a record: digest of its samples, file and channel, span and band."""
     is_curve, role = test.traits.is_curve, record.response
     if (
         test.traits.is_prescribed
@@ -110,7 +110,7 @@ def _repetitions(sources: Sequence[ResponseOrigin]) -> Iterator[Repetition]:
 
 
 def _remedy(repetitions: Sequence[Repetition], of_test: Sequence[ResponseOrigin]) -> str:
-    """What cures the repetitions of one test: a span, its records left out, or the whole test."""
+    """Return the remedy for a test's repeated records: a span, or leave out records or the test."""
     by_file = Counter(source.leaving_out for source in of_test)
     if any(is_by_file(x.source.leaving_out) and by_file[x.source.leaving_out] > 1
            for x in repetitions):  # fmt: skip
@@ -119,7 +119,7 @@ def _remedy(repetitions: Sequence[Repetition], of_test: Sequence[ResponseOrigin]
 
 
 def _of_one(repetition: Repetition) -> str:
-    """What cures one repetition: the part that no other test holds, or the record left out."""
+    """Return the remedy for one repeated record: use the part that is unique, or leave it out."""
     source = repetition.source
     left_out = f"{put_line(source.leaving_out)}."
     if not repetition.is_part:
@@ -134,7 +134,7 @@ def _of_one(repetition: Repetition) -> str:
 
 
 def _use_the_same(source: ResponseOrigin, other: ResponseOrigin) -> bool:
-    """Whether two tests use a common part of a record: bands that meet, and tones if they have."""
+    """Return whether two tests use a common part of a record: overlapping bands, common tones."""
     low, high = (max(source.band_hz[0], other.band_hz[0]), min(source.band_hz[1], other.band_hz[1]))
     tones = not (source.tones_hz and other.tones_hz) or set(source.tones_hz) & set(other.tones_hz)
     return low < high and bool(tones)

@@ -27,7 +27,7 @@ Part = tuple[Path, Wanted]  # a file, and what to take from it
 def repeats_of(
     test: TestSpec, folder: Path, *, allow_outside: bool = False, admit: Admit = admit_alone
 ) -> Iterator[Record | JbwError]:
-    """Repeats of a test in SI, without the excluded ones; not yet checked sample by sample.
+    """Yield the repeats of a test in SI, without excluded ones, before checks of their samples.
 
     What cannot be read comes as the error, in its place, so that the others can still be seen.
     `admit` refuses a record by the size that its file states, before it is read.
@@ -83,7 +83,7 @@ def _on_grid(record: Record, fs: float) -> Record:
 
 
 def _as_stated(record: Record, test: TestSpec) -> Record:
-    """A record with its drive, on one clock; a decay from its blow on, where nothing is stated."""
+    """Set a record's drive and clock; start a decay at its blow if no `settle` is stated."""
     record = on_one_clock(replace(record, drive=test.drive or ""), test.clock_ppm)
     if BASE in record.channels:
         return beside_base(record, is_relative=test.relative_to_base)

@@ -11,7 +11,7 @@ WEIGHTLESS = {*FED, BASE}  # sources of whose gain a mass tells nothing
 
 
 def force_per_unit(campaign: Any) -> Gain:  # as checked, or with its records
-    """Force per modal mass for one unit of the input [1/kg, or N/kg/V], when the campaign says.
+    """Return force per modal mass for one unit of input [1/kg, or N/kg/V], None if not stated.
 
     Where a measured force drives some tests and a shaker's feed others, by drive. A mass tells
     nothing of a feed in volts or amperes, nor of a base that moves, whose gain is the
@@ -30,7 +30,7 @@ def force_per_unit(campaign: Any) -> Gain:  # as checked, or with its records
 
 
 def gain_of(gain: Gain, drive: str) -> float | None:
-    """What `force_per_unit` says of a drive."""
+    """Return the gain of a drive from the result of `force_per_unit`."""
     return gain.get(drive) if isinstance(gain, Mapping) else gain
 
 

@@ -142,7 +142,7 @@ class _Modes(NamedTuple):
 def check_joints(
     spec: CampaignSpec, folder: Path, *, allow_outside: bool = False
 ) -> tuple[JointsCheck | None, list[Fault]]:
-    """What the joints of a campaign are to its modes, and what is wrong or doubtful.
+    """Return the check of a campaign's joints against its modes, with faults and doubts.
 
     Raises:
         ConfigError: A place or joint is not in the model.
@@ -173,7 +173,7 @@ def check_joints(
 def _separability(
     modes: _Modes, swept: Sequence[int], joints: Sequence[JointTable]
 ) -> tuple[JointSeparability | None, list[Fault]]:
-    """B of the swept modes that move a joint, and what is wrong with it; None where unknown."""
+    """Return the separability (matrix B) of the swept modes that move a joint, and its faults."""
     if modes.motion is None:
         return None, []
     moving = moving_modes(modes.motion)
@@ -194,7 +194,7 @@ def _separability(
 
 
 def _modes_of(spec: CampaignSpec, folder: Path, allow_outside: bool) -> _Modes:
-    """Of matrices, or of stated modes, where the shape of every joint must be stated too."""
+    """Return the modes from matrices, or the stated modes with the stated shapes of all joints."""
     if spec.assembled is not None:
         model = reduced_model(spec, folder, allow_outside=allow_outside)
         return _Modes(model.frequencies_hz, model, energy_shares(model), model.notes)
@@ -214,7 +214,7 @@ def _names_of_groups(joints: Sequence[JointTable]) -> tuple[str, ...]:
 
 
 def _swept(spec: CampaignSpec, frequencies_hz: np.ndarray) -> tuple[int, ...]:
-    """Elastic modes within the band of a test; all of them where no test has a band."""
+    """Return the elastic modes within the bands of the tests; all elastic modes without a band."""
     bands = [test.band for test in spec.tests if test.band]
     elastic = [i for i, hz in enumerate(frequencies_hz) if hz > 0]
     if not bands:
@@ -245,7 +245,7 @@ def _inseparable(separability: JointSeparability, joints: Sequence[JointTable]) 
 
 
 def _too_few(separability: JointSeparability) -> Iterator[Fault]:
-    """Fewer swept modes than laws; two laws of one mode are named as a pair."""
+    """Yield a doubt if there are fewer swept modes than laws (but more than one mode)."""
     modes, joints = len(separability.modes), len(separability.joints)
     if 1 < modes < joints:
         yield doubt("joint", *messages.few_modes(joints, modes))
@@ -355,7 +355,7 @@ def starts_of(
     readings: Float[np.ndarray, " mode"],
     std: Float[np.ndarray, " mode"],
 ) -> Starts:
-    """What readings of single modes tell of every law, in the order of the laws.
+    """Return starting values of every law from readings of single modes, in the order of laws.
 
     Args:
         joints: The joints and their laws, one law a joint.

@@ -108,7 +108,7 @@ def _line(test: Test) -> str:
 
 
 def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
-    """Campaign file read and checked, with all of its records.
+    """Read and check a campaign file with all of its records.
 
     Args:
         path: The TOML file.
@@ -170,7 +170,7 @@ def with_laws(campaign: Campaign, laws: Sequence[str] | None) -> Campaign:
 def load_with_doubts(
     path: Path, *, allow_outside: bool = False
 ) -> tuple[Campaign, list[warnings.WarningMessage]]:
-    """The campaign, and the warnings of what is doubtful in its records in place of warning."""
+    """Load a campaign; return it with the warnings on doubtful records instead of issuing them."""
     with warnings.catch_warnings(record=True) as doubts:
         warnings.simplefilter("always")
         campaign = load_campaign(path, allow_outside=allow_outside)
@@ -187,7 +187,7 @@ def load_test(
     allow_outside: bool = False,
     held: HeldRecords = NO_RECORDS,
 ) -> Test:
-    """One [[test]] with its records: the first error is raised, what is doubtful is warned of.
+    """Load the records of one [[test]]: raise its first error, warn of what is doubtful.
 
     Args:
         test: Its table.

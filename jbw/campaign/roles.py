@@ -115,7 +115,7 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
 def with_roles(
     channels: Mapping[str, Channel], stated: Mapping[str, str], series: Leaves
 ) -> dict[str, Channel]:
-    """Channels by role, and those whose roles a person states instead of what they were taken for.
+    """Return channels by role, where roles that a user states replace the guessed roles.
 
     The unit of a channel is the file's where it is one of the role.
     """
@@ -132,7 +132,7 @@ def _si_of_role(role: str) -> str:
 
 
 def _of_amplitudes(roles: dict[str, Channel]) -> dict[str, Channel]:
-    """Roles in which an amplitude beside frequencies is a response, where its unit is one's."""
+    """Turn an amplitude next to frequencies into the response whose unit it has."""
     amplitude = roles["input"]
     for role in RESPONSES:
         unit = amplitude.unit or _behind(last_name(amplitude.path), role)
@@ -143,7 +143,7 @@ def _of_amplitudes(roles: dict[str, Channel]) -> dict[str, Channel]:
 
 
 def _by_text(path: str, text: str, unit: str) -> tuple[str, Channel] | None:
-    """Role of a channel by a text, unless its unit says otherwise; None where unknown."""
+    """Return the role and channel that a text suggests and its unit permits; None if unknown."""
     if plain(text) in ("ms", "us", "ns"):  # a column called by its unit
         return "time", Channel(path, plain(text), "s")
     by_name = [text] if text in ROLES else []
@@ -189,7 +189,7 @@ def _by_unit(leaf: Leaf) -> str:
 
 
 def _meant(channels: Sequence[Channel], series: Leaves) -> Channel:
-    """Of several channels of a role the first, unless another is much stronger."""
+    """Return the first of several channels of a role, unless another channel is much stronger."""
     exact = [channel for channel in channels if last_name(channel.path) in ROLES]
     channels = exact or channels
     if len(channels) == 1:
@@ -234,13 +234,13 @@ def strength(leaf: Leaf) -> float:
 
 
 def _in_degrees(leaf: Leaf) -> bool:
-    """Whether phases without a unit go beyond a turn in radians, as those of a mode never do."""
+    """Return whether phases without a unit exceed one turn in radians, so that they are degrees."""
     samples = np.abs(load(leaf)) if leaf.shape and leaf.shape[0] <= MOST_SAMPLES else np.zeros(1)
     return float(np.nanmax(samples)) > MOST_RADIANS
 
 
 def _of_a_curve(roles: dict[str, Channel], series: Leaves) -> dict[str, Channel]:
-    """Where a channel is complex, a real one that rises from a positive number is its frequency.
+    """Assign frequency, response and source of a complex curve; real rising values are frequency.
 
     Where no name tells the response, the first complex channel is it by its unit, or the only one
     by its phase; without a channel of the force it is per newton.
@@ -277,7 +277,7 @@ def _of_a_curve(roles: dict[str, Channel], series: Leaves) -> dict[str, Channel]
 
 
 def _by_phase(leaf: Leaf) -> str:
-    r"""Which response a complex curve of a mode is, by its phase $\arg \sum |H| H$ about the peak.
+    r"""Return the kind of response of a complex curve, by its phase $\arg \sum |H| H$ at the peak.
 
     A receptance is at -90 degrees there, a mobility at 0 and an accelerance at 90.
     """

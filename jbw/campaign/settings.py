@@ -37,7 +37,7 @@ Sampler = Annotated[str, values.OneOf(lambda: ("auto", *SAMPLERS))]
 
 
 def _coordinates() -> tuple[str, ...]:
-    """Names of coordinates: a law that is defined elsewhere has loaded the register already."""
+    """Return the names of all coordinates, with those of the registered laws if JAX is loaded."""
     register = sys.modules.get("jbw.oscillator.laws")
     laws = () if register is None else register.LAWS.values()
     named = dict.fromkeys(name for law in laws for name in law.coordinates)
@@ -163,7 +163,7 @@ class Identify(FileTable):
         return settings or cls()
 
     def draws(self, own: tuple[int, int]) -> tuple[int, int]:
-        """Draws of warm-up and draws kept, a chain; the sampler's own where none are stated."""
+        """Return warm-up draws and kept draws per chain; the sampler's `own` where not stated."""
         num_warmup, num_samples = own
         return (
             num_warmup if self.num_warmup is None else self.num_warmup,
@@ -291,7 +291,7 @@ class JointLaws(FileTable):
 
 
 def laws_of(laws: Sequence[str], prior: Container[Any]) -> tuple[str, ...]:
-    """Names of a campaign's laws: a prior on the cubic stiffness brings it, beside the default."""
+    """Return the names of a campaign's laws; a prior on cubic stiffness adds the cubic spring."""
     laws = tuple(laws)
     return (*laws, SPRING) if SPRING in prior and laws == DEFAULT_LAWS else laws
 
@@ -299,7 +299,7 @@ def laws_of(laws: Sequence[str], prior: Container[Any]) -> tuple[str, ...]:
 def law_errors(
     laws: Sequence[str], prior: Prior, num_modes: int = 1, kinds: Iterable[str] = ()
 ) -> list[str]:
-    """What is wrong with a campaign's laws and with the priors on their parameters and its modes'.
+    """Return the errors in a campaign's laws and in the priors on parameters of laws and modes.
 
     Laws may be wrong for the kinds of its tests, too. The register of laws loads JAX, so it is
     asked only where [joint] or a prior needs it.
@@ -331,7 +331,7 @@ def law_errors(
 
 
 def never_steady(laws: Sequence[str], kinds: Iterable[str]) -> str | None:
-    """Of a law that every cycle changes, kinds that are predicted by steady motion; or None."""
+    """Return the error for a degrading law with kinds of test that need steady motion, or None."""
     from jbw.oscillator.laws import laws_named
 
     worn = [law.name for law in laws_named(laws) if law.degrades]
@@ -365,7 +365,7 @@ def _out_of_bounds(prior: Prior, quantities: Mapping[str, Quantity]) -> Iterator
 
 
 def _too_stiff(prior: Prior, quantities: Mapping[str, Quantity]) -> Iterator[str]:
-    """Stiffnesses of the joint that reach beyond the whole, where nothing holds the structure."""
+    """Yield errors for priors on joint stiffness that reach the whole stiffness omega_n^2."""
     least = prior["omega_n"][0] ** 2 if "omega_n" in prior else inf
     shares = {
         name: highest

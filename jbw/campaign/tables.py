@@ -244,7 +244,7 @@ class TestSpec(FileTable):
 
 
 def _needs(test: TestSpec) -> Iterator[str]:
-    """What a test's kind needs and its table lacks."""
+    """Yield the errors on keys and channels that a test's kind needs and its table lacks."""
     roles, traits = set(test.channels), test.traits
     per_role = ("units", "scale", "sensitivity")
     for table, names in ((table, getattr(test, table)) for table in per_role):
@@ -336,7 +336,7 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
 
 
 def _of_base(test: TestSpec, roles: set[str]) -> Iterator[str]:
-    """What a test on a moving base needs, and what it cannot have."""
+    """Yield the errors of a test on a moving base: missing channels and forbidden keys."""
     if BASE not in roles:
         if test.drive == BASE:
             yield "drive: `base` needs the channel `base`, the acceleration of what is clamped to."

@@ -16,7 +16,7 @@ APART = 1.5  # between two levels, and between two records: less is how a rig ho
 
 
 def named(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
-    """Tests under their names: as given, else kind and level, numbered where not unique."""
+    """Yield tests with unique names: as given, or from kind and level, numbered if necessary."""
     names = {test.name for test in tests}
     for test in tests:
         base = test.kind if np.isnan(test.level) else f"{test.kind} {test.level:g}"
@@ -49,7 +49,7 @@ def of_others(tests: Sequence[TestSpec], assembly: Assembly) -> Iterator[str]:
 
 
 def on_a_base(tests: Sequence[TestSpec]) -> Iterator[str]:
-    """Tests on a moving base beside tests that something else drives: their gains differ."""
+    """Yield an error if base-driven tests occur with other drives, as their gains differ."""
     drives = sorted({test.driven_by for test in tests if test.traits.is_driven} - {""})
     if BASE in drives and len(drives) > 1:
         others = ", ".join(drive for drive in drives if drive != BASE)
@@ -100,7 +100,7 @@ def level_of(record: Record, test: TestSpec) -> list[Level]:
 
 
 def against_levels(levels: Sequence[Level]) -> Iterator[tuple[str, Fault]]:
-    """Tests of a larger level than another's, but of a smaller drive and a smaller response."""
+    """Yield a doubt on tests of larger level than another test, but smaller drive and response."""
     for first, second in combinations(levels, 2):
         low, high = sorted((first, second), key=lambda level: level.level)
         apart = high.level > APART * low.level and low.alike == high.alike

@@ -113,7 +113,7 @@ def _cures(
 
 
 def _leaves(reading: ModeReading | None, key: str, mode: tuple[float, float]) -> bool:
-    """Whether a record under a line is read as the mode [Hz, -] that was fitted with the cause.
+    """Return whether a corrected record has the mode [Hz, -] that was fitted with the cause.
 
     A part of it is of other amplitudes, at which a joint has another mode.
     """

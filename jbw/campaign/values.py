@@ -126,7 +126,7 @@ def bounds(value: Any) -> tuple[Any, Any]:
 
 
 def prior(value: Any) -> tuple[float, float]:
-    """Bounds of a uniform prior, or the density that a table or a NumPyro distribution states."""
+    """Return the bounds of a uniform prior, or the density from a table or NumPyro distribution."""
     if isinstance(value, Mapping) or is_distribution(value):
         return density_of(value)
     if not isinstance(value, list | tuple):
@@ -155,7 +155,7 @@ def nonzero(value: Any) -> tuple[Any, ...]:
 
 
 def modes(value: Any) -> tuple[Any, ...] | int:
-    """How many, or frequencies that are all different."""
+    """Validate a number of modes, or a list of frequencies that are all different."""
     return whole(1)(value) if isinstance(value, int) else unequal(value)
 
 
@@ -258,14 +258,14 @@ def _spread(role: str, item: Any) -> float:
 
 
 def _files(value: Any) -> tuple[str, ...] | dict[str, tuple[str, ...]]:
-    """Patterns, or role to patterns where the channels of a record lie in several files."""
+    """Validate file patterns, or a pattern per role if channels lie in several files."""
     if isinstance(value, Mapping):
         return _by_role(lambda _, item: _patterns(item), "laser_*.h5")(value)
     return _patterns(value)
 
 
 def _patterns(value: Any) -> tuple[str, ...]:
-    """Names or patterns of files, without what a backslash in double quotes makes of a path."""
+    """Validate names or patterns of files; refuse escapes from backslashes in double quotes."""
     for item in strings(value):
         if not item.isprintable():
             slashed = "".join(c if c.isprintable() else ESCAPES.get(c, "?") for c in item)

@@ -58,7 +58,7 @@ def other_sign(source: str) -> FaultText:
 
 
 def other_gain(ratio: float, source: str) -> FaultText:
-    """Return the message for a repeat whose ratio of response to drive has another size."""
+    """Return the message for a repeat whose ratio of response to drive is unlike most repeats'."""
     return FaultText(
         f"The response over the drive is {ratio:.4g} times that of most repeats.",
         "A channel has another unit or gain.",

@@ -104,7 +104,7 @@ def together(note: str) -> str:
 
 
 def fleet_designs(few: tuple[int, int], many: int, gain: float) -> str:
-    """Return the sentence that compares designs: several assemblies at few torques, or one each."""
+    """Return the sentence that compares designs: several assemblies per torque, or one each."""
     assemblies, torques = few
     return (
         f"{assemblies * torques} tightenings, {assemblies} assemblies at each of {torques} "

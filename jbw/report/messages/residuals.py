@@ -33,7 +33,7 @@ def across_kinds(
 
 
 def identified_by(needed: Mapping[str, Sequence[str]]) -> str:
-    """Return the sentence on parameters that only one kind of test or session identifies, or ""."""
+    """Return the text on parameters that only one kind of test or session identifies, if any."""
     words = [f"{', '.join(names)} by {which} alone" for which, names in needed.items() if names]
     return f" Identified: {'; '.join(words)}." if words else ""
 
@@ -58,7 +58,7 @@ def outside_band(terms: str, share: float) -> str:
 
 
 def neighbour(hz: float, zeta: float, share: float, fall: float) -> str:
-    """Return the message on a linear mode added next to the joint's mode, and chi-square."""
+    """Return the message on a linear mode next to the joint's, and the reduction of chi-square."""
     return (
         f"A linear mode at {hz:.4g} Hz, zeta {percent(zeta, '.2f')}, with {share:.2g} times "
         "the gain of the joint's mode was added to the fit: chi-square falls by "
