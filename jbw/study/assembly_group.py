@@ -52,7 +52,7 @@ class ModelJoints(NamedTuple):
 
 
 def assembly_group(model: ReducedModel, modes_hz: Sequence[float] = ()) -> xr.Dataset:
-    """Degrees of freedom and stiffness of every joint, with the model's units.
+    """Return the degrees of freedom and stiffness of every joint, with the model's units.
 
     Where positions of nodes are known, those, the pairs of nodes that the stiffness couples, and
     what the modes at some frequencies [Hz] move the nodes by, the largest by 1.

@@ -72,7 +72,7 @@ Draws = Mapping[str, Float[np.ndarray, " draw"]]
 def collect(
     order: Order, measured: Measured, posteriors: Posteriors, attempts: Attempts
 ) -> xr.DataTree:
-    """Posteriors, verification and validation, labelled, with units.
+    """Collect posteriors, verification and validation in one labelled tree, with units.
 
     What stands beside the posteriors and cannot be made is left out, and `attempts` says so.
     """
@@ -133,7 +133,7 @@ def groups_in(tree: xr.DataTree) -> Groups:
 
 
 def _tied_joints(order: Order, joint: JointPosterior, groups: Groups, attempts: Attempts) -> Groups:
-    """The joints' group that says whether joints of one kind of law share one; of one, nothing."""
+    """Return the joints' group with the evidence that joints share a law; empty for one joint."""
     fitted, place = joint.fitted, f"/{JOINTS}"
     if place not in groups or tied_laws(fitted.data.laws) == fitted.data.laws:
         return {}
@@ -147,7 +147,7 @@ def _tied_joints(order: Order, joint: JointPosterior, groups: Groups, attempts: 
 def run_attrs(
     tests: Sequence[Test], joint: JointPosterior, decays: Decays | None
 ) -> dict[str, Any]:
-    """What predictions start from besides draws, as `basis_of` reads it from the result."""
+    """Return the attributes that predictions need besides draws, as `basis_of` reads them."""
     posterior = joint.draws
     omega_n = float(posterior["omega_n"].mean()) if "omega_n" in posterior else 1.0
     attrs = basis_attrs(tests, joint.fitted.data, joint.held, omega_n)
@@ -188,7 +188,7 @@ def _kernel_groups(
 
 
 def _kernel_verification(fitted: KernelFit, posteriors: Mapping[str, xr.Dataset]) -> xr.Dataset:
-    """Measured kernel of every repeat, (repeat, freq), against the bands of Step 3's samplers."""
+    """Return the kernel of every repeat, (repeat, freq), and the bands of Step 3's samplers."""
     data, omega = fitted.data, np.asarray(fitted.data.omega)
     shown = [k for k in fitted.kernels if np.any(np.isclose(k.omega, omega))]
     repeats = min(len(k.h3) for k in shown)
@@ -207,7 +207,7 @@ def _kernel_verification(fitted: KernelFit, posteriors: Mapping[str, xr.Dataset]
 
 
 def _tone_spectrum(test: Test) -> xr.Dataset:
-    """Peak amplitude over frequency of the displacement of one tone, through a Hann window."""
+    """Return the peak-amplitude spectrum of the displacement under one tone (Hann window)."""
     record = test.records[0]
     x = record.channels[record.response][round(test.settle * record.fs) :]
     window = np.hanning(len(x))
@@ -229,7 +229,7 @@ def _with_conv(step: Step, energy: np.ndarray, unit: str) -> xr.Dataset:
 
 
 def _conv_of_velocity(steps: Mapping[str, Step], sweeps: Sweeps) -> Groups:
-    """conv(n) of the velocity for gamma alone: its energy is a smooth function of gamma."""
+    """Return conv(n) of the velocity for gamma alone: its energy is a smooth function of gamma."""
     test = sweeps.fitted[-1]
     whole = replace(test, records=test.records[:1], settle=0.0, band_hz=None)
     data = Records.of([whole], laws=DEFAULT_LAWS, substeps=SUBSTEPS)
@@ -278,7 +278,7 @@ def arviz_groups(joint: JointPosterior, seed: int) -> Groups:
 
 
 def at_large(data: Dataset) -> Dataset:
-    """The data predicted at one joint for all runs: offsets are known about the fit alone."""
+    """Return the data without session offsets, to predict one joint common to all runs."""
     even = (evenly(part) for part in data.parts)
     pairs = zip(data.parts, even, strict=True)
     parts = tuple(part if even is None else even for part, even in pairs)
@@ -300,7 +300,7 @@ def noise_of(posterior: xr.Dataset) -> dict[str, Float[np.ndarray, "chain draw"]
 def prior_draws(
     key: Key[Array, ""], box: Box, data: Dataset, attrs: Mapping[str, Mapping[str, Any]]
 ) -> xr.Dataset:
-    """One chain of draws of the prior, with what follows from them; noise has none to draw from."""
+    """Draw one chain from the prior, with derived quantities; noise has no prior to draw from."""
     rng, shape = generator(key), (1, NUM_PRIOR)
     values = {
         name: rng.uniform(low, high, shape) for name, (low, high) in bounds_by_name(box).items()

@@ -162,7 +162,7 @@ def _require_comparable(first: FinishedRun, second: FinishedRun) -> None:
 
 
 def _shared(first: FinishedRun, second: FinishedRun) -> list[str]:
-    """What both runs drew: scalars, noise apart, and the gain where its unit is the same."""
+    """Return the scalars that both runs drew, without noise; the gain only if its units agree."""
     drawn = [scalars(run.tree) for run in (first, second)]
     both = [name for name in drawn[0] if name in drawn[1] and not name.startswith(UNCOUNTED)]
     if INPUT in both and len({unit_of(run.basis.posterior[INPUT]) for run in (first, second)}) > 1:
@@ -191,7 +191,7 @@ def _parameters(first: FinishedRun, second: FinishedRun) -> tuple[list[dict[str,
 
 
 def _drawn(run: FinishedRun) -> dict[str, np.ndarray]:
-    """As many evenly spaced draws of every scalar as are compared, for records like the run's."""
+    """Return evenly spaced draws of each scalar, widened by the scatter between the records."""
     chosen = evenly_spaced(run.basis.posterior, NUM_DRAWS)
     drawn = {name: draws.ravel()[chosen] for name, draws in scalars(run.tree).items()}
     rng = np.random.default_rng(0)
@@ -203,7 +203,7 @@ def _drawn(run: FinishedRun) -> dict[str, np.ndarray]:
 
 
 def _std_between(run: FinishedRun) -> dict[str, float]:
-    r"""What records that scatter leave open of each quantity, $\tau / \sqrt n$ of its size."""
+    r"""Return the relative error of each mean from scatter between records, $\tau / \sqrt n$."""
     if "between_records" not in run.tree.children:
         return {}
     between = run.tree["between_records"].to_dataset()
@@ -212,13 +212,13 @@ def _std_between(run: FinishedRun) -> dict[str, float]:
 
 
 def _between_words(runs: Sequence[FinishedRun]) -> list[str]:
-    """By how much the records of a run scatter, which P includes."""
+    """Return the sentence on the scatter between the records of each run, which P includes."""
     spreads = {run.name: std for run in runs if (std := _std_between(run))}
     return [messages.records_scatter(spreads)] if spreads else []
 
 
 def _is_of_prior(run: FinishedRun, name: str) -> bool:
-    """Whether a run's data said next to nothing about a parameter: its interval is the box's."""
+    """Return whether the prior alone determines a parameter: the data add almost nothing."""
     main = (run.summary.get("steps") or {}).get(run.summary.get("main")) or {}
     kl = ((main.get("parameters") or {}).get(name) or {}).get("kl")
     return kl is not None and kl < LEARNT
@@ -259,7 +259,7 @@ def _along_amplitude(
 def _statements(
     record: Mapping[str, Any], first: FinishedRun, second: FinishedRun, unshared: Sequence[str]
 ) -> list[str]:
-    """What differs for sure, what does not, and what the probabilities do not cover."""
+    """Return the sentences on certain differences, possible equality and the limits of P."""
     rows, runs = record["parameters"], record["runs"]
     identified = [row for row in rows if not row["of_prior"]]
     sure = [row for row in identified if _is_sure(row)]
@@ -295,7 +295,7 @@ def _statements(
 
 
 def _homes(run: FinishedRun) -> dict[str, str]:
-    """Whose motion in which mode is the model's, by the joints of a law; none by sure shapes.
+    """Return for the joints of each law the joint and mode to which its parameters refer.
 
     That of the largest energy share: in metres of it the laws are.
     """
@@ -337,7 +337,7 @@ def _scatter_words(runs: Sequence[FinishedRun]) -> str:
 
 
 def changed_joints(first: Draws, second: Draws, laws: Sequence[str]) -> list[dict[str, Any]]:
-    """A row for every joint, or joints of a tie: chi-square, its degrees of freedom, p, answer.
+    """Return a row per joint (or tied joints): chi-square, degrees of freedom, p and the answer.
 
     Args:
         first: Draws of the first run's parameters by name.
@@ -367,7 +367,7 @@ def changed_joints(first: Draws, second: Draws, laws: Sequence[str]) -> list[dic
 
 
 def _distance(first: Draws, second: Draws, names: Sequence[str]) -> tuple[float, int]:
-    """Squared distance of the means in the sum of the covariances, over what scatters in both."""
+    """Return the squared distance of means by the summed covariance, and its degrees of freedom."""
     varying = [
         name
         for name in names
@@ -387,7 +387,7 @@ def _distance(first: Draws, second: Draws, names: Sequence[str]) -> tuple[float,
 
 
 def joint_statements(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Which joints have changed, and which may be the same; nothing of one joint."""
+    """Return the sentences on joints that have changed and on joints that may be the same."""
     sentences = [
         messages.joint_changed(row["joint"], row["chi_square"], row["degrees_of_freedom"])
         for row in rows
@@ -406,7 +406,7 @@ class Ratio(NamedTuple):
 
 
 def ratios(laws: Sequence[str]) -> list[Ratio]:
-    """Of every law that has two products."""
+    """Return the ratio of the two products of every law that has two products."""
     pairs = [law.products for law in laws_named(tuple(laws)) if len(law.products) == 2]
     return [Ratio(_over(second, first), first) for first, second in pairs]
 
@@ -427,7 +427,7 @@ def _over(second: Monomial, first: Monomial) -> Monomial:
 
 
 def of_draws(ratio: Ratio, draws: Draws) -> Float[np.ndarray, " draw"] | None:
-    """Draws of a ratio; None where a parameter is not among them, or the first product may be 0."""
+    """Return draws of a ratio; None if a parameter is missing or the first product may be 0."""
     if not ratio.first.powers.keys() | ratio.ratio.powers.keys() <= draws.keys():
         return None
     low, _, high = np.quantile(ratio.first.of(draws), QUANTILES)

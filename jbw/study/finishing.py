@@ -69,7 +69,7 @@ def finished_study(
 def measured_groups(
     order: Order, prepared: PreparedTests, tree: xr.DataTree, wide: xr.Dataset | None
 ) -> dict[str, xr.Dataset]:
-    """Groups of the tree, the instruments' errors in it, and what was seen without a model.
+    """Return the groups of a result, with instrument errors and the readings without a model.
 
     `wide` is the main posterior with the stated errors of the instruments, None where none are.
     """
@@ -84,7 +84,7 @@ def measured_groups(
 
 
 def about_instruments(order: Order, prepared: PreparedTests) -> str:
-    """What the intervals include of the errors of sensors and clock."""
+    """Return the sentence on the errors of sensors and clock that the intervals include."""
     if order.campaign.joints is not None:
         return BESIDE_MATRICES
     sensors = sensors_of(prepared.measured.chosen)
@@ -117,7 +117,7 @@ def for_use(once: Once, campaign: Campaign, keep: Keep, report: Report) -> Study
 
 
 def held_out(record: Mapping[str, Any]) -> dict[str, Any]:
-    """Predictions of tests that were not fitted, by test."""
+    """Return the predictions of tests that were not fitted, by test."""
     predictions = record.get("predictions") or {}
     return {name: row for name, row in predictions.items() if not row["fitted"]}
 

@@ -58,7 +58,7 @@ class Identifiability:
     statements: tuple[str, ...] = ()  # all of it in words
 
     def summary(self) -> dict[str, Any]:
-        """Plain values, as under `identifiability` in summary.json; None for what is not known."""
+        """Return plain values for `identifiability` in summary.json; None if unknown."""
         costs, names = self.fitted.fit.waterfall, self.information.names
         facts = ("value", "sd", "relative", "ratio")
         rows = {
@@ -137,7 +137,7 @@ def identifiability(
 
 
 def look(fitted: Fitted, *, with_profiles: bool, report: Report = logger.info) -> Identifiability:
-    """What a fit says before sampling."""
+    """Return the identifiability of a fit's parameters before sampling."""
     products = combinations(fitted.box.names, fitted.data.laws)
     before = information(_of_data(fitted), as_wide(fitted.box, fitted.data.stated), products)
     followed: dict[str, Profile] = {}
@@ -153,7 +153,7 @@ def look(fitted: Fitted, *, with_profiles: bool, report: Report = logger.info) -
 
 
 def _of_data(fitted: Fitted) -> Fit:
-    """The fit with the rows of the data alone: those of stated priors, the last, tell nothing."""
+    """Return the fit with the rows of the data alone, without the last rows, of stated priors."""
     size = len(fitted.fit.residual) - len(fitted.data.stated.names)
     fit = fitted.fit
     return replace(fit, residual=fit.residual[:size], jacobian=fit.jacobian[:size])
@@ -162,7 +162,7 @@ def _of_data(fitted: Fitted) -> Fit:
 def look_again(
     fitted: Fitted, posterior: xr.Dataset, settings: Identify, report: Report = logger.info
 ) -> Identifiability:
-    """What the fit said and what the draws say of the joint posterior."""
+    """Return the identifiability of parameters from the fit and the joint posterior's draws."""
     before = look(fitted, with_profiles=settings.profiles, report=report)
     box, products = fitted.box, before.products
     draws = {name: posterior[name].values for name in box.names}
@@ -186,7 +186,7 @@ def look_again(
 
 
 def reached(costs: NDArray[np.float64]) -> int:
-    """How many starts ended within a hundredth of the lowest cost, or no further than noise."""
+    """Count the starts that ended within a hundredth of the lowest cost, or within noise of it."""
     lowest = float(np.min(costs))
     return int(np.sum(costs <= lowest + max(REACHED * lowest, NOTHING)))
 
@@ -222,7 +222,7 @@ def as_group(found: Identifiability) -> xr.Dataset:
 
 
 def _meaning(column: str) -> str:
-    """Of a variable of the group, by its name or by what follows the dimension in that."""
+    """Return the meaning of a column, by its name or by the part after its dimension."""
     return identified.COLUMNS.get(column) or identified.COLUMNS[column.partition("_")[2]]
 
 

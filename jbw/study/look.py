@@ -145,7 +145,7 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
 
 
 def _modes_hz(campaign: Campaign) -> tuple[float, ...]:
-    """Frequencies of the elastic modes that a campaign states, or its matrices tell [Hz]."""
+    """Return the frequencies of elastic modes from the campaign or from its matrices [Hz]."""
     if campaign.joints is not None:
         return tuple(float(hz) for hz in campaign.joints.model.frequencies_hz if hz > 0)
     return () if campaign.structure is None else campaign.structure.modes
@@ -170,7 +170,7 @@ def look_quietly(campaign: Campaign) -> Look:
 
 
 def look_groups(looked: Look, fitted: Mapping[str, bool] | None = None) -> "dict[str, xr.Dataset]":
-    """Readings and response of every test in the order of the motion, as groups of a result.
+    """Return readings and response of every test, ordered by motion, as groups of a result.
 
     `fitted` tells by name of which tests a posterior saw something, where there is one.
     """
@@ -199,7 +199,7 @@ def look_groups(looked: Look, fitted: Mapping[str, bool] | None = None) -> "dict
 
 
 def _seen(test: Test) -> list[str]:
-    """What a test shows of repeats, harmonics and noise, and points at a phase of the frequency."""
+    """Return the sentences on a test's repeats, harmonics and noise, or on its held phase."""
     if test.traits.is_locked:
         return [locked_sentence(test)]
     blows = blows_seen(test.name, [record.provenance for record in test.records])
@@ -302,7 +302,7 @@ def _holding(one: RecordRead) -> RecordRead | None:
 
 
 def _of_harmonics(tests: Sequence[Test]) -> tuple[list[RecordRead], ShownResponse]:
-    """From the first harmonics of a curve, near its largest motion."""
+    """Read a curve from its first harmonics, near its largest motion."""
     groups = [group for group in groups_of(list(tests)) if group.order == 1]
     if not groups:
         raise DataError(f"Test {tests[0].name} has no response to a tone of its own.")
@@ -319,7 +319,7 @@ def _of_harmonics(tests: Sequence[Test]) -> tuple[list[RecordRead], ShownRespons
 
 
 def _row(name: str, test: Test, records: Sequence[RecordRead]) -> dict[str, Any]:
-    """Frequency and damping of a test at its largest motion: means over records, and errors.
+    """Return frequency and damping of a test at its largest motion: means over records and errors.
 
     Errors are those of a record, and the standard deviation between several, together.
     """
@@ -353,7 +353,7 @@ def _finite(value: Any) -> float | None:
 
 
 def _scatter(test: Test) -> float | None:
-    """Scatter of repeats of one excitation over the rms of their mean; None of other tests."""
+    """Return the scatter of repeats over the rms of their mean; None if they cannot be compared."""
     records = test.records
     sizes = {record.num_samples for record in records}
     if len(records) < 2 or len(sizes) > 1 or not (test.traits.is_transient):
@@ -365,7 +365,7 @@ def _scatter(test: Test) -> float | None:
 
 
 def _coherence(test: Test) -> float | None:
-    """Coherence of source and response about the resonance; None of tests without random noise."""
+    """Return the coherence of source and response at resonance; None unless noise is random."""
     if not test.traits.is_broadband or test.periods > 1:
         return None
     first = test.records[0]
@@ -378,7 +378,7 @@ def _coherence(test: Test) -> float | None:
 
 
 def _loop_row(test: Test) -> dict[str, Any]:
-    """The secant stiffness of force loops at their largest displacement, the mean of repeats.
+    """Return the secant stiffness of force loops at largest displacement, the mean of repeats.
 
     Cycle by cycle of the stiffest repeat; `unit` is that of the motion, m or rad.
     """
@@ -400,7 +400,7 @@ def _loop_row(test: Test) -> dict[str, Any]:
 
 
 def _secant(test: Test, loop: ForcedLoop) -> tuple[float, float]:
-    """Half of the displacement between a loop's ends [m], and the stiffness between them [N/m]."""
+    """Return half the displacement between a loop's ends [m] and the stiffness there [N/m]."""
     ends = [int(np.nanargmin(loop.displacement)), int(np.nanargmax(loop.displacement))]
     (bottom, top), force = loop.displacement[ends], loop.force[ends]
     if top == bottom:
@@ -514,7 +514,7 @@ class Nonlinear(NamedTuple):
 
 
 def _worn(loop: Mapping[str, Any]) -> str | None:
-    """How far the stiffness of equal cycles has fallen, or risen; None where it has hardly."""
+    """Return the sentence on a change of stiffness over equal cycles; None if it is small."""
     cycles = [cycle for cycle in loop["cycles"] if cycle["retained"] is not None]
     if not cycles:
         return None
@@ -555,7 +555,7 @@ def nonlinear(tables: Sequence[RecordTable], labels: Sequence[str] = ()) -> Nonl
 
 
 def _change(what: str, seen: AmplitudeTrend) -> str:
-    """How one quantity changes, as a part of a sentence."""
+    """Return the clause on the change of one quantity with amplitude."""
     unit = "" if what == "frequency" else " of critical damping"
     if not seen.is_seen:
         return messages.no_change(what, seen.change, seen.change_sd, unit)
@@ -565,7 +565,7 @@ def _change(what: str, seen: AmplitudeTrend) -> str:
 
 
 def _differing(hz: AmplitudeTrend, zeta: AmplitudeTrend, labels: Sequence[str]) -> list[str]:
-    """What is said of records that differ at equal amplitude, and what they go with."""
+    """Return the sentence on records that differ at equal amplitude, and their likely cause."""
     seen = [
         (name, one.scatter)
         for name, one in (("frequency", hz), ("damping ratio", zeta))
@@ -580,7 +580,7 @@ def _differing(hz: AmplitudeTrend, zeta: AmplitudeTrend, labels: Sequence[str]) 
 
 
 def _goes_with(offsets: np.ndarray, labels: Sequence[str]) -> str:
-    """With what the offsets of records go: runs or assemblies, their order, or nothing known."""
+    """Return "runs" or "order" if the offsets of records vary with it, else an empty text."""
     count = len(offsets)
     groups = [offsets[[label == name for label in labels]] for name in dict.fromkeys(labels)]
     if 1 < len(groups) < count:
@@ -613,7 +613,7 @@ def _between_ends(tables: Sequence[RecordTable], differ: list[str]) -> Nonlinear
 
 
 def days(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Scatter of records within a day against that between days, or assemblies, of one level."""
+    """Return the sentence on scatter within a day and between days or assemblies at one level."""
     groups: dict[tuple[Any, ...], dict[tuple[Any, ...], list[Mapping[str, Any]]]] = {}
     for row in rows:
         day = row["assembly"], row["run"]

@@ -234,7 +234,7 @@ def _file_of(campaign: str | Path | Campaign) -> Path:
 
 
 def _folders(files: Sequence[Path], out: Path) -> dict[Path, Path]:
-    """Campaign files to the folders of their runs, which depend on no other campaign."""
+    """Return the run folder of each campaign file; it does not depend on other campaigns."""
     if not files:
         raise ConfigError("No campaign is given.", remedy="Give one campaign file or more.")
     names = [file.parent.name if file.stem == PLAIN else file.stem for file in files]
@@ -307,7 +307,7 @@ def _require_asked(task: Task, campaign: str | None, seed: int | None) -> None:
 
 
 def _outcome_of(task: Task, future: Any) -> RunOutcome:
-    """What a future brought; a worker that was lost is a failed campaign."""
+    """Return the outcome of a future; a lost worker counts as a failed campaign."""
     try:
         return future.result()
     except BrokenProcessPool:

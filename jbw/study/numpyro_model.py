@@ -35,7 +35,7 @@ def numpyro_model(
     seed: int | None = None,
     report: Report = logger.info,
 ) -> NumpyroModel:
-    """The joint posterior of a campaign as a NumPyro model, after the fit that weighs its data.
+    """Return a campaign's joint posterior as a NumPyro model, after a fit that sets data weights.
 
     Latent sites are the sampled parameters in SI, uniform in their bounds unless a density is
     stated. Noise and the offsets of sessions are integrated out of the factor `log_likelihood`.

@@ -29,7 +29,7 @@ from jbw.verification.predictive_basis import NUM_DRAWS, basis_of
 
 
 def first_answer(order: Order, prepared: PreparedTests, report: Report) -> Study:
-    """The study of a fit alone: parameters, frequency and damping against amplitude, with bands.
+    """Build the study of a fit alone: parameters, frequency and damping by amplitude, with bands.
 
     It has the form of any other study, but no test is predicted in it.
     """
@@ -45,7 +45,7 @@ def first_answer(order: Order, prepared: PreparedTests, report: Report) -> Study
 
 
 def fit_tree(seen: Measured, posteriors: Posteriors) -> xr.DataTree:
-    """Draws about a fit, what predictions start from, and frequency and damping by amplitude."""
+    """Return the tree of a fit: approximate draws, basis of predictions, backbone curve."""
     joint = posteriors.joint
     attrs = joint.tree.attrs | run_attrs(seen.tests, joint, posteriors.free.data)
     parts = {**groups_in(joint.tree), **posteriors.checks.groups}

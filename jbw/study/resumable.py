@@ -82,5 +82,5 @@ def identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:
 
 
 def digest_of(text: str) -> str:
-    """SHA-256 of the text of a campaign file, by which a finished run knows it again."""
+    """Return the SHA-256 of a campaign file's text, by which a finished run recognises the file."""
     return hashlib.sha256(text.encode()).hexdigest()

@@ -164,7 +164,7 @@ def _trends(
 def _trend(
     doublings: Float[np.ndarray, " run"], draws: Sequence[Float[np.ndarray, " draw"]]
 ) -> dict[str, Any]:
-    """Slope with its 99 % interval, the chance of the scatter about it, and its direction."""
+    """Return the slope with its 99 % interval, p of the residual scatter, and its direction."""
     count = min(map(len, draws))
     # Runs of one seed have draws that go together, number by number: in any order they do not.
     rng = np.random.default_rng(0)

@@ -222,7 +222,7 @@ def _save(folder: Path, outputs: Mapping[str, Write]) -> None:
 
 @contextmanager
 def writing(folder: Path, *names: str) -> Iterator[Path]:
-    """A hidden folder to write `names` into; in their order moved to their place when complete."""
+    """Yield a hidden folder to write `names` into; at the end move them to their place in order."""
     left = list(folder.glob(f"{PART}-*"))  # by a process that was killed
     with tempfile.TemporaryDirectory(dir=folder, prefix=f"{PART}-") as name:
         yield Path(name)
@@ -239,13 +239,13 @@ def writing(folder: Path, *names: str) -> Iterator[Path]:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Plain values as JSON; a number that is not finite is an error."""
+    """Write plain values as JSON; raise an error for a number that is not finite."""
     text = json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
 
 
 def write_figure(path: Path, drawn: Panels) -> None:
-    """A figure as PNG, there whole or not at all."""
+    """Write a figure as PNG, completely or not at all."""
     part = path.with_name(f".{path.name}.part")
     try:
         figure_of(drawn).savefig(part, dpi=130, facecolor="white", format=path.suffix[1:])

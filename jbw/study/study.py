@@ -149,7 +149,7 @@ class Study:
     def predict(
         self, test: str | Test, num_draws: int = NUM_DRAWS, *, noise: bool = True
     ) -> xr.Dataset:
-        """Bands of the main posterior on any test, beside what was measured.
+        """Predict any test: bands of the main posterior, next to the measured values.
 
         Args:
             test: Name of a test of the campaign, or a test of any kind, seen or not.
@@ -356,7 +356,7 @@ def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
 
 
 def basis_of_run(folder: Path) -> Basis:
-    """What a finished run predicts with."""
+    """Return the basis from which a finished run predicts: its draws and settings."""
     return _basis(folder, *read_result(folder, *GROUPS_OF_BASIS))
 
 

@@ -102,7 +102,7 @@ def _turning(tests: Iterable[Test]) -> dict[str, str]:
 
 
 def _assembly(campaign: Campaign) -> dict[str, Any]:
-    """Assembly, torque, sequence and temperature, as far as the campaign states them."""
+    """Return assembly, torque, sequence and temperature, as far as the campaign states them."""
     stated = campaign.assembly
     of_tests = {test.assembly for test in campaign.tests if test.assembly}
     name = stated.name or (of_tests.pop() if len(of_tests) == 1 else "")
@@ -111,7 +111,7 @@ def _assembly(campaign: Campaign) -> dict[str, Any]:
 
 
 def steps_group(record: Mapping[str, Any]) -> xr.Dataset:
-    """What the summary says of each step, for the flow diagram; NaN where it drew nothing."""
+    """Return verdict, ESS and R-hat of each step for the flow diagram; NaN if it drew nothing."""
     # No durations: equal runs leave equal groups.
     steps = record["steps"]
     parameters = [(step.get("parameters") or {}).values() for step in steps.values()]
@@ -263,7 +263,7 @@ def step_record(
 
 
 def _predictions(tree: xr.DataTree) -> dict[str, Any]:
-    """Coverage and error by test, beside a linear oscillator's; None where not known."""
+    """Return coverage and error of each test, and of a linear oscillator; None if unknown."""
     predictions = {}
     for kind, name, test in verified(tree, "nrmse"):
         attrs = test.attrs
@@ -287,7 +287,7 @@ def _across_kinds(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def _unscored(tree: xr.DataTree, data: Dataset | None) -> dict[str, str]:
-    """Why no test shows how the law predicts other levels or kinds; empty where some do."""
+    """Return why no test scores predictions of other levels or kinds; empty if some tests do."""
     missed = node(tree, "discrepancy")
     if missed is None or data is None:
         return {}
@@ -302,7 +302,7 @@ def _unscored(tree: xr.DataTree, data: Dataset | None) -> dict[str, str]:
 
 
 def _joints(tree: xr.DataTree) -> dict[str, Any]:
-    """What each of several joints does to every mode; nothing of one."""
+    """Return the effect of each joint on every mode; empty for a single joint."""
     group = node(tree, JOINTS)
     if group is None:
         return {}

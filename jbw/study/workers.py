@@ -25,7 +25,7 @@ class Executor(Protocol):
 def submitted[Task: Hashable](
     executor: Executor, function: Callable[[Task], Any], tasks: Sequence[Task]
 ) -> Iterator[tuple[Task, Any]]:
-    """Tasks with their futures, in the order in which these end.
+    """Yield each task with its future, in the order in which futures end.
 
     A future needs `done` and `result`. What waits is cancelled when the caller leaves early.
     """
@@ -54,7 +54,7 @@ def submitted[Task: Hashable](
 def in_processes[Task: Hashable](
     function: Callable[[Task], Any], tasks: Sequence[Task], workers: int
 ) -> Iterator[tuple[Task, Any]]:
-    """The same in spawned processes; where one of them is killed from outside, the others go on.
+    """Run tasks in spawned processes; if a process is killed, all other tasks continue.
 
     Its task, which may have wanted more memory than there was, runs once again when all else has
     ended, alone.
@@ -106,7 +106,7 @@ def _begun[Task](
 
 
 def _pool() -> futures.ProcessPoolExecutor:
-    """One spawned process, for JAX's threads do not outlive a fork; begun with its first task."""
+    """Return a pool of one spawned process (JAX's threads do not survive a fork)."""
     context = multiprocessing.get_context("spawn")
     return futures.ProcessPoolExecutor(1, context, _leave_with_parent)
 
