@@ -77,7 +77,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command that the arguments name; a misspelt one is answered with the nearest."""
+        """Resolve the command in the arguments; fail with the nearest name if it is misspelt."""
         if args[0] not in COMMANDS and not args[0].startswith("-"):
             nearest = get_close_matches(args[0], COMMANDS, n=1)
             ctx.fail(messages.no_command(args[0], nearest[0] if nearest else ""))
@@ -105,7 +105,7 @@ def cli() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Console entry: run a command, end with its exit code, never with a bare traceback."""
+    """Run a command from the console and exit with its code, never with a bare traceback."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # a pipe may not know the letters of a file's name
             stream.reconfigure(errors="backslashreplace")
@@ -150,7 +150,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _internal(error: Exception) -> int:
-    """What is said of a fault of jbw, and its exit code; the fault itself where that is asked."""
+    """Print the message on an internal error and return its exit code; raise it if asked to."""
     if os.environ.get("JBW_TRACEBACK"):
         raise error
     click.echo(f"Internal error: {type(error).__name__}: {error}", err=True)
@@ -159,7 +159,7 @@ def _internal(error: Exception) -> int:
 
 
 def _tell(error: JbwError, arguments: Sequence[str]) -> None:
-    """An error for people on stderr, and for programs on stdout where they asked for JSON."""
+    """Print an error for people on stderr, and as JSON on stdout if `--json` was given."""
     following = next_command(arguments, str(error))
     if following and isinstance(error, RunError):
         # The place is at fault, and not what was read: the same again, when there is room.
@@ -174,7 +174,7 @@ def _tell(error: JbwError, arguments: Sequence[str]) -> None:
 
 
 def next_command(arguments: Sequence[str], message: str) -> str | None:
-    """The command that brings the user on after an error; None where its message names one."""
+    """Return the command to run next after an error; None if its message names a command."""
     if "jbw " in message or not arguments:
         return None
     command, rest = arguments[0], arguments[1:]

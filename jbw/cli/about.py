@@ -43,7 +43,7 @@ def names_of_law(law: Any) -> set[str]:
 
 
 def explained(name: str) -> str | None:
-    """What a finding, a word, a column of a table or a parameter means; None if not known."""
+    """Return the meaning of a finding, word, table column or parameter; None if it is unknown."""
     plain = " ".join(name.split())
     for meanings in (explanations(), words()):
         for spelling in (plain, plain.lower(), plain.lower().partition(" [")[0]):
@@ -53,7 +53,7 @@ def explained(name: str) -> str | None:
 
 
 def at_joint(name: str) -> str | None:
-    """What a parameter of one of several joints means, such as alpha@bolt_1; None of another."""
+    """Return the meaning of a parameter of one of several joints, such as alpha@bolt_1, or None."""
     from jbw.quantities import AT, motion_factors_in
 
     parameter, _, joint = name.partition(AT)

@@ -129,7 +129,7 @@ def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool
 
 
 def _shakers(campaign: Path, allow_outside: bool) -> list[str]:
-    """What is read of shakers, a sentence a test of voltage, force and drive point."""
+    """Return one sentence on the shaker of each test with a voltage, force and drive point."""
     from jbw.campaign.schema import read_spec
 
     tests = {test.name: test for test in read_spec(campaign).tests}
@@ -176,7 +176,7 @@ def _lines(checked: "Check") -> Iterator[Table | str]:
 
 
 def _joints(joints: "JointsCheck") -> Iterator[Table | str]:
-    """Modes with the energy share of every joint and with B, and what was done to the model."""
+    """Yield the table of modes with energy shares of joints, that of B, and the model's notes."""
     separability = joints.separability
     rows = list(enumerate(joints.frequencies_hz))
     columns = [

@@ -72,7 +72,7 @@ def collect(
 
 
 def _runs_of(folder: Path, say: Any) -> list[Path]:
-    """A run's folder itself, or those of the finished runs in it; unfinished ones are told."""
+    """Return a run's folder, or the finished runs in a folder; warn of unfinished runs."""
     if (folder / "summary.json").is_file():
         return [folder]
     inner = sorted(

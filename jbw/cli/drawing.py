@@ -61,7 +61,7 @@ class DrawingProcess:
         return True
 
     def drawn(self) -> Mapping[str, Any]:
-        """What it has drawn: texts of every figure by its name."""
+        """Return the texts of every figure that the process has drawn, by figure name."""
         if self._process is None or self._process.stdout is None:
             return {}
         try:

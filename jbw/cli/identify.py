@@ -238,7 +238,7 @@ def several_table(rows: Sequence[Mapping[str, Any]]) -> Table:
 @verbose_option
 @outside_option
 def resume(folder: Path, strict: bool, json_: bool, verbose: bool, allow_outside: bool) -> int:
-    """Go on with the run in the folder DIR, to the very draws of a run without a break.
+    """Continue the run in the folder DIR; its draws equal those of an uninterrupted run.
 
     Takes everything from DIR but --allow-outside, and refuses where the campaign, its data, the
     versions of what it computes with or the sources of jbw are no longer those that the run began
@@ -267,7 +267,7 @@ def run_to_end(
     run: Run, *, json_: bool = False, verbose: bool = False, steps: bool = False,
     strict: bool = False, brief: bool = False,
 ) -> int:  # fmt: skip
-    """Carry a run out; when interrupted, say how to go on.
+    """Execute a run to its end; if interrupted, print how to continue it.
 
     `steps` prints the parameters of every step beside what is said shortly: the paper's Table 1.
     `brief` writes brief.pdf into the run's folder, which a run that has one does anyway.
@@ -329,13 +329,13 @@ def ended(verdict: Mapping[str, Any], folder: Path, *, strict: bool = False) -> 
 
 
 def _all_of(summary: Mapping[str, Any]) -> Iterator[Table | Text | str]:
-    """Everything that a run says."""
+    """Yield all tables and sentences on a run (the verbose output)."""
     yield from summary_lines(summary)
     yield from verdict_lines(summary["verdict"])
 
 
 def short_lines(summary: Mapping[str, Any], tree: Any) -> Iterator[Text | str]:
-    """What was identified, the verdict, the parameters that are known, and the five sentences."""
+    """Yield the law, the verdict, the parameters that are known, and the five sentences."""
     from jbw.report.opening import known_parameters, opening, split_sentence
     from jbw.report.result import laws_of
     from jbw.report.words import law_words

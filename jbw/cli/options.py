@@ -87,7 +87,7 @@ def one_campaign(given: Sequence[Path]) -> Path:
 
 
 def figure_option(what: str, example: str) -> Option:
-    """`--figure FILE`, a picture in the format that its ending names."""
+    """Return the option `--figure FILE`, a picture in the format that its suffix names."""
 
     def picture(_: Any, __: Any, path: Path | None) -> Path | None:
         if path is not None and path.suffix not in PICTURES:
@@ -106,7 +106,7 @@ def figure_option(what: str, example: str) -> Option:
 
 
 def out_option(where: str) -> Option:
-    """`--out DIR`, and where it is written when left out."""
+    """Return the option `--out DIR`, with its default folder in the help."""
     return click.option(
         "--out",
         type=click.Path(file_okay=False, path_type=Path),
@@ -115,7 +115,7 @@ def out_option(where: str) -> Option:
 
 
 def seed_option(otherwise: str = "", default: int | None = None) -> Option:
-    """`--seed N`, and whose seed is taken when left out."""
+    """Return the option `--seed N`, with the origin of its default in the help."""
     default_words = f"; the {otherwise}'s when left out" if otherwise else ""
     return click.option(
         "--seed", type=int, default=default, show_default=default is not None,

@@ -95,7 +95,7 @@ def plan(
 
 
 def _plan_fleet(torques: str, scatter: float, json_: bool) -> None:
-    """The table of designs of a fleet."""
+    """Print the table of designs for a fleet of assemblies."""
     from jbw.planning.plan import fleet_designs
 
     try:

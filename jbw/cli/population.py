@@ -136,7 +136,7 @@ def _write(
 def _bands(
     pooling: "Population", torque: float | None, new: Callable[[float | None], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Torques, or the ends of the row of units where no trend is known, and new units there."""
+    """Return torques (or the ends of the row of units if no trend is known) and new units there."""
     torques = np.array(pooling.record["torque"], float)
     if "torque" not in pooling.design.columns:
         return np.array([0.5, len(torques) + 0.5]), np.stack([new(None)] * 2, axis=1)

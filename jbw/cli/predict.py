@@ -28,7 +28,7 @@ class FromTo(click.ParamType):
     name = "from:to"
 
     def convert(self, value: Any, *of: Any) -> tuple[float, float]:
-        """Both numbers."""
+        """Convert a text `first:last` to two numbers."""
         try:
             first, last = map(float, value.split(":"))
         except ValueError:
@@ -169,7 +169,7 @@ def basis_inputs(folder: Path) -> dict[str, str]:
 
 
 def basis_in(folder: Path) -> "Basis":
-    """What a folder predicts with: a run, a comparison of laws, or a population."""
+    """Return the basis of predictions in a folder: a run, a comparison of laws, or a population."""
     from jbw.law_comparison.stack import basis_of_laws, holds_laws
     from jbw.population.folder import basis_of_population, holds_population
     from jbw.study.study import basis_of_run
@@ -182,7 +182,7 @@ def basis_in(folder: Path) -> "Basis":
 
 
 def _of_population(torque: float | None, requests: Sequence[tuple[Any, Any]]) -> str:
-    """Which units are predicted, and whose gain they have."""
+    """Return the message on the units that a prediction is for, and their gain."""
     of_units = all(request.gain is None for _, request in requests)
     return further_units(torque, of_units=of_units)
 

@@ -101,7 +101,7 @@ def _status(status: str, word: str | None = None) -> tuple[str, str]:
 
 
 def duration(seconds: float) -> str:
-    """Seconds as a person says them, in seconds, minutes or hours."""
+    """Format a duration in seconds, minutes or hours."""
     if seconds < 2 * MINUTE:
         return f"{seconds:.3g} s"
     return f"{seconds / MINUTE:.3g} min" if seconds < 2 * HOUR else f"{seconds / HOUR:.3g} h"

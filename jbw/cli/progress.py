@@ -94,7 +94,7 @@ class Teller:
                 self._print(line)
 
     def _print(self, line: Text) -> None:
-        """One line a message in files and pipes; a terminal folds what is too long for it."""
+        """Print one line per message to files and pipes; fold long lines on a terminal."""
         self._console.print(line, soft_wrap=not self._rewrites)
 
     def _line(self, sentence: str) -> Text:
@@ -152,7 +152,7 @@ class _Within(logging.Handler):
 
 @contextmanager
 def telling(first: str = "") -> Iterator[Teller]:
-    """A teller on stderr that breaks silences; warnings go to the same place.
+    """Yield a teller that prints on stderr, breaks long silences and shows warnings.
 
     `first` is said at once, before anything is imported.
     """
@@ -190,7 +190,7 @@ def telling(first: str = "") -> Iterator[Teller]:
 
 @contextmanager
 def computing() -> Iterator[Teller]:
-    """A teller, and JAX set up. Import what needs JAX within."""
+    """Yield a teller after setting up JAX. Import modules that need JAX within it."""
     with telling(STARTING) as say:
         if (limit := address_space()) < RESERVED:
             say.remark(stages.little_address_space(limit / 2**30, RESERVED / 2**30))
@@ -215,7 +215,7 @@ def working(say: Teller, folder: Path) -> "Iterator[Job]":
 
 
 def called(name: str) -> str:
-    """What a posterior under way is called, by the name that its draws are kept under."""
+    """Return the readable name of a running posterior from the name of its stored draws."""
     base, _, round_number = name.rpartition("_") if name[-1:].isdigit() else (name, "", "0")
     step = next((prefix for prefix in STEPS if f"{base}_".startswith(prefix)), base)
     how = f"{base}_".removeprefix(step).strip("_").replace("_", " ")
@@ -268,7 +268,7 @@ def chain_sentence(name: str, so_far: Any) -> str:
 
 
 def effective(draws: dict[str, np.ndarray]) -> list[float] | None:
-    """Effective draws of every chain so far, of the parameter that has fewest; None before any."""
+    """Return effective draws per chain of the worst parameter so far; None before any."""
     from jbw.inference.posterior.summary import diagnose
 
     if not draws or next(iter(draws.values())).shape[1] < FEWEST:

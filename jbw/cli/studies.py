@@ -70,7 +70,7 @@ def compare(
 
 
 def comparison_lines(record: Mapping[str, Any]) -> tuple[Table | str, ...]:
-    """Two tables: a line a sampler, then a line a parameter and sampler; and who was refused."""
+    """Return two tables, per sampler and per parameter and sampler, and the refused samplers."""
     samplers = record["samplers"].items()
     rows = [
         {"parameter": parameter, "name": name, **row["parameters"][parameter]}
