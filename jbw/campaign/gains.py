@@ -13,9 +13,9 @@ WEIGHTLESS = {*FED, BASE}  # sources of whose gain a mass tells nothing
 def force_per_unit(campaign: Any) -> Gain:  # as checked, or with its records
     """Return force per modal mass for one unit of input [1/kg, or N/kg/V], None if not stated.
 
-    Where a measured force drives some tests and a shaker's feed others, by drive. A mass tells
-    nothing of a feed in volts or amperes, nor of a base that moves, whose gain is the
-    participation of the mode.
+    Where a measured force drives some tests and a shaker's feed others, the gains are by drive. A
+    mass does not determine the gain of a feed in volts or amperes, or that of a moving base, which
+    is the participation of the mode.
     """
     gain, mass = campaign.gain, campaign.modal_mass
     by_mass = None if mass is None else 1 / mass

@@ -245,7 +245,10 @@ def _inseparable(separability: JointSeparability, joints: Sequence[JointTable]) 
 
 
 def _too_few(separability: JointSeparability) -> Iterator[Fault]:
-    """Yield a doubt if there are fewer swept modes than laws (but more than one mode)."""
+    """Yield a doubt if there are fewer swept modes than laws (but more than one mode).
+
+    Two laws of one mode are reported as an inseparable pair instead.
+    """
     modes, joints = len(separability.modes), len(separability.joints)
     if 1 < modes < joints:
         yield doubt("joint", *messages.few_modes(joints, modes))

@@ -37,7 +37,7 @@ Sampler = Annotated[str, values.OneOf(lambda: ("auto", *SAMPLERS))]
 
 
 def _coordinates() -> tuple[str, ...]:
-    """Return the names of all coordinates, with those of the registered laws if JAX is loaded."""
+    """Return the names of all coordinates, with those of laws if their register is loaded."""
     register = sys.modules.get("jbw.oscillator.laws")
     laws = () if register is None else register.LAWS.values()
     named = dict.fromkeys(name for law in laws for name in law.coordinates)

@@ -115,7 +115,8 @@ def _cures(
 def _leaves(reading: ModeReading | None, key: str, mode: tuple[float, float]) -> bool:
     """Return whether a corrected record has the mode [Hz, -] that was fitted with the cause.
 
-    A part of it is of other amplitudes, at which a joint has another mode.
+    A part of a record (`span`) has other amplitudes, at which a joint has another mode: any reading
+    is accepted.
     """
     if reading is None or key == "span":
         return reading is not None

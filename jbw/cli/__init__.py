@@ -150,7 +150,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _internal(error: Exception) -> int:
-    """Print the message on an internal error and return its exit code; raise it if asked to."""
+    """Print the message on an internal error; return its exit code, or raise it if requested."""
     if os.environ.get("JBW_TRACEBACK"):
         raise error
     click.echo(f"Internal error: {type(error).__name__}: {error}", err=True)

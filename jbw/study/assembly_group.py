@@ -54,8 +54,9 @@ class ModelJoints(NamedTuple):
 def assembly_group(model: ReducedModel, modes_hz: Sequence[float] = ()) -> xr.Dataset:
     """Return the degrees of freedom and stiffness of every joint, with the model's units.
 
-    Where positions of nodes are known, those, the pairs of nodes that the stiffness couples, and
-    what the modes at some frequencies [Hz] move the nodes by, the largest by 1.
+    Where positions of nodes are known, also return the positions, the pairs of nodes that the
+    stiffness couples, and the motion of the nodes in the modes at some frequencies [Hz], with a
+    largest value of 1.
     """
     terms = [terms_of(joint.weights, f"Joint `{joint.name}`") for joint in model.joints]
     dofs = list(dict.fromkeys(str(dof) for of_joint in terms for dof, _ in of_joint))

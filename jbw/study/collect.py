@@ -278,7 +278,10 @@ def arviz_groups(joint: JointPosterior, seed: int) -> Groups:
 
 
 def at_large(data: Dataset) -> Dataset:
-    """Return the data without session offsets, to predict one joint common to all runs."""
+    """Return the data without session offsets, to predict one joint common to all runs.
+
+    The offsets are known only in the neighbourhood of the fit.
+    """
     even = (evenly(part) for part in data.parts)
     pairs = zip(data.parts, even, strict=True)
     parts = tuple(part if even is None else even for part, even in pairs)

@@ -297,7 +297,8 @@ def _statements(
 def _homes(run: FinishedRun) -> dict[str, str]:
     """Return for the joints of each law the joint and mode to which its parameters refer.
 
-    That of the largest energy share: in metres of it the laws are.
+    The laws are stated in metres of this motion, the one with the largest energy share. The
+    dictionary is empty where the shapes of the model are certain.
     """
     if JOINTS not in run.tree.children or "motion_factor" not in run.tree[JOINTS]:
         return {}

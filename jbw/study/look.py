@@ -319,7 +319,7 @@ def _of_harmonics(tests: Sequence[Test]) -> tuple[list[RecordRead], ShownRespons
 
 
 def _row(name: str, test: Test, records: Sequence[RecordRead]) -> dict[str, Any]:
-    """Return frequency and damping of a test at its largest motion: means over records and errors.
+    """Return a test's frequency and damping at its largest motion: means over records, with errors.
 
     Errors are those of a record, and the standard deviation between several, together.
     """
@@ -380,7 +380,7 @@ def _coherence(test: Test) -> float | None:
 def _loop_row(test: Test) -> dict[str, Any]:
     """Return the secant stiffness of force loops at largest displacement, the mean of repeats.
 
-    Cycle by cycle of the stiffest repeat; `unit` is that of the motion, m or rad.
+    `cycles` are those of the stiffest repeat; `unit` is that of the motion, m or rad.
     """
     loops = [forced_loop(record, test.delay) for record in test.records]
     secants = np.array([_secant(test, loop) for loop in loops])

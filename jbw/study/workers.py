@@ -56,8 +56,8 @@ def in_processes[Task: Hashable](
 ) -> Iterator[tuple[Task, Any]]:
     """Run tasks in spawned processes; if a process is killed, all other tasks continue.
 
-    Its task, which may have wanted more memory than there was, runs once again when all else has
-    ended, alone.
+    The task of a killed process, which may have needed too much memory, runs again alone when all
+    other tasks have ended.
     """
     killed = yield from _side_by_side(function, deque(tasks), workers)
     for task, _ in killed:
@@ -106,7 +106,10 @@ def _begun[Task](
 
 
 def _pool() -> futures.ProcessPoolExecutor:
-    """Return a pool of one spawned process (JAX's threads do not survive a fork)."""
+    """Return a pool of one spawned process (JAX's threads do not survive a fork).
+
+    The process starts with its first task.
+    """
     context = multiprocessing.get_context("spawn")
     return futures.ProcessPoolExecutor(1, context, _leave_with_parent)
 

@@ -85,7 +85,7 @@ def inadequate(runs: Sequence[str]) -> str:
 
 
 def records_scatter(spreads: Mapping[str, Mapping[str, float]]) -> str:
-    """Return the sentence on the standard deviation between the records of each run."""
+    """Return the sentence on the standard deviations that varying records add to a run's means."""
     shown = "; ".join(
         f"{run} {', '.join(f'{name} {percent(sd)}' for name, sd in row.items())}"
         for run, row in spreads.items()
@@ -97,7 +97,7 @@ def records_scatter(spreads: Mapping[str, Mapping[str, float]]) -> str:
 
 
 def sessions_scatter(spreads: Mapping[str, tuple[str, str]]) -> str:
-    """Return the sentence on natural frequency and damping between the sessions of each run."""
+    """Return the sentence on how natural frequency and damping vary between a run's sessions."""
     shown = "; ".join(
         f"{run} {omega} of omega_n and {zeta} of zeta" for run, (omega, zeta) in spreads.items()
     )

@@ -22,7 +22,7 @@ def of_joint(y: float, frequency: Sequence[float], damping: Sequence[float]) -> 
 
 
 def _change(quantity: str, quantiles: Sequence[float]) -> str:
-    """Return the phrase on a change with its interval; without its sign if that is uncertain."""
+    """Return the phrase on a change with its interval, which is signed if it contains zero."""
     low, _, high = quantiles
     is_known = low * high > 0.0
     verb = ("lowers" if high < 0.0 else "raises") if is_known else "changes"

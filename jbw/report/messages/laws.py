@@ -153,7 +153,7 @@ def best_across(law: str, kind: str, error: float) -> str:
 
 
 def moved(name: str, without: tuple[float, float], with_: tuple[float, float]) -> str:
-    """Return a parameter with its error, without and with offsets of the sessions."""
+    """Return the text on a parameter and its error, without and with offsets of the sessions."""
     return (
         f"{name} {without[0]:.3g} +- {without[1]:.1g} (with offsets {with_[0]:.3g} +- "
         f"{with_[1]:.1g})"

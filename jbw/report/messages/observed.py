@@ -6,7 +6,7 @@ COMPILING = "compile what sweeps are solved by"
 
 
 def with_shaker(drive: str, loaded: str, predicted: str, unloaded: str) -> str:
-    """Return the sentence on a mode's frequency and damping with a shaker, and without it."""
+    """Return the sentence on frequency and damping with a shaker (also predicted), and without."""
     return (
         f"Driven by {drive} the mode lies at {loaded}, predicted {predicted} by the shaker; the "
         f"structure alone at {unloaded}."
@@ -35,7 +35,7 @@ def left_of_motion(errors: str) -> str:
 
 
 def moves_joint(mode: int, hz: float, h: float, p: float) -> str:
-    """Return the sentence on a mode's motion h of the joint and share p of its force."""
+    """Return the sentence on a mode's joint motion h and share p of its force, at the optimum."""
     return (
         f"Mode {mode}, at {hz:.4g} Hz, moves the joint by h = {h:.3g} and takes p = {p:.3g} of its "
         "force at the optimum, relative to the first mode."

@@ -71,7 +71,10 @@ def coarse_times(fs: float) -> str:
 
 
 def time_without_unit(name: str, first: Sequence[float], guess: str) -> FaultText:
-    """Return the message for whole-number times without a unit, with the likeliest unit."""
+    """Return the message for whole-number times without a unit, with the likeliest unit.
+
+    `guess` is empty where the times are counts of samples.
+    """
     count = "where it counts samples, take `time` out of `channels` and state the rate by `fs = HZ`"
     unit = (
         "Put under [[test]] its unit, one of s, ms, us and ns, in `units`, such as "

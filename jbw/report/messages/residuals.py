@@ -20,7 +20,7 @@ def across_kinds(
     *,
     own_frequency: bool,
 ) -> str:
-    """Return the sentence on the RMS error of each kind of test, predicted and as fitted."""
+    """Return the sentence on each kind of test: RMS errors, parameters that it alone identifies."""
     listed = "; ".join(
         f"{kind} {percent(error)} ({percent(fitted)} as fitted)"
         for kind, (error, fitted) in errors.items()
@@ -41,7 +41,7 @@ def identified_by(needed: Mapping[str, Sequence[str]]) -> str:
 def each_session(
     proviso: str, errors: Sequence[str], identified: Mapping[str, Sequence[str]]
 ) -> str:
-    """Return the sentence on the RMS error of each session, predicted from all other sessions."""
+    """Return the sentence on each session: its RMS error, parameters that it alone identifies."""
     return (
         f"RMS error of each session, predicted from the others{proviso}: {', '.join(errors)}."
         f"{identified_by(identified)}"

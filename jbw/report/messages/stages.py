@@ -57,7 +57,7 @@ def design(step: int) -> str:
 
 
 def scoring(law: str, num_sessions: int, *, by_fit: bool) -> str:
-    """Return the progress message for a law whose sessions are predicted from each other."""
+    """Return the progress message for a law: each session is predicted from all others, if any."""
     if num_sessions == 1:
         return f"{law}: one session, judged by its {'fit' if by_fit else 'evidence'}"
     method = " by fits alone" if by_fit else "; evidence"
