@@ -44,12 +44,12 @@ Laws = tuple[Any, ...]  # those that stack say more than a `Law`
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def solve(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
-    """States at the samples, differentiable in the stepping and the initial state."""
+    """Return the states at the samples, differentiable in the stepping and the initial state."""
     return _unpacked(stepping, _states(substeps, substeps, stepping, initial))
 
 
 def _states(substeps: int, every: int, stepping: Stepping, initial: State) -> Trajectory:
-    """States after every `every` substeps, in the layout of the time loop."""
+    """Return the states after every `every` substeps, in the layout of the time loop."""
     num_steps = stepping.num_steps
     carried = packed(stepping, initial)
     solution = diffrax.diffeqsolve(
@@ -76,13 +76,13 @@ def packed(stepping: Stepping, state: State) -> State:
 
 
 def _unpacked(stepping: Stepping, trajectory: Trajectory) -> Trajectory:
-    """States of scalars from the layout of the time loop."""
+    """Convert the states from the layout of the time loop to states of scalars."""
     y, v, memory = trajectory
     return y, v, unpack_memories(stepping.step.laws, memory)
 
 
 def unused_field(tau, state, stepping):
-    """Placeholder: diffrax requires a vector field, but `HysteresisExact` steps by its `args`."""
+    """Return the state unchanged; diffrax needs a vector field that `HysteresisExact` ignores."""
     return state
 
 
@@ -114,7 +114,7 @@ def in_chunks(
     stepping_dot: Pushed,
     initial_dot: Any,
 ) -> Any:
-    """Tangent of a trajectory: chunks of steps one after another.
+    """Compute the tangent of a trajectory in consecutive chunks of steps.
 
     Args:
         linearised: The derivatives of many steps at their constants, starts and pushes, and the
@@ -153,7 +153,7 @@ def in_chunks(
 def _linearised(
     step: ExactStep, start: State, push: Push, step_dot: ExactStep, push_dot: Push
 ) -> tuple[Columns, tuple[Scalar, ...]]:
-    """Columns of the matrix J_n, and the offset b_n, of one step; leaves of the state in order."""
+    """Return the columns of one step's matrix J_n and its offset b_n, in the state's order."""
     leaves, tree = jax.tree.flatten(start)
 
     def stepped(step, leaves, push):
@@ -213,7 +213,7 @@ class _Tangents(NamedTuple):
 def tangent_of_stacks(
     stepping: Pushed, trajectory: Trajectory, stepping_dot: Pushed, initial_dot: State
 ) -> Trajectory:
-    """Tangent of the trajectory, by the constants and pushes of its steps."""
+    """Compute the trajectory's tangent for given tangents of its steps' constants and pushes."""
     laws: Laws = stepping.step.laws
     before, after = _but_last(trajectory), _but_first(trajectory)
     kinked = jax.vmap(partial(_kinked, stepping.step))(before, after, stepping.push)
@@ -247,7 +247,7 @@ def _kinked(step: ExactStep, before: State, after: State, push: Push) -> Bool[Ar
 
 # -- the linear system -----------------------------------------------------------------------------
 def _right_hand_side(first: Carriers, stepping_dot: Pushed, num_states: int) -> _Tangents:
-    """Tangents of the start, of the step's constants and of the pushes."""
+    """Assemble the tangents of the initial state, of the step's constants and of the pushes."""
     step, push = stepping_dot.step, stepping_dot.push
     # JAX transposes a linear solve where all of its right-hand side depends on what is transposed.
     leaves = jax.tree.leaves((first, step, tuple(p[0] for p in push)))
@@ -268,7 +268,7 @@ def _system(step: ExactStep, steps: _Steps, unknown: _Tangents) -> _Tangents:
 
 
 def _forward(at: tuple[ExactStep, _Steps], b: _Tangents) -> _Tangents:
-    """Solution of the system, forward in time."""
+    """Solve the linear system of tangents forward in time."""
     step, steps = at
 
     def onward(x, inputs):
@@ -282,7 +282,7 @@ def _forward(at: tuple[ExactStep, _Steps], b: _Tangents) -> _Tangents:
 
 
 def _backward(at: tuple[ExactStep, _Steps], c: _Tangents) -> _Tangents:
-    """Solution of the transposed system, backward in time."""
+    """Solve the transposed system of tangents backward in time."""
     step, steps = at
 
     def back(carried, inputs):
@@ -327,7 +327,7 @@ def _lanes_apart(solve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
 def _after(
     step: ExactStep, at: Any, x_dot: Carriers, step_dot: ExactStep, push_dot: Push
 ) -> Carriers:
-    """Tangent of the state after a step."""
+    """Compute the tangent of the state after a step."""
     primals, tangents = (step, _split(step.laws, at.starts), at.push), (step_dot, x_dot, push_dot)
 
     def by(kinks: Kinks):
@@ -337,7 +337,7 @@ def _after(
 
 
 def _before(step: ExactStep, at: Any, x_bar: Carriers) -> tuple[Carriers, ExactStep, Push]:
-    """Cotangents of the state before a step, of its constants and of its push."""
+    """Compute the cotangents of the state before a step, of its constants and of its push."""
     primals = step, _split(step.laws, at.starts), at.push
 
     def by(kinks: Kinks):

@@ -191,7 +191,7 @@ def compile_ahead(joints: Oscillator, num_powers: int, order: int) -> None:
 
 
 def filled_up(values: PyTree) -> PyTree:
-    """Values along a first axis, the last one again behind them up to a multiple of `LANES`."""
+    """Pad values along the first axis to a multiple of `LANES` by repeating the last one."""
 
     def filled(leaf: Any) -> np.ndarray:
         leaf = np.asarray(leaf, float)
@@ -203,7 +203,7 @@ def filled_up(values: PyTree) -> PyTree:
 
 @jax.jit
 def _at_rest(joints: Oscillator) -> State:
-    """States of rest of all lanes, as the loop carries them."""
+    """Return the rest states of all lanes in the layout of the time loop."""
 
     def rest(joint: Oscillator) -> Any:
         memory = jax.tree.map(lambda x: jnp.asarray(x, float), joint.at_rest())
@@ -286,7 +286,7 @@ class _Cache:
         self._made: dict[tuple[Any, ...], Any] = {}
 
     def of(self, arrays: tuple[Any, ...], number: int | None, make: Callable[[], Any]) -> Any:
-        """What `make` makes of one of the arrays' rows, or made of it before."""
+        """Return the cached value for row `number` of the arrays; on first use, call `make`."""
         key = (number, *map(id, arrays))
         if (value := self._made.get(key)) is None:
             value = self._made[key] = make()
@@ -302,7 +302,7 @@ _CACHE = _Cache()
 def _marched(
     order: int, lanes: _Lanes, piece: _Piece, steps: _Span, state: State, totals: _Totals
 ) -> tuple[State, _Totals, Float[Array, "sample lane"]]:
-    """A piece: so many steps on from a state, with the responses behind and the totals so far."""
+    """Advance a state through a piece of the record; add its samples to the totals."""
     joints, gain, parts = lanes
     fs, substeps, num_steps, first, begins = steps
     part = 1.0 / substeps
@@ -316,7 +316,7 @@ def _marched(
     stepping = jax.vmap(constants)(joints, gain)
 
     def seen(state: State, totals: _Totals, sample: Array, ends: Array) -> tuple[_Totals, Array]:
-        """The response in a state behind a sample, and the totals with it where it counts."""
+        """Return the response after a sample, and the totals; add the sample if it counts."""
         row, counts = piece.measured[sample], ends & (sample >= first)
 
         def of_lane(joint, gain, parts, state, totals):

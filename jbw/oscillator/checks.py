@@ -48,7 +48,7 @@ def require_finite(joint: Any, **arguments: ArrayLike) -> None:
 
 
 def parameters(joint: Any) -> dict[str, ArrayLike]:
-    """Parameters by name, those of a record's restoring force as `restoring.lambda_3`."""
+    """Return the parameters by name; a restoring force has names like `restoring.lambda_3`."""
     if hasattr(joint, "parameters"):
         return joint.parameters()
     leaves = jax.tree_util.tree_leaves_with_path(joint)

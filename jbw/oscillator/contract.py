@@ -197,7 +197,7 @@ def _of_motion(law: Law, joint: Oscillator) -> Iterator[Check]:
 
 
 def _of_period(law: Law, joint: Oscillator) -> Iterator[Check]:
-    """Harmonics, loop, backbone and steady state are those of the force along the motion."""
+    """Compare a law's harmonics, loop, backbone and steady state with its force along a motion."""
     if law.degrades or refuses(law.check_periodic):
         return
 

@@ -29,7 +29,7 @@ class Guessing(Protocol):
 def deep_enough[Model: Oscillator | Structure, Solved: Guessing](
     solve: Callable[[Model, Any], Solved], joint: Model, initial: Any
 ) -> Solved:
-    """The response, solved again with twice the memory while that was too short and doubling helps.
+    """Solve; repeat with doubled memory while it was too short and doubling helps.
 
     `solve` takes the model and its state at the start, whose last part are the laws' memories.
     """
@@ -47,7 +47,7 @@ def deep_enough[Model: Oscillator | Structure, Solved: Guessing](
 
 
 def forgot(joint: Oscillator | Structure, guesses: object) -> bool:
-    """Whether a law dropped reversals that the motion returned to, and its memory can grow."""
+    """Return True if a law that can grow its memory dropped reversals that were needed later."""
     if not (is_concrete(guesses) and np.any(np.asarray(guesses))):
         return False
     return any(0 < law.depth < MOST for law in laws_in(joint.laws))
@@ -73,7 +73,7 @@ def with_places[Model: Oscillator | Structure](
 
 
 def with_depth[Model: Oscillator | Structure](joint: Model, depth: int | None) -> Model:
-    """The model whose Masing laws remember `depth` reversals; unchanged where that is None."""
+    """Return the model whose Masing laws remember `depth` reversals; None keeps the depth."""
     if depth is None:
         return joint
 

@@ -45,7 +45,7 @@ def sampled(u: Input, fs: float, num_samples: int) -> Float[Array, " time"]:
 
 
 def tone(amplitude: Scalar, omega: Scalar, phase: Scalar = 0.0) -> Input:
-    r"""Single tone, $u(t) = A\cos(\omega t + \varphi)$.
+    r"""Return a single-tone input, $u(t) = A\cos(\omega t + \varphi)$.
 
     Args:
         amplitude: Peak amplitude A [N/kg].
@@ -82,7 +82,7 @@ def sweep(
     *,
     fade: Scalar = 0.0,
 ) -> Input:
-    r"""Linearly swept sine, then nothing.
+    r"""Return a linearly swept sine that is zero after its end.
 
     $$u(t) = A\,g(t)\sin 2\pi\left(f_0 t + \frac{f_1 - f_0}{2T} t^2\right), \quad 0 \le t < T$$
 
@@ -119,7 +119,7 @@ def band_noise(
     *,
     gaussian: bool = True,
 ) -> Float[Array, " time"]:
-    """One period of noise in a band, periodic in its length, with lines at multiples of fs / N.
+    """Draw one period of periodic noise in a band, with lines at multiples of fs / N.
 
     Args:
         key: Random key.

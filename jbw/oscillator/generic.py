@@ -94,7 +94,7 @@ def slope(law: Law, y: Scalar, memory: Memory, direction: Scalar) -> Scalar:
 
 
 def move_by_rates(law: Law, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-    """Memory after a monotone move by Runge and Kutta's rule of order 4 in eight steps."""
+    """Return the memory after a monotone move, by eight Runge-Kutta steps of order 4."""
     step = dy / _MOVE_STEPS
 
     def moved(memory: Memory, slope: Memory, part: float) -> Memory:
@@ -116,7 +116,7 @@ def move_by_rates(law: Law, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
 def remainder_by_rates(
     law: Law, h: Scalar, y: Scalar, v: Scalar, memory: Memory
 ) -> tuple[Scalar, Scalar]:
-    """Remainder F - K y and h times its rate, from the law's force and rate."""
+    """Return the remainder F - K y and h times its rate, from the law's force and rate."""
     stiffness, rate = law.stiffness(), law.rate(y, v, memory)
     force, rise = jax.jvp(
         lambda y, memory: law.force(y, v, memory),
@@ -129,7 +129,7 @@ def remainder_by_rates(
 def bend_by_rates(
     law: Law, h: Scalar, state: tuple[Scalar, Scalar, Memory], a: Scalar, branch: Any
 ) -> Scalar:
-    """Half of h^2 times the second derivative of the remainder, at an acceleration."""
+    """Return half of h^2 times the remainder's second derivative at an acceleration."""
     y, v, memory = state
     rate = jax.tree.map(lambda x: jnp.asarray(x, float), law.rate(y, v, memory))
     _, bend = jax.jvp(
@@ -153,7 +153,7 @@ def turn_by_slopes(
 def loop_by_moves(
     law: Law, y_peak: Scalar, omega: Scalar
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Equivalent stiffness and damping by the trapezium rule on half a cycle from the tip."""
+    """Return equivalent stiffness and damping by the trapezium rule, half a cycle from the tip."""
     y_peak = jnp.asarray(y_peak, float)
     at_zero = y_peak == 0.0
     peak, stiffness = jnp.where(at_zero, 1.0, y_peak), law.stiffness()
@@ -185,7 +185,7 @@ def loop_by_moves(
 def harmonics_by_moves(
     law: Law, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar
 ) -> Complex[Array, " harmonic"]:
-    """Odd harmonics of the remainder on a uniform grid of half a period from the crest."""
+    """Return the remainder's odd harmonics from a uniform grid of half a period from the crest."""
     points = max(_PERIOD_POINTS, 32 * q.shape[0]) // 2
     theta = crest(q) + np.pi * np.arange(2 * points) / points
     r = law.force_over_period(q, theta, max_turns, omega) - law.stiffness() * synthesis(q, theta)

@@ -53,7 +53,7 @@ class HeldInput(eqx.Module):
         return eqx.tree_at(lambda held: held.gain, self, factor * self.gain)
 
     def pieces(self, substeps: int) -> tuple[Float[Array, " substep"], ...]:
-        """Coefficients of every part of every interval, without the gain, one row a power."""
+        """Return polynomial coefficients of all substeps without the gain, one row per power."""
         parts = substep_matrices(self.polynomials.shape[-2], substeps)
         rows = jnp.einsum("ilj,jn->lni", parts, self.polynomials)
         return tuple(rows.reshape(len(rows), -1))
@@ -80,7 +80,7 @@ def held(
 def input_polynomials(
     u: Float[np.ndarray | Array, "... time"], hold: str, *, periodic: bool
 ) -> Float[np.ndarray | Array, "... interval power"]:
-    """Polynomials of a sampled input under a named hold; NumPy's of an array of NumPy."""
+    """Return polynomials of a sampled input under a named hold; NumPy input gives NumPy output."""
     xp = _namespace(u)
     if hold == "zero":
         return (u if periodic else u[..., :-1])[..., None]
@@ -96,7 +96,7 @@ def input_polynomials(
 
 
 def quintic(start: Float[Array, "... 3"], end: Float[Array, "... 3"]) -> Float[Array, "... 6"]:
-    """Quintic with given value, slope and curvature at s = 0 and s = 1.
+    """Return the quintic with given value, slope and curvature at s = 0 and s = 1.
 
     For a sine of angular frequency omega its error is (omega h)^6 / 46080 of the amplitude.
     """
@@ -138,7 +138,7 @@ def periodic_derivatives(
 
 
 def line_frequencies(num: int, spacing: Scalar, xp: Any = jnp) -> Float[Array, " line"]:
-    """Frequencies of a real Fourier transform of so many samples [1/spacing], NumPy's `rfftfreq`.
+    """Return the frequencies of a real Fourier transform of `num` samples [1/spacing] (`rfftfreq`).
 
     Made in the program where they are JAX's: a constant of a program is as long as the record.
     """
@@ -177,7 +177,7 @@ def record_derivatives(
 def _bump(
     n: Int[np.ndarray | Array, " time"],
 ) -> tuple[np.ndarray | Array, np.ndarray | Array, np.ndarray | Array]:
-    """Bump n^2 exp(-(n/w)^2)/2 of unit curvature at n = 0, with its slope and curvature."""
+    """Return the bump n^2 exp(-(n/w)^2)/2 (curvature 1 at n = 0), its slope and curvature."""
     s = (n / _BUMP_WIDTH) ** 2
     fall = _namespace(n).exp(-s)
     return 0.5 * n**2 * fall, n * (1.0 - s) * fall, (1.0 - 5.0 * s + 2.0 * s**2) * fall

@@ -16,12 +16,12 @@ Ends = tuple[Scalar, Scalar, Scalar]
 
 
 def signed(magnitude: Scalar, sign: Scalar) -> Float[Array, "..."]:
-    """Magnitude with its sign turned where `sign` is negative; zero counts as positive."""
+    """Return the magnitude, negated where `sign` is negative; zero counts as positive."""
     return jnp.where(sign < 0.0, -magnitude, magnitude)
 
 
 def barrier(values: Any) -> Any:
-    """The values, computed once: without it XLA fuses and recomputes them in each of their uses."""
+    """Return the values unchanged, but prevent XLA from recomputing them in each of their uses."""
     # One by one: a barrier over several values cannot be transposed when not all are linear.
     return jax.tree.map(jax.lax.optimization_barrier, values)
 
@@ -47,7 +47,7 @@ class CubicPath(NamedTuple):
 
 
 def hermite(start: Scalar, end: Scalar, rise: Scalar) -> CubicPath:
-    """Cubic with given slopes at both ends and a given rise between them."""
+    """Return the cubic with given slopes at both ends and a given rise between them."""
     return CubicPath(start, 3.0 * rise - 2.0 * start - end, start + end - 2.0 * rise)
 
 
@@ -60,7 +60,7 @@ class PathSlopes(NamedTuple):
 
 
 def hermite_basis(s: Scalar) -> tuple[PathSlopes, PathSlopes, PathSlopes]:
-    """Derivatives of a Hermite path's move, slope and bend at s by what defines the path."""
+    """Differentiate a Hermite path's move, slope and bend at s by its end slopes and rise."""
     s_2 = s * s
     s_3 = s * s_2
     return (
@@ -71,7 +71,7 @@ def hermite_basis(s: Scalar) -> tuple[PathSlopes, PathSlopes, PathSlopes]:
 
 
 def turning_point(turns: Bool[Array, "..."] | bool, path: CubicPath) -> tuple[Scalar, Scalar]:
-    r"""Where the path turns, $y'(s) = 0$, and how sharply.
+    r"""Return the fraction at which the path turns, $y'(s) = 0$, and the sharpness of the turn.
 
     Of the two roots $s = c_1/(-c_2 \pm \sqrt{c_2^2 - 3 c_1 c_3})$ the one in (0, 1), given slopes
     of opposite signs at the ends; 1 where it does not turn. The root is half of |y''| there [m].
@@ -115,7 +115,7 @@ class StepPath(NamedTuple):
         return cls(cubic, turns, fraction, cubic.bend(fraction), before, rise - before, quartic)
 
     def passage(self, target: Scalar, *, first: bool) -> Scalar:
-        """Fraction of the step at which the path reaches a move before its turn, or after it.
+        """Return the step fraction at which the path reaches a move before or after its turn.
 
         Three steps of Newton's iteration from the parabola about the turning point, or the chord
         where it does not turn; the last one carries the derivative.
@@ -144,7 +144,7 @@ class StepPath(NamedTuple):
 def passage(
     steady: Bool[Array, "..."] | bool, path: CubicPath, guess: Scalar, target: Scalar
 ) -> Scalar:
-    """Fraction s where a `steady` path reaches a target, by one Newton step, good to order h^3."""
+    """Return the fraction s where a `steady` path reaches a target (one Newton step, O(h^3))."""
     slope = jnp.where(steady, path.slope(guess), 1.0)
     return barrier(guess - jnp.where(steady, (path.move(guess) - target) / slope, 0.0))
 
@@ -159,7 +159,7 @@ class KinkImpulse(NamedTuple):
 
 
 def kink_impulse(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> KinkImpulse:
-    r"""Impulses of a kink inside the step, which the cubic through r and its rate misses.
+    r"""Return the impulses of a kink inside the step that the cubic through r and its rate omits.
 
     With jumps J_2, J_3 of the second and third derivative of r when a fraction x remains, given as
     h^3 J_2 and h^4 J_3 [m/s],
@@ -187,7 +187,7 @@ def kink_impulse(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> KinkImpulse:
 def slope_jump_impulse(
     x: Scalar, jump_1: Scalar, jump_2: Scalar, jump_3: Scalar = 0.0
 ) -> tuple[Scalar, Scalar]:
-    r"""Impulses of a kink where the first derivative of r jumps, such as a slider that slips.
+    r"""Return the impulses of a kink at which the first derivative of r jumps, as at slip onset.
 
     From h J_1, h^2 J_2 and h^3 J_3 [N/kg], on v over h and on y over h^2 [m/s^2]:
 
@@ -203,7 +203,7 @@ def slope_jump_impulse(
 
 
 def cusp_impulse(start: tuple[Scalar, ...], end: tuple[Scalar, ...]) -> tuple[Scalar, Scalar]:
-    r"""Impulses of a remainder whose rate breaks in a power, from that rate's integrals F_k.
+    r"""Return the impulses of a remainder whose rate has a power-law kink, from integrals F_k.
 
     r' = F_0 and its first three integrals from where it breaks, at both ends of the step, all over
     steps of length one; on v over h and on y over h^2 [m/s^2]:

@@ -93,7 +93,7 @@ class Law(eqx.Module):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Wide bounds of the parameters from scales alone, never from a fit of this law."""
+        """Return wide bounds of the parameters from scales alone, never from a fit of this law."""
         raise ConfigError(
             f"The law `{cls.name}` must have a `prior` to be identified, but has none.",
             remedy="Define `prior(scales)`, bounds of every parameter of its `table`.",
@@ -114,7 +114,7 @@ class Law(eqx.Module):
         raise NotImplementedError
 
     def rate(self, y: Scalar, v: Scalar, memory: Memory) -> Memory:
-        """Rate of the memory, which for a law without rate dependence is proportional to v."""
+        """Return the memory's rate; a rate-independent law's is proportional to the velocity v."""
         return ()
 
     def stiffness(self) -> Scalar:
@@ -123,7 +123,7 @@ class Law(eqx.Module):
         return generic.slope(self, jnp.zeros(()), rest, jnp.ones(()))
 
     def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """Memory after a monotone move from y, by Runge and Kutta for rates proportional to v."""
+        """Return the memory after a monotone move from y (Runge-Kutta; rates proportional to v)."""
         return generic.move_by_rates(self, y, memory, dy)
 
     def follow(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
@@ -155,7 +155,7 @@ class Law(eqx.Module):
         return Loop(*generic.loop_by_moves(self, y_peak, omega))
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Powers of length of parameters and products, in addition to their units, by name.
+        """Return by name the powers of length that parameters and products have beyond their units.
 
         Of what is stated at a fixed displacement: a stiffness lost at 1 mm by the power q of the
         displacement has the power -q of the unit of length.
@@ -163,37 +163,37 @@ class Law(eqx.Module):
         return {}
 
     def thresholds(self) -> tuple[Threshold, ...]:
-        """Displacements that a motion must reach to identify the law beyond them."""
+        """Return the displacements that a motion must exceed to identify all parameters."""
         return ()
 
     # -- through a time step of length h ---------------------------------------------------------
     def branch(self, v: Scalar, memory: Memory) -> Branch:
-        """Quantities that are constant until the next kink, such as signs."""
+        """Return the quantities that are constant until the next kink, such as signs."""
         return ()
 
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Memory, branch: Branch
     ) -> tuple[Scalar, Scalar]:
-        """Remainder r = F - K y [N/kg], and h times its rate."""
+        """Return the remainder r = F - K y [N/kg] and h times its rate."""
         return generic.remainder_by_rates(self, h, y, v, memory)
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Memory, branch: Branch
     ) -> Scalar:
-        """Half of h^2 times the remainder's second derivative on the branch."""
+        """Return half of h^2 times the remainder's second derivative on the branch."""
         return generic.bend_by_rates(self, h, (y, v, memory), a, branch)
 
     def glide(
         self, y: Scalar, memory: Memory, dy: Scalar, branch: Branch
     ) -> tuple[Memory, Bool[Array, "..."] | bool]:
-        """Memory after a step without a turn, and whether it met a kink, so that `turn` is due."""
+        """Return the memory after a step without a turn; True if a kink requires `turn`."""
         # A kink that is not reported here, such as a yield, leaves the step first order in h.
         return self.move(y, memory, dy), False
 
     def turn(
         self, h: Scalar, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
-        """Memory after a step that may turn, and the impulses of its kinks on the motion.
+        """Return the memory after a step that may turn, and its kinks' impulses on the motion.
 
         Args:
             h: Length of the step [s].
@@ -219,7 +219,7 @@ class Law(eqx.Module):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Odd harmonics of the remainder r along the motion, by moves over two periods.
+        """Return the odd harmonics of the remainder r along the motion, by moves over two periods.
 
         On a uniform grid from the crest; the first period sets the memory, which is exact for laws
         that forget all but their last turns. With kinks the error falls with the square of points.
@@ -233,7 +233,7 @@ class Law(eqx.Module):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Steady force at angles of a period, in rising order, by moves over two periods [N/kg]."""
+        """Return the steady force at rising angles of a period by moves over two periods [N/kg]."""
         return generic.force_by_moves(self, q, theta, omega)
 
     # -- for other programs ------------------------------------------------------------------------
@@ -246,11 +246,11 @@ class Law(eqx.Module):
         """Raise a ModelError where `harmonics` do not hold."""
 
     def doubts(self) -> str | None:
-        """A warning about parameters of which the force may diverge, or None; concrete only."""
+        """Warn of parameters for which the force may diverge, else return None; concrete only."""
         return generic.no_force(self)
 
     def memory_unit(self, omega_n: Scalar) -> Memory:
-        """Factors from the memory to velocities, by default those of forces; zero for counters."""
+        """Return factors from memory to velocity; by default as for forces, zero for counters."""
         return jax.tree.map(lambda _: 1.0 / omega_n, self.at_rest())
 
     @property
@@ -270,7 +270,7 @@ def laws_in(laws: Any) -> list[Law]:
 
 
 def map_laws(function: Callable[..., Any], laws: Any, *others: Any) -> Any:
-    """The function of every law, and of what stands in its place in others such as memories."""
+    """Apply a function to every law and its counterparts in other trees, such as memories."""
     return jax.tree.map(function, laws, *others, is_leaf=_is_law)
 
 
@@ -317,7 +317,7 @@ class ScaledLaw(Law):
     unit: Scalar
 
     def stiffness(self) -> Scalar:
-        """K / kappa."""
+        """Return the scaled stiffness K / kappa."""
         return self.law.stiffness() / self.unit
 
     def at_rest(self) -> Memory:
@@ -325,7 +325,7 @@ class ScaledLaw(Law):
         return self.law.at_rest()
 
     def force(self, y: Scalar, v: Scalar, memory: Memory) -> Scalar:
-        """F(l q) / (kappa l)."""
+        """Return the scaled force F(l q) / (kappa l)."""
         speed = self.length * jnp.sqrt(self.unit) * v
         return self.law.force(self.length * y, speed, memory) / (self.unit * self.length)
 
@@ -343,7 +343,7 @@ class ScaledLaw(Law):
         return Loop(loop.stiffness / self.unit, loop.damping / self.unit)
 
     def scaled(self, length: Scalar, stiffness: Scalar) -> "ScaledLaw":
-        """In other units once more."""
+        """Return the law in new units, on top of its present scaling."""
         return ScaledLaw(self.law, self.length * length, self.unit * stiffness)
 
     def harmonics(

@@ -72,7 +72,7 @@ def impulse_moments(stiffness: Scalar, damping: Scalar, dt: Scalar, num: int) ->
 
 
 def _double(kappa, c, f_12, f_22, w_y, w_v):
-    r"""From one step to two: $W_j \leftarrow 2^{-j}(E W_j + \sum_i \binom{j}{i} W_i)$.
+    r"""Update the moments for two steps: $W_j \leftarrow 2^{-j}(E W_j + \sum_i \binom{j}{i} W_i)$.
 
     In the scaled state (y, h v), whose unit of velocity doubles with the step.
     """

@@ -56,7 +56,7 @@ class Oscillator(eqx.Module):
         return self.omega_n**2 - sum(law.stiffness() for law in self.laws)
 
     def at_rest(self) -> tuple[Memory, ...]:
-        """Memories of the laws before any motion."""
+        """Return the memories of the laws before any motion."""
         return tuple(law.at_rest() for law in self.laws)
 
     def force(self, y: Scalar, v: Scalar, memory: tuple[Memory, ...]) -> Scalar:
@@ -65,7 +65,7 @@ class Oscillator(eqx.Module):
         return sum((law.force(y, v, law_memory) for law, law_memory in pairs), 0.0 * y)
 
     def move(self, y: Scalar, memory: tuple[Memory, ...], dy: Scalar) -> tuple[Memory, ...]:
-        """Memories after a monotone move from y by dy."""
+        """Return the memories after a monotone move from y by dy."""
         pairs = zip(self.laws, memory, strict=True)
         return tuple(law.move(y, law_memory, dy) for law, law_memory in pairs)
 
@@ -75,7 +75,7 @@ class Oscillator(eqx.Module):
         return tuple(law.follow(y, law_memory, dy) for law, law_memory in pairs)
 
     def at_tip(self, y_peak: Scalar) -> tuple[Memory, ...]:
-        """Memories at y = Y on the steady loops between -Y and Y."""
+        """Return the memories at y = Y on the steady loops between -Y and Y."""
         return tuple(law.at_tip(y_peak) for law in self.laws)
 
     def loop(self, y_peak: Scalar, omega: Scalar | None = None) -> Loop:
@@ -105,7 +105,7 @@ class Oscillator(eqx.Module):
         return Oscillator(self.omega_n, self.zeta, tuple(law.undamaged() for law in self.laws))
 
     def force_along(self, y: Float[Array, " time"]) -> Float[Array, " time"]:
-        """Restoring force k y + sum F along a slow displacement from rest at y = 0 [N/kg]."""
+        """Return the force k y + sum F along a slow displacement from rest at y = 0 [N/kg]."""
 
         def onward(carry: tuple, y_next: Array) -> tuple[tuple, Array]:
             y_last, memory = carry
@@ -122,7 +122,7 @@ class Oscillator(eqx.Module):
         return jax.vmap(lambda to: self.force(to, -SLOW, self.move(y_peak, top, to - y_peak)))(y)  # pyright: ignore[reportReturnType]
 
     def parameters(self) -> dict[str, Any]:
-        """omega_n, zeta and the laws' parameters by name."""
+        """Return omega_n, zeta and the laws' parameters by name."""
         mode_parameters = {"omega_n": self.omega_n, "zeta": self.zeta}
         return mode_parameters | {
             name: x for law in self.laws for name, x in law.parameters().items()
@@ -198,7 +198,7 @@ def as_oscillator(joint: Joint) -> Oscillator:
 
 
 def oscillator_of(theta: Mapping[str, Any], laws: Iterable[str | Kind]) -> Oscillator:
-    """The oscillator of a dictionary of parameters; of several joints, as the first mode has it."""
+    """Build the oscillator of a parameter dictionary; several joints act through the first mode."""
     laws = tuple(laws)
     if are_at_joints(laws):
         forces = first_mode_laws(theta, laws)  # pyright: ignore[reportArgumentType]
@@ -208,7 +208,7 @@ def oscillator_of(theta: Mapping[str, Any], laws: Iterable[str | Kind]) -> Oscil
 
 
 def prior_of(laws: Iterable[str | Kind], scales: Scales) -> Bounds:
-    """Wide bounds of all parameters of several laws, from scales alone."""
+    """Return wide bounds of all parameters of several laws, from scales alone."""
     bounds: Bounds = {}
     for law in laws_named(laws):
         bounds |= law.prior(scales)

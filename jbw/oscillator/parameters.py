@@ -79,7 +79,7 @@ class Monomial(NamedTuple):
         return self.quantity.name
 
     def of(self, theta: Mapping[str, Any]) -> Any:
-        """Its value, positive powers first and then divided by the others."""
+        """Return the monomial's value: multiply the positive powers, then divide by the others."""
         value: Any = 1.0
         for name, power in sorted(self.powers.items(), key=lambda item: item[1] < 0):
             factor = theta[name] ** abs(power) if abs(power) != 1 else theta[name]
@@ -122,7 +122,7 @@ class Coordinates(NamedTuple):
         return rest | {monomial.name: monomial.of(theta) for monomial in self.inverse}
 
     def powers(self, powers: Powers) -> dict[str, int]:
-        """Powers of the law's parameters, written as powers of the coordinates and omega_n."""
+        """Convert powers of the law's parameters to powers of the coordinates and omega_n."""
         forward = {monomial.name: monomial.powers for monomial in self.forward}
         total: dict[str, int] = {}
         for name, power in powers.items():
@@ -157,7 +157,7 @@ class Loop(NamedTuple):
     damping: Float[Array, "..."]
 
     def energy(self, y_peak: Scalar) -> Float[Array, "..."]:
-        """Dissipated in a cycle, E [J/kg]."""
+        """Return the energy dissipated in a cycle, E [J/kg]."""
         return jnp.pi * self.damping * jnp.asarray(y_peak) ** 2
 
 

@@ -52,7 +52,7 @@ State = Float[Array, "3"]
 def steady_period(
     period: Callable[[Any], Any], guess: Any, unit: Any, *, one_by_one: bool = False
 ) -> tuple[Any, Float[Array, ""]]:
-    """Trajectory over the period that ends where it starts.
+    """Return the trajectory over the period that ends in its initial state.
 
     States are pytrees of scalars, of one mode or several.
     Newton's step is tried and taken where it leaves less of the gap; else one period is marched.
@@ -100,7 +100,7 @@ def _settle_one_by_one(gap: Callable, x: Float[Array, " state"]) -> Float[Array,
 
 
 def _settle(gap: Callable, x: Float[Array, " state"]) -> Float[Array, " state"]:
-    r"""Root of the gap: by marching while that pays, then by Newton's steps, where these lead.
+    r"""Find the gap's root: march periods while that is efficient, then use Newton's steps.
 
     Each period marched multiplies the gap by some $\rho$, and costs 1; a Newton step of n numbers
     costs n + 1, and four of them do: marching costs less where $\rho^{4(n + 1)}$ is the tolerance.
@@ -149,7 +149,7 @@ def _value_and_slope(
 
 
 def _solve_linear(linear: Callable, y: Float[Array, " state"]) -> Float[Array, " state"]:
-    """Solution of a linear function of a few numbers, its matrix column by column."""
+    """Solve a small linear system whose matrix is computed column by column."""
     matrix = jnp.stack([linear(column) for column in jnp.eye(y.size)], axis=1)
     return _solved(matrix, y)
 
@@ -157,7 +157,7 @@ def _solve_linear(linear: Callable, y: Float[Array, " state"]) -> Float[Array, "
 def _solved(
     matrix: Float[Array, "state state"], y: Float[Array, " state"]
 ) -> Float[Array, " state"]:
-    """Solution of a small system; the shortest where memories that never change make it singular.
+    """Solve a small system; take the shortest solution if constant memories make it singular.
 
     One memory, of a law that always relaxes, leaves a regular system.
     """
@@ -194,7 +194,7 @@ def shooting(
     initial: tuple[Scalar, Scalar, Scalar] | None = None,
     rtol: float = 1e-12,
 ) -> PeriodicOrbit:
-    r"""Periodic response to a tone by shooting over half a period.
+    r"""Compute the periodic response to a tone by shooting over half a period.
 
     $$x(T/2; x_0) = -x_0, \qquad x = (y, v, z), \quad T = 2\pi/\omega$$
 

@@ -19,7 +19,7 @@ _UNSHARED = ContextVar("unshared", default=False)
 
 @contextmanager
 def unshared() -> Iterator[None]:
-    """While a program is traced whose lanes are never shared among devices."""
+    """Mark the context in which a traced program never shares its lanes among devices."""
     token = _UNSHARED.set(True)
     try:
         yield
@@ -64,7 +64,7 @@ def on_one_device() -> bool:
 
 
 def _condition(rare: Callable[[Any], Any], depth: int) -> Callable[..., Any]:
-    """The condition on any of all lanes, with `depth` axes of lanes; under vmap one axis more."""
+    """Build a condition on any lane, with `depth` lane axes; vmap adds an axis."""
     rare_of_lanes = rare
     for _ in range(depth):
         rare_of_lanes = jax.vmap(rare_of_lanes)

@@ -67,7 +67,7 @@ class _Task(eqx.Module):
 def residual_sums(
     joint: Oscillator, source: HeldInput, fs: Scalar, substeps: int, compared: Compared
 ) -> Sums:
-    """Sums over the residual of a record from rest, differentiable in the joint and the gain.
+    """Return sums over a record's residual, differentiable in the joint and the gain.
 
     Args:
         joint: The oscillator; all laws are stepped.
@@ -144,7 +144,7 @@ def response_of(joint: Oscillator, order: int, state: Any, u: Any) -> Any:
 
 
 def _added(task: _Task, state: State, substep: Array, totals: Any, every: int = 1) -> Any:
-    """Totals with the residual after `substep` substeps, where a compared sample stands there."""
+    """Add the residual after `substep` substeps to the totals, if a sample is compared there."""
     compared, (square, along, peak) = task.compared, totals
     n = substep // every
     counts = (substep % every == 0) & (n >= compared.first)
@@ -167,7 +167,7 @@ class _Summing(HysteresisExact):
     substeps: int
 
     def step(self, terms, t0, t1, y0, args: _Task, *progress):
-        """One substep."""
+        """Advance by one substep."""
         rest = packed(args.stepping, _at_rest(args))
         count = len(jax.tree.leaves(rest))
         state, totals = y0[:count], y0[count:]

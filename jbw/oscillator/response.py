@@ -210,7 +210,7 @@ class _Options(NamedTuple):
 def _simulate_batch(
     options: _Options, joint: Oscillator, u: _Input, fs: Scalar, initial: State
 ) -> Response:
-    """Response over the common batch shape of the joint, the input and the initial state."""
+    """Simulate over the common batch shape of joint, input and initial state."""
     source = u if callable(u) else held(u, options.hold, periodic=options.periodic)
     lead = () if callable(source) else source.gain.shape
     # A memory may be an array, of `iwan5` one of sliders: its own axes are no batch.
@@ -282,7 +282,7 @@ def _simulate(
 def _stock(
     options: _Options, joint: Oscillator, u: Callable, fs: Scalar, initial: State
 ) -> Trajectory:
-    """Trajectory through a stock solver; a periodic one goes on to the next period's start."""
+    """Solve with a stock solver; a periodic trajectory extends to the next period's start."""
     default = ConstantStepSize() if options.solver else PIDController(rtol=1e-9, atol=1e-12)
     scheme = StockScheme(
         options.solver or Dopri8(), options.controller or default, options.substeps
@@ -308,7 +308,7 @@ def simulate_apart(
     fs: float,
     **options: Any,
 ) -> MotionApart:
-    r"""Outputs of uncoupled modes: each is an oscillator by itself, and outputs are sums over them.
+    r"""Simulate uncoupled modes as separate oscillators and sum them to outputs.
 
     $$y_o = \sum_i c_{oi}\, q_i, \qquad q_i \ \text{of oscillator}\ i\ \text{under}\ b_i u$$
 

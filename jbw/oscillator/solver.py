@@ -81,7 +81,7 @@ class Stepping(eqx.Module):
 
 
 def stepping(oscillator: Oscillator, held: HeldInput, fs: Scalar, substeps: int) -> Stepping:
-    """Constants of the step, the input's moments times its gain, and its coefficients."""
+    """Return the step's constants, the input's moments times its gain, and input coefficients."""
     step, moments_y, moments_v = exact_step(oscillator, 1.0 / (fs * substeps))
     pieces = held.pieces(substeps)
     on_y, on_v = (
@@ -97,7 +97,7 @@ def weighted(weights: Iterable[Scalar], powers: Iterable[Any]) -> Any:
 
 
 def sampled_input(held: HeldInput, tau: Scalar) -> Scalar:
-    """Input at time tau [samples], its interval found by index [N/kg]."""
+    """Return the input at time tau [samples], whose interval is found by index [N/kg]."""
     num_powers, num_intervals = held.polynomials.shape
     interval = jnp.clip(jnp.floor(tau).astype(jnp.int32), 0, num_intervals - 1)
     s = tau - interval
@@ -108,7 +108,7 @@ def sampled_input(held: HeldInput, tau: Scalar) -> Scalar:
 
 
 def oscillate(oscillator: Oscillator, u: Scalar, state: State) -> State:
-    r"""Rates of (y, v, memories) [per s], for every law.
+    r"""Return the rates of (y, v, memories) [per s], for every law.
 
     $$\dot v = u - 2\zeta\omega_n v - k y - \sum F$$
 
@@ -137,7 +137,7 @@ class HysteresisExact(diffrax.AbstractSolver):
     )
 
     def order(self, terms) -> int:
-        """Global order of the method."""
+        """Return the global order of the method."""
         return 4
 
     def init(self, terms, t0, t1, y0, args):
@@ -145,7 +145,7 @@ class HysteresisExact(diffrax.AbstractSolver):
         return jnp.zeros((), jnp.int32)
 
     def step(self, terms, t0, t1, y0, args: Stepping, *progress):
-        """One substep; `progress` is its index, and whether diffrax has jumped, which is never."""
+        """Advance one substep; `progress` is its index and diffrax's jump flag, always False."""
         substep, _ = progress
         push = args.push(substep)
         # As a flat tuple: empty memories, of springs, have no place in the loop's buffers.
@@ -178,7 +178,7 @@ def solve_stock(
     scheme: StockScheme,
     field: Callable[[Any, Scalar, Any], Any] = oscillate,
 ) -> Any:
-    """States at the samples; inf from where an adaptive solver gave up. Time counts samples.
+    """Return the states at the samples (inf where an adaptive solver failed); time in samples.
 
     `field` gives the rates of a state of the oscillator under an input.
     """

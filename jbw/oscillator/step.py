@@ -74,7 +74,7 @@ class ExactStep(eqx.Module):
 
 
 def exact_step(oscillator: Oscillator, dt: Scalar) -> tuple[ExactStep, Array, Array]:
-    """Constants of the step of length dt [s], and the input's moments W_j on y [s^2] and v [s]."""
+    """Return constants of the step dt [s] and the input's moments W_j on y [s^2] and v [s]."""
     stiffness = oscillator.omega_n**2
     damping = 2.0 * oscillator.zeta * oscillator.omega_n
     m = impulse_moments(stiffness, damping, dt, NUM_MOMENTS)
@@ -203,7 +203,7 @@ def _through_kinks(
 def remainders(
     laws: tuple[Law, ...], h: Scalar, state: State, branches: tuple[Any, ...]
 ) -> tuple[Scalar, Scalar]:
-    """Remainders r and h times their rates, summed."""
+    """Return the sums of the laws' remainders r and of h times their rates."""
     y, v, memory = state
     parts = [
         law.remainder(h, y, v, law_memory, at)
@@ -217,7 +217,7 @@ def remainders(
 def glided(
     laws: tuple[Law, ...], state: State, branches: tuple[Any, ...], y_1: Scalar, v_1: Scalar
 ) -> tuple[tuple[Memory, ...], Bool[Array, "..."]]:
-    """Memories after a step to (y_1, v_1) without a kink, and whether it met one."""
+    """Return the memories after a step to (y_1, v_1) without a kink, and True if it met a kink."""
     y, v, memory = state
     moves = [
         law.glide(y, law_memory, y_1 - y, at)
@@ -230,7 +230,7 @@ def glided(
 def bend(
     laws: tuple[Law, ...], h: Scalar, state: State, branches: tuple[Any, ...], a: Scalar
 ) -> Scalar:
-    """Half of h^2 times the second derivative of the remainders, summed."""
+    """Return half of h^2 times the summed second derivative of the remainders."""
     y, v, memory = state
     return added(
         law.bend(h, y, v, a, law_memory, at)
@@ -294,7 +294,7 @@ def through_kinks(
 
 
 def past_cusps(laws: tuple[Law, ...], h: Scalar, state: State, end: End) -> End:
-    """The end with the impulses of cusps of the laws' rates, which the corrector's cubic misses."""
+    """Add the impulses of cusps in the laws' rates, which the corrector's cubic omits."""
     _, v, memory = state
     for law, law_memory, end_memory in zip(laws, memory, end.memory, strict=True):
         if hasattr(law, "missed"):
@@ -304,7 +304,7 @@ def past_cusps(laws: tuple[Law, ...], h: Scalar, state: State, end: End) -> End:
 
 
 def shifted(laws: tuple[Law, ...], end: End, dy: Scalar) -> tuple[Memory, ...]:
-    """Memories at the end after the corrector's change of y."""
+    """Return the memories at the end after the corrector's change of y."""
     return tuple(
         law.shift(end.y, law_memory, dy, at)
         for law, law_memory, at in zip(laws, end.memory, end.branches, strict=True)

@@ -135,7 +135,7 @@ def laws_named(names: Iterable[str | Kind]) -> tuple[Kind, ...]:
 
 
 def same_by_construction(names: Iterable[str | Kind]) -> str | None:
-    """Which of several laws no motion can tell apart, in words; None where there are none.
+    """Return a message on laws among `names` that no motion can distinguish, or None.
 
     The sum of two laws of Masing's kind, sliders among them, is one of the virgin curves' sum; and
     Bouc-Wen's law is that of a free exponent at one.
@@ -154,7 +154,7 @@ def quantities_of(laws: Iterable[str | Kind]) -> tuple[Quantity, ...]:
 
 
 def vocabulary() -> dict[str, Quantity]:
-    """Quantities of all laws by name: parameters, products and other coordinates."""
+    """Return the quantities of all laws by name: parameters, products, other coordinates."""
     quantities: dict[str, Quantity] = {}
     for law in LAWS.values():
         coordinates = (quantity for other in law.coordinates.values() for quantity in other.table)

@@ -16,7 +16,7 @@ from jbw.quantities import Quantity, law_name, name_at, split
 
 @cache
 def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
-    """The kind of law with the parameters' names of the first of some joints, which share it."""
+    """Return the law's kind for joints that share it, with parameters named after the first."""
     joint = joints[0]
 
     def named(quantity: Quantity) -> Quantity:
@@ -57,7 +57,7 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
 
         @classmethod
         def prior(cls, scales: Scales) -> Bounds:
-            """Bounds by the joint's scales: the root of its stiffness for omega_n, its motion."""
+            """Return bounds from the joint's scales: sqrt(stiffness) for omega_n, its motion."""
             return {name_at(name, joint): pair for name, pair in kind.prior(scales).items()}
 
         @classmethod
@@ -66,12 +66,12 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
             return kind.caution(plain(bounds), y_peak)
 
         def powers_of_length(self) -> dict[str, Any]:
-            """Powers of length by the names at the joint."""
+            """Return the powers of length, by the parameters' names at the joint."""
             plain_powers = _of_kind(kind, self).powers_of_length()
             return {name_at(name, joint): value for name, value in plain_powers.items()}
 
         def thresholds(self) -> tuple[Threshold, ...]:
-            """None: they are motions of the joint, which records of responses do not measure."""
+            """Return no thresholds: records of responses do not measure joint motions."""
             return ()
 
     AtJoints.__name__ = AtJoints.__qualname__ = kind.__name__
@@ -87,7 +87,7 @@ def _of_kind[Kind: Law](kind: type[Kind], law: Law) -> Kind:
 
 
 def _unit(quantity: Quantity) -> str:
-    """Unit at a joint, whose force is in newtons: that per unit mass [kg], `1/s^2` is `N/m`."""
+    """Return the unit at a joint, whose force is in newtons: times [kg], so `1/s^2` is `N/m`."""
     return _PER_MASS.get(quantity.unit, quantity.unit)
 
 

@@ -102,20 +102,20 @@ class BoucWenLaw(Law):
 
     @classmethod
     def of_weak_motion(cls, softening: float, opening: float, alpha: float) -> Self:
-        """The law of a stated alpha by what weak motion tells: alpha delta and alpha gamma."""
+        """Build the law from alpha and its weak-motion products alpha delta and alpha gamma."""
         return cls(alpha, softening / alpha, opening / alpha)
 
     def weak_motion(self) -> tuple[Scalar, Scalar]:
-        """What weak motion tells: alpha delta, its softening, and alpha gamma, its losses."""
+        """Return weak-motion products: alpha delta (softening) and alpha gamma (losses)."""
         return self.alpha * self.delta, self.alpha * self.gamma
 
     def slip(self, y: Scalar) -> Scalar:
-        """How far the joint slips at a displacement y [m], delta y; motion is weak far below 1."""
+        """Return the slip measure delta y at a displacement y [m]; motion is weak far below 1."""
         return jnp.abs(self.delta) * y
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        r"""Softening and opening matter where delta Y and gamma Y are of order one.
+        r"""Return bounds in which softening delta Y and opening gamma Y can reach order one.
 
         alpha is a part of omega_n^2. Below zero, where the joint hardens, delta is bounded by what
         its force may grow to, $(e^{|\delta| Y} - 1) / |\delta| Y$ = 3.2 times that of a spring.
@@ -131,7 +131,7 @@ class BoucWenLaw(Law):
     def coordinate_bounds(
         cls, coordinates: str, bounds: Bounds, theta: Mapping[str, float], stated: Bounds
     ) -> Bounds:
-        """Products to four times the larger fitted one, below zero where delta or gamma may be."""
+        """Bound products by 4 times the larger fitted one, below 0 where delta or gamma may be."""
         fitted = cls.coordinates[coordinates].from_parameters(theta)
         largest = REACH * max(abs(fitted["softening"]), abs(fitted["opening"]))
         square = theta["omega_n"] ** 2
@@ -144,20 +144,20 @@ class BoucWenLaw(Law):
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """Where the law lets Z grow for ever: measured joints may need it."""
+        """Warn if the prior contains delta + gamma < 0, for which Z is unbounded; else None."""
         lowest = bounds["gamma"][0] + bounds["delta"][0]
         return None if lowest >= 0 else messages.prior_unbounded(lowest)
 
     def stiffness(self) -> Scalar:
-        """Alpha: the joint sticks [1/s^2]."""
+        """Return alpha, the stiffness of the fully stuck joint [1/s^2]."""
         return self.alpha
 
     def at_rest(self) -> Scalar:
-        """Z = 0 [N/kg]."""
+        """Return the memory at rest, Z = 0 [N/kg]."""
         return 0.0
 
     def force(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
-        """Z [N/kg]."""
+        """Return the hysteretic force Z [N/kg]."""
         return memory
 
     def rate(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
@@ -165,7 +165,7 @@ class BoucWenLaw(Law):
         return hysteresis_rate(self, v, memory)
 
     def move(self, y: Scalar, memory: Scalar, dy: Scalar) -> Scalar:
-        """Z after a monotone move: exact for nu = 1."""
+        """Return Z after a monotone move; exact for nu = 1."""
         return hysteresis_map(self, memory, dy) if self.nu == 1.0 else super().move(y, memory, dy)
 
     @property
@@ -180,41 +180,41 @@ class BoucWenLaw(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Scalar, branch: Scalar
     ) -> tuple[Scalar, Scalar]:
-        """Z - alpha y, whose rate -c v Z is continuous."""
+        """Return Z - alpha y and h times its continuous rate -c v Z."""
         return memory - self.alpha * y, -h * branch * v * memory
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Scalar, branch: Scalar
     ) -> Scalar:
-        """Half of h^2 times its second derivative."""
+        """Return half of h^2 times the remainder's second derivative."""
         slope = self.alpha - branch * memory
         return -0.5 * h**2 * branch * (a * memory + v**2 * slope)
 
     def glide(
         self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar
     ) -> tuple[Scalar, Bool[Array, "..."]]:
-        """Z by a polynomial, and whether it passed zero or the move was too long for that."""
+        """Return Z by a polynomial; True if Z passed zero or the move was too long for it."""
         moved = smooth_move(self.alpha, branch, memory, dy)
         return moved, (memory * moved <= 0.0) | (jnp.abs(branch * dy) > 1.0)  # pyright: ignore[reportReturnType]
 
     def turn(
         self, h: Scalar, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """Through a turning point, a zero of Z or both, with derivatives written by hand."""
+        """Move Z through a turning point, a zero of Z or both, with hand-coded derivatives."""
         return kinked_step((self.alpha, self.delta, self.gamma), memory, ends, quartic)
 
     def shift(self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar) -> Scalar:
-        """Z along its tangent."""
+        """Return Z after a small move along its tangent."""
         return memory + (self.alpha - branch * memory) * dy
 
     def scaled(self, length: Scalar, stiffness: Scalar) -> "BoucWenLaw":
-        """In units of displacement and stiffness."""
+        """Return the law in scaled units of displacement and stiffness."""
         return BoucWenLaw(self.alpha / stiffness, self.delta * length, self.gamma * length, self.nu)
 
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """By quadrature between turning points and zeros of Z, whose periodicity is solved for."""
+        """Integrate the harmonics of periodic Z between turning points and zeros of Z."""
         return self.alpha * periodic_path.relaxed_force(q, self.delta, self.gamma, max_turns)  # pyright: ignore[reportReturnType]
 
     def force_over_period(
@@ -224,7 +224,7 @@ class BoucWenLaw(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Exact, closed over the period."""
+        """Return the exact force of the periodic motion at given angles."""
         args = self.delta, self.gamma, max_turns
         return self.alpha * periodic_path.force_over_period(q, theta, *args)  # pyright: ignore[reportReturnType]
 
@@ -244,7 +244,7 @@ class BoucWenLaw(Law):
             )
 
     def doubts(self) -> str | None:
-        """Parameters for which nothing bounds Z; the motion may stay bounded all the same."""
+        """Warn of parameters for which Z has no bound (the motion may still be bounded)."""
         alpha, delta, gamma = (np.asarray(x) for x in (self.alpha, self.delta, self.gamma))
         linear = (delta == 0.0) & (gamma == 0.0)
         conditions = {
@@ -262,18 +262,18 @@ class BoucWenLaw(Law):
         )
 
     def at_tip(self, y_peak: Scalar) -> Scalar:
-        """Z at y = Y on the steady loop: closed form for nu = 1."""
+        """Return Z at y = Y on the steady loop; in closed form for nu = 1."""
         return steady_loop(self, y_peak).z_max if self.nu == 1.0 else super().at_tip(y_peak)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Closed form for nu = 1."""
+        """Return the equivalent stiffness and damping; in closed form for nu = 1."""
         if self.nu != 1.0:
             return super().loop(y_peak, omega)
         loop = steady_loop(self, y_peak)
         return Loop(loop.k_eq, loop.c_eq_omega)
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """As of Baber and Noori, which OpenSees takes, and as in the hysteretic benchmark."""
+        """Convert to Baber-Noori parameters (used by OpenSees) and the hysteretic benchmark's."""
         nu = {"nu": self.nu, "restoring": None}
         return conversions(
             SimpleNamespace(omega_n=omega_n, zeta=zeta, **self.parameters(), **nu), mass

@@ -43,7 +43,7 @@ _PERIODS = 4  # Newton's steps to the steady stretch
 
 
 def weak_loop(nu: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    r"""Stiffness loss over delta and damping over gamma in weak motion, per (alpha Y)^nu.
+    r"""Return weak-motion stiffness loss per delta, damping per gamma, both per (alpha Y)^nu.
 
     $$C_s = \frac{4 I(\nu + 2)}{\pi (\nu + 1)}, \qquad C_d = \frac{4}{\pi (\nu + 2)}$$
     """
@@ -97,7 +97,7 @@ class BoucWenNu(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Softening and opening of order one at the largest displacement, for nu = 1."""
+        """Return bounds with softening and opening of order one at the largest motion (nu = 1)."""
         share, part = FORCED_SHARE if scales.forced else SHARE, REFERENCE / scales.y_peak
         return {
             "nu_stiffness": (share[0] * scales.omega_n**2, share[1] * scales.omega_n**2),
@@ -129,15 +129,15 @@ class BoucWenNu(Law):
         return cls(alpha, softening / alpha, opening / alpha, exponent)
 
     def stiffness(self) -> Scalar:
-        """Alpha [1/s^2]."""
+        """Return alpha, the stiffness at rest [1/s^2]."""
         return self.nu_stiffness
 
     def at_rest(self) -> Scalar:
-        """W = 0 [m]."""
+        """Return the stretch at rest, w = 0 [m]."""
         return 0.0
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Of softening and opening at 1 mm, and of their products with alpha."""
+        """Return the powers of length of softening, opening (at 1 mm) and products with alpha."""
         names = ("nu_softening", "nu_opening", "nu_alpha_d", "nu_alpha_g")
         return dict.fromkeys(names, -self.nu)
 
@@ -146,12 +146,12 @@ class BoucWenNu(Law):
         return omega_n
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """In OpenSees the same law, whose z is our stretch w [m]."""
+        """Convert to OpenSees' Bouc-Wen material, whose z is the stretch w [m]."""
         lost = (c / REFERENCE**self.nu for c in (self.nu_softening, self.nu_opening))
         return of_opensees(bouc_wen(mass * self.nu_stiffness, self.nu, *lost))
 
     def force(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
-        """Alpha w [N/kg]."""
+        """Return the hysteretic force alpha w [N/kg]."""
         return self.nu_stiffness * memory
 
     def rate(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
@@ -183,16 +183,16 @@ class BoucWenNu(Law):
         return self.nu_softening + signed(signed(self.nu_opening, v), w)
 
     def _lost(self, v: Scalar, w: Scalar) -> Scalar:
-        """Part of the slope that is lost, c |w|^nu."""
+        """Return the lost part of the slope, f = c |w|^nu."""
         return self._factor(v, w) * power(jnp.abs(w) / REFERENCE, self.nu)
 
     def _powers(self, v: Scalar, w: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-        """Part f of the slope that is lost, and the integrals of f and f^2 from 0 to w."""
+        """Return the lost part f of the slope and the integrals of f and f^2 from 0 to w."""
         lost = self._lost(v, w)
         return lost, lost * w / (self.nu + 1.0), lost**2 * w / (2.0 * self.nu + 1.0)
 
     def _stretched(self, w: Scalar, dy: Scalar) -> Scalar:
-        r"""The stretch after a short monotone move, by the mean m and variance of $f = c|w|^\nu$.
+        r"""Return w after a short monotone move, from the mean m and variance of $f = c|w|^\nu$.
 
         $$w_1 = w + \frac{\Delta y}{\langle 1/(1 - f)\rangle}, \qquad
           \Bigl\langle\frac{1}{1 - f}\Bigr\rangle = \frac{1}{1 - m}
@@ -218,26 +218,26 @@ class BoucWenNu(Law):
 
     # -- through a time step -----------------------------------------------------------------------
     def branch(self, v: Scalar, memory: Scalar) -> Scalar:
-        """Sense of motion."""
+        """Return the sense of motion."""
         return signed(1.0, v)
 
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Scalar, branch: Scalar
     ) -> tuple[Scalar, Scalar]:
-        """Alpha (w - y), and h times its rate."""
+        """Return the remainder alpha (w - y) and h times its rate."""
         alpha = self.nu_stiffness
         return alpha * (memory - y), -h * alpha * v * self._lost(v, memory)
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Scalar, branch: Scalar
     ) -> Scalar:
-        """Half of h^2 times its second derivative near a turning point, where v is small."""
+        """Return half of h^2 times the remainder's second derivative near a turn (v is small)."""
         return -0.5 * h**2 * self.nu_stiffness * a * self._lost(v, memory)
 
     def glide(
         self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar
     ) -> tuple[Scalar, Bool[Array, "..."] | bool]:
-        """By one short move; the zero of w is no kink to it."""
+        """Advance by one short step (the zero of w needs no special treatment)."""
         return self._stretched(memory, dy), False
 
     def turn(
@@ -261,7 +261,7 @@ class BoucWenNu(Law):
     def missed(
         self, h: Scalar, start: tuple[Scalar, Scalar], end: tuple[Scalar, Scalar]
     ) -> tuple[Scalar, Scalar]:
-        r"""Of $r' = -\alpha h v f$ along a stretch that is straight in time, near w = 0 alone.
+        r"""Return the impulses of $r' = -\alpha h v f$ near w = 0, for w linear in time.
 
         Far from there it vanishes, and would be rounding.
         """
@@ -285,7 +285,7 @@ class BoucWenNu(Law):
         return batched(stretch_path.tip, self, y_peak)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Closed integrals of the steady loop, by quadrature."""
+        """Return the steady loop's stiffness and damping, by quadrature of closed integrals."""
         return Loop(*batched(stretch_path.loop, self, y_peak))
 
     def force_over_period(
@@ -295,7 +295,7 @@ class BoucWenNu(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Force along the period that ends where it starts, by moves between the angles."""
+        """Return the force along a period that ends where it starts, by moves between angles."""
         y = synthesis(q, theta)
         steps = jnp.diff(jnp.append(y, y[0]))
         fixed = stop_gradient((self, steps))

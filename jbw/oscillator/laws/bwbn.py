@@ -123,11 +123,11 @@ class BWBNPinching(Law):
         }
 
     def stiffness(self) -> Scalar:
-        """Alpha [1/s^2]."""
+        """Return alpha, the stiffness at rest [1/s^2]."""
         return self.bwbn_stiffness
 
     def at_rest(self) -> Worn:
-        """No stretch, and no damage."""
+        """Return the memory at rest: no stretch and no damage."""
         return Worn(0.0, 0.0)
 
     def memory_unit(self, omega_n: Scalar) -> Worn:
@@ -135,15 +135,15 @@ class BWBNPinching(Law):
         return Worn(omega_n, 0.0)
 
     def force(self, y: Scalar, v: Scalar, memory: Worn) -> Scalar:
-        """Alpha z [N/kg]."""
+        """Return the hysteretic force alpha z [N/kg]."""
         return self.bwbn_stiffness * memory[0]
 
     def rate(self, y: Scalar, v: Scalar, memory: Worn) -> Worn:
-        """Rates of z [m/s] and of e [1/s]."""
+        """Return the rates of the stretch z [m/s] and of the energy e [1/s]."""
         return Worn(v * self.slope(v, memory), v * memory[0] / self.bwbn_yield**2)
 
     def degradation(self, energy: Scalar) -> tuple[Scalar, Scalar]:
-        """Degradation of strength nu and of stiffness eta."""
+        """Return the degradation of strength nu and of stiffness eta."""
         return 1.0, 1.0
 
     def slope(self, v: Scalar, memory: Worn) -> Scalar:
@@ -155,7 +155,7 @@ class BWBNPinching(Law):
         return self._pinched(signed(w, v), nu, memory[1]) / eta * (1.0 - lost)
 
     def _pinched(self, ahead: Scalar, nu: Scalar, energy: Scalar) -> Scalar:
-        """Pinching h at a stretch counted in the direction of motion."""
+        """Return the pinching factor h at a stretch measured in the direction of motion."""
         slip = -self.bwbn_zeta_s * jnp.expm1(-self.bwbn_p * energy)
         spread = (self.bwbn_psi + self.bwbn_delta_psi * energy) * (self.bwbn_lambda + slip)
         centre = self.bwbn_q * nu ** (-1.0 / self.bwbn_n)
@@ -163,11 +163,11 @@ class BWBNPinching(Law):
 
     # -- along a path ------------------------------------------------------------------------------
     def move(self, y: Scalar, memory: Worn, dy: Scalar) -> Worn:
-        """After a monotone move of any length, by an adaptive rule to 1e-12 of the stretch."""
+        """Return the memory after a monotone move of any length, adaptively to 1e-12 of z."""
         return batched(_moved, self, Worn(*memory), dy)
 
     def follow(self, y: Scalar, memory: Worn, dy: Scalar) -> Worn:
-        r"""By Runge and Kutta's rule of order 4 in four parts: the error is of the order $h^4$.
+        r"""Advance by Runge and Kutta's rule of order 4 in four parts, with an error of $O(h^4)$.
 
         Where z passes zero the slope has a kink of $|w|^n$, and the error of that step is of the
         order $h^{1+n}$.
@@ -201,20 +201,20 @@ class BWBNPinching(Law):
         return memory
 
     def _largest(self, memory: Worn) -> Scalar:
-        r"""What no stretch goes beyond: $z_y w_u$, or where it begins, and a hundredth more [m]."""
+        r"""Return a bound of the stretch: 1.01 max(|initial stretch|, $z_y w_u$) [m]."""
         nu, _ = self.degradation(memory[1])
         ultimate = self.bwbn_yield * nu ** (-1.0 / self.bwbn_n)
         return 1.01 * jnp.maximum(jnp.abs(memory[0]), ultimate)
 
     # -- through a time step -----------------------------------------------------------------------
     def branch(self, v: Scalar, memory: Worn) -> Scalar:
-        """Sense of motion."""
+        """Return the sense of motion."""
         return signed(1.0, v)
 
     def glide(
         self, y: Scalar, memory: Worn, dy: Scalar, branch: Scalar
     ) -> tuple[Worn, Bool[Array, "..."] | bool]:
-        """By one short move; the zero of z is no kink to it."""
+        """Advance by one short step (the zero of z needs no special treatment)."""
         return self._in_parts(memory, dy, 1), False
 
     def turn(
@@ -241,12 +241,12 @@ class BWBNPinching(Law):
         return BoucWenNu(self.bwbn_stiffness, softening, opening, self.bwbn_n)
 
     def at_tip(self, y_peak: Scalar) -> Worn:
-        """On the steady loop before damage."""
+        """Return the memory at the tip of the undamaged joint's steady loop."""
         stretch = self.undamaged().at_tip(y_peak)
         return Worn(stretch, 0.0 * stretch)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Of the joint before damage."""
+        """Return the equivalent stiffness and damping of the undamaged joint."""
         return self.undamaged().loop(y_peak, omega)
 
     def force_over_period(
@@ -256,16 +256,19 @@ class BWBNPinching(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Of the joint before damage."""
+        """Return the steady force of the undamaged joint at angles of a period."""
         return self.undamaged().force_over_period(q, theta, max_turns, omega)
 
     # -- for other programs ------------------------------------------------------------------------
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """OpenSees' `BWBN`, whose z is our stretch [m] and whose energy is in joules."""
+        """Convert to OpenSees' `BWBN`, whose z is the stretch [m]; its energy is in joules."""
         return of_opensees(self._card(mass))
 
     def _card(self, mass: float) -> Material:
-        r"""`uniaxialMaterial BWBN tag alpha ko n gamma beta Ao q zetas p Shi deltaShi lambda ...`.
+        r"""Build the OpenSees material `BWBN`.
+
+        Its command is `uniaxialMaterial BWBN tag alpha ko n gamma beta Ao q zetas p Shi deltaShi
+        lambda ...`, with
 
         $$k_0 = m\alpha, \quad \beta_O = \beta / z_y^n, \quad \gamma_O = (1 - \beta) / z_y^n, \quad
           p_O = \frac{p}{m\alpha z_y^2}, \quad \psi_O = \psi z_y, \quad
@@ -283,7 +286,7 @@ class BWBNPinching(Law):
         )  # fmt: skip
 
     def _unworn(self, mass: float) -> tuple[Scalar, ...]:
-        """What both materials begin with: ratio, k_0, n, gamma, beta and A_0."""
+        """Return the first arguments of both materials: ratio, k_0, n, gamma, beta, A_0."""
         lost = self.bwbn_yield**-self.bwbn_n
         gamma, beta = (1.0 - self.bwbn_beta) * lost, self.bwbn_beta * lost
         return 0.0, mass * self.bwbn_stiffness, self.bwbn_n, gamma, beta, 1.0
@@ -315,16 +318,16 @@ class BWBN(BWBNPinching):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Strength and stiffness that fall by half within two units of energy at most."""
+        """Return bounds; strength and stiffness fall by at most half within two energy units."""
         worn = (0.0, 0.5)
         return {**super().prior(scales), "bwbn_delta_nu": worn, "bwbn_delta_eta": worn}
 
     def degradation(self, energy: Scalar) -> tuple[Scalar, Scalar]:
-        """Degradation of strength nu and of stiffness eta."""
+        """Return the degradation of strength nu and of stiffness eta."""
         return 1.0 + self.bwbn_delta_nu * energy, 1.0 + self.bwbn_delta_eta * energy
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """In OpenSees only without degradation, or without pinching: no material there has both."""
+        """Convert to OpenSees if degradation or pinching is absent; no material has both."""
         if not self.bwbn_delta_nu and not self.bwbn_delta_eta:
             return super().convert(omega_n, zeta, mass)
         if self.bwbn_zeta_s:

@@ -45,7 +45,7 @@ class QuadraticDamping(Damper):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        r"""By the ratio added at the largest displacement, $4 c Y / (3\pi)$."""
+        r"""Bound c by the damping ratio added at the largest displacement, $4 c Y / (3\pi)$."""
         return {"quadratic_damping": (0.0, MOST_ADDED * 0.75 * np.pi / scales.y_peak)}
 
     def __call__(self, v: Scalar) -> Scalar:
@@ -55,7 +55,7 @@ class QuadraticDamping(Damper):
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: tuple[()], branch: tuple[()]
     ) -> Scalar:
-        """Half of h^2 g'' a^2; the rest, g' da/dt, vanishes at a turning point."""
+        """Return half of h^2 g'' a^2; the remaining term g' da/dt vanishes at a turning point."""
         return h**2 * self.c * jnp.sign(v) * a**2
 
     @property
@@ -75,7 +75,7 @@ class QuadraticDamping(Damper):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """By quadrature between two turning points; on a uniform grid where there are more."""
+        """Integrate between two turning points, or on a uniform grid if there are more."""
         if max_turns > 2:
             theta = crest(stop_gradient(q)) + np.pi * (np.arange(_POINTS) + 0.5) / _POINTS
             weights = jnp.full(_POINTS, np.pi / _POINTS)
@@ -87,12 +87,12 @@ class QuadraticDamping(Damper):
         return 2.0 / jnp.pi * ((weights * force) @ exponentials(theta, q.shape[0]).conj())
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Closed form, $\mathrm{Im}\,\kappa = 8 c Y \omega^2 / (3\pi)$."""
+        r"""Return the closed-form loop, $\mathrm{Im}\,\kappa = 8 c Y \omega^2 / (3\pi)$."""
         damping = 8.0 / (3.0 * jnp.pi) * self.c * jnp.asarray(y_peak) * omega**2
         return Loop(jnp.zeros_like(damping), damping)  # pyright: ignore[reportArgumentType]
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """In OpenSees a dashpot of the second power of the velocity."""
+        """Convert to an OpenSees dashpot with velocity to the power 2."""
         return of_opensees(Material("Viscous", (mass * self.c, 2.0)))
 
 
@@ -113,7 +113,7 @@ class CubicDamping(Damper):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        r"""By the ratio added at the largest displacement, $3 c Y^2 \omega_n / 8$."""
+        r"""Bound c by the damping ratio added at the largest motion, $3 c Y^2 \omega_n / 8$."""
         return {"cubic_damping": (0.0, MOST_ADDED * 8 / 3 / (scales.y_peak**2 * scales.omega_n))}
 
     def __call__(self, v: Scalar) -> Scalar:
@@ -123,14 +123,14 @@ class CubicDamping(Damper):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Those of the cube of the velocity, exact."""
+        """Return the exact odd harmonics of the cube of the velocity."""
         return odd_harmonics(self, jnp.asarray(1j * orders(q.shape[0])) * omega * q)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Closed form, $\mathrm{Im}\,\kappa = 3 c Y^2 \omega^3 / 4$."""
+        r"""Return the closed-form loop, $\mathrm{Im}\,\kappa = 3 c Y^2 \omega^3 / 4$."""
         damping = 0.75 * self.c * jnp.asarray(y_peak) ** 2 * omega**3
         return Loop(jnp.zeros_like(damping), damping)  # pyright: ignore[reportArgumentType]
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """In OpenSees a dashpot of the third power of the velocity."""
+        """Convert to an OpenSees dashpot with velocity to the power 3."""
         return of_opensees(Material("Viscous", (mass * self.c, 3.0)))

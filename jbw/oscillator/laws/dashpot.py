@@ -34,10 +34,10 @@ class Dashpot(Damper):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        r"""$\mathrm{i}n\omega c\,q_n$."""
+        r"""Return the harmonics of the viscous force, $\mathrm{i}n\omega c\,q_n$."""
         return self.c * jnp.asarray(1j * orders(q.shape[0])) * omega * q  # pyright: ignore[reportReturnType]
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""$\mathrm{Im}\,\kappa = c\,\omega$."""
+        r"""Return the equivalent damping, $\mathrm{Im}\,\kappa = c\,\omega$."""
         damping = self.c * omega + 0.0 * jnp.asarray(y_peak)
         return Loop(jnp.zeros_like(damping), damping)  # pyright: ignore[reportArgumentType]

@@ -36,7 +36,7 @@ class Moved(NamedTuple):
 
 
 def moved(law: Backlash, memory: Memory, dy: Scalar) -> Moved:
-    """After a monotone move of any length."""
+    """Advance the element with a gap by a monotone move of any length."""
     z, s = memory
     side = signed(1.0, dy)
     loaded = side * z < 0.0  # against the direction of the move
@@ -58,7 +58,7 @@ def moved(law: Backlash, memory: Memory, dy: Scalar) -> Moved:
 
 
 def unloading(law: Backlash, size: Scalar) -> Scalar:
-    """Travel over which a force of that size unloads to zero, D_0 [m]."""
+    """Return the travel D_0 over which a force of size `size` unloads to zero [m]."""
     w = size / law.gap_stiffness
     x = (law.gap_opening - law.gap_softening) * w
     near = jnp.abs(x) < _SERIES

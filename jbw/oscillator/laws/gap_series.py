@@ -86,7 +86,7 @@ class GapSeries(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Of the element as for Bouc-Wen's law, but as stiff as no part of omega_n^2 could be."""
+        """Return Bouc-Wen's bounds for the element, with a stiffness that may exceed omega_n^2."""
         element_bounds, square = BoucWenLaw.prior(scales), scales.omega_n**2
         return {
             "gap_stiffness": (1e-3 * square, STIFFEST[scales.forced] * square),
@@ -97,11 +97,11 @@ class GapSeries(Law):
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """A warning of a prior whose gap no motion may cross: the element then has no effect."""
+        """Warn if the prior has gaps beyond all motion, so that the element has no effect."""
         return beyond_all_motion("gap", bounds["gap"], y_peak)
 
     def thresholds(self) -> tuple[Threshold, ...]:
-        """The contacts."""
+        """Return the displacement at which the gap closes."""
         return (Threshold("contact", self.gap, messages.BEHIND_GAP),)
 
     @property
@@ -110,19 +110,19 @@ class GapSeries(Law):
         return BoucWenLaw(self.gap_stiffness, self.gap_softening, self.gap_opening)
 
     def at_rest(self) -> Memory:
-        """In the middle of the gap."""
+        """Return the memory at rest, in the middle of the gap."""
         return 0.0, 0.0
 
     def force(self, y: Scalar, v: Scalar, memory: Memory) -> Scalar:
-        """Z [N/kg]."""
+        """Return the hysteretic force Z [N/kg]."""
         return memory[0]
 
     def stiffness(self) -> Scalar:
-        """None: at rest the gap is open."""
+        """Return zero stiffness: at rest the gap is open."""
         return 0.0 * self.gap_stiffness
 
     def memory_unit(self, omega_n: Scalar) -> Memory:
-        """Of a force and of a displacement."""
+        """Return the factors to velocities for a force and for a displacement."""
         return 1.0 / omega_n, omega_n
 
     def branch(self, v: Scalar, memory: Memory) -> Contact:
@@ -133,26 +133,26 @@ class GapSeries(Law):
         return (jnp.asarray(z) != 0.0) | outward, c
 
     def rate(self, y: Scalar, v: Scalar, memory: Memory) -> Memory:
-        """Rates of Z and s."""
+        """Return the rates of the force Z and of the position s in the gap."""
         contact, c = self.branch(v, memory)
         slope = self.gap_stiffness - c * memory[0]
         return jnp.where(contact, slope * v, 0.0), jnp.where(contact, 0.0, v)
 
     def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """After a monotone move of any length, exact."""
+        """Return the exact memory after a monotone move of any length."""
         return moved(self, memory, dy).memory
 
     # -- through a time step -----------------------------------------------------------------------
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Memory, branch: Contact
     ) -> tuple[Scalar, Scalar]:
-        """Z, as nothing of it is in omega_n, and h times its rate."""
+        """Return Z, the whole force (omega_n contains no part of it), and h times its rate."""
         return memory[0], h * v * self._slope(memory[0], branch)
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Memory, branch: Contact
     ) -> Scalar:
-        """Half of h^2 times its second derivative."""
+        """Return half of h^2 times the remainder's second derivative."""
         slope = self._slope(memory[0], branch)
         return 0.5 * h**2 * slope * (a - branch[1] * v**2)
 
@@ -163,7 +163,7 @@ class GapSeries(Law):
     def glide(
         self, y: Scalar, memory: Memory, dy: Scalar, branch: Contact
     ) -> tuple[Memory, Bool[Array, "..."]]:
-        """After a step without a turn, and whether it released the element or made contact."""
+        """Return the memory after a step without a turn; True if it released or made contact."""
         gap_move = moved(self, memory, dy)
         return gap_move.memory, gap_move.released | gap_move.met
 
@@ -210,7 +210,7 @@ class GapSeries(Law):
         return second.memory, impulse_v, impulse_y
 
     def shift(self, y: Scalar, memory: Memory, dy: Scalar, branch: Contact) -> Memory:
-        """Z along its tangent and no further than zero, or s as far as the contact."""
+        """Move Z along its tangent down to zero at most, or s up to contact at most."""
         z, s = memory
         contact, _ = branch
         moved = z + self._slope(z, branch) * dy
@@ -221,12 +221,12 @@ class GapSeries(Law):
 
     # -- along a periodic motion -------------------------------------------------------------------
     def at_tip(self, y_peak: Scalar) -> Memory:
-        """At the contact, with the tip of the element's own loop of amplitude Y - b."""
+        """Return the memory in contact, at the tip of the element's loop of amplitude Y - b."""
         beyond = jnp.maximum(jnp.asarray(y_peak, float) - self.gap, 0.0)
         return self.element.at_tip(beyond), jnp.minimum(jnp.asarray(y_peak, float), self.gap)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Of y = Y cos(theta): by quadrature, and $\mathrm{Im}\,\kappa = E(Y - b)/(\pi Y^2)$."""
+        r"""Integrate the loop of y = Y cos(theta); $\mathrm{Im}\,\kappa = E(Y - b)/(\pi Y^2)$."""
         y_peak = jnp.asarray(y_peak, float)
         peak = jnp.where(y_peak > self.gap, y_peak, 1.0)
         acts = y_peak > self.gap
@@ -254,7 +254,7 @@ class GapSeries(Law):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """By quadrature over half a period from the crest, between release and contact."""
+        """Integrate over half a period from the crest, between release and contact."""
         if max_turns > 2:
             return generic.harmonics_by_moves(self, q, max_turns, omega)
         fixed = stop_gradient(q)

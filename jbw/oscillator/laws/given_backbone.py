@@ -69,7 +69,7 @@ class GivenBackbone(Masing):
         return self.at_zero * self.scale_force / self.scale_displacement
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
-        """Lag of the piece that x lies in, without cancellation at small x; and its slope."""
+        """Return the lag at x without cancellation at small x, and its slope."""
         c, t, _ = self._piece(x)
         lag = c[0] + t * (c[1] + t * (c[2] + t * c[3]))
         slope = c[1] + t * (2.0 * c[2] + 3.0 * t * c[3])
@@ -82,7 +82,7 @@ class GivenBackbone(Masing):
         return self.scale_force * self.scale_displacement * scaled_integral
 
     def _piece(self, x: Scalar) -> tuple[Float[Array, "4 ..."], Scalar, Scalar]:
-        """Coefficients of the piece that x lies in, the way from its knot, the integral before."""
+        """Return the piece's coefficients at x, the distance from its knot, the prior integral."""
         way = jnp.asarray(x, float) / self.scale_displacement
         knots = jnp.asarray(self.knots)
         index = jnp.sum(stop_gradient(way)[..., None] >= knots[1:], -1)

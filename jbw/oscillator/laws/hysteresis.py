@@ -98,7 +98,7 @@ def hysteresis_rate(
 def hysteresis_map(
     joint: Hysteresis, z: Real[ArrayLike, "..."], dy: Real[ArrayLike, "..."]
 ) -> Float[Array, "..."]:
-    r"""Hysteretic force after a monotone move dy, exact for nu = 1.
+    r"""Return the hysteretic force after a monotone move dy, exact for nu = 1.
 
     $$\frac{dZ}{dy} = \alpha - \gamma\,\mathrm{sgn}(dy)\,Z - \delta\,|Z|$$
 
@@ -154,7 +154,7 @@ def _move(joint: Hysteresis, z: ArrayLike, dy: ArrayLike) -> Array:
 
 
 def steady_loop(joint: Hysteresis, y_peak: Real[ArrayLike, "..."]) -> SteadyLoop:
-    r"""Steady symmetric loop of z for a displacement between -Y and Y, nu = 1.
+    r"""Return the steady symmetric loop of z for a displacement between -Y and Y, nu = 1.
 
     With g = |gamma|, b = delta + g and the half-width of one sign x = Y + |y_open|,
 

@@ -44,21 +44,21 @@ class MasingPower(Masing):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Stiffness lost at the largest displacement, for an exponent as joints have it."""
+        """Bound the stiffness loss at the largest motion, for an exponent typical of joints."""
         square, reach = scales.omega_n**2, scales.y_peak / REFERENCE
         low, high = (float(part * square * reach**-_USUAL_EXPONENT) for part in LOSS)
         return {"power_loss": (low, high), "power_exponent": EXPONENT}
 
     def stiffness(self) -> Scalar:
-        """None."""
+        """Return zero stiffness."""
         return 0.0 * self.power_loss
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Of the loss at 1 mm."""
+        """Return the power of length of the loss, which is stated at 1 mm."""
         return {"power_loss": -self.power_exponent}
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
-        """Lag by the power, and its slope."""
+        """Return the power-law lag and its slope."""
         secant = self.power_loss * power(x * PER_REFERENCE, self.power_exponent)
         return secant * x, (1.0 + self.power_exponent) * secant
 
@@ -67,7 +67,7 @@ class MasingPower(Masing):
         return self.lag(x)[0] * x / (2.0 + self.power_exponent)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Closed form at every amplitude."""
+        """Return the closed-form loop, valid at every amplitude."""
         softening, damping = power_loop(self.power_exponent)
         lost: Any = self.power_loss * power(jnp.asarray(y_peak) / REFERENCE, self.power_exponent)
         return Loop(-softening * lost, damping * lost)
@@ -175,32 +175,32 @@ class Iwan4(Masing):
         return self.iwan_stiffness / ((1.0 + self.iwan_beta) * (2.0 + self.iwan_chi))
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """Segalman's parameters of a joint with this modal mass, and where macroslip begins."""
+        """Return Segalman's parameters for this modal mass, and where macroslip begins."""
         parameters = {"K_T": mass * self.iwan_stiffness, "F_S": mass * self.f_s}
         parameters |= {"chi": self.iwan_chi, "beta": self.iwan_beta, "phi_max": self.phi_max}
         values = {name: float(x) for name, x in parameters.items()}
         return {"Segalman's Iwan": Conversion(values, SEGALMAN_UNITS)}
 
     def stiffness(self) -> Scalar:
-        """K_T: all sliders stick [1/s^2]."""
+        """Return K_T, the stiffness with all sliders stuck [1/s^2]."""
         return self.iwan_stiffness
 
     def kink(self) -> Kink:
-        """Macroslip: the last sliders slip, at once."""
+        """Return the kink at macroslip, where the last sliders slip together."""
         phi_max = self.phi_max
         spread = self.iwan_stiffness / (1.0 + self.iwan_beta)
         return Kink(phi_max, -self.s, spread * (1.0 + self.iwan_chi) / phi_max)
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Of the loss at 1 mm."""
+        """Return the power of length of the loss, which is stated at 1 mm."""
         return {"iwan_loss": -1.0 - self.iwan_chi}
 
     def thresholds(self) -> tuple[Threshold, ...]:
-        """Macroslip; below it only the loss and chi act."""
+        """Return the displacement of macroslip; below it only the loss and chi have an effect."""
         return (Threshold("macroslip", self.phi_max, "K_T, F_S and beta"),)
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
-        """Lag by the power below macroslip, K_T x - F_S beyond; and its slope."""
+        """Return the lag (a power below macroslip, K_T x - F_S beyond) and its slope."""
         sticks = x < self.phi_max
         below = jnp.minimum(x, self.phi_max)
         secant = self.iwan_loss * power(below * PER_REFERENCE, 1.0 + self.iwan_chi)
@@ -216,7 +216,7 @@ class Iwan4(Masing):
         return secant * below**2 / (3.0 + self.iwan_chi) + (x - below) * slips
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Closed form below macroslip, quadrature beyond."""
+        """Return the loop: in closed form below macroslip, by quadrature beyond."""
         y_peak, q = jnp.asarray(y_peak, float), 1.0 + self.iwan_chi
         below, part = y_peak <= self.phi_max, y_peak / self.phi_max
         softening, damping = power_loop(q)
@@ -272,11 +272,11 @@ class MasingExponential(Masing):
         }
 
     def stiffness(self) -> Scalar:
-        """Alpha [1/s^2]."""
+        """Return alpha, the stiffness at rest [1/s^2]."""
         return self.exponential_alpha
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
-        """Lag without cancellation, alpha x s E_2(s) with s = b x; and its slope alpha s E_1(s)."""
+        """Return alpha x s E_2(s), s = b x (no cancellation), and its slope alpha s E_1(s)."""
         s = jnp.asarray(self.exponential_b * x, float)
         alpha = self.exponential_alpha
         return alpha * x * s * exponential_remainder(2, s), alpha * s * exponential_remainder(1, s)

@@ -80,18 +80,18 @@ class Iwan5(Law):
         return Iwan4(self.iwan_stiffness, self.iwan_loss, self.iwan_chi, self.iwan_beta)
 
     def array(self) -> tuple[Float[Array, " slider"], Float[Array, " slider"]]:
-        """Stiffness [1/s^2] and limit [m] of every slider; the last are those that slip last."""
+        """Return each slider's stiffness [1/s^2] and limit [m]; the last slider slips last."""
         edge = self.sticking.phi_max * jnp.linspace(0.0, 1.0, self.count) ** GRADING
         stiffness, moment = jnp.diff(self._zeroth(edge)), jnp.diff(self._first(edge))
         limit = jnp.append(moment / stiffness, self.sticking.phi_max)
         return jnp.append(stiffness, self._lump), limit
 
     def stiffness(self) -> Scalar:
-        """K_T [1/s^2]."""
+        """Return K_T, the stiffness with all sliders stuck [1/s^2]."""
         return self.iwan_stiffness
 
     def at_rest(self) -> SliderStretches:
-        """No slider stretched."""
+        """Return the memory at rest: no slider is stretched."""
         return SliderStretches(jnp.zeros(self.count), jnp.zeros(self.count))
 
     def force(self, y: Scalar, v: Scalar, memory: SliderStretches) -> Scalar:
@@ -99,7 +99,7 @@ class Iwan5(Law):
         return memory.stretch @ self.array()[0]
 
     def move(self, y: Scalar, memory: SliderStretches, dy: Scalar) -> SliderStretches:
-        """Sliders after a monotone move, exact for each."""
+        """Return the sliders after a monotone move, exact for each slider."""
         limit = self.array()[1]
         way = jnp.sign(jnp.asarray(dy, float))
         stuck_stretch = memory.stretch + dy
@@ -116,7 +116,7 @@ class Iwan5(Law):
         return theta * self._first(q) + x * (self._spread - self._zeroth(q)) + last
 
     def unloading(self, y_peak: Scalar, by: Scalar) -> Scalar:
-        r"""Force of the steady loop, after a way D back from its tip Y [N/kg], in closed form.
+        r"""Return the steady loop's force at a distance D back from its tip Y [N/kg], closed form.
 
         $$F = -\vartheta M_1(p) + \vartheta (M_1(q) - M_1(p)) - D (M_0(q) - M_0(p))
           + (Y - D)(M_0(\infty) - M_0(q)), \qquad M_n(x) = \int_0^x \varphi^n \rho\,d\varphi$$
@@ -172,7 +172,7 @@ class Iwan5(Law):
         )
 
     def rate(self, y: Scalar, v: Scalar, memory: SliderStretches) -> SliderStretches:
-        """Rate of the sliders that stick [m/s]; their drops, one by one, are left to `move`."""
+        """Return the rate of stuck sliders [m/s]; `move` handles the drop of each slider."""
         stays = memory.slides * v > 0.0
         return SliderStretches(jnp.where(stays, 0.0, v), jnp.zeros_like(memory.slides))
 
@@ -191,19 +191,19 @@ class Iwan5(Law):
     def shift(
         self, y: Scalar, memory: SliderStretches, dy: Scalar, branch: Branch
     ) -> SliderStretches:
-        """None that slides sticks or climbs anew by the corrector's small way back."""
+        """Shift the stuck sliders only: the corrector's small move does not change their state."""
         stretch = memory.stretch + jnp.where(memory.slides == 0.0, dy, 0.0)
         return SliderStretches(stretch, memory.slides)
 
     def memory_unit(self, omega_n: Scalar) -> NoReturn:
-        """Not available: the periodic state of all sliders' stretches is not solved for."""
+        """Raise an error: the periodic state of all sliders' stretches is not solved for."""
         raise ModelError(
             "The periodic motion of the law `iwan5` is not solved for: each slider has its own.",
             remedy="Take its `backbone`, or simulate until the motion repeats.",
         )
 
     def scaled(self, length: Scalar, stiffness: Scalar) -> NoReturn:
-        """None, as no harmonics are balanced."""
+        """Raise an error: harmonic balance does not support this law."""
         self.memory_unit(length)
 
     # -- of the density ----------------------------------------------------------------------------
@@ -218,21 +218,21 @@ class Iwan5(Law):
         return self.sticking.s
 
     def _zeroth(self, x: Scalar) -> Scalar:
-        """M_0 up to x <= phi_max [1/s^2]."""
+        """Return the moment M_0 up to x <= phi_max [1/s^2]."""
         return self._spread * power(x / self.sticking.phi_max, self.iwan_chi + 1.0)
 
     def _first(self, x: Scalar) -> Scalar:
-        """M_1 up to x <= phi_max [N/kg]."""
+        """Return the moment M_1 up to x <= phi_max [N/kg]."""
         return (self.iwan_chi + 1.0) / (self.iwan_chi + 2.0) * x * self._zeroth(x)
 
 
 def _drop(theta: Scalar, ratio: Scalar) -> Scalar:
-    """Angle of the loop at which sliders of the limit `ratio` times the peak let go [rad]."""
+    """Return the loop angle at which sliders of limit `ratio` times the peak let go [rad]."""
     return 2.0 * jnp.arcsin(jnp.sqrt(0.5 * (1.0 + theta) * ratio * _WITHIN))
 
 
 def _slider_stiffness(theta: Scalar, c: Scalar) -> Scalar:
-    """Equivalent stiffness of a slider of unit stiffness that lets go at the angle c [-]."""
+    """Return the equivalent stiffness of a unit-stiffness slider that lets go at angle c [-]."""
     ratio = 2.0 * jnp.sin(0.5 * c) ** 2 / (1.0 + theta)
     sine = jnp.sin(c)
     return 2.0 / jnp.pi * ((2.0 * theta * ratio - 1.0) * sine + 0.5 * (c + sine * jnp.cos(c)))

@@ -96,7 +96,7 @@ class Jenkins(Law):
 
     @classmethod
     def build(cls, theta: Mapping[str, Any]) -> Self:
-        """The array of stiffness_1, slip_1, stiffness_2, slip_ratio_2 (or slip_2 itself), ..."""
+        """Build the array from stiffness_1, slip_1, stiffness_2, slip_ratio_2 (or slip_2), ..."""
         phi = [theta["slip_1"]]
         for i in range(2, len(cls.table) // 2 + 1):
             slip = f"slip_{i}"
@@ -113,7 +113,7 @@ class Jenkins(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """An equal part of the stiffness for each slider; the first slip, and ratios from there."""
+        """Bound each slider to an equal stiffness share; bound the first slip and slip ratios."""
         count = len(cls.table) // 2
         share = FORCED_SHARE if scales.forced else SHARE
         low, high = (float(part * scales.omega_n**2 / count) for part in share)
@@ -137,7 +137,7 @@ class Jenkins(Law):
         return sum(self.alpha)
 
     def at_rest(self) -> tuple[Scalar, ...]:
-        """No spring stretched."""
+        """Return the memory at rest: no spring is stretched."""
         return tuple(0.0 for _ in self.alpha)
 
     def force(self, y: Scalar, v: Scalar, memory: tuple[Scalar, ...]) -> Scalar:
@@ -150,11 +150,11 @@ class Jenkins(Law):
         return tuple(jnp.where(slip, 0.0, v) for slip in slips)
 
     def move(self, y: Scalar, memory: tuple[Scalar, ...], dy: Scalar) -> tuple[Scalar, ...]:
-        """Stretches after a monotone move, exact."""
+        """Return the exact stretches after a monotone move."""
         return tuple(jnp.clip(x + dy, -phi, phi) for x, phi in zip(memory, self.phi, strict=True))
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """In OpenSees a spring that yields for each slider."""
+        """Convert each slider to an elastic-perfectly-plastic spring in OpenSees."""
         pairs = zip(self.alpha, self.phi, strict=True)
         return of_opensees(*(Material("ElasticPP", (mass * k, slip)) for k, slip in pairs))
 
@@ -164,21 +164,21 @@ class Jenkins(Law):
 
     # -- through a time step -----------------------------------------------------------------------
     def branch(self, v: Scalar, memory: tuple[Scalar, ...]) -> tuple[Bool[Array, "..."], ...]:
-        """Which sliders slip; a stretch is exactly phi there, for it was clipped to it."""
+        """Return True for slipping sliders, whose stretch is exactly phi since moves clip it."""
         pairs = zip(memory, self.phi, strict=True)
         return tuple(signed(x, v) >= phi for x, phi in pairs)
 
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: tuple[Scalar, ...], branch: tuple
     ) -> tuple[Scalar, Scalar]:
-        """Force lost to slip, sum alpha (x - y); its rate is that of the slipping sliders."""
+        """Return the force lost to slip, sum alpha (x - y), and h times its rate."""
         pairs = zip(self.alpha, memory, strict=True)
         return sum(alpha * (x - y) for alpha, x in pairs), -h * v * self._slipping(branch)
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: tuple, branch: tuple
     ) -> Scalar:
-        """Half of h^2 times its second derivative."""
+        """Return half of h^2 times the remainder's second derivative."""
         return -0.5 * h**2 * a * self._slipping(branch)
 
     def glide(
@@ -220,7 +220,7 @@ class Jenkins(Law):
     def shift(
         self, y: Scalar, memory: tuple[Scalar, ...], dy: Scalar, branch: tuple
     ) -> tuple[Scalar, ...]:
-        """Only what sticks moves."""
+        """Shift the stretches of stuck sliders only."""
         triples = zip(memory, self.phi, branch, strict=True)
         return tuple(jnp.where(slip, x, jnp.clip(x + dy, -phi, phi)) for x, phi, slip in triples)
 
@@ -231,11 +231,11 @@ class Jenkins(Law):
 
     # -- along a periodic motion -------------------------------------------------------------------
     def at_tip(self, y_peak: Scalar) -> tuple[Scalar, ...]:
-        """Stretches at y = Y of the steady loop."""
+        """Return the stretches at y = Y of the steady loop."""
         return tuple(jnp.minimum(y_peak, phi) for phi in self.phi)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Closed form, with c = arccos(1 - 2 phi/Y) where Y > phi, and alpha elsewhere.
+        r"""Return the closed-form loop; c = arccos(1 - 2 phi/Y) for Y > phi, alpha elsewhere.
 
         $$\kappa = \frac{\alpha}{\pi}\left(c - \tfrac12 \sin 2c\right)
           + 4j\,\frac{\alpha\varphi (Y - \varphi)}{\pi Y^2}$$
@@ -255,7 +255,7 @@ class Jenkins(Law):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """By quadrature between the turning points and the angle where each slider slips again."""
+        """Integrate between the turning points and the angle where each slider slips again."""
         if max_turns > 2:
             return super().harmonics(q, max_turns, omega)
         start = crest(q)
@@ -277,7 +277,7 @@ class Jenkins(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Exact for two turning points a period."""
+        """Return the force at angles of a period; exact for two turning points a period."""
         if max_turns > 2:
             return super().force_over_period(q, theta, max_turns, omega)
         peak = synthesis(q, crest(q))

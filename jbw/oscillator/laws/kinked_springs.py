@@ -56,7 +56,7 @@ class KinkedSpring(Spring):
         raise NotImplementedError
 
     def even_part(self) -> None:
-        """None."""
+        """Return None, as the spring has no even part."""
 
     # -- through a time step -----------------------------------------------------------------------
     @property
@@ -74,7 +74,7 @@ class KinkedSpring(Spring):
     def turn(
         self, h: Scalar, y: Scalar, memory: tuple[()], ends: Ends, quartic: Scalar
     ) -> tuple[tuple[()], Scalar, Scalar]:
-        r"""Impulses of the corners that are passed before the turning point, and again after it.
+        r"""Return the impulses of the corners passed before the turning point, and after it.
 
         With the jumps f', f'' of a corner, those of the force's derivatives in time are
 
@@ -107,7 +107,7 @@ class KinkedSpring(Spring):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """By quadrature over half a period from the crest, between the corners."""
+        """Integrate over half a period from the crest, between the corners."""
         if max_turns > 2:
             return generic.harmonics_by_moves(self, q, max_turns, omega)
         fixed = stop_gradient(q)
@@ -138,7 +138,7 @@ class Quadratic(KinkedSpring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """At the largest displacement up to three tenths of the linear stiffness, either sign."""
+        """Bound the spring, of either sign, to 0.3 of the linear stiffness at largest motion."""
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak
         return {"quadratic": (-most, most)}
 
@@ -147,11 +147,11 @@ class Quadratic(KinkedSpring):
         return self.c * y * jnp.abs(y)
 
     def corners(self) -> tuple[Corner, ...]:
-        """At rest, where f'' = 2 c sgn(y)."""
+        """Return the corner at rest, where f'' = 2 c sgn(y) jumps."""
         return (Corner(0.0 * self.c, 0.0 * self.c, 4.0 * self.c),)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Closed form, $\kappa = 8 c Y / (3\pi)$."""
+        r"""Return the closed-form loop, $\kappa = 8 c Y / (3\pi)$."""
         stiffness = 8.0 / (3.0 * jnp.pi) * self.c * jnp.asarray(y_peak, float)
         return Loop(stiffness, jnp.zeros_like(stiffness))  # pyright: ignore[reportArgumentType]
 
@@ -185,11 +185,11 @@ class Stop(KinkedSpring):
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """A warning of a prior whose stop no motion may reach: the stop then has no effect."""
+        """Warn if the prior has stops beyond all motion: the stop then has no effect."""
         return beyond_all_motion("stop_gap", bounds["stop_gap"], y_peak)
 
     def thresholds(self) -> tuple[Threshold, ...]:
-        """The stop."""
+        """Return the displacement at which the stop begins to act."""
         return (Threshold("the stop", self.gap, "its stiffness"),)
 
     def __call__(self, y: Scalar) -> Scalar:
@@ -197,12 +197,12 @@ class Stop(KinkedSpring):
         return self.k * (y - jnp.clip(y, -self.gap, self.gap))
 
     def corners(self) -> tuple[Corner, ...]:
-        """Where it begins to act on either side."""
+        """Return the corners on both sides where the stop begins to act."""
         none = 0.0 * self.k
         return Corner(self.gap, self.k, none), Corner(-self.gap, -self.k, none)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Closed form beyond the gap, with $c = \arccos(\delta/Y)$.
+        r"""Return the closed-form loop beyond the gap, with $c = \arccos(\delta/Y)$.
 
         $$\kappa = \frac{K}{\pi}\,(2c - \sin 2c)$$
         """
@@ -213,7 +213,7 @@ class Stop(KinkedSpring):
         return Loop(stiffness, jnp.zeros_like(stiffness))
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """In OpenSees straight lines through four points, whose ends it continues."""
+        """Convert to OpenSees' piecewise line through four points, continued at both ends."""
         gap, force = float(self.gap), mass * self.k * float(self.gap)
         points = ("-strain", -2 * gap, -gap, gap, 2 * gap, "-stress", -force, 0.0, 0.0, force)
         return of_opensees(Material("ElasticMultiLinear", points))

@@ -93,7 +93,7 @@ def _kinked(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Kinked:
 
 
 def _motion(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Motion:
-    """Where the path turns, and z along it."""
+    """Locate the turning point of the path and compute z along it."""
     start, end, rise = ends
     turns = jnp.asarray(start * end < 0.0)
     path = barrier(hermite(*ends))
@@ -108,7 +108,7 @@ def _motion(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Motion:
 def _turn_slopes(
     motion: _Motion, ends: Ends, quartic: Scalar
 ) -> tuple[PathSlopes, PathSlopes, PathSlopes, Scalar]:
-    """Derivatives by the path of where it turns, of how sharply, and of the move until then.
+    """Differentiate the turning point, its sharpness and the move before it by the path.
 
     The cubic being flat there, its move depends on the path alone and not on where it turns.
     """
@@ -146,7 +146,7 @@ def _turn_impulse(
     sharpness_slopes: PathSlopes,
     fraction_slopes: PathSlopes,
 ) -> tuple[KinkImpulse, tuple[Slopes, Slopes]]:
-    """Impulse of the turning point, and its derivatives."""
+    """Return the impulse of the turning point and its derivatives."""
     gamma, z = law[2], motion.moves.turn
     twice = jnp.where(motion.turns, -2.0, 0.0)
     sharpness, twist = motion.sharpness, signed(6.0 * motion.path.c_3, ends[1])
@@ -177,7 +177,7 @@ def _turn_impulse(
 def _zero_impulse(
     law: Law, z: Scalar, motion: _Motion, end_slopes: Slopes
 ) -> tuple[KinkImpulse, tuple[Slopes, Slopes]]:
-    """Impulse of the zero of z, and its derivatives."""
+    """Return the impulse of the zero of z and its derivatives."""
     alpha, delta, gamma = law
     path, z_1 = motion.path, motion.moves.end
     crosses = z * z_1 < 0.0

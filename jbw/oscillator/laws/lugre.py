@@ -56,11 +56,11 @@ class LuGre(Law):
     lugre_viscous: Scalar = 0.0
 
     def stiffness(self) -> Scalar:
-        """sigma_0 [1/s^2]."""
+        """Return the bristle stiffness sigma_0 [1/s^2]."""
         return self.lugre_stiffness
 
     def at_rest(self) -> Scalar:
-        """No deflection."""
+        """Return the memory at rest: no bristle deflection."""
         return 0.0
 
     def rate(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
@@ -70,17 +70,17 @@ class LuGre(Law):
         return v - self.lugre_stiffness * jnp.abs(v) / limit * memory
 
     def force(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
-        """F [N/kg]."""
+        """Return the friction force F [N/kg]."""
         bristles = self.lugre_bristle_damping * self.rate(y, v, memory)
         return self.lugre_stiffness * memory + bristles + self.lugre_viscous * v
 
     def move(self, y: Scalar, memory: Scalar, dy: Scalar) -> NoReturn:
-        """None without the motion's time, and so no loop either."""
+        """Raise an error: the force needs the motion in time, so there is no loop."""
         raise ModelError(
             "The law `lugre` depends on the rate of motion and has no loop or backbone.",
             remedy="Simulate it, or take `Valanis.dahl` where the rate does not matter.",
         )
 
     def check_periodic(self) -> None:
-        """Its periodic motion is not solved for."""
+        """Raise an error: the periodic motion of this law is not solved for."""
         self.move(0.0, 0.0, 0.0)

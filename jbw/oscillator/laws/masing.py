@@ -79,7 +79,7 @@ class Masing(Law):
     depth: int = eqx.field(default=SIZE, static=True, kw_only=True)
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
-        """Lag of the virgin curve at x >= 0, K x - F_b [N/kg], and its slope [1/s^2]."""
+        """Return the virgin curve's lag K x - F_b [N/kg] at x >= 0, and its slope [1/s^2]."""
         raise NotImplementedError
 
     def lag_integral(self, x: Scalar) -> Scalar:
@@ -87,7 +87,7 @@ class Masing(Law):
         raise NotImplementedError
 
     def kink(self) -> Kink | None:
-        """Kink of the virgin curve, or None."""
+        """Return the kink of the virgin curve, or None."""
         return None
 
     def backbone(self, x: Scalar) -> Scalar:
@@ -96,7 +96,7 @@ class Masing(Law):
 
     # -- motion ------------------------------------------------------------------------------------
     def at_rest(self) -> Branch:
-        """Nothing remembered; the virgin curve begins where the motion does."""
+        """Return the memory at rest: no reversals; the virgin curve starts with the motion."""
         return nothing_remembered(self.depth)
 
     def force(self, y: Scalar, v: Scalar, memory: Branch) -> Scalar:
@@ -104,7 +104,7 @@ class Masing(Law):
         return memory.force
 
     def rate(self, y: Scalar, v: Scalar, memory: Branch) -> Branch:
-        """Rate of the force along the present branch, or along the one that begins here."""
+        """Return the rate of the force along the present branch, or along a branch that begins."""
         goes_on = memory.sense * v > 0.0
         slope = self.stiffness() + jnp.where(goes_on, memory.slope, 0.0)
         still = jax.tree.map(lambda x: 0.0 * x * v, memory)
@@ -124,7 +124,7 @@ class Masing(Law):
         )
 
     def at_tip(self, y_peak: Scalar) -> Branch:
-        """On the virgin curve, where the steady loop's tips lie."""
+        """Return the memory on the virgin curve, which contains the steady loops' tips."""
         y_peak = jnp.asarray(y_peak, float)
         return self.move(0.0 * y_peak, self.at_rest(), y_peak)
 
@@ -137,7 +137,7 @@ class Masing(Law):
         return Branch(small, small, small, small, small, 1.0 / omega_n, small, stack)
 
     def packed(self, memory: Branch) -> Branch:
-        """With the reversals in arrays; whole counts, also from a search for a steady state."""
+        """Pack the reversals into arrays and round their counts, which a root search varies."""
         stack, size = memory.stack, float(self.depth)
         stack = stack._replace(count=jnp.clip(jnp.round(stack.count), 0.0, size))
         branch = branch_of(jnp.sign(jnp.round(memory.sense)), stack)
@@ -145,7 +145,7 @@ class Masing(Law):
         return branch._replace(force=memory.force, slope=memory.slope, stack=stack)
 
     def unpacked(self, memory: Branch) -> Branch:
-        """With each of the reversals for itself."""
+        """Unpack the arrays of reversals into separate scalars."""
         y, f = (tuple(jnp.moveaxis(x, -1, 0)) for x in (memory.stack.y, memory.stack.f))
         return memory._replace(stack=memory.stack._replace(y=y, f=f))
 
@@ -155,7 +155,7 @@ class Masing(Law):
 
     # -- for derivatives ---------------------------------------------------------------------------
     def stack_columns(self, memory: Branch) -> tuple[Entries, Entries]:
-        """Displacements and forces of the reversals."""
+        """Return the displacements and the forces of the reversals."""
         return memory.stack.y, memory.stack.f
 
     def with_columns(self, y: Scalar, memory: Branch, columns: tuple) -> Branch:
@@ -188,19 +188,19 @@ class Masing(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Branch, branch: tuple
     ) -> tuple[Scalar, Scalar]:
-        """F - K y, and h times its rate."""
+        """Return the remainder F - K y and h times its rate."""
         return memory.force - self.stiffness() * y, h * v * memory.slope
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Branch, branch: tuple
     ) -> Scalar:
-        """Half of h^2 times its second derivative near a turning point, where v is small."""
+        """Return half of h^2 times the remainder's second derivative near a turn (v is small)."""
         return 0.5 * h**2 * a * memory.slope
 
     def glide(
         self, y: Scalar, memory: Branch, dy: Scalar, branch: tuple
     ) -> tuple[Branch, Bool[Array, "..."]]:
-        """Along the branch, and whether it turned, closed or met the kink."""
+        """Advance along the branch; return True if it turned, closed or met the kink."""
         sense, after = memory.sense, y + dy
         force, slope = self._on_branch(memory, after)
         met = (sense * dy <= 0.0) | closes(sense, after, memory.y, memory.closure)
@@ -232,7 +232,7 @@ class Masing(Law):
         return memory._replace(force=memory.force + (self.stiffness() + memory.slope) * dy)
 
     def _kinks(self, y: Scalar, path: StepPath, first: _Move):
-        """Impulses of a closure and of the virgin curve's kink before the turning point."""
+        """Yield the impulses of a closure and of the virgin curve's kink before the turn."""
         after, closing = first.end, jnp.asarray(first.popped > 0.5)
 
         def closure():
@@ -255,7 +255,7 @@ class Masing(Law):
 
     # -- along a periodic motion -------------------------------------------------------------------
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Of the lag, with x = Y sin^2(theta/2) on the way from Y to -Y.
+        r"""Return the loop from the lag, with x = Y sin^2(theta/2) on the way from Y to -Y.
 
         $$\mathrm{Re}\,\kappa = K + \frac{4}{\pi Y}\int_0^\pi \ell(x) \cos\theta\,d\theta, \qquad
           \mathrm{Im}\,\kappa = \frac{4}{\pi Y^2}\left(Y \ell(Y) - 2\int_0^Y \ell\right)$$
@@ -265,7 +265,7 @@ class Masing(Law):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """By quadrature where there are two turning points a period."""
+        """Return the harmonics; by quadrature if there are two turning points a period."""
         if max_turns > 2:
             return super().harmonics(q, max_turns, omega)
         return steady_harmonics(self, q)
@@ -277,7 +277,7 @@ class Masing(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Exact for two turning points a period."""
+        """Return the force at angles of a period; exact for two turning points a period."""
         if max_turns > 2:
             return super().force_over_period(q, theta, max_turns, omega)
         return steady_force(self, q, theta)
@@ -286,7 +286,7 @@ class Masing(Law):
 def _where_met(
     met: Bool[Array, "..."], impulses: Callable[[], tuple[Scalar, Scalar]]
 ) -> tuple[Scalar, Scalar]:
-    """Impulses where a kink is met, which few steps are long enough for."""
+    """Return the impulses if a kink is met, else zeros (few steps are long enough for one)."""
     nothing = jax.tree.map(jnp.zeros_like, jax.eval_shape(impulses))
     return jax.lax.cond(met, impulses, lambda: nothing)
 
@@ -294,7 +294,7 @@ def _where_met(
 def _slope_jump(
     path: StepPath, target: Scalar, slope: Scalar, curvature: Scalar = 0.0
 ) -> tuple[Scalar, Scalar]:
-    """Impulses where the slope of the force jumps on the way to the turning point."""
+    """Return the impulses of a jump of the force's slope before the turning point."""
     s = barrier(path.passage(target, first=True))
     speed = path.cubic.slope(s)
     return slope_jump_impulse(

@@ -44,7 +44,7 @@ def steady_loop(law: Masing, y_peak: Scalar) -> tuple[Scalar, Scalar]:
 
 
 def steady_harmonics(law: Masing, q: Complex[Array, " harmonic"]) -> Complex[Array, " harmonic"]:
-    """Odd harmonics of F - K y, by quadrature between the turning points and the kink's angle."""
+    """Integrate the odd harmonics of F - K y between the turning points and the kink's angle."""
     start = crest(q)
     peak = synthesis(q, start)
     kink = law.kink()
@@ -68,7 +68,7 @@ def steady_force(
 
 
 def _unloading(law: Masing, peak: Scalar, y: Scalar) -> Scalar:
-    """Remainder F - K y on the way down from the peak, 2 l((Y - y)/2) - l(Y)."""
+    """Return the remainder F - K y on the way down from the peak, 2 l((Y - y)/2) - l(Y)."""
     down, _ = law.lag(0.5 * jnp.maximum(peak - y, 0.0))
     tip, _ = law.lag(peak)
     return 2.0 * down - tip

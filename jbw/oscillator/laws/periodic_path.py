@@ -79,7 +79,7 @@ def force_over_period(
     gamma: Scalar,
     max_turns: int,
 ) -> Float[Array, " time"]:
-    """Hysteretic force z/alpha at angles of the period."""
+    """Return the hysteretic force z/alpha at angles of the period."""
     if max_turns > 2:
         return _folded_force_over_period(q, theta, delta, gamma, max_turns)
     delta, gamma = jnp.asarray(delta), jnp.asarray(gamma)
@@ -125,7 +125,7 @@ def _folded_force_over_period(
 
 
 def turning_angles(q: Complex[Array, " harmonic"], max_turns: int) -> Float[Array, " turn"]:
-    r"""Turning points of half a period, from the crest to its mirror, padded by the latter."""
+    r"""Return half a period's turning points from the crest to its mirror; pad with the mirror."""
     start = crest(q)
     points = max(_LEAST_GRID, _GRID_PER_HARMONIC * q.shape[0])
     # Half a cell off the ends, whose zeros of y' are known.
@@ -159,7 +159,7 @@ def _polish(
 def _turning_states(
     q: Complex[Array, " harmonic"], delta: Scalar, gamma: Scalar, max_turns: int
 ) -> tuple[Any, Float[Array, " turn"], Float[Array, " turn"], Float[Array, " turn"]]:
-    """Law of z/alpha, turning points, and y and steady force there; the last mirrors the first."""
+    """Return the law of z/alpha, the turning points, y and z there; the last mirrors the first."""
     law: Any = _UnitLaw(jnp.ones_like(delta), delta, gamma)
     turns = turning_angles(q, max_turns)
     y = synthesis(q, turns)
@@ -191,7 +191,7 @@ def _zeros(
     z_turn: Float[Array, " turn"],
     law: Hysteresis,
 ) -> Float[Array, " segment"]:
-    """Angle at which z vanishes between two turning points; their middle where it does not."""
+    """Return the angle at which z vanishes between two turning points, else the middle angle."""
     q, turns, y_turn, z_turn, law = stop_gradient((q, turns, y_turn, z_turn, law))
     lower, upper = turns[:-1], turns[1:]
     direction = jnp.sign(y_turn[1:] - y_turn[:-1])

@@ -22,13 +22,13 @@ from jbw.oscillator.parameters import Scalar
 
 
 def _interpolated(function: Callable, upper: float, degree: int, lower: float = 0.0) -> list[float]:
-    """Power coefficients of the Chebyshev interpolant of a function on [lower, upper]."""
+    """Return the power coefficients of a function's Chebyshev interpolant on [lower, upper]."""
     fit = Chebyshev.interpolate(function, degree, domain=[lower, upper])
     return [float(c) for c in fit.convert(kind=Polynomial).coef]
 
 
 def _expm1_ratio(x: np.ndarray) -> np.ndarray:
-    """P(x), with its limit at 0."""
+    """Return P(x) = (1 - exp(-x))/x, with its limit 1 at x = 0."""
     return np.where(x == 0.0, 1.0, -np.expm1(-x) / np.where(x == 0.0, 1.0, x))
 
 
@@ -50,7 +50,7 @@ def _polynomial(terms: list, x: Scalar) -> Scalar:
 
 
 def _far_saturation(x: Scalar) -> Scalar:
-    """P(x) for |x| <= 4, through P(2x) = P(x) (1 - x P(x)/2)."""
+    """Return P(x) for |x| <= 4, by P(2x) = P(x) (1 - x P(x)/2)."""
     x = 0.25 * x
     p = barrier(_polynomial(_P, x))
     p = p * (1.0 - 0.5 * x * p)
@@ -58,7 +58,7 @@ def _far_saturation(x: Scalar) -> Scalar:
 
 
 def saturation_slope(x: Scalar) -> Scalar:
-    """P'(x) for |x| <= 4, through 2 P'(2x) = P'(x) (1 - x P(x)) - P(x)^2/2."""
+    """Return P'(x) for |x| <= 4, by 2 P'(2x) = P'(x) (1 - x P(x)) - P(x)^2/2."""
     x = 0.25 * x
     p, slope = barrier((_polynomial(_P, x), _polynomial(_P_SLOPE, x)))
     slope = 0.5 * slope * (1.0 - x * p) - 0.25 * p**2
@@ -232,9 +232,11 @@ def _by_law(*terms: tuple[_Segment, Scalar]) -> Pair:
 def _segments(
     alpha: Scalar, delta: Scalar, gamma: Scalar, z: Scalar, moves: Pair, directions: Pair
 ) -> _Segments:
-    """Three segments: the first move as if z kept its sign, and twice what is left of a move after
-    a zero of z, or else the second move.
-    """  # noqa: D205
+    """Split two moves into three segments that end where z vanishes or a move ends.
+
+    The first segment is the first move as if z kept its sign. Each of the others is the part of a
+    move after a zero of z, or else the second move.
+    """
 
     def along(gamma_sign, delta_sign, start, length):
         c = barrier(gamma_sign * gamma + delta_sign * delta)

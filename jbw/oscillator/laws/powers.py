@@ -15,7 +15,7 @@ PER_REFERENCE = 1.0 / REFERENCE  # a product in every time step, where a quotien
 
 @jax.custom_jvp
 def power(x: Scalar, exponent: Scalar) -> Float[Array, "..."]:
-    """Power of x >= 0, its exponent above zero, with derivatives at x = 0, where both are 0."""
+    """Return x^exponent for x >= 0, exponent > 0; at x = 0 it and its two derivatives are 0."""
     # One call: a logarithm and an exponential wait for each other in every step.
     return jnp.power(jnp.maximum(jnp.asarray(x, float), 0.0), exponent)
 
@@ -31,7 +31,7 @@ def _power_jvp(primals, tangents):
 
 
 def power_loop(exponent: Scalar) -> tuple[Scalar, Scalar]:
-    """`power_losses` of any exponent, by NumPy where there is nothing to trace or to compile."""
+    """Return `power_losses` of any exponent; use NumPy if nothing is traced or compiled."""
     if isinstance(exponent, float):
         return power_losses(exponent)
     return power_losses(jnp.asarray(exponent, float), jnp, gammaln)

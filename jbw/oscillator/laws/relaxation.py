@@ -17,7 +17,7 @@ _NUM_TERMS = 18
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def exponential_remainder(k: int, s: Float[Array, "..."]) -> Float[Array, "..."]:
-    r"""Remainder of the exponential after k terms, over its leading power.
+    r"""Return the remainder of exp(-s) after k series terms, divided by its leading power.
 
     $$E_k(s) = \sum_{n \ge 0} \frac{(-s)^n}{(n+k)!}, \qquad
       E_1 = \frac{1 - e^{-s}}{s}, \quad E_{k+1} = \frac{1/k! - E_k}{s}$$
@@ -42,7 +42,7 @@ def _remainder_jvp(k: int, primals: tuple[Array], tangents: tuple[Array]) -> tup
 
 
 def lag(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
-    r"""Part of the move x that is lost to relaxation.
+    r"""Return the part of the move x that relaxation removes.
 
     $$x - \phi(c, x) = s\,x\,E_2(s), \qquad s = c\,x$$
 
@@ -53,7 +53,7 @@ def lag(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, ".
 
 
 def phi(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
-    r"""Relaxed distance, the solution of phi' = 1 - c phi from zero.
+    r"""Return the relaxed distance, the solution of phi' = 1 - c phi from zero.
 
     $$\phi(c, x) = \frac{1 - e^{-c x}}{c} = x\,E_1(c x), \qquad \phi(0, x) = x$$
     """
@@ -76,7 +76,7 @@ def psi(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, ".
 
 
 def _horner(s: Float[Array, "..."], coefficients: tuple[float, ...]) -> Float[Array, "..."]:
-    """Polynomial with the given coefficients, lowest order first."""
+    """Evaluate the polynomial with the given coefficients, lowest order first."""
     total = jnp.full_like(s, coefficients[-1])
     for coefficient in coefficients[-2::-1]:
         total = total * s + coefficient
@@ -93,7 +93,7 @@ _OPEN = 0.01  # of the half-width: so much of it must be opening for a closed fo
 def opening_and_area(
     x: Float[Array, "..."], b: Float[Array, "..."], g: Float[Array, "..."]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    r"""Opening and area of the loop of half-width x.
+    r"""Return the opening and the area of the loop of half-width x.
 
     $$\frac{|y_0|}{Y} = g \int_0^x \frac{\phi(b,t)}{e^{-bt} + 2 g \phi(b,t)}\,dt, \qquad
       \frac{|E|}{\alpha Y^2} = 4 g \int_0^x \frac{\phi(b,t)^2}{e^{-bt} + 2 g \phi(b,t)}\,dt$$
@@ -119,7 +119,7 @@ def opening_and_area(
 def _long_opening_and_area(
     x: Float[Array, "..."], b: Float[Array, "..."], g: Float[Array, "..."]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """`opening_and_area` in closed form, for b x far above one."""
+    """Return `opening_and_area` in closed form, for b x far above one."""
     w, a = phi(b, x), b - 2.0 * g
     rest = jnp.exp(-b * x) + 2.0 * g * w  # 1 - a w
     near = jnp.abs(a * w) < 0.5
@@ -134,7 +134,7 @@ def _long_opening_and_area(
 
 @jax.custom_jvp
 def half_width(d: Float[Array, "..."], g: Float[Array, "..."]) -> Float[Array, "..."]:
-    r"""Half-width x = 1 + |y_0|/Y, the root of x - 1 - opening(x).
+    r"""Return the half-width x = 1 + |y_0|/Y, the root of x - 1 - opening(x).
 
     The residual is concave and increasing, so Newton's iteration from x = 1 is monotone; its
     slope lies in [1/2, 1]. Derivatives follow from the root's equation, not from the iteration.
@@ -195,7 +195,7 @@ def unloading_lag(
     delta: Float[Array, "..."],
     gamma: Float[Array, "..."],
 ) -> Float[Array, "..."]:
-    r"""Difference of the unloading branch from the elastic line.
+    r"""Return the difference between the elastic line and the unloading branch.
 
     $$y - y_0 - Z/\alpha, \qquad Z = Z_1 \text{ for } y > y_0, \quad Z_2 \text{ for } y < y_0$$
 

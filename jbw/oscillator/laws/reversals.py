@@ -102,7 +102,7 @@ def closes(sense: Scalar, y: Scalar, begin: Scalar, closure: Scalar) -> Bool[Arr
 
 
 def headed(sense: Scalar, stack: Stack, y: Scalar, f: Scalar, dy: Scalar) -> tuple[Scalar, Stack]:
-    """Sense and reversals at (y, f) after turning into the next move, if that is the other way."""
+    """Return the sense and the reversals after a turn at (y, f), if the next move reverses."""
     turned = jnp.asarray((sense * dy < 0.0) | ((sense == 0.0) & (dy != 0.0)))
     full = turned & jnp.asarray(stack.count > len(stack.y) - 0.5)
     place = jnp.where(turned, stack.count - jnp.where(full, 2.0, 0.0), -1.0)
@@ -118,7 +118,7 @@ def headed(sense: Scalar, stack: Stack, y: Scalar, f: Scalar, dy: Scalar) -> tup
 
 
 def closed(sense: Scalar, stack: Stack, y: Scalar) -> tuple[Stack, Scalar, Scalar]:
-    """Reversals after a move to y through its closures, how many that took, and the last place."""
+    """Return the reversals after a move to y, the number removed by closures, the last place."""
     fixed_sense, fixed, end = stop_gradient((sense, stack, y))
 
     def going_on(count: Scalar) -> tuple[Scalar, Bool[Array, "..."]]:
@@ -148,7 +148,7 @@ def closed(sense: Scalar, stack: Stack, y: Scalar) -> tuple[Stack, Scalar, Scala
 
 
 def _closing_place(y: Entries, count: Scalar) -> Scalar:
-    """Displacement at which the last of `count` branches closes, where one precedes it [m]."""
+    """Return where the last of `count` branches closes, if another branch precedes it [m]."""
     return jnp.where(count > 2.5, _at(y, count - 2.0), _mirrored(y))
 
 
@@ -158,7 +158,7 @@ def _mirrored(entries: Entries) -> Scalar:
 
 
 def _at(entries: Entries, place: Scalar) -> Scalar:
-    """Entry at a place; some entry where there is none."""
+    """Return the entry at a place, or an arbitrary entry if the place is not used."""
     if not isinstance(entries, tuple):
         place = jnp.asarray(place, jnp.int32)
         return jax.lax.dynamic_index_in_dim(entries, place, keepdims=False)
@@ -169,14 +169,14 @@ def _at(entries: Entries, place: Scalar) -> Scalar:
 
 
 def _replaced(entries: Entries, chosen: Callable[[Any], Any], value: Scalar) -> Entries:
-    """Entries with a value at the chosen places."""
+    """Replace the entries at the chosen places by a value."""
     if not isinstance(entries, tuple):
         return jnp.where(chosen(jnp.arange(len(entries))), value, entries)
     return tuple(jnp.where(chosen(i), value, entry) for i, entry in enumerate(entries))
 
 
 def _shortened(entries: Entries, full: Bool[Array, "..."]) -> Entries:
-    """Entries of a full register without two.
+    """Remove two entries from a full register.
 
     It keeps its two oldest, by which the virgin curve is found again, and gives up the next pair.
     """

@@ -56,6 +56,6 @@ def sliders_of(law: Masing, reach: float, count: int = COUNT) -> Sliders:
 
 
 def lost_by(sliders: Sliders, y_peak: ArrayLike) -> NDArray[np.float64]:
-    """Energy loss of a steady cycle, the sum of 4 k s (Y - s) over those that slip [J/kg]."""
+    """Return the energy loss per cycle: sum of 4 k s (Y - s) over slipping sliders [J/kg]."""
     over = np.maximum(np.asarray(y_peak)[..., None] - sliders.slip, 0.0)
     return np.sum(4.0 * sliders.stiffness * sliders.slip * over, axis=-1)

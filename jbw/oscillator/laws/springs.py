@@ -32,7 +32,7 @@ class Spring(Law):
         raise NotImplementedError
 
     def stiffness(self) -> Scalar:
-        """None: a part linear in y is added to omega_n^2, not held by it."""
+        """Return zero: omega_n^2 does not contain the spring, even if it is linear in y."""
         return 0.0
 
     def remainder(
@@ -44,7 +44,7 @@ class Spring(Law):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """By a uniform grid, exact for polynomials to degree 7."""
+        """Return the odd harmonics on a uniform grid, exact for polynomials to degree 7."""
         return odd_harmonics(self, q)
 
     def force_over_period(
@@ -58,7 +58,7 @@ class Spring(Law):
         return self(synthesis(q, theta))  # pyright: ignore[reportReturnType]
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """First harmonic over Y of an odd force, exact for polynomials to degree 61; no losses."""
+        """Return the lossless first harmonic over Y of an odd force, exact to degree 61."""
         y_peak = jnp.asarray(y_peak, float)
         peak = jnp.where(y_peak == 0.0, 1.0, y_peak)
         cosines = np.cos(np.pi * (np.arange(16) + 0.5) / 32)
@@ -82,7 +82,7 @@ class Spring(Law):
             )
 
     def even_part(self) -> str | None:
-        """The even part of the force in words, or None, by some displacements; concrete only."""
+        """Describe the even part of the force at test displacements, or None; concrete only."""
         if not is_concrete(self):
             return None
         for y in _PROBES:
@@ -123,7 +123,7 @@ class Cubic(Spring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """At the largest displacement up to three tenths of the linear stiffness, either sign."""
+        """Bound the spring, of either sign, to 0.3 of the linear stiffness at largest motion."""
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak**2
         return {"cubic": (-most, most)}
 
@@ -132,7 +132,7 @@ class Cubic(Spring):
         return self.lambda_3 * y**3
 
     def even_part(self) -> None:
-        """None."""
+        """Return None, as the cubic force is odd."""
 
 
 class Quintic(Spring):
@@ -152,7 +152,7 @@ class Quintic(Spring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """At the largest displacement up to three tenths of the linear stiffness, either sign."""
+        """Bound the spring, of either sign, to 0.3 of the linear stiffness at largest motion."""
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak**4
         return {"quintic": (-most, most)}
 
@@ -161,7 +161,7 @@ class Quintic(Spring):
         return self.k_5 * y**5
 
     def even_part(self) -> None:
-        """None."""
+        """Return None, as the quintic force is odd."""
 
 
 class Square(Spring):
@@ -186,7 +186,7 @@ class Square(Spring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """At the largest displacement up to three tenths of the linear stiffness, either sign."""
+        """Bound the spring, of either sign, to 0.3 of the linear stiffness at largest motion."""
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak
         return {"square": (-most, most)}
 
@@ -195,14 +195,14 @@ class Square(Spring):
         return self.k_2 * y**2
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """None: the mean of an even force and its even harmonics have no part at the first."""
+        """Return a zero loop: an even force has a mean and even harmonics but no first one."""
         none = 0.0 * self.k_2 * jnp.asarray(y_peak, float)
         return Loop(none, none)  # pyright: ignore[reportArgumentType]
 
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """None of an odd order."""
+        """Return zeros: an even force has no odd harmonics."""
         return 0.0 * q
 
     def even_part(self) -> str:
@@ -243,7 +243,7 @@ class Polynomial(Spring):
         return sum((c * y**n for n, c in terms if c is not None), 0.0 * y)
 
     def even_part(self) -> str | None:
-        """Even powers whose coefficients are not known to be zero."""
+        """Return a text that lists even powers with possibly nonzero coefficients, or None."""
         even = {f"c_{n}": c for n, c in enumerate(self.coefficients, start=2) if n % 2 == 0}
         acting = [
             name

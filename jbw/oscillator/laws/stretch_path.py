@@ -39,12 +39,12 @@ class StretchLaw(Protocol):
 
 
 def _way(c: Scalar, w: Scalar, nu: Scalar, gap: Scalar | None = None) -> Scalar:
-    r"""$\int_0^w dt / (1 - c|t/\mathrm{1\,mm}|^\nu)$ for w >= 0."""
+    r"""Return $\int_0^w dt / (1 - c|t/\mathrm{1\,mm}|^\nu)$ for w >= 0."""
     return w + _lag(c, w, nu, 0, gap)
 
 
 def _lag(c: Scalar, w: Scalar, nu: Scalar, m: int = 0, gap: Scalar | None = None) -> Scalar:
-    r"""$\int_0^w t^m f/(1 - f)\,dt$ with $f = c|t/\mathrm{1\,mm}|^\nu$, for w >= 0.
+    r"""Return $\int_0^w t^m f/(1 - f)\,dt$ with $f = c|t/\mathrm{1\,mm}|^\nu$, for w >= 0.
 
     By Gauss's rule. Near the limit L of w, with z = t/L, its pole is taken out and known:
 
@@ -95,7 +95,7 @@ def _gap(q: Scalar, c: Scalar, nu: Scalar, most: Scalar) -> Scalar:
 
 
 def _scale(most: Scalar, nu: Scalar, way: Scalar) -> tuple[Scalar, Scalar]:
-    r"""L of $w = L (1 - e^{-q})$, and the largest q that a way may lead to.
+    r"""Return L of $w = L (1 - e^{-q})$ and the largest q that a displacement `way` may need.
 
     The way is L q or more for an exponent below one, $L q / \nu$ or more above: near the limit its
     e-folds tell two stretches apart. Where there is no limit, that of the search takes its place.
@@ -110,7 +110,7 @@ def _scale(most: Scalar, nu: Scalar, way: Scalar) -> tuple[Scalar, Scalar]:
 def _root(
     excess: Callable[[Scalar], Scalar], high: Scalar, slope: Callable[[Scalar], Scalar]
 ) -> Scalar:
-    """Root of a rising function between 0 and `high`, with the derivatives of one Newton's step."""
+    """Find the root of a rising function between 0 and `high`; differentiate by one Newton step."""
 
     def halved(_, pair: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = pair
@@ -125,7 +125,7 @@ def _root(
 
 
 def moved(law: StretchLaw, memory: Scalar, dy: Scalar) -> Scalar:
-    """The stretch after a move: down to zero where it goes against it, and up on the other side."""
+    """Return the stretch after a move: unload to zero if opposed, then load on the other side."""
     w, nu = jnp.asarray(memory, float), law.nu
     against = w * dy < 0.0
     less, more = law.nu_softening - law.nu_opening, law.nu_softening + law.nu_opening
@@ -155,7 +155,7 @@ def _slope(q: Scalar, c: Scalar, nu: Scalar, most: Scalar, scale: Scalar) -> Sca
 
 
 def _tip(law: StretchLaw, peak: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-    """Of the stretch at the tip its e-folds q, its scale, and the factor of the nearer limit."""
+    """Return the tip stretch as its e-folds q, its scale, and the nearer limit's factor c."""
     less, more = law.nu_softening - law.nu_opening, law.nu_softening + law.nu_opening
     most, nu = jnp.maximum(less, more), law.nu
     scale, largest = _scale(most, nu, 2.0 * peak)

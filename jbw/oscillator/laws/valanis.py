@@ -57,17 +57,17 @@ class Valanis(Law):
 
     @classmethod
     def dahl(cls, stiffness: Scalar, friction: Scalar) -> "Valanis":
-        """Dahl's law of a stiffness [1/s^2] and a friction force [N/kg]."""
+        """Build Dahl's law from a stiffness [1/s^2] and a friction force [N/kg]."""
         return cls(stiffness, 0.0, stiffness / friction, 0.0)
 
     def bouc_wen_limit(self) -> BoucWenLaw:
-        """The equal Bouc-Wen law for kappa = 0, in parallel with a spring of the stiffness E_t."""
+        """Return the equal Bouc-Wen law for kappa = 0, parallel to a spring of stiffness E_t."""
         alpha = self.valanis_stiffness * (1.0 - self.valanis_hardening)
         return BoucWenLaw(alpha, 0.0, self.valanis_rate)
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """A part of the stiffness; the limit is reached far within the motion, or far beyond."""
+        """Return bounds: a share of omega_n^2; slip limits from far within to far beyond motion."""
         low, high = (part * scales.omega_n**2 for part in SHARE)
         return {
             "valanis_stiffness": (low, high),
@@ -77,15 +77,15 @@ class Valanis(Law):
         }
 
     def stiffness(self) -> Scalar:
-        """E_0 [1/s^2]."""
+        """Return the initial stiffness E_0 [1/s^2]."""
         return self.valanis_stiffness
 
     def at_rest(self) -> Scalar:
-        """No force."""
+        """Return zero force."""
         return 0.0
 
     def force(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
-        """Z + E_t y [N/kg]."""
+        """Return the force Z + E_t y [N/kg]."""
         return memory + self.valanis_hardening * self.valanis_stiffness * y
 
     def rate(self, y: Scalar, v: Scalar, memory: Scalar) -> Any:

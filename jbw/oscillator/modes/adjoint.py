@@ -50,7 +50,7 @@ Trajectory = Any
 
 
 def modal_solve(stepping: ModalStepping, initial: ModalState) -> Trajectory:
-    """States at the start and after every substep, and every joint's kicks in it, on y and v."""
+    """Return the states at the start and after each substep, with the joints' kicks on y and v."""
     # Laws with a stack of reversals have memories too long for a column each.
     if any(law.depth for joint in stepping.step.joints for law in joint.laws):
         return _march(stepping, initial)
@@ -63,7 +63,7 @@ def _solve(stepping: ModalStepping, initial: ModalState) -> Trajectory:
 
 
 def _march(stepping: ModalStepping, initial: ModalState) -> Trajectory:
-    """States after every substep, by a loop that XLA turns into one native call."""
+    """Compute the states after every substep by a loop that XLA compiles to one native call."""
     laws = tuple(joint.laws for joint in stepping.step.joints)
 
     def onward(state, powers):
@@ -186,7 +186,7 @@ def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, 
 def _by_constants(
     step: ModalStep, step_dot: ModalStep, function: Callable[..., Any], *arguments: Any
 ) -> tuple[Any, Any]:
-    """What a function of the step returns in many steps, and what its constants add to it."""
+    """Return a function's values in many steps and their tangents by the step's constants."""
 
     def in_step(step_dot: ModalStep, *arguments: Any) -> tuple[Any, Any]:
         return jax.jvp(lambda step: function(step, *arguments), (step,), (step_dot,))
@@ -195,7 +195,7 @@ def _by_constants(
 
 
 def _of_all(function: Callable[..., tuple], kernels: tuple, *arguments: Any) -> tuple[tuple, ...]:
-    """What a function returns for every joint in many steps, each of its values for all joints.
+    """Apply a function to every joint in many steps; group each returned value by joint.
 
     Joints with the same laws stand side by side in one array: they are compiled once, which is
     most of what several joints would add to compiling.
@@ -222,12 +222,12 @@ def _of_all(function: Callable[..., tuple], kernels: tuple, *arguments: Any) -> 
 
 
 def _start(kernel: JointKernel, at: tuple) -> tuple[Scalar, ...]:
-    """Remainder r and h r' at the start, by x, v and the memories."""
+    """Return the remainder r and h r' at the start, from x, v and the memories."""
     return remainder(Begun(kernel, *at))
 
 
 def _half_bend(kernel: JointKernel, at: tuple) -> tuple[Scalar, ...]:
-    """Half of h^2 r'' at the start, by x, v, the memories and a."""
+    """Return half of h^2 r'' at the start, from x, v, the memories and a."""
     *start, a = at
     return (half_bend(Begun(kernel, *start), a),)
 
@@ -263,7 +263,7 @@ def _passing_slopes(
 def _moved_slopes(
     kernel: JointKernel, kernel_dot: JointKernel, end: End, move: Scalar, by_along: StepSlopes
 ) -> tuple[StepSlopes, tuple]:
-    """Derivatives of `Passed` and of the memories after the correction of x, and by that."""
+    """Differentiate `Passed` and the memories after the correction of x, and by the correction."""
     laws, laws_dot = kernel.laws, kernel_dot.laws
     _, by_end = jax.linearize(lambda end: shifted(laws, end, move), end)
 
@@ -332,7 +332,7 @@ def _recurrence(step: ModalStep, state_dot, inputs):
 
 
 def _bent_paths(step: ModalStep, joints: list, paths: list) -> tuple[list, tuple]:
-    """Changes of the paths and of the shifts with the bends of other joints, where one turns."""
+    """Return the changes of turning joints' paths and shifts due to bends of other joints."""
     halves = tuple(
         by.half_bend.along(free.x, free.v, memory, path.a)[0]
         for (by, free, memory), path in zip(joints, paths, strict=True)

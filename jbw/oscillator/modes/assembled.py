@@ -83,7 +83,7 @@ def factor_name(mode: int, joint: str) -> str:
 
 
 def motion_in(theta: Mapping[str, Any], mode: int, joint: str) -> Any:
-    """H_ji, that of the model times its factor where there is one."""
+    """Return H_ji, the model's value times its correction factor if there is one."""
     return theta[motion_name(mode, joint)] * theta.get(factor_name(mode, joint), 1.0)
 
 
@@ -136,7 +136,7 @@ def assembled_structure(
 
 
 def seen_by(theta: Mapping[str, Any]) -> Float[Array, "point mode"]:
-    """What every point sees of all modes, the first point's row first."""
+    """Return the weights of all modes at every measured point, starting with the first point."""
     modes, stem = range(1, num_modes(theta) + 1), seen_name(1, "") + "@"
     points = ["", *(name.removeprefix(stem) for name in theta if name.startswith(stem))]
     return jnp.stack([rows(theta, [seen_name(i, point) for i in modes]) for point in points])
@@ -159,7 +159,7 @@ def joints_in(theta: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def first_mode_laws(theta: Mapping[str, Any], laws: tuple[str, ...]) -> tuple[Law, ...]:
-    r"""The joints' laws as the first mode feels them, by the displacement y of the first point.
+    r"""Return the joints' laws in terms of the first mode's displacement y at the first point.
 
     $$\ddot y + 2\zeta_1\omega_1\dot y + \omega_1^2y + \sum_jc_1H_{j1}r_j(H_{j1}y/c_1) = gu$$
     """

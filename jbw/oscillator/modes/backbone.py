@@ -97,7 +97,7 @@ def modal_backbone(
     max_turns: int,
     may_end: bool = False,
 ) -> ModalBackbone:
-    """Backbone of a mode; `jbw.backbone` documents its arguments.
+    """Compute the backbone of a mode; `jbw.backbone` documents the arguments.
 
     Where it `may_end` before the largest amplitude, it is not a number beyond, and no error.
     """
@@ -182,7 +182,7 @@ def _like(good: Array, leaf: Array) -> Array:
 def _followed(
     options: BackboneOptions, mode: Mode, structure: Structure, amplitude: Array
 ) -> tuple[Array, Array]:
-    """Points of the branch at rising amplitudes, each from the one before, and which were found.
+    """Return branch points at rising amplitudes, each started from the last, and which converged.
 
     Behind the first that is not found none is looked for: the branch ends there.
     """
@@ -208,7 +208,7 @@ def _followed(
 
 @_followed.defjvp
 def _followed_jvp(options, primals, tangents):
-    """Implicit differentiation, amplitude by amplitude."""
+    """Differentiate the branch points implicitly, amplitude by amplitude."""
     mode, structure, amplitude = primals
     points, good = _followed(options, mode, structure, amplitude)
 
@@ -234,7 +234,7 @@ def _to(
     start: tuple[Array, Point, Array],
     target: Array,
 ) -> tuple[Array, Point]:
-    """From one amplitude to another by steps, halved where Newton fails or goes far.
+    """Continue from one amplitude to another; halve steps where Newton fails or moves too far.
 
     From a `start` that was not found itself, no step is taken.
     """
@@ -262,7 +262,7 @@ def _to(
 def _newton(
     options: BackboneOptions, mode: Mode, structure: Structure, start: Point, amplitude: Array
 ) -> tuple[Point, Array]:
-    """Newton's iteration at one amplitude."""
+    """Solve for the branch point at one amplitude by Newton's iteration."""
     point, converged = newton_root(
         lambda point, args: _imbalance(options, mode, args[0], point, args[1]), start,
         (structure, amplitude), tolerance=_TOLERANCE, max_steps=_MAX_NEWTON,
@@ -278,7 +278,7 @@ class Units(NamedTuple):
 
 
 def _units(options: BackboneOptions, mode: Mode, structure: Structure) -> Units:
-    """Of one joint its own displacement, of several the mode's coordinate and what that reaches."""
+    """Return units: a single joint's displacement, or the modal coordinate and joints' reach."""
     if options.is_one_joint:
         return Units(1.0 / structure.h[0, mode], jnp.ones(1))  # pyright: ignore
     return Units(1.0, jnp.max(jnp.abs(structure.h), axis=1))  # pyright: ignore[reportArgumentType]
@@ -323,7 +323,7 @@ def _motion(
 def _imbalance(
     options: BackboneOptions, mode: Mode, structure: Structure, point: Point, amplitude: Scalar
 ) -> Point:
-    """Residual at a point: of the mode's first harmonic, of the joints', and of the amplitude."""
+    """Return the residuals of the mode's first harmonic, of the joints' and of the amplitude."""
     motion = _motion(options, mode, structure, point, amplitude)
     apart = motion.x - (structure.h @ motion.q) / _units(options, mode, structure).x[:, None]
     relative_amplitude = motion.x[0, 0] if options.is_one_joint else motion.q_m1

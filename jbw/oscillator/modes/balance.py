@@ -49,7 +49,7 @@ def of_one_joint(harmonics: StructureHarmonics) -> StructureHarmonics:
 def dynamic_stiffness(
     structure: Structure, omega: Scalar, num_harmonics: int, zeta_eq: Scalar = 0.0
 ) -> Complex[Array, "mode harmonic"]:
-    r"""d_i at the odd harmonics, with the damping $2\zeta_{eq}\omega$ taken from every mode."""
+    r"""Return d_i at the odd harmonics; subtract damping $2\zeta_{eq}\omega$ from every mode."""
     frequency = omega * orders(num_harmonics)
     omega_n, zeta = structure.omega_n[:, None], structure.zeta[:, None]  # pyright: ignore
     damping = 2.0 * (zeta * omega_n - zeta_eq * omega)
@@ -84,9 +84,11 @@ def joint_forces(
 def law_harmonics(
     law: Any, x: Complex[Array, " harmonic"], max_turns: int
 ) -> Complex[Array, " harmonic"]:
-    r"""Harmonics of one law's remainder, $dr = \partial_x r\,dx + \partial_{law} r\,d\mathrm{law}$.
+    r"""Return the harmonics of one law's remainder r, with a derivative written by hand.
 
-    The first of these is worked out once, in 2 H columns, however many directions are asked for: a
+    $$dr = \partial_x r\,dx + \partial_{law} r\,d\mathrm{law}$$
+
+    The first term is worked out once, in 2 H columns, however many directions are asked for: a
     Jacobian by the motions of J joints costs J times that, and not J^2.
     """
     return law.harmonics(x, max_turns)
@@ -129,7 +131,7 @@ def modal_imbalance(
 def _coordinates(
     structure: Structure, omega: Scalar, x: Array, load: Any, max_turns: int
 ) -> Complex[Array, "mode harmonic"]:
-    r"""All modes of a motion of the joints, $q_{i,n} = (b_i u_n - \sum_j p_{ij} r_{jn})/d_i$."""
+    r"""Return the modes for a joint motion, $q_{i,n} = (b_i u_n - \sum_j p_{ij} r_{jn})/d_i$."""
     r = joint_forces(structure.laws, omega, x, max_turns)
     push = structure.b[:, None] * load - structure.p @ r  # pyright: ignore
     return push / dynamic_stiffness(structure, omega, x.shape[-1])
@@ -138,7 +140,7 @@ def _coordinates(
 def modal_response(
     structure: Structure, omega: Scalar, num_harmonics: int
 ) -> Complex[Array, "joint harmonic"]:
-    """Displacements of the sticking joints under a unit load at the first harmonic."""
+    """Return the stuck joints' displacements under a unit load at the first harmonic."""
     d = dynamic_stiffness(structure, omega, num_harmonics)
     driven = (structure.h * structure.b) @ (1.0 / d)  # pyright: ignore
     return driven * (orders(num_harmonics) == 1)
@@ -147,7 +149,7 @@ def modal_response(
 def modal_units(
     structure: Structure, omega: Scalar, amplitude: Scalar
 ) -> tuple[Structure, Array, Array]:
-    r"""Structure, frequency and every joint's unit of displacement in units of the first mode's.
+    r"""Scale structure, frequency and each joint's displacement to units of the first mode.
 
     $$q = \ell\hat q, \qquad x_j = \ell_j\hat x_j, \qquad \ell = A/\omega_1^2, \qquad
       \ell_j = \ell \sum_i |h_{ji} b_i|$$

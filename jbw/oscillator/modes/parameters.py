@@ -51,7 +51,7 @@ DRIVEN = (("omega_n", "zeta"), *(names[:2] for names in NAMES))  # modes with nu
 
 
 def model_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Oscillator | Structure:
-    """The oscillator of a dictionary of parameters, or the structure where it has further modes."""
+    """Build the oscillator of a parameter dictionary, or the structure if it has further modes."""
     return structure_of(theta, laws) if has_further_modes(theta) else oscillator_of(theta, laws)
 
 
@@ -62,7 +62,7 @@ def has_further_modes(names: Any) -> bool:
 
 
 def structure_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Structure:
-    """The structure of a dictionary of parameters; b is over the first mode's gain, c is one.
+    """Build the structure of a parameter dictionary; b is divided by mode 1's gain, c is one.
 
     Of several joints, b and c are those of the reduced model (`jbw.oscillator.modes.assembled`).
 
@@ -104,7 +104,7 @@ def own_quantities(laws: tuple[str, ...], num_modes: int = 1 + len(MODES)) -> li
 
 
 def modes_apart(theta: Mapping[str, Any], laws: tuple[str, ...]) -> tuple[Oscillator, ...] | None:
-    """One oscillator for each uncoupled mode, with laws of its own; None where theta has none."""
+    """Return one oscillator with separate laws per uncoupled mode; None if theta has none."""
     law_names = [quantity.name for quantity in quantities_of(laws)]
     if not law_names or own_name(law_names[0], 2) not in theta:
         return None
@@ -118,12 +118,12 @@ def modes_apart(theta: Mapping[str, Any], laws: tuple[str, ...]) -> tuple[Oscill
 
 
 def gain_ratios(theta: Mapping[str, Any]) -> list[Any]:
-    """Gain of every mode over that of the first."""
+    """Return the gain of every mode divided by that of the first mode."""
     return [1.0, *(theta[names.ratio] for names in NAMES if names.omega in theta)]
 
 
 def seen_by_points(theta: Mapping[str, Any], num_modes: int) -> Float[Array, "point mode"]:
-    """Weights of the modes at every point: the first point, then the further ones in order."""
+    """Return the modes' weights at every point: the first point, then further ones in order."""
     others = (point[:num_modes] for point in SEEN if point[0] in theta)
     rows = (jnp.stack([theta[name] for name in names]) for names in others)
     return jnp.stack(jnp.broadcast_arrays(jnp.ones(num_modes), *rows))
@@ -137,7 +137,7 @@ def at_points(theta: Mapping[str, Any], structure: Structure) -> Structure:
 
 
 def _mode(theta: Mapping[str, Any], names: Names) -> tuple[Any, ...]:
-    """omega, zeta, h, p and b of a further mode."""
+    """Return omega, zeta, h, p and b of a further mode."""
     linear, b = (theta[names.omega], theta[names.zeta]), theta[names.ratio]
     if names.shape not in theta:
         return *linear, 0.0, 0.0, b

@@ -227,7 +227,7 @@ def _response_of(structure, t, u, states, residual, work) -> StructureResponse:
 
 
 def oscillate_modes(structure: Structure, u: Scalar, state: Any) -> Any:
-    """Rates of (q, q', memories) and of every joint's work [per s], for every law."""
+    """Return the rates of (q, q', memories) and of each joint's work [per s], for every law."""
     (q, v, memories), _ = state
     q, v = jnp.stack(q), jnp.stack(v)
     x, dx = structure.h @ q, structure.h @ v
@@ -256,7 +256,7 @@ def _stock(
 
 
 def _hermite(orders: tuple[int, int]) -> list[Polynomial]:
-    """Polynomials of which one derivative at one end of [0, 1] is 1 and the others are 0.
+    """Return polynomials with one end derivative on [0, 1] equal to 1 and the others 0.
 
     Up to the order given of the start, then of the end.
     """
@@ -271,7 +271,7 @@ def _hermite(orders: tuple[int, int]) -> list[Polynomial]:
 
 
 def _weights() -> np.ndarray:
-    r"""$\int_0^1 R_k X_m' ds$ of the cubic by r, r' and the quintic by x, x', x'' at both ends."""
+    r"""Return $\int_0^1 R_k X_m' ds$ of the cubic (r, r') and quintic (x, x', x'') at both ends."""
     r, x = _hermite((2, 2)), _hermite((3, 3))
     products = [[(polynomial * other.deriv()).integ() for other in x] for polynomial in r]
     table = np.array([[integral(1.0) - integral(0.0) for integral in row] for row in products])
@@ -286,7 +286,7 @@ _WEIGHTS = _weights()
 def work_of_joints(
     structure: Structure, stepping: ModalStepping, states: ModalState, kicks: Any
 ) -> Float[Array, " joint"]:
-    r"""Work of every joint's remainder over a solved motion, $W_j = \int r_j \dot x_j dt$ [J/kg].
+    r"""Return each joint remainder's work over a motion, $W_j = \int r_j \dot x_j dt$ [J/kg].
 
     Within a step r is the cubic H through r and its rate and x the quintic through x, v and a; what
     H misses of kinks is what the kicks say,
@@ -324,7 +324,7 @@ def _branches(laws: Any, v: Array, memory: Any) -> tuple[Any, ...]:
 
 
 def accelerations(structure: Structure, q: Array, dq: Array, r: Array, u: Any) -> Array:
-    """Modal accelerations under the joints' remainders r and the input u [m/s^2]."""
+    """Return modal accelerations under the joints' remainders r and the input u [m/s^2]."""
     omega, zeta, b = (
         jnp.asarray(x).reshape(-1, *(1,) * (q.ndim - 1))
         for x in (structure.omega_n, structure.zeta, structure.b)

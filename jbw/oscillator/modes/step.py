@@ -218,7 +218,7 @@ class ModalStepping(eqx.Module):
         return on_q, on_v, self.gain * powers[0]
 
     def pushed(self) -> Pushed:
-        """Constants of the step, and what the input adds in every substep, by one product."""
+        """Return the step's constants and the input's push in every substep, by one product."""
         start = self.gain * np.eye(1, len(self.pieces))[0]
         weights = [jnp.stack(moments) for moments in (*self.on_q, *self.on_v)]
         rows = tuple(jnp.stack([*weights, start]) @ jnp.stack(self.pieces))
@@ -229,7 +229,7 @@ class ModalStepping(eqx.Module):
 def modal_stepping(
     structure: Structure, held: HeldInput, fs: Scalar, substeps: int
 ) -> ModalStepping:
-    """Constants of the step, every mode's moments times its gain, and the input's coefficients.
+    """Return step constants, each mode's moments times its gain, and input coefficients.
 
     Of a structure with an axis of joints.
     """
@@ -246,7 +246,7 @@ def modal_stepping(
 
 
 def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array], list[Array]]:
-    """Constants of the step of length dt [s], and every mode's moments of a unit input."""
+    """Return constants of the step of length dt [s] and each mode's moments of a unit input."""
     h, p, b = jnp.asarray(structure.h), jnp.asarray(structure.p), jnp.asarray(structure.b)
     joints = range(h.shape[0])
     modes, weights, moments_y, moments_v = [], [], [], []
@@ -336,19 +336,19 @@ def seen_by_joints(
 
 
 def remainder(at: Begun) -> Remainder:
-    """Remainder of a joint's laws and h times its rate at the start."""
+    """Return the remainder of a joint's laws at the start and h times its rate."""
     return Remainder(*remainders(at.kernel.laws, at.kernel.dt, at.state, at.branches))
 
 
 def half_bend(at: Begun, a: Scalar) -> Scalar:
-    """Half of h^2 r'' of a joint at the start, by its acceleration there."""
+    """Return half of h^2 r'' of a joint at the start, from its acceleration."""
     if not at.kernel.laws:
         return jnp.zeros_like(a)
     return bend(at.kernel.laws, at.kernel.dt, at.state, at.branches, a)
 
 
 def bent(joint: JointStep, half_bends: Sequence[Scalar]) -> tuple[Scalar, ...]:
-    """What half of h^2 r'' of the other joints does to x and v of a joint, if there are some."""
+    """Return the effect of other joints' half h^2 r'' on x and v of a joint; empty if none."""
     if not half_bends:
         return ()
     pairs = list(zip(joint.by_others, half_bends, strict=True))
@@ -380,7 +380,7 @@ def predicted(
 
 
 def _less(total: Scalar, *parts: Any) -> Scalar:
-    """What is left of the whole without the parts, in order."""
+    """Subtract the parts from the total, in order."""
     return reduce(sub, (part for group in parts for part in group), total)
 
 
@@ -427,7 +427,7 @@ def _smooth(at: Begun, path: Path) -> End:
 
 
 def _passed(at: Begun, end: End, shift: Scalar) -> tuple[Passed, End]:
-    """What a joint does to the modes from its end, and that with the impulses of cusps."""
+    """Return a joint's effect on the modes at the step's end, and the end with cusp impulses."""
     laws, none = at.kernel.laws, jnp.zeros_like(shift)
     if not laws:
         return Passed(none, none, none, none, none), end
@@ -447,7 +447,7 @@ def _through_kinks(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[En
 def corrections(
     step: ModalStep, starts: Sequence[Remainder], passed: Sequence[Passed]
 ) -> tuple[Scalar, ...]:
-    """Correction of every joint's x at the end; linear in both arguments."""
+    """Return the correction of every joint's x at the end; linear in both arguments."""
 
     def correction(joint: JointStep) -> Scalar:
         by_joint = list(zip(joint.by, starts, passed, strict=True))

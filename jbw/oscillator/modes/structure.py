@@ -31,7 +31,7 @@ Memories = tuple[Memory, ...]  # as the laws, of one joint or for every joint
 
 
 def _as_laws(laws: Any) -> Laws:
-    """Tuples of laws, from any sequences of them."""
+    """Convert any sequences of laws to tuples."""
     return tuple(tuple(law) if isinstance(law, tuple | list) else law for law in laws)  # pyright: ignore
 
 
@@ -84,7 +84,7 @@ class Structure(eqx.Module):
     laws: Laws = eqx.field(default=(), converter=_as_laws)
 
     def at_rest(self) -> Memories:
-        """Memories of the laws before any motion."""
+        """Return the memories of the laws before any motion."""
         return map_laws(lambda law: law.at_rest(), self.laws)
 
 
@@ -105,7 +105,7 @@ def map_joint_laws(function: Callable[..., Any], laws: Laws, *of_joints: Any) ->
 
 
 def first_frequency(structure: Structure) -> Scalar:
-    """Frequency of the first mode that is no rigid-body mode, a unit of frequency [rad/s]."""
+    """Return the frequency of the first flexible mode, used as frequency unit [rad/s]."""
     omega_n = jnp.asarray(structure.omega_n)
     return omega_n[jnp.argmax(omega_n > 0.0)]
 
@@ -169,7 +169,7 @@ def admitted(structure: Structure) -> Structure:
 
 
 def _number_of_modes(shapes: dict[str, tuple[int, ...]]) -> tuple[int]:
-    """Shape of the fields with a number a mode; raises where they differ."""
+    """Return the shape of the per-mode fields; raise an error if their shapes differ."""
     distinct_shapes = {shape for shape in shapes.values() if shape}
     if len(distinct_shapes) > 1 or any(len(shape) > 1 for shape in distinct_shapes):
         raise ConfigError(
@@ -330,7 +330,7 @@ def internal_resonances(
     within: float = _NEAR,
     orders: tuple[int, ...] = _ORDERS,
 ) -> tuple[Commensurate, ...]:
-    r"""Which modes an odd harmonic of a lower mode comes near, $\omega_j \approx n\,\omega_i$.
+    r"""List modes near an odd harmonic of a lower mode, $\omega_j \approx n\,\omega_i$.
 
     The joint radiates at n omega; a mode there takes energy up, so that a backbone of one mode and
     one harmonic is off by per cents in damping. A softening joint lowers omega_i with amplitude.

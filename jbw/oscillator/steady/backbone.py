@@ -84,7 +84,7 @@ def backbone(
     num_harmonics: int = 8,
     max_turns: int = 2,
 ) -> Backbone | ModalBackbone:
-    r"""Resonance frequency and equivalent damping against amplitude, from the steady loop.
+    r"""Return resonance frequency and equivalent damping over amplitude, from the steady loop.
 
     For y = Y cos(theta) and the balance of the first harmonic alone, phase resonance needs
 
@@ -173,7 +173,7 @@ def frequency_response(  # pyright: ignore[reportInconsistentOverload]
     *,
     max_turns: int = 2,
 ) -> Complex[Array, "... freq harmonic"] | StructureHarmonics:
-    r"""Odd harmonics of the response over frequency, each tone started from its neighbour.
+    r"""Return the response's odd harmonics over frequency, each started from the previous tone.
 
     The same solutions as `steady_state`, reached as a slow stepped sine reaches them: Newton's
     iteration starts from the harmonics at the frequency before, or raises the load in steps
@@ -243,7 +243,7 @@ def force_at(
     num_harmonics: int = NUM_HARMONICS,
     num_steps: int = NUM_STEPS,
 ) -> Complex[Array, ""]:
-    r"""Fundamental force per unit mass that holds the amplitude at a frequency [N/kg].
+    r"""Return the fundamental force per mass that sustains an amplitude at a frequency [N/kg].
 
     $$F_1 e^{-j\varphi} = (\omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega)\,Y + \sum r_1(q)$$
 
@@ -320,7 +320,7 @@ def tone_at_phase(
 def _imbalance(
     joint: Joint, omega: Scalar, y_peak: Scalar, x: Float[Array, " unknown"]
 ) -> Complex[Array, " harmonic"]:
-    """Residual of the balance over Y, by the higher harmonics over Y, real, then imaginary."""
+    """Return the balance residual over Y for higher harmonics over Y (real, then imaginary)."""
     real, imaginary = jnp.split(x, 2)
     higher = jax.lax.complex(real, imaginary)
     q = jnp.asarray(y_peak * jnp.concatenate([jnp.ones(1, complex), higher]))

@@ -50,7 +50,7 @@ Unit = Oscillator | Structure
 
 
 def linear_response(joint: Unit, omega: Scalar, num_harmonics: int) -> Packed:
-    r"""Response of the sticking joint to a unit load, q_1 = 1/(1 - Omega^2 + 2 j zeta Omega)."""
+    r"""Return the stuck joint's response to a unit load, q_1 = 1/(1 - Omega^2 + 2 j zeta Omega)."""
     if isinstance(joint, Structure):
         return pack(modal_response(joint, omega, num_harmonics))
     first = np.arange(num_harmonics) == 0
@@ -83,7 +83,7 @@ def refined(
     load: Complex[Array, " harmonic"],
     num_steps: int = 2,
 ) -> Complex[Array, " harmonic"]:
-    r"""Motion from a close guess, such as a measured one, by few steps of Newton's iteration.
+    r"""Refine a close guess of the motion, such as a measured one, by few Newton steps.
 
     $$q \leftarrow q - R_q^{-1} R(q)$$
 
@@ -118,7 +118,7 @@ def newton_steps(
     x: Float[Array, " unknown"],
     num_steps: int,
 ) -> Float[Array, " unknown"]:
-    r"""A few steps of Newton's iteration, $x \leftarrow x - f_x^{-1} f(x)$, from a close guess.
+    r"""Take a few Newton steps $x \leftarrow x - f_x^{-1} f(x)$ from a close guess.
 
     Derivatives are those of the last step, which are the implicit ones where it has converged. The
     slopes stand in the loop alone, and what the function closes over has no tangents there: they
@@ -143,7 +143,7 @@ def newton_steps(
 
 
 def residual(packed: Packed, problem: tuple[Unit, Scalar], max_turns: int) -> Packed:
-    """Imbalance of the dimensionless oscillator under cos(Omega theta)."""
+    """Return the imbalance of the dimensionless oscillator under cos(Omega theta)."""
     joint, omega = problem
     q = unpack(packed)
     if isinstance(joint, Structure):
@@ -195,7 +195,7 @@ def _loaded(load: Scalar, law: Law) -> Law:
 
 @balance.defjvp
 def _balance_jvp(max_turns: int, primals: tuple, tangents: tuple) -> tuple:
-    """Implicit differentiation: R_q dq = -(dR along the parameters)."""
+    """Differentiate the balance implicitly: R_q dq = -(dR along the parameters)."""
     joint, omega, start = primals
     packed, load = balance(joint, omega, start, max_turns)
     _, change = jax.jvp(
@@ -210,14 +210,14 @@ def _balance_jvp(max_turns: int, primals: tuple, tangents: tuple) -> tuple:
 
 
 def most_turns(q: Complex[Array, "*joint harmonic"]) -> Int[Array, ""]:
-    """Turning points a period, of the joint that turns most often."""
+    """Return the turning points per period of the joint that turns most often."""
     return num_turns(q) if q.ndim == 1 else jnp.max(jax.vmap(num_turns)(q))
 
 
 def tone_from(
     start: Packed, unit: Unit, ratio: Array, length: Array, max_turns: int
 ) -> tuple[Packed, tuple[Array, Array]]:
-    """Balance of a tone, and its harmonics and turning points; NaN where they are no answer."""
+    """Solve the balance of a tone; return its harmonics and turning points, NaN if invalid."""
     packed, load = balance(unit, ratio, start, max_turns)
     q = unpack(packed)
     turns = most_turns(q)
@@ -228,7 +228,7 @@ def tone_from(
 def newton(
     joint: Unit, omega: Scalar, start: Packed, max_turns: int
 ) -> tuple[Packed, Bool[Array, ""]]:
-    """Newton's iteration for the residual from `start`, at full load."""
+    """Solve the residual by Newton's iteration from `start`, at full load."""
     packed, converged = newton_root(
         partial(residual, max_turns=max_turns), start, (joint, omega),
         tolerance=_TOLERANCE, max_steps=_MAX_NEWTON,
@@ -248,7 +248,7 @@ def _dynamic_stiffness(
 def dimensionless(
     oscillator: Oscillator | Structure, omega: Scalar, amplitude: Scalar
 ) -> tuple[Any, Array, Array]:
-    r"""Oscillator, frequency and unit of displacement of the dimensionless problem.
+    r"""Return oscillator, frequency and displacement unit of the dimensionless problem.
 
     $$\Omega = \omega/\omega_n, \quad \ell = A/\omega_n^2, \quad
       F(\ell q)/A, \quad y = \ell q$$

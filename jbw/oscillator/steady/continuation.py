@@ -94,7 +94,7 @@ def response_curve(  # pyright: ignore[reportInconsistentOverload]
     max_points: int = 2000,
     max_turns: int = 2,
 ) -> ResponseCurve | StructureCurve:
-    r"""Frequency-response curve at one level by pseudo-arclength continuation.
+    r"""Compute the frequency-response curve at one level by pseudo-arclength continuation.
 
     The unknowns are the harmonics q and the frequency; each point lies on the plane
 

@@ -61,7 +61,7 @@ def steady_state(  # pyright: ignore[reportInconsistentOverload]
     *,
     max_turns: int = 2,
 ) -> Complex[Array, "... harmonic"] | StructureHarmonics:
-    r"""Odd harmonics Y_1, Y_3, Y_5, ... of the periodic response to u = A cos(omega t).
+    r"""Return odd harmonics Y_1, Y_3, Y_5, ... of the periodic response to u = A cos(omega t).
 
     $$(k - n^2\omega^2 + 2j\zeta\omega_n n\omega)\,Y_n + \sum F_n(Y) = A\,\delta_{n1}, \qquad
       y = \mathrm{Re}\sum_n Y_n e^{jn\omega t}$$
@@ -189,7 +189,7 @@ def steady_cycle(
 def _steady(
     joint: Oscillator, omega: ArrayLike, amplitude: ArrayLike, num_harmonics: int, max_turns: int
 ) -> tuple[Complex[Array, "... harmonic"], Int[Array, "..."]]:
-    """Harmonics of a batch and the turning points a period; NaN where they are not the answer."""
+    """Return a batch's harmonics and turning points a period; NaN where they are invalid."""
 
     def tone(joint: Oscillator, omega: Array, amplitude: Array) -> tuple[Array, Array]:
         unit, ratio, length = dimensionless(joint, omega, amplitude)

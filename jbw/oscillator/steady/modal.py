@@ -66,7 +66,7 @@ def _solved(
     *,
     swept: bool,
 ) -> tuple[StructureHarmonics, Array]:
-    """Harmonics and turning points of the joints of every tone; NaN where they are no answer."""
+    """Return each tone's harmonics and turning points of the joints; NaN if they are invalid."""
     if swept:
         level = partial(_sweep, structure, omega, num_harmonics, max_turns)
         flat = jax.vmap(level)(amplitude.ravel())

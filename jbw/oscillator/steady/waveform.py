@@ -40,7 +40,7 @@ def synthesis(
 
 
 def crest(q: Complex[Array, " harmonic"]) -> Float[Array, ""]:
-    r"""Angle of the largest displacement.
+    r"""Return the angle of the largest displacement.
 
     Its first derivative by `q` is exact; with it, so are two derivatives of y at the crest.
     """
@@ -82,7 +82,7 @@ def odd_harmonics(force: Restoring, q: Complex[Array, " harmonic"]) -> Complex[A
 def _half_grid(
     num_harmonics: int,
 ) -> tuple[Float[np.ndarray, " grid"], Complex[np.ndarray, "grid harmonic"]]:
-    """Angles over half a period and the basis there."""
+    """Return angles over half a period and the harmonic basis at them."""
     points = max(_LEAST_POINTS, _POINTS_PER_HARMONIC * num_harmonics)
     theta = np.pi * np.arange(points) / points
     return theta, np.exp(1j * theta[:, None] * orders(num_harmonics))
@@ -98,7 +98,7 @@ def flatter(q: Complex[Array, " harmonic"], theta: Float[Array, "..."]) -> Float
 def angle_of(
     q: Complex[Array, " harmonic"], start: Float[Array, ""], target: Float[Array, ""]
 ) -> Float[Array, ""]:
-    """Angle in the half period after the crest `start` at which y falls to a target.
+    """Return the angle in the half period after the crest `start` at which y falls to a target.
 
     Good enough for a break point of a quadrature, whose error enters by a higher power.
     """
@@ -116,7 +116,7 @@ def angle_of(
 def gauss_legendre(
     num_nodes: int, lower: Real[ArrayLike, "..."], upper: Real[ArrayLike, "..."]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Nodes and weights on [lower, upper], exact for polynomials of degree 2 num_nodes - 1."""
+    """Return nodes and weights on [lower, upper], exact to polynomial degree 2 num_nodes - 1."""
     nodes, weights = _rule(num_nodes)
     lower, upper = jnp.broadcast_arrays(jnp.asarray(lower, float), jnp.asarray(upper, float))
     width = (upper - lower)[..., None]
