@@ -218,7 +218,7 @@ def _shapes(
 def condensed(
     joint: Oscillator, y: Scalar, omega: Scalar, num_harmonics: int
 ) -> tuple[Complex[Array, ""], Complex[Array, " higher"]]:
-    r"""Eliminate the higher harmonics of a motion whose fundamental is known.
+    r"""Solve for the higher harmonics of a motion whose fundamental is given.
 
     $$q_n \leftarrow -\frac{r_n(Y, q_3, q_5, \dots)}{\omega_n^2 - n^2\omega^2
       + 2j n\zeta\omega_n\omega}$$
