@@ -60,7 +60,7 @@ def measure(
     zeta_cv: float | None = None,
     fs: float = 1024.0,
 ) -> RigCampaign:
-    """Measures the virtual specimen; equal arguments give equal bits.
+    """Measure the virtual specimen; equal arguments give equal bits.
 
     Every test has its own streams of random numbers, so a subset of the tests, or fewer repeats,
     gives the same records as the whole campaign. Repeat r of every test is taken on day r: with
@@ -146,9 +146,9 @@ def _truth_of(rig: Preset, joint: Joint) -> dict[str, Any]:
 def _settings(
     rig: Preset, plans: Sequence[Plan], conditions: Conditions, truth: Mapping[str, float]
 ) -> Identify:
-    """Held out before any fit: the middle sweep level, and half of many repeats. The prior.
+    """Choose held-out tests (the middle sweep level, half of many repeats) and the prior.
 
-    Of the paper's bounds those that the specimen lies within: another one has others.
+    The prior has those bounds of the paper that contain the specimen's true value.
     """
     sweeps = [plan for plan in plans if kind_named(plan.kind).is_transient]
     fitted = [kind for kind in rig.fit if kind in {plan.kind for plan in plans}]
@@ -168,7 +168,7 @@ def _settings(
 
 
 def write(campaign: RigCampaign, folder: str | Path) -> Path:
-    """Writes the campaign's files; the campaign file comes last and marks the folder complete.
+    """Write the campaign's files; the campaign file is last and marks the folder complete.
 
     A folder that an interrupted writing left behind is completed; equal campaigns give equal
     files, byte for byte. The path of `campaign.toml` is returned.
@@ -203,7 +203,7 @@ def write(campaign: RigCampaign, folder: str | Path) -> Path:
 
 
 def _check_folder(campaign: RigCampaign, folder: Path) -> None:
-    """A finished campaign is never overwritten, and no stranger may match a file pattern."""
+    """Raise an error if the folder contains a finished campaign or unrelated HDF5 files."""
     if (folder / "campaign.toml").exists():
         raise RunError(
             f"Folder {folder} must be new or empty, but holds a campaign.",

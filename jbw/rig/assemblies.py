@@ -62,7 +62,7 @@ class JointedModel:
     zeta: float = 0.004
 
     def reduced(self, **options: Any) -> ReducedModel:
-        """Its modes in full stick and residual modes; options are those of `jbw.reduce`."""
+        """Reduce the model to fully stuck and residual modes; options are those of `jbw.reduce`."""
         stated = {"to_hz": self.to_hz, "zeta": self.zeta, "input": self.input}
         return reduce(self.model, self.joints, outputs=self.outputs, **(stated | options))
 
@@ -131,7 +131,7 @@ def portal_frame(
     stiffness: tuple[float, float] = (400.0, 400.0),
     elements: int = 4,
 ) -> JointedModel:
-    r"""A portal frame whose beam is linked to its columns by two hysteretic rotational joints.
+    r"""Build a portal frame whose beam has hysteretic rotational joints to both columns.
 
     The columns are clamped. Deflections are continuous at the corners, and joint j is the rotation
     of the beam less that of the column there, $x_j = \theta_{beam} - \theta_{column}$ [rad]. With
@@ -291,7 +291,7 @@ class _Mesh:
         fixed: Sequence[tuple[Any, str]],
         at: Mapping[Any, tuple[float, float, float]] | None = None,
     ) -> MatrixModel:
-        """The matrices without the rows of fixed degrees of freedom, and where nodes lie [m]."""
+        """Return the matrices without the fixed degrees of freedom, and the node positions [m]."""
         free = [row for place, row in self._rows.items() if place not in set(fixed)]
         names = {row: Dof(str(node), direction) for (node, direction), row in self._rows.items()}
         mass, stiffness = (
@@ -312,7 +312,7 @@ class _Mesh:
 
 
 def bending_stiffness(length: float) -> Float[np.ndarray, "4 4"]:
-    """Stiffness of an element per unit of EI, in (w_1, theta_1, w_2, theta_2) with theta = w'."""
+    """Return an element's stiffness per unit EI, in (w_1, theta_1, w_2, theta_2), theta = w'."""
     L = length
     return (
         np.array(
@@ -328,7 +328,7 @@ def bending_stiffness(length: float) -> Float[np.ndarray, "4 4"]:
 
 
 def bending_mass(length: float) -> Float[np.ndarray, "4 4"]:
-    """Consistent mass of an element per unit of rho A, in (w_1, theta_1, w_2, theta_2)."""
+    """Return an element's consistent mass per unit rho A, in (w_1, theta_1, w_2, theta_2)."""
     L = length
     return (
         np.array(

@@ -39,12 +39,12 @@ class Conditions:
 
 
 def stream(conditions: Conditions, *key: int) -> np.random.Generator:
-    """Random numbers of their own for each key."""
+    """Return a separate random number generator for each key."""
     return np.random.default_rng(np.random.SeedSequence(conditions.seed, spawn_key=key))
 
 
 def specimen_of_days(specimen: Specimen, count: int, conditions: Conditions) -> list[Specimen]:
-    """The specimen as assembled each day: omega_n and zeta log-normal, their means the truth."""
+    """Draw each day's specimen: omega_n and zeta are log-normal with the true values as means."""
     days = []
     for day in range(count):
         e = stream(conditions, DAYS, day).standard_normal(2)
@@ -55,13 +55,13 @@ def specimen_of_days(specimen: Specimen, count: int, conditions: Conditions) -> 
 
 
 def _scatter(cv: float, e: float) -> float:
-    """Log-normal factor of mean 1 and coefficient of variation `cv`."""
+    """Return the log-normal factor of mean 1 and coefficient of variation `cv` for a normal e."""
     variance = np.log1p(cv**2)
     return float(np.exp(np.sqrt(variance) * e - variance / 2.0))
 
 
 def check(conditions: Conditions) -> None:
-    """Refuses numbers out of range, each by the name of its argument."""
+    """Raise an error, with the argument's name, for numbers out of range."""
     if not 2 <= conditions.bits <= 24:
         raise ConfigError(f"Argument `bits` must be 2 to 24, but is {conditions.bits}.")
     if not conditions.fs > 0.0:
@@ -85,7 +85,7 @@ def digitise(
     rng: np.random.Generator,
     channel: str = "channel",
 ) -> NDArray[np.float64]:
-    """Adds noise and rounds to q round((x_n + sigma e_n) / q), with steps q = 2^(1 - b) x_full."""
+    """Add noise and round to q round((x_n + sigma e_n) / q), with steps q = 2^(1 - b) x_full."""
     # With `full_scale` a power of two the values of up to 24 bits are exact in float32.
     noisy = analog + noise_std * rng.standard_normal(analog.size)
     step = full_scale * 2.0 ** (1 - bits)

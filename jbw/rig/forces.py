@@ -27,7 +27,7 @@ class Force(eqx.Module):
         return 0.0
 
     def at_rest(self) -> Kept:
-        """What is kept of the past before any motion."""
+        """Return the internal state of the force before any motion."""
         return ()
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
@@ -35,12 +35,12 @@ class Force(eqx.Module):
         return ()
 
     def settle(self, before: Kept, dy: Scalar, after: Kept) -> Kept:
-        """What is kept after a small step by dy, from before it and as it was integrated."""
+        """Correct the integrated internal state after a small step by dy."""
         return after
 
     @abstractmethod
     def exerted(self, y: Scalar, v: Scalar, z: Kept) -> Scalar:
-        """Force [N/kg]."""
+        """Return the force [N/kg]."""
 
 
 class BoucWenForce(Force):
@@ -56,7 +56,7 @@ class BoucWenForce(Force):
         return self.alpha
 
     def at_rest(self) -> Kept:
-        """No force."""
+        """Return zero force."""
         return 0.0
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
@@ -64,7 +64,7 @@ class BoucWenForce(Force):
         return self.alpha * v - self.gamma * abs(v) * z - self.delta * v * abs(z)
 
     def exerted(self, y: Scalar, v: Scalar, z: Kept) -> Scalar:
-        """Z."""
+        """Return the hysteretic force Z."""
         return z
 
 
@@ -82,7 +82,7 @@ class BoucWenNuForce(Force):
         return self.nu_stiffness
 
     def at_rest(self) -> Kept:
-        """No stretch."""
+        """Return zero stretch."""
         return 0.0
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
@@ -91,7 +91,7 @@ class BoucWenNuForce(Force):
         return v - self.nu_softening * v * size - self.nu_opening * abs(v) * jnp.sign(z) * size
 
     def exerted(self, y: Scalar, v: Scalar, z: Kept) -> Scalar:
-        """Alpha w."""
+        """Return the force alpha w."""
         return self.nu_stiffness * z
 
 
@@ -121,11 +121,11 @@ class WornForce(Force):
         return self.bwbn_stiffness
 
     def at_rest(self) -> Kept:
-        """No stretch, no damage."""
+        """Return zero stretch and zero damage."""
         return jnp.zeros(2)
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
-        """Rates of w and of the energy [1/s]."""
+        """Return the rates of w and of the energy [1/s]."""
         w, energy = z
         s, nu = jnp.sign(v), 1.0 + self.bwbn_delta_nu * energy
         zeta_1 = self.bwbn_zeta_s * (1.0 - jnp.exp(-self.bwbn_p * energy))
@@ -138,7 +138,7 @@ class WornForce(Force):
         return jnp.stack([moved * slope, moved * w])
 
     def exerted(self, y: Scalar, v: Scalar, z: Kept) -> Scalar:
-        """Alpha z_y w."""
+        """Return the force alpha z_y w."""
         return self.bwbn_stiffness * self.bwbn_yield * z[0]
 
 
@@ -154,15 +154,15 @@ class SliderForces(Force):
         return jnp.sum(self.springs)
 
     def at_rest(self) -> Kept:
-        """No force in any."""
+        """Return zero force in every slider."""
         return 0.0 * self.springs
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
-        """Nothing to integrate."""
+        """Return zero rates, as `settle` computes the slider forces."""
         return 0.0 * z
 
     def settle(self, before: Kept, dy: Scalar, after: Kept) -> Kept:
-        """Exact while the step does not turn round."""
+        """Return the slider forces after a step by dy; exact unless the step reverses."""
         limits = self.springs * self.slips
         return jnp.clip(before + self.springs * dy, -limits, limits)
 
@@ -182,7 +182,7 @@ class LinearSpring(Force):
         return self.k
 
     def exerted(self, y: Scalar, v: Scalar, z: Kept) -> Scalar:
-        """K y."""
+        """Return the force k y."""
         return self.k * y
 
 
@@ -193,7 +193,7 @@ class PowerSpring(Force):
     n: int = eqx.field(static=True)
 
     def exerted(self, y: Scalar, v: Scalar, z: Kept) -> Scalar:
-        """By the power."""
+        """Return the force c sgn(y) |y|^n."""
         return self.c * jnp.sign(y) * abs(y) ** self.n
 
 
@@ -203,7 +203,7 @@ class EvenSpring(Force):
     c: Scalar
 
     def exerted(self, y: Scalar, v: Scalar, z: Kept) -> Scalar:
-        """By the square."""
+        """Return the force c y^2."""
         return self.c * y * y
 
 
@@ -214,7 +214,7 @@ class Drag(Force):
     n: int = eqx.field(static=True)
 
     def exerted(self, y: Scalar, v: Scalar, z: Kept) -> Scalar:
-        """By the power."""
+        """Return the drag force c sgn(v) |v|^n."""
         return self.c * jnp.sign(v) * abs(v) ** self.n
 
 
@@ -225,7 +225,7 @@ class StopForce(Force):
     gap: Scalar
 
     def exerted(self, y: Scalar, v: Scalar, z: Kept) -> Scalar:
-        """Beyond the gap."""
+        """Return the stop's force, k times the displacement beyond the gap."""
         return self.k * (y - jnp.clip(y, -self.gap, self.gap))
 
 
@@ -238,15 +238,15 @@ class GapForce(Force):
     gap: Scalar
 
     def at_rest(self) -> Kept:
-        """In the middle of the gap."""
+        """Return the state in the middle of the gap, with zero force."""
         return 0.0, 0.0
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
-        """Nothing to integrate."""
+        """Return zero rates, as `settle` computes the state."""
         return 0.0 * z[0], 0.0 * z[1]
 
     def settle(self, before: Kept, dy: Scalar, after: Kept) -> Kept:
-        """By the midpoint rule in contact; what is left of the step after a release is free."""
+        """Advance by the midpoint rule in contact; after a release the rest of the step is free."""
         z, s = before
 
         def slope(force: Scalar) -> Scalar:
@@ -264,5 +264,5 @@ class GapForce(Force):
         return force, place
 
     def exerted(self, y: Scalar, v: Scalar, z: Kept) -> Scalar:
-        """Z."""
+        """Return the force Z."""
         return z[0]

@@ -26,7 +26,7 @@ class Tone:
     settle: float  # time before the record starts [s]; whole periods keep the phase
 
     def volts(self, t: Samples, distortion: float) -> Samples:
-        """Voltage at times t >= 0."""
+        """Return the voltage at times t >= 0."""
         return self.level * _wave(np.cos, 2.0 * np.pi * self.frequency_hz * t, distortion)
 
 
@@ -43,7 +43,7 @@ class Sweep:
     settle: float = 0.0  # time before the record starts [s]; zero to record from rest
 
     def volts(self, t: Samples, distortion: float) -> Samples:
-        """Voltage at times t >= 0."""
+        """Return the voltage at times t >= 0."""
         on = t < self.burst
         s = t[on]
         slope = (self.stop_hz - self.start_hz) / self.burst
@@ -69,7 +69,7 @@ class Steps:
         return self.dwell * len(self.frequencies_hz)
 
     def volts(self, t: Samples, distortion: float) -> Samples:
-        """Voltage at times t >= 0."""
+        """Return the voltage at times t >= 0."""
         step = np.minimum((t / self.dwell).astype(int), len(self.frequencies_hz) - 1)
         frequency = np.asarray(self.frequencies_hz)[step]
         phase = 2.0 * np.pi * frequency * (t - step * self.dwell)
@@ -122,7 +122,7 @@ def analog(
     lag: float = 0.0,
     distortion: float = 0.0,
 ) -> Voltage:
-    """The excitation at t_i = i / rate - lag; distortion is order 3 relative to the level."""
+    """Sample the excitation at t_i = i / rate - lag; distortion is order 3 relative to level."""
     if isinstance(excitation, Noise | Multisine):
         period = _period(excitation, phases, round(rate / fs), fs, lag * fs)
         return lambda i, j: period.take(np.arange(i, j), mode="wrap")
@@ -150,7 +150,7 @@ def draw_phases(excitation: Excitation, rng: np.random.Generator, fs: float) -> 
 def _period(
     excitation: Noise | Multisine, phases: Samples, factor: int, fs: float, lag_samples: float
 ) -> Samples:
-    """One period of the lines, `factor` points a sample: zero padding in frequency is exact."""
+    """Return one period of the lines at `factor` points a sample, by exact zero padding."""
     lines, num_points = np.arange(1, phases.size + 1), 2 * (phases.size + 1)
     if isinstance(excitation, Multisine):
         lines, num_points = excitation.lines, round(excitation.period * fs)

@@ -57,7 +57,7 @@ class Specimen(NamedTuple):
         return jnp.asarray(sum((force.exerted(y, v, z) for force, z in pairs), 0.0))
 
     def rates(self, v: Scalar, parts: Parts) -> Parts:
-        """Rates of the parts at a velocity."""
+        """Return the rates of the forces' internal states at a velocity."""
         return tuple(force.rate(v, z) for force, z in zip(self.forces, parts, strict=True))
 
     def state_rate(self, state: State, u: Scalar) -> State:
@@ -102,7 +102,7 @@ def runge_kutta(
     inputs: tuple[Array, Array, Array],
     h: Scalar,
 ) -> State:
-    """One classical Runge-Kutta step of h seconds; inputs at its beginning, middle and end."""
+    """Take one classical Runge-Kutta step of h seconds; inputs at its start, middle and end."""
     # `settle` puts right what is not integrated of a state after a small step from `now`.
 
     def moved(length: Scalar, slope: State) -> State:
@@ -124,7 +124,7 @@ def respond(
     num_samples: int,
     fs: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Displacement [m], velocity [m/s] and joint force beside the spring k [N/kg], from rest."""
+    """Return displacement [m], velocity [m/s], joint force without spring k [N/kg], from rest."""
     # `force(i, j)` is the analog force per unit mass at points i .. j - 1, `GRID` a sample [N/kg].
     specimen = doubles(specimen_of(joint))
     start = doubles((0.0, 0.0, specimen.at_rest()))
@@ -153,7 +153,7 @@ def integrated(
     *,
     block: int = BLOCK,
 ) -> list[NDArray[np.float64]]:
-    """What is `seen` of a system's state and source at the start of each sample, from a state on.
+    """Integrate a system from a state; return `seen` of state and source at each sample's start.
 
     The system has `state_rate` and `settle`; `source(i, j)` are points i .. j - 1, `GRID` a sample.
     """
@@ -173,7 +173,7 @@ def _advance(
     u: Float[Array, " grid"],
     h: float,
 ) -> tuple[State, Seen]:
-    """Runs one block; returns its final state, and what is seen at the start of each sample."""
+    """Run one block; return its final state and the outputs at the start of each sample."""
 
     def substep(i: Array, carry: tuple[Array, State]) -> tuple[Array, State]:
         start, now = carry

@@ -35,7 +35,7 @@ FARTHEST = 0.1  # slip of the last slider of a density that has none [m]
 
 
 def jenkins(theta: Mapping[str, Scalar]) -> list[Force]:
-    """From stiffness_1, slip_1 [m], stiffness_2, slip_ratio_2 [-] to the slip before, ..."""
+    """Build sliders from stiffness_1, slip_1 [m], stiffness_2, slip_ratio_2 (to slip_1) [-], ..."""
     springs = [x for name, x in theta.items() if name.startswith("stiffness")]
     ratios = (x for name, x in theta.items() if name.startswith("slip"))  # the first one is m
     return [SliderForces(_row(springs), jnp.cumprod(_row(ratios)))]
@@ -46,24 +46,24 @@ def _row(numbers: Iterable[Scalar]) -> Array:
 
 
 def _slips(last: Scalar) -> Array:
-    """Slips that part a density of sliders into bins, from zero to the last one."""
+    """Return the slips that divide a slider density into bins, from zero to the last slip."""
     return last * jnp.linspace(0.0, 1.0, BINS + 1) ** GRADING
 
 
 def _binned(weight: Array, moment: Array) -> SliderForces:
-    """A slider for each bin at its centroid, by integrals of the density and of its moment."""
+    """Build a slider at each bin's centroid, from integrals of the density and of its moment."""
     springs = jnp.diff(weight)
     return SliderForces(springs, jnp.diff(moment) / springs)
 
 
 def _power_density(r: Scalar, chi: Scalar, last: Scalar) -> SliderForces:
-    r"""Sliders of the density $R \varphi^\chi$ to the last slip."""
+    r"""Build sliders of the density $R \varphi^\chi$ up to the last slip."""
     x = _slips(last)
     return _binned(r * x ** (chi + 1) / (chi + 1), r * x ** (chi + 2) / (chi + 2))
 
 
 def iwan4(theta: Mapping[str, Scalar]) -> list[Force]:
-    """Segalman's density of sliders, and those at its end that slip together."""
+    """Build sliders of Segalman's density, and the sliders at its end that slip together."""
     chi, spread = theta["iwan_chi"], theta["iwan_stiffness"] / (1 + theta["iwan_beta"])
     r = theta["iwan_loss"] * (chi + 1) * (chi + 2) / MILLIMETRE ** (chi + 1)
     last = (spread * (chi + 1) / r) ** (1 / (chi + 1))
@@ -72,7 +72,7 @@ def iwan4(theta: Mapping[str, Scalar]) -> list[Force]:
 
 
 def masing_power(theta: Mapping[str, Scalar]) -> list[Force]:
-    """Sliders of a power density, without the stiffness that they have at rest."""
+    """Build sliders of a power density; subtract their stiffness at rest."""
     q = theta["power_exponent"]
     r = theta["power_loss"] * q * (q + 1) / MILLIMETRE**q
     sliders = _power_density(r, q - 1, FARTHEST)
@@ -80,7 +80,7 @@ def masing_power(theta: Mapping[str, Scalar]) -> list[Force]:
 
 
 def masing_exponential(theta: Mapping[str, Scalar]) -> list[Force]:
-    r"""Sliders of the density $\alpha b\,e^{-b\varphi}$."""
+    r"""Build sliders of the density $\alpha b\,e^{-b\varphi}$."""
     alpha, b = theta["exponential_alpha"], theta["exponential_b"]
     x = _slips(40.0 / b)  # beyond which are 4e-18 of them
     passed = jnp.exp(-b * x)

@@ -103,7 +103,7 @@ def s_curve(frequency_hz: float, levels: tuple[float, ...], **stated: float) -> 
 def pulled(
     joint: Joint | Specimen, growth: Growth, fs: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Displacement [m] and restoring force per unit mass k y + F [N/kg] of a slow loop."""
+    """Return displacement [m] and restoring force per unit mass k y + F [N/kg] of a slow loop."""
     specimen, count = specimen_of(joint), round(growth.duration * fs)
     fine = np.arange(2 * STEPS * count + 1) / (2 * STEPS * fs)
     force = np.asarray(_along(doubles(specimen), growth.velocity(fine), 1.0 / (STEPS * fs)))
@@ -112,7 +112,7 @@ def pulled(
 
 
 def holding_force(joint: Joint | Specimen, held: Held) -> NDArray[np.complex128]:
-    """Force F_1 per unit mass at each frequency that holds a response of phase zero [N/kg]."""
+    """Return the force F_1 per mass at each frequency for a response of phase zero [N/kg]."""
     levels = (held.level,) * len(held.frequencies_hz)
     return held_points(joint, HeldPoints(held.frequencies_hz, levels))
 
@@ -132,7 +132,7 @@ def held_points(
 def locked_points(
     joint: Joint | Specimen, locked: Locked, phase: NDArray[np.float64], distortion: float = 0.0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    r"""Frequency [Hz] and force per unit mass [N/kg] at which each point has its phase [rad].
+    r"""Return frequency [Hz] and force per mass [N/kg] at which points have their phase [rad].
 
     $$\omega^2 - 2\zeta\omega_n \cot\varphi\,\omega - (k + \mathrm{Re}\,Z_1/Y +
       \cot\varphi\,\mathrm{Im}\,Z_1/Y) = 0$$
@@ -150,7 +150,7 @@ def _held_force(
     phase: NDArray[np.float64] | None,
     distortion: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    """Frequencies [rad/s] and fundamental forces [N/kg]; frequencies are those of the phases."""
+    """Return frequencies [rad/s] and fundamental forces [N/kg]; phases set the frequencies."""
     k, damping = float(specimen.k), float(specimen.zeta * specimen.omega_n)
     motion = np.zeros((level.size, ORDERS.size), complex)
     motion[:, 0] = level
@@ -174,7 +174,7 @@ def _held_force(
 def _harmonics(
     specimen: Specimen, motion: NDArray[np.complex128], omega: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
-    r"""Odd harmonics of the joint's force along periodic motions, a row each.
+    r"""Return odd harmonics of the joint's force along periodic motions, one row per motion.
 
     The motions grow from rest as $\sin^2(\pi t / 2 T)$: small ones forget an offset in thousands of
     periods.
@@ -197,7 +197,7 @@ def _harmonics(
 def _along(
     specimen: Specimen, v: Float[Array, " half"], h: float | Float[Array, ""]
 ) -> Float[Array, " step"]:
-    """Force of the joint at the ends of the steps, along a velocity given twice a step."""
+    """Integrate the joint's force at the steps' ends, from two velocity samples per step."""
 
     def rate(now: State, v: Array) -> State:
         return v, specimen.rates(v, now[1])

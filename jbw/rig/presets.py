@@ -145,7 +145,7 @@ def sweep_plan(level: float) -> Plan:
 
 
 def stepped_plan(level: float) -> Plan:
-    """A stepped sine: in the 24 s that settle a transient falls to 3e-6 of a step's change."""
+    """Plan a stepped sine whose 24 s of settling reduce transients to 3e-6 of a step's change."""
     return _plan("stepped", "stepped", Steps(STEPPED_HZ, level, dwell=32.0), 2, settle=24.0)
 
 
@@ -170,7 +170,7 @@ def _programme(
 
 
 def _short_programme() -> tuple[Plan, ...]:
-    """Many kinds of test, none of them long, in newtons."""
+    """Plan many kinds of short tests, with levels in newtons."""
     probing = ((f, level) for level in (6.0, 12.0, 18.0) for f in (5.5, 6.5))
     tones = (Tone(f, level, duration=16.0, settle=32.0) for f, level in probing)
     sweeps = (
@@ -191,7 +191,7 @@ def _short_programme() -> tuple[Plan, ...]:
 
 
 def _controlled_programme() -> tuple[Plan, ...]:
-    """What a controller measures in an afternoon, a hundred periods a point, and two decays."""
+    """Plan an afternoon of controlled tests, 100 periods a point, and two decays."""
     levels = tuple(np.geomspace(2e-4, 6e-3, 14).tolist())
     bursts = [Sweep(BURST_HZ, BURST_HZ, v, burst=6.0, fade=0.1, duration=10.0, settle=6.0)
               for v in (0.1, 0.4)]  # fmt: skip
@@ -204,7 +204,7 @@ def _controlled_programme() -> tuple[Plan, ...]:
 
 
 def _everyday_programme(days: int = 3) -> tuple[Plan, ...]:
-    """What fits into a morning, once a day: records of 10 s to 6 min."""
+    """Plan a morning's tests, repeated once a day: records of 10 s to 6 min."""
     sweeps = (Sweep(10.0, 30.0, v, burst=6.0, fade=0.2, duration=10.0) for v in (0.05, 0.10, 0.20))
     burst = Sweep(BURST_HZ, BURST_HZ, 0.05, burst=6.0, fade=0.1, duration=10.0, settle=6.0)
     held = Tone(LOOP_HZ, 0.05, duration=16.0, settle=32.0)
@@ -217,7 +217,7 @@ def _everyday_programme(days: int = 3) -> tuple[Plan, ...]:
 
 
 def _modes_programme() -> tuple[Plan, ...]:
-    """About the first mode, by the force that the shaker gives and by what it is fed."""
+    """Plan tests of the first mode, driven by shaker force and by shaker voltage."""
     near = (12.0, 26.0)
     every, cell = ("input", "force", "drive_point"), ("force",)
     sweeps = [Sweep(10.0, 30.0, v, burst=6.0, fade=0.2, duration=10.0) for v in (0.02, 0.06, 0.2)]

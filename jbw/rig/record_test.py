@@ -53,13 +53,13 @@ class Bench:
     conditions: Conditions
 
     def stream(self, repeat: int, channel: int) -> np.random.Generator:
-        """Random numbers of one channel of one repeat."""
+        """Return the random numbers of one channel of one repeat."""
         return stream(self.conditions, zlib.crc32(self.plan.name.encode()), repeat, channel)
 
     def sensed(
         self, role: str, analog: Samples, noise_std: float, full_scale: float, key: tuple[int, int]
     ) -> Samples:
-        """What a sensor and its converter make of a channel; `key` is its repeat and stream."""
+        """Return a channel after sensor noise and conversion; `key` is its repeat and stream."""
         return digitise(
             analog,
             noise_std=noise_std,
@@ -73,7 +73,7 @@ class Bench:
 def record_test(
     plan: Plan, rig: Preset, days: Sequence[Specimen], conditions: Conditions
 ) -> list[tuple[Test, Sequence[Samples]]]:
-    """A planned test as recorded, or one a day where days differ, and its demands [V or N]."""
+    """Record a planned test with its demands [V or N]; split it by day if days differ."""
     excitation = plan.excitation
     channels, demands = _recorded(Bench(plan, rig, conditions), days)
     by_lines = isinstance(excitation, Held | Locked | HeldPoints)
@@ -146,7 +146,7 @@ def _by_day(test: Test, demands: Sequence[Samples]) -> Iterator[tuple[Test, Sequ
 def _shaken(
     bench: Bench, excitation: Excitation, days: Sequence[Specimen]
 ) -> tuple[list[Channels], list[Samples]]:
-    """Channels and demands under the shaker; of a free decay, driven no more, velocity only."""
+    """Record channels and demands under the shaker; for a free decay, velocity only."""
     rig, conditions = bench.rig, bench.conditions
     differ = conditions.varies or isinstance(excitation, Noise)
     driven = kind_named(bench.plan.kind).is_driven
@@ -178,7 +178,7 @@ def _by_laser(bench: Bench, velocity: Samples, repeat: int) -> Samples:
 def _played(
     bench: Bench, excitation: Excitation, repeat: int
 ) -> tuple[Callable[..., Voltage], int, int]:
-    """What is played, by the rate of its points, the first sample recorded and that after all."""
+    """Return the source as a function of sampling rate, the first recorded sample and the end."""
     fs = bench.conditions.fs
     # Every repeat of noise draws phases of its own; a multisine is played again as it was.
     drawn = repeat if isinstance(excitation, Noise) else 0
@@ -191,7 +191,7 @@ def _played(
 def _play(
     bench: Bench, excitation: Excitation, specimen: Specimen, repeat: int
 ) -> tuple[Samples, Samples, Samples]:
-    """Demanded source, source at the shaker and velocity, as they are before any sensor."""
+    """Return demanded source, source at the shaker and velocity, before any sensor."""
     conditions, fs = bench.conditions, bench.conditions.fs
     played, first, last = _played(bench, excitation, repeat)
     demand = played(fs)(first, last)
@@ -206,7 +206,7 @@ def _play(
 def _shaken_structure(
     bench: Bench, shapes: Shapes, excitation: Excitation, days: Sequence[Specimen]
 ) -> tuple[list[Channels], list[Samples]]:
-    """The same of several modes under a shaker with an armature, with what its plan records."""
+    """Record channels and demands of a structure of several modes on a shaker with armature."""
     rig, conditions = bench.rig, bench.conditions
     if conditions.delay:
         raise ConfigError(
@@ -241,7 +241,7 @@ def _shaken_structure(
 def _play_structure(
     bench: Bench, structure: Assembled, excitation: Excitation, repeat: int
 ) -> tuple[Samples, Samples, RigMotion]:
-    """Demanded voltage, voltage at the shaker and motion, as they are before any sensor."""
+    """Return demanded voltage, voltage at the shaker and motion, before any sensor."""
     conditions, fs = bench.conditions, bench.conditions.fs
     played, first, last = _played(bench, excitation, repeat)
     motion = move(structure, played(GRID * fs, distortion=conditions.distortion), last, fs)

@@ -106,7 +106,7 @@ def move(
     num_samples: int,
     fs: float,
 ) -> RigMotion:
-    """Motion from rest under a source [V, or N] at points i .. j - 1, `GRID` a sample."""
+    """Simulate from rest under a source [V, or N] at points i .. j - 1, `GRID` a sample."""
     require_double()
     doubled = doubles(structure)
     size = min(BLOCK, 1 << (num_samples - 1).bit_length())  # few compilations for short records
@@ -123,7 +123,7 @@ def move(
 
 
 def _motion_and_source(structure: Assembled, state: State, source: Array) -> Seen:
-    """x, q, q', q'' and the source."""
+    """Return x, q, q', q'' and the source."""
     return *state[:3], structure.state_rate(state, source)[2], source
 
 
@@ -134,7 +134,7 @@ def of_day(shapes: Shapes, specimen: Specimen) -> Shapes:
 
 
 def first_mode_truth(shapes: Shapes, armature: Armature) -> dict[str, float]:
-    """What an identification finds of the first mode by voltage, and its gains by either drive."""
+    """Return the true omega_n, zeta and gain that voltage-driven tests of mode 1 identify."""
     added = Attachment(armature.mass, armature.damping, armature.stiffness)
     omega, zeta = attached(shapes.omega, shapes.zeta, shapes.drive, added)
     gain = float(shapes.drive[0] * shapes.output[0])
@@ -144,7 +144,7 @@ def first_mode_truth(shapes: Shapes, armature: Armature) -> dict[str, float]:
 
 
 def modal_truth(shapes: Shapes, mode: int = 0) -> dict[str, Modal]:
-    r"""What an identification finds of the modes, in units of what one of them does to the joint.
+    r"""Return the true modal parameters, normalised by the joint motion of mode `mode`.
 
     $$b_i = \phi_{d,i}\,\phi_{r,i}, \qquad
       h_i = \frac{\phi_{J,i}/\phi_{r,i}}{\phi_{J,1}/\phi_{r,1}}, \qquad
@@ -159,7 +159,7 @@ def modal_truth(shapes: Shapes, mode: int = 0) -> dict[str, Modal]:
 
 
 def law_of_mode(law: Law, shapes: Shapes, mode: int = 0) -> dict[str, float]:
-    r"""Parameters of a law across the joint as those of one mode's oscillator, where output is y.
+    r"""Convert a joint law's parameters to one mode's oscillator, whose displacement is output y.
 
     $$x = s\,y, \qquad s = \phi_J/\phi_r, \qquad \text{force per unit mass}\ \phi_J \phi_r f$$
 
@@ -174,6 +174,6 @@ def law_of_mode(law: Law, shapes: Shapes, mode: int = 0) -> dict[str, float]:
 
 
 def _factor(powers: Mapping[str, int], push: float, stretch: float) -> float:
-    """Of a parameter whose unit has these powers, of which s^-2 marks a stiffness."""
+    """Return the factor of a parameter with these unit powers; s^-2 marks a stiffness."""
     stiff = push**2 if powers.get("s") == -2 else 1.0
     return stiff * stretch ** -powers.get("m", 0)

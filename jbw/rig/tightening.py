@@ -128,7 +128,7 @@ def measure_fleet(
     seed: int = 0,
     **conditions: Any,
 ) -> list[RigCampaign]:
-    """One campaign a tightening: all torques for every assembly, one assembly after the other.
+    """Measure one campaign per tightening: all torques of one assembly, then the next.
 
     Each states its [assembly] table and holds its own joint in `truth`; tightenings are counted
     over all campaigns of an assembly. Priors are left to the records' own scales.
@@ -176,7 +176,7 @@ def _chance(seed: int, *key: int) -> np.random.Generator:
 
 
 def _order(num: int, assembly: int, seed: int) -> Sequence[int]:
-    """Places of the torques in turn: by chance, and of every second assembly the reverse."""
+    """Draw the order of torques at random; reverse it for every second assembly."""
     permutation = _chance(seed, assembly // 2).permutation(num).tolist()
     return permutation[::-1] if assembly % 2 else permutation
 
@@ -190,7 +190,7 @@ def _stated(campaign: RigCampaign, assembly: str, torque: float, sequence: int) 
 
 
 def _power(name: str, unit: str) -> Float[np.ndarray, " 2"]:
-    """Powers of a stiffness and of a displacement that a parameter of this unit is."""
+    """Return the powers of stiffness and of displacement in a parameter of this unit."""
     exponents = powers_of(unit)
     seconds = exponents.pop("s", 0)
     metres = exponents.pop("m", 0)
@@ -204,7 +204,7 @@ def _power(name: str, unit: str) -> Float[np.ndarray, " 2"]:
 
 
 def _check(how: Tightening, torque: float, sequence: int) -> None:
-    """Refuses numbers out of range, each by its name."""
+    """Raise an error, with the argument's name, for numbers out of range."""
     positive = {"torque": torque, "reference": how.reference, "sequence": sequence}
     for name, value in positive.items():
         if not 0.0 < value < np.inf:
