@@ -44,7 +44,7 @@ def branch(
     path: Path,
     order: int | None = None,
 ) -> Float[Array, "..."]:
-    r"""Hysteretic force Z_i(y) on one of the four paths of the loop.
+    r"""Return the hysteretic force Z_i(y) on one of the four paths of the loop.
 
     $$Z_1 = \alpha\,\phi(\delta-\gamma, y-y_0), \quad Z_2 = -\alpha\,\phi(\delta+\gamma, y_0-y)$$
     $$Z_3 = -\alpha\,\phi(\delta-\gamma, -y_0-y), \quad Z_4 = \alpha\,\phi(\delta+\gamma, y+y_0)$$
@@ -86,7 +86,7 @@ def branch(
 
 
 def _taylor(c: Scalar, x: Array, order: int) -> Array:
-    """Taylor polynomial of phi(c, x) about x = 0, the sum of (-c)^(n-1) x^n / n!."""
+    """Return the Taylor polynomial of phi(c, x) at x = 0, the sum of (-c)^(n-1) x^n / n!."""
     c = jnp.asarray(c)
     terms = ((-c) ** (n - 1) * x**n / math.factorial(n) for n in range(1, order + 1))
     return sum(terms, jnp.zeros_like(x))
@@ -114,7 +114,7 @@ def smoothing(
     variant: Variant = "least_squares",
     y_open: Real[ArrayLike, "..."] | None = None,
 ) -> Smoothing:
-    r"""Coefficients lambda_0..lambda_3 of the polynomial that replaces Z on a loop of peak Y.
+    r"""Return coefficients lambda_0..lambda_3 of the polynomial that replaces Z for peak Y.
 
     The unloading force c_0 + c_1 y + c_2 y^2 + c_3 y^3 is fitted over [-Y, Y], and
 
@@ -178,7 +178,7 @@ def smoothing(
 
 
 def _threshold(joint: BoucWen, y_peak: ArrayLike, y_open: ArrayLike | None) -> ArrayLike:
-    """The threshold y_0 of a loop of peak Y: the given one, checked, or that of the steady loop."""
+    """Return the threshold y_0 for peak Y: the given value, checked, or the steady loop's."""
     require_at_least("y_peak", y_peak, 0.0, open_end=True)
     if y_open is None:
         return steady_loop(joint, y_peak).y_open
@@ -229,7 +229,7 @@ def _smoothing(joint: BoucWen, y_peak: ArrayLike, y_open: ArrayLike, variant: Va
 def closed_loop_stiffness(
     alpha: Scalar, delta: Scalar, y_peak: Scalar, gamma: Scalar = 0.0
 ) -> Float[Array, "..."]:
-    r"""Cubic stiffness of a loop that hardly opens.
+    r"""Return the cubic stiffness of a nearly closed loop.
 
     $$\lambda_3 = \alpha\left(\frac{\delta^2 + \gamma^2}{6} - \frac{35\,\delta}{96\,Y}\right)$$
 
@@ -250,7 +250,7 @@ def closed_loop_stiffness(
 
 
 def unloading_force(polynomial: Smoothing, y: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
-    r"""Smoothed force on unloading, dy/dt < 0.
+    r"""Return the smoothed force on unloading, dy/dt < 0.
 
     $$F(y) = -\lambda_0 + \lambda_1 y + \lambda_2 y^2 + \lambda_3 y^3$$
 
@@ -268,7 +268,7 @@ def unloading_force(polynomial: Smoothing, y: Real[ArrayLike, "..."]) -> Float[A
 
 
 def loading_force(polynomial: Smoothing, y: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
-    r"""Smoothed force on loading, dy/dt > 0: the unloading one turned about the origin.
+    r"""Return the smoothed force on loading, dy/dt > 0, mirrored from unloading about the origin.
 
     $$F(y) = \lambda_0 + \lambda_1 y - \lambda_2 y^2 + \lambda_3 y^3$$
 
@@ -292,7 +292,7 @@ def smoothed_force(
     *,
     width: Scalar = 0.0,
 ) -> Float[Array, "..."]:
-    r"""Polynomial restoring force that replaces Z, both branches.
+    r"""Return the polynomial restoring force that replaces Z on both branches.
 
     $$F(y, v) = \lambda_1 y + \lambda_3 y^3 + s(v)\,(\lambda_0 - \lambda_2 y^2), \qquad
       s(v) = \mathrm{sgn}(v) \;\text{ or }\; \tanh(v/w)$$
@@ -329,7 +329,7 @@ def smoothing_error(
     y_peak: Real[ArrayLike, "..."],
     y_open: Real[ArrayLike, "..."] | None = None,
 ) -> Float[Array, "..."]:
-    r"""Squared error of the unloading polynomial over the loop, which least squares minimise.
+    r"""Return the unloading polynomial's squared error over the loop, minimised by least squares.
 
     $$J = \int_{-Y}^{y_0} (Z_2 - F)^2\,dy + \int_{y_0}^{Y} (Z_1 - F)^2\,dy$$
 
@@ -364,7 +364,7 @@ def smoothing_error(
 
 
 def _least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
-    """Projection on the Legendre polynomials P_0..P_3."""
+    """Project on the Legendre polynomials P_0..P_3."""
     # The lag has a kink at the threshold.
     s, weights = gauss_legendre_between(_NUM_NODES, -1.0, eta, 1.0)
     lost = weights * unloading_lag(s, *(x[..., None] for x in (eta, d, g)))
@@ -374,7 +374,7 @@ def _least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
 
 
 def _chebyshev(d: Array, g: Array, eta: Array) -> Coefficients:
-    """Projection on T_0..T_3, the cosine series of the lag in theta, s = cos(theta)."""
+    """Project on T_0..T_3 by the cosine series of the lag in theta, s = cos(theta)."""
     theta, weights = gauss_legendre_between(_NUM_NODES, 0.0, jnp.arccos(eta), jnp.pi)
     lost = weights * unloading_lag(jnp.cos(theta), *(x[..., None] for x in (eta, d, g)))
     t_0, t_1, t_2, t_3 = (2.0 / jnp.pi * jnp.sum(lost * jnp.cos(n * theta), -1) for n in range(4))
@@ -382,7 +382,7 @@ def _chebyshev(d: Array, g: Array, eta: Array) -> Coefficients:
 
 
 def _taylor_least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
-    """Exact minimiser of Eq. (9) for paths cut after the cubic term."""
+    """Return the exact minimiser of Eq. (9) for paths truncated after the cubic term."""
     dg, dd_gg = d * g, d**2 + g**2
     c_0 = (
         (-eta + 3 * d * eta / 16 + g * eta**2 / 2 + dg / 48 - 3 * dg * eta**2 / 16)
@@ -408,7 +408,7 @@ def _taylor_least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
 
 
 def _printed(d: Array, g: Array, eta: Array) -> Coefficients:
-    """Eqs. (10)-(13) as printed: lambda_0 = +c_0 and lambda_2 = -c_2, with terms left out."""
+    """Return Eqs. (10)-(13) as printed: lambda_0 = +c_0, lambda_2 = -c_2, with missing terms."""
     dg, dd_gg = d * g, d**2 + g**2
     lambda_0 = -eta + 3 * d * eta / 16 + g * eta**2 / 2
     lambda_2 = -g / 2 + dd_gg * eta / 2 - 15 * d * eta / 16 + 15 * dg * eta**2 / 16
@@ -421,6 +421,6 @@ def _printed(d: Array, g: Array, eta: Array) -> Coefficients:
 
 
 def _printed_closed(d: Array, g: Array, eta: Array) -> Coefficients:
-    """Eqs. (24), (25): the closed loop, where only lambda_1 and lambda_3 remain."""
+    """Return Eqs. (24), (25): the closed loop, where only lambda_1 and lambda_3 are nonzero."""
     zero, unity = jnp.zeros_like(d), jnp.ones_like(d)
     return zero, unity, zero, closed_loop_stiffness(unity, d, unity)

@@ -101,7 +101,7 @@ def equivalent_force(
     *,
     width: Scalar = 0.0,
 ) -> Float[Array, "..."]:
-    r"""Smoothed hysteretic force with its switched part given from outside.
+    r"""Return the smoothed hysteretic force, with its switched part optionally supplied as u_0.
 
     $$Z = \lambda_1 y + \rho\,y^2 + \lambda_3 y^3 + u_0, \qquad \rho = -\lambda_2\,\mathrm{sgn}(v)$$
 
@@ -295,18 +295,18 @@ class _Drive(eqx.Module):
     rate: Array  # steps in a second [1/s]
 
     def force(self, step: Array) -> Array:
-        """Input at a step [N/kg]."""
+        """Return the input at a step [N/kg]."""
         if callable(self.u):
             return self.u(step / self.rate)
         return _interpolate(self.u, step / self.substeps)
 
     def switched(self, step: Array) -> Array | None:
-        """Switched force from outside [N/kg]."""
+        """Return the externally supplied switched force, or None [N/kg]."""
         u_0 = self.switching.u_0
         return None if u_0 is None else u_0(step / self.rate)
 
     def direction(self, step: Array, v: Array) -> Array:
-        """What the branches switch with: the velocity, or as printed the rate of the input."""
+        """Return the switching signal: the velocity, or as printed the rate of the input."""
         if self.switching.variant == "corrected":
             return v
         _, slope = jax.jvp(self.force, (step,), (jnp.ones_like(step),))
@@ -353,6 +353,6 @@ def _simulate(
 
 
 def _interpolate(u: Array, position: Array) -> Array:
-    """Linear interpolation of samples by index arithmetic, many times faster than a search."""
+    """Interpolate samples linearly by index arithmetic, which is much faster than a search."""
     index = jnp.clip(jnp.floor(position).astype(int), 0, u.size - 2)
     return u[index] + (position - index) * (u[index + 1] - u[index])

@@ -18,7 +18,7 @@ Delay = Float[ArrayLike, "..."]
 
 
 def impulse_1(system: PolynomialOscillator, tau: Delay) -> Float[Array, "..."]:
-    r"""Impulse response of the linear part.
+    r"""Return the impulse response of the linear part.
 
     $$h_1(\tau) = \frac{1}{\omega_d}e^{-\zeta\omega_n\tau}\sin\omega_d\tau, \qquad
       \omega_d^2 = \omega_0^2 - (\zeta\omega_n)^2$$
@@ -42,7 +42,7 @@ def impulse_1(system: PolynomialOscillator, tau: Delay) -> Float[Array, "..."]:
 
 
 def impulse_2(system: PolynomialOscillator, tau_1: Delay, tau_2: Delay) -> Float[Array, "..."]:
-    r"""Second-order kernel in time.
+    r"""Return the second-order kernel in time.
 
     $$h_2(\tau_1,\tau_2) = -\rho\int_0^{\min\tau} h_1(s)\,h_1(\tau_1-s)\,h_1(\tau_2-s)\,ds$$
 
@@ -70,7 +70,7 @@ def impulse_2(system: PolynomialOscillator, tau_1: Delay, tau_2: Delay) -> Float
 def impulse_3(
     system: PolynomialOscillator, tau_1: Delay, tau_2: Delay, tau_3: Delay
 ) -> Float[Array, "..."]:
-    r"""Third-order kernel in time, symmetric in its delays.
+    r"""Return the third-order kernel in time, symmetric in its delays.
 
     $$h_3 = -\int_0^{\min\tau} h_1(s)\Bigl[\lambda_3 \prod_i h_1(\tau_i-s)
       + \tfrac{2}{3}\rho\sum_{i} h_1(\tau_i-s)\,h_2(\tau_k-s,\tau_l-s)\Bigr]ds$$
@@ -146,7 +146,7 @@ def _summed(
 
 
 def _damped(system: PolynomialOscillator) -> Scalar:
-    """Damped natural frequency, omega_d [rad/s]."""
+    """Return the damped natural frequency, omega_d [rad/s]."""
     if is_concrete(system.damping, system.stiffness):
         least = np.min(np.asarray(system.stiffness) - np.square(np.asarray(system.damping) / 2.0))
         if least <= 0.0 or np.min(np.asarray(system.damping)) <= 0.0:
@@ -159,7 +159,7 @@ def _damped(system: PolynomialOscillator) -> Scalar:
 
 
 def _spread(tau: Delay, axes: int) -> Float[Array, "..."]:
-    """Causal delays, with as many new last axes as there are sums over poles."""
+    """Return causal delays with one new last axis for each sum over poles."""
     return jnp.maximum(jnp.asarray(tau), 0.0).reshape(jnp.shape(tau) + (1,) * axes)
 
 

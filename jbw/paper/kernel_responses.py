@@ -37,7 +37,7 @@ def tones(
     amplitude: Inexact[ArrayLike, " _tone"],
     t: Float[ArrayLike, "..."],
 ) -> Float[Array, "..."]:
-    r"""Input of several tones, $u(t) = \mathrm{Re}\sum_i A_i e^{j\omega_i t}$.
+    r"""Return an input of several tones, $u(t) = \mathrm{Re}\sum_i A_i e^{j\omega_i t}$.
 
     Args:
         omega: Angular frequencies of the tones [rad/s]; the paper has three.
@@ -81,7 +81,7 @@ def multinomial(powers: Sequence[int]) -> int:
 def repeated_kernel(
     system: PolynomialOscillator, omega: Float[ArrayLike, " tone"], powers: Sequence[int]
 ) -> Complex[Array, ""]:
-    r"""Kernel at repeated frequencies of a few tones, as the response to them needs it.
+    r"""Return the kernel at repeated frequencies of a few tones, as the response needs it.
 
     $$H_\eta(\underbrace{\omega_a, \dots}_{p}, \underbrace{-\omega_a, \dots}_{q},
       \underbrace{\omega_b, \dots}_{r}, \dots)$$
@@ -148,7 +148,7 @@ def tone_terms(
     amplitude: Inexact[ArrayLike, " _tone"],
     order: int,
 ) -> Terms:
-    r"""Terms of one homogeneous order in the response to a few tones.
+    r"""Return the terms of one homogeneous order in the response to a few tones.
 
     $$y_\eta = \frac{1}{2^\eta}\sum_{p+q+r+s+v+w=\eta} \frac{\eta!}{p!\,q!\,r!\,s!\,v!\,w!}
       A^p \bar A^q B^r \bar B^s C^v \bar C^w\, H_\eta\, e^{j(N\omega_a+M\omega_b+L\omega_c)t}$$
@@ -224,7 +224,7 @@ def tone_response(
     amplitude: Inexact[ArrayLike, " _tone"],
     max_order: int = 3,
 ) -> Lines:
-    r"""Steady response to one, two, three or more tones, through a given order.
+    r"""Return the steady response to one or more tones, up to a given order.
 
     $$y(t) = y_1 + \dots + y_\eta = \mathrm{Re}\sum_{N,M,L} Y_{NML}\,
       e^{j(N\omega_a+M\omega_b+L\omega_c)t}$$
@@ -334,7 +334,7 @@ def volterra_response(
     substeps: int = 1,
     max_order: int = 3,
 ) -> VolterraResponse:
-    r"""Volterra response to a record, from rest, as a cascade of linear oscillators.
+    r"""Compute the Volterra response to a record, from rest, as a cascade of linear oscillators.
 
     $$y_1 = h_1 * u, \quad y_2 = -h_1 * \rho y_1^2, \quad
       y_3 = -h_1 * (2\rho y_1 y_2 + \lambda_3 y_1^3)$$
@@ -396,14 +396,14 @@ def _cascade(
 
 
 def _held(f: Float[Array, " time"], hold: Hold) -> Float[Array, "step 4"]:
-    """Polynomials in each step of an input that is held ("zero") or joined by lines ("first")."""
+    """Return each step's polynomial of an input that is held ("zero") or linear ("first")."""
     slope = f[1:] - f[:-1] if hold == "first" else jnp.zeros_like(f[1:])
     none = jnp.zeros_like(slope)
     return jnp.stack([f[:-1], slope, none, none], axis=-1)
 
 
 def _hermite(f: Float[Array, " time"], rise: Float[Array, " time"]) -> Float[Array, "step 4"]:
-    """Cubics in each step of an input that is known with its rise over a step at each sample."""
+    """Return each step's cubic for an input given with its rise over a step at each sample."""
     change, start, end = f[1:] - f[:-1], rise[:-1], rise[1:]
     return jnp.stack([f[:-1], start, 3 * change - 2 * start - end, start + end - 2 * change], -1)
 
@@ -411,7 +411,7 @@ def _hermite(f: Float[Array, " time"], rise: Float[Array, " time"]) -> Float[Arr
 def _propagate(
     moments: Moments, polynomials: Float[Array, "step 4"]
 ) -> tuple[Float[Array, " time"], Float[Array, " time"]]:
-    """Displacement and velocity at the samples, from rest, under a polynomial in each step."""
+    """Return displacement and velocity at the samples, from rest, under stepwise polynomials."""
     push = polynomials @ moments.y, polynomials @ moments.v
 
     def advance(state: tuple, push: tuple) -> tuple:
@@ -428,7 +428,7 @@ def _propagate(
 def periodic_response(
     system: PolynomialOscillator, u: Float[ArrayLike, "..."], fs: float, *, max_order: int = 3
 ) -> VolterraResponse:
-    r"""Steady Volterra response to one period of a periodic, band-limited record, in frequency.
+    r"""Return the steady Volterra response to one period of a band-limited record, in frequency.
 
     $$Y_1 = H_1 U, \qquad Y_\eta(\omega) = -H_1(\omega)\,\mathcal F\bigl[\rho \sum y_i y_k
       + \lambda_3 \sum y_i y_k y_l\bigr](\omega)$$
@@ -471,7 +471,7 @@ def _lines_response(
     system: PolynomialOscillator,
     max_order: int,
 ) -> tuple[Float[Array, "order time"], Float[Array, "order time"]]:
-    """Displacement and velocity of each order at the samples, from the lines of the input."""
+    """Return each order's displacement and velocity at the samples, from the input's lines."""
     oversampling, fine = max_order + 1, (max_order + 1) * u.size
     lines = jnp.fft.rfft(u) * oversampling
     if u.size % 2 == 0:  # the line at the old Nyquist frequency has a partner on the finer grid
@@ -489,7 +489,7 @@ def _lines_response(
 def volterra_sums(
     system: PolynomialOscillator, u: Float[ArrayLike, "..."], fs: float, memory: int
 ) -> Float[Array, "order time"]:
-    r"""First three orders of the response to a record, from rest, as multiple convolutions.
+    r"""Return the response's first three orders, from rest, as multiple convolutions of a record.
 
     $$y_\eta(t) = \int\!\cdots\!\int h_\eta(\tau_1,\dots,\tau_\eta)\,
       u(t-\tau_1)\cdots u(t-\tau_\eta)\,d\tau_1\cdots d\tau_\eta$$

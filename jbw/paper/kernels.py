@@ -20,7 +20,7 @@ Values = Inexact[ArrayLike, "..."]
 
 
 def h1(omega: Real, omega_n: Real, zeta: Real) -> Kernel:
-    r"""Receptance of the linear oscillator, per unit modal mass.
+    r"""Return the receptance of the linear oscillator, per unit modal mass.
 
     $$H_1(\omega) = \frac{1}{\omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega}$$
 
@@ -50,7 +50,7 @@ def h1(omega: Real, omega_n: Real, zeta: Real) -> Kernel:
 
 
 def cubic_kernel(omega: Real, omega_n: Real, zeta: Real, lambda_3: Real) -> Kernel:
-    r"""Third-order kernel of a cubic oscillator on its leading diagonal.
+    r"""Return the third-order kernel of a cubic oscillator on its leading diagonal.
 
     $$H_3(\omega) = -\lambda_3\,H_1(\omega)^3\,H_1(3\omega)$$
 
@@ -76,7 +76,7 @@ def h3(
     y_peak: Real,
     variant: Variant = "least_squares",
 ) -> Kernel:
-    r"""Third-order kernel of the nearly closed loop, on its leading diagonal.
+    r"""Return the third-order kernel of the nearly closed loop, on its leading diagonal.
 
     $$H_3(\omega) = -\lambda_3(Y)\,H_1(\omega)^3\,H_1(3\omega)$$
 
@@ -124,7 +124,7 @@ def h3(
 def third_harmonic(
     joint: BoucWen, omega: Real, y_1: Inexact[ArrayLike, "..."]
 ) -> Complex[Array, "..."]:
-    r"""Third harmonic of the displacement, from the first, under a tone without harmonics.
+    r"""Return the third harmonic of displacement from the first, under a harmonic-free tone.
 
     $$Y(3\omega) = -\frac{Z_3(|Y_1|)\,(Y_1/|Y_1|)^3}{1/H_1(3\omega) - 2\alpha\delta|Y_1|/\pi}$$
 
@@ -166,7 +166,7 @@ def third_harmonic(
 
 
 def softened_receptance(omega: Real, omega_n: Real, zeta: Real, softening: Real) -> Kernel:
-    r"""Receptance that a small ripple sees while the joint moves under a tone.
+    r"""Return the receptance for a small ripple on the joint's motion under a tone.
 
     $$H(\omega) = \frac{1}{1/H_1(\omega) - s}, \qquad s = \frac{2\,\alpha\delta\,|Y_1|}{\pi}$$
 
@@ -191,7 +191,7 @@ def softened_receptance(omega: Real, omega_n: Real, zeta: Real, softening: Real)
 def cubic_stiffness(
     h_3: Inexact[ArrayLike, "..."], omega: Real, omega_n: Real, zeta: Real
 ) -> Array:
-    r"""Cubic stiffness that gives a third-order kernel: the inverse of `cubic_kernel`.
+    r"""Return the cubic stiffness for a third-order kernel: the inverse of `cubic_kernel`.
 
     $$\lambda_3 = -\mathrm{Re}\,\frac{H_3(\omega)}{H_1(\omega)^3\,H_1(3\omega)}$$
 
@@ -240,7 +240,7 @@ def harmonic_amplitudes(
     omega: Float[ArrayLike, ""],
     num_harmonics: int = 7,
 ) -> Complex[Array, "... harmonic"]:
-    r"""Harmonic filter: complex peak amplitudes of a tone's harmonics, by least squares.
+    r"""Fit complex peak amplitudes of a tone's harmonics by least squares (a harmonic filter).
 
     $$x(t) \approx X_0 + \mathrm{Re}\sum_{n=1}^{N} X_n\,e^{jn\omega t}$$
 
@@ -288,7 +288,7 @@ def harmonic_amplitudes(
 
 
 def estimated_kernel(y_3: Values, amplitude: Values) -> Complex[Array, "..."]:
-    r"""Third-order kernel on its leading diagonal, from a measured third harmonic.
+    r"""Estimate the third-order kernel's leading diagonal from a measured third harmonic.
 
     $$H_3(\omega) = \frac{4\,Y(3\omega)}{A^3}$$
 

@@ -43,7 +43,7 @@ class Repeats(eqx.Module):
 
 
 def repeats(measured: Inexact[ArrayLike, "repeat ..."]) -> Repeats:
-    """Sufficient statistics of repeats, the first axis.
+    """Return sufficient statistics of repeats, which lie along the first axis.
 
     Args:
         measured: Kernel of every repeat, complex, or response, real.
@@ -91,7 +91,7 @@ def log_posterior(
 def with_noise(
     key: Key[Array, ""], model: Inexact[ArrayLike, "..."], noise_std: Float[ArrayLike, "..."]
 ) -> Inexact[Array, "..."]:
-    r"""Measurement of a model with additive Gaussian noise, $d = m(\theta) + \varepsilon$.
+    r"""Add Gaussian noise to a model, $d = m(\theta) + \varepsilon$.
 
     Args:
         key: Random key.

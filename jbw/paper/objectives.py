@@ -96,7 +96,7 @@ def kernel_energy(
 
 
 def convergence(energy: Float[ArrayLike, "... draw"]) -> Float[Array, "... draw"]:
-    r"""Running mean over the draws, $\mathrm{conv}(n) = \frac1n \sum_{i \le n} E_i$.
+    r"""Return the running mean over the draws, $\mathrm{conv}(n) = \frac1n \sum_{i \le n} E_i$.
 
     Args:
         energy: Energy of each draw, as `kernel_energy` returns it.
@@ -116,7 +116,7 @@ def response_misfit(
     measured: Float[ArrayLike, "... time"],
     model: Float[ArrayLike, "... time"],
 ) -> Float[Array, "..."]:
-    r"""Misfit of a velocity that Step 4 minimises, over the scatter of the measured one.
+    r"""Return the velocity misfit that Step 4 minimises, over the measured standard deviation.
 
     $$J = \sqrt{\frac{\sum_n (v_n - v_n(\theta))^2}{N\,\mathrm{var}(v)}}$$
 
@@ -143,7 +143,7 @@ def response_misfit(
 
 
 def opening_constraints(delta: float, variant: Variant = "corrected") -> Bounds:
-    r"""Bounds of gamma in Step 4: as printed $0 < \gamma \le \delta$, corrected $\gamma > -\delta$.
+    r"""Bound gamma in Step 4: as printed $0 < \gamma \le \delta$, corrected $\gamma > -\delta$.
 
     Args:
         delta: Softening of the joint [1/m].

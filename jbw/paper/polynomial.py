@@ -46,7 +46,7 @@ class PolynomialOscillator(eqx.Module):
 
 
 def cubic_oscillator(joint: BoucWen, polynomial: Smoothing) -> PolynomialOscillator:
-    r"""Cubic oscillator equivalent to a joint whose loop hardly opens.
+    r"""Build the cubic oscillator equivalent to a joint with a nearly closed loop.
 
     $$\ddot y + 2\zeta\omega_n\dot y + (k + \lambda_1)\,y + \lambda_3\,y^3 = u$$
 
@@ -75,7 +75,7 @@ def cubic_oscillator(joint: BoucWen, polynomial: Smoothing) -> PolynomialOscilla
 def nonlinear_force(
     system: PolynomialOscillator, parts: Sequence[Inexact[Array, "..."]]
 ) -> Inexact[Array, "..."]:
-    r"""Part of homogeneous order n in the force $\rho y^2 + \lambda_3 y^3$.
+    r"""Return the part of homogeneous order n in the force $\rho y^2 + \lambda_3 y^3$.
 
     $$f_n = \rho\sum_{i+k=n} y_i y_k + \lambda_3\sum_{i+k+l=n} y_i y_k y_l$$
 
@@ -98,7 +98,7 @@ def nonlinear_force(
 
 
 def kernel_1(system: PolynomialOscillator, omega: Real) -> Kernel:
-    r"""Receptance of the linear part of a polynomial oscillator.
+    r"""Return the receptance of the linear part of a polynomial oscillator.
 
     $$H_1(\omega) = \frac{1}{\omega_0^2 - \omega^2 + 2j\zeta\omega_n\omega}$$
 
@@ -137,7 +137,7 @@ def require_no_pole(stiffness: Real, damping: Real, omega: Real) -> None:
 
 
 def kernel_2(system: PolynomialOscillator, omega_1: Real, omega_2: Real) -> Kernel:
-    r"""Second-order kernel of a polynomial oscillator.
+    r"""Return the second-order kernel of a polynomial oscillator.
 
     $$H_2(\omega_1,\omega_2) = -\rho\,H_1(\omega_1)\,H_1(\omega_2)\,H_1(\omega_1+\omega_2)$$
 
@@ -157,7 +157,7 @@ def kernel_2(system: PolynomialOscillator, omega_1: Real, omega_2: Real) -> Kern
 
 
 def kernel_3(system: PolynomialOscillator, omega_1: Real, omega_2: Real, omega_3: Real) -> Kernel:
-    r"""Third-order kernel of a polynomial oscillator.
+    r"""Return the third-order kernel of a polynomial oscillator.
 
     $$H_3 = H_1(\omega_1) H_1(\omega_2) H_1(\omega_3) H_1(\omega_1+\omega_2+\omega_3)
       \Bigl[-\lambda_3 + \tfrac{2}{3}\rho^2\bigl(H_1(\omega_1+\omega_2)

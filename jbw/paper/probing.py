@@ -15,7 +15,7 @@ from jbw.paper.polynomial import PolynomialOscillator, kernel_1, nonlinear_force
 
 
 def kernel(system: PolynomialOscillator, *omega: Float[ArrayLike, "..."]) -> Complex[Array, "..."]:
-    r"""Symmetric kernel of any order, as many as there are frequencies.
+    r"""Return the symmetric kernel whose order is the number of frequencies.
 
     With $G(S) = |S|!\,H_{|S|}$ on a set S of frequencies with sum $\omega_S$,
 
@@ -69,7 +69,7 @@ def _partitions(items: tuple[int, ...], blocks: int) -> Iterator[tuple[tuple[int
 def leading_diagonals(
     system: PolynomialOscillator, omega: Float[ArrayLike, "..."], max_order: int = 5
 ) -> tuple[Complex[Array, "..."], ...]:
-    r"""Leading diagonals $H_n(\omega,\dots,\omega)$ of the kernels from order 1 up.
+    r"""Return leading diagonals $H_n(\omega,\dots,\omega)$ of the kernels from order 1 up.
 
     $$H_n = -H_1(n\omega)\Bigl[\rho\sum_{i+k=n} H_i H_k
       + \lambda_3\sum_{i+k+l=n} H_i H_k H_l\Bigr]$$
@@ -98,7 +98,7 @@ def cross_kernel(
     omega: Sequence[Float[ArrayLike, "..."]],
     inputs: Sequence[int],
 ) -> Complex[Array, "..."]:
-    r"""Symmetric kernel of several inputs: the excitation u and the square wave u_0.
+    r"""Return the symmetric kernel for inputs u (the excitation) and u_0 (the square wave).
 
     $$H_\eta^{(i_1\dots i_\eta)} = (-1)^{\#0}\,H_\eta$$
 

@@ -145,7 +145,7 @@ def coefficient_of_variation(draws: Float[ArrayLike, "... draw"]) -> Float[Array
 
 
 def kl_normal(mean: Real, std: Real, lower: Real = 0.0, upper: Real = 1.0) -> Float[Array, "..."]:
-    r"""Divergence of a normal distribution, cut to the prior's box, from the uniform prior.
+    r"""Return the divergence of a normal, truncated to the prior's box, from the uniform prior.
 
     $$D = -\left[\ln(\sqrt{2\pi e}\,s\,C) + \frac{a\phi(a) - b\phi(b)}{2C}\right], \quad
       a = -\mu/s, \quad b = (1 - \mu)/s, \quad C = \Phi(b) - \Phi(a)$$
@@ -181,7 +181,7 @@ def kl_normal(mean: Real, std: Real, lower: Real = 0.0, upper: Real = 1.0) -> Fl
 
 
 def kl_draws(draws: Float[ArrayLike, " draw"], lower: float = 0.0, upper: float = 1.0) -> float:
-    r"""Divergence of draws from the uniform prior, by spacings of the ordered draws.
+    r"""Return the divergence of draws from the uniform prior, by spacings of ordered draws.
 
     $$D = -h(x), \qquad x = \frac{\theta - \theta_{min}}{\theta_{max} - \theta_{min}}$$
 
@@ -219,7 +219,7 @@ def kl_joint(
     lower: Float[ArrayLike, "..."] = 0.0,
     upper: Float[ArrayLike, "..."] = 1.0,
 ) -> float:
-    r"""Divergence of several parameters together from their uniform box, by a Gaussian copula.
+    r"""Return the joint divergence of parameters from their uniform box, by a Gaussian copula.
 
     $$D = \sum_i D_i - \tfrac12 \log\det R$$
 
