@@ -182,7 +182,7 @@ def _like(good: Array, leaf: Array) -> Array:
 def _followed(
     options: BackboneOptions, mode: Mode, structure: Structure, amplitude: Array
 ) -> tuple[Array, Array]:
-    """Return branch points at rising amplitudes, each started from the last, and which converged.
+    """Follow the branch at rising amplitudes, each point from the last; flag converged points.
 
     Behind the first that is not found none is looked for: the branch ends there.
     """
