@@ -25,7 +25,7 @@ from jbw.report.messages import observed as messages
 
 
 def label_of(drive: str) -> str:
-    """What the group is called that foretells a drive."""
+    """Return the label of the data group that predicts the shaker's effect for a drive."""
     return f"shaker by {drive}"
 
 
@@ -73,7 +73,7 @@ class Foretold(KnownReading):
         return (self.mean - self.predict(theta)) / self.std, self.groups.directions, 0.0
 
     def statements(self, theta: Theta) -> list[str]:
-        """Where the mode lies with its shaker, and where that was foretold."""
+        """Return sentences on the mode with its shaker attached and its predicted value."""
         names = [named(name, self.fed) for name in OFFSETS]
         omega, zeta = (float(theta[name]) for name in names)
         foretold = [float(theta[n] + x) for n, x in zip(OFFSETS, self.mean[0], strict=True)]

@@ -101,7 +101,7 @@ class ControlledPoints(Observable):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple["ControlledPoints", ...]:
-        """Means of the repeats of all points; apart by what is held, known and taken besides."""
+        """Average the repeats of all points, in one part per phase control, force and residuals."""
         families: dict[tuple[Any, ...], list[tuple[Test, list[ControlledCurve]]]] = {}
         for test in tests:
             held = test.locked_phase if test.traits.is_locked else float("nan")
@@ -181,7 +181,7 @@ class ControlledPoints(Observable):
         num_samples: int,
         laws: Laws = DEFAULT_LAWS,
     ) -> Self:
-        r"""Planned points of phase resonance, as they would be read.
+        r"""Return planned points of phase resonance with their expected measurement noise.
 
         The fundamental of N samples has the relative standard deviation $\epsilon =
         \sigma\sqrt{2/N}/X$ along and across its phasor, X being the response's amplitude: of the
@@ -203,7 +203,7 @@ class ControlledPoints(Observable):
         return replace(planned, mean=mean, scale=jnp.asarray(scale), groups=groups)
 
     def predict(self, theta: Theta) -> Float[Array, "group point"]:
-        """Frequency [Hz] or phase [rad], and force in the source's unit, of every group."""
+        """Predict frequency [Hz] or phase [rad], and force in the source's unit, per group."""
         return self._at(theta, self.amplitude, self.phase)
 
     def _at(
@@ -228,7 +228,7 @@ class ControlledPoints(Observable):
     def _of_joint(
         self, theta: Theta, amplitude: Float[Array, "test point"], phase: Float[Array, "test point"]
     ) -> tuple[Float[Array, "test point"], Float[Array, "test point"]]:
-        r"""Amplitude and phase of the joint's own motion, $Y e^{j\varphi} - R(\omega) g F$."""
+        r"""Return amplitude and phase of the joint's motion, $Y e^{j\varphi} - R(\omega) g F$."""
         terms = taken(theta, self.residuals)
         if not terms or self.unit_of_source == "":
             return amplitude, phase
@@ -271,14 +271,14 @@ class ControlledPoints(Observable):
         return np.hypot(scale, force_noise)
 
     def relative_to(self, group: int) -> Float[np.ndarray, " value"]:
-        """What the errors of every value are relative to, in its unit: of a force the force."""
+        """Return the reference of each value's relative error, in its unit (forces: themselves)."""
         mean = np.asarray(self.mean)[group][compared(self.groups, group)]
         if self.rows[group].quantity == "force":
             return mean
         return np.full(len(mean), np.asarray(self.groups.reference)[group])
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
-        """The data with the noise that a fit leaves, and what of it the amplitude's noise is."""
+        """Return the data with noise from a fit's residuals, including amplitude noise."""
         rows = np.zeros(self.mean.shape)
         for i, label in enumerate(self.groups.labels):
             rows[i, : len(residuals[label])] = np.real(residuals[label])
@@ -290,7 +290,7 @@ class ControlledPoints(Observable):
         return replace(carried, groups=with_fitted_noise(residuals, groups))
 
     def _carrying(self, theta: Theta, residual: Float[np.ndarray, "group point"]) -> Self:
-        r"""The data with the noise of amplitude and phase carried through the model at a point.
+        r"""Propagate the noise of amplitude and phase through the model at a parameter point.
 
         $$r_i = \epsilon_i + s_i\,\eta_i, \qquad s_i = \partial m_i / \partial \ln Y_i$$
 
@@ -330,7 +330,7 @@ class ControlledPoints(Observable):
     def _deviation(
         self, group: int, slopes: Sequence[Float[np.ndarray, " point"]]
     ) -> Float[np.ndarray, "point variable"]:
-        """Deviation of a repeat by those of `moments`, without what its inputs explain."""
+        """Return weights on `moments` for a repeat's deviation without its inputs' share."""
         weights = np.zeros((len(slopes[0]), MOMENTS))
         weights[:, 1 if self.rows[group].quantity == "force" else 0] = 1.0
         weights[:, 2] = -slopes[0]
@@ -350,7 +350,7 @@ class ControlledPoints(Observable):
         return float(np.sum((squares / scale**2)[compared(self.groups, group)]))
 
     def _sizes(self, theta: Theta) -> Float[np.ndarray, " group"]:
-        r"""Sizes with the half width of the resonance, $\zeta_{eq} f = g F / (2 \omega^2 Y) f$."""
+        r"""Return sizes with the resonance half width, $\zeta_{eq} f = g F / (2 \omega^2 Y) f$."""
         size, gain = np.array(self.groups.reference), abs(float(theta["gain"]))
         for i, row in enumerate(self.rows):
             if row.quantity == "frequency" and self.unit_of_source:
@@ -424,7 +424,7 @@ class Frequencies(ControlledPoints):
 def slopes_by_inputs(
     theta: Theta, data: ControlledPoints
 ) -> tuple[Float[Array, "group point"], Float[Array, "group point"]]:
-    """Derivatives of the predictions by the logarithm of the amplitude and by the phase [1/rad]."""
+    """Return derivatives of the predictions by log amplitude and by phase [1/rad]."""
     y, phase = data.amplitude, data.phase
     none, unit = jnp.zeros_like(y), jnp.ones_like(y)
     _, slopes_along = jax.linearize(partial(data._at, theta), y, phase)
@@ -437,7 +437,7 @@ def beside_known(
     course: Float[np.ndarray, " value"],
     known: Float[np.ndarray, " value"],
 ) -> float:
-    r"""Variance $\sigma^2$ of the noise beside one that is known, as squares of a residual show it.
+    r"""Estimate the variance $\sigma^2$ of noise in addition to a known one from squared residuals.
 
     $$\max_{\sigma^2} -\sum_i \left(\log v_i + \frac{r_i^2}{v_i}\right), \qquad
       v_i = \sigma^2 c_i^2 + \kappa_i^2$$
@@ -473,7 +473,7 @@ def _without_lost_points(curves: Sequence[ControlledCurve]) -> list[ControlledCu
 def _compared(
     curves: Sequence[ControlledCurve], *, is_locked: bool
 ) -> Iterator[tuple[str, Float[np.ndarray, "repeat point"]]]:
-    """What is compared of a test: its name, and the values of all repeats."""
+    """Yield the name and the values of all repeats of each compared quantity of a test."""
     if is_locked:
         yield "frequency", np.stack([curve.freq_hz for curve in curves])
     elif curves[0].phase is not None:
@@ -495,7 +495,7 @@ def _groups_of(
     scales: Sequence[np.ndarray],
     unit_of_source: str,
 ) -> Groups:
-    """The repeats (repeat, point) of every group, whose scatter is over the scale of each point."""
+    """Build groups from repeats (repeat, point), with scatter relative to each point's scale."""
     means = [of_repeats.mean(axis=0) for of_repeats in values]
     size = np.array([_size(row, mean) for row, mean in zip(rows, means, strict=True)])
     unit_by_quantity = {"frequency": "Hz", "phase": "rad", "force": unit_of_source}
@@ -512,7 +512,7 @@ def _groups_of(
 
 
 def _mean_inputs(curves: Sequence[ControlledCurve]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Frequency [rad/s], amplitude [m] and phase [rad] of every point; NaN for no phase."""
+    """Return frequency [rad/s], amplitude [m] and phase [rad] per point; NaN for no phase."""
     omega = 2 * np.pi * np.mean([curve.freq_hz for curve in curves], axis=0)
     amplitude = np.exp(np.mean([np.log(curve.amplitude) for curve in curves], axis=0))
     return omega, amplitude, np.mean([_phase(curve, curves[0]) for curve in curves], axis=0)
@@ -544,7 +544,7 @@ def _moments(
 
 
 def _course(row: ControlledGroup, mean: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
-    """Noise beside the amplitude's, in an own unit: of a force a part of it, else one number."""
+    """Return the noise profile without the amplitude's: the mean for forces, else ones."""
     return mean if row.quantity == "force" else np.ones(len(mean))
 
 
@@ -556,7 +556,7 @@ def _first_scale(
 
 
 def _size(row: ControlledGroup, mean: Float[np.ndarray, " point"]) -> float:
-    """What errors are relative to, before a fit."""
+    """Return the reference size of a group's relative errors before a fit."""
     if row.quantity == "force":
         return float(np.exp(np.mean(np.log(mean))))
     return HALF_WIDTH * float(np.mean(mean)) if row.quantity == "frequency" else 1.0

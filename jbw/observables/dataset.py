@@ -57,7 +57,7 @@ class Dataset(eqx.Module):
         held: Mapping[str, float] | None = None,
         stated: StatedDensities | None = None,
     ) -> Self:
-        """Parts whose runs have no offsets of their own; `held` are parameters not updated."""
+        """Build a dataset of parts without run offsets; parameters in `held` are not updated."""
         fixed = {name: jax.device_put(np.float64(value)) for name, value in (held or {}).items()}
         nodes, scatter = jax.device_put(np.zeros((1, 0))), jax.device_put(np.zeros(0))
         return cls(tuple(parts), fixed, nodes, scatter, stated or StatedDensities())
@@ -130,7 +130,7 @@ def _prior_key(name: str) -> str:
 
 
 def unnamed(data: Dataset) -> Dataset:
-    """The dataset as programs see it, without names: numbers stand for those of groups and runs.
+    """Return the dataset for compiled programs, with numbers in place of group and run names.
 
     One that another campaign compiled serves this one, if laws, shapes and settings are the same.
     """
@@ -176,7 +176,7 @@ def solved(
 @seeing(unnamed)
 @solved_first(partial(solved, writes=False))
 def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
-    """Terms of the log likelihood, eqs. (36) and (37): one a group, then those of the scatter.
+    """Return the log likelihood, eqs. (36) and (37): one term per group, then scatter terms.
 
     The noise of every group is integrated out, and so are the offsets; up to a constant [nats].
     Last come the prior densities that a campaign states, each over the uniform one of the box.
@@ -204,7 +204,7 @@ def _density_of_shifts(theta: Theta, found: Estimate) -> Float[Array, "1"]:
 
 
 def estimates(theta: Theta, data: Dataset) -> Estimate:
-    """What every group says of the offsets of its run, by all parameters."""
+    """Estimate the offsets of each group's run from that group, given all parameters."""
     part_estimates = [part.estimate(of_part(theta, part), data.num_offsets) for part in data.parts]
     return Estimate(*(jnp.concatenate(rows) for rows in zip(*part_estimates, strict=True)))
 
@@ -223,7 +223,7 @@ def _estimates(theta: Theta, data: Dataset) -> Estimate:
 
 
 def residual(theta: Theta, data: Dataset) -> Residual:
-    """Residuals by label in standard errors, eqs. (38), (41), (42), runs' offsets at their best.
+    """Return residuals by label in standard errors, eqs. (38), (41), (42), at the best run offsets.
 
     Rows `offsets of RUN` are each run's offsets over their scatter, rows `prior of NAME` the
     standard normal scores of stated priors.
@@ -250,7 +250,7 @@ def _weighted(theta: Theta, data: Dataset) -> list[Block]:
 def _offsets_taken_out(
     blocks: Sequence[Block], data: Dataset
 ) -> tuple[list[Float[Array, "_group _value"]], dict[str, Float[Array, " own"]]]:
-    """Rows of every part with its runs' best offsets taken out, and these over their scatter."""
+    """Subtract the best run offsets from each part's rows; return rows and scaled offsets."""
     rows = [block[0] for block in blocks]
     shared = [i for i, part in enumerate(data.parts) if not part.own_shifts]
     if not (data.has_offsets and shared):
@@ -275,7 +275,7 @@ def stacked(theta: Theta, data: Dataset) -> Float[Array, " values"]:
 def by_label(
     rows: Float[np.ndarray, " values ..."], data: Dataset
 ) -> dict[str, Float[np.ndarray, " value ..."]]:
-    """What `stacked` put end to end, such as a fit's residual or its Jacobian, by label."""
+    """Split a stacked array, such as a fit's residual or Jacobian, by label."""
     ends = np.cumsum(list(data.layout.values()))[:-1]
     return dict(zip(data.layout, np.split(np.asarray(rows), ends), strict=True))
 
@@ -318,7 +318,7 @@ def smallest_displacement(data: Dataset, omega_n: float) -> float:
 
 
 def best_offsets(theta: Mapping[str, float], data: Dataset) -> dict[str, np.ndarray]:
-    """Best offsets of omega_n and zeta of each run that has them, at one point."""
+    """Return the best offsets of omega_n and zeta at one point for each run that has offsets."""
     point = {name: np.array([float(value)]) for name, value in theta.items()}
     scaled, scatter = at_points(_scaled_offsets, point, data, lanes=1), np.asarray(data.scatter)
     return {run: rows[0] * scatter for run, rows in zip(data.shared_runs, scaled, strict=True)}
@@ -327,7 +327,7 @@ def best_offsets(theta: Mapping[str, float], data: Dataset) -> dict[str, np.ndar
 @seeing(unnamed)
 @solved_first(partial(solved, writes=True))
 def _scaled_offsets(theta: Theta, data: Dataset) -> list[Float[Array, " own"]]:
-    """Best offsets of each run that has them, over their scatter, in the order of these runs."""
+    """Return each run's best offsets divided by their scatter, in the order of the runs."""
     return list(_offsets_taken_out(_weighted({**data.held, **theta}, data), data)[1].values())
 
 
@@ -336,7 +336,7 @@ def with_directions(
     data: Dataset,
     offsets: Mapping[str, Float[np.ndarray, " own"]] | None = None,
 ) -> Dataset:
-    """The dataset with every prediction's change by its run's offsets; records about these."""
+    """Return the dataset linearised in the run offsets, with records expanded about `offsets`."""
     everything = as_arrays(theta, data)
     parts = tuple(
         p if p.own_shifts else p.linearised(of_part(everything, p), offsets or {})
@@ -351,7 +351,7 @@ def as_arrays(theta: Mapping[str, float], data: Dataset) -> dict[str, Array]:
 
 
 def residual_by_label(rows: Float[np.ndarray, " values"], data: Dataset) -> dict[str, Row]:
-    """What a fit's `stacked`, or a column of its Jacobian, leaves of each group, in its unit."""
+    """Return a stacked residual or a column of its Jacobian per group, in the group's unit."""
     labelled = by_label(rows, data)
     rows_by_part = [in_units(labelled, part.groups) for part in measured_parts(data)]
     return {label: row for part_rows in rows_by_part for label, row in part_rows.items()}

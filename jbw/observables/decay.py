@@ -55,12 +55,12 @@ class Decays(Envelopes):
         return jnp.max(jnp.asarray(self.groups.num_values / self.groups.num_counted))
 
     def matches(self, theta: Theta) -> Match:
-        """Every record matched to the decay of the joint, fields with a leading axis of records."""
+        """Match each record to the joint's decay; fields have a leading axis of records."""
         decay = decay_of(theta, self)
         return jax.vmap(lambda envelope: match(decay, envelope, self.step_s))(self.mean)
 
     def predict(self, theta: Theta) -> Complex[Array, "record step"]:
-        """Envelope of every record, at its best initial state and shift."""
+        """Predict each record's envelope at its best initial state and frequency shift."""
         return self.mean - self.matches(theta).residual
 
     def compared(self, values: Any) -> Float[Array, "record value"]:
@@ -114,7 +114,7 @@ class Decays(Envelopes):
         return jnp.sqrt(variance * jnp.linalg.inv(found.precision)[:, -1, -1])
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
-        """The decays with the noise of every record, and the scatter of their frequencies."""
+        """Return the decays with fitted noise per record and scatter of their frequencies."""
         matches = matched(theta, self)
         noise = jnp.sqrt(matches.misfit / (self.groups.size - self.groups.num_own))
         errors = float(jnp.sqrt(jnp.mean(self.shift_errors(matches) ** 2)))
@@ -226,7 +226,7 @@ def _exponential(joint: Oscillator, data: Envelopes) -> Complex[Array, " step"]:
 
 
 def _logarithm(envelope: Complex[Array, " step"], data: Envelopes) -> Complex[Array, " step"]:
-    """Its logarithm, the phase without jumps."""
+    """Return the logarithm of an envelope with its phase unwrapped."""
     turns = jnp.angle(envelope[1:] * jnp.conj(envelope[:-1]) * data.rotation)
     phase = jnp.concatenate([jnp.zeros(1), jnp.cumsum(turns)])
     return jax.lax.complex(jnp.log(jnp.abs(envelope)), phase)
@@ -299,7 +299,7 @@ def begun(
 
 
 def num_begun(theta: Mapping[str, Any], data: Decays) -> int:
-    r"""Values of an envelope that tell its start: $0.3 / (\zeta \omega_n)$, half at most."""
+    r"""Return the number of values that fix a start: $0.3 / (\zeta \omega_n)$, at most half."""
     rate = float(np.mean(theta["zeta"] * theta["omega_n"]))
     half = data.mean.shape[1] // 2
     num_values = BEGINNING / (rate * data.step_s) if rate > 0 else half
@@ -310,7 +310,7 @@ def num_begun(theta: Mapping[str, Any], data: Decays) -> int:
 def predicted_from_beginnings(
     theta: Theta, data: Decays, size: int
 ) -> tuple[Complex[Array, "record step"], tuple[Float[Array, " record"], Float[Array, " record"]]]:
-    """Every envelope from its first values on; errors of its log amplitude and shift [rad/s]."""
+    """Predict each envelope from its first values; return log amplitude, shift [rad/s] errors."""
     decay, steps = decay_of(theta, data), jnp.arange(data.mean.shape[1], dtype=float)
 
     def one(pair: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:

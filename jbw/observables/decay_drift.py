@@ -28,7 +28,7 @@ def drift_of(
     predicted: Complex[np.ndarray, " value"],
     time: Float[np.ndarray, " value"],
 ) -> Drift:
-    """Drift of a prediction from an envelope, over the time since the middle of its beginning."""
+    """Fit the drift of a prediction from an envelope over time since its beginning's middle."""
     ratio = measured / predicted
     weight = np.abs(measured) ** 2 * time
     along = np.sum(weight * time)
@@ -56,7 +56,7 @@ def left_out_decay(
     noise_std: float,
     fraction: float,
 ) -> LeftOutDecay:
-    """Drift of a record, by the errors of its log amplitude and frequency [rad/s] at the start.
+    """Return a held-out record's drift, given start errors of log amplitude and frequency [rad/s].
 
     What is off from the beginning on is a rate over the time that it is weighed by.
     """

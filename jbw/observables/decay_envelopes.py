@@ -71,12 +71,12 @@ class Envelopes(Observable):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Envelopes of the decays of each test."""
+        """Return the envelopes of the decays of each test."""
         return tuple(cls.of(test, laws=laws, substeps=substeps) for test in tests)
 
     @classmethod
     def of(cls, test: Test, *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None) -> Self:
-        """Envelopes of a test's decays after `settle`, cut to the shortest; noise is guessed."""
+        """Build a test's envelopes after `settle`, cut to the shortest, with a noise guess."""
         chosen = filter_of(test)
         thinned = [record_envelope[:: chosen.step] for record_envelope in envelopes(test)]
         length = min(map(len, thinned))
@@ -129,7 +129,7 @@ def _groups_of(test: Test, envelope: Complex[np.ndarray, "record step"]) -> Grou
 
 
 def _course(name: str, envelope: np.ndarray, chosen: BandFilter, order: int) -> tuple[float, float]:
-    """Where the simulated decay begins, and how long it lasts, so that every record lies on it."""
+    """Return start amplitude and duration of a simulated decay that covers every record."""
     size = np.log(np.abs(envelope))
     strongest = int(np.argmax(size[:, 0]))
     edge = min(8, envelope.shape[1] // 2)
@@ -197,7 +197,7 @@ class Match(NamedTuple):
 def along(
     decay: Complex[Array, " step"], place: Float[Array, " time"]
 ) -> tuple[Complex[Array, " time"], Complex[Array, " time"]]:
-    """Logarithm of a decay between its steps, by cubics, and its derivative by the place."""
+    """Interpolate a decay's logarithm between steps by cubics; return it and its derivative."""
     step = jax.lax.stop_gradient(jnp.floor(place))
     f = place - step
     index = step.astype(int)[:, None] + jnp.arange(-1, 3)
@@ -213,7 +213,7 @@ def along(
 def follow(
     decay: Complex[Array, " step"], entry: Entry, steps: Float[Array, " time"], step_s: float
 ) -> tuple[Complex[Array, " time"], Complex[Array, " time"]]:
-    """Envelope of a record some steps since it entered, and the slope of its logarithm by them."""
+    """Return a record's envelope after some steps from entry, and its log's slope per step."""
     log, slope = along(decay, entry.place + steps)
     return jnp.exp(log + 1j * (entry.phase + entry.shift * step_s * steps)), slope
 
@@ -221,7 +221,7 @@ def follow(
 def match(
     decay: Complex[Array, " step"], envelope: Complex[Array, " sample"], step_s: float
 ) -> Match:
-    """Least-squares initial state and frequency of a record on the decay, of steps `step_s` [s]."""
+    """Fit a record's initial state and frequency on a decay with steps of `step_s` [s]."""
     steps = jnp.arange(len(envelope), dtype=float)
     entry = jax.lax.stop_gradient(_first_entry(decay, envelope, steps, step_s))
     for _ in range(NUM_REFINEMENTS):
@@ -241,7 +241,7 @@ def _first_entry(
     steps: Float[Array, " sample"],
     step_s: float,
 ) -> Entry:
-    """Entry by the amplitude a quarter into the record, then by the turn that is left."""
+    """Estimate the entry from the amplitude at a quarter of the record, then from the turn."""
     quarter = len(envelope) // 4
     size = jnp.mean(jnp.log(jnp.abs(envelope[max(quarter - 3, 0) : quarter + 4])))
     grid = jnp.arange(len(decay), dtype=float)
@@ -260,7 +260,7 @@ def _normal(
     steps: Float[Array, " sample"],
     step_s: float,
 ) -> tuple[Complex[Array, " sample"], Float[Array, "own own"], Float[Array, " own"], Array]:
-    """Residual, normal matrix and gradient by log amplitude, phase and shift, and the rate."""
+    """Return residual, normal matrix, gradient by log amplitude, phase and shift, and rate."""
     model, slope = follow(decay, entry, steps, step_s)
     residual = envelope - model
     rate = slope[0].real

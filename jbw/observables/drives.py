@@ -28,12 +28,12 @@ PLAIN = {quantity.name: plain for quantity, plain in zip(ATTACHED, NAMES * len(F
 
 
 def named(name: str, drive: str) -> str:
-    """What a parameter of the oscillator is called that is another drive's."""
+    """Return the name of an oscillator parameter that belongs to another drive."""
     return f"{name}_{drive}"
 
 
 def plain(name: str) -> str:
-    """What a parameter is called of its own drive alone: omega_n of omega_n_voltage."""
+    """Return a parameter's name without its drive: omega_n for omega_n_voltage."""
     return PLAIN.get(name, name)
 
 
@@ -49,20 +49,20 @@ def of_part[Value](theta: Mapping[str, Value], part: Observable) -> Mapping[str,
 
 
 def attached(parts: Sequence[Observable]) -> tuple[str, ...]:
-    """Drives that have names of their own: beside the structure alone, else beside the first."""
+    """Return the drives whose parameters have separate names."""
     drives = {part.drive for part in parts if part.drive}
     fed = tuple(drive for drive in FED if drive in drives)
     return fed if drives - set(fed) else fed[1:]
 
 
 def parts_of(drive: str, parts: Sequence[Observable]) -> list[Observable]:
-    """Parts that take the parameters of a drive with its own names, or, of "", the plain ones."""
+    """Return the parts that use the parameters of a drive ("": the plain parameters)."""
     others = attached(parts)
     return [part for part in parts if (part.drive if part.drive in others else "") == drive]
 
 
 def readings_of(parts: Sequence[Observable]) -> AmplitudeCurve | None:
-    """All readings of frequency and damping against amplitude, of decays and of held responses."""
+    """Collect readings of frequency and damping over amplitude, from decays and held responses."""
     of_one = parts_of("", parts)  # another drive's begin at another damping
     of_parts = (part.shown().amplitude_readings() for part in of_one)
     curves = [readings for readings in of_parts if readings is not None]
@@ -77,7 +77,7 @@ def readings_of(parts: Sequence[Observable]) -> AmplitudeCurve | None:
 
 
 def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:
-    """Names among `known` of omega_n, zeta and gain as parts take them, those of `STUCK` in order.
+    """Return the names in `known` of omega_n, zeta and gain that parts use, in `STUCK`'s order.
 
     Where a drive has none of its own there, it takes the plain ones. Then those of further modes.
     """
@@ -89,7 +89,7 @@ def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:
 
 
 def informed_by(parts: Sequence[Observable]) -> frozenset[str]:
-    """What of omega_n, zeta and gain parts of one drive tell together.
+    """Return the names among omega_n, zeta and gain that parts of one drive constrain together.
 
     A free motion tells stiffness over mass, a prescribed displacement the stiffness [N/m]: together
     the modal mass, which neither tells alone.
@@ -101,7 +101,7 @@ def informed_by(parts: Sequence[Observable]) -> frozenset[str]:
 
 
 def by_secant(parts: Sequence[Observable]) -> frozenset[str]:
-    """Of omega_n, zeta and gain what the secant of a loop tells, which softens as the joint slips.
+    """Return the names among omega_n, zeta and gain that only the secant of a loop constrains.
 
     First values alone: no part tells them by its motion.
     """
@@ -112,7 +112,7 @@ def by_secant(parts: Sequence[Observable]) -> frozenset[str]:
 
 
 def told_by(parts: Sequence[Observable], held: Mapping[str, Any] | None = None) -> dict[str, float]:
-    """First values of omega_n [rad/s], zeta [-] and gain of every drive; nothing if unknown.
+    """Return starting values of omega_n [rad/s], zeta [-] and gain per drive; {} if unknown.
 
     As the drive's first part tells them that can; where none can, they begin at another drive's.
     A gain that is `held` tells the damping where lines alone do.
@@ -195,7 +195,7 @@ def _with_gain(values: Mapping[str, float], parts: Sequence[Observable]) -> dict
 
 
 def _through(lines: SteadyLines | None) -> dict[str, float]:
-    """The oscillator through lines that together are enough for one; nothing where they are not."""
+    """Fit an oscillator through lines; return {} where the lines are too few."""
     if lines is None:
         return {}
     moving = len(np.unique(lines.omega[lines.omega > 0]))

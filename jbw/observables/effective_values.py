@@ -21,23 +21,23 @@ Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
 
 
 def correlation_at_one(row: Row) -> float:
-    """Lag-one correlation of a residual; of lines of a spectrum, its magnitude."""
+    """Return the lag-one correlation of a residual (its magnitude for spectral lines)."""
     together = np.vdot(row[:-1], row[1:]) / np.real(np.vdot(row, row))
     return float(np.abs(together) if np.iscomplexobj(row) else np.real(together))
 
 
 def coloured_from(row: Row) -> float:
-    """Lag-one correlation that matters, and that white noise of so many values does not reach."""
+    """Return the limit on lag-one correlation, above the chance level of white noise."""
     return max(COLOURED, BEYOND_CHANCE / np.sqrt(len(row)))
 
 
 def is_coloured(row: Row) -> bool:
-    """Whether a residual is long enough to tell, and has a lag-one correlation that matters."""
+    """Return whether a long enough residual has a lag-one correlation above its limit."""
     return len(row) >= 2 * LEAST_VALUES and abs(correlation_at_one(row)) > coloured_from(row)
 
 
 def white_square(row: Row) -> float:
-    r"""Mean square of the white noise in a residual, by medians; 0 of too few values to tell.
+    r"""Estimate the mean square of a residual's white noise by medians; 0 for too few values.
 
     $$\min\Bigl(\frac{\mathrm{med}\,|r|^2}{c},\ \frac{\mathrm{med}\,|R|^2}{\ln 2}\Bigr), \qquad
       R_k = \frac{\sum_t w_t r_t e^{-2\pi i k t / n}}{\sqrt{\sum_t w_t^2}}$$

@@ -13,14 +13,14 @@ Form = tuple[float, str, int, int, str, *tuple[float, ...]]
 
 
 def first_alike(sources: Float[np.ndarray, "level time"]) -> Iterator[int]:
-    """Of each row the number of the first one that is equal."""
+    """Yield, for each row, the number of the first row equal to it."""
     seen: dict[bytes, int] = {}
     for i, source in enumerate(sources):
         yield seen.setdefault(source.tobytes(), i)
 
 
 def form_of(test: Test) -> Form:
-    """Of tests put together: fs, response, length, samples skipped, residual terms and band."""
+    """Return fs, response, length, skipped samples, residual terms and band of a test."""
     record = test.records[0]
     skipped = round(test.settle * record.fs)
     band = test.band_hz or ()

@@ -283,20 +283,20 @@ def fractions_counted(groups: Groups) -> dict[str, float]:
 def _orthonormal(
     columns: Float[np.ndarray, "group column value"],
 ) -> Float[np.ndarray, "group column value"]:
-    """Orthonormal rows of the same span, and zeros for those that are not needed."""
+    """Return orthonormal rows with the span of the columns, and zeros for surplus rows."""
     size = np.linalg.norm(columns, axis=-1, keepdims=True)
     _, weight, rows = np.linalg.svd(columns / np.where(size > 0, size, 1.0), full_matrices=False)
     return rows * (weight > SPANS)[..., None]
 
 
 def filled(rows: Sequence[np.ndarray], mode: Literal["constant", "edge"] = "constant") -> Array:
-    """Rows side by side, zero behind their last value, or that value itself by mode edge."""
+    """Stack rows and pad each with zeros, or with its last value in mode `edge`."""
     longest = max(map(len, rows))
     return jnp.asarray(np.stack([np.pad(row, (0, longest - len(row)), mode) for row in rows]))
 
 
 def _distinct(labels: Sequence[str]) -> tuple[str, ...]:
-    """Labels of which no two are alike: those that come again have a number behind them."""
+    """Make labels distinct by appending a number to repeated labels."""
     counts = [labels[: i + 1].count(label) for i, label in enumerate(labels)]
     pairs = zip(labels, counts, strict=True)
     return tuple(label if count == 1 else f"{label} ({count})" for label, count in pairs)

@@ -53,7 +53,7 @@ class MeasuredHarmonic(NamedTuple):
 
 
 def groups_of(tests: Sequence[Test]) -> list[MeasuredHarmonic]:
-    """Groups of tests of steady motion (one tone, stepped, frf) that tell their own noise."""
+    """Group tests of steady motion (one tone, stepped, frf) with enough values for a noise."""
     single = [test for test in tests if test.kind == "tones" and len(test.tones_hz) == 1]
     groups = tone_groups(single)
     for test in tests:
@@ -90,17 +90,17 @@ def tone_groups(tests: Sequence[Test]) -> list[MeasuredHarmonic]:
 
 
 def family_of(test: Test) -> str:
-    """What the tests of one tone and of this one's level are called together; else nothing."""
+    """Return the shared name of single-tone tests of one level; "" for other tests."""
     return f"tones {test.level:g}" if test.is_single_tone else ""
 
 
 def harmonic_label(name: str, order: int) -> str:
-    """What a harmonic of a test is called among the groups of data."""
+    """Return the label of a test's harmonic among the groups of data."""
     return f"{name} order {order}"
 
 
 def stepped_groups(test: Test) -> list[MeasuredHarmonic]:
-    """Harmonics at each frequency of a stepped sine, the transient of each step left out."""
+    """Return the harmonics at each frequency of a stepped sine without each step's transient."""
     needed = len(test.tones_hz) * test.dwell
     for record in test.records:
         if record.num_samples / record.fs < needed - 0.5 / record.fs:
@@ -145,7 +145,7 @@ def _groups(
 
 
 def _points(repeats: list, omega: float, delay: float) -> NDArray[np.complex128]:
-    """Odd harmonics of source and displacement of every repeat, phases counted from the source."""
+    """Return odd harmonics of source and displacement per repeat, phases relative to the source."""
     amplitudes = np.zeros((len(repeats), 2, NUM_HARMONICS), complex)
     by_layout: dict[tuple[float, str, int], list[int]] = {}
     for i, (record, (start, stop)) in enumerate(repeats):
@@ -174,7 +174,7 @@ def _span(fs: float, start: float, stop: float) -> slice:
 
 
 def curve_group(test: Test) -> MeasuredHarmonic:
-    """The fundamental of a measured response curve; of the force where the response was held."""
+    """Return a response curve's fundamental, or the force's where the response was held."""
     curves = [response_curve(record) for record in test.records]
     if any(not np.array_equal(curve.freq_hz, curves[0].freq_hz) for curve in curves):
         raise DataError(
@@ -211,7 +211,7 @@ def curve_group(test: Test) -> MeasuredHarmonic:
 
 
 def _unit_of(curve: MeasuredCurve, source: str, *, held: bool) -> str:
-    """Unit of a curve's values: of the force that holds it, or of its response, over a source."""
+    """Return the unit of a curve's values: its force's, its response's or that per source."""
     response = UNIT_OF[curve.response_kind]
     return source if held else per(response, source) if curve.is_ratio else response
 

@@ -57,7 +57,7 @@ class LineReading(KnownReading):
         *,
         laws: Laws = DEFAULT_LAWS,
     ) -> Self:
-        """A line fit's omega_n, zeta and gain as data, of motion of displacement `y_rms` [m]."""
+        """Build data from a line fit's omega_n, zeta and gain at rms motion `y_rms` [m]."""
         arrays = np.asarray(mean)[None], np.asarray(covariance), float(y_rms)
         read, spread, rms = jax.device_put(arrays)
         # Of known noise, as of what was repeated.
@@ -117,7 +117,7 @@ class LineReading(KnownReading):
 def _equivalent(
     joint: Oscillator, y_rms: Float[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """omega_eq [rad/s] and zeta_eq of an oscillator in random motion of displacement `y_rms`."""
+    """Return omega_eq [rad/s] and zeta_eq for random motion of rms displacement `y_rms`."""
     x, weights = np.polynomial.legendre.leggauss(NUM_NODES)
     size = MOST * (x + 1) / 2
     density = weights * size * np.exp(-(size**2) / 2)
@@ -159,7 +159,7 @@ def oscillator_through(
 def at_quadrature(
     omega: NDArray[np.float64], u: NDArray[np.complex128], y: NDArray[np.complex128], gain: float
 ) -> tuple[float, float, float] | None:
-    r"""Amplitude [m], frequency [rad/s] and damping where the motion lags by a quarter turn.
+    r"""Return amplitude [m], frequency [rad/s] and damping where the motion lags by 90 degrees.
 
     $$\arg (Y/U) = -\tfrac{\pi}{2}: \qquad \omega = \omega(|Y|), \qquad
       \zeta(|Y|) = \frac{g\,|U|}{2 \omega^2 |Y|}$$

@@ -44,7 +44,7 @@ class Loops(Observable):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Mean force of repeats of one length; what `settle` takes is predicted but not compared.
+        """Average the force of equally long repeats; samples in `settle` are not compared.
 
         Moves of the hysteresis are exact and take no steps, so that samples much closer together
         than the loop bends are averaged to one.
@@ -95,7 +95,7 @@ class Loops(Observable):
         return (data,)
 
     def predict(self, theta: Theta) -> Float[Array, "test time"]:
-        r"""Restoring force [N] along the displacement, unloaded at the start: eqs. (1), (2).
+        r"""Predict the restoring force [N] along a displacement from rest: eqs. (1), (2).
 
         $$F = m\,(k\,y + \sum_l F_l), \qquad m = 1 / g$$
 
@@ -132,7 +132,7 @@ def secant(data: Loops) -> float:
 
 
 def _secants(y: Float[np.ndarray, " time"], force: Float[np.ndarray, " time"]) -> list[float]:
-    """Secant stiffness of every cycle of a loop whose force is well above its noise [N/m]."""
+    """Return the secant stiffness [N/m] of each cycle whose force is well above its noise."""
     cycles = readings_of_cycles(ForcedLoop(1.0, y, force))
     strengths = [cycle.stiffness * cycle.amplitude for cycle in cycles]
     felt = SEEN * max(strengths, default=0.0)
@@ -142,7 +142,7 @@ def _secants(y: Float[np.ndarray, " time"], force: Float[np.ndarray, " time"]) -
 def zeros_of_load_cells(
     kinds: Sequence[str], counted: Sequence[np.ndarray]
 ) -> Float[np.ndarray, "test 2 time"] | None:
-    """An offset, and a drift in proportion to time, of the tests whose load cells have them."""
+    """Return offset and linear drift columns for tests whose load cells have them."""
     if all(kind == "exact" for kind in kinds):
         return None
     columns = np.zeros((len(kinds), 2, max(map(len, counted))))
@@ -155,7 +155,7 @@ def zeros_of_load_cells(
 
 
 def together(displacement: Float[np.ndarray, " time"]) -> int:
-    r"""Neighbours that are averaged: as many as a sine passes in 6e-3 of its amplitude.
+    r"""Return the number of samples to average: a sine moves 6e-3 of its amplitude in them.
 
     Only of records so long that their samples are what a prediction costs. A mean of so few falls
     short of a peak by $(6\times10^{-3})^2 / 24$ of the amplitude.

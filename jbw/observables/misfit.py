@@ -30,7 +30,7 @@ class GroupResidual(NamedTuple):
 
 
 def group_residuals(groups: Groups, residuals: Rows) -> list[GroupResidual]:
-    """Noise and misfit of every group; the noise by the scatter of repeats where there are any."""
+    """Return noise and misfit of each group, with noise from repeats where there are any."""
     misfits, arrays = [], (groups.num_repeats, groups.size, groups.within)
     numbers = zip(groups.labels, *(np.asarray(x, float).tolist() for x in arrays), strict=True)
     for label, count, size, within in numbers:
@@ -66,7 +66,7 @@ def shared_misfit(
 def independent_fractions(
     groups: Groups, residuals: Rows, columns: Sequence[Rows], covariance: Covariance
 ) -> dict[str, float]:
-    r"""Fraction of values that count as independent, of groups that the law does not follow.
+    r"""Return the fraction of independent values for each group that the law misfits.
 
     $$f = \frac{(a + b)^2}{a^2 + 2ab + b^2 / w}\,\frac{m^2 + \sigma^2 + \tau^2}{a + b}, \qquad
       a = \sigma^2, \quad b = K \tau^2$$

@@ -97,7 +97,7 @@ class ModalDecays(Decays):
         substeps: int | None = None,
         modes: Modes | None = None,
     ) -> tuple[Self, ...]:
-        """Envelopes of the decays of each test, in a band with all modes of the structure."""
+        """Return each test's decay envelopes in a band with all modes of the structure."""
         return tuple(cls.of(test, laws=laws, substeps=substeps, modes=modes) for test in tests)
 
     @classmethod
@@ -109,7 +109,7 @@ class ModalDecays(Decays):
         substeps: int | None = None,
         modes: Modes | None = None,
     ) -> Self:
-        """Envelopes of a test's decays after `settle`, cut to the shortest; noise is guessed."""
+        """Build a test's envelopes after `settle`, cut to the shortest, with a noise guess."""
         if modes is None:
             raise ConfigError("Argument `modes` must name the modes of the structure, but is None.")
         mode_tests = [replace(test, band_hz=band) for band in bands_of(modes.hz, test)]
@@ -142,19 +142,19 @@ class ModalDecays(Decays):
         return jax.lax.map(lambda seen: match(structure, seen, self), records)
 
     def only(self, record: int, size: int) -> Self:
-        """One record, the first values of it alone, and no longer a simulation than these take."""
+        """Restrict to the first values of one record and shorten the simulation to match."""
         values = self.values_of(record, size)
         num_samples = (values["mean"].shape[1] - 1) * self.stride + len(self.taps)
         return replace(self, **values, num_samples=num_samples)
 
     def values_of(self, record: int, size: int) -> dict[str, Any]:
-        """What belongs to one record: where it begins, and what the decays of one mode have."""
+        """Return the fields of one record, including its start and modal amplitudes."""
         record_slice = slice(record, record + 1)
         beginnings = {"begun": self.begun[record_slice], "amplitude": self.amplitude[record_slice]}
         return super().values_of(record, size) | beginnings
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
-        """The decays with the noise of every record, looked for from their best starts on."""
+        """Return the decays with fitted noise per record and their best starts."""
         start: Start = matched(theta, self).entry  # pyright: ignore[reportAssignmentType]
         begun = jnp.concatenate([start.state, start.shift[:, None]], axis=1)
         return replace(super().with_fitted_noise(theta, residuals), begun=begun)
@@ -176,7 +176,7 @@ class ModalDecays(Decays):
         )
 
     def statements(self, theta: Theta) -> list[str]:
-        """What is left of the motion about every mode, and what one mode's decays say."""
+        """Return sentences on the residual motion near each mode and on the decays."""
         residual = np.asarray(matched(theta, self).residual)
         errors = " and ".join(
             f"{error:.2g} about {hz:.4g} Hz"
@@ -206,7 +206,7 @@ class MatchedEnvelopes(NamedTuple):
 
 
 def memory_at(structure: Structure, q: Array, v: Array) -> Memories:
-    r"""Memories of the laws on the steady loops of the present amplitude of the joints' motion.
+    r"""Return the laws' memories on the steady loops at the joints' present amplitude.
 
     $$X = \sum_i |h_i| \sqrt{q_i^2 + (\dot q_i/\omega_i)^2}, \qquad x = \sum_i h_i q_i$$
 
@@ -236,12 +236,12 @@ def joint_laws(structure: Structure) -> tuple[tuple[Any, ...], ...]:
 
 
 def held_by_joints(structure: Structure, q: Array, v: Array) -> Float[Array, " mode"]:
-    r"""Where the forces of several joints hold every mode, $-\sum_j p_{ij} r_j / \omega_i^2$."""
+    r"""Return each mode's static position under joint forces, $-\sum_j p_{ij} r_j / \omega_i^2$."""
     h, p, omega_n = (jnp.asarray(x) for x in (structure.h, structure.p, structure.omega_n))
     x, moves, memories = h @ q, h @ v, memory_at(structure, q, v)
 
     def remainder(j: int) -> Array:
-        """What is left of joint j's force, whose stiffness of rest the modes hold already."""
+        """Return the force of joint j minus its linear stiffness force at rest."""
         pairs = zip(joint_laws(structure)[j], memories[j], strict=True)
         forces = [law.force(x[j], moves[j], memory) - law.stiffness() * x[j]
                   for law, memory in pairs]  # fmt: skip
@@ -255,7 +255,7 @@ def held_by_joints(structure: Structure, q: Array, v: Array) -> Float[Array, " m
 def modal_envelopes(
     structure: Structure, own: Float[Array, " own"], data: ModalDecays
 ) -> Complex[Array, "mode step"]:
-    r"""What every mode adds to a record's envelope, from its own unknowns, as `Start`, on.
+    r"""Return each mode's part of a record's envelope, from its own unknowns as in `Start`.
 
     Modes that do not ring, beside those of the decays, begin where the joints' forces hold them,
     $q_i = -\sum_j p_{ij} r_j / \omega_i^2$; what they move is counted with the first.
@@ -282,13 +282,13 @@ def modal_envelopes(
 
 
 def _turns(length: int, data: ModalDecays) -> Float[Array, "mode step"]:
-    """Angle of every mode by a unit of the shift, which is the first mode's [s]."""
+    """Return the phase angle of each mode per unit of the first mode's shift [s]."""
     hz = jnp.asarray(data.modes.hz)
     return hz[:, None] / hz[0] * data.step_s * jnp.arange(length)
 
 
 def match(structure: Structure, seen: MatchedEnvelopes, data: ModalDecays) -> Matched:
-    """A record at its best start: Gauss and Newton, with the changes about where they begin."""
+    """Fit a record's best start by Gauss-Newton with derivatives at the starting point."""
     still, scale = jax.tree.map(jax.lax.stop_gradient, structure), _units(seen, data)
     num, length = len(scale), len(seen.envelope)
     ahead = jnp.concatenate([jnp.zeros((1, num)), STEP * jnp.diag(scale)[:-1]])
@@ -325,7 +325,7 @@ def match(structure: Structure, seen: MatchedEnvelopes, data: ModalDecays) -> Ma
 
 
 def _units(seen: MatchedEnvelopes, data: ModalDecays) -> Float[Array, " own"]:
-    """Of a record's own unknowns: its modes' amplitudes, and a radian over its length."""
+    """Return scales of a record's unknowns: mode amplitudes and a radian over its length."""
     radian = 1 / (data.step_s * jnp.full(1, len(seen.envelope)))
     return jnp.concatenate([seen.amplitude, seen.amplitude, radian])
 
@@ -335,7 +335,7 @@ def _square(residual: Complex[Array, " step"]) -> Float[Array, ""]:
 
 
 def errors_by_mode(residual: Complex[np.ndarray, "record step"], data: ModalDecays) -> list[float]:
-    """What is left over what was measured, in the band of each mode, by lines of the envelopes."""
+    """Return residual over measured norm in the band of each mode, from envelope spectra."""
     hz = data.centre_hz + np.fft.fftfreq(residual.shape[1], data.step_s)
     lines, measured_lines = (np.fft.fft(np.asarray(rows)) for rows in (residual, data.mean))
     mode_lines = [lines_within(hz, band) for band in data.bands_hz]

@@ -55,7 +55,7 @@ def read_modes(modes: Modes, motions: Sequence[MotionSpectra]) -> dict[str, floa
 def _near(
     motion: MotionSpectra, windows_hz: Sequence[tuple[float, float]], spanned: float
 ) -> dict[int, Bool[np.ndarray, " line"]]:
-    """Lines that drive a mode, by its number, where they span such a part of its window."""
+    """Return, by mode, the driven lines that span a given fraction of the mode's window."""
     loud, near_modes = np.abs(motion.source) > DRIVEN * np.abs(motion.source).max(), {}
     for i, window in enumerate(windows_hz):
         near_mode = loud & lines_within(motion.omega / (2 * np.pi), window)
@@ -68,7 +68,7 @@ def _near(
 def _poles_and_gains(
     lines: MotionSpectra, windows_hz: Sequence[tuple[float, float]]
 ) -> tuple[Float[np.ndarray, "mode two"], Float[np.ndarray, "point mode"]]:
-    r"""Poles by least squares, gains and what other modes add at their best for each trial.
+    r"""Fit poles by least squares, with gains and terms of other modes solved at each trial.
 
     $$Y_o = \Big(\sum_i \frac{R_{oi}}{\omega_i^2 - \omega^2 + 2j\zeta_i\omega_i\omega} + U_o
       + \frac{L_o}{\omega^2}\Big) U$$
@@ -84,7 +84,7 @@ def _poles_and_gains(
         return np.stack([low + place * (high - low), np.exp(log_zeta)], axis=1)
 
     def best(x: Reals) -> tuple[Reals, Reals]:
-        """Gains and terms, a row each for the columns of a point, and what they leave."""
+        """Solve for gains and terms, one row per column of a point; return their residual."""
         natural, zeta = poles_of(x).T[..., None]
         modal = 1 / (natural**2 - omega**2 + 2j * zeta * natural * omega)
         columns = _parts(np.array([*modal, np.ones_like(omega), 1 / omega**2]) * source)
@@ -119,7 +119,7 @@ def lines_of_motions(
     fs: float,
     order: int,
 ) -> list[MotionSpectra]:
-    """Lines of every motion, the weakest first: of levels its number, point, source and response.
+    """Return the spectra of each motion, weakest first, from (number, point, source, response).
 
     Responses are of this order; a motion that is seen at several points is several levels.
     """

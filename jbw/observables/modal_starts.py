@@ -11,7 +11,7 @@ LEAST = 4  # independent values that a mode's start is read from
 
 
 def starts_of(test: Test) -> Complex[np.ndarray, " record"]:
-    r"""What one mode begins every record with, $q(0) + j\,\dot q(0)/\omega$, by its envelope [m].
+    r"""Return each record's start $q(0) + j\,\dot q(0)/\omega$ [m] in one mode, from its envelope.
 
     Its logarithm is continued by a straight line to the first sample, which the filter does not
     reach.

@@ -110,7 +110,7 @@ class Modes(NamedTuple):
 
 
 def with_ratios(found: Mapping[str, float]) -> dict[str, float]:
-    """First values with gains of further modes over the first's, of further points likewise."""
+    """Return starting values with gains of other modes and points relative to the first."""
     if not found.get("gain"):
         return dict(found)
     ratios = {n.ratio: found[n.ratio] / found["gain"] for n in NAMES if n.ratio in found}
@@ -121,14 +121,14 @@ def with_ratios(found: Mapping[str, float]) -> dict[str, float]:
 
 
 def gain_shares(modes: Modes, point: str = "") -> Reals:
-    """What a point sees of every driven mode of a reduced model, over the first gain."""
+    """Return a point's gain in each driven mode of a reduced model over the first gain."""
     numbers, driven = dict(modes.numbers), range(1, len(modes.hz) + 1)
     gains = [numbers[numbered(PUSH, i)] * numbers[seen_name(i, point)] for i in driven]
     return np.array(gains) / (numbers[numbered(PUSH, 1)] * numbers[seen_name(1)])
 
 
 def by_model(modes: Modes, readings: Mapping[str, float]) -> dict[str, float]:
-    r"""First values of a structure whose shapes are known, from readings of single modes.
+    r"""Return starting values from single-mode readings for a structure with known shapes.
 
     $$g = \frac{\sum_{io} w_{io}g_{io}}{\sum_{io} w_{io}^2}, \qquad
       w_{io} = \frac{b_ic_{oi}}{b_1c_{11}}$$
@@ -159,7 +159,7 @@ def by_model(modes: Modes, readings: Mapping[str, float]) -> dict[str, float]:
 
 
 def bounds_of(modes: Modes, known: Mapping[str, float], *, with_joint: bool) -> Bounds:
-    """Bounds of the modes' parameters about first values; at the joint only where it has a law."""
+    """Return modal parameter bounds about starting values; at the joint only with a law."""
     bounds: Bounds = {}
     for names, (low, high) in zip(modes.names, modes.windows_hz[1:], strict=True):
         bounds[names.omega] = 2 * np.pi * low, 2 * np.pi * high
@@ -204,7 +204,7 @@ class ModesAtJoint(KnownReading):
     def of(
         cls, modes: Modes, stated: Sequence[str], run: str, *, laws: Laws = DEFAULT_LAWS
     ) -> Self:
-        """Of the modes' sizes that a campaign gives no prior of its own."""
+        """Build the prior of modal motions of the joint for which a campaign states none."""
         names = tuple(name for name in modes.free if name not in stated)
         growth = jnp.full(len(modes.names), jnp.nan)
         mean, groups = jnp.zeros((1, len(names))), read_before(LABEL, run, len(names))
@@ -231,7 +231,7 @@ class ModesAtJoint(KnownReading):
         return Shown(lambda: dict.fromkeys(self.modes.free, 1.0) if self.modes else {})
 
     def statements(self, theta: Theta) -> list[str]:
-        """Every further mode at the optimum, and what tells the sign of its motion of the joint."""
+        """Return sentences on each further mode at the optimum and its sign at the joint."""
         if self.modes is None or self.modes.meet != "common" or not self.laws:
             return []
         structure = structure_of(theta, self.laws)

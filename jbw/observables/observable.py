@@ -307,18 +307,18 @@ def unnamed(data: Any, labels: Names, runs: Names) -> Any:
 
 
 def alone(data: Any) -> Any:
-    """Data of one observable as programs see them, of which nothing else has the names."""
+    """Return the data of a single observable with numbers in place of names."""
     return unnamed(data, *numbers_of(data.groups.labels, data.groups.runs))
 
 
 def prediction(theta: Theta, data: Observable) -> Any:
-    """What the parameters predict of data, as a function that compiled code may be kept for."""
+    """Return the prediction of data as a function for which compiled code can be cached."""
     return data.predict(theta)
 
 
 @eqx.filter_jit
 def slope_by_offsets(predict: Callable[[Theta], Array], theta: Theta) -> Float[Array, "*row own"]:
-    """Derivative of a prediction by the offsets of omega_n and zeta, along a last axis."""
+    """Return a prediction's derivative by the offsets of omega_n and zeta, on a last axis."""
 
     def shifted(offset: Float[Array, " own"]) -> Array:
         shifted_theta = {name: theta[name] + b for name, b in zip(OFFSETS, offset, strict=True)}

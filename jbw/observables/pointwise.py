@@ -130,7 +130,7 @@ def _solved(
 def _seen(
     task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]],
 ) -> tuple[Key[Array, ""], Dataset, tuple[Any, ...]]:
-    """What programs see of the task: a dataset without names."""
+    """Return the task with an unnamed dataset, as compiled programs take it."""
     key, data, rows = task
     return key, unnamed(data), rows
 
@@ -138,7 +138,7 @@ def _seen(
 @seeing(_seen)
 @solved_first(_solved)
 def _sums(theta: Theta, task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -> dict[str, Any]:
-    """What every part is asked at one draw, by one solve, each run's offsets drawn beside it."""
+    """Compute each part's requested sums at one draw, with run offsets drawn at random."""
     key, data, rows = task
     everything = {**data.held, **{name: x for name, x in theta.items() if name != SEED}}
     sums: dict[str, Any] = {}

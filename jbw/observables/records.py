@@ -123,7 +123,7 @@ class Records(Observable):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Sweeps in time, then whole periods of multisines; a part a form of record."""
+        """Reduce sweeps in time and whole periods of multisines, one part per record form."""
         sweeps = [on_time(test) for test in tests if test.kind != "multisine"]
         steady = [periods(test) for test in tests if test.kind == "multisine"]
         steady = [test for test in steady if test is not None]
@@ -142,7 +142,7 @@ class Records(Observable):
         substeps: int | None = None,
         periodic: bool = False,
     ) -> Self:
-        """Sufficient statistics of the repeats of tests of one form: of a band, its lines alone."""
+        """Return sufficient statistics of repeats of one form; with a band, of its lines."""
         tests = [on_time(test) for test in tests]
         fs, response, length, skipped, residuals, *band_hz = common_form(tests)
         lines = lines_of(band_hz, length - skipped, fs)
@@ -198,7 +198,7 @@ class Records(Observable):
         return {"laws": self.laws, "substeps": self.substeps, "depth": self.depth}
 
     def predict(self, theta: Theta) -> Float[Array, "level compared"]:
-        """Response of every level to its mean input, at its own origin where it has one."""
+        """Predict the response of each level to its mean input, at its origin of offsets."""
         if self.solution is not None and self.solution.response is not None:
             return self.solution.response
         several = any(self.points)
@@ -292,7 +292,7 @@ class Records(Observable):
         offset: Float[Array, "level of_run"] | None,
         products: Float[Array, "level row"],
     ) -> tuple[Float[Array, " level"], Float[Array, "level row"]]:
-        r"""The sums of a solution that holds the products R m of its responses m with the rows R.
+        r"""Return residual sums from a solution's products R m of responses m with the rows R.
 
         $$Q_b = Q - 2 b^T s + b^T J J^T b, \qquad R r_b = R d - R m - R J^T (a + b)$$
 
@@ -317,7 +317,7 @@ class Records(Observable):
         writes: bool,
         rows: Float[np.ndarray, "level row value"] | None = None,
     ) -> Self | None:
-        """The records with their solution at points; None where they must be solved as they are.
+        """Return records with solutions at points, or None if only the model can solve them.
 
         Those of several modes, residual terms or periodic motions are, and laws that our own step
         does not know. The steps of the solver, which are no matter any more, are those of any.
@@ -352,7 +352,7 @@ class Records(Observable):
         return replace(self, laws=(), substeps=SUBSTEPS, depth=SIZE, solution=solution)
 
     def _from_first(self, rows: Sequence[Any]) -> Float[np.ndarray, "point level compared"]:
-        """Responses from the first sample that is compared, levels side by side."""
+        """Stack the responses of all levels from the first compared sample on."""
         return np.stack([row[:, self.skipped :] for row in rows], axis=1)
 
     def marched(
@@ -397,7 +397,7 @@ class Records(Observable):
     def _joints_of_levels(
         self, theta: Mapping[str, Float[np.ndarray, " point"]], numbers: Sequence[int]
     ) -> list[Oscillator] | None:
-        """The same of several levels by one call, the last point again to fill their lanes."""
+        """Return the oscillators of several levels by one call; the last point fills lanes."""
         if self.periodic or any(self.points):
             return None
         count, origin = len(numbers), np.asarray(self.groups.origin)[list(numbers)]
@@ -414,12 +414,12 @@ class Records(Observable):
         return [jax.tree.map(lambda x, level=level: x[level], rows) for level in range(count)]
 
     def _hidden(self, peak: Float[Array, " level"]) -> Bool[Array, " level"]:
-        """Whether a prediction is absurdly larger than what was measured, if anything was."""
+        """Return whether a prediction is absurdly larger than the measurement, if any."""
         size = jnp.max(jnp.abs(self.mean), axis=1)  # zero of what is planned alone
         return (size > 0) & (peak > ABSURD * size)
 
     def _summed(self, theta: Mapping[str, Any]) -> bool:
-        """Whether the misfit is added up in the time loop: of samples of one mode, from rest."""
+        """Return whether the time loop sums the misfit: samples of one mode, from rest."""
         plain = not (self.periodic or self.groups.is_complex or any(self.points))
         return (
             plain
@@ -429,7 +429,7 @@ class Records(Observable):
         )
 
     def squares(self, theta: Theta) -> Float[Array, " level"]:
-        r"""Squared residuals of all repeats, $Q = \sum_k |d_k - m|^2 = K\,|\bar d - m|^2 + S$."""
+        r"""Return all repeats' squares, $Q = \sum_k |d_k - m|^2 = K\,|\bar d - m|^2 + S$."""
         square, _ = self.residual_sums(theta)
         return self.groups.num_repeats * square + self.groups.within
 
@@ -486,7 +486,7 @@ class Records(Observable):
         return Shown(first_values, y_peak=peak, peaks_of_modes=tuple(peaks), spectra=spectra)
 
     def statements(self, theta: Theta) -> list[str]:
-        """Where the motion comes back to reversals that a law has given up."""
+        """Return sentences on motion that returns to reversals that a law has discarded."""
         return remembered.told(theta, self)
 
 

@@ -31,5 +31,5 @@ def register(observable: type[Observable]) -> type[Observable]:
 
 
 def taking(*, several: bool) -> list[type[Observable]]:
-    """Those of the register that take tests of a structure of several modes, or of one."""
+    """Return the observables that take tests of a structure with several modes, or one."""
     return [kind for kind in OBSERVABLES if kind.several in (None, several)]

@@ -56,7 +56,7 @@ def taken(theta: Mapping[str, Any], residuals: str) -> dict[str, Any]:
 def receptance(
     terms: Mapping[str, Array], omega: Float[Array, "*batch"]
 ) -> Inexact[Array, "*batch"]:
-    r"""The sum in brackets above [m per N/kg]; without L at omega = 0, where it has no limit."""
+    r"""Return the sum in brackets above [m per N/kg]; L is zero at omega = 0."""
     squared = jnp.where(omega > 0, omega, jnp.inf) ** 2
     total = terms.get(UPPER, 0.0) + terms.get(LOWER, 0.0) / squared
     for omega_k, zeta, share in ([terms[n] for n in mode] for mode in MODES if mode[0] in terms):
@@ -72,7 +72,7 @@ def added_response(
     response: str,
     periodic: bool,
 ) -> Float[Array, " time"]:
-    """Response to a force per unit mass by the terms alone, from its first driven line to its last.
+    """Return the terms' response to a force per unit mass, between its first and last driven line.
 
     The record is one period, or at rest before and after. A constant force is none: it is an
     amplifier's offset, which 1 / omega^2 would raise to a drift.
@@ -89,7 +89,7 @@ def added_response(
 def own_columns(
     force: Float[np.ndarray, "level time"], fs: float, response: str, lines: tuple[int, int] | None
 ) -> Float[np.ndarray, "level 2 value"]:
-    r"""What tests' own U and L add to their lines: $F_k (j\omega_k)^o$ and $1/\omega_k^2$ of it.
+    r"""Return the columns of tests' own U and L: $F_k (j\omega_k)^o$ and it over $\omega_k^2$.
 
     Of lines the real parts, then the imaginary parts; of samples what the driven lines come to.
     """
@@ -121,7 +121,7 @@ def neighbours_of(theta: Mapping[str, float]) -> tuple[float, ...]:
 
 
 def bounds(omega_n: float, neighbours: Sequence[float] = ()) -> dict[str, tuple[float, float]]:
-    """Bounds of the terms by name: wide ones of what is added, narrow ones of neighbours' places.
+    """Return bounds by term: wide for added terms, narrow for frequencies of neighbours.
 
     Of a constant thirty times what the mode's own static response is, of a neighbour's gain thirty
     times the mode's. A neighbour stays within 7 % of where it was seen, and nearer to that than to

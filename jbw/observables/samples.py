@@ -33,7 +33,7 @@ Lines = tuple[int, int]  # the first line of a spectrum that counts, and the one
 
 
 def lines_of(band_hz: Sequence[float], length: int, fs: float) -> Lines | None:
-    """First line of a spectrum in a band, which must hold one, and the one after the last."""
+    """Return the first line of a spectrum in a band and the line after the last one."""
     if not band_hz:
         return None
     first, last = whole_up(band_hz[0] * length / fs), whole_down(band_hz[1] * length / fs)
@@ -79,7 +79,7 @@ def loudest_hz(means: Float[np.ndarray, "level time"], fs: float) -> float:
 
 
 def substeps_for(hz: float, fs: float, least: int) -> int:
-    """Steps of the solver between samples, a power of two, for 50 in a period of a motion."""
+    """Return solver steps per sample, a power of two, for 50 steps in a period of a motion."""
     steps = max(STEPS_A_PERIOD * hz / fs, least)
     return 2 ** whole_up(float(np.log2(steps)))
 
@@ -105,7 +105,7 @@ def joints_at(
     residuals: str = "none",
     depth: int | None = None,
 ) -> Oscillator | None:
-    """Oscillators at points for `jbw.oscillator.batch`, the last again to fill all lanes.
+    """Return oscillators at points for `jbw.oscillator.batch`; the last point fills all lanes.
 
     Their laws remember `depth` reversals. None where theta has several modes or residual terms, or
     where a stock solver integrates a law.
@@ -174,7 +174,7 @@ def response_of(
     response: str,
     residuals: str,
 ) -> Float[Array, "*point time"]:
-    """What a sensor sees of a motion under an input, as `response_to` says."""
+    """Return a sensor's response for a motion under an input, residual terms included."""
     sensed = getattr(motion, LETTER_OF[response])
     if not (terms := taken(theta, residuals)):
         return sensed

@@ -70,7 +70,7 @@ class Points(Observable):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Harmonics of all tests side by side; apart only where they take other residual terms."""
+        """Reduce all tests to harmonics, in one part per choice of residual terms."""
         parts = []
         for residuals in dict.fromkeys(test.residuals for test in tests):
             groups = groups_of([test for test in tests if test.residuals == residuals])
@@ -85,7 +85,7 @@ class Points(Observable):
         laws: Laws = DEFAULT_LAWS,
         residuals: str = "none",
     ) -> Self:
-        """Groups side by side; those with the same omega, load and motion share their points."""
+        """Combine groups; groups with equal omega, load and motion share their points."""
         tests: dict[bytes, int] = {}
         omega, load, motion, first = [], [], [], []
         for group in groups:
@@ -133,7 +133,7 @@ class Points(Observable):
         num_samples: int,
         laws: Laws = DEFAULT_LAWS,
     ) -> Self:
-        r"""Planned tones of a displacement's odd harmonics `motion` [m], as they would be read.
+        r"""Return planned tones with odd harmonics `motion` [m] and expected reading noise.
 
         Real and imaginary parts of N samples' harmonic have the variance $2\sigma^2 / N$ each.
         """
@@ -151,7 +151,7 @@ class Points(Observable):
         return replace(data, groups=changed(data.groups, noise_std=np.full(len(groups), std)))
 
     def predict(self, theta: Theta) -> Complex[Array, "group value"]:
-        """Response in its measured unit, or force in the source's; zero behind a group's last."""
+        """Predict the response in its unit or the force in the source's; pad with zeros."""
         column, of_force = self.position[:, None], np.array(self.of_force)
         forced = moved = jnp.zeros(self.point.shape, complex)
         if of_force.any():
@@ -231,14 +231,14 @@ def _held(
     load: Complex[np.ndarray, " point"],
     motion: Inexact[np.ndarray, " point"],
 ) -> tuple[float, float, float]:
-    """Amplitude, frequency and damping of a held response, at which the joint is one oscillator."""
+    """Return amplitude, frequency and damping of a held response, for one linear oscillator."""
     read = oscillator_through(omega, load, motion)
     near = np.argmin(np.abs(omega - read["omega_n"]))
     return abs(motion[near]), read["omega_n"], read["zeta"]
 
 
 def _own_columns(groups: Sequence[MeasuredHarmonic]) -> Float[np.ndarray, "group 2 part"]:
-    r"""What curves' own U and L add to their values, real parts then imaginary parts."""
+    r"""Return columns of each curve's own U and L, real parts then imaginary parts."""
     held = next((group.label for group in groups if group.of_force), None)
     if held is not None:
         raise DataError(
@@ -255,7 +255,7 @@ def _own_columns(groups: Sequence[MeasuredHarmonic]) -> Float[np.ndarray, "group
 
 
 def motion_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, "point harmonic"]:
-    """Odd harmonics of the displacement under the measured force of every point [m]."""
+    """Return odd harmonics of displacement [m] at each point under its measured force."""
     joint = oscillator_of(theta, data.laws)
     return jax.vmap(lambda omega, guess, load: refined(joint, omega, guess, load))(
         data.omega, data.motion, theta["gain"] * data.load
@@ -282,7 +282,7 @@ def planned_motion(
 
 
 def added_motion(theta: Mapping[str, Array], data: Points) -> Complex[Array, "point harmonic"]:
-    """What modes outside the band add to the odd harmonics of the displacement [m]."""
+    """Return odd harmonics of displacement [m] that modes outside the band add."""
     if not (terms := taken(theta, data.residuals)):
         return jnp.zeros_like(data.load)
     orders = jnp.arange(1, 2 * NUM_HARMONICS, 2)
@@ -290,7 +290,7 @@ def added_motion(theta: Mapping[str, Array], data: Points) -> Complex[Array, "po
 
 
 def force_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, " point"]:
-    r"""Fundamental force per unit mass that the measured fundamental takes [N/kg]: eqs. (1), (2).
+    r"""Return the force per unit mass [N/kg] that the measured fundamental needs: eqs. (1), (2).
 
     $$F_1 = (k - \omega^2 + 2j\zeta\omega_n\omega + K(|Y_1|) + jC(|Y_1|))\,Y_1$$
 
