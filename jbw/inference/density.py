@@ -37,7 +37,7 @@ class Density(tuple[float, float]):
     def __new__(
         cls, family: str, arguments: Any, build: Callable[[], Any] | None = None
     ) -> "Density":
-        """The density and its bounds.
+        """Create the density with its bounds.
 
         Raises:
             ValueError: No distribution of that name or of these arguments, one of whole numbers or
@@ -49,7 +49,7 @@ class Density(tuple[float, float]):
         return density
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle by name and arguments; a distribution that a caller made is pickled itself."""
+        """Return name and arguments for pickling (or the distribution a caller made)."""
         return _rebuilt, (self.family, self.arguments, self._distribution_of_caller())
 
     def _distribution_of_caller(self) -> Any:
@@ -57,7 +57,7 @@ class Density(tuple[float, float]):
         return None if isinstance(self.arguments, dict) or self.arguments else self.build()
 
     def __repr__(self) -> str:
-        """The density as a campaign file states it."""
+        """Format the density as a campaign file states it."""
         if isinstance(self.arguments, dict):
             inner = ", ".join(f"{name} = {value!r}" for name, value in self.arguments.items())
             return f"{{ {self.family} = {{ {inner} }} }}"
@@ -94,7 +94,7 @@ def density_of(stated: Any) -> Density:
 
 
 def _arguments(distribution: Any) -> dict[str, float]:
-    """Arguments of a distribution that was made, by name; none where they are not numbers."""
+    """Return a distribution's arguments by name; {} where they are not numbers."""
     try:
         return {name: float(getattr(distribution, name)) for name in distribution.arg_constraints}
     except (AttributeError, TypeError, ValueError):
@@ -133,7 +133,7 @@ def _built(family: str, arguments: Any) -> Any:
 
 
 def _bounds(distribution: Any, family: str) -> tuple[float, float]:
-    """Quantiles at TAIL and 1 - TAIL, or the ends of the support where it does not vanish there."""
+    """Return quantiles at TAIL and 1 - TAIL, or ends of the support with non-zero density."""
     import jax
     from numpyro.distributions import Distribution
 
@@ -153,7 +153,7 @@ def _bounds(distribution: Any, family: str) -> tuple[float, float]:
 
 
 def _quantile(distribution: Any, mass: float) -> float:
-    """Where the distribution function reaches a mass near 0 or 1.
+    """Return the point where the distribution function reaches a mass near 0 or 1.
 
     The end of the support itself, where the density does not vanish towards it.
     """
@@ -179,7 +179,7 @@ def _quantile(distribution: Any, mass: float) -> float:
 
 
 def _bracket(excess: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
-    """Two points about the zero of a rising function, from within an open interval outwards."""
+    """Return two points that bracket a rising function's zero, from inside an open interval."""
     middle = (low + high) / 2 if isfinite(low) and isfinite(high) else 0.0
     if isfinite(low) != isfinite(high):
         middle = low + 1.0 if isfinite(low) else high - 1.0

@@ -19,7 +19,7 @@ def words_of(key: Key[Any, ""]) -> list[int]:
 
 
 def parts_of(key: Key[Array, ""], count: int) -> list[Key[Array, ""]]:
-    """The keys of `jax.random.split`, one by one: a program for all numbers up to 16 of them.
+    """Return the keys of `jax.random.split` in a list, with one program for up to 16 keys.
 
     The first keys are the same however many are asked for. Taken from an array of keys, each would
     be a program of its own.
@@ -30,5 +30,5 @@ def parts_of(key: Key[Array, ""], count: int) -> list[Key[Array, ""]]:
 
 
 def generator(key: Key[Any, ""]) -> np.random.Generator:
-    """NumPy's generator of a key."""
+    """Return NumPy's generator seeded by a key."""
     return np.random.default_rng(words_of(key))

@@ -24,7 +24,7 @@ Solver = Callable[[Mapping[str, np.ndarray], Any, int], Solved | None]
 
 
 def solved_first(solver: Solver) -> Callable[[Any], Any]:
-    """Decorate a function of (theta, data) whose costly part is worked out before, by itself.
+    """Mark a function of (theta, data) whose costly part a solver computes beforehand.
 
     At many points the `solver` is asked first, of (theta, data, threads): for data that hold the
     costly part already, in two trees that `equinox.combine` joins, that without it and the part
@@ -40,7 +40,7 @@ def solved_first(solver: Solver) -> Callable[[Any], Any]:
 
 
 def seeing[Data](seen: Callable[[Data], Data]) -> Callable[[Any], Any]:
-    """Decorate a function of (theta, data) to which data with equal `seen` are the same.
+    """Mark a function of (theta, data) that depends on data only through `seen`.
 
     A program is compiled for what is no array, names among it. Of names that the function does not
     tell apart, `seen` leaves none: data of equal shapes then share a program, whatever their names.
@@ -54,7 +54,7 @@ def seeing[Data](seen: Callable[[Data], Data]) -> Callable[[Any], Any]:
 
 
 def seen_by(function: Any, data: PyTree) -> PyTree:
-    """What a function sees of data, by `seeing`; all where it says nothing."""
+    """Return the part of data that a function depends on by `seeing`; by default all."""
     seen = getattr(function, "seen", None)
     return data if seen is None else seen(data)
 
@@ -66,7 +66,7 @@ def at_points(
     *,
     lanes: int = LANES,
 ) -> Any:
-    """Values of a function of (theta, data) at points by name, compiled once for it and shapes.
+    """Evaluate a function of (theta, data) at points by name, compiled once per shape.
 
     Its leaves are arrays here, with the points along a first axis. Each core takes the next lot of
     so many lanes. What a lot comes to depends on no other, so that the number of cores changes no
@@ -114,7 +114,7 @@ def _rest(
 
 @contextmanager
 def in_background[Made](work: Callable[[], Made]) -> Iterator[Future[Made]]:
-    """A piece of work in a thread of its own, while the block does another.
+    """Run a function in a separate thread while the block does other work.
 
     The future gives what it made, or raises. Where the block ends by an error or an interruption,
     the work is given up at its next lot of points.
@@ -136,7 +136,7 @@ def in_background[Made](work: Callable[[], Made]) -> Iterator[Future[Made]]:
 def side_by_side[Start, End](
     search: Callable[[Start, Evaluate], End], starts: Sequence[Start], evaluate: Evaluate
 ) -> list[End]:
-    """Where searches from several starts end, in the order of the starts.
+    """Run searches from several starts together and return their ends in that order.
 
     Each runs in a thread of its own. Once all that still run wait for values, one call evaluates
     the points of all: together they fill the lanes that one search leaves empty. A search sees no
@@ -181,7 +181,7 @@ class _Meeting:
         return values.result()
 
     def leave(self) -> None:
-        """One search has ended: the others wait for it no more."""
+        """Remove a finished search, so that the other searches no longer wait for it."""
         with self._lock:
             self._num_running -= 1
             asked = self._complete()
@@ -196,7 +196,7 @@ class _Meeting:
             values.cancel()
 
     def _complete(self) -> list[tuple[np.ndarray, Future[np.ndarray]]]:
-        """What all running searches ask for, where all of them ask."""
+        """Return the points requested by all running searches, once all have requested."""
         if len(self._asked) < self._num_running:
             return []
         asked, self._asked = self._asked, []
@@ -217,7 +217,7 @@ class _Meeting:
 
 
 def forget() -> None:
-    """Free the programs of functions at points, some 50 MB each, once data have other shapes.
+    """Release compiled functions at points, some 50 MB each, once data have other shapes.
 
     What is asked for again is compiled again, or read from the user's cache.
     """
@@ -228,6 +228,6 @@ def forget() -> None:
 
 
 def num_cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)  # not on every system
     return len(affinity(0)) if affinity else os.cpu_count() or 1

@@ -76,7 +76,7 @@ class NumpyroModel:
         return inside
 
     def nuts(self, **options: Any) -> NUTS:
-        """NumPyro's NUTS on this model, begun at the fit with the mass matrix of its covariance.
+        """Return NumPyro's NUTS started at the fit, with its covariance as mass matrix.
 
         Options are those of `numpyro.infer.NUTS` and go before these.
         """
@@ -159,7 +159,7 @@ class RandomWalk(MCMCKernel):
         return step(state) if _is_one(state.rng_key) else jax.vmap(step)(state)
 
     def postprocess_fn(self, model_args: Any, model_kwargs: Any) -> Any:
-        """From the unit cube to the sites by name."""
+        """Return a function that maps the unit cube to the sites by name."""
         box = self._problem.box
 
         def sites(x: Float[Array, " parameter"]) -> dict[str, Any]:

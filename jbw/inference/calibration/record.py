@@ -129,7 +129,7 @@ def _came_through(failures: dict[str, NDArray[np.bool_]]) -> Finding:
 
 
 def chi_square_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
-    """p-value of Pearson's chi-square of the ranks in about 20 bins."""
+    """Return the p-value of Pearson's chi-square of the ranks in about 20 bins."""
     bins = np.array_split(np.arange(num_ranks + 1), min(NUM_BINS, num_ranks + 1))
     expected = len(ranks) * np.array([len(bin_ranks) for bin_ranks in bins]) / (num_ranks + 1)
     edges = [bin_ranks[0] for bin_ranks in bins] + [num_ranks + 1]
@@ -140,12 +140,12 @@ def chi_square_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> floa
 def counts_below(
     ranks: Int[np.ndarray, " replication"], num_ranks: int
 ) -> Int[np.ndarray, " rank"]:
-    """C_i of i = 1 ... L, of ranks between 0 and L, the number of ranks."""
+    """Count C_i, the ranks below i, for i = 1 ... L, of ranks between 0 and L."""
     return np.searchsorted(np.sort(ranks), np.arange(1, num_ranks + 1), side="left")
 
 
 def ecdf_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
-    r"""Probability that uniform ranks have a gamma as small, at the ECDF's most extreme point.
+    r"""Return the probability of a gamma as small for uniform ranks (most extreme ECDF point).
 
     $$\gamma = \min_i 2 \min\{P(C_i \le c_i),\, P(C_i \ge c_i)\}$$
     """
@@ -161,7 +161,7 @@ def ecdf_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
 def ecdf_envelope(
     num_replications: int, num_ranks: int, level: float = 0.99
 ) -> tuple[Float[np.ndarray, " rank"], Float[np.ndarray, " rank"]]:
-    """Least and greatest C_i / N at every i that uniform ranks keep to with probability `level`."""
+    """Return bounds on C_i / N that uniform ranks keep at all i with probability `level`."""
 
     def excess(log_gamma: float) -> float:
         return _stays_inside(num_replications, num_ranks, float(np.exp(log_gamma))) - level
@@ -176,7 +176,7 @@ def ecdf_envelope(
 
 
 def coverage_interval(inside: int, count: int, level: float = 0.99) -> tuple[float, float]:
-    """Clopper-Pearson interval of a probability."""
+    """Return the Clopper-Pearson interval of a probability."""
     interval = stats.binomtest(inside, count).proportion_ci(level, method="exact")
     return float(interval.low), float(interval.high)
 

@@ -117,7 +117,7 @@ def calibrate(
 def _batch(
     keys: Key[Array, " replication"], model: Model, sampler: Sampler, options: Any, num_ranks: int
 ) -> Ranked:
-    """Replications side by side."""
+    """Run a batch of replications together by `vmap` and return their ranks."""
 
     def replicate(key: Key[Array, ""]) -> Ranked:
         truth, problem, to_draw, to_rank = _posed(key, model)
@@ -132,7 +132,7 @@ def _batch(
 def _in_rounds(
     keys: Key[Array, " replication"], model: Model, sampler: Sampler, options: Any, num_ranks: int
 ) -> Ranked:
-    """One replication, its rounds planned between compiled calls that use all cores themselves."""
+    """Run one replication whose rounds are planned between compiled calls on all cores."""
     truth, problem, to_draw, to_rank = _posed_alone(keys[0], model)
     drawn, *_ = module_of(sampler).gather(to_draw, problem, options)
     arrived = np.bool_(drawn.facts["khat"] < GOOD_KHAT and drawn.facts["ess_weights"] >= ESS)
@@ -214,7 +214,7 @@ def _place(
 
 
 def split_r_hat(draws: Float[Array, "chain draw quantity"]) -> Float[Array, " quantity"]:
-    """R-hat of half chains (Gelman et al. (2013), Bayesian Data Analysis, section 11.4)."""
+    """Return R-hat of half chains (Gelman et al. (2013), Bayesian Data Analysis, section 11.4)."""
     half = draws.shape[1] // 2
     chains = jnp.concatenate([draws[:, :half], draws[:, draws.shape[1] - half :]])
     still = jnp.all(chains == chains[0, 0], axis=(0, 1))

@@ -140,7 +140,7 @@ def wide_enough(
     differences: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     s: NDArray[np.float64],
 ) -> Float[np.ndarray, "residual parameter"]:
-    r"""The Jacobian over differences that cross a standard deviation, where it is another there.
+    r"""Return the Jacobian by differences over one standard deviation where these change it.
 
     $$h_i = 1 / \lVert J_i \rVert$$
 
@@ -168,14 +168,14 @@ def wide_enough(
 def precision(
     jacobian: Float[np.ndarray, "residual parameter"],
 ) -> Float[np.ndarray, "parameter parameter"]:
-    """Precision of parameters in the unit cube, of the data and of a uniform prior."""
+    """Return the precision in the unit cube from the data and a uniform prior."""
     return jacobian.T @ jacobian + UNIFORM * np.eye(jacobian.shape[1])
 
 
 def trust_region(
     part: Part, start: NDArray[np.float64], max_evaluations: int, tolerance: float
 ) -> OptimizeResult:
-    r"""Scipy's trust region in the unit cube, which refuses points that cannot be solved.
+    r"""Minimise by scipy's trust region in the unit cube; reject points that cannot be solved.
 
     $$[J \; r] = Q R: \qquad J^T J, \; J^T r \; \text{and} \; r^T r \; \text{are those of} \; R$$
 
@@ -226,7 +226,7 @@ def residual_at(
 
 
 def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
-    r"""Residual (0) or Jacobian with respect to s (1), as a function of s and which of the two.
+    r"""Return a function of s and which of the two: the residual (0) or its Jacobian by s (1).
 
     $$\frac{\partial r}{\partial s_i} \approx \frac{r(s + h e_i) - r(s - h e_i)}{2h}$$
 
@@ -275,7 +275,7 @@ def _slope(
     behind: Float[np.ndarray, "parameter residual"],
     steps: Float[np.ndarray, "parameter 1"],
 ) -> Float[np.ndarray, "residual parameter"]:
-    """Differences of both sides; where the model cannot be solved on one, of the other alone."""
+    """Return central differences, or one-sided ones where the model fails on one side."""
     sides = [np.all(np.isfinite(side), axis=1, keepdims=True) for side in (ahead, behind)]
     ahead, behind = (
         np.where(ok, side, here) for ok, side in zip(sides, (ahead, behind), strict=True)
@@ -286,7 +286,7 @@ def _slope(
 
 
 def _solved(theta: Mapping[str, np.ndarray], residual_and_data: Any, threads: int) -> Solved | None:
-    """What the residual itself is `solved_first` for."""
+    """Solve the residual's costly part first, if the residual is `solved_first`."""
     residual, data = residual_and_data
     solver = getattr(residual, "solver", None)
     if solver is None or (solved := solver(theta, data, threads)) is None:
@@ -295,7 +295,7 @@ def _solved(theta: Mapping[str, np.ndarray], residual_and_data: Any, threads: in
 
 
 def _seen(residual_and_data: tuple[Residual, Any]) -> tuple[Residual, Any]:
-    """What the residual itself sees of its data."""
+    """Return the residual with only the data that it depends on."""
     residual, data = residual_and_data
     return residual, seen_by(residual, data)
 
@@ -320,7 +320,7 @@ def _forward(
 
 
 def search_coordinate(box: Box) -> Composed:
-    r"""Parameters by s in the unit cube, where a product known alone is a straight valley.
+    r"""Map s in the unit cube to parameters such that a valley of known product is straight.
 
     Of positive bounds $\theta = \theta_{min} (\theta_{max} / \theta_{min})^s$; of others
     that reach much further above zero than below, a hyperbolic sine, which is a logarithm of either

@@ -61,7 +61,7 @@ class Fit:
 def to_first_order(
     quantities: Callable[[Mapping[str, Array]], Mapping[str, Array]], best: Fit
 ) -> tuple[dict[str, float], dict[str, float]]:
-    r"""Scalar quantities of the parameters at a fit, and their standard deviations by name.
+    r"""Return scalar functions of the parameters at a fit, and their standard deviations by name.
 
     $$\sigma_q = \sqrt{g^T C g}, \qquad g = \partial q / \partial\theta$$
     """
@@ -123,7 +123,7 @@ def describe_optimum(
     box: Box,
     costs: NDArray[np.float64],
 ) -> Fit:
-    """The record of an optimum x, however it was found; the Jacobian is with respect to x."""
+    """Build the fit record of an optimum x from its Jacobian by x, by any method."""
     values, rows = svd_of_all(jacobian)
     root = rows.T / np.maximum(values, 1 / BOX_STD)  # no direction is wider than the box
     width = np.asarray(box.upper) - np.asarray(box.lower)
@@ -180,7 +180,7 @@ def named_starts(starts: Mapping[str, Any], box: Box) -> Float[np.ndarray, "star
 def _solve(
     residual: Residual, box: Box, data: PyTree, x_starts: Float[Array, "start parameter"]
 ) -> tuple[Float[Array, "start parameter"], Float[Array, " start"]]:
-    """Where each start led, and the cost there."""
+    """Minimise from each start; return the end points and their costs."""
     solver = optx.LevenbergMarquardt(rtol=TOLERANCE, atol=TOLERANCE)
 
     def of_logit(u: Array, data: PyTree) -> Array:
@@ -199,7 +199,7 @@ def _solve(
 def linearise(
     residual: Residual, x: Float[Array, " parameter"], box: Box, data: PyTree
 ) -> tuple[Float[Array, "residual parameter"], Float[Array, " residual"]]:
-    """Jacobian with respect to the unit coordinate x, and residual, in one pass."""
+    """Return the Jacobian by the unit coordinate x, and the residual, in one pass."""
 
     def both(x: Array) -> tuple[Array, Array]:
         residuals = real(residual(from_unit(x, box), data))
@@ -221,7 +221,7 @@ def real(residual: Array) -> Float[Array, " residual"]:
 def svd_of_all(
     jacobian: Float[np.ndarray, "residual parameter"],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Singular values, one a parameter and the largest first, and their directions as rows."""
+    """Return singular values, one per parameter, largest first, and directions as rows."""
     # Rows of zeros make a wide Jacobian square: a direction without data has the singular value 0.
     missing = max(0, jacobian.shape[1] - len(jacobian))
     padded = np.vstack([jacobian, np.zeros((missing, jacobian.shape[1]))])

@@ -59,7 +59,7 @@ def weak_direction(mean: Mapping[str, float], covariance: Matrix, box: Box) -> W
 
 
 def weak_direction_of_draws(draws: Draws, box: Box) -> WeakDirection | None:
-    """The same from draws of a posterior, of their own logarithms or, as wide there, of themselves.
+    """Find the weakest direction of posterior draws, in their logarithms or as they are.
 
     A parameter of which the data exclude but the lowest tenth of a box over decades is narrower in
     its logarithm, and as unknown as before.
@@ -117,7 +117,7 @@ def _in_words(
 def _determined(
     directions: Float[np.ndarray, "parameter weak"],
 ) -> Float[np.ndarray, "combination parameter"]:
-    """Exponents orthogonal to the weak directions, each with one parameter of exponent 1."""
+    """Return exponents orthogonal to the weak directions, one parameter per row with exponent 1."""
     # The parameters that move most along the weak directions are those that combinations share; of
     # some that move alike, the first.
     first = 1 / (1 + NEAR * np.arange(len(directions)))
@@ -133,7 +133,7 @@ def _determined(
 
 
 def combination(names: Sequence[str], exponents: NDArray[np.float64], logs: bool) -> str:
-    """A product of powers, or a sum where not `logs`, in words; exponents near halves rounded."""
+    """Format a product of powers (a sum without `logs`), with exponents near halves rounded."""
     parts = [
         (name, _rounded(float(exponent)))
         for name, exponent in zip(names, exponents, strict=True)
@@ -170,7 +170,7 @@ class Sensitivity:
 
 
 def contraction(draws: Draws, box: Box, products: Iterable[Product]) -> dict[str, float]:
-    r"""How much the data narrowed each product, $1 - \mathrm{var}_{post} / \mathrm{var}_{prior}$.
+    r"""Return the data's contraction per product, $1 - \mathrm{var}_{post} / \mathrm{var}_{prior}$.
 
     NaN where the prior's variance is infinite. Of logarithms as in `information`: in a box over
     decades, a value known to within a factor of two is otherwise taken for known.
@@ -195,7 +195,7 @@ def _positive(draws: Float[np.ndarray, "..."], lower: float) -> bool:
 
 
 def box_sensitivity(draws: Draws, box: Box) -> dict[str, Sensitivity]:
-    r"""Largest move of every mean when a tenth of a parameter's box is cut off at either end.
+    r"""Return each mean's largest move when a tenth of a parameter's box is cut off at an end.
 
     $$\frac{E[\theta \mid \theta_i \in B'] - E[\theta]}{\mathrm{sd}(\theta)}$$
 
@@ -229,7 +229,7 @@ def _shift(values: Float[np.ndarray, " draw"], inside: NDArray[np.bool_]) -> flo
 def sensitivity_statements(
     sensitivity: Mapping[str, Sensitivity], texts: Mapping[str, str] | None = None
 ) -> list[str]:
-    """Which means follow the box by `box_sensitivity`; `texts` are names where these differ."""
+    """Return sentences on the means that depend on the box; `texts` gives names to show."""
     shown = texts or {}
     following = {name: row for name, row in sensitivity.items() if row.shift > FOLLOWS}
     moves = [

@@ -84,7 +84,7 @@ class _Place(NamedTuple):
 def _descend(
     residual: Callable[[Array], Array], u: Float[Array, " parameter"], num_steps: int
 ) -> _Place:
-    """Levenberg and Marquardt's descent, which may leave the box a little: at bounds it sticks.
+    """Minimise by Levenberg-Marquardt, with points allowed slightly outside the box.
 
     A library's solver has the Jacobian in several places of its program, each compiled: too long.
     """

@@ -91,7 +91,7 @@ class Information:
 
 
 def information(best: Fit, box: Box, products: Iterable[Product] = ()) -> Information:
-    r"""Fisher information of the data against the prior's, direction by direction.
+    r"""Return the data's Fisher information relative to the prior, per direction.
 
     $$J^T J\,v = \lambda\,\Lambda\,v, \qquad \rho = (1 + \lambda)^{-1/2}, \qquad
       \Sigma = (J^T J + \Lambda)^{-1}$$
@@ -155,7 +155,7 @@ def _members(
     root: NDArray[np.float64],
     ratio: float,
 ) -> list[int]:
-    """Parameters that name a direction: as many as it takes for the name to be as well known.
+    """Return the parameters that name a direction, enough that it is as well constrained.
 
     A factor that its prior knows well moves the direction little, yet without it the others are
     known far worse than the direction is: alpha*delta to a millionth says nothing of delta.
@@ -170,7 +170,7 @@ def _members(
 
 
 def statements(spectrum: Information, products: Iterable[Product] = ()) -> list[str]:
-    """What the data know of parameters and `products`, and what not, in words with numbers."""
+    """Return sentences on how well the data constrain parameters and `products`."""
     sentences = [directions_sentence(spectrum)]
     rows = list(spectrum.known.values())
     for kind in identified.GRADES:
@@ -186,12 +186,12 @@ def directions_sentence(spectrum: Information) -> str:
 
 
 def ties(spectrum: Information, products: Iterable[Product]) -> list[str]:
-    """Which products are known better than their factors."""
+    """Return sentences on products that are constrained better than their factors."""
     return [sentence for product in products for sentence in _tie(spectrum.known, product)]
 
 
 def _kind(row: QuantityInformation) -> str:
-    """By the criterion that the report grades parameters by, after sampling."""
+    """Return a quantity's grade by the criterion that the report uses after sampling."""
     if _is_unlearnt(row):
         return "unknown"
     if row.relative <= KNOWN:
@@ -210,7 +210,7 @@ def _with_error(row: QuantityInformation) -> str:
 
 
 def _tie(rows: Mapping[str, QuantityInformation], product: Product) -> list[str]:
-    """That a product is known better than its factors, where it is."""
+    """Return a sentence on a product that is better constrained than its factors, if it is."""
     row = rows[product.name]
     factors = [rows[name].relative for name in product.factors if name in rows]
     if _is_unlearnt(row) or not factors or row.relative >= TOLD_APART * min(factors):
@@ -245,7 +245,7 @@ def profiles(
     *,
     report: Callable[[str], None] = logger.debug,
 ) -> dict[str, Profile]:
-    r"""Profile of chi-square along every parameter.
+    r"""Compute the profile of chi-square along each parameter.
 
     $$\chi^2_p(\theta_i) = \min_{\theta_j,\, j \ne i} |r(\theta)|^2$$
 
@@ -299,7 +299,7 @@ def _profile(
 
 
 def _crossing(s: NDArray[np.float64], root: NDArray[np.float64]) -> float | None:
-    """Where the root of chi-square, straight for a Gaussian, first passes the threshold."""
+    """Return where the root of chi-square (linear for a Gaussian) first passes the threshold."""
     level = np.sqrt(THRESHOLD)
     beyond = np.flatnonzero(root >= level)
     if not beyond.size:
@@ -322,7 +322,7 @@ def _value(place: float, held: int, box: Box) -> float:
 def walk(
     part: Part, start: NDArray[np.float64], held: int
 ) -> tuple[Float[np.ndarray, "point parameter"], Float[np.ndarray, " point"]]:
-    """Optima, one coordinate held at points on both sides of a fit, rising; their chi-square."""
+    """Return optima with one coordinate held on both sides of a fit, ascending; and chi-squares."""
     sd = _sd(part(start, 1), held)
     centre = float(np.sum(part(start, 0) ** 2))
     sides: list[list[Point]] = []
@@ -357,7 +357,7 @@ def _refined(part: Part, side: list[Point], held: int) -> list[Point]:
 
 
 def _sd(jacobian: Float[np.ndarray, "residual parameter"], held: int) -> float:
-    """Standard deviation of one coordinate, all others free; a box's width where there is none."""
+    """Return one coordinate's standard deviation with all others free, at most the box width."""
     others, column = np.delete(jacobian, held, axis=1), jacobian[:, held]
     explained = others @ np.linalg.lstsq(others, column)[0] if others.shape[1] else 0.0
     residual = float(np.linalg.norm(column - explained))
@@ -366,7 +366,7 @@ def _sd(jacobian: Float[np.ndarray, "residual parameter"], held: int) -> float:
 
 
 def _steps(centre: float, side: float, sd: float) -> list[float]:
-    """Where to hold the coordinate on one side, outwards; the last one is the box's bound."""
+    """Return held values of a coordinate on one side, outwards to the bound of the box."""
     room = 1 - centre if side > 0 else centre
     if room <= ON_BOUND:
         return []
@@ -381,7 +381,7 @@ def _steps(centre: float, side: float, sd: float) -> list[float]:
 
 
 def constrained(part: Part, s: NDArray[np.float64], held: int, place: float) -> Point:
-    """Optimum of the other coordinates, from a neighbour's, and its chi-square.
+    """Find the optimum of the other coordinates from a neighbour's; return chi-square too.
 
     The neighbour's place at an infinite chi-square where the model cannot be solved there.
     """

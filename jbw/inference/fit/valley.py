@@ -131,7 +131,7 @@ def along_valley(
 
 
 def _moments(floor: Floor, coordinate: Composed) -> tuple[float, float]:
-    r"""Mean and variance along the floor, of $e^{-\chi^2(q) / 2}\,|\det|$ where w = 0."""
+    r"""Return mean and variance along the floor of $e^{-\chi^2(q) / 2}\,|\det|$ at w = 0."""
     size, knots = floor.points.shape[1], floor.points[:, floor.held]
     q = np.linspace(knots[0], knots[-1], NUM_POINTS)
     x = jnp.zeros((NUM_POINTS, size)).at[:, floor.held].set(jnp.asarray(q))
@@ -144,7 +144,7 @@ def _moments(floor: Floor, coordinate: Composed) -> tuple[float, float]:
 
 
 def about_valley(residual: Residual, box: Box, data: PyTree, best: Fit) -> Reparametrisation | None:
-    """Coordinates along the profile of a parameter that a fit hardly knows, in units of its box.
+    """Return coordinates along the profile of a weakly constrained parameter, in box units.
 
     None where all such profiles turn back inside the box: what follows them is seen in part alone.
     What they do where the data rule them out does not matter.
@@ -177,7 +177,7 @@ def _floor(
     points: Float[np.ndarray, "knot parameter"],
     chi_square: Float[np.ndarray, " knot"],
 ) -> Floor:
-    r"""The floor through optima, $dc/dq = -(J_o^T J_o)^{-1} J_o^T j_q$, and the others' roots."""
+    r"""Fit a floor through optima, $dc/dq = -(J_o^T J_o)^{-1} J_o^T j_q$, and the others' roots."""
     slopes, roots = [], []
     for point in points:
         # Where the model cannot be solved beside the point, the box alone bounds the others.
@@ -190,7 +190,7 @@ def _floor(
 
 
 def _finer(part: Part, floor: Floor, unit: Any) -> Floor | None:
-    """The floor with optima put in where it misses them between two knots; None where nowhere."""
+    """Add optima to the floor where it is inaccurate between knots; None where it is not."""
     middles, optima = (floor.points[1:, floor.held] + floor.points[:-1, floor.held]) / 2, []
     flat = along_valley(floor, IDENTITY, unit).outer
     for place in middles:

@@ -102,7 +102,7 @@ def estimate(
 def known_estimate(
     residual: Float[Array, "group value"], directions: Float[Array, "group own value"]
 ) -> Estimate:
-    r"""The same where the noise is known: residuals and directions in its standard deviations.
+    r"""Estimate offsets for known noise, from residuals and directions in its standard deviations.
 
     $$W = J J^T, \quad \hat b = W^{-1} J r, \quad \log p = -\tfrac12 (|r|^2 - \hat b^T W \hat b)$$
     """
@@ -116,7 +116,7 @@ def known_estimate(
 def solve(
     matrix: Float[Array, "group own own"], vector: Float[Array, "group own"]
 ) -> Float[Array, "group own"]:
-    """Solution of the normal equations; zero where a group does not determine its offsets."""
+    """Solve the normal equations; zero where a group does not determine its offsets."""
     lower, pivots = factorised(matrix)
     determined = jnp.all(jnp.stack(pivots) > 0, axis=0)
     inverse = [1 / jnp.where(determined, pivot, 1.0) for pivot in pivots]
@@ -167,7 +167,7 @@ def run_numbers(runs: tuple[str, ...]) -> tuple[int, ...]:
 
 
 def members(numbers: tuple[int, ...]) -> Float[Array, "part whole"]:
-    """One where a part is of a whole, by the number of each part's whole, and zero elsewhere."""
+    """Return a matrix of ones where a part belongs to a whole (by number) and zeros elsewhere."""
     return jnp.asarray(np.eye(max(numbers) + 1)[list(numbers)])
 
 

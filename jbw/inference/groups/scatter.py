@@ -139,7 +139,7 @@ def _nodes(
 def _scaled(
     data: _Information, scatter: Float[Array, " own"]
 ) -> tuple[Float[Array, "member own own"], Float[Array, "member own"]]:
-    """With b = s x the prior of x is standard normal: its posterior's precision, and its pull."""
+    """Return posterior precision and pull of x in b = s x, where x is standard normal."""
     return scatter[:, None] * data.precision * scatter + jnp.eye(len(scatter)), data.pull * scatter
 
 
@@ -151,7 +151,7 @@ def _integrated(data: _Information, scatter: Float[Array, " own"]) -> Float[Arra
 
 
 def _passed_on(data: _Information, scatter: Float[Array, " own"]) -> _Information:
-    """Likelihood of a from b = a + c: W - W G W and h - W G h, with $G = (W + S^{-1})^{-1}$."""
+    """Return a's likelihood from b = a + c: W - W G W and h - W G h, $G = (W + S^{-1})^{-1}$."""
     precision, pull = _scaled(data, scatter)
     weight = data.precision * scatter  # W s
     gained = jax.vmap(lambda column: solve(precision, column), in_axes=2, out_axes=2)(

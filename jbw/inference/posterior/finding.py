@@ -81,7 +81,7 @@ class Finding:
         return " ".join(filter(None, (first, *(action for _, action in self.additions))))
 
     def record(self) -> dict[str, Any]:
-        """Code, status, reason, number, action and parameter, as a run's summary keeps them."""
+        """Return the finding's fields for a run's summary, with the parameter if any."""
         fields = ("code", "status", "reason", "number", "action")
         of = self.values.get("name") if isinstance(self.values, Mapping) else None
         return {name: getattr(self, name) for name in fields} | ({"of": of} if of else {})
@@ -150,7 +150,7 @@ def judge(findings: Iterable[Finding], amendments: Iterable[Amendment | None] = 
 
 
 def answered(findings: Sequence[Finding]) -> Status:
-    """Status of the findings on one question: that of the law's grade, else the worst of them."""
+    """Return the status of one question's findings: the law's grade, else the worst of them."""
     grade = next((finding for finding in findings if finding.code == GRADE), None)
     return grade.status if grade else worst_of({finding.status for finding in findings})
 
@@ -164,7 +164,7 @@ def worst_of(statuses: Collection[Status]) -> Status:
 
 
 def usable_within(codes: tuple[str, ...], limits: str) -> Amendment:
-    """That failed findings of some codes are usable within stated limits."""
+    """Return an amendment that makes failed findings usable within stated limits."""
     return Amendment(codes, "failed", "usable", limits)
 
 
@@ -253,7 +253,7 @@ def text_of(findings: Sequence[Finding]) -> Iterator[str]:
 
 
 def table_of(findings: Sequence[Finding], size: int = SIZE) -> str:
-    """The same as a table of HTML of at most `size` bytes, the failed first; names escaped."""
+    """Format findings as an HTML table of at most `size` bytes, failed first, names escaped."""
     against = sorted(
         (finding for finding in findings if finding.status != "ok"),
         key=lambda finding: WORST_FIRST.index(finding.status),

@@ -33,7 +33,7 @@ def more_draws(num_samples: int, least: float, target: float, sampler: str = "")
 
 
 def wider(bounds: Bounds, sides: Iterable[str], least: float | None = None) -> Bounds:
-    """Bounds twice as far apart to the sides, above the least value; what is positive stays so."""
+    """Return bounds widened to twice the span on the sides; positive bounds stay positive."""
     low, high = bounds
     span = high - low
     end = 0.0 if least is None and low > 0.0 else least

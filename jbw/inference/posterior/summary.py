@@ -22,7 +22,7 @@ LAPLACE = "laplace"  # sampler of draws about a fit, which are independent and o
 
 
 def evenly_spaced(posterior: xr.Dataset, num_draws: int) -> NDArray[np.intp]:
-    """Indices of at most `num_draws` draws, evenly spaced over all chains laid end to end."""
+    """Return indices of at most `num_draws` draws, evenly spaced over the joined chains."""
     total = posterior.sizes["chain"] * posterior.sizes["draw"]
     return np.unique(np.linspace(0, total - 1, min(num_draws, total)).round().astype(int))
 
@@ -30,7 +30,7 @@ def evenly_spaced(posterior: xr.Dataset, num_draws: int) -> NDArray[np.intp]:
 def summarise(
     tree: xr.DataTree, box: Box, stated: "StatedDensities | None" = None
 ) -> dict[str, Row]:
-    """Row of every scalar quantity of a tree of `sample`, by its name.
+    """Return the summary row of each scalar quantity of a tree of `sample`, by name.
 
     `map` is the draw of the highest density, `kl` [nats] is from the prior, that of the box or a
     stated density, `contraction` 1 less the variance over the prior's; NaN for what cannot be had,
@@ -50,7 +50,7 @@ def summarise(
 def _from_density(
     row: Row, draws: Float[np.ndarray, "chain draw"], bounds: tuple[float, float], density: Any
 ) -> Row:
-    r"""Divergence and contraction from a stated density, by those from the uniform one of the box.
+    r"""Return divergence and contraction from a stated density, given those from a uniform one.
 
     $$D(p, \pi) = D(p, U) - E_p[\log\pi + \log(u - l)]$$
     """
@@ -99,7 +99,7 @@ def _row(
 
 
 def diagnose(draws: Float[np.ndarray, "chain draw"]) -> Row:
-    """ess_bulk, ess_tail and the rank-normalised split r_hat, as `numbers` has them.
+    """Return ess_bulk, ess_tail and the rank-normalised split r_hat, as in `numbers`.
 
     All are NaN for non-finite draws or where a chain never moved; r_hat is NaN for one chain.
     """
@@ -116,7 +116,7 @@ def diagnose(draws: Float[np.ndarray, "chain draw"]) -> Row:
 
 
 def kl_from_uniform(x: Float[np.ndarray, " draw"], window: int | None = None) -> float:
-    r"""Divergence [nats] of draws in the unit coordinate from U[0, 1] by m-spacings: section 3.2.
+    r"""Estimate the divergence [nats] of unit draws from U[0, 1] by m-spacings: section 3.2.
 
     $$D = -h(x), \qquad \hat h = \frac1n \sum_i \left[\log(x_{(i+m)} - x_{(i-m)})
     - \psi(k_i) + \psi(n + 1)\right]$$
@@ -136,7 +136,7 @@ def kl_from_uniform(x: Float[np.ndarray, " draw"], window: int | None = None) ->
 
 
 def correlations(tree: xr.DataTree) -> dict[str, dict[str, float]]:
-    """Posterior correlations of the scalar quantities, by name and name."""
+    """Return the posterior correlations of all scalar quantities by pair of names."""
     columns = {name: values.ravel() for name, values in scalars(tree).items()}
     matrix = np.atleast_2d(np.corrcoef(np.array(list(columns.values()))))
     return {
@@ -146,7 +146,7 @@ def correlations(tree: xr.DataTree) -> dict[str, dict[str, float]]:
 
 
 def running_mean(values: Float[np.ndarray, " draw *rest"]) -> NDArray[np.float64]:
-    r"""Mean of the first n values, for every n: eq. (40), and by itself no test of convergence.
+    r"""Return the mean of the first n values for each n: eq. (40); alone no convergence test.
 
     $$\mathrm{conv}(n) = \frac1n \sum_{i \le n} q_i$$
     """
@@ -157,7 +157,7 @@ def running_mean(values: Float[np.ndarray, " draw *rest"]) -> NDArray[np.float64
 def band(
     draws: Float[np.ndarray, " draw *rest"], prob: float = 0.99
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Lower bound, median and upper bound of a response's central band, point by point."""
+    """Return lower bound, median and upper bound of a response's central band at each point."""
     tail = (1 - prob) / 2
     lower, median, upper = np.quantile(draws, [tail, 0.5, 1 - tail], axis=0)
     return lower, median, upper

@@ -121,13 +121,13 @@ def _least_effective(
 
 
 def bands_finding(draws: Draws) -> Finding:
-    """Whether the quantities that response bands are made of have converged: the worst by name."""
+    """Return the worst convergence finding for the quantities of the response bands."""
     worst = min(_convergence(draws), key=lambda finding: WORST_FIRST.index(finding.status))
     return replace(worst, code="response_bands", entry=worst.entry or worst.code)
 
 
 def leaning(draws: Draws, box: Box) -> Iterator[tuple[str, str, float]]:
-    """Parameters that a prior bound truncates, which bound, and the share of their draws there.
+    """Yield each parameter that a prior bound truncates, the bound and the draws' share there.
 
     Not where a lower bound is zero: there a quantity ends by itself, and an upper limit is an
     answer.
@@ -143,7 +143,7 @@ def leaning(draws: Draws, box: Box) -> Iterator[tuple[str, str, float]]:
 
 
 def bounds_findings(draws: Draws, box: Box, ending: Collection[str]) -> list[Finding]:
-    """Which prior bounds truncate the draws, a finding each; one that is ok where none does."""
+    """Return a finding per prior bound that truncates the draws; ok if none does."""
     findings, bounds = [], bounds_by_name(box)
     truncated = list(leaning(draws, box))
     for name, side, share in truncated:
@@ -220,7 +220,7 @@ def _at_once(facts: Mapping[Any, Any]) -> list[Finding]:
 
 
 def _budget(facts: Mapping[Any, Any], findings: Iterable[Finding]) -> list[Finding]:
-    """Whether the time was spent before the draws were enough, and what they would have taken."""
+    """Return a finding if time ran out before enough draws, with the time needed."""
     if "budget_spent_s" not in facts:
         return []
     spent = float(facts["budget_spent_s"])
@@ -237,7 +237,7 @@ def enough(draws: Draws) -> bool:
 
 
 def converged(facts: Mapping[Any, Any]) -> bool:
-    """Whether a quadrature states, in its tree's attributes, an error to measure others by."""
+    """Return whether a quadrature's stated error is small enough for a reference."""
     return float(facts["quadrature_error"]) <= QUADRATURE
 
 
@@ -300,7 +300,7 @@ def _valley(name: str, values: Float[np.ndarray, "chain draw"]) -> ModeSplit | N
 def _repeated(
     values: Float[np.ndarray, " draw"], grid: Float[np.ndarray, " place"]
 ) -> Float[np.ndarray, " place"]:
-    r"""Standard error of the share s below a place, of draws that are points repeated by weight w.
+    r"""Return the standard error of the share s below a place, for points repeated by weight w.
 
     $$(1 - s)^2 \sum_{below} w^2 + s^2 \sum_{above} w^2$$
     """
@@ -313,14 +313,14 @@ def _repeated(
 
 
 def _error(side: Float[np.ndarray, "chain draw"]) -> float:
-    """Standard error of the share of one side; NaN where the chains do not agree on it."""
+    """Return the standard error of one side's share; NaN where chains disagree on it."""
     row = diagnose(side)
     crossed = row["ess_bulk"] >= CROSSED and not row["r_hat"] >= AGREED
     return float(side.std() / np.sqrt(row["ess_bulk"])) if crossed else float("nan")
 
 
 def modes_findings(draws: Draws) -> list[Finding]:
-    """Whether the chains determine the weights of modes, and whether any quantity has two modes.
+    """Return findings on weights of modes from the chains, and on bimodal quantities.
 
     Two modes of known weights are two answers of the data; no mean or interval describes them.
     """

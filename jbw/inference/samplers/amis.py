@@ -93,7 +93,7 @@ def gather(
     checkpoint: Kept | None = None,
     until: Until | None = None,
 ) -> tuple[Draws, Float[np.ndarray, "chain draw term"], float]:
-    """Draws of equal weight, their terms, and the time that earlier processes spent on them [s].
+    """Return draws of equal weight, their terms and the time [s] that earlier processes spent.
 
     Rounds follow until the weights can be trusted and their draws are enough, or it is seen that
     they will not be, or rounds or time are spent. Rounds of a checkpoint are continued.
@@ -149,7 +149,7 @@ class WeighedPoints(NamedTuple):
 def points(
     key: Key[Any, ""], problem: Problem, *, size: int, least: float, most_rounds: int
 ) -> WeighedPoints:
-    """Weighted points for averages: rounds of `size` until their effective number is `least`."""
+    """Draw weighted points for averages, in rounds of `size`, to the effective number `least`."""
     seed = words_of(key)
     past = _grown(np.random.default_rng([*seed, 0]), None, problem, size)
     smoothed = weighed(past)
@@ -171,7 +171,7 @@ def _is_over(
     until: Until | None,
     spent: float,
 ) -> bool:
-    """Whether the rounds end: their draws are enough, or will not be, or the time is spent."""
+    """Return whether rounds end: draws suffice, cannot suffice, or time is spent."""
     count = len(past.rounds)
     if count >= options.most_rounds or (until is not None and spent >= until.budget_s):
         return True
@@ -218,7 +218,7 @@ def _grown(rng: np.random.Generator, past: Past | None, problem: Problem, num_po
 def placed(
     problem: Problem, w: Float[np.ndarray, "point parameter"]
 ) -> tuple[dict[str, Any], Float[np.ndarray, " point"]]:
-    """Parameters by name at whitened points, and the log prior density of these: without data."""
+    """Return parameters by name at whitened points and their log prior density, without data."""
     return jax.tree.map(np.asarray, _placed(replace(problem, data=None), jax.device_put(w)))
 
 
@@ -236,7 +236,7 @@ def _log_density(pair: Pair, w: Points) -> Weights:
 
 
 def _next_pair(rng: np.random.Generator, past: Past) -> Pair:
-    """The mixtures of both halves, each of the points of the other; of all where it has none."""
+    """Fit both halves' next mixtures, each to the other half's points (or to all points)."""
     raw = relative(past.log_weight)
     others = [slice(1 - i, None, 2) for i in range(2)]
     others = [half if np.any(raw[half] > SMALLEST) else slice(None) for half in others]
@@ -245,7 +245,7 @@ def _next_pair(rng: np.random.Generator, past: Past) -> Pair:
 
 
 def _next_mixture(rng: np.random.Generator, w: Points, log_weight: Weights) -> Mixture:
-    """The mixture of weighted points, their weights cut and flattened where a few would decide.
+    """Fit a mixture to weighted points, with weights clipped and flattened if few dominate.
 
     None counts more than the mean times the root of their number (Ionides 2008): one point far out
     would otherwise undo what the rounds before it learnt.
@@ -269,7 +269,7 @@ def _draws(
     problem: Problem,
     options: Options,
 ) -> tuple[Draws, Float[np.ndarray, "chain draw term"]]:
-    """Draws of equal weight, each group from points of its own, by stratified resampling.
+    """Draw equal weights by stratified resampling, each group from separate points.
 
     Points of all rounds are shuffled, so that the parts of a group differ by chance alone. Copies
     stand together: an effective size from autocorrelation counts them as one.

@@ -71,7 +71,7 @@ class Starts(NamedTuple):
 def starts_of(
     key: Key[Array, ""], problem: Problem, points: np.ndarray | None, num_chains: int
 ) -> Starts:
-    """Starts two deviations about a fit, at points without a covariance, or all over the box."""
+    """Return starts two deviations about a fit, at given points, or over the whole box."""
     size = len(problem.box.names)
     if problem.located or points is None:
         spread = OVERDISPERSION if problem.located else 1.0
@@ -90,7 +90,7 @@ def draws_of(sampler: Sampler, key: Key[Array, ""], problem: Problem, options: A
 
 
 def draw_chains(make: MakeKernel, key: Key[Array, ""], problem: Problem, options: Any) -> Draws:
-    """Chains from dispersed starts to their end, in one piece; usable under `jit` and `vmap`."""
+    """Run chains from dispersed starts to the end in one piece, under `jit` and `vmap` too."""
     starts = starts_of(key, problem, None, options.num_chains)
     total = options.num_warmup + options.num_samples
 
@@ -153,7 +153,7 @@ def evaluate_chains(
     problem: Problem,
     chain_method: str,
 ) -> Float[Array, "chain draw term"]:
-    """Terms of the log likelihood [nats] at draws; zero but from first to last."""
+    """Evaluate log likelihood terms [nats] at draws from first to last; zero elsewhere."""
 
     def evaluate(theta: dict[str, Array], shared: tuple[Problem, Array, Array]) -> PyTree:
         problem, first, last = shared

@@ -61,7 +61,7 @@ class Kept(Protocol):
     """A checkpoint of the chains of one posterior, which outlives the process."""
 
     def grown(self, so_far: SoFar) -> None:
-        """Called after every chunk of steps."""
+        """Save the run's progress; called after each chunk of steps."""
         ...
 
     def load(self) -> Arrays | None:
@@ -111,7 +111,7 @@ UNSUPERVISED = Supervision()
 
 
 def no_checkpoint(name: str) -> None:
-    """The `Keep` that keeps nothing."""
+    """Return None: keep no checkpoint."""
 
 
 class Chains(NamedTuple):
@@ -209,7 +209,7 @@ def kept_arrays(checkpoint: Kept | None, mark: str) -> Arrays | None:
 def _states(
     before: Chains, starts: Starts, problem: Problem, make: MakeKernel, options: Any
 ) -> PyTree:
-    """States to continue from: those of the checkpoint, or the first."""
+    """Return chain states to continue from: the checkpoint's, or the initial states."""
     first, possible = start_chains(starts, problem, make, options)
     if not np.all(possible):
         raise ModelError(
@@ -240,7 +240,7 @@ def _grown(
 
 
 def _so_far(done: int, total: int, rows: list[Rows], rate: float | None) -> SoFar:
-    """Progress of the chains after a chunk, at a rate of seconds a step where it was measured."""
+    """Return the progress of the chains after a chunk, with time left if the rate is known."""
     left_s = None if rate is None else rate * (total - done)
     if not rows:
         return SoFar(done, total, {}, None, left_s)
@@ -251,7 +251,7 @@ def _so_far(done: int, total: int, rows: list[Rows], rate: float | None) -> SoFa
 
 
 def _next_count(count: int, seconds: float, spent: float) -> int:
-    """Steps of the next chunk, to last as long as it may if steps take as long as those before."""
+    """Return the number of steps of the next chunk, from the duration of the last one."""
     lasting = max(CHUNK_S, min(CHUNK_SHARE * spent, LONGEST_S))
     target = int(count * lasting / max(seconds, 1e-9))
     return max(1, min(target, GROWTH * count, CHUNK))
@@ -278,7 +278,7 @@ def _restored(like: Array, plain: np.ndarray) -> Array:
 
 
 def fingerprint(starts: PyTree, problem: Problem, make: Callable, options: Any) -> str:
-    """Hash of all that decides the draws: key, starts, data, coordinates, sampler and options."""
+    """Return a hash of all that fixes draws: key, starts, data, coordinates, sampler, options."""
     functions = [
         getattr(f, "__qualname__", type(f).__name__) for f in (problem.log_likelihood, make)
     ]
@@ -292,7 +292,7 @@ def fingerprint(starts: PyTree, problem: Problem, make: Callable, options: Any) 
 
 
 def _as_arrays(chains: Chains, mark: str) -> dict[str, np.ndarray]:
-    """Chains by name, for a `Kept`."""
+    """Return the chains as arrays by name, for a `Kept`."""
     arrays = {"fingerprint": mark, "done": chains.done, "wall_s": chains.wall_s}
     arrays |= {f"state/{i}": leaf for i, leaf in enumerate(chains.states)}
     for draw, terms in chains.rows:
@@ -303,7 +303,7 @@ def _as_arrays(chains: Chains, mark: str) -> dict[str, np.ndarray]:
 
 
 def _from_arrays(arrays: Arrays) -> Chains:
-    """Chains from what a `Kept` held."""
+    """Return the chains from the arrays of a `Kept`."""
 
     def under(prefix: str) -> dict[str, Any]:
         return {n.removeprefix(prefix): v for n, v in arrays.items() if n.startswith(prefix)}

@@ -49,7 +49,7 @@ class SliceState(NamedTuple):
 
 
 def kernel(problem: Problem, options: Options) -> Kernel:
-    """The chain."""
+    """Return the kernel of the elliptical slice sampler for a problem."""
 
     def ratio(w: Float[Array, " parameter"]) -> Float[Array, ""]:
         # The shrinking ends at a comparison that NaN would pass, and -1e30 from nowhere.
@@ -57,7 +57,7 @@ def kernel(problem: Problem, options: Options) -> Kernel:
         return jnp.where(value > FORBIDDEN, value, -jnp.inf)
 
     def init(key: Key[Array, ""], w: Float[Array, " parameter"]) -> SliceState:
-        """From here the first ellipse takes any possible point."""
+        """Return a state from which the first ellipse accepts any possible point."""
         return SliceState(w, jnp.array(-jnp.inf), jnp.zeros((), COUNT), key)
 
     def move(at: EllipSliceState, key: Key[Array, ""]) -> tuple[EllipSliceState, Array]:

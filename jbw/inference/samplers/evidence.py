@@ -55,7 +55,7 @@ def require_possible(possible: bool) -> None:
 
 
 def effective_draws(weights: Float[Array, " draw"]) -> Float[Array, ""]:
-    r"""Effective number of weighted draws, $(\sum_i w_i)^2 / \sum_i w_i^2$ (Kish, 1965)."""
+    r"""Return the effective number of draws, $(\sum_i w_i)^2 / \sum_i w_i^2$ (Kish, 1965)."""
     return jnp.sum(weights) ** 2 / jnp.sum(weights**2)
 
 
@@ -88,7 +88,7 @@ def highest_power(
 def pooled_evidence(
     log_evidence: Float[Array, " run"], variance: Float[Array, " run"]
 ) -> dict[str, Float[Array, ""]]:
-    r"""Evidence [nats] of independent runs together, and the standard error of its logarithm.
+    r"""Combine independent runs' evidence [nats], with the standard error of its logarithm.
 
     $$\log\hat Z = \log \frac1R \sum_r Z_r, \qquad
     \mathrm{se}^2 = \max\!\left(\bar{s^2},\ \mathrm{var}_r \log Z_r\right) / R$$

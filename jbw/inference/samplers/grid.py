@@ -104,7 +104,7 @@ def whitened_by(
     covariance: Float[Array, "parameter parameter"],
     first: int = 0,
 ) -> Affine:
-    """Whitening by a covariance whose first coordinate moves along one parameter's axis alone."""
+    """Return whitening by a covariance whose first coordinate moves along one parameter's axis."""
     order = np.array([first, *(i for i in range(mean.size) if i != first)])
     root = jnp.linalg.cholesky(covariance[np.ix_(order, order)])
     return Affine(mean, jnp.zeros_like(root).at[order].set(root))
@@ -128,7 +128,7 @@ class LogitMoments(NamedTuple):
 
 
 def located(problem: Problem) -> LogitMoments:
-    r"""Mean and covariance of a posterior's logit, on grids that shrink as the likelihood rises.
+    r"""Locate a posterior's logit mean and covariance, on grids that shrink as likelihood rises.
 
     $$p_\beta \propto \pi\, L^\beta, \qquad 0 < \beta_1 < \dots \le 1$$
 
@@ -203,7 +203,7 @@ def _no_narrower(
 def bounds_of(
     problem: Problem, whitening: Affine, moments: LogitMoments, num_places: int
 ) -> Bounds:
-    """Bounds pushed out until the posterior is 21 nats below its highest node at every side."""
+    """Expand bounds until the posterior is 21 nats below its highest node at every side."""
     d = len(problem.box.names)
     floor = moments.highest + whitening.log_abs_det_jacobian(moments.mean) - DEEP
 

@@ -56,7 +56,7 @@ class Options(NamedTuple):
 
 
 def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
-    """Draws of equal weight; `log_weight` is the raw one [nats] of what each is a copy of."""
+    """Draw with equal weight; `log_weight` is the raw weight [nats] of each copied point."""
     count = options.num_draws or options.num_samples * options.num_chains
     key_rounds, key_keep = jax.random.split(key)
 
@@ -89,7 +89,7 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
 
 
 def smoothed(log_weights: Float[Array, " draw"]) -> tuple[Float[Array, " draw"], Float[Array, ""]]:
-    """Normalised weights, their tail smoothed by a Pareto fit, and its k-hat: good below 0.7.
+    """Return normalised weights with a Pareto-smoothed tail, and its k-hat: good below 0.7.
 
     Under `vmap` ArviZ is called once for each set of weights.
     """
@@ -130,7 +130,7 @@ def _resampled(key: Key[Array, ""], weights: Float[Array, " draw"], options: Opt
 def moved(
     whitening: Affine, w: Float[Array, "draw parameter"], ratio: Float[Array, " draw"]
 ) -> Affine:
-    """The whitening by moments of weighted draws, flattened where a few weights would decide."""
+    """Update the whitening by moments of weighted draws, flattened if a few weights dominate."""
     size, d = w.shape
     ratio = jnp.maximum(ratio, jnp.max(ratio) - DEEPEST)
 

@@ -121,7 +121,7 @@ def by_mixtures(
     keep: Keep = no_checkpoint,
     attrs: Mapping[str, Mapping[str, str]] | None = None,
 ) -> list[tuple[xr.DataTree, Reparametrisation]]:
-    """Draws weighted by adapted mixtures, in coordinates after coordinates until they suffice."""
+    """Draw by adapted mixtures, in one set of coordinates after another until draws suffice."""
     tried: list[tuple[xr.DataTree, Reparametrisation]] = []
     remaining = until
     request = SamplingRequest(
@@ -160,7 +160,7 @@ def by_chains(
     keep: Keep = no_checkpoint,
     attrs: Mapping[str, Mapping[str, str]] | None = None,
 ) -> xr.DataTree:
-    """Draws by slices where an evaluation is costly, and otherwise along the gradient."""
+    """Draw by slice sampling if an evaluation is costly, otherwise along the gradient."""
     sampler = sampler_named("elliptical_slice" if target.is_costly else "nuts")
     num_warmup, num_samples = sampler.draws if target.is_costly else sampler.cheap_draws
     request = SamplingRequest(
@@ -186,7 +186,7 @@ def is_good(tree: xr.DataTree, until: Until | None) -> bool:
 
 
 def about_draws(tree: xr.DataTree, box: Box, place: Reparametrisation) -> Reparametrisation:
-    """Coordinates about the moments of weighted draws; unchanged where few are effective."""
+    """Return coordinates from weighted draws' moments; unchanged if few are effective."""
     enough = tree.attrs["ess_weights"] >= WORTH * len(box.names)
     return by_moments(scalars(tree), box, place) if enough else place
 
@@ -196,7 +196,7 @@ def choose(
     target: Target,
     parametrisations: Places,
 ) -> tuple[str, Reparametrisation, int]:
-    """The coordinates with the most effective points about the fit, and how many points were drawn.
+    """Choose the coordinates with most effective points about the fit; return the count drawn.
 
     Where a plenty of the points count, no others are looked at. Those that cost evaluations to make
     stand last: about a bent valley weights may look good that know only a part of it.

@@ -55,7 +55,7 @@ def log_density(mixture: Mixture, x: Points) -> Weights:
 
 
 def _squares(mixture: Mixture, x: Points) -> Float[np.ndarray, "point component"]:
-    r"""Squared distances, $|L_k^{-1} (x - \mu_k)|^2$."""
+    r"""Return squared distances to the components, $|L_k^{-1} (x - \mu_k)|^2$."""
     # Of a few parameters: loops in C are done before BLAS has woken its threads.
     away = x - mixture.centres[:, None]
     white = np.einsum("kij,knj->kni", np.linalg.inv(mixture.roots), away)
@@ -74,7 +74,7 @@ def _log_components(
 
 
 def refitted(rng: np.random.Generator, x: Points, weights: Weights) -> Mixture:
-    r"""The mixture of the highest likelihood of weighted points, by expectation-maximisation.
+    r"""Fit the mixture of highest likelihood to weighted points by expectation-maximisation.
 
     $$\rho_{ik} = \frac{a_k t_k(x_i)}{q(x_i)}, \quad u_{ik} = \frac{\nu + d}{\nu + s_{ik}}, \quad
       a_k = \sum_i w_i \rho_{ik}, \quad
@@ -109,7 +109,7 @@ def _of_weight(
 
 
 def widened(mixture: Mixture, x: Points, weights: Weights) -> Mixture:
-    """The mixture with a tenth of it about all points, twice as wide as they are: it looks beyond.
+    """Add a component of a tenth that covers all points at twice their width.
 
     Points that have not come to the end of a bent posterior do not say that it goes on.
     """
@@ -124,7 +124,7 @@ def widened(mixture: Mixture, x: Points, weights: Weights) -> Mixture:
 def _score(
     rng: np.random.Generator, x: Points, weights: Weights, half: NDArray[np.bool_], count: int
 ) -> float:
-    """Mean log density of one half of the points by a mixture that was fitted to the other."""
+    """Return the mean log density of half the points by a mixture fitted to the other half."""
     mixture = _fitted(rng, x[half], weights[half] / weights[half].sum(), count)
     return float(weights[~half] @ log_density(mixture, x[~half]))
 
@@ -164,7 +164,7 @@ def _improved(
 
 
 def _overall(weights: Weights, x: Points) -> NDArray[np.float64]:
-    """Weighted covariance of all points, positive definite where they coincide."""
+    """Return the weighted covariance of all points, positive definite where they coincide."""
     away = x - weights @ x
     overall = (weights[:, None] * away).T @ away
     overall[np.diag_indices(x.shape[1])] *= 1 + NUGGET

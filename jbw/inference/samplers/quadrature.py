@@ -69,7 +69,7 @@ class Marginal(NamedTuple):
 
 
 def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
-    """Independent draws; group `exact` with mean, sd and quantiles of every parameter."""
+    """Draw independently; group `exact` has each parameter's mean, sd and quantiles."""
     d = len(problem.box.names)
     if problem.outer != IDENTITY:
         raise ConfigError("Sampler quadrature draws in the parameters themselves, in their box.")
@@ -102,7 +102,7 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
 def _on_its_axis(
     i: int, problem: Problem, moments: LogitMoments, count: int
 ) -> tuple[Marginal, Grid]:
-    """A grid whose first coordinate alone determines one parameter, and the marginal of that."""
+    """Build a grid whose first coordinate alone fixes one parameter; return its marginal too."""
     whitening = whitened_by(moments.mean, moments.covariance, first=i)
     bounds = bounds_of(problem, whitening, moments, FACES[len(problem.box.names)])
     # The rule converges in the stretched coordinate as well: it is smooth, and ends as low.
@@ -156,7 +156,7 @@ def _quantiles(axis: Any, p: Any) -> NDArray[np.float64]:
 def distribution(
     w: float, axis: Float[np.ndarray, " node"], p: Float[np.ndarray, " node"]
 ) -> float:
-    r"""Probability below w, by sinc functions through the nodes: as exact as the rule itself.
+    r"""Return the probability below w by sinc functions through nodes, as exact as the rule.
 
     $$F(w) = \sum_j p_j \left[\tfrac12 + \tfrac1\pi \mathrm{Si}
     \!\left(\tfrac{\pi (w - w_j)}{h}\right)\right]$$

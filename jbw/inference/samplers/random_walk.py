@@ -58,7 +58,7 @@ class WalkState(NamedTuple):
 
 
 def kernel(problem: Problem, options: Options) -> Kernel:
-    """The chain."""
+    """Return the kernel of the random-walk Metropolis sampler for a problem."""
     unit = problem.unit_coordinate
     shaped = problem.located and options.step_size is None
     # The whitening carried from the logit to x at its centre, where the slope is x (1 - x).
@@ -114,7 +114,7 @@ def kernel(problem: Problem, options: Options) -> Kernel:
 def tuned(
     state: WalkState, accept_prob: Float[Array, ""], options: Options
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Robbins and Monro's next log step and its average, which takes over at the end."""
+    """Return Robbins and Monro's next log step and its average, which is used at the end."""
     if options.step_size is not None:
         return state.log_step, state.log_step_average
     t = state.i + 1.0

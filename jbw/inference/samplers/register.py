@@ -118,7 +118,7 @@ def default_options(sampler: Sampler) -> Any:
 
 
 def options_of(sampler: Sampler, **choices: Any) -> Any:
-    """The options of a sampler; choices that are None or that it does not have are ignored."""
+    """Return a sampler's options; ignore choices that are None or that it does not have."""
     defaults = default_options(sampler)
     accepted = {n: v for n, v in choices.items() if n in defaults._fields and v is not None}
     return defaults._replace(**accepted)

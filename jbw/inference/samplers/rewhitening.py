@@ -92,7 +92,7 @@ def agree(draws: Mapping[str, Float[np.ndarray, "chain draw"]]) -> bool:
 def by_moments(
     draws: Mapping[str, Float[np.ndarray, "chain draw"]], box: Box, place: Reparametrisation
 ) -> Reparametrisation:
-    """Coordinates about the mean and the widened covariance of the second half of all chains."""
+    """Return coordinates about the mean and widened covariance of all chains' second halves."""
     half = next(iter(draws.values())).shape[1] // 2
     theta = np.stack([draws[name][:, half:].ravel() for name in box.names], axis=-1)
     u = np.asarray(jax.vmap(place.outer.inverse)(jnp.asarray(theta)))

@@ -208,21 +208,21 @@ def _require_keywords(entry: Sampler, keywords: Mapping[str, Any]) -> None:
 
 
 def _request(sampler: str, keywords: Mapping[str, Any]) -> SamplingRequest:
-    """The request of the keywords of `sample`; the sampler's own options join its mapping."""
+    """Build the request from keywords of `sample`; merge sampler options into its mapping."""
     sampler_options = {name: value for name, value in keywords.items() if name not in SHARED}
     options = {**(keywords.get("options") or {}), **sampler_options}
     return SamplingRequest(sampler, **_chosen(keywords, REQUESTED), options=options)
 
 
 def _chosen(keywords: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
-    """Those of the keywords that have one of the names."""
+    """Return the keywords that have one of the given names."""
     return {name: keywords[name] for name in names if name in keywords}
 
 
 def _in_chunks(
     starts: Starts, problem: Problem, make: MakeKernel, options: Any, supervision: Supervision
 ) -> SamplerOutput:
-    """Chains, chunk by chunk, so that they can be watched and kept."""
+    """Run chains chunk by chunk, so that they can be monitored and saved."""
     (draw, terms), earlier = grow_chains(starts, problem, make, options, *supervision)
     # As many evaluations a draw in the warm-up as after.
     evaluations = np.mean(draw.stats["n_steps"]) if "n_steps" in draw.stats else 1.0
@@ -277,7 +277,7 @@ def _tree(
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values as netCDF can store them: truth values as 0 and 1, without those that are None."""
+    """Return values for netCDF: booleans as 0 and 1, without None values."""
     plain = {n: np.asarray(value).tolist() for n, value in values.items() if value is not None}
     return {n: int(value) if isinstance(value, bool) else value for n, value in plain.items()}
 

@@ -80,7 +80,7 @@ class _State(NamedTuple):
 def _run(
     key: Key[Array, ""], problem: Problem, num_particles: int, num_moves: int
 ) -> tuple[dict[str, Float[Array, " draw"]], _State, Bool[Array, ""]]:
-    """The particles at the end, the state there, and whether any first particle was possible."""
+    """Return the final particles, the final state, and whether any first particle was possible."""
     reference_density = reference(problem)
     ratio = partial(log_ratio, problem)
     walk = random_walk.build_additive_step()

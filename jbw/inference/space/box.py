@@ -27,7 +27,7 @@ def bounds_by_name(box: Box) -> dict[str, tuple[float, float]]:
 
 
 def box(bounds: Mapping[str, tuple[float, float]]) -> Box:
-    """The box of parameter names to (lower, upper), in the parameters' units, in their order.
+    """Build the box from parameter names and (lower, upper) in their units, in order.
 
     Raises:
         ConfigError: No parameter, not a pair of finite numbers, or lower not below upper.
@@ -43,7 +43,7 @@ def box(bounds: Mapping[str, tuple[float, float]]) -> Box:
 
 
 def bounds_about(value: float, lower: float, upper: float) -> tuple[float, float]:
-    """The bounds `lower` and `upper` times a value, which of a negative one change places."""
+    """Return the bounds `lower` and `upper` times a value, in ascending order."""
     ends = lower * value, upper * value
     return min(ends), max(ends)
 
@@ -71,7 +71,7 @@ def _checked(name: str, pair: Any) -> tuple[float, float]:
 
 
 def from_unit(x: Float[Any, "... parameter"], box: Box) -> dict[str, Any]:
-    r"""Parameters $\theta_{min} + x\,(\theta_{max} - \theta_{min})$ by name, in their units."""
+    r"""Return parameters $\theta_{min} + x\,(\theta_{max} - \theta_{min})$ by name, with units."""
     lower, upper = box.lower, box.upper
     if isinstance(x, np.ndarray):  # nothing is traced: no program to compile
         lower, upper = np.asarray(lower), np.asarray(upper)
@@ -147,7 +147,7 @@ def prior_of(product: Product, box: Box) -> tuple[float, float]:
 
 
 def prior_std(lower: float, upper: float) -> float:
-    """Standard deviation of log theta (of theta, unless positive) for theta uniform in a box."""
+    """Return the standard deviation of log theta (theta, unless positive), uniform in a box."""
     if lower <= 0:
         return (upper - lower) / math.sqrt(12)
     # In units of the geometric mean, theta runs from 1/r to r.
@@ -161,12 +161,12 @@ def prior_std(lower: float, upper: float) -> float:
 
 
 def log_prior_std(lower: float, upper: float) -> float:
-    """Standard deviation of log theta in a box that is not negative; from zero on it is 1."""
+    """Return the standard deviation of log theta in a positive box; 1 for a box from zero."""
     return prior_std(lower, upper) if lower > 0 else 1.0
 
 
 def log_prior_of(product: Product, box: Box) -> float:
-    r"""Prior deviation of log f, $(\sum_i p_i^2\,\mathrm{var}(\log\theta_i))^{1/2}$."""
+    r"""Return the prior deviation of log f, $(\sum_i p_i^2\,\mathrm{var}(\log\theta_i))^{1/2}$."""
     bounds = bounds_by_name(box)
     powers = product.powers.items()
     return math.hypot(*(power * log_prior_std(*bounds[name]) for name, power in powers))

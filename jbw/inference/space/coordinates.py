@@ -87,12 +87,12 @@ class Elementwise(Coordinate):
 
 
 def interval(lower: Vector, upper: Vector) -> Elementwise:
-    r"""From all real numbers into bounds, $y = l + (u - l) / (1 + e^{-x})$."""
+    r"""Map all real numbers into bounds, $y = l + (u - l) / (1 + e^{-x})$."""
     return Elementwise(biject_to(constraints.interval(lower, upper)))
 
 
 def unit(lower: Vector, upper: Vector) -> Elementwise:
-    r"""From the unit cube into bounds, $y = l + (u - l)\,x$."""
+    r"""Map the unit cube into bounds, $y = l + (u - l)\,x$."""
     ends = lower, upper - lower
     if _namespace(lower) is np:
         ends = jax.device_put(ends)
@@ -175,7 +175,7 @@ class Composed(Coordinate):
 
 
 def _namespace(x: Any) -> Any:
-    """NumPy for its arrays, for which nothing is compiled, otherwise JAX."""
+    """Return NumPy for NumPy arrays (nothing is compiled), otherwise JAX."""
     return np if isinstance(x, np.ndarray) else jnp
 
 

@@ -128,7 +128,7 @@ def laplace_whitening(
     lower: Float[Array, " parameter"],
     upper: Float[Array, " parameter"],
 ) -> Affine:
-    r"""Whitening in which a Gaussian of this covariance about `start` is standard normal.
+    r"""Return whitening such that a Gaussian of this covariance about `start` is standard normal.
 
     $$\Sigma_z^{-1} = J \Sigma_x^{-1} J + \tfrac{3}{\pi^2} I, \qquad J = x (1 - x), \qquad
     L L^T = \Sigma_z$$

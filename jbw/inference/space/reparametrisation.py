@@ -80,7 +80,7 @@ def _checked_start(start: Theta, box: Box, num_chains: int) -> Float[np.ndarray,
 
 
 def never_zero(theta: Theta, covariance: Covariance, box: Box) -> tuple[str, ...]:
-    """Parameters to sample along their logarithms: those that by a fit cannot be zero."""
+    """Return the parameters to sample in logarithms: those non-zero by a fit."""
     conditional = 1 / np.sqrt(np.diag(np.linalg.inv(covariance)))
     return tuple(
         name
@@ -92,7 +92,7 @@ def never_zero(theta: Theta, covariance: Covariance, box: Box) -> tuple[str, ...
 def along_logarithms(
     theta: Theta, covariance: Covariance, box: Box, names: tuple[str, ...]
 ) -> Reparametrisation:
-    """Some parameters by their logarithms, the others as they are.
+    """Return coordinates with some parameters in logarithms and the others unchanged.
 
     Bounds are put ten widths of the box further out: the sampler's logit is a straight line over
     the box, which bends no ridge. The posterior itself keeps to the prior box.
@@ -105,7 +105,7 @@ def along_logarithms(
 def in_logarithms(
     theta: Theta, covariance: Covariance, box: Box, names: tuple[str, ...]
 ) -> Reparametrisation:
-    r"""The same within the box's own bounds; covariance $\Sigma_{ij} / (\theta_i \theta_j)$."""
+    r"""Return log coordinates in the box bounds; covariance $\Sigma_{ij} / (\theta_i \theta_j)$."""
     value = np.array([float(theta[name]) for name in box.names])
     outer = Logarithms(tuple(name in names for name in box.names))
     lower = np.where(outer.chosen, np.maximum(box.lower, FLOOR * value), box.lower)

@@ -69,7 +69,7 @@ class Ridge(Coordinate):
         return jnp.concatenate([others, w, r[None]])
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Logarithm of the length between the walls, in the parameters; -inf outside the box."""
+        """Return the log length between the walls in the parameters; -inf outside the box."""
         low, high = walls(self._foot(x), self.along)
         length = jnp.where(high > low, high - low, 1.0)
         log_length = jnp.log(length) + jnp.sum(jnp.log(self.width))
@@ -85,7 +85,7 @@ class Ridge(Coordinate):
 
 
 def walls(foot: Member, along: Member) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Where a line enters and leaves the unit cube; not later than it enters where it misses it."""
+    """Return where a line enters and leaves the unit cube; exit <= entry if it misses."""
     parallel = jnp.abs(along) < NARROW
     slope = jnp.where(parallel, 1.0, along)
     ends = jnp.stack([(0 - foot) / slope, (1 - foot) / slope])
@@ -96,7 +96,7 @@ def walls(foot: Member, along: Member) -> tuple[Float[Array, ""], Float[Array, "
 
 
 def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) -> Reparametrisation:
-    """The coordinates about the optimum of a fit; its least determined direction is the ridge."""
+    """Return coordinates about a fit's optimum, with its least determined direction as ridge."""
     logarithms = never_zero(theta, covariance, box)
     in_logs = in_logarithms(theta, covariance, box, logarithms)
     # Where the prior's lower bound is zero, logarithms end at a floor too low to matter.
@@ -150,7 +150,7 @@ def _ridge_of(in_logs: Reparametrisation, floored: NDArray[np.bool_]) -> Ridge:
 def _laplace_along(
     in_logs: Reparametrisation, ridge: Ridge
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Optimum and covariance in the coordinates of the ridge, which are linear about the optimum.
+    """Return optimum and covariance in ridge coordinates, linear about the optimum.
 
     Chains start away from the walls, and with no more than the width of a uniform r.
     """

@@ -48,7 +48,7 @@ class StatedDensities(eqx.Module):
 
     @classmethod
     def of(cls, prior: Mapping[str, Any]) -> "StatedDensities":
-        """Those of a campaign's priors that are densities and no mere bounds."""
+        """Collect a campaign's priors that are densities rather than only bounds."""
         stated = {name: stated for name, stated in prior.items() if isinstance(stated, Density)}
         return cls(
             tuple(stated),
@@ -59,7 +59,7 @@ class StatedDensities(eqx.Module):
 
 
 def distributions_of(box: Box, stated: StatedDensities) -> dict[str, Any]:
-    """NumPyro's distribution of every parameter of a box, uniform where none is stated."""
+    """Return NumPyro's distribution per parameter of a box, uniform unless one is stated."""
     densities = dict(zip(stated.names, stated.distributions, strict=True))
     return {
         name: densities.get(name, Uniform(low, high))
@@ -68,7 +68,7 @@ def distributions_of(box: Box, stated: StatedDensities) -> dict[str, Any]:
 
 
 def log_over_uniform(theta: Mapping[str, Any], stated: StatedDensities) -> Float[Array, " density"]:
-    r"""Terms $\log \pi(\theta) + \log(u - l)$ [nats], in the order of the names.
+    r"""Return the terms $\log \pi(\theta) + \log(u - l)$ [nats], in the order of the names.
 
     Zero of a parameter that a nested model lacks.
     """
@@ -83,7 +83,7 @@ def log_over_uniform(theta: Mapping[str, Any], stated: StatedDensities) -> Float
 def standard_scores(
     theta: Mapping[str, Any], stated: StatedDensities
 ) -> dict[str, Float[Array, "1"]]:
-    r"""Scores $\Phi^{-1}(F(\theta))$ by name; zero of a parameter that a nested model lacks."""
+    r"""Return scores $\Phi^{-1}(F(\theta))$ by name; zero for parameters that a model lacks."""
     pairs = zip(stated.names, stated.distributions, strict=True)
     return {
         name: jnp.atleast_1d(_score(density, theta[name]) if name in theta else jnp.zeros(()))
