@@ -18,7 +18,7 @@ ALIKE = 1.2  # ratio of neighbouring sizes below which records are as strong as 
 
 
 def channel(x: ArrayLike, name: str) -> Reals:
-    """Samples as finite float64 of shape (time,) or (repeat, time); a DataError otherwise."""
+    """Return samples as finite float64 of shape (time,) or (repeat, time), or raise a DataError."""
     try:
         samples = np.asarray(x)
         if np.iscomplexobj(samples):
@@ -78,7 +78,7 @@ def sampling(fs: float) -> float:
 
 
 def lines_within(freq: Reals, band: Sequence[float]) -> NDArray[np.bool_]:
-    """Which lines lie in a band, its edges included, in the unit of both."""
+    """Return a mask of lines in a band, edges included, with both in one unit."""
     low, high = band
     return (freq >= low * (1 - ROUNDING)) & (freq <= high * (1 + ROUNDING))
 
@@ -94,7 +94,7 @@ def whole_up(number: float) -> int:
 
 
 def passband(band: tuple[float, float], nyquist: float) -> tuple[float, float]:
-    """Lowest and highest frequency [Hz] of a band that is not empty, reversed or above Nyquist."""
+    """Return a band's edges [Hz], or raise if it is empty, reversed or above Nyquist."""
     low, high = (float(edge) for edge in band)
     if not 0 <= low < high or low >= nyquist:
         raise ConfigError(

@@ -35,7 +35,7 @@ class ForcedLoop(NamedTuple):
 
 
 def response_curve(record: Record) -> MeasuredCurve:
-    """The curve X = x exp(j phi) that a record of kind `frf` holds, without its masked lines."""
+    """Return the curve X = x exp(j phi) in a record of kind `frf`, without masked lines."""
     _must_have(record, (("frequency",), ("phase",), INPUTS, RESPONSES), "a response curve")
     lines = {role: samples[record.valid] for role, samples in record.channels.items()}
     response = np.asarray(lines[record.response] * np.exp(1j * lines["phase"]), np.complex128)
@@ -59,7 +59,7 @@ class ControlledCurve(NamedTuple):
         return np.logical_and.reduce([np.isfinite(values) for values in columns])
 
     def at(self, points: NDArray[np.bool_]) -> "ControlledCurve":
-        """Some of the points."""
+        """Return the curve restricted to the selected points."""
         phase, force = (None if x is None else x[points] for x in (self.phase, self.force))
         return ControlledCurve(self.freq_hz[points], self.amplitude[points], phase, force)
 
@@ -87,7 +87,7 @@ def controlled_curve(record: Record, locked_phase: float = float("nan")) -> Cont
 
 
 def displacement_of(curve: MeasuredCurve) -> Complexes:
-    """Complex peak displacement [m], Y = X / (j omega)^p; p of velocity is 1, of acceleration 2."""
+    """Return peak displacement [m], Y = X / (j omega)^p; p = 1: velocity, 2: acceleration."""
     omega = 2 * np.pi * curve.freq_hz
     return curve.response / (1j * omega) ** derivative_order(curve.response_kind)
 

@@ -9,7 +9,7 @@ from jbw.measurement.records import Record, Test
 
 
 def advance(samples: np.ndarray, delay: float, fs: float) -> np.ndarray:
-    r"""Undo a delay tau [s], at rest at both ends: $X(\omega)\,e^{+j\omega\tau}$."""
+    r"""Remove a delay tau [s] from a signal at rest at both ends: $X(\omega)\,e^{+j\omega\tau}$."""
     if delay == 0.0:
         return samples
     omega = 2 * np.pi * np.fft.rfftfreq(len(samples), 1 / fs)
@@ -17,7 +17,7 @@ def advance(samples: np.ndarray, delay: float, fs: float) -> np.ndarray:
 
 
 def on_time(test: Test) -> Test:
-    """A test whose responses have no delay, of the samples that drive and response both know.
+    """Return the test with its delay removed, cut to samples with both drive and response.
 
     What came before the response was started is left out by `settle`, what came after it ended is
     cut. A record of whole periods is turned, for its ends meet.
@@ -31,7 +31,7 @@ def on_time(test: Test) -> Test:
 
 
 def _on_time(record: Record, delay: float, *, cyclic: bool) -> tuple[Record, float]:
-    """A record without its delay, and the time at its start of which it has no response [s]."""
+    """Return the record with its delay removed, and the time without response at its start [s]."""
     whole_samples = 0 if cyclic else round(delay * record.fs)
     size = record.num_samples - abs(whole_samples)
     if size < 2:

@@ -42,7 +42,7 @@ class BandFilter:
 
 
 def band_filter(band_hz: tuple[float, float], fs: float) -> BandFilter:
-    """Design the Kaiser filter of a band, of 80 dB.
+    """Build the Kaiser filter of a band, with 80 dB attenuation.
 
     Raises:
         DataError: A band that no record resolves at such a sampling frequency.
@@ -66,7 +66,7 @@ def band_filter(band_hz: tuple[float, float], fs: float) -> BandFilter:
 
 
 def demodulate(x: Float[np.ndarray, " time"], chosen: BandFilter) -> tuple[Reals, Complexes]:
-    """Times [s] and envelope X(t), x(t) = Re X(t) exp(j omega_0 t), of a record in a band."""
+    """Return times [s] and envelope X(t) of a record in a band, x(t) = Re X(t) exp(j omega_0 t)."""
     # Peak amplitudes, where the filter lies wholly inside the record; time counts from its start.
     if len(x) <= 2 * chosen.half:
         raise DataError(

@@ -23,7 +23,7 @@ def filter_of(test: Test) -> BandFilter:
 
 
 def envelopes(test: Test) -> list[np.ndarray]:
-    """Envelope of every record of a test, at the full sampling rate, after `settle`."""
+    """Return the envelope of each record of a test, at the full sampling rate, after `settle`."""
     chosen = filter_of(test)
     return [
         demodulate(record.channels[record.response][round(test.settle * record.fs) :], chosen)[1]

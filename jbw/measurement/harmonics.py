@@ -149,12 +149,12 @@ class SineFit(NamedTuple):
 
 
 def sine_fit(y: Reals, t: Reals, tones: Tones) -> SineFit:
-    """Least-squares fit of constant, trend and tones to samples of shape (..., time)."""
+    """Fit constant, trend and tones to samples of shape (..., time) by least squares."""
     return _fitted(y, _design(t, tones), tones)
 
 
 def _design(t: Reals, tones: Tones) -> Reals:
-    """Rows cos and -sin of every tone (c + js is complex amplitude), constant and trend."""
+    """Return rows cos and -sin of each tone (c + js is complex amplitude), constant and trend."""
     turn = np.tile(np.exp(-1j * tones.omega * t), (tones.num_harmonics, 1))
     turning = np.multiply.accumulate(turn)
     others = np.exp(-1j * np.outer(np.asarray(tones.also, float), t))
@@ -218,7 +218,7 @@ def _halves(y: Reals, t: Reals, tones: Tones) -> list[SineFit]:
 
 
 def _drift(y: Reals, t: Reals, tones: Tones) -> tuple[Reals, Reals]:
-    """Relative change of the first harmonic from half to half, and what noise alone makes of it."""
+    """Return the first harmonic's relative change between halves, and its value by noise alone."""
     parts = _halves(y, t, tones)
     first, second = (part.amplitudes[..., 0] for part in parts)
     size = np.maximum(np.abs(first), np.finfo(float).tiny)
@@ -228,7 +228,7 @@ def _drift(y: Reals, t: Reals, tones: Tones) -> tuple[Reals, Reals]:
 
 
 def _refined(y: Reals, t: Reals, tones: Tones) -> Tones:
-    """The frequency at which the mean phase of the first harmonic stands still between halves."""
+    """Find the frequency at which the first harmonic's mean phase is equal in both halves."""
     half = len(t) // 2
     for _ in range(4):
         first, second = (part.amplitudes[..., 0] for part in _halves(y, t, tones))

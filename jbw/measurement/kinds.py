@@ -51,7 +51,7 @@ KINDS: dict[str, Kind] = {}
 
 
 def register(kind: Kind) -> None:
-    """Let campaigns have tests of this kind; one of the same name is replaced."""
+    """Register this kind of test for campaigns; replace any kind of equal name."""
     KINDS[kind.name] = kind
 
 

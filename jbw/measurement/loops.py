@@ -34,7 +34,7 @@ TINY = 1e-300
 
 
 def enclosed_area(y: ArrayLike, force: ArrayLike) -> Reals:
-    r"""Energy that a loop dissipates [J/kg], its area: positive when force works against motion.
+    r"""Return a loop's dissipated energy [J/kg], its area: positive if force opposes motion.
 
     $$E = \oint F\,\mathrm{d}y = \pi\sum_n n\,\mathrm{Im}(F_n \bar Y_n)$$
 
@@ -55,7 +55,7 @@ def enclosed_area(y: ArrayLike, force: ArrayLike) -> Reals:
 
 
 def mean_cycles(x: Reals, fs: float, omega: float, num_points: int) -> Reals:
-    """A cycle of every channel of shape (channel, time), at omega t from 0 to 2 pi, end excluded.
+    """Return a mean cycle per channel (channel, time), at omega t from 0 to 2 pi, end excluded.
 
     A fit of harmonics over all cycles: samples need not fall on the same phases in each of them.
     """
@@ -68,7 +68,7 @@ def mean_cycles(x: Reals, fs: float, omega: float, num_points: int) -> Reals:
 
 
 def integrate(x: ArrayLike, fs: float, band: tuple[float, float]) -> Reals:
-    r"""Integral over time without drift, zero mean: X(omega) / (j omega) inside a stated band.
+    r"""Integrate over time without drift, zero mean: X(omega) / (j omega) in a stated band.
 
     Outside of it the gain falls to zero over a fifth of each edge. The record is continued by
     linear prediction: steady or decaying tones come out to about 1e-3, worst at the ends. Samples
@@ -83,7 +83,7 @@ def integrate(x: ArrayLike, fs: float, band: tuple[float, float]) -> Reals:
 
 
 def differentiate(x: ArrayLike, fs: float, band: tuple[float, float]) -> Reals:
-    """Derivative by time inside a band, j omega X(omega); its upper edge bounds the noise."""
+    """Differentiate by time in a band, j omega X(omega); its upper edge limits the noise."""
     return _in_band(x, fs, band, lambda omega: 1j * omega)
 
 
@@ -117,7 +117,7 @@ def _gain(f: Reals, low: float, high: float) -> Reals:
 
 
 def continued(x: Reals, reach: int) -> Reals:
-    """Samples (..., time) with `reach` predicted ones before and after, fading to their mean."""
+    """Extend samples (..., time) by `reach` predicted ones at both ends, fading to the mean."""
     mean = x.mean(axis=-1, keepdims=True)
     fade = np.cos(np.linspace(0, np.pi / 2, reach)) ** 2
     rows = (x - mean).reshape(-1, x.shape[-1])
@@ -131,7 +131,7 @@ def continued(x: Reals, reach: int) -> Reals:
 
 
 def _predicted(x: Reals, num_samples: int) -> Reals:
-    """What follows the samples when they go on as an autoregressive process."""
+    """Predict the continuation of samples as an autoregressive process."""
     order = min(ORDER, len(x) // 3)
     coefficients = _burg(x[-RECENT:], order)
     state = signal.lfiltic([1.0], coefficients, x[: -order - 1 : -1])
@@ -139,7 +139,7 @@ def _predicted(x: Reals, num_samples: int) -> Reals:
 
 
 def _burg(x: Reals, order: int) -> Reals:
-    """Coefficients (1, a_1, ..., a_p) of sum_i a_i x[n - i] = e[n] by Burg's method: stable."""
+    """Compute coefficients (1, a_1, ..., a_p) of sum_i a_i x[n - i] = e[n] by Burg: stable."""
     # J. P. Burg, Maximum entropy spectral analysis, PhD thesis, Stanford (1975).
     forward, backward = x[1:], x[:-1]
     a = np.ones(1)
@@ -213,7 +213,7 @@ def _cycle(loop: ForcedLoop, first: int, last: int) -> Cycle:
 
 
 def passages(y: Reals) -> list[int]:
-    """Samples from where a displacement is beyond its middle, one side and the other in turn.
+    """Return samples where a displacement passes beyond its middle, sides alternating.
 
     The middle is y = 0 where the motion goes to both sides of it; a record that begins or ends
     there does so with a passage.
@@ -291,7 +291,7 @@ def of_one_amplitude(cycles: Sequence[Cycle]) -> list[list[Cycle]]:
 
 
 def _centre(loop: ForcedLoop, cycle: Cycle) -> tuple[float, float]:
-    """Force midway between the turning points of a cycle at rest position, and its half range."""
+    """Return a cycle's mid force between turning points at rest position, and its half range."""
     (bottom, top), (below, above) = _turning_points(loop, cycle)
     stiffness = (above - below) / (top - bottom)
     middle = 0.5 * (above + below - stiffness * (top + bottom))

@@ -90,7 +90,7 @@ class Stated(Protocol):
 
 
 def seen_in(test: Stated, records: Sequence[Record]) -> list[str]:
-    """Sentences on a test whose records are in SI and without a fault; none where it says nothing.
+    """Return sentences on nonlinearity in a test with faultless records in SI, if any.
 
     `records` are of one length and sampling frequency, or nothing is said.
     """
@@ -151,7 +151,7 @@ def _sweep(u: NDArray[np.float64], y: NDArray[np.float64], fs: float) -> Iterato
 def _multisine(
     test: Stated, u: NDArray[np.float64], y: NDArray[np.float64], fs: float
 ) -> Iterator[str]:
-    """Distortion beside noise, by periods, by realisations and by the lines left unexcited."""
+    """Yield sentences on distortion versus noise, by periods, realisations and unexcited lines."""
     size, rest = divmod(u.shape[1], test.periods)
     skipped = int(np.ceil(test.settle * fs / size - 1e-6))
     if rest or skipped >= test.periods:
@@ -219,7 +219,7 @@ class Repeatability(NamedTuple):
 
 
 def repeatability(y: ArrayLike) -> Repeatability:
-    """Scatter of repeats of one excitation, shape (repeat, time), begun together.
+    """Measure the scatter of repeats of one excitation, shape (repeat, time), begun together.
 
     Raises:
         DataError: NaN, fewer than two repeats, or a dead channel.
@@ -266,7 +266,7 @@ def _lines(mean: np.ndarray) -> int:
 
 
 def _in_band(deviations: np.ndarray, mean: np.ndarray) -> float:
-    """Variance a sample of noise as strong everywhere as the median line of the response's band."""
+    """Return the variance per sample of white noise at the median line of the response's band."""
     band = _band(mean)
     power = np.sum(np.abs(np.fft.rfft(deviations))[:, band] ** 2, axis=0) / (len(deviations) - 1)
     # Median over mean of a chi-square of 2 k degrees of freedom, by Wilson and Hilferty.
@@ -305,7 +305,7 @@ class Distortion(NamedTuple):
 
 
 def best_linear_approximation(u: ArrayLike, y: ArrayLike, fs: float) -> BestLinear:
-    r"""Best linear approximation, its noise, and the distortion of one realisation.
+    r"""Return the best linear approximation, its noise, and one realisation's distortion.
 
     $$\hat G = \frac1M \sum_m \hat G_m, \quad \hat G_m = \frac{\bar Y_m}{\bar U_m}, \quad
       \sigma_{tot}^2 = \frac{1}{M (M - 1)} \sum_m |\hat G_m - \hat G|^2, \quad
@@ -382,7 +382,7 @@ def _rms(values: NDArray[np.complex128]) -> float:
 
 
 def _steady(u: ArrayLike, y: ArrayLike) -> tuple[Reals, Reals]:
-    """Source and response by realisation, period and time, checked."""
+    """Check source and response and return them by realisation, period and time."""
     source, response = np.asarray(u, float), np.asarray(y, float)
     if source.shape != response.shape or not 2 <= source.ndim <= 3:
         raise DataError(
@@ -408,7 +408,7 @@ class SweptHarmonics(NamedTuple):
 def swept_harmonics(
     u: ArrayLike, y: ArrayLike, fs: float, *, num_orders: int = 5, periods: float = PERIODS
 ) -> SweptHarmonics:
-    """Harmonics of a response along a sweep, by windows of so many periods of the source.
+    """Return a response's harmonics along a sweep, in windows of some source periods.
 
     A harmonic below the noise comes out as the noise, which `std` tells. Orders above half the
     sampling frequency are NaN there.
@@ -456,7 +456,7 @@ def swept_harmonics(
 
 
 def _windows(amplitude: Reals, phase: Reals, periods: float) -> list[slice]:
-    """Windows of equal turns of the source where it drives anything, overlapping by half."""
+    """Return half-overlapping windows of equal source turns, where the source drives."""
     loud = np.flatnonzero(amplitude > QUIET * amplitude.max())
     turns = np.maximum.accumulate(phase) / (2 * np.pi)
     first, last = float(turns[loud[0]]), float(turns[loud[-1]])
@@ -468,7 +468,7 @@ def _windows(amplitude: Reals, phase: Reals, periods: float) -> list[slice]:
 def _fitted(
     phase: Reals, u: Reals, y: Reals, fs: float, num_orders: int
 ) -> tuple[float, NDArray[np.complex128], NDArray[np.complex128], float, float]:
-    """Frequency [Hz], harmonics of both, standard deviation of the response's, source's rest."""
+    """Return frequency [Hz], both channels' harmonics, response deviation and source residual."""
     x = np.linspace(-1.0, 1.0, len(phase))
     hz = float(np.polyfit(x, phase, 1)[0]) / (np.pi * (len(phase) - 1) / fs)
     shown = [n for n in range(1, num_orders + 1) if n * hz < 0.45 * fs]
@@ -492,7 +492,7 @@ def _fitted(
 
 
 def largest_share(harmonics: SweptHarmonics, order: int) -> tuple[float, float, float]:
-    """Largest harmonic of an order over the largest fundamental, its noise, and where [Hz].
+    """Return an order's largest harmonic over the largest fundamental, its noise and place [Hz].
 
     What the source's own harmonic may make of itself is taken off: its share times the largest
     response over the source.

@@ -56,7 +56,7 @@ def third_order_kernel(
     num_harmonics: int = 7,
     also: Sequence[float] = (),
 ) -> ThirdOrder:
-    r"""Third-order kernel on its leading diagonal, from a probing test with one tone.
+    r"""Estimate the third-order kernel's leading diagonal from a probing test with one tone.
 
     $$H_3(\omega) = \frac{4\,[Y(3\omega) - H_1(3\omega)\,U(3\omega)]}{A^3}, \qquad A = U(\omega)$$
 
@@ -155,7 +155,7 @@ def _require_tone(source: Harmonics, omega: float) -> None:
 
 
 def peak_displacement(filtered: Harmonics) -> Reals:
-    """Largest displacement over a period, rebuilt from its harmonics, shape (...) [m]."""
+    """Return the largest displacement in a period, from its harmonics, shape (...) [m]."""
     n = np.arange(1, filtered.amplitudes.shape[-1] + 1)
     turn = np.exp(2j * np.pi * np.outer(n, np.arange(PERIOD_POINTS) / PERIOD_POINTS))
     return np.max(np.abs((filtered.amplitudes @ turn).real), axis=-1)

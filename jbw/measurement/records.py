@@ -203,12 +203,12 @@ def share_clock(fs: float, other_fs: float) -> bool:
 
 
 def is_sampled(record: Record) -> bool:
-    """Whether its samples have a time: those of a curve have none, nor may those of a loop."""
+    """Return whether a record's samples have times: not in curves, nor in loops without clock."""
     return record.fs == record.fs and record.provenance.get("fs") != COUNTED
 
 
 def drive_of(test: Test) -> str:
-    """What drives a test: as stated, else by its source; empty along a prescribed displacement."""
+    """Return a test's drive: as stated, else by its source; empty for prescribed displacement."""
     if test.drive or test.traits.is_prescribed or not test.records:
         return test.drive
     if test.traits.is_free:
@@ -242,7 +242,7 @@ def periods(test: Test) -> Test | None:
 
 
 def steady(test: Test) -> tuple[Test, int] | None:
-    """Every record without its transient periods, and the samples of a period; None as above."""
+    """Return the test without transient periods, and samples per period; None if not periodic."""
     if test.periods < 2:
         return None
     records, sizes = zip(*(_steady(record, test) for record in test.records), strict=True)

@@ -79,7 +79,7 @@ def _kernel(away: Reals) -> Reals:
 
 
 def at_rate(x: Reals, fs: float, new_fs: float) -> tuple[Reals, str]:
-    """Even samples at another rate that is not higher, and what was done to them in words."""
+    """Resample even samples to another rate that is not higher, and describe it in words."""
     if new_fs > fs * (1 + 2e-5):
         raise DataError(
             f"`resample` must be at most the channel's sampling frequency, {fs:.7g} Hz, but is "
@@ -100,7 +100,7 @@ def at_rate(x: Reals, fs: float, new_fs: float) -> tuple[Reals, str]:
 
 
 def from_uneven(x: Reals, time: Reals, new_fs: float, begins: float = 0.0) -> tuple[Reals, str]:
-    """Uneven samples at an even rate from a time on, and the error of that in words.
+    """Resample uneven samples to an even rate from a given time; state the error in words.
 
     Times count from the file's first sample, as `begins` does, where the span of these starts [s].
     """
@@ -139,13 +139,13 @@ def _rate_through(time: Reals, new_fs: float) -> float:
 
 
 def resample_line(time: Reals) -> str:
-    """The rate that uneven samples may be resampled at, and up to where they are met then."""
+    """Return the line with a possible rate for uneven samples, and its frequency limit."""
     fs = proposed_rate(time)
     return f"`resample = {fs:.9g}`, good below {PASSED * _rate_through(time, fs) / 2:.3g} Hz"
 
 
 def _without_pauses(time: Reals, begins: float) -> str:
-    """What to do about times with pauses, of which the first lies at `begins` in the file [s]."""
+    """Return the remedy for times with pauses; the file's first lies at `begins` [s]."""
     steps = np.diff(time)
     pauses = np.flatnonzero(steps > PAUSE * np.median(steps))
     line = unbroken_line(time, pauses, begins + float(time[0])) if len(pauses) else ""
@@ -153,7 +153,7 @@ def _without_pauses(time: Reals, begins: float) -> str:
 
 
 def proposed_rate(time: Reals) -> float:
-    """A rate to which uneven samples may be resampled [Hz]: their usual one, of few digits."""
+    """Propose a rate for resampling uneven samples [Hz]: their usual rate, rounded."""
     usual = 1 / float(np.median(np.diff(time)))
     rounded = round(usual)
     return float(rounded) if abs(rounded - usual) < NEAR * usual else float(f"{usual:.3g}")
@@ -182,7 +182,7 @@ def _band_limited(x: Reals, time: Reals, rate: float, at: Reals) -> Reals:
 
 
 def _blocks(size: int) -> Iterator[tuple[int, int]]:
-    """Beginning and end of blocks that overlap."""
+    """Yield the beginning and end of overlapping blocks."""
     step = BLOCK - OVERLAP
     for first in range(0, max(size - OVERLAP, 1), step):
         yield first, min(first + BLOCK, size)
@@ -200,7 +200,7 @@ def _matrix(place: Reals, size: int) -> scipy.sparse.csr_array:
 
 
 def on_one_clock(record: Record, clock_ppm: float) -> Record:
-    r"""A record whose responses, sampled by a clock that runs fast, are as its drive's has them.
+    r"""Resample responses from a clock that runs fast to the clock of the drive.
 
     Sample n of the fast clock was taken at $n / (1 + \epsilon)$ of the other. What one of them
     has beyond the other's end is cut off.

@@ -97,7 +97,7 @@ class DrivenLines(NamedTuple):
 
 
 def driven_lines(record: Record, band_hz: tuple[float, float] | None = None) -> DrivenLines:
-    """Source and displacement on the lines that are driven, in a band where one is given."""
+    """Return source and displacement on the driven lines, in a band where one is given."""
     if not record.valid.all():
         raise DataError(f"{_named(record)} has samples missing.")
     u, x = (record.channels[role] for role in (record.source, record.response))
@@ -119,7 +119,7 @@ def driven_lines(record: Record, band_hz: tuple[float, float] | None = None) -> 
 
 
 def driven_band(record: Record) -> tuple[float, float]:
-    """The lowest and the highest frequency that the source drives [Hz]: others show noise alone."""
+    """Return the lowest and highest frequency that the source drives [Hz]."""
     u = record.channels[record.source]
     size = np.abs(np.fft.rfft(u - np.mean(u)))
     driven = np.fft.rfftfreq(len(u), 1 / record.fs)[size > DRIVEN * np.max(size)]
@@ -127,7 +127,7 @@ def driven_band(record: Record) -> tuple[float, float]:
 
 
 def swept(power: Float[np.ndarray, " line"]) -> Bool[np.ndarray, " line"]:
-    """The lines between the ends of what a source sweeps, which hold all of its energy but 1 %."""
+    """Return a mask of the lines within a source's sweep, with all its energy but 1 %."""
     share = np.cumsum(power) / np.sum(power)
     return (share >= SWEPT) & (share <= 1 - SWEPT)
 
@@ -137,7 +137,7 @@ def _named(record: Record) -> str:
 
 
 def read_lines(lines: DrivenLines) -> Reading:
-    """The reading of a record in time, at the amplitude of its envelope weighed by energy."""
+    """Read resonance from a time record, at the energy-weighted envelope amplitude."""
     read = read_resonance(lines.omega, lines.source, lines.y)
     centre = 2 * np.pi * read.frequency_hz
     near = np.abs(lines.omega - centre) < WIDE * centre
@@ -192,7 +192,7 @@ def _through(
     y: Complex[np.ndarray, " line"],
     is_curve: bool,
 ) -> tuple[float, float, float, float, float]:
-    """Natural frequency [rad/s], damping ratio, residual over the rms; errors of the first two.
+    """Fit natural frequency [rad/s], damping ratio, residual over rms; and the first two's errors.
 
     Standard deviations are those of the linear least squares, by its residual.
     """
@@ -221,7 +221,7 @@ def _through(
 
 
 def _weighed(envelope: Complex[np.ndarray, " value"]) -> float:
-    r"""Mean amplitude weighed by its energy, $\sum |Y|^3 / \sum |Y|^2$: of a steady tone its own.
+    r"""Return the energy-weighted mean amplitude, $\sum |Y|^3 / \sum |Y|^2$, of an envelope.
 
     A stiffness that falls with the amplitude, k(A) = k_0 - k_1 A, is read by least squares at
 
@@ -246,7 +246,7 @@ def curves_of_points(test: Test) -> list[ControlledCurve]:
 
 
 def readings_of_points(test: Test, gain: float | None) -> list[Reading]:
-    r"""Frequency and damping at the amplitude of every point, by the force per unit mass g F.
+    r"""Return frequency and damping at each point's amplitude, by the force per unit mass g F.
 
     $$\omega_r^2 = \omega^2 + \frac{g F \cos\varphi}{Y}, \qquad
       2\zeta\,\omega_r\,\omega = -\frac{g F \sin\varphi}{Y}$$
@@ -274,7 +274,7 @@ def _readings(curve: ControlledCurve, gain: float) -> Iterator[Reading]:
 
 
 def locked_sentence(test: Test) -> str:
-    """How the frequency at the phase that is held goes with the amplitude."""
+    """Return a sentence on frequency versus amplitude at the held phase."""
     curve = curves_of_points(test)[0]
     order = np.argsort(curve.amplitude)
     y, hz = 1e3 * curve.amplitude[order], curve.freq_hz[order]

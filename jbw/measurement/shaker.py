@@ -55,7 +55,7 @@ def fit_attachment(
     *,
     kind: Motion = "acceleration",
 ) -> ShakerFit:
-    """Gain, delay and attachment of a shaker, by least squares over the lines of a band.
+    """Fit gain, delay and attachment of a shaker by least squares over a band's lines.
 
     Args:
         voltage: What the shaker was fed, shape (time,) [V], from rest to rest or whole periods.
@@ -126,7 +126,7 @@ def fit_attachment(
 
 
 def _solved(columns: Complexes, target: Complexes) -> tuple[Reals, Reals, Complexes]:
-    """Real coefficients, the inverse of the normal matrix, and what is left of the lines."""
+    """Return real coefficients, the inverse normal matrix, and the residual of the lines."""
     scale = np.linalg.norm(columns, axis=0)
     real = np.concatenate([np.real(columns / scale), np.imag(columns / scale)])
     coefficients = (

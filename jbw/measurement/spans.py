@@ -31,7 +31,7 @@ def start_of(record: Record) -> float:
 
 
 def span_line(start: float, stop: float, begins: float = 0.0) -> str:
-    """What to put into the campaign file to keep a part of a record, rounded to its inside.
+    """Return the campaign line that keeps a part of a record, rounded inwards.
 
     Times count from the record's first sample, which lies at `begins` in the file; all in seconds.
     """
@@ -47,7 +47,7 @@ def _written(seconds: float) -> float:
 
 
 def rows_of_span(time: Reals, span: tuple[float, float]) -> slice:
-    """Samples of a span by their times, which may be uneven; both from the first one on [s]."""
+    """Return the samples in a span by (uneven) times, both counted from the first sample [s]."""
     half = 0.5 * float(np.nanmedian(np.diff(time))) if len(time) > 1 else 0.0
     since = time - time[0]
     after = np.flatnonzero(since >= span[0] - half)
@@ -59,7 +59,7 @@ def rows_of_span(time: Reals, span: tuple[float, float]) -> slice:
 def unbroken_line(
     time: Reals, breaks: Int[np.ndarray, " break"], begins: float = 0.0, least: float = LEAST
 ) -> str:
-    """What to put into the campaign file to keep times without a break behind any.
+    """Return the campaign line that keeps times without a break after any of `breaks`.
 
     It is the first part that is half as long as the longest; nothing where that has less than a
     part `least` of the times.
@@ -81,7 +81,7 @@ def unbroken_line(
 
 
 def clean_part(spoilt: Bool[np.ndarray, " time"]) -> slice:
-    """The first stretch of samples of which none is spoilt that is half the longest, or longer."""
+    """Return the first stretch without spoilt samples at least half as long as the longest."""
     edges = np.flatnonzero(np.diff(np.concatenate([[True], spoilt, [True]]).astype(np.int8)))
     starts, stops = edges[::2], edges[1::2]
     if not len(starts):
@@ -91,7 +91,7 @@ def clean_part(spoilt: Bool[np.ndarray, " time"]) -> slice:
 
 
 def kept_part(record: Record, spoilt: Bool[np.ndarray, " time"]) -> str:
-    """What to do about spoilt samples: keep a span without them, or leave the record out."""
+    """Return the remedy for spoilt samples: keep a span without them or leave out the record."""
     part = clean_part(spoilt)
     if not np.isfinite(record.fs) or part.stop - part.start < max(2, LEAST * len(spoilt)):
         return f"{left_out(record)}."
@@ -100,14 +100,14 @@ def kept_part(record: Record, spoilt: Bool[np.ndarray, " time"]) -> str:
 
 
 def kept_before(record: Record, at_s: float) -> str:
-    """What to do about a record of which only what comes before some time is sound [s]."""
+    """Return the remedy for a record that is sound only before a given time [s]."""
     if at_s < LEAST * record.num_samples / record.fs:
         return left_out(record)
     return f"{span_line(0.0, at_s, start_of(record))}, or {exclude_line(record)}"
 
 
 def left_out_from(record: Record, at_s: float) -> str:
-    """What to do about a record that is another from some time on [s], but for its blow."""
+    """Return the remedy for a record that differs after some time [s], e.g. by a second blow."""
     if at_s < LEAST * record.num_samples / record.fs:
         return f"{left_out(record)}."
     span = span_line(0.0, at_s, start_of(record)).partition(": ")[2]
@@ -115,7 +115,7 @@ def left_out_from(record: Record, at_s: float) -> str:
 
 
 def left_out(record: Record) -> str:
-    """What to put into the campaign file to leave a record out."""
+    """Return the campaign line that leaves out a record."""
     return put_line(exclude_line(record))
 
 
@@ -125,13 +125,13 @@ def is_by_file(leaving_out: str) -> bool:
 
 
 def put_line(leaving_out: str) -> str:
-    """How to leave a record out, as a sentence that begins with the line where there is one."""
+    """Return the sentence on leaving out a record, with its line first where there is one."""
     words, _, line = leaving_out.partition(": ")
     return f"{remedies.PUT} {line}" if line else f"{words[0].upper()}{words[1:]}"
 
 
 def exclude_line(record: Record) -> str:
-    """How to leave a record out, in words and by its file where this holds no other."""
+    """Return words for leaving out a record, by its file if that has no other record."""
     name = record.name.partition(" + ")[0]
     if name and name in {Path(x).name for x in record.provenance.get("path", "").split("; ")}:
         return remedies.leave_out(toml_list([escape(name)]))
@@ -171,7 +171,7 @@ def toml_list(names: Sequence[str | int]) -> str:
 
 
 def toml_table(values: Mapping[str, Any], **blanks: str) -> str:
-    """Values by role as TOML writes a table on one line, and words in the place of missing ones."""
+    """Format values by role as a TOML table on one line, with words for missing values."""
     stated = {role: json.dumps(x, ensure_ascii=False) for role, x in values.items()}
     return (
         f"{{ {', '.join(f'{role} = {written}' for role, written in (stated | blanks).items())} }}"

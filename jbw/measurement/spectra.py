@@ -117,7 +117,7 @@ def frf(
     delay: float | None = None,
     band: tuple[float, float] | None = None,
 ) -> FRF:
-    r"""Receptance of a record, by averaging over segments (Welch).
+    r"""Estimate the receptance of a record by averaging over segments (Welch).
 
     $$H_1 = S_{uy}/S_{uu}, \quad H_2 = S_{yy}/S_{yu}, \quad
       \mathrm{E}|\Delta H|^2 = \frac{1-\gamma^2}{\gamma^2}\,\frac{|H|^2}{K-1}$$
@@ -281,7 +281,7 @@ def _segment_length(
 
 
 def _effective_averages(window: str, nperseg: int, noverlap: int, num_segments: int) -> float:
-    """Averages that overlapping segments are worth, K = N / (1 + 2 sum_m (N - m) / N rho_m^2)."""
+    """Return overlapping segments' averages, K = N / (1 + 2 sum_m (N - m) / N rho_m^2)."""
     # With N segments and rho_m the window's correlation with itself m segments later: P. D. Welch,
     # IEEE Trans. Audio Electroacoust. 15 (1967) 70-73.
     w = np.asarray(signal.get_window(window, nperseg))
@@ -294,7 +294,7 @@ def _effective_averages(window: str, nperseg: int, noverlap: int, num_segments: 
 def _spectra(
     u: Reals, y: Reals, band: tuple[float, float] | None, how: dict[str, Any]
 ) -> tuple[NDArray[Any], ...]:
-    """Frequencies of the band, S_uu, S_yy and S_uy = E[conj(U) Y], averaged over repeats."""
+    """Return the band's frequencies, S_uu, S_yy and S_uy = E[conj(U) Y], averaged over repeats."""
     freq, s_uu, s_yy, s_uy = averaged(u, y, **how)
     nyquist = how["fs"] / 2
     low, high = passband(band or (0.0, nyquist), nyquist)
@@ -316,7 +316,7 @@ def _spectra(
 def averaged(
     u: Reals, y: Reals, *, fs: float, window: str, nperseg: int, noverlap: int
 ) -> tuple[NDArray[Any], ...]:
-    r"""Frequencies, and one-sided spectral densities over the last axis, by Welch's segments.
+    r"""Return frequencies and one-sided spectral densities over the last axis, by Welch's segments.
 
     $$S_{uy} = \frac{2}{f_s \sum_n w_n^2} \langle \bar U Y \rangle, \qquad
       U = \sum_n w_n (u_n - \langle u \rangle)\, e^{-2\pi j k n / N}$$
@@ -369,7 +369,7 @@ def _warn_when_coarse(estimate: FRF) -> None:
 
 
 def strongest_line(x: Reals, fs: float, *, window: Window = "hann", lowest: int = 1) -> float:
-    r"""Frequency of the strongest line of samples [Hz], by the parabola through its logarithms.
+    r"""Return the frequency of the strongest line [Hz], by a parabola through its logarithms.
 
     $$f = \frac{f_s}{N}\Bigl(k + \frac{a - c}{2 (a - 2b + c)}\Bigr)$$
 
@@ -386,7 +386,7 @@ def strongest_line(x: Reals, fs: float, *, window: Window = "hann", lowest: int 
 
 
 def half_power_bandwidth(freq: Reals, h: Complexes) -> float:
-    """Width of the highest peak at half its power, linear between lines [Hz]; may be infinite."""
+    """Return the highest peak's width at half power [Hz], linear between lines; may be infinite."""
     power = np.abs(h) ** 2
     top = int(np.argmax(power))
     below = power < power[top] / 2

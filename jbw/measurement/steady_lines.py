@@ -42,7 +42,7 @@ class SteadyLine(NamedTuple):
 def without_lines(
     x: Float[np.ndarray, " time"], fs: float, lines_hz: Sequence[float]
 ) -> tuple[Reals, tuple[SteadyLine, ...]]:
-    """Samples without steady lines about stated frequencies, and these lines as they were found.
+    """Subtract steady lines about stated frequencies; return samples and the lines found.
 
     Args:
         x: The response of a free decay.
@@ -104,7 +104,7 @@ def without_lines(
 
 
 def lines_removed(lines: Sequence[SteadyLine]) -> str:
-    """What was taken out, in words: frequency, amplitude and error of every line."""
+    """Describe the removed lines in words: frequency, amplitude and error of each line."""
     return ", ".join(messages.removed_line(line.hz, line.amplitude, line.error) for line in lines)
 
 
@@ -134,7 +134,7 @@ class _WeightedPart(NamedTuple):
 def _with_errors(
     lines_hz: Reals, amplitudes: Reals, fitted: _WeightedPart, length_s: float
 ) -> tuple[SteadyLine, ...]:
-    """Lines with the errors of what is taken out, by the samples' scatter about the fit."""
+    """Return the lines with errors of the removed signal, from scatter about the fit."""
     columns, part, weight, time = fitted
     scatter = part - columns @ amplitudes
     variance = float(np.sum((weight * scatter) ** 2) / np.sum(weight**2))

@@ -22,7 +22,7 @@ def record_frf(
     response: Motion = "displacement",
     delay: float = 0.0,
 ) -> FRF:
-    r"""Receptance of one record that begins and ends at rest, $H = Y / U$ of the whole of it.
+    r"""Estimate the receptance of one record from rest to rest, $H = Y / U$ of the whole of it.
 
     A sweep has no segments to average over: its lines do not know their noise. What a fit leaves of
     them is mostly no sensor's noise but the joint's own: it is taken as even over the lines of what

@@ -115,7 +115,7 @@ def value_of(product: Product, theta: Mapping[str, Any]) -> Any:
 def gradient_of(
     product: Product, theta: Mapping[str, float], names: tuple[str, ...]
 ) -> Float[np.ndarray, " parameter"]:
-    r"""Derivatives $p_i\,\theta_i^{p_i - 1} \prod_{j \ne i} \theta_j^{p_j}$, finite at zero."""
+    r"""Return derivatives $p_i\,\theta_i^{p_i - 1} \prod_{j \ne i} \theta_j^{p_j}$, finite at 0."""
     gradient = np.zeros(len(names))
     for name, power in product.powers.items():
         lowered = product._replace(powers={**product.powers, name: power - 1})

@@ -35,7 +35,7 @@ GUESS = {"displacement": "mm or um", "velocity": "mm/s or um/s", "acceleration":
 
 
 def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> tuple[Fault, ...]:
-    """All that the checks find, errors first; `masked` samples that are NaN are not refused."""
+    """Return all faults that the checks find, errors first; `masked` samples may be NaN."""
     # `is_curve` tells whether frequencies, where there are any, are the lines of a curve.
     faults, lengths = [], {role: len(x) for role, x in record.channels.items()}
     if len(set(lengths.values())) > 1:
@@ -121,7 +121,7 @@ def _signal(record: Record, role: str) -> Iterator[Fault]:
 
 
 def _lost(record: Record, role: str) -> Iterator[Fault]:
-    """Samples of one value far from all others: a logger's word for what it lost, such as -9999."""
+    """Refuse samples at one value far from all others, as a logger's -9999 for lost samples."""
     x = record.channels[role]
     ends = float(x.min()), float(x.max())
     others = x[(x > ends[0]) & (x < ends[1])]
@@ -138,7 +138,7 @@ def _lost(record: Record, role: str) -> Iterator[Fault]:
 
 
 def _clipped(record: Record, role: str, levels: Reals) -> Iterator[Fault]:
-    """Stretches of three or more samples cut off flat at an extreme, or peaks that pile up."""
+    """Report runs of three or more samples clipped at an extreme, or peaks that pile up."""
     x, fs = record.channels[role], record.fs
     step, noise, runs = float(np.diff(levels).min()), noise_of(x), []
     shortest = 1 if role in RESPONSES and _piles_up(x, step) else CLIP_RUN
@@ -203,7 +203,7 @@ def _piles_up(x: Reals, step: float) -> bool:
 
 
 def _filled(record: Record, role: str, step: float) -> Iterator[Fault]:
-    """Stretches of equal samples amid a response that moves: blocks that a recorder lost.
+    """Report runs of equal samples within a moving response: blocks that a recorder lost.
 
     A force that stays where it is, as that of a slider, is no lost block.
     """

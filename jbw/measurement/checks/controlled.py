@@ -30,7 +30,7 @@ class Control(NamedTuple):
 
 
 def uncontrolled(record: Record, control: Control) -> Iterator[Fault]:
-    """Refusals of too few points and of amplitudes below zero; doubts about phases and branches."""
+    """Refuse too few points and amplitudes below zero; report doubtful phases, branches."""
     role, lines = record.response, record.valid
     channels = {name: samples[lines] for name, samples in record.channels.items()}
     for name in ("frequency", *INPUTS):
@@ -101,7 +101,7 @@ def _jumps(
 
 
 def _steps_apart(curve: ControlledCurve, *, is_locked: bool) -> np.ndarray:
-    """Which steps from a point to the next are far longer than the others."""
+    """Return a mask of steps between points that are far longer than the other steps."""
     moved = np.abs(np.diff(np.log(curve.freq_hz)))
     if is_locked:
         return moved > max(SHIFT, TIMES * float(np.median(moved)))

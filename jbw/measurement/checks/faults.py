@@ -30,7 +30,7 @@ refusal, doubt = partial(Fault, "error"), partial(Fault, "warning")
 
 
 def gathered(named_faults: Iterable[tuple[str, Fault]], count: int) -> list[Fault]:
-    """Faults of `count` records by their names: doubts that differ in numbers alone are one.
+    """Merge faults of `count` records by name: doubts that differ only in numbers become one.
 
     It says of how many records, and from where to where the numbers reach.
     """
@@ -50,7 +50,7 @@ def _of_one_record(fault: Fault) -> bool:
 
 @contextmanager
 def told_together(test: str, count: int) -> Iterator[None]:
-    """Warnings that the records of a test give one by one, as one each."""
+    """Combine repeated warnings from a test's records into one warning each."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
@@ -85,5 +85,5 @@ def _reach(numbers: Sequence[str]) -> str:
 
 
 def worst(faults: Iterable[Fault]) -> str:
-    """`error`, `warning` or `ok`: the worst of the faults."""
+    """Return `error`, `warning` or `ok`: the worst of the faults."""
     return min((fault.severity for fault in faults), default="ok")

@@ -18,7 +18,7 @@ PER_CYCLE = 64  # samples of the strongest frequency that are plenty
 
 
 def long_records(name: str, traits: Kind, record: Record) -> Iterator[str]:
-    """Proposals of a span and of a sampling frequency, where a record of samples is long.
+    """Propose a span and a sampling frequency for a long record of samples.
 
     Samples of rest at either end are cut by `span`, and a rate of more than 64 samples a cycle of
     the strongest frequency is lowered by exporting again. A fit solves every sample, so that its

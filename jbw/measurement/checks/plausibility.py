@@ -28,7 +28,7 @@ MASS_FACTOR = 3.0  # between the modal mass seen and the one given; more is a wr
 def doubts(
     record: Record, band_hz: tuple[float, float] | None, delay: float, per_unit: float | None
 ) -> Iterator[Fault]:
-    """What is doubtful in a noise or multisine record: fs, band, channels, length, size, sign."""
+    """Report doubts on a noise or multisine record: fs, band, channels, length, size, sign."""
     # `per_unit` is force per modal mass for one unit of the input: a gain [N/kg/V] or 1/m [1/kg].
     if not any(role in record.channels for role in INPUTS):
         return
@@ -117,7 +117,7 @@ def _unresolved(record: Record, resolution_hz: float, freq: Reals, h: Complexes)
 def _missized(
     role: str, freq: Reals, h: Complexes, in_band: bool, per_unit: float | None
 ) -> Iterator[Fault]:
-    """Force per modal mass as seen, g = 2 / pi int Re[j omega H] d omega, beside the given one."""
+    """Compare force per modal mass, g = 2 / pi int Re[j omega H] d omega, with the given one."""
     omega = 2 * np.pi * freq
     seen = 2 / np.pi * float(np.trapezoid(np.real(1j * omega * h), omega))
     ratio = 1.0 if per_unit is None else seen / per_unit

@@ -83,7 +83,7 @@ def _named(fitted: Sequence[Harmonics]) -> str:
 
 
 def impassive(curve: MeasuredCurve) -> Iterator[Fault]:
-    """Doubts about signs and units: work -pi F Im Y must be taken in, and the phase must fall."""
+    """Report doubtful signs and units: work -pi F Im Y must be positive, phase must fall."""
     role = curve.response_kind
     if len(curve.freq_hz) < FEWEST_LINES:
         yield refusal(role, *messages.few_lines(len(curve.freq_hz), FEWEST_LINES))
@@ -117,7 +117,7 @@ def phase_in_degrees(phase: Reals) -> Iterator[Fault]:
 
 
 def gives_energy(loop: ForcedLoop) -> Iterator[Fault]:
-    """The doubt that a sign is turned: the force falls with the displacement, or gives out energy.
+    """Report a probable sign error: the force falls with displacement or supplies energy.
 
     A force that rises with the displacement and gives out energy is late.
     """
@@ -216,7 +216,7 @@ def _around_line(peak_hz: float) -> tuple[float, float]:
 
 
 def _in_two_digits(band_hz: tuple[float, float]) -> tuple[float, float]:
-    """Frequencies as a person writes them [Hz]: to be proposed, never to be computed with."""
+    """Return a band [Hz] rounded to two digits, for proposals only, not for computing."""
     return float(f"{band_hz[0]:.2g}"), float(f"{band_hz[1]:.2g}")
 
 
@@ -230,7 +230,7 @@ def band_about_peak(
 def about_peak(
     record: Record, settle: float = 0.0, *, within: tuple[float, float] | None = None
 ) -> tuple[float, float]:
-    """Frequencies about the strongest line of a displacement, as wide as no other line bounds [Hz].
+    """Return a band [Hz] about a displacement's strongest line, limited by other lines.
 
     A narrow band takes long to settle, which costs the strongest part of a decay: it goes half way
     to the nearest other line, and no further than half of the line's frequency.
@@ -257,7 +257,7 @@ def about_peak(
 
 
 def height_within(record: Record, band: tuple[float, float]) -> float:
-    """Largest line of a displacement in a band over the largest of all, of those that stand out."""
+    """Return a displacement's largest line in a band over its largest, of clear lines only."""
     freq, size, lowest = _lines(record, 0.0)
     standing = size[lowest:, 1]
     inside = lines_within(freq[lowest:], band)
@@ -266,7 +266,7 @@ def height_within(record: Record, band: tuple[float, float]) -> float:
 
 
 def _lines(record: Record, settle: float) -> tuple[Reals, Reals, int]:
-    """Frequencies [Hz], lines of a displacement, all and those that stand out, and the first sure.
+    """Return frequencies [Hz], all lines and clear lines of displacement, and first sure index.
 
     The first is beyond what a mean that drifts adds. Of a few points, as read off a chart, whose
     record may hold no more than two or three periods, it is what a straight line leaves: there is
@@ -325,7 +325,7 @@ def too_short(record: Record, band: tuple[float, float], settle: float) -> Itera
 
 
 def _num_values(band: tuple[float, float], size: int, fs: float) -> int:
-    """Independent values that a record of some samples has in a band."""
+    """Return the number of independent values of a record of some samples in a band."""
     try:
         chosen = band_filter(band, fs)
     except DataError:  # a band that no record resolves

@@ -64,7 +64,7 @@ def drop_outs(x: Reals) -> list[int]:
 
 
 def _scales(error: Reals) -> Reals:
-    """Robust standard deviation of errors in the stretch of each."""
+    """Return the robust standard deviation of the errors in the stretch around each error."""
     parts = np.array_split(np.abs(error), min(STRETCHES, max(len(error) // 64, 1)))
     return np.concatenate(
         [np.full(len(part), np.median(part) / OF_NORMAL + 1e-300) for part in parts]

@@ -56,7 +56,7 @@ class _Channels(NamedTuple):
     done: Mapping[str, str]
 
     def beside(self, other: "_Channels") -> "_Channels":
-        """These and others, which replace those of the same role."""
+        """Return these channels merged with others, which replace equal roles."""
         return _Channels(
             {**self.rows, **other.rows}, {**self.units, **other.units}, {**self.done, **other.done}
         )
@@ -74,7 +74,7 @@ class _Clock(NamedTuple):
 def records_of(
     contents: Contents, path: Path, request: Wanted, digest: str, admit: Admit = admit_all
 ) -> tuple[Record, ...]:
-    """Records of an open file in SI, one a repeat; what was done to them is in the provenance."""
+    """Return an open file's records in SI, one per repeat; provenance lists the changes made."""
     sources = _sources(contents, request)
     clock, rate_source = _clock(contents, sources, request)
     samples, channels = _size(contents, sources, request, clock)
@@ -211,7 +211,7 @@ def _parted(role: str, sources: Mapping[str, list[Leaf]], rows: Repeats) -> _Cha
 def _cleared(
     rows: Repeats, role: str, fs: float, first: int, request: Wanted
 ) -> tuple[Repeats, dict[str, str]]:
-    """Rows without their means, an analyser's window and steady lines, as asked; and what that was.
+    """Remove means, an analyser's window and steady lines from rows as requested; describe it.
 
     The rows begin with sample `first` of their record.
     """
@@ -231,7 +231,7 @@ def _cleared(
 
 
 def _of_one_length(channels: Mapping[str, Repeats]) -> dict[str, Repeats]:
-    """Resampled channels without what some have beyond the end of others."""
+    """Cut resampled channels to the length of the shortest one."""
     size = min(len(row) for rows in channels.values() for row in rows)
     return {role: [row[:size] for row in rows] for role, rows in channels.items()}
 
@@ -298,7 +298,7 @@ def _repeats(channels: Mapping[str, Repeats], record: Record) -> tuple[Record, .
 
 
 def _unit(role: str, stated: str, request: Wanted) -> tuple[str, str]:
-    """The unit of a role, and the one that the file states where the caller's counts instead.
+    """Return a role's unit, and the file's unit where the caller's replaces it.
 
     The caller's must not contradict the file's, unless he says that his are right.
     """

@@ -39,7 +39,7 @@ def ungrouped(text: str, decimal: str) -> str:
 
 
 def stamp(text: str) -> tuple[int, float] | None:
-    """Day and seconds in it of a date, a time of day, or both; None of anything else."""
+    """Parse a date, a time of day, or both into a day and its seconds; None for other text."""
     if ":" not in text and text.count("-") + text.count(".") + text.count("/") < 2:
         return None
     match = STAMP.fullmatch(text.strip()) if 5 < len(text) <= 40 else None
@@ -66,7 +66,7 @@ def stamp(text: str) -> tuple[int, float] | None:
 
 
 def since_first(stamps: Sequence[tuple[int, float] | None]) -> Reals:
-    """Seconds since the first of some stamps, past midnight too; NaN where one is missing."""
+    """Return seconds since the first stamp, also past midnight; NaN where a stamp is missing."""
     seconds = np.array([np.nan if moment is None else moment[1] for moment in stamps])
     days = np.array([0 if moment is None else moment[0] for moment in stamps])
     # Of a time of day alone, and of a date: the day after is the next one, whatever the month.

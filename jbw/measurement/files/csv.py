@@ -47,7 +47,7 @@ class Dialect:
     trailing: bool = False  # a delimiter ends every line
 
     def fields(self, line: str) -> list[str]:
-        """Fields of a line, without quotes; a delimiter that ends every line begins none."""
+        """Split a line into fields without quotes; ignore a delimiter at every line's end."""
         fields = [text.strip().strip('"').strip() for text in line.split(self.delimiter)]
         return fields[:-1] if self.trailing and len(fields) > 1 and not fields[-1] else fields
 
@@ -71,7 +71,7 @@ class Dialect:
         return any(self.decimal in text and self.is_number(text) for text in fields)
 
     def width(self, line: str) -> int:
-        """Cells in a line; 0 when some field is none, or all are lost; -1 when it is blank."""
+        """Return the number of cells; 0 for unreadable or only lost fields, -1 if blank."""
         if not line.strip():
             return -1
         if self.delimiter and self.delimiter not in line:
@@ -83,7 +83,7 @@ class Dialect:
         return len(fields) if is_row else 0
 
     def digits(self, line: str) -> tuple[int, int, int]:
-        """Length of a line without signs, and digits of its last number's fraction and exponent."""
+        """Return a line's length without signs, and its last number's fraction, exponent digits."""
         last = (self.fields(line) or [""])[-1].lower()
         mantissa, _, exponent = last.partition("e")
         fraction = mantissa.partition(self.decimal)[2]
@@ -116,7 +116,7 @@ def table(
     fs: float | None = None,
     dialect: Dialect | None = None,
 ) -> Contents:
-    """The one table of a text; what its recorder knows of it in the place of what its lines say.
+    """Read the single table of a text; a recorder's facts replace those of its lines.
 
     Args:
         lines: Of the file, or what its recorder makes of them.
@@ -207,7 +207,7 @@ def _unfitting_names(header: Sequence[str], dialect: Dialect) -> list[str]:
 
 
 def sniff(lines: Sequence[str], file: str, mark: str = "") -> Dialect:
-    """The dialect that reads most of the first lines as numbers; one column of points alone."""
+    """Find the dialect that reads most of the first lines as numbers; one column needs points."""
     among = [marks for marks in DIALECTS if not mark or marks.delimiter == mark] or DIALECTS
     count, dialect = max((_trial(lines, marks) for marks in among), key=lambda trial: trial[0])
     if count < LEAST_LINES:
@@ -229,7 +229,7 @@ def sniff(lines: Sequence[str], file: str, mark: str = "") -> Dialect:
 
 
 def _trial(lines: Sequence[str], marks: Dialect) -> tuple[int, Dialect]:
-    """Lines that read as numbers in the last block of one width, and the dialect if believed."""
+    """Count the lines read as numbers in the last block of one width; return the dialect too."""
     if marks.delimiter and not any(marks.delimiter in line for line in lines):
         return 0, marks
     widths = [marks.width(line) for line in lines]
@@ -250,7 +250,7 @@ def _trial(lines: Sequence[str], marks: Dialect) -> tuple[int, Dialect]:
 
 
 def _one_column(lines: Sequence[str]) -> tuple[int, Dialect]:
-    """The same of lines that hold a number each, with a decimal point and nothing that divides."""
+    """Count lines of one number each, with decimal point and no separator; return dialect."""
     marks = Dialect(None, ".")
     widths = [0 if re.search("[,;\t]", line) else marks.width(line) for line in lines]
     while widths and widths[-1] < 0:
@@ -273,7 +273,7 @@ def _is_remark(line: str) -> bool:
 
 
 def _without_footer(body: Sequence[str], dialect: Dialect) -> tuple[list[str], list[str]]:
-    """Rows, and the lines below them that begin with a word: maxima, means, an end mark."""
+    """Separate rows from footer lines that begin with a word: maxima, means, an end mark."""
     end = len(body)
     while end and (not body[end - 1].strip() or _is_remark(body[end - 1])):
         if body[end - 1].strip() and dialect.width(body[end - 1]) == dialect.columns:
@@ -283,7 +283,7 @@ def _without_footer(body: Sequence[str], dialect: Dialect) -> tuple[list[str], l
 
 
 def _is_ambiguous(lines: Sequence[str], dialect: Dialect) -> bool:
-    """`1,5` alone on a line: two integers, or one number with a decimal comma."""
+    """Return whether `1,5` alone on a line may be two integers or one decimal number."""
     if dialect.delimiter != "," or dialect.columns % 2:
         return False
     body = [line for line in lines[dialect.first :] if line.strip()]
@@ -294,7 +294,7 @@ def _is_ambiguous(lines: Sequence[str], dialect: Dialect) -> bool:
 
 
 def _refuse_broken(header: Sequence[str], dialect: Dialect, path: Path) -> None:
-    """A line of measured values above the table: one below it broke the table in two."""
+    """Raise if measured values stand above the table: a lower line split it in two."""
     rows = [dialect.fields(line) for line in header]
     wide = [i for i, row in enumerate(rows) if len(row) == dialect.columns]
     # The first line of the table's width may name the columns, by numbers too; and a recorder may
@@ -345,7 +345,7 @@ def _is_cut(body: Sequence[str], dialect: Dialect, path: Path) -> bool:
 
 
 def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[str]]:
-    """Names and units of the columns, from the last lines of the table's width above it."""
+    """Return names and units of the columns, from the last lines above of the table's width."""
     lines = [line for line in header if line.strip()][-HEADED:]
     rows = [_row(line, dialect) for line in lines]
     rows = [row for row in rows if len(row) == dialect.columns]
@@ -378,7 +378,7 @@ def _unit_in(header: Sequence[str]) -> list[str]:
 
 
 def _row(line: str, dialect: Dialect) -> list[str]:
-    """Fields of a line above the table, whose delimiter may be written behind all, or not."""
+    """Return the fields of a line above the table, with or without a final delimiter."""
     if dialect.columns == 1:  # of one name, which may have several words
         is_fact = rate_in([line]) or stated(line, "units?|einheit|y[ _]units?")
         return [] if is_fact else [line.strip().strip('#% "')]
@@ -388,7 +388,7 @@ def _row(line: str, dialect: Dialect) -> list[str]:
 
 
 def _are_units(row: Sequence[str]) -> bool:
-    """Whether a row holds units, one of them at least, and nothing else but signs of none."""
+    """Return whether a row has at least one unit and otherwise only units or signs of none."""
     bare = [_bare(text) for text in row]
     return any(map(is_unit, bare)) and all(
         not text or is_unit(text) or OTHER_UNIT.fullmatch(text) for text in bare
@@ -472,7 +472,7 @@ def _value(text: str, dialect: Dialect, row: int, column: int) -> float:
 def _tree(
     columns: Sequence[Reals], titles: Sequence[str], units: Sequence[str]
 ) -> tuple[dict[str, Node], dict[str, Leaf]]:
-    """Columns by number and by title; and those that were measured, by the path of each."""
+    """Return columns by number and by title, and the measured columns by path."""
     titles = list(titles) if len(titles) == len(columns) else [""] * len(columns)
     units = list(units) if len(units) == len(columns) else [""] * len(columns)
     # A column of one date is no clock.
@@ -523,7 +523,7 @@ def _numbered(columns: Sequence[Reals], leaves: Sequence[Leaf]) -> Node:
 def _on_own_clocks(
     columns: Sequence[Reals], titles: Sequence[str], units: Sequence[str], clocks: Sequence[int]
 ) -> list[Leaf]:
-    """Leaves of the columns, each of the rate of the column of times before it, if several are.
+    """Return column leaves, each at the rate of the time column before it, if several.
 
     Cells that are empty below the end of a shorter column, and those between the samples of a
     slower one, are no lost samples.
@@ -557,7 +557,7 @@ def _filled(column: Reals) -> int:
 
 
 def _of_slower(full_rate: Leaf, columns: Sequence[Reals], clocks: Sequence[int]) -> Leaf:
-    """A channel that fills every k-th row only is one of a slower rate, by the table's times."""
+    """Return a channel that fills every k-th row at its slower rate, by the table's times."""
     values = np.asarray(full_rate.array)
     is_filled = np.isfinite(values)
     step = _stride(is_filled)
@@ -570,7 +570,7 @@ def _of_slower(full_rate: Leaf, columns: Sequence[Reals], clocks: Sequence[int])
 
 
 def _stride(is_filled: NDArray[np.bool_]) -> int:
-    """Distance of the rows that are filled, if all are as far apart; 1 where they are not."""
+    """Return the spacing of the filled rows if it is constant, otherwise 1."""
     rows = np.flatnonzero(is_filled)
     if len(rows) < 3 or 2 * len(rows) > len(is_filled) + 1:
         return 1

@@ -81,7 +81,7 @@ def group_tree(group: h5py.Group, node: Callable[[h5py.Group, str], Node]) -> di
 
 
 def fs_of(attributes: Mapping[str, Any]) -> float | None:
-    """Sampling frequency [Hz] among attributes: `fs`, `dt` [s], or another name of a rate."""
+    """Return the sampling frequency [Hz] from attributes: `fs`, `dt` [s], or another rate name."""
     others = [name for name in attributes if RATE.search(str(name)) and name != "fs"]
     named = (("fs", lambda fs: fs), ("dt", lambda dt: 1 / dt))
     for name, to_fs in (*named, *((name, lambda fs: fs) for name in others)):
@@ -94,7 +94,7 @@ def fs_of(attributes: Mapping[str, Any]) -> float | None:
 
 
 def attribute(attributes: Mapping[str, Any], name: str) -> Any:
-    """An attribute that is text or a number; empty text where there is none, or another type."""
+    """Return a text or number attribute; empty text if it is absent or of another type."""
     # Others are never read: a changed byte in their type can end the process.
     if name not in attributes:
         return ""
@@ -106,7 +106,7 @@ def attribute(attributes: Mapping[str, Any], name: str) -> Any:
 
 
 def inside(dataset: h5py.Dataset) -> h5py.Dataset:
-    """A dataset whose samples lie in its own file, in the shape that they were stored with."""
+    """Return a dataset if its samples lie in its own file in their stored shape, else raise."""
     virtual = dataset.is_virtual and any(s.file_name != "." for s in dataset.virtual_sources())
     if dataset.external or virtual:
         raise _outside(dataset.name or "dataset")
@@ -135,7 +135,7 @@ def text_of(attributes: Mapping[str, Any], name: str) -> str:
 
 
 def _node(group: h5py.Group, name: str) -> Node:
-    """What a name holds, links resolved inside the file only."""
+    """Return the node with a name; follow links inside the file only."""
     link = group.get(name, getlink=True)
     if isinstance(link, h5py.ExternalLink):
         raise _outside(f"{group.name}/{name}")
@@ -159,7 +159,7 @@ def _array(item: Any) -> Node:
 
 
 def _texts(item: Any) -> str:
-    """Texts of a dataset of few, a line each; empty of anything else."""
+    """Return the texts of a small dataset, one per line; empty for anything else."""
     is_text = isinstance(item, h5py.Dataset) and (
         item.dtype.kind == "S" or h5py.check_string_dtype(item.dtype) is not None
     )
@@ -186,7 +186,7 @@ def facts_of(attributes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _behind(group: h5py.Group, name: str, target: str) -> Node:
-    """What a soft link points at, if every step of its path stays in the file."""
+    """Return the target of a soft link if every step of its path stays in the file."""
     here: Any = group.file if target.startswith("/") else group
     steps = [part for part in target.split("/") if part not in ("", ".")]
     for step in steps:

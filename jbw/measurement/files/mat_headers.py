@@ -67,7 +67,7 @@ def _variables(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
 
 
 def _variables_4(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
-    """The same of v4, whose variables have a type, rows, columns, imaginary part, name, numbers."""
+    """Yield variables of a v4 file: type, rows, columns, imaginary part, name, numbers."""
     file = Elements(data, "<")
     while len(file.data) >= 20:
         first = struct.unpack("<i", file.data[:4])[0]
@@ -109,7 +109,7 @@ class Elements:
         return struct.unpack(form, self.take(struct.calcsize(form)))
 
     def element(self) -> tuple[int, memoryview]:
-        """Data type and content of the next element; up to four bytes lie within its tag."""
+        """Return data type and content of the next element; up to four bytes fit its tag."""
         (code,) = self.integers("I")
         if size := code >> 16:
             if size > 4:
@@ -122,7 +122,7 @@ class Elements:
         return code, content
 
     def short(self, what: str, codes: tuple[int, ...]) -> memoryview:
-        """Content of the next element, which must be short and of one of the types."""
+        """Return the next element's content, which must be short and of one given type."""
         code, content = self.element()
         if code not in codes or len(content) > LONGEST_NAME:
             raise ValueError(f"its {what} have data type {code} and {len(content)} bytes")

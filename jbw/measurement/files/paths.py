@@ -25,7 +25,7 @@ MINUS = " - "
 
 
 def select(root: Node, path: str) -> Leaf | list[Leaf]:
-    """What a path points at: one array, or one an item where a `[:]` runs over cells."""
+    """Return the array at a path, or a list of one per item where `[:]` runs over cells."""
     if MINUS not in path or (isinstance(root, Mapping) and path in root):
         return _follow(root, path)
     picked = [_follow(root, part.strip()) for part in path.split(MINUS, 1)]
@@ -37,7 +37,7 @@ def select(root: Node, path: str) -> Leaf | list[Leaf]:
 
 
 def _follow(root: Node, path: str) -> Leaf | list[Leaf]:
-    """What one path points at; a refusal lists what was found, with the closest match."""
+    """Return the node at one path; a refusal lists the nodes found and the closest match."""
     path = path.strip("/")
     try:
         return _walk(root, [], path)
@@ -81,7 +81,7 @@ def _walk(node: Node, indices: Sequence[int | None], rest: str) -> Leaf | list[L
 
 
 def _indices(rest: str) -> tuple[list[int | None], str]:
-    """The indices in the brackets that `rest` begins with, from zero, and what follows them."""
+    """Return the indices in the brackets at the start of `rest`, from zero, and the remainder."""
     inside, closed, after = rest[1:].partition(CLOSING[rest[0]])
     if not (closed and INDICES.fullmatch(inside)):
         raise DataError(

@@ -29,7 +29,7 @@ PICKLES = (".pkl", ".pickle", ".p", ".joblib", ".pt")
 
 
 def register(module: str, *suffixes: str) -> None:
-    """Let a module, by its dotted name, read files of these suffixes, such as ".npz"."""
+    """Register a module, by its dotted name, as reader of suffixes such as ".npz"."""
     READERS.update(dict.fromkeys(suffixes, module))
 
 
@@ -110,7 +110,7 @@ def read(
 
 
 def records(path: Path, request: Wanted, admit: Admit = admit_all) -> tuple[Record, ...]:
-    """Records of a file in SI, not yet checked sample by sample; raises as `read` does."""
+    """Read a file's records in SI, without checks of samples; raise as `read` does."""
     tables = (request.channels or {}, request.units, request.scale, request.sensitivity)
     for role in [role for table in tables for role in table]:
         if role not in ROLES:

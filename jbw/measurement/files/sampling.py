@@ -53,7 +53,7 @@ class Wanted:
 
 
 def sampling_of(contents: Contents, sources: Sources, request: Wanted) -> tuple[float, str, slice]:
-    """Sampling frequency [Hz], NaN for a measured FRF, where it came from, and samples to read.
+    """Return sampling frequency [Hz] (NaN for a measured FRF), its source, and samples to read.
 
     All that states it must agree.
     """
@@ -102,7 +102,7 @@ def sampling_of(contents: Contents, sources: Sources, request: Wanted) -> tuple[
 def on_even_grid(
     rows: Repeats, item: Leaf, contents: Contents, sources: Sources, request: Wanted
 ) -> tuple[Repeats, str]:
-    """Rows of a channel at the rate that the caller wants, in his span, and how in words."""
+    """Resample a channel's rows to the caller's rate and span; describe it in words."""
     fs = request.resample or 0.0
     resampled: Repeats = []
     how = ""
@@ -151,7 +151,7 @@ def _own_clock(
 
 
 def _without_rate(contents: Contents, sources: Sources, request: Wanted) -> DataError:
-    """The refusal of samples whose rate nothing tells, with the columns that may be their times."""
+    """Return the error for samples of unknown rate, with candidate time columns."""
     times = [name for name, _ in _unused_times(contents, sources)]
     remedy = messages.STATE_RATE
     if times:
@@ -203,7 +203,7 @@ def _unused_times(contents: Contents, sources: Sources) -> Iterator[tuple[str, L
 
 
 def _stated_fs(contents: Contents, fs: float | str) -> tuple[float, str]:
-    """Sampling frequency as the caller gives it: a number, or the path of a scalar."""
+    """Return the caller's sampling frequency: a number, or a scalar at a path."""
     source = "the argument"
     if isinstance(fs, str):
         leaf = select(contents.root, fs)
@@ -217,7 +217,7 @@ def _stated_fs(contents: Contents, fs: float | str) -> tuple[float, str]:
 
 
 def _timed(sources: Sources, request: Wanted) -> tuple[dict[str, float], slice | None]:
-    """Sampling frequency of each time channel, all of which must be even.
+    """Return the sampling frequency of each time channel, all of which must be even.
 
     A clock that is even within the span alone tells the samples of that as well.
     """
@@ -278,7 +278,7 @@ def rows_of(
     exact: bool = True,
     curve: bool = False,
 ) -> Repeats:
-    """The repeats of one array: itself, or its rows; complex ones only in a response curve."""
+    """Return an array's repeats: itself or its rows; complex only for a response curve."""
     # A time column is not made `exact` float64: the last bit of its own type is its resolution.
     loaded = load(item, part, np.float64 if exact else None)
     where = (request.channels or {}).get(role, role)

@@ -37,7 +37,7 @@ class Bounded(BufferedReader):
 
 @contextmanager
 def _overheard() -> Iterator[list[logging.LogRecord]]:
-    """What the library logs, kept: it prints the bytes of a damaged file by the page."""
+    """Collect the library's log, since it prints a damaged file's bytes at great length."""
     console = import_module("nptdms.log").log_manager.console_handler
     log, handler, level = logging.getLogger("nptdms"), BufferingHandler(sys.maxsize), console.level
     handler.setLevel(logging.WARNING)
@@ -86,7 +86,7 @@ def _require_consistent_segments(stream: Bounded) -> None:
 
 
 def _checked(file: Any, logged: Sequence[logging.LogRecord], path: Path) -> Contents:
-    """Contents of an opened file; refused where samples of it are not there."""
+    """Return the contents of an opened file; raise if samples of it are missing."""
     groups = file.groups()
     if file.file_status.incomplete_final_segment or not groups:
         num_samples = sum(len(channel) for group in groups for channel in group.channels())

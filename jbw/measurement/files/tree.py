@@ -91,12 +91,12 @@ Node = Mapping[str, Any] | NDArray[Any] | Leaf | Opaque
 def leaf(
     array: Any, *, fs: float | None = None, unit: str = "", start_s: float | None = None
 ) -> Leaf:
-    """Leaf of a whole array, its axes in stored order."""
+    """Return the leaf of a whole array, with its axes in stored order."""
     return Leaf(array, tuple(range(len(array.shape))), fs=fs, unit=unit, start_s=start_s)
 
 
 def numeric(array: NDArray[Any]) -> Leaf | Opaque:
-    """Leaf of an array in memory, if it holds numbers."""
+    """Return the leaf of an array in memory, if it has numbers."""
     if np.issubdtype(array.dtype, np.number):
         return leaf(array)
     if not np.issubdtype(array.dtype, np.character):
@@ -106,7 +106,7 @@ def numeric(array: NDArray[Any]) -> Leaf | Opaque:
 
 
 def cells(nodes: Sequence[Node], shape: tuple[int, ...]) -> NDArray[Any]:
-    """Container of nodes."""
+    """Return an object array of the given shape filled with nodes."""
     container = np.empty(len(nodes), dtype=object)
     for i, node in enumerate(nodes):
         container[i] = node

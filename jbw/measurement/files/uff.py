@@ -88,7 +88,7 @@ def _stated(dataset: Mapping[str, Any], key: str) -> str:
 
 
 def _titles(sets: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Names of the sets: their first line, or where that says nothing the label of the ordinate."""
+    """Return the sets' names: first lines, or ordinate labels where these are uninformative."""
     firsts = [_stated(dataset, "id1") for dataset in sets]
     labels = [_stated(dataset, "ordinate_axis_lab") for dataset in sets]
     first_lines_differ = len(set(firsts)) > 1 or len(sets) == 1
@@ -137,7 +137,7 @@ def _is_ratio(unit: str) -> bool:
 def _unit_of(
     dataset: Mapping[str, Any], axis: str, quantity: str, system: Mapping[str, Any]
 ) -> str:
-    """Unit of an axis by its label, else by what it measures and the system of units of set 164.
+    """Return an axis's unit by label, else by its quantity and the unit system of set 164.
 
     Numbers of the file are SI numbers times the factors of that set; where a factor contradicts
     the code of the system, nothing is stated.

@@ -62,7 +62,7 @@ def _require_whole(path: Path) -> None:
 
 
 def _frame_of(head: tuple[int, ...]) -> int:
-    """Bytes of a sample of all channels, on which the numbers of a header agree."""
+    """Return the bytes per sample of all channels, if the header's numbers are consistent."""
     channels, rate, bytes_a_second, frame, bits = head
     if bytes_a_second != rate * frame or frame != channels * -(-bits // 8):
         raise ValueError(

@@ -101,7 +101,7 @@ def examined_sweep(record: Record, band_hz: Band | None, delay_s: float) -> Exam
 
 
 def _read_or(band: Band, make: Callable[[], Examined]) -> Examined:
-    """An examination; without reading or fault where its numbers fail, as of an odd record."""
+    """Run an examination; without reading or fault if its numerics fail on an odd record."""
     try:
         return make()
     except UNREADABLE:
@@ -151,7 +151,7 @@ def _read_fits(fits: Fits) -> ModeReading | None:
 
 
 def _key(record: Record, kind: str, numbers: Sequence[float]) -> str:
-    """Digest of everything that an examination depends on."""
+    """Return a digest of everything that an examination depends on."""
     digest = hashlib.blake2b(sources_of(*SOURCES).encode(), digest_size=20)
     facts = kind, record.fs, numbers, record.name, start_of(record), record.drive
     digest.update(repr(facts).encode())
@@ -162,7 +162,7 @@ def _key(record: Record, kind: str, numbers: Sequence[float]) -> str:
 
 
 def _kept(key: str, make: Callable[[], Examined]) -> Examined:
-    """What was made before, in this process or by an earlier command; else made and kept.
+    """Return the stored result of this process or an earlier command, else compute and store it.
 
     A folder that cannot be written, or a file that cannot be read, costs a reading its time alone.
     """

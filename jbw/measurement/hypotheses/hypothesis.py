@@ -185,7 +185,7 @@ def _mode(fits: Fits, linear: ModeFit) -> tuple[float, float]:
 
 
 def _joint_fits(fits: Fits, hypothesis: Hypothesis) -> Iterator[tuple[Reals, ModeFit]]:
-    """Joint fits of a hypothesis, with a linear mode and with a power of the amplitude.
+    """Yield joint fits of a hypothesis, with a linear mode and with a power of amplitude.
 
     With a power it begins from where the linear mode ended as well.
     """

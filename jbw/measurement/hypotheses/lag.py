@@ -34,7 +34,7 @@ MILLION = 1e6
 
 
 def _courses(signal: SweepSignal) -> tuple[float, Reals]:
-    """Mean period of a drive [s], and time from the middle of the record over its length."""
+    """Return a drive's mean period [s], and time from the record's middle over its length."""
     time = signal.time
     return signal.mean_period_s, (time - time.mean()) / np.ptp(time)
 

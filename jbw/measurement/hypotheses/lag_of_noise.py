@@ -88,7 +88,7 @@ def _delayed(record: Record, lag: Lag, delay: float, least: float) -> Iterator[F
 def _away(
     omega: Reals, receptance: Complex[np.ndarray, " line"]
 ) -> tuple[Int[np.ndarray, " kept"], Reals, Reals] | None:
-    """Lines away from the one resonance, their phase, and its bend by damping; None of several."""
+    """Return lines off a single resonance, their phase, and its bend by damping; else None."""
     natural = float(omega[np.argmax(np.abs(omega * receptance))])
     r = omega / natural
     lines_away = np.flatnonzero(np.abs(1 - r**2) > AWAY)
@@ -183,7 +183,7 @@ def _lags_of_noise(u: Reals, x: Reals, fs: float) -> tuple[Reals, Reals, float] 
 
 
 def _cross(u: Reals, x: Reals, short: int) -> Complex[np.ndarray, "two line"]:
-    """Cross spectrum of a part, and its coherence."""
+    """Return the cross spectrum and the coherence of a part."""
     window = np.hanning(short)
     starts = range(0, len(u) - short + 1, short // 2)
     spectra = np.array(
@@ -196,13 +196,13 @@ def _cross(u: Reals, x: Reals, short: int) -> Complex[np.ndarray, "two line"]:
 
 
 def _jump_within(at: int, lags: Reals) -> _Fit:
-    """Lags that jump within one of the parts."""
+    """Fit lags that jump within one of the parts."""
     part = np.arange(len(lags))
     return _squares(np.column_stack([np.ones_like(lags), part > at, part == at]), lags)
 
 
 def _course(time: Reals, lags: Reals) -> Lag:
-    """Which of slope and step lags of noise follow; of neither, a constant."""
+    """Choose whether the lags of noise have a slope or a step; otherwise a constant."""
     constant = np.ones_like(time)
     plain = _squares(constant[:, None], lags)
     growing = _squares(np.column_stack([constant, time - time[0]]), lags)

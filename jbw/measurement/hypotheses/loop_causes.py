@@ -120,7 +120,7 @@ def _loaded(rest: Reals, force: Reals) -> Iterator[Cause]:
 
 
 def _off_zero(loop: ForcedLoop, basis: LoopBasis, zero: Columns) -> Iterator[Cause]:
-    """A load cell whose zero is off, and drifts: constant and ramp beside sliders and springs."""
+    """Yield the cause of a load cell with zero offset and drift, fitted with the loop's law."""
     if not zero.shape[1]:
         return
     found = fit_loop(basis, loop.force, [*zero.T])
@@ -156,7 +156,7 @@ def _worn(loop: ForcedLoop, basis: LoopBasis) -> Cause | None:
 
 
 def _late(loop: ForcedLoop, whole: LoopBasis, stated: float) -> Cause | None:
-    """A force that lags the displacement, by the lag that leaves least of the force ahead of it."""
+    """Return the cause of a force that lags the displacement, at the best-fitting lag."""
     if not (cycles := cycles_of(loop)):
         return None
     longest = OF_CYCLE * float(np.median([one.num_samples for one in cycles]))
@@ -186,7 +186,7 @@ def _high_passed(loop: ForcedLoop, basis: LoopBasis) -> Cause | None:
 
 
 def _slipped(loop: ForcedLoop, record: Record, every: int) -> Iterator[Cause]:
-    """A gauge that slips, at each of the steps of the motion that are least like those around."""
+    """Yield causes of a slipping gauge, at the motion steps least like their neighbours."""
     steps = np.diff(loop.displacement)
     around = np.lib.stride_tricks.sliding_window_view(steps, 2 * NEIGHBOURS + 1)
     unlike = steps[NEIGHBOURS:-NEIGHBOURS] - np.median(around, axis=1)

@@ -54,7 +54,7 @@ class SecondBlow:
 
 
 def _places(fits: DecayFits) -> list[Reals]:
-    """Starting values of jumps: where a step explains most of ln z about a cubic in time."""
+    """Return starting values of jumps: where a step best explains ln z about a cubic in time."""
     signal, linear = fits.signal, fits.fits["linear"].theta
     size, count = signal.size, len(signal.z)
     loud = np.flatnonzero(size > LOUD * max(signal.tail, 1e-4 * size.max()))

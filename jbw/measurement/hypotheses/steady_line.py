@@ -69,7 +69,7 @@ class UndecayingLine:
 
 
 def _in_decay(fits: DecayFits, residual: Complexes) -> DecayCause:
-    """Amplitudes over the decay's at its start, and lines above the centre of the band."""
+    """Return amplitudes over the decay's initial one, and lines above the band's centre."""
     signal = fits.signal
     turn, size = strongest_line(residual * fits.weight**2, signal.step_s)
     level = size / np.sum(fits.weight**2) / signal.a0

@@ -176,7 +176,7 @@ def decay_signal(x: Reals, fs: float, band_hz: tuple[float, float], order: int) 
 
 
 def _between_lines(z: Complexes, taps: Reals, step: int) -> float:
-    r"""Noise amplitude by the last third of an envelope, between lines and modes that it holds.
+    r"""Return noise amplitude from an envelope's last third, between its lines and modes.
 
     $$E|Z(f)|^2 = 4\sigma^2 |H(f)|^2 \sum w^2 / s, \qquad E|z|^2 = 4\sigma^2 \sum h^2$$
 
@@ -196,7 +196,7 @@ def _between_lines(z: Complexes, taps: Reals, step: int) -> float:
 
 
 def _moments(taps: Reals, fs: float) -> Reals:
-    """Even moments of a symmetric filter, sum h t^2k / (2k)!."""
+    """Return the even moments of a symmetric filter, sum h t^2k / (2k)!."""
     square = ((np.arange(len(taps)) - len(taps) // 2) / fs) ** 2
     k = np.arange(1, MOMENTS)
     factors = np.cumprod(np.append(1.0, 1 / (2 * k * (2 * k - 1))))
@@ -204,7 +204,7 @@ def _moments(taps: Reals, fs: float) -> Reals:
 
 
 def _log_response(signal: DecaySignal, pole: Complexes) -> tuple[Complexes, Complexes]:
-    """Logarithm of the filter's response to exp(s t), by its even moments, and its slope by s."""
+    """Return the log of a filter's response to exp(s t), by even moments, and its slope by s."""
     square = pole**2
     response, slope = np.full(len(pole), signal.moments[-1], complex), np.zeros(len(pole), complex)
     for moment in signal.moments[-2::-1]:
@@ -335,7 +335,7 @@ class _Flow(NamedTuple):
 def _flow(
     signal: DecaySignal, theta: Reals, basis: AmplitudeBasis, scale: float, above: float = 0.0
 ) -> _Flow | None:
-    """The flow of a basis from its start, or so much `above` in ln a; None where it is none."""
+    """Return a basis's flow from its start, raised by `above` in ln a; None if it is invalid."""
     terms = basis.terms
     own, turned = slice(2, 2 + terms), slice(2 + terms, 2 + 2 * terms)
     low = min(np.log(max(signal.tail, 1e-4 * signal.a0)) - 2.0, theta[0] - 3.0)
@@ -383,7 +383,7 @@ class _Course(NamedTuple):
 
 
 def _hermite(knots: Reals, values: Complexes, slopes: Complexes, at: Reals) -> Complexes:
-    """Cubic interpolation by values and slopes at knots."""
+    """Interpolate by cubics through values and slopes at knots."""
     i = np.clip(np.searchsorted(knots, at, "right") - 1, 0, len(knots) - 2)
     step = knots[i + 1] - knots[i]
     x = (at - knots[i]) / step
@@ -395,7 +395,7 @@ def _hermite(knots: Reals, values: Complexes, slopes: Complexes, at: Reals) -> C
 
 
 def _integral(values: Any, step: float) -> Any:
-    """Running integral by the trapezoidal rule with its end correction, of order 4; by rows."""
+    """Return the running integral by the end-corrected trapezoidal rule, of order 4; by rows."""
     slope = np.gradient(values, step, axis=-1)
     pieces = step * (values[..., 1:] + values[..., :-1]) / 2
     pieces -= step**2 / 12 * (slope[..., 1:] - slope[..., :-1])
@@ -545,7 +545,7 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
 def _powers(
     signal: DecaySignal, linear: ModeFit, scale: float, weight: Reals
 ) -> dict[str, ModeFit]:
-    """Bases with powers of the amplitude, as long as the next one leaves less."""
+    """Fit bases with powers of the amplitude, while the next one has a smaller residual."""
     level, phase, sigma, turn = linear.theta
 
     def fitted(name: str, start: list[float]) -> ModeFit:

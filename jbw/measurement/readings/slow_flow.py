@@ -117,7 +117,7 @@ def covariance(fitted: ModeFit, weight: Reals) -> Float[np.ndarray, "parameter p
 
 
 def _smooth_spectrum(residual: Complexes, padded: int) -> Reals:
-    """Power of a residual a line, averaged over lines that its length does not tell apart."""
+    """Return a residual's power per line, averaged over lines that its length cannot resolve."""
     power = np.abs(np.fft.fft(residual, padded)) ** 2 / len(residual)
     width = max(int(SMOOTHED * padded / len(residual)), 3) | 1
     kernel = np.hanning(width + 2)[1:-1]

@@ -194,7 +194,7 @@ def _rows(tables: Sequence[RecordTable], quantity: str, unit: float, top: float)
 def _estimated(
     rows: _RowsOfRecords, design: Float[np.ndarray, "row unknown"], tau: float
 ) -> _Estimate:
-    """Generalised least squares, records differing by tau."""
+    """Estimate by generalised least squares, with standard deviation tau between records."""
     num = design.shape[1]
     normal, right, squares, log_det = np.zeros((num, num)), np.zeros(num), 0.0, 0.0
     designs = [
@@ -216,7 +216,7 @@ def _estimated(
 def _between_records(
     rows: _RowsOfRecords, design: Float[np.ndarray, "row unknown"]
 ) -> tuple[float, float]:
-    """Standard deviation between records, and the probability of its likelihood by chance."""
+    """Return the standard deviation between records, and its likelihood's chance probability."""
     if len(rows.blocks) < 2 or len(rows.value) - design.shape[1] < 1:
         return 0.0, 1.0
     nothing = _estimated(rows, design, 0.0).penalty
@@ -246,7 +246,7 @@ def _at(values: Reals, r: float) -> float:
 
 
 def _turn(b: Reals, covariance: Reals, low: float) -> float | None:
-    """Relative amplitude at which a parabola turns, sure to both sides; None where it does not."""
+    """Return the relative amplitude of a parabola's clear turning point; None if it has none."""
     if b[1] == 0.0 or not low < (at := float(-b[0] / (2 * b[1]))) < 1.0:
         return None
     for end in (low, 1.0):
@@ -269,7 +269,7 @@ def _onset(b: Reals, covariance: Reals, low: float, top: float) -> float | None:
 def _exponent(
     rows: _RowsOfRecords, tau: float, inflation: float
 ) -> tuple[float, float, float] | None:
-    """Power of the amplitude and its 99 % interval, by the profile of the likelihood."""
+    """Return the exponent of the amplitude and its 99 % interval, by profile likelihood."""
     if len(rows.value) < 4:
         return None
     squares = np.array([

@@ -256,7 +256,7 @@ def late(columns: Columns, rate: Reals, lag_s: Any) -> Columns:
 
 
 def _moments(signal: SweepSignal, pole: Complexes) -> tuple[Complexes, ...]:
-    """exp(x), the integrals of exp(x s) and of (1 - s) exp(x s), and their slopes, safe at zero.
+    """Return exp(x), the integrals of exp(x s) and (1 - s) exp(x s), and slopes, safe at zero.
 
     Of every step, with x the change of a state's logarithm in it.
     """
@@ -272,13 +272,13 @@ def _moments(signal: SweepSignal, pole: Complexes) -> tuple[Complexes, ...]:
 
 
 def _forced(signal: SweepSignal, first: Complexes, second: Complexes) -> Complexes:
-    """What the drive, linear within a step, adds in it, by two moments."""
+    """Return the drive's contribution per step, for a drive linear in each step, by two moments."""
     u = signal.u
     return signal.step_s * (u[:-1] * (first - second) + u[1:] * second)
 
 
 def _marched(growth: Complexes, right: Any) -> Any:
-    """Solution of z[n] = growth[n - 1] z[n - 1] + right[n], by columns."""
+    """Solve z[n] = growth[n - 1] z[n - 1] + right[n], by columns."""
     if not right.size:
         return right
     bands = np.ones((2, len(right)), complex)
@@ -389,7 +389,7 @@ def _project(
     inner[np.diag_indices_from(inner)] += 1e-12  # a hair: columns may be alike
 
     def along(columns: Columns, values: Complexes) -> Reals:
-        """Inner products of columns, each with its gains' real and imaginary parts."""
+        """Return the inner products of columns, with real and imaginary parts of their gains."""
         return np.real(turn.conj() * (columns.conj().T @ values)[at])
 
     def gains_of(right: Reals) -> Complexes:
@@ -502,7 +502,7 @@ def fit_bases(signal: SweepSignal) -> SweepFits:
 
 
 def _linear_start(signal: SweepSignal, top: int) -> tuple[ModeFit, float]:
-    """A linear mode near the largest motion, the best of several starts, and its rate [1/s]."""
+    """Fit a linear mode near the largest motion from several starts; return rate [1/s] too."""
     above = signal.amplitude > signal.amplitude[top] / np.sqrt(2)
     width = max(abs(float(np.ptp(signal.rate[above]))), 1e-6 * float(signal.rate[top]))
     at_top = signal.rate[top] - 2 * np.pi * signal.centre_hz
@@ -525,7 +525,7 @@ def _bases(
     scale: float,
     weight: Reals,
 ) -> dict[str, ModeFit]:
-    """Bases with powers of the amplitude, from the last round's on, while the next leaves less."""
+    """Fit bases with powers of amplitude from the last round's, while the residual gets smaller."""
 
     def fitted(name: str, *starts: list[float]) -> ModeFit:
         begun = [before[name].theta.tolist()] if name in before else starts

@@ -193,7 +193,7 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
 
 
 def _chosen(fits: dict[str, ModeFit], count: float) -> str:
-    """Basis of the least concentrated likelihood, with a penalty a parameter (BIC)."""
+    """Choose the basis of best concentrated likelihood with a penalty per parameter (BIC)."""
     scores = {
         name: count * np.log(max(fit.squares, 1e-300)) + len(fit.theta) * np.log(count)
         for name, fit in fits.items()
@@ -245,7 +245,7 @@ class _Rows:
 
 
 def _floors(fits: DecayFits | SweepFits, best: ModeFit, rows: _Rows) -> tuple[Reals, Reals]:
-    """What a residual at high amplitude beyond the noise leaves open, and the stated floor."""
+    """Return the error from a residual beyond the noise at high amplitude, and the stated floor."""
     size = np.abs(fits.signal.z)
     loud = size > 0.4 * size.max()
     excess = float(np.mean(np.abs(best.residual[loud]) ** 2)) - 1.5 * fits.noise**2
@@ -258,7 +258,7 @@ def _floors(fits: DecayFits | SweepFits, best: ModeFit, rows: _Rows) -> tuple[Re
 
 
 def _second_order(fits: DecayFits | SweepFits, rows: _Rows) -> tuple[Reals, Reals]:
-    """What first-order averaging leaves open where frequency or damping change."""
+    """Return the error of first-order averaging where frequency or damping change."""
     hz, zeta = rows.hz, np.abs(rows.zeta)
     share = fits.SECOND_ORDER + float(zeta.max())
     change, growth = np.ptp(hz), np.ptp(rows.zeta)
@@ -267,7 +267,7 @@ def _second_order(fits: DecayFits | SweepFits, rows: _Rows) -> tuple[Reals, Real
 
 
 def _change(values: Reals, spread: Square, floor: float, factor: float = 1.0) -> MeasuredChange:
-    """Difference of the first and the last value of a table."""
+    """Return the difference between the first and last value of a table, with its error."""
     variance = spread[0, 0] + spread[-1, -1] - 2 * spread[0, -1]
     sd = np.hypot(np.sqrt(max(float(variance), 0.0)), floor)
     return MeasuredChange(float((values[0] - values[-1]) * factor), float(sd * factor))

@@ -21,7 +21,7 @@ LOOKED_AT = 80  # lines of a text by which its recorder is known
 
 @cache
 def modules() -> tuple[str, ...]:
-    """Dotted names of the modules in the table."""
+    """Return the dotted names of the modules in the table."""
     return tuple(
         f"{__name__}.{module.name}"
         for module in sorted(pkgutil.iter_modules(__path__), key=lambda module: module.name)
@@ -40,7 +40,7 @@ def recorders() -> tuple[Recorder, ...]:
 
 
 def of_lines(lines: Sequence[str], path: Path) -> Contents | None:
-    """What a text holds by its recorder's own rules; None where no recorder is known by it."""
+    """Read a text by its recorder's own rules; None where no recorder recognises it."""
     head = lines[:LOOKED_AT]
     for recorder in recorders():
         if recorder.of_text and recorder.read_text and recorder.of_text(head):
@@ -49,7 +49,7 @@ def of_lines(lines: Sequence[str], path: Path) -> Contents | None:
 
 
 def annotated(contents: Contents) -> Contents:
-    """An open file with what its recorder says of the channels; as it is where none is known."""
+    """Add the recorder's facts on the channels to an open file; unchanged if none matches."""
     for recorder in recorders() if not contents.recorder else ():
         if recorder.of and recorder.read and recorder.of(contents):
             contents = replace(recorder.read(contents), recorder=recorder.name)

@@ -15,13 +15,13 @@ MOST_VALUES = 4096  # that are read to learn one fact
 
 
 def top(contents: Contents) -> dict[str, Any]:
-    """What stands at the top of a tree, by names."""
+    """Return the top-level nodes of a tree by name."""
     root = contents.root
     return {str(name): node for name, node in root.items()} if isinstance(root, Mapping) else {}
 
 
 def node_at(node: Any, *names: str) -> Any:
-    """What lies at names within structs, or None."""
+    """Return the node at a path of names within structs, or None."""
     for name in names:
         if not isinstance(node, Mapping) or name not in node:
             return None
@@ -45,7 +45,7 @@ def number_at(node: Any, *names: str) -> float:
 
 
 def number_in(text: Any) -> float:
-    """The number that a text begins with, `51200,0 Hz` too; NaN where it begins with none."""
+    """Return the number at the start of a text, such as `51200,0 Hz`; NaN if there is none."""
     match = re.match(r"\s*([-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?)", str(text)[:80])
     try:
         return float(match[1].replace(",", ".")) if match else math.nan
@@ -54,7 +54,7 @@ def number_in(text: Any) -> float:
 
 
 def rate_of(increment: float) -> float | None:
-    """Sampling frequency of an increment in seconds [Hz], if that is one."""
+    """Return the sampling frequency [Hz] for an increment in seconds, if it is valid."""
     return 1 / increment if math.isfinite(increment) and increment > 0 else None
 
 
@@ -64,7 +64,7 @@ def positive(value: float) -> float | None:
 
 
 def stated(text: str, pattern: str) -> str:
-    """What stands behind a key in a line such as `Sample rate: 1000 Hz`, or `Key;value`; or ''."""
+    """Return the text after a key in a line, as `Sample rate: 1000 Hz` or `Key;value`; or ''."""
     match = re.match(rf"[\"#%;\s]*(?:{pattern})[\"\s]*(?:[:=;,\t]|\s{{2,}})[\"\s]*(.*)", text,
                      re.IGNORECASE)  # fmt: skip
     return match[1].strip(' "\t;,') if match else ""
@@ -125,7 +125,7 @@ def axis_in(lines: Sequence[str]) -> Axis | None:
 
 
 def rate_in(lines: Sequence[str], *, with_sentences: bool = False) -> float | None:
-    """Sampling frequency that the lines above a table state [Hz]; None where they state none.
+    """Return the sampling frequency [Hz] stated in the lines above a table; None if absent.
 
     Sentences of comments are read where asked for.
     """
@@ -149,14 +149,14 @@ def rate_in(lines: Sequence[str], *, with_sentences: bool = False) -> float | No
 
 
 def named(leaf: Leaf, title: str, unit: str = "") -> Leaf:
-    """A leaf with a title, whose unit is taken from behind the name where it is not stated."""
+    """Return a leaf with a title; take its unit from behind the name if it is not stated."""
     name, behind = titled(title)
     unit = unit or behind
     return replace(leaf, label=name, unit=plain(unit) if is_unit(unit) else unit)
 
 
 def titled_leaf(leaf: Leaf, title: str) -> Leaf:
-    """A leaf with the name that a file made of a title, underscores for what it could not keep."""
+    """Return a leaf with the title restored from a file's name with underscores."""
     return replace(leaf, label=title.replace("_", " ").strip())
 
 

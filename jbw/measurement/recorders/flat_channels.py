@@ -30,7 +30,7 @@ def is_of(contents: Contents) -> bool:
 
 
 def read(contents: Contents) -> Contents:
-    """Rate of the file; name and unit of each channel of as many samples as it declares."""
+    """Return the file's rate, and each channel's name and unit if it has all declared samples."""
     root = top(contents)
     series: dict[str, Leaf] = {}
     fs = positive(number_at(root, "File_Header", "SampleFrequency"))

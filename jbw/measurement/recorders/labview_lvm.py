@@ -119,7 +119,7 @@ def _without_empty(columns: Contents, counts: Sequence[str]) -> Contents:
 
 
 def _packets(name: str, declared: float, size: int, is_one_header: bool) -> int:
-    """Packets of as many samples as declared; several where one header stands for all."""
+    """Return the number of packets of declared length; several if one header covers all."""
     if np.isnan(declared) or declared == size:
         return 1
     if is_one_header and declared > 0 and size % declared == 0:
@@ -128,7 +128,7 @@ def _packets(name: str, declared: float, size: int, is_one_header: bool) -> int:
 
 
 def _rounding(text: str) -> float:
-    """Half a unit of the last digit of a number over that number; 0 where there is no number.
+    """Return half a unit of a number's last digit over that number; 0 if there is no number.
 
     LabVIEW writes six decimals; zeros at their end may be missing.
     """

@@ -27,7 +27,7 @@ UNITS = ("units", "Units", "unit", "VariableUnits")
 
 
 def _texts(node: Any) -> list[str]:
-    """Texts of a cell, or lines of one text."""
+    """Return the texts of a cell, or the lines of one text."""
     if isinstance(node, Opaque):
         return [line.strip() for line in node.text.split("\n")] if node.text else []
     if isinstance(node, np.ndarray):

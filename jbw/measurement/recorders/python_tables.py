@@ -56,7 +56,7 @@ def _rate(facts: Mapping[str, Any]) -> float | None:
 
 
 def _facts(node: Any, item: Leaf) -> dict[str, Any]:
-    """What stands beside an array, and in its attributes, which come first."""
+    """Return the values next to an array and its attributes, which take precedence."""
     siblings = dict(node) if isinstance(node, Mapping) else {}
     return {**siblings, **item.attributes}
 

@@ -24,7 +24,7 @@ from jbw.units import plain
 
 
 def signals(contents: Contents) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Structs of signals at the top of a file."""
+    """Yield the structs of signals at the top of a file."""
     for name, node in top(contents).items():
         values = node_at(node, "y_values", "values")
         if isinstance(values, Leaf) and not math.isnan(number_at(node, "x_values", "increment")):
@@ -37,7 +37,7 @@ def is_of(contents: Contents) -> bool:
 
 
 def read(contents: Contents) -> Contents:
-    """Rate, unit, start and name of each signal; several columns of one are channels each."""
+    """Return rate, unit, start and name of each signal; its columns become separate channels."""
     root = top(contents)
     series: dict[str, Leaf] = {}
     for name, node in signals(contents):
