@@ -218,7 +218,7 @@ def enable_x64() -> None:
 
 
 def citation() -> str:
-    """How to cite this version of jbw, and the paper whose method it implements.
+    """Return the citation of this version of jbw and of the paper whose method it implements.
 
     Returns:
         The text of `CITATION.cff`, in the Citation File Format that Zenodo, Zotero and most forges

@@ -41,7 +41,7 @@ class JbwError(Exception):
 
 
 def printable(text: str) -> str:
-    """Text whose control characters are spelled out: what a file holds must not steer a terminal.
+    """Return text with control characters spelled out: a file must not steer a terminal.
 
     Args:
         text: What may quote a file; its line breaks stay.
@@ -120,7 +120,7 @@ class RunError(JbwError, RuntimeError):
 
 @contextmanager
 def naming(name: str) -> Iterator[None]:
-    """Let the errors that are raised inside begin with what they are about, where they lack it."""
+    """Add a name to the start of errors raised inside, unless they have it already."""
     try:
         yield
     except JbwError as error:
@@ -131,14 +131,14 @@ def naming(name: str) -> Iterator[None]:
 
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
-    """The beginning of a remedy: the known name most like the one that was asked for, if any."""
+    """Return the start of a remedy: the known name most like the requested one, if any."""
     lowered = {other.lower(): other for other in names}
     nearest = get_close_matches(name.lower(), list(lowered), n=1, cutoff=0.4)
     return f"Did you mean `{lowered[nearest[0]]}`? " if nearest else ""
 
 
 def reason_of(error: Exception) -> str:
-    """Why something failed, as one sentence: jbw's own errors say it, others give their name."""
+    """Return why something failed, in one sentence: jbw's text, or another error's name."""
     text = error.what if isinstance(error, JbwError) else f"{type(error).__name__}: {error}"
     return printable(" ".join(text.split())).rstrip(".: ") + "."
 
@@ -158,7 +158,7 @@ class Attempts:
     def make[Made, Otherwise](
         self, what: str, build: Callable[[], Made], otherwise: Otherwise
     ) -> Made | Otherwise:
-        """What `build` returns; where it raises, `otherwise`, and a sentence that begins `what`."""
+        """Return the result of `build`; if it raises, report `what` and return `otherwise`."""
         try:
             return build()
         except Exception as error:

@@ -40,7 +40,7 @@ def require_readable(size: float, takes: str, remedy: str) -> None:
 
 
 def address_space() -> float:
-    """Most address space that this process may have [bytes]; infinite where nothing limits it."""
+    """Return the address space limit of this process [bytes]; infinite if unlimited."""
     try:
         import resource
     except ImportError:  # no such limits on this system

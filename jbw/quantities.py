@@ -42,7 +42,7 @@ class Quantity(NamedTuple):
 
 
 def must_be(quantity: Quantity, value: float) -> str | None:
-    """What a quantity must be, in words, where a value lies below all that makes sense; or None."""
+    """Return the condition on a quantity in words where a value is below its least; or None."""
     least = quantity.least
     if least is None or value > least or (value == least and not quantity.is_open):
         return None
@@ -238,7 +238,7 @@ def law_name(law: str, joints: Iterable[str]) -> str:
 
 
 def natural(name: str) -> list[tuple[int, int | str]]:
-    """Sorting key with numbers by value, so that run_2 comes before run_10."""
+    """Return a sorting key with numbers by value, so that run_2 comes before run_10."""
     parts = re.split(r"(\d+)", name)
     return [(1, int(part)) if part.isdecimal() else (0, part) for part in parts]
 
@@ -259,7 +259,7 @@ _LOWERED = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 def motion_factor(mode: int, joint: str) -> Quantity:
-    """A joint's motion in a mode over that of the model's matrices; `mode` is 1 for the first."""
+    """Return the quantity of a joint's motion in a mode (1: first) over the matrices'."""
     number = str(mode).translate(_LOWERED)
     return Quantity(
         name_at(f"{MOTION_FACTOR}_{mode}", joint), f"f{number} {joint}", "1",

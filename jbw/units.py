@@ -140,12 +140,12 @@ LONGEST = 64  # letters of a unit; what is longer is none
 
 
 def si_unit(quantity: str) -> str:
-    """SI unit in which jbw holds a quantity, such as `m/s` for a velocity."""
+    """Return the SI unit in which jbw stores a quantity, such as `m/s` for a velocity."""
     return next(iter(FACTORS[quantity]))
 
 
 def plain(unit: str) -> str:
-    """Spelling of a unit as the table has it: `µm/s²` is `um/s^2`, `G's` is `g`."""
+    """Return the table's spelling of a unit: `µm/s²` is `um/s^2`, `G's` is `g`."""
     return _plain(unit) if len(unit) <= LONGEST else unit
 
 
@@ -170,7 +170,7 @@ def _plain(unit: str) -> str:
 
 
 def _word(word: str) -> str:
-    """The symbol of a word within a compound, where that is a symbol and no compound itself."""
+    """Return the symbol for a word in a compound, if it is a simple symbol."""
     symbol = WORDS.get(word.lower(), "") if len(word) > 2 else SYMBOLS.get(word, "")
     return symbol if symbol and re.fullmatch("[A-Za-z]+", symbol) else word
 
@@ -180,7 +180,7 @@ def _in_table(unit: str) -> bool:
 
 
 def _same_in_table(unit: str) -> str:
-    """The table's unit of the same dimensions and factor as a compound; empty where there is none.
+    """Return the table's unit equal to a compound in dimensions and factor; empty if none.
 
     `m/s/s` and `m s^-2` are `m/s^2`; what is per force or mass is a ratio, and no table has it.
     """
@@ -228,7 +228,7 @@ def measured(unit: str) -> Measured | None:
 
 
 def _factors(unit: str, sign: int = 1, depth: int = 0) -> Iterator[tuple[str, int]]:
-    """Symbols of a compound and their powers: a stroke turns the one factor behind it."""
+    """Yield the symbols of a compound with their powers; a stroke inverts the next factor."""
     if depth > 4:
         raise ValueError(unit)
     rest, below = unit.strip(), 1
@@ -271,7 +271,7 @@ def _symbol(symbol: str) -> Measured | None:
 
 
 def decibels(unit: str) -> tuple[float, str] | None:
-    """Reference of a unit in decibels, such as 1e-6 and `m/s^2` of `dB re 1e-6 m/s^2`; or None."""
+    """Return a decibel unit's reference, as 1e-6 and `m/s^2` of `dB re 1e-6 m/s^2`; or None."""
     match = _DECIBEL.fullmatch(unit.strip()) if len(unit) <= LONGEST else None
     return (float(match[1] or 1.0), match[2]) if match else None
 
@@ -306,7 +306,7 @@ def is_voltage(unit: str) -> bool:
 
 
 def quantity_of(unit: str, among: tuple[str, ...] = tuple(FACTORS)) -> str:
-    """Quantity that a unit measures, of those that may be meant.
+    """Return the quantity that a unit measures, among the admitted quantities.
 
     Args:
         unit: Unit as the user wrote it.
@@ -383,7 +383,7 @@ def _factor(written: str, quantity: str) -> float | None:
 
 
 def powers_of(unit: str) -> dict[str, int]:
-    """Powers of its factors in a unit of jbw's dialect: `1/(m s^2)` is {m: -1, s: -2}."""
+    """Return the powers of a unit's factors in jbw's dialect: `1/(m s^2)` is {m: -1, s: -2}."""
     above, _, below = unit.partition("/")
     powers: dict[str, int] = {}
     for part, sign in ((above, 1), (below.strip("()"), -1)):

@@ -57,7 +57,7 @@ def dof_of(node: object, direction: object) -> Dof:
 
 
 def numbered_rows(size: int) -> tuple[Dof, ...]:
-    """Degrees of freedom of a model without a table: rows counted from 1."""
+    """Return the degrees of freedom of a model without a table: rows counted from 1."""
     return tuple(Dof(str(i), ROW) for i in range(1, size + 1))
 
 
@@ -95,7 +95,7 @@ def weights_at(place: Place, dofs: Sequence[Dof], what: str) -> Weights:
 
 
 def terms_of(place: Place, what: str) -> list[tuple[Dof, float]]:
-    """Degrees of freedom of a place and their factors.
+    """Return the degrees of freedom of a place and their factors.
 
     Args:
         place: As `Place` says.

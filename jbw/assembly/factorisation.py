@@ -16,7 +16,7 @@ Solve = Callable[[np.ndarray], np.ndarray]  # of one load or of several, a colum
 
 
 def solver_of(matrix: Sparse) -> Solve:
-    """Solutions with a positive definite matrix, factored once.
+    """Return a solver for a positive definite matrix that is factored once.
 
     Raises:
         ModelError: The matrix is singular.
@@ -35,7 +35,7 @@ def solver_of(matrix: Sparse) -> Solve:
 
 
 def negative_pivots(matrix: Sparse) -> np.ndarray:
-    """Rows of the negative pivots of L D L^T: by Sylvester's law as many as negative eigenvalues.
+    """Return rows of negative pivots of L D L^T: as many as negative eigenvalues (Sylvester's law).
 
     Where the elimination must leave the diagonal, the row is the largest component of the lowest
     eigenvector instead, and there is none where its eigenvalue is positive.
@@ -55,7 +55,7 @@ def negative_pivots(matrix: Sparse) -> np.ndarray:
 
 
 def _factored(matrix: Sparse) -> scipy.sparse.linalg.SuperLU:
-    """Elimination along the diagonal in an order of little fill."""
+    """Factor the matrix along its diagonal in an order with little fill."""
     return scipy.sparse.linalg.splu(
         matrix,
         permc_spec="MMD_AT_PLUS_A",

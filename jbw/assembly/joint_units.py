@@ -66,7 +66,7 @@ def rotates(terms: Terms) -> bool:
 
 
 def terms_in(units: JointUnits, terms: Terms) -> tuple[tuple[Dof, float], ...]:
-    """Factors of a joint's degrees of freedom where these are in the same system of units."""
+    """Return the factors of a joint's degrees of freedom in the model's system of units."""
     si = {True: units.length, False: 1.0}
     return tuple(
         (dof, weight * si[dof.direction in TRANSLATIONS] / units.motion) for dof, weight in terms
@@ -74,7 +74,7 @@ def terms_in(units: JointUnits, terms: Terms) -> tuple[tuple[Dof, float], ...]:
 
 
 def _powers(unit: str) -> tuple[int, int, int]:
-    """Powers of force, motion and time in an SI unit."""
+    """Return the powers of force, motion and time in an SI unit."""
     of_unit = measured(unit)
     if of_unit is None:
         raise ValueError(f"`{unit}` is no SI unit")

@@ -297,7 +297,7 @@ def modal_damping(
 def _of_form(
     damping: Sparse, mass: Sparse, stiffness: Sparse, across: np.ndarray
 ) -> np.ndarray | None:
-    """a, b and d_j by least squares; None where they leave more than round-off of C."""
+    """Fit a, b and d_j by least squares; None where the residual of C exceeds round-off."""
     size = np.sqrt(np.abs(stiffness.diagonal()))
     scale = sp.diags_array(1 / np.where(size > 0, size, 1.0))
     weights = sp.csc_array(across)

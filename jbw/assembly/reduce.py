@@ -142,7 +142,7 @@ def reduce(
     holds_joints: bool = False,
     slow_residual_modes: bool = True,
 ) -> ReducedModel:
-    """Modes with the joints in full stick, and residual modes of the joints and of the input.
+    """Compute modes with joints in full stick, and residual modes of joints and input.
 
     Args:
         model: Matrices of the structure.
@@ -265,7 +265,7 @@ def _residual_basis(
 
 
 def _stuck(stiffness: Sparse, joints: Sequence[Joint], across: np.ndarray) -> Sparse:
-    """K_s = K + sum k_j w_j w_j^T."""
+    """Return the stiffness matrix K_s = K + sum k_j w_j w_j^T."""
     weights = sp.csc_array(across)
     springs = sp.diags_array(np.array([joint.stiffness for joint in joints]))
     return sp.csc_array(stiffness + weights @ springs @ weights.T)
@@ -279,7 +279,7 @@ def _damping(
     across: np.ndarray,
     modes: StuckModes,
 ) -> ModalDamping:
-    """Stated damping ratios of the kept modes, or what the model's damping matrix has."""
+    """Return the kept modes' stated damping ratios, or those of the model's damping matrix."""
     if zeta is None:
         if model.damping is None:
             raise ConfigError(
@@ -428,7 +428,7 @@ def _require_plausible(modes: StuckModes, units: str) -> None:
 def _notes(
     model: MatrixModel, modes: StuckModes, residual: ResidualModes, limit: float
 ) -> list[str]:
-    """What was done beyond what was asked for."""
+    """Return notes on steps that were taken in addition to the requested ones."""
     notes = []
     if massless := model.massless.size:
         notes.append(messages.massless(massless))

@@ -90,7 +90,7 @@ class JointSeparability:
         return "\n".join(lines)
 
     def sentence(self, pair: InseparablePair) -> str:
-        """What is wrong with a pair of joints."""
+        """Return the sentence on a pair of inseparable joints."""
         first, second = self.joints[pair.first], self.joints[pair.second]
         angle = "less than 0.1" if pair.degrees < _SHOWN_DEGREES else f"{pair.degrees:.2g}"
         modes = "mode" if len(self.modes) == 1 else "modes"
@@ -129,7 +129,7 @@ def joint_separability(
     exponent: float = 1.0,
     groups: Sequence[int] | None = None,
 ) -> JointSeparability:
-    """B, its condition number, and the joints that some modes do not tell apart.
+    """Return B, its condition number, and the joints that some modes cannot separate.
 
     Args:
         model: A reduced model, or the motion of every joint (row) by a unit of every mode.
@@ -187,7 +187,7 @@ def joint_separability(
 def _of_groups(
     motion: np.ndarray, participation: np.ndarray, names: tuple[str, ...], groups: Sequence[int]
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Columns of groups of joints: the first one's motion, the sum of B, and all names."""
+    """Return columns of joint groups: the first joint's motion, the sum of B, and all names."""
     members = [[j for j, g in enumerate(groups) if g == group] for group in dict.fromkeys(groups)]
     return (
         motion[:, [joints[0] for joints in members]],
@@ -199,7 +199,7 @@ def _of_groups(
 def moving_modes(
     model: ReducedModel | Float[np.ndarray, "joint mode"],
 ) -> Bool[np.ndarray, " mode"]:
-    """Which kept modes move a joint by more than round-off: energy shares, or relative motions."""
+    """Return the kept modes that move a joint beyond round-off, by energy share or motion."""
     if isinstance(model, ReducedModel):
         return energy_shares(model).max(axis=0) > _MOVES
     H = np.atleast_2d(np.asarray(model, float))
@@ -215,7 +215,7 @@ def _condition(matrix: np.ndarray) -> float:
 
 
 def _angles(matrix: np.ndarray) -> np.ndarray:
-    """Angles between the columns of a matrix, 90 degrees to a column of zeros."""
+    """Return the angles between columns of a matrix, 90 degrees to a column of zeros."""
     norms = np.linalg.norm(matrix, axis=0)
     unit = matrix / np.where(norms > 0, norms, 1.0)
     # Of nearly parallel vectors by their difference: the arc cosine loses half of the digits.

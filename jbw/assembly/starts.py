@@ -52,7 +52,7 @@ def joint_starts(
     readings: Float[np.ndarray, " mode"],
     covariance: Float[np.ndarray, "mode mode"],
 ) -> JointStarts:
-    """Non-negative S_j (or O_j) of every joint from readings of single modes.
+    """Estimate non-negative S_j (or O_j) of every joint from readings of single modes.
 
     Args:
         separability: B of the modes that were read.

@@ -83,7 +83,7 @@ def stuck_modes(stiffness: Sparse, mass: Sparse, to_hz: float) -> StuckModes:
 def _lowest(
     shifted: Sparse, mass: Sparse, solve: Solve, limit: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues of (shifted, M) up to a limit and some beyond, and mass-normalised shapes."""
+    """Return eigenvalues of (shifted, M) to a limit and some beyond, and mass-normalised shapes."""
     size = mass.shape[0]
     if size < DENSE_BELOW:
         # M v = mu (K_s - shift M) v, mu = 1/eigenvalue; mu = 0 of massless degrees of freedom.
@@ -152,7 +152,7 @@ def _require_all(stiffness: Sparse, mass: Sparse, eigenvalues: np.ndarray, limit
 
 
 def _signed(shapes: np.ndarray) -> np.ndarray:
-    """Shapes whose largest component is positive; of components alike in size, the first."""
+    """Return shapes with a positive largest component; of equally large components, the first."""
     sizes = np.abs(shapes)
     first = np.argmax(sizes >= (1 - _SAME_FREQUENCY) * sizes.max(axis=0), axis=0)
     return shapes * np.sign(shapes[first, np.arange(shapes.shape[1])])
@@ -185,7 +185,7 @@ def residual_shapes(
     modes: StuckModes,
     loads: Float[np.ndarray, "dof load"],
 ) -> Float[np.ndarray, "dof load"]:
-    r"""Residual attachment modes: what the kept modes leave of the static response to loads.
+    r"""Return residual attachment modes: static response to loads minus that of the kept modes.
 
     $$\Psi = K_s^{-1}W - \Phi\Lambda^{-1}\Phi^TW$$
 

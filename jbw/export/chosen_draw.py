@@ -93,7 +93,7 @@ def best_draw(
 def backbone_within(
     draws: Draws, amplitude: Float[np.ndarray, " amplitude"], bands: Bands, laws: Laws
 ) -> NDArray[np.bool_]:
-    """Which draws have a backbone that lies within bands at every amplitude."""
+    """Return which draws have a backbone within the bands at every amplitude."""
     frequency, damping, _ = carry(curves, draws, amplitude, laws)
     inside = np.ones(count_of(draws), bool)
     for values, edges in ((frequency, bands["frequency"]), (damping, bands["damping"])):
@@ -104,7 +104,7 @@ def backbone_within(
 
 
 def picked(draws: Draws, numbers: NDArray[np.intp] | list[int]) -> Draws:
-    """Some draws by their numbers."""
+    """Return the draws with the given numbers."""
     return {name: values[numbers] for name, values in draws.items()}
 
 

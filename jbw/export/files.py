@@ -156,7 +156,7 @@ def _as_fields(by_name: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def notes_on(programs: Iterable[Program]) -> tuple[str, ...]:
-    """What must be said of what was written."""
+    """Return the notes on the written files."""
     compiled = any(program.name.startswith("fmi") for program in programs)
     if not compiled or compiler() is not None:
         return ()

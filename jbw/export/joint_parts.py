@@ -25,7 +25,7 @@ Table = dict[str, NDArray[np.float64]]
 
 
 def linear_parts(theta: Mapping[str, float], laws: Laws, mass: float) -> dict[str, float]:
-    """Modal mass [kg], and the spring [N/m] and the dashpot [N s/m] beside the laws."""
+    """Return modal mass [kg], and spring [N/m] and dashpot [N s/m] parallel to the laws."""
     joint = oscillator_of(theta, laws)
     dashpot = 2.0 * mass * theta["zeta"] * theta["omega_n"]
     return {"mass": mass, "spring": mass * float(joint.k), "dashpot": dashpot}
@@ -33,7 +33,7 @@ def linear_parts(theta: Mapping[str, float], laws: Laws, mass: float) -> dict[st
 
 # -- curves ----------------------------------------------------------------------------------------
 def skeletons(draws: Draws, y_max: float, laws: Laws, mass: float) -> list[Table]:
-    """Of each draw, evenly to the largest displacement: forces there and what is equivalent.
+    """Return each draw's forces and equivalent elements at even steps to the largest displacement.
 
     `tip_force_n` is at the tips of steady loops, `virgin_force_n` on the way there from rest, both
     of spring and laws without dampers; `stiffness_n_m` and `damping_ns_m` are a spring and a
@@ -67,7 +67,7 @@ def _skeleton(
 
 
 def static_loops(one: Draws, y_max: float, laws: Laws, mass: float) -> Table:
-    """Steady loops under slow motion: the force of spring and joint, without any damper [N]."""
+    """Return steady loops under slow motion: force of spring and joint, without dampers [N]."""
     peaks = y_max * np.asarray(PARTS)
     half = peaks[:, None] * np.cos(np.linspace(0.0, np.pi, NUM_PHASES + 1)[:-1])
     down = carry(_force_unloading, one, jnp.asarray(peaks), jnp.asarray(half), laws)[0]
@@ -88,7 +88,7 @@ def _force_unloading(
 
 
 def _even_force(theta: Mapping[str, jax.Array], y: jax.Array, laws: Laws) -> jax.Array:
-    """What of the force is the same on both sides [N/kg]."""
+    """Return the part of the force that is an even function of displacement [N/kg]."""
     springs = (law for law in oscillator_of(theta, laws).laws if law.is_even)
     return sum((law.force(y, 0.0, ()) for law in springs), 0.0 * y)  # pyright: ignore[reportReturnType]
 
@@ -120,7 +120,7 @@ def materials_of(
 
 
 def _in_parallel(sliders: Sliders, mass: float) -> tuple[Material, ...]:
-    """Sliders and what does not slip."""
+    """Return the materials of the sliders and of the spring that does not slip."""
     pairs = zip(sliders.stiffness, sliders.slip, strict=True)
     slipping = (Material("ElasticPP", (mass * float(k), float(slip))) for k, slip in pairs)
     return Material("Elastic", (mass * sliders.spring,)), *slipping

@@ -154,7 +154,7 @@ def export(
 
 
 def export_draws(tree: xr.DataTree, result: Export, count: int) -> tuple[tuple[int, Export], ...]:
-    """Evenly spaced draws of the posterior as exports of their own, with their numbers.
+    """Return evenly spaced draws of the posterior as separate exports, with their numbers.
 
     They weigh the same: the posterior is their mean.
 
@@ -177,7 +177,7 @@ def export_draws(tree: xr.DataTree, result: Export, count: int) -> tuple[tuple[i
 
 
 def _of_draw(result: Export, draw: Draws, number: int, skeleton: Table) -> Export:
-    """What an export says of one draw alone, in place of the draw that it had."""
+    """Return an export with the facts of another draw in place of its draw."""
     theta = {name: float(values[0]) for name, values in draw.items()}
     laws, mass = result.laws, result.mass
     return replace(
@@ -192,7 +192,7 @@ def _of_draw(result: Export, draw: Draws, number: int, skeleton: Table) -> Expor
 
 
 def every_draw(basis: Basis) -> Draws:
-    """All draws of the main posterior beside what was held, without the gain of the source."""
+    """Return all draws of the main posterior and held parameters, without the source's gain."""
     sizes = basis.posterior.sizes
     draws = basis.thinned(max(2, sizes["chain"] * sizes["draw"]))
     draws.pop("gain", None)
@@ -261,7 +261,7 @@ def origin(
     bands: Bands,
     laws: Laws,
 ) -> Iterable[str]:
-    """Whether what the data know of the exported draw lies within the intervals of all draws."""
+    """Yield sentences on whether the exported draw lies within the intervals of all draws."""
     for name, unit, values in products_of(draws, laws):
         low, _, high = band(values)
         value = values[number]
@@ -293,7 +293,7 @@ def _parameters(
 def parameter_row(
     convention: str, name: str, unit: str, value: float, values: NDArray[np.float64]
 ) -> dict[str, Any]:
-    """A parameter of the exported draw, with standard deviation and quantiles of all draws."""
+    """Return an exported parameter with standard deviation and quantiles of all draws."""
     facts = {"value": value, "sd": float(np.std(values))}
     facts |= dict(zip(MARKS, map(float, band(values)), strict=True))
     return {"convention": convention, "parameter": name, "unit": unit, **facts}

@@ -97,7 +97,7 @@ class JointsExport:
 def export_joints(
     tree: xr.DataTree, *, draw: int | None = None, summary: Mapping[str, Any] | None = None
 ) -> JointsExport:
-    """All joints of a run at the draw of highest posterior density, or at one that is asked for.
+    """Export all joints of a run at the draw of highest posterior density, or a given draw.
 
     Args:
         tree: The run's result.
@@ -150,7 +150,7 @@ def export_joints(
 def export_joints_draws(
     tree: xr.DataTree, result: JointsExport, count: int
 ) -> tuple[tuple[int, JointsExport], ...]:
-    """Evenly spaced draws of the posterior as exports of their own, with their numbers.
+    """Return evenly spaced draws of the posterior as separate exports, with their numbers.
 
     Raises:
         ConfigError: `count` is not from 1 to the number of draws.
@@ -232,7 +232,7 @@ def _cards_of_joint(
 
 
 def _largest_motion(draws: Draws, name: str, tree: xr.DataTree) -> tuple[float, float]:
-    """Largest motion of a joint that was measured, and frequency of the mode that it was in.
+    """Return a joint's largest measured motion, and the frequency of its mode.
 
     By the draw that moves it most, where shapes are uncertain.
     """
@@ -281,7 +281,7 @@ def _exports(
 def _plain(
     draws: Draws, model_joint: ModelJoint, names: Laws, units: JointUnits
 ) -> tuple[Draws, tuple[Quantity, ...]]:
-    """Parameters of a joint's laws by their plain names in some units, and their table."""
+    """Return a joint's law parameters by plain names in given units, and their table."""
     count = count_of(draws)
     values: Draws = {
         "omega_n": np.full(count, np.sqrt(units.value(model_joint.stiffness, "N/m"))),
@@ -323,7 +323,7 @@ def _modal(theta: Mapping[str, Any]) -> tuple[Quantity, ...]:
 
 # -- words and tables ------------------------------------------------------------------------------
 def _modes(draw: Draws, tree: xr.DataTree) -> Iterable[str]:
-    """Frequency of every mode in full stick and motion of joints beside those of the matrices."""
+    """Yield each mode's frequency in full stick and joint motion relative to the matrices."""
     model_hz = tree["joints"].to_dataset()["frequency_hz"].values
     pairs = zip(_modal(draw)[::2], _modal(draw)[1::2], model_hz, strict=True)
     for i, (omega, zeta, hz) in enumerate(pairs, start=1):
@@ -334,7 +334,7 @@ def _modes(draw: Draws, tree: xr.DataTree) -> Iterable[str]:
 
 
 def _places(assembly: ModelJoints, cards: Sequence[JointCard]) -> Iterable[str]:
-    """Of each joint its motion and its stiffness, and of one without a law that it has none."""
+    """Yield each joint's motion and stiffness, and a note for a joint without a law."""
     by_name = {card.name: card for card in cards}
     for model_joint in assembly.joints:
         units = joint_units(assembly.units, rotates=rotates(model_joint.terms))
@@ -353,7 +353,7 @@ def _places(assembly: ModelJoints, cards: Sequence[JointCard]) -> Iterable[str]:
 def _parameters(
     draws: Draws, number: int, assembly: ModelJoints, laws: Laws
 ) -> Iterable[dict[str, Any]]:
-    """Rows of the modes, then of every joint's laws in SI and in the units of the model."""
+    """Yield rows of the modes, then of each joint's laws in SI and in the model's units."""
     for quantity in (*_modal(draws), *motion_factors_in(draws).values()):
         values = draws[quantity.name]
         row = parameter_row(SI, quantity.name, quantity.unit, float(values[number]), values)
@@ -373,7 +373,7 @@ def _parameters(
 
 
 def _loops(cards: Sequence[JointCard]) -> Mapping[str, Sequence[Any]]:
-    """Steady loops of every joint in SI, one below the other."""
+    """Return steady loops of all joints in SI, one below the other."""
     names = ("joint", "motion_peak", "motion", "force")
     columns: dict[str, list[Any]] = {name: [] for name in names}
     for card in cards:

@@ -213,7 +213,7 @@ def _cycle(loop: ForcedLoop, first: int, last: int) -> Cycle:
 
 
 def passages(y: Reals) -> list[int]:
-    """Return samples where a displacement passes beyond its middle, sides alternating.
+    """Return the samples from which a displacement is beyond its middle, on alternating sides.
 
     The middle is y = 0 where the motion goes to both sides of it; a record that begins or ends
     there does so with a passage.

@@ -66,7 +66,7 @@ def structure(tree: xr.DataTree, ax: Any = None) -> Panels:
 def view_of(
     position: Float[np.ndarray, "node 3"], deflection: Float[np.ndarray, "mode node 3"]
 ) -> View:
-    """Along the direction in which a flat structure neither extends nor moves, or isometric."""
+    """Return a view along the direction in which a structure is flat and still, or isometric."""
     extent = np.ptp(position, axis=0)
     is_moved = np.abs(deflection).max(axis=(0, 1)) > FLAT
     for along, seen in ((1, (0, 2)), (2, (0, 1)), (0, (1, 2))):
@@ -84,7 +84,7 @@ def _moved(group: xr.Dataset, mode: int, view: View) -> Float[np.ndarray, "node 
 
 
 def _draw_shape(panel: Axes, group: xr.Dataset, mode: int, view: View) -> None:
-    """The structure at rest and in a mode: its links, or its nodes alone."""
+    """Draw the structure at rest and in a mode: its links, or only its nodes."""
     at_rest, moved = group["position"].values @ view.directions.T, _moved(group, mode, view)
     links = group["link"].values
     for nodes, colour, width in ((at_rest, SOFT, 0.7), (moved, style.BLUE, 1.4)):
@@ -95,7 +95,7 @@ def _draw_shape(panel: Axes, group: xr.Dataset, mode: int, view: View) -> None:
 
 
 def _draw_joints(panel: Axes, group: xr.Dataset, joints: xr.Dataset, mode: int, view: View) -> None:
-    """A mark at each joint, the larger the larger its share in the strain energy."""
+    """Draw a mark at each joint, larger for a larger share in the strain energy."""
     moved, nodes = _moved(group, mode, view), group["node"].values.tolist()
     for i, name in enumerate(joints["joint"].values):
         weights = group["weight"].sel(joint=name)
@@ -123,7 +123,7 @@ def _title(joints: xr.Dataset) -> str:
 
 
 def _colour(joint: int) -> str:
-    """Of a joint by its place among all."""
+    """Return the colour of a joint by its index."""
     return style.LEVELS[(joint + 1) % len(style.LEVELS)]
 
 
@@ -177,7 +177,7 @@ def joint_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _draw_loop(pair: Panels, joint: xr.Dataset, units: xr.Dataset | None) -> None:
-    """A joint's loop, and the same less its secant."""
+    """Draw a joint's loop, and below it the loop without its secant force."""
     name = str(joint["joint"].values)
     x, force = (np.append(joint[n].values, joint[n].values[0]) for n in ("motion", "loop"))
     peak = int(np.argmax(np.abs(x)))

@@ -102,7 +102,7 @@ def _name(summary: Summary) -> str:
 
 
 def _verdict(figure: Figure, top: float, summary: Summary, quantities: Any) -> float:
-    """What the numbers may be used for, with the first reason against them, in a box."""
+    """Draw a box with the valid use of the numbers and the first reason against it."""
     verdict = summary.get("verdict") or {}
     word = badge(verdict).word
     use, colour = messages.USE.get(word, messages.PROVISIONAL), COLOURS.get(word, ORANGE)
@@ -126,7 +126,7 @@ def _verdict(figure: Figure, top: float, summary: Summary, quantities: Any) -> f
 
 
 def _draw_backbone(figure: Figure, top: float, tree: xr.DataTree) -> float:
-    """Frequency and damping ratio against amplitude with the measured points, and the legend."""
+    """Draw frequency and damping ratio over amplitude with measured points and legend."""
     indent, gap, below = 0.62, 0.75, 0.78
     wide = (ROOM - indent - gap) / 2
     high = FIGURE - below
@@ -156,7 +156,7 @@ def _draw_backbone(figure: Figure, top: float, tree: xr.DataTree) -> float:
 
 
 def _levels(summary: Summary, tree: xr.DataTree) -> Cells:
-    """Frequency, its shift, damping ratio and Q at parts of the largest fitted amplitude."""
+    """Return frequency, its shift, damping ratio and Q at parts of the largest fitted amplitude."""
     curve = tree[BACKBONE].to_dataset()
     y_peak = float(curve.attrs["y_fitted"])
     factor, unit = length_unit(y_peak)
@@ -191,7 +191,7 @@ def _levels(summary: Summary, tree: xr.DataTree) -> Cells:
 
 
 def _interval(low: float, middle: float, high: float) -> str:
-    """A value and its interval, to two digits of a fifth of its width, and six digits at most."""
+    """Format a value and its interval, to two digits of a fifth of its width, six at most."""
     widened = max(0.2, 1e-5 * abs(middle) / (high - low)) if high > low else 0.2
     return interval(low, middle, high, widened)
 
@@ -218,7 +218,7 @@ def _modes(tree: xr.DataTree) -> Cells:
 
 
 def _measured(summary: Summary, tree: xr.DataTree) -> Cells:
-    """What was measured: the tests of a kind and level on one line."""
+    """Return rows on the measurements, with tests of equal kind and level on one line."""
     read = {row["test"]: row for row in (summary.get("look") or {}).get("tests") or []}
     families: dict[tuple[str, float, bool], list[dict[str, Any]]] = {}
     every = every_test(summary, tree)
@@ -275,7 +275,7 @@ def _worst(rows: Sequence[Summary]) -> str:
 
 
 def _foot(figure: Figure, summary: Summary, tree: xr.DataTree) -> None:
-    """What the numbers are, and of which run."""
+    """Draw the foot line that describes the numbers and identifies the run."""
     created_at = (
         str(tree["posterior"].attrs.get("created_at", "")) if "posterior" in tree.children else ""
     )

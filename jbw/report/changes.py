@@ -60,7 +60,7 @@ def backbone_table(record: Row) -> Table:
 
 
 def side_by_side_table(record: Row) -> Table:
-    """A row a run, in the order of torque, at a tenth and all of the motion that all fitted."""
+    """Return a table of runs by torque, at a tenth and all of the motion common to all fits."""
     amplitudes = sorted({row["amplitude"] for row in record["readings"]})
     factor, unit = length_unit(amplitudes[-1])
     read = {(row["run"], row["amplitude"]): row for row in record["readings"]}
@@ -123,7 +123,7 @@ def _interval(row: Row, key: str) -> str:
 
 
 def probability_text(row: Row) -> str:
-    """P(A > B) to three digits; a dash where a run knows the quantity by its prior alone."""
+    """Format P(A > B) to three digits; `prior` where a run has only prior information."""
     if row.get("of_prior"):
         return "prior"
     value = row["probability"]

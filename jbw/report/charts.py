@@ -198,7 +198,7 @@ class CurvePoints(NamedTuple):
 
 
 def shared_limit(sizes: Sequence[int], total: int) -> int:
-    """The most points a curve may have so that all together have `total` at most; two at least."""
+    """Return the largest points per curve with at most `total` points in all; two at least."""
     low, high = 2, max([2, *sizes])
     while low < high:
         middle = (low + high + 1) // 2
@@ -208,7 +208,7 @@ def shared_limit(sizes: Sequence[int], total: int) -> int:
 
 
 def decimated(points: CurvePoints, most: int) -> CurvePoints:
-    """The least and the largest ordinate of every stretch, in their order, `most` points or so.
+    """Reduce a curve to each stretch's least and largest ordinate, about `most` points in all.
 
     Each part between values that are no numbers keeps its first and last point, so that a band
     stays closed and a gap stays a gap; a curve of `most` points or fewer is returned as it is.

@@ -33,7 +33,7 @@ def selected(tests: Tests, part: Part) -> Tests:
 
 
 def chosen_names(tests: Tests) -> set[str]:
-    """Three tests that stand for all: the weakest and the strongest fitted, and a held-out one.
+    """Choose three representative tests: the weakest and strongest fitted, and a held-out one.
 
     The first test of a kind and level stands for all of these.
     """

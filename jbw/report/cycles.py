@@ -34,7 +34,7 @@ def loops_table(loops: Sequence[Row]) -> Table:
 
 
 def cycles_table(loops: Sequence[Row]) -> Table:
-    """A row a cycle: amplitude, secant stiffness, work, damping, and the stiffness retained."""
+    """Return a table of cycles: amplitude, secant stiffness, work, damping, retained stiffness."""
     (factor, unit), stiffness = _written(loops)
     return table(
         notes.CYCLES,
@@ -54,7 +54,7 @@ def _retained(row: Row) -> str:
 
 
 def unit_of_motion(loops: Sequence[Row]) -> str:
-    """`rad` where all loops are of torque and rotation, else `m`."""
+    """Return `rad` if all loops are of torque and rotation, else `m`."""
     return "rad" if {loop.get("unit", "m") for loop in loops} == {"rad"} else "m"
 
 
@@ -66,7 +66,7 @@ def _written(loops: Sequence[Row]) -> tuple[tuple[float, str], str]:
 
 
 def _shown(loops: Sequence[Row]) -> Iterator[dict[str, Any]]:
-    """Cycles of every test, the first, the last and some between where there are many."""
+    """Yield the cycles of each test: first, last, and some between if there are many."""
     for loop in loops:
         cycles = loop.get("cycles") or []
         chosen = np.unique(np.linspace(0, len(cycles) - 1, min(len(cycles), MOST_CYCLES)).round())

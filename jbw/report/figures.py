@@ -163,7 +163,7 @@ class Beside(Protocol):
         ...
 
     def drawn(self) -> Mapping[str, Sequence[str]]:
-        """The fields of each `DrawnFigure` that was asked for, by name; nothing if it failed."""
+        """Return the fields of each requested `DrawnFigure`, by name; nothing if it failed."""
         ...
 
 

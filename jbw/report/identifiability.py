@@ -67,7 +67,7 @@ def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _in_lines(text: str, most: int = 22) -> str:
-    """Break a combination after its signs, and a list after its names, where a line is full.
+    """Wrap a combination after its signs and a list after its names, where a line is full.
 
     Of a long list the first names stand, and how many more there are.
     """
@@ -131,7 +131,7 @@ def directions_table(summary: Row, quantities: Names) -> Table:
 
 
 def quantities_table(summary: Row, quantities: Names) -> Table:
-    """What is known of every parameter and combination, before and after sampling."""
+    """Return a table of knowledge on parameters and combinations, before and after sampling."""
     facts = {**(summary.get("parameters") or {}), **(summary.get("combinations") or {})}
     more = ("contraction", "box_sensitivity", "profiles")
     rows = [
@@ -162,7 +162,7 @@ def quantities_table(summary: Row, quantities: Names) -> Table:
 
 
 def _waterfall(summary: Row) -> str:
-    """What the starts of the fit ended at, in words; once where all ended alike."""
+    """Return a sentence on the final costs of the fit's starts, once if all are equal."""
     costs = (summary.get("waterfall") or {}).get("costs") or []
     if len(costs) < 2:
         return ""

@@ -47,7 +47,7 @@ def laws_table(record: Mapping[str, Any]) -> Table:
 
 
 def free_law_table(record: Mapping[str, Any]) -> Table | None:
-    """A line a law by the evidence of the readings alone, the best first; None without readings."""
+    """Return a table of laws by evidence of the readings alone, best first; None without."""
     free = record.get("free_law")
     if free is None:
         return None

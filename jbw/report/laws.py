@@ -171,7 +171,7 @@ def law_backbones(
 
 
 def laws_sheet(record: Mapping[str, Any]) -> Sheet:
-    """Everything on the page but the figures."""
+    """Return the content of the laws page except its figures."""
     rows = record["laws"]
     best = law_order(record)[0]
     best = next((name for name, row in rows.items() if row["answer"] == "best"), best)

@@ -63,7 +63,7 @@ def look_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _families(tests: list[xr.Dataset]) -> list[str]:
-    """What each test goes under: kind and level where several are alike, else its own name."""
+    """Return each test's label: kind and level if several tests are alike, else its name."""
     kind_and_level = [(test.attrs["kind"], test.attrs.get("level")) for test in tests]
     return [
         f"{kind}, {level:g}" if level is not None and kind_and_level.count((kind, level)) > 1
@@ -73,7 +73,7 @@ def _families(tests: list[xr.Dataset]) -> list[str]:
 
 
 def _responses(only: Axes, tests: list[xr.Dataset], colours: list[str]) -> None:
-    """Each test's response over its source."""
+    """Plot each test's response over its source."""
     driven = [pair for pair in zip(tests, colours, strict=True) if "response" in pair[0]]
     for test, colour in driven:
         only.plot(test["freq"], test["response"], color=colour, lw=0.8)

@@ -44,7 +44,7 @@ class Areas(NamedTuple):
 
 
 def enclosed_areas(test: xr.Dataset, ending: str = "") -> Areas | None:
-    """The areas of the loops of one validated test, "_viscous" with that force; None without."""
+    """Return a validated test's loop areas, `_viscous` with that force; None if absent."""
     names = (f"measured_area{ending}", f"model_area{ending}")
     if any(name not in test for name in names):
         return None

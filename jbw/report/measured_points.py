@@ -28,7 +28,7 @@ class MeasuredPoints(NamedTuple):
 
 
 def measured_points(tree: xr.DataTree, curve: xr.Dataset) -> list[MeasuredPoints]:
-    """Readings that a backbone says something of, in the order of the motion; none without any.
+    """Return the readings within a backbone's scope, in order of motion; none without any.
 
     Decays and sweeps are read along the amplitudes that they pass, from the smallest amplitude of
     the curve on. Everything else is read as a whole, at the mean amplitude weighed by its energy,

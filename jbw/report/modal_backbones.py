@@ -111,7 +111,7 @@ def draw_backbones(
 
 
 def curve_of(structure: Structure, levels: Levels, mode: int, num_harmonics: int) -> BackboneCurve:
-    """Backbone of one mode as far as it goes, where it ends before the last amplitude."""
+    """Return the backbone of one mode up to the last solved amplitude."""
     motion = modal_backbone(
         structure, levels, mode=mode, num_harmonics=num_harmonics, max_turns=MAX_TURNS, may_end=True
     )
@@ -124,7 +124,7 @@ def curve_of(structure: Structure, levels: Levels, mode: int, num_harmonics: int
 def interactions(
     omega_n: Float[np.ndarray, " mode"], mode: int, levels: Levels, omega: Levels
 ) -> list[Interaction]:
-    """Modes that a harmonic of one mode's motion comes within 1 % of, and where it is nearest."""
+    """Return the modes within 1 % of a harmonic of one mode's motion, with the nearest place."""
     met = []
     solved = np.isfinite(omega)
     for order in ORDERS:
@@ -138,7 +138,7 @@ def interactions(
 
 
 def _crossing(away: Levels, levels: Levels, nearest: int) -> float:
-    """Where a detuning is zero, between two amplitudes; else the amplitude where it is least."""
+    """Return the amplitude between two levels where a detuning is zero, else where it is least."""
     turns = np.flatnonzero(np.diff(np.sign(away)) != 0)
     if not len(turns):
         return float(levels[nearest])
@@ -148,7 +148,7 @@ def _crossing(away: Levels, levels: Levels, nearest: int) -> float:
 
 
 def _draw(column: Panels, x: Levels, curve: BackboneCurve) -> None:
-    """The three panels of one mode."""
+    """Draw the three panels of one mode."""
     column[0].plot(x, curve.omega / TURN, color=MODEL, lw=1.2)
     column[1].plot(x, 100 * curve.zeta, color=MODEL, lw=1.2)
     for i, share in enumerate(curve.shape.T):
@@ -168,7 +168,7 @@ def _title(mode: int, curve: BackboneCurve, factor: float, unit: str) -> str:
 
 
 def _mark(column: Panels, interaction: Interaction, factor: float, unit: str) -> None:
-    """A line where a harmonic meets another mode, and which it is."""
+    """Mark with a line where a harmonic meets another mode, and name that mode."""
     place = factor * interaction.x_peak
     for panel in column:
         panel.axvline(place, color=SOFT, lw=0.8, ls=":")

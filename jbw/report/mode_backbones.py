@@ -60,7 +60,7 @@ def _stuck_hz(of_mode: xr.Dataset) -> float:
 
 
 def _draw_bands(column: Panels, of_mode: xr.Dataset) -> None:
-    """The three panels of one mode of a run."""
+    """Draw the three panels of one mode of a run."""
     largest = float(of_mode["displacement"].values[-1])
     factor, unit = length_unit(largest)
     x = factor * of_mode["displacement"].values
@@ -86,7 +86,7 @@ def _draw_bands(column: Panels, of_mode: xr.Dataset) -> None:
 
 
 def _beside(of_mode: xr.Dataset, quantity: str) -> tuple[str, tuple[str, str]]:
-    """What is drawn beside the bands, and both labels; runs before had bands in full stick."""
+    """Return the name of the curve next to the bands, and both labels (older runs: full stick)."""
     other = f"{quantity}_in_full_stick"
     if other in of_mode:
         return other, (labels.MEDIAN_FREE, labels.MEDIANS_STUCK)
@@ -94,7 +94,7 @@ def _beside(of_mode: xr.Dataset, quantity: str) -> tuple[str, tuple[str, str]]:
 
 
 def mode_columns(ax: Any, num_modes: int) -> tuple[Panels, list[Panels]]:
-    """All axes, and three of them a mode: side by side, more than three modes in several lines."""
+    """Return all axes, and three axes per mode; beyond three modes in several lines."""
     if ax is not None:
         axes = panels(ax, 3, num_modes, height=HEIGHT)
         return axes, list(axes.T)

@@ -35,7 +35,7 @@ ABSENT = "no_joint"  # finding that says something first
 
 
 def opening(summary: Summary, tree: xr.DataTree) -> list[str]:
-    """The sentences of a run's summary and tree, its doubts too; none of a run that lacks them."""
+    """Return the sentences on a run and its doubts; none if summary or tree lacks them."""
     steps = summary.get("steps") or {}
     if summary.get("main") not in steps or not summary.get("verdict"):
         return []
@@ -47,7 +47,7 @@ def opening(summary: Summary, tree: xr.DataTree) -> list[str]:
 
 
 def split_sentence(summary: Summary) -> str | None:
-    """Which tests and repeats were fitted and which were held out; None of a run without tests."""
+    """Return the sentence on fitted and held-out tests and repeats; None without tests."""
     rows = [row for row in summary.get("tests") or () if row.get("fitted_repeats") is not None]
     sides: tuple[list[str], list[str]] = ([], [])
     some_repeats = False
@@ -70,7 +70,7 @@ def lead(summary: Summary, drawn: Sequence[str]) -> str | None:
 
 
 def known_parameters(summary: Summary) -> list[str]:
-    """Each parameter known to 30 % with its 99 % interval; products where a factor is not known."""
+    """List parameters known to 30 % with 99 % intervals; products where a factor is unknown."""
     rows, graded = _rows(summary), grades(summary)
     drawn = [name for name in graded if rows[name].get("kl") is not None]
     good = [name for name in drawn if graded[name] <= 1]
@@ -85,7 +85,7 @@ def _rows(summary: Summary) -> Mapping[str, Any]:
 
 
 def _unit_of_motion(summary: Summary) -> str:
-    """`rad` where all tests are of torque and rotation, else `m`."""
+    """Return `rad` if all tests are of torque and rotation, else `m`."""
     if "motion_unit" in summary:
         return summary["motion_unit"]
     look = summary.get("look") or {}
@@ -106,7 +106,7 @@ def with_interval(row: Mapping[str, Any]) -> tuple[str, str, str]:
 
 
 def _digits(low: float, high: float) -> int:
-    """Digits that leave two of the width of an interval; three at least, fifteen at most."""
+    """Return the digits that leave two of an interval's width; three to fifteen."""
     largest = max(abs(low), abs(high))
     if not high - low > 0.0 or not largest:
         return 6
@@ -140,7 +140,7 @@ def effect_sentence(summary: Summary, tree: xr.DataTree) -> str:
 
 
 def joint_sentences(summary: Summary) -> list[str]:
-    """What several joints do to each mode, which one damps it, and which are not identified.
+    """Return sentences on several joints: effect on each mode, damping, unidentified joints.
 
     Nothing of one joint.
     """
@@ -168,7 +168,7 @@ def joint_sentences(summary: Summary) -> list[str]:
 
 
 def _joints_effect(mode: Summary) -> str:
-    """What all joints do to a mode; runs before knew its shape of full stick alone."""
+    """Return the sentence on all joints' effect on a mode, in full stick for older runs."""
     effect = messages.joints_effect(
         mode["mode"], *(_per_cents(mode[name]) for name in JOINT_EFFECTS)
     )
@@ -176,7 +176,7 @@ def _joints_effect(mode: Summary) -> str:
 
 
 def tied_sentences(joint_facts: Summary) -> list[str]:
-    """Whether joints of one kind of law share one, by evidence; nothing where none was compared."""
+    """Return sentences on whether joints of one law share parameters, by evidence, if compared."""
     tied = joint_facts.get("tied")
     if not tied:
         return []
@@ -198,7 +198,7 @@ def _is_tied(joint: str, laws: Sequence[str]) -> bool:
 
 
 def _odds(nats: float, *, at_least: bool) -> str:
-    """Odds of so many nats in figures: `12`, or a power of ten where they are large."""
+    """Format a log ratio in nats as odds: `12`, or a power of ten where they are large."""
     digits = nats / np.log(10)
     odds = f"{np.exp(nats):.2g}" if digits < LARGE_ODDS else f"10^{digits:.0f}"
     return f"at least {odds}" if at_least else odds
@@ -211,7 +211,7 @@ def _per_cents(ends: Mapping[str, float]) -> str:
 
 
 def _change(what: str, values: np.ndarray, unit: str) -> str:
-    """How a quantity changes from the weak motion (first row) to the strong one, with its band."""
+    """Return the sentence on a quantity's change from weak motion (row 1) to strong, with band."""
     (_, weak, _), (low, strong, high) = values
     digits = _digits(low, high)
     interval = f"{strong:.{digits}g} {unit} [{low:.{digits}g}, {high:.{digits}g}]"
@@ -254,13 +254,13 @@ def _of_held_out(tests: Sequence[Summary]) -> str:
 
 
 def _noun(tests: Sequence[Summary]) -> str:
-    """What is predicted one by one: a test, or where there are free decays a record."""
+    """Return the noun for a single prediction: record if there are free decays, else test."""
     is_free = (KINDS[kind].is_free for row in tests if (kind := row.get("kind")) in KINDS)
     return "record" if any(is_free) else "test"
 
 
 def fit_sentence(summary: Summary) -> str:
-    """RMS error of the fitted tests by the fit alone, where nothing was drawn yet."""
+    """Return the sentence on RMS errors of fitted tests from a fit without draws."""
     errors = list((summary.get("quick") or {}).values())
     if not errors:
         return messages.NO_FIT_ERROR
@@ -290,7 +290,7 @@ def _span(ratios: Sequence[float], digits: int = 2) -> str:
 
 
 def _unknown(summary: Summary) -> str:
-    """Which parameters the data do not identify, and which the prior truncates."""
+    """Return the sentence on parameters that data do not identify or the prior truncates."""
     if (reason := unseen_hysteresis(summary)) is not None:
         return reason
     rows, graded = _rows(summary), grades(summary)

@@ -143,7 +143,7 @@ def _parameters(summary: Mapping[str, Any], quantities: Names) -> dict[str, Tabl
 
 
 def _figures(summary: Mapping[str, Any], drawn: Mapping[str, DrawnFigure]) -> dict[str, Any]:
-    """All figures: the one that leads, that of a look, the others by groups, those not drawn."""
+    """Collect all figures: the lead, that of the look, other groups, and missing figures."""
     by_name = {entry.name: _shown(entry, drawn[entry.name]) for entry in FIGURE_LIST}
     first = lead(summary, [name for name, figure in by_name.items() if figure["svg"]])
     others = [f for name, f in by_name.items() if f["svg"] and name not in (first, LOOK)]
@@ -156,7 +156,7 @@ def _figures(summary: Mapping[str, Any], drawn: Mapping[str, DrawnFigure]) -> di
 
 
 def _groups(drawn: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Figures by their group, in the order of the groups; none without a figure."""
+    """Group figures in the order of the groups; omit empty groups."""
     groups = (
         {"id": f"figures-{name}", "title": title, "drawn": [
             figure for figure in drawn if figure["entry"].group == name]}
@@ -166,7 +166,7 @@ def _groups(drawn: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _only(table: Table, chosen: Callable[[str], bool]) -> Table:
-    """Sections of a table by their names."""
+    """Return a table with only the sections whose names are chosen."""
     return replace(
         table, sections=tuple(section for section in table.sections if chosen(section.name))
     )

@@ -76,7 +76,7 @@ def render_picker(campaign: str, tests: Sequence[Test]) -> str:
 def picker_data(
     tests: Sequence[Test], spectra: Mapping[str, ShownSpectrum], peaks: Sequence[Peak]
 ) -> dict[str, Any]:
-    """What the page draws: spectra by test with the band that is stated, and the peaks."""
+    """Return the data of the page: spectra by test with any stated band, and the peaks."""
     return {
         "tests": [
             {
@@ -100,7 +100,7 @@ def _rounded(values: Any) -> list[float]:
 
 
 def spectrum_of(test: Test) -> ShownSpectrum | None:
-    """Spectrum of a test's response, of the mean power of its repeats; None of tones and loops.
+    """Return a test's response spectrum, of its repeats' mean power; None for tones and loops.
 
     Of a response curve the curve itself. Of a driven test the ratio to the source, between the
     ends of what this sweeps.
@@ -126,7 +126,7 @@ def spectrum_of(test: Test) -> ShownSpectrum | None:
 
 
 def peaks_of(spectra: dict[str, ShownSpectrum]) -> list[Peak]:
-    """Peaks that stand out of any of the spectra, from low to high, each with a band of its own."""
+    """Return clear peaks of the spectra, from low to high, each with a separate band."""
     peaks: list[tuple[float, float, str]] = []
     for name, (freq, size) in spectra.items():
         log = np.log10(np.maximum(size, size.max() * 1e-12))
@@ -165,7 +165,7 @@ def _centre(mode: Sequence[tuple[float, float, str]]) -> float:
 
 
 def _band(before: float, centre: float, after: float) -> tuple[float, float]:
-    """About a peak, up to half-way to the peaks beside it, to three digits [Hz]."""
+    """Return a band [Hz] about a peak, up to half-way to its neighbours, to three digits."""
     low = max((1 - ABOUT) * centre, 0.5 * (before + centre))
     high = min((1 + ABOUT) * centre, 0.5 * (centre + after))
     return float(f"{low:.3g}"), float(f"{high:.3g}")

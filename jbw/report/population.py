@@ -106,7 +106,7 @@ def population_table(record: Mapping[str, Any]) -> Table:
 def units_tables(
     record: Mapping[str, Any], mean: np.ndarray, sd: np.ndarray
 ) -> list[tuple[str, Table]]:
-    """Tables of the units with as many coordinates each as a page is wide, with their headings."""
+    """Return tables of the units with their headings, split by coordinates to fit a page."""
     names = list(record["parameters"])
     parts = [names[i : i + MOST] for i in range(0, len(names), MOST)]
     headings = ["The units", *["The units, further coordinates"] * (len(parts) - 1)]
@@ -117,7 +117,7 @@ def units_tables(
 def units_table(
     record: Mapping[str, Any], mean: np.ndarray, sd: np.ndarray, names: Sequence[str]
 ) -> Table:
-    """A line a unit: torque, the named coordinates, and how well it belongs with the others."""
+    """Return a table of units: torque, the named coordinates, and fit to the other units."""
     rows = []
     for k, unit in enumerate(record["units"]):
         ends = np.exp(mean[k] + HALF_99 * sd[k] * np.array([[-1.0], [0.0], [1.0]]))
@@ -148,7 +148,7 @@ def _of_runs(row: Mapping[str, Any]) -> str:
 
 
 def _interval(row: Mapping[str, float] | None, factor: float = 1.0) -> Cell:
-    """A median and its interval, on a page below each other so that many columns have room."""
+    """Format a median above its interval, so that many columns fit on a page."""
     if row is None:
         return Cell(NOTHING)
     low, middle, high = (factor * row[key] for key in ("q005", "median", "q995"))

@@ -215,7 +215,7 @@ def _cloud(
 def marginal_density(
     draws: Float[np.ndarray, "..."], box: tuple[float, float] | None
 ) -> tuple[Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
-    """Kernel density of finite draws, sum phi((x - x_i) / h) / (n h), reflected at their box."""
+    """Return the kernel density sum phi((x - x_i) / h) / (n h) of draws, reflected at their box."""
     # h = 0.9 min(s, IQR / 1.34) n^(-1/5): Silverman, Density Estimation (1986), eq. (3.31).
     values = np.asarray(draws, float).reshape(-1)
     values = values[np.isfinite(values)]

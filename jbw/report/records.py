@@ -31,7 +31,7 @@ Samples = Float[np.ndarray, " time"]
 def extremes(
     time: Samples, lower: Samples, upper: Samples, count: int | None = COLUMNS
 ) -> tuple[Float[np.ndarray, " bin"], Float[np.ndarray, " bin"], Float[np.ndarray, " bin"]]:
-    """The least of `lower` and the largest of `upper` in `count` stretches; None leaves them."""
+    """Return minima of `lower`, maxima of `upper` in `count` stretches; as they are for None."""
     if count is None:
         return time, lower, upper
     size = max(1, -(-time.size // count))
@@ -41,7 +41,7 @@ def extremes(
 
 
 def bands_of(test: xr.Dataset) -> Iterator[tuple[str, str, str]]:
-    """Variable, colour and label of the bands that a test has, the widest first."""
+    """Return variable, colour and label of a test's bands, the widest first."""
     looks = (
         ("predictive_band", style.PREDICTIVE, band_label(test.attrs, noise=True)),
         ("measured_band", style.REPEATS, labels.REPEATS_BAND),

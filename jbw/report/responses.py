@@ -148,7 +148,7 @@ def _level_and_kind(test: xr.Dataset) -> str:
 
 
 def _family_of(family: list[xr.Dataset]) -> tuple[Curve, Float[np.ndarray, "3 freq"]]:
-    """Frequencies of the first test [Hz], and there the least, mean and largest of all repeats."""
+    """Return the first test's frequencies [Hz] and there least, mean, largest of all repeats."""
     freq = frequency(family[0])
     every = np.concatenate(
         [

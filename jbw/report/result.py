@@ -100,7 +100,7 @@ def _completed_by_resume(folder: Path, what: str) -> DataError:
 
 
 def _unfinished(folder: Path, name: str) -> DataError:
-    """That a folder lacks a part of a result, and what gets it."""
+    """Return the error for a folder that lacks a part of a result, with its remedy."""
     what = f"The folder {folder} has no {name}, so there is nothing to report."
     if _is_unfinished(folder):
         return _completed_by_resume(folder, what)
@@ -149,7 +149,7 @@ def verified(tree: xr.DataTree, attribute: str) -> list[tuple[str, str, xr.Datas
 
 
 def names_of(tree: xr.DataTree, summary: Mapping[str, Any] | None = None) -> dict[str, Quantity]:
-    """Symbol, unit and meaning of every parameter of a run, by name."""
+    """Return symbol, unit and meaning of each parameter of a run, by name."""
     # What a run of jbw 0.1 did not write comes from the tables of today; a summary may tell of
     # steps that the tree lacks.
     quantities = {}
@@ -277,7 +277,7 @@ def wrap_band(phase: Any) -> Float[np.ndarray, "quantile freq"]:
 
 
 def unwrapped_band(phase: Any) -> Float[np.ndarray, "quantile freq"]:
-    """A phase band [rad] in degrees: its median continuous and centred within half a turn."""
+    """Convert a phase band [rad] to degrees: continuous median centred within half a turn."""
     # A velocity's phase then runs from 90 to -90 degrees, a force's from 0 to 180.
     degrees = np.degrees(phase)
     middle = np.unwrap(degrees[1], period=TURN)

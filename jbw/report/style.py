@@ -48,7 +48,7 @@ RC: Any = {
 
 
 def panels(ax: Any, rows: int, columns: int, *, height: float, **layout: Any) -> Panels:
-    """Axes, `rows` by `columns`: given, in reading order, or of a figure `height` high [in]."""
+    """Return axes, `rows` by `columns`: the given ones, or of a new figure `height` high [in]."""
     if ax is not None:
         axes = np.asarray(ax, dtype=object).reshape(-1)
         if axes.size != rows * columns:
@@ -75,7 +75,7 @@ def panels(ax: Any, rows: int, columns: int, *, height: float, **layout: Any) ->
 def stacks(
     ax: Any, count: int, rows: int, *, height: float, **layout: Any
 ) -> tuple[Panels, list[Panels]]:
-    """All axes, and a stack of `rows` panels for each of `count` tests; `height` of a line [in]."""
+    """Return all axes, and a stack of `rows` panels per test (`count`); `height` of a line [in]."""
     # Three of them stand side by side at most, but four in two pairs; axes go row by row.
     columns = 2 if count == 4 else min(count, 3)
     lines = -(-count // columns)
@@ -116,7 +116,7 @@ def finish(axes: Panels, ax: Any, below: str = "", ylabels: str | Sequence[str] 
 
 
 def _columns(names: Sequence[str]) -> int:
-    """As many columns of a legend as the figure is wide, each as wide as its longest name."""
+    """Return the number of legend columns that fit, each as wide as its longest name."""
     for count in range(len(names), 1, -1):
         columns = np.array_split(np.array([len(name) + 7 for name in names]), count)
         if sum(column.max() for column in columns) <= LETTERS:
@@ -148,7 +148,7 @@ def shade(ax: Axes, x: Any, lower: Any, upper: Any, colour: str, label: str, **l
 
 
 def band_label(attrs: Mapping[Any, Any], *, noise: bool = False) -> str:
-    """What a band of a test holds, by the test's attributes: parameters, scatter, misfit, noise."""
+    """Return the label of a test's band: parameters, scatter, misfit, noise as it includes them."""
     added = {
         "scatter of runs": attrs.get("scatter"), "model discrepancy": attrs.get("discrepancy"),
         "noise": noise,

@@ -32,7 +32,7 @@ class Column:
     only: str = ""  # page or terminal, where it is not for both
 
     def cell(self, row: Any) -> Cell:
-        """What it shows of a row."""
+        """Return the cell that the column shows for a row."""
         shown = self.show(row)
         return shown if isinstance(shown, Cell) else Cell(shown)
 
@@ -136,7 +136,7 @@ def print_table(screen: Any, shown: Table) -> None:
 
 
 def most_spared(shown: Table) -> int:
-    """Up to which number columns are spared where there is little room."""
+    """Return the last rank in which columns are dropped where the screen is narrow."""
     return max(column.spared for column in shown.columns)
 
 

@@ -55,7 +55,7 @@ def main_first(summary: Summary) -> list[tuple[str, Summary]]:
 
 
 def step_heading(name: str, summary: Summary) -> str:
-    """What a step is called."""
+    """Return the heading of a step."""
     return step_name(name) + (" (main result)" if name == summary.get("main") else "")
 
 
@@ -211,7 +211,7 @@ def tests_of_records(rows: Sequence[Summary]) -> dict[str, Summary]:
 
 
 def with_records(rows: Sequence[Summary]) -> list[dict[str, Any]]:
-    """Rows in which the records of a test stand in its place, where each has a row of its own."""
+    """Replace each test's row by the rows of its records, where each record has a row."""
     tests = tests_of_records(rows)
     replaced = {test["test"] for test in tests.values()}
     sessions = {
@@ -246,7 +246,7 @@ def level_of(row: Summary) -> str:
 
 
 def _fitted(row: Summary) -> str:
-    """How many of its repeats were fitted, where not all; how far a test lies beyond the fitted.
+    """Return a note on partly fitted repeats, or on a test's distance beyond the fitted range.
 
     Of a kind of test the parameters that only its tests identify.
     """
@@ -312,7 +312,7 @@ def loops_table(tree: xr.DataTree) -> Table:
 
 
 def joints_table(tree: xr.DataTree) -> Table:
-    """What each of several joints does to every mode, a row a joint and mode; no rows of one."""
+    """Return a table with each joint's effect on each mode; empty for a single joint."""
     group, rows = node(tree, "joints"), []
     if group is not None:
         joints = group.to_dataset()
@@ -365,7 +365,7 @@ def _meet(row: Summary) -> str:
 
 
 def checks_table(tree: xr.DataTree, quantities: Names) -> Table:
-    """What the records themselves say: coherence, spread of repeats, the source."""
+    """Return a table of checks on the records: coherence, spread of repeats, the source."""
     rows: list[tuple[str, str, str]] = []
     with suppress(DataError):
         line = branch(tree, "steps/linear", "coherence", "h_magnitude")

@@ -82,7 +82,7 @@ def about(level: float | None) -> float:
 
 
 def number(value: Any, sd: Any = None, digits: int = 3) -> str:
-    """A number to two digits of its `sd`, or to `digits` of its own; a dash where undefined."""
+    """Format a number to two digits of its `sd`, or to `digits` digits; a dash where undefined."""
     value, sd = _float(value), _float(sd)
     if value is None:
         return NOTHING
@@ -120,7 +120,7 @@ class ShownAs(NamedTuple):
 
 
 def shown_as(name: str, unit: str) -> ShownAs:
-    """Frequencies in Hz, ωₙ/2π in place of ωₙ in rad/s, and damping ratios in per cent."""
+    """Return display factor and unit: ωₙ [rad/s] as ωₙ/2π in Hz, and damping ratios in per cent."""
     if in_dialect(unit) == "rad/s":
         return ShownAs(1.0 / (2.0 * math.pi), "Hz", "/2π")
     is_ratio = unit in ("", "1") and re.match(r"zeta(_|\[|$)", name) is not None

@@ -102,7 +102,7 @@ def combination(text: str, quantities: Names) -> str:
 
 
 def unseen_hysteresis(summary: Mapping[str, Any]) -> str | None:
-    """Why no hysteresis is seen in a run; None where it is, or was not asked for."""
+    """Return why a run shows no hysteresis; None where it does, or was not asked to."""
     against = (summary.get("verdict") or {}).get("findings") or ()
     reasons = (row["reason"] for row in against
                if row["code"] == "no_hysteresis" and row["status"] != "ok")  # fmt: skip
@@ -110,7 +110,7 @@ def unseen_hysteresis(summary: Mapping[str, Any]) -> str | None:
 
 
 def grades(summary: Mapping[str, Any]) -> dict[str, int]:
-    """What is known of each parameter of the main posterior, by its place in `opening.GRADES`.
+    """Return the grade of each parameter of the main posterior, by index in `opening.GRADES`.
 
     Where no hysteresis is seen, its parameters are poorly known at best, whatever their intervals,
     and so is a parameter whose interval ends at a bound, with what only its products tell.
@@ -135,7 +135,7 @@ def grades(summary: Mapping[str, Any]) -> dict[str, int]:
 
 
 def identified_words(summary: Mapping[str, Any], quantities: Names) -> list[str]:
-    """Which parameters are known (5 %), roughly known (30 %), or the prior's (half a nat)."""
+    """Return which parameters are known (5 %), roughly (30 %), or prior-based (half a nat)."""
     groups: dict[int, list[str]] = {}
     for name, grade in grades(summary).items():
         size = abs(summary["steps"][summary["main"]]["parameters"][name]["cv"])
@@ -149,13 +149,13 @@ def identified_words(summary: Mapping[str, Any], quantities: Names) -> list[str]
 
 
 def _law_words(law: str) -> str:
-    """What one law is called, a family without its number, with the joints that have it."""
+    """Return the name of one law, a family without its number, with its joints."""
     plain, joints = split(law)
     called = LAWS.get(plain) or LAWS.get(plain.rstrip("0123456789_")) or plain.replace("_", " ")
     return f"{called} at {', '.join(joints)}" if joints else called
 
 
 def law_words(laws: Sequence[str]) -> str:
-    """What the laws of a joint are called together; a structure without any is linear."""
+    """Return the combined name of a joint's laws; a structure without any is linear."""
     called = [_law_words(law) for law in laws]
     return " and ".join(called) or "a linear structure"

@@ -42,7 +42,7 @@ class Interruption:
 
     @contextmanager
     def heard(self, farewell: Callable[[], str]) -> Iterator[None]:
-        """Listen to Ctrl-C and SIGTERM; the farewell is said before the process ends.
+        """Handle Ctrl-C and SIGTERM; print the farewell before the process ends.
 
         Python runs a handler only between two of its own instructions, which compiled chains may
         be far from. A thread therefore hears the signals as they come: it says at once that the
@@ -85,7 +85,7 @@ class Generation(NamedTuple):
 
 
 def pack(number: int, arrays: Mapping[str, np.ndarray]) -> bytes:
-    """A checkpoint as bytes: a line with the hash of all that follows, the number, the arrays."""
+    """Return a checkpoint as bytes: a line with the hash of the rest, the number, the arrays."""
     stream = io.BytesIO()
     np.savez(stream, allow_pickle=False, **arrays)
     content = b"%d\n" % number + stream.getvalue()
@@ -123,7 +123,7 @@ class Checkpoint:
         self._saved, self._cost = perf_counter(), 0.0
 
     def load(self) -> dict[str, np.ndarray] | None:
-        """What was saved last and is whole, or None; what is damaged is warned of."""
+        """Return the last intact save, or None; warn of damaged files."""
         contents = [path.read_bytes() for path in self._files if path.exists()]
         intact = sorted(
             filter(None, map(unpack, contents)), key=lambda generation: generation.number
@@ -145,7 +145,7 @@ class Checkpoint:
         self._watch(self._name, so_far)
 
     def due(self) -> bool:
-        """Whether to save: when asked to stop, or when saving takes a small share of the time."""
+        """Return whether to save: on a stop request, or when saving costs little of the time."""
         self._interruption.waits = True
         if self._interruption.asked:
             return True

@@ -54,7 +54,7 @@ def put_whole(path: Path, content: bytes) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Let a rename outlive a power cut, where the system can."""
+    """Write the folder to disk so that a rename survives a power cut, if the system can."""
     if os.name != "posix":
         return
     handle = os.open(folder, os.O_RDONLY)
@@ -77,6 +77,6 @@ def require_room(folder: Path, room: int = ROOM) -> None:
 
 
 def hash_of(path: Path) -> str:
-    """SHA-256 of a file, in hexadecimal digits."""
+    """Return the SHA-256 of a file in hexadecimal digits."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -67,7 +67,7 @@ def lock(file: Path, folder: Path) -> "BaseFileLock":
 
 
 def _holder(file: Path) -> str:
-    """Who holds the lock, as far as it is written there."""
+    """Return the lock's holder (process and host) as recorded; empty text if unreadable."""
     try:
         holder = json.loads(file.with_suffix(HOLDER).read_text(encoding="utf-8"))
         return f" (number {holder['pid']} on {holder['host']})"
@@ -77,7 +77,7 @@ def _holder(file: Path) -> str:
 
 @contextmanager
 def _locked(folder: Path) -> "Iterator[BaseFileLock]":
-    """The right to write to a run's folder, given back at once where what follows fails."""
+    """Lock a run's folder for writing; release the lock if the block raises."""
     try:
         (folder / HIDDEN).mkdir(parents=True, exist_ok=True)
         held = lock(folder / HIDDEN / LOCK, folder)
@@ -118,7 +118,7 @@ class Run:
         return self.folder / self.manifest.campaign
 
     def keep(self, name: str) -> Checkpoint:
-        """Where the chains of the posterior of this name outlive the process."""
+        """Return the checkpoint that stores the chains of the posterior of this name."""
         return Checkpoint(self.folder / HIDDEN, name, self.interruption, self.watch)
 
     def note(self, manifest: Manifest) -> None:
@@ -150,7 +150,7 @@ class Run:
             return 0.0
 
     def close(self) -> None:
-        """Let another process write to the folder; of an unfinished run, say how long it took."""
+        """Release the folder for other processes; of an unfinished run, record the time spent."""
         if (self.folder / HIDDEN / MANIFEST).exists():
             spent = self.spent + perf_counter() - self._opened
             (self.folder / HIDDEN / SPENT).write_text(f"{spent:.2f}", encoding="utf-8")
@@ -180,7 +180,7 @@ def begin(folder: Path, manifest: Manifest) -> Run:
 
 
 def is_first_answer(folder: Path) -> bool:
-    """Whether the result in a folder is that of a fit alone, which a run may take the place of."""
+    """Return whether a folder's result is from a fit only, which a run may replace."""
     try:
         summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         return "quick" in summary
@@ -196,7 +196,7 @@ def _holds_nothing_else_than_a_first_answer(folder: Path) -> bool:
 
 
 def reopen(folder: Path, *, allow_outside: bool = False) -> Run | None:
-    """Go on with an interrupted run, and hold its folder's lock; None where it is finished.
+    """Resume an interrupted run and lock its folder; None where it is finished.
 
     A folder may come from elsewhere: nothing in it leads a write out of it, and whether files
     outside the campaign's folder are read is asked of the caller again.

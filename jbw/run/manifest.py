@@ -35,12 +35,12 @@ class Machine(TypedDict):
 
 
 def machine() -> Machine:
-    """What else the last bit of a draw may depend on."""
+    """Return machine facts that may affect the last bit of a draw."""
     return {"name": platform.node(), "processors": str(os.cpu_count())}
 
 
 def command_line() -> str:
-    """What was typed, for the manifest."""
+    """Return the typed command for the manifest."""
     return " ".join(["jbw", *sys.argv[1:]])
 
 
@@ -71,7 +71,7 @@ def write_manifest(path: Path, manifest: Manifest) -> None:
 
 
 def read_manifest(path: Path) -> Manifest:
-    """The manifest of an unfinished run; refused where it was changed or is of another format."""
+    """Read an unfinished run's manifest; refuse a changed one or another format."""
     from pydantic import TypeAdapter  # a tenth of a second
 
     try:

@@ -30,7 +30,7 @@ THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
 
 def prepare_process() -> None:
-    """Two host devices, so that chains run side by side, float64, and compiled code kept.
+    """Configure two host devices for parallel chains, float64, and a cache of compiled code.
 
     Before JAX starts. What was compiled stays in the user's cache folder (`keep_compiled`);
     JAX_ENABLE_COMPILATION_CACHE=0 turns that off.
@@ -52,7 +52,7 @@ def prepare_process() -> None:
 
 
 def limit_threads() -> None:
-    """Linear algebra in one thread unless the environment names a number."""
+    """Limit linear algebra to one thread unless the environment gives a number."""
     import scipy.linalg  # noqa: F401  # NumPy and SciPy bring a library each, found once loaded
     from threadpoolctl import threadpool_limits
 
@@ -62,7 +62,7 @@ def limit_threads() -> None:
 
 @cache
 def give_back_after_compiling() -> None:
-    """Let the C library give back to the system what every longer compile has freed.
+    """Register a listener that returns freed memory to the system after long compilations.
 
     Once a process, however many commands it runs: each listener would search the heap anew. A
     compiler frees tens of megabytes in small pieces, which glibc keeps for more of them: after a
@@ -78,7 +78,7 @@ def give_back_after_compiling() -> None:
 
 
 def trimming(trim: Callable[[int], Any]) -> Callable[..., None]:
-    """What is told of durations and asks to `trim` the heap, keeping no margin, after compiles."""
+    """Return a listener to durations that calls `trim` with no margin after long compilations."""
 
     def after_compile(event: str, duration: float, **facts: str | int) -> None:
         if event == COMPILED and duration >= LONG_S:

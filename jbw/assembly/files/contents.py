@@ -66,7 +66,7 @@ def of_labels(
 
 
 def mirrored(row: np.ndarray, column: np.ndarray, entries: np.ndarray, size: int) -> Sparse:
-    """A matrix of its entries; where no pair of entries has two halves, of both triangles."""
+    """Build a matrix from entries; if no entry has its mirror image, fill both triangles."""
     keys = set(zip(row.tolist(), column.tolist(), strict=True))
     off = row != column
     if not any((j, i) in keys for i, j in keys if i != j):

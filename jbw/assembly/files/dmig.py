@@ -19,7 +19,7 @@ _COMPLEX = ("3", "4")  # types of entries
 
 
 def contents(path: Path) -> MatrixFile:
-    """Matrices of all DMIG entries of a file, by name.
+    """Return the matrices of all DMIG entries of a file, by name.
 
     Raises:
         DataError: There is none, or one is complex or cannot be read.
@@ -83,7 +83,7 @@ def _entries(path: Path) -> Iterator[list[str]]:
 
 
 def _joined(fields: list[str]) -> list[str]:
-    """Fields of an entry without the empty one behind the column's component."""
+    """Return the fields of an entry without the empty field after the column's component."""
     name, grid, component, *rest = [*fields, "", "", ""]
     if grid in ("", "0"):
         return [name, "0", component, *rest]
@@ -91,7 +91,7 @@ def _joined(fields: list[str]) -> list[str]:
 
 
 def _fields(text: str) -> list[str]:
-    """Fields of a line behind the first: four of 16, or eight of 8 characters, or by commas."""
+    """Split a line after its first field: four of 16 or eight of 8 characters, or by commas."""
     if "," in text:
         cells = [cell.strip() for cell in text.split(",")][1:9]
         return cells + [""] * (8 - len(cells))

@@ -16,7 +16,7 @@ _SEPARATORS = re.compile(r"[,;\s]+")
 
 
 def read_table(path: Path) -> list[Dof]:
-    """The table of a text file: columns row, node, direction, or node, direction; any header.
+    """Read a text table: columns row, node, direction, or node, direction; any header.
 
     Rows are counted from 0 or from 1.
 
@@ -52,7 +52,7 @@ def _order(header: Sequence[str], path: Path) -> list[int]:
 
 
 def rows_of_table(table: Any, name: str = DOFS) -> list[Dof]:
-    """Degrees of freedom of a table in memory, in the order of the rows.
+    """Return the degrees of freedom of a table in memory, in the order of its rows.
 
     Args:
         table: Texts "node:direction", or rows of [node, direction] or [row, node, direction].

@@ -18,7 +18,7 @@ from jbw.report.messages import matrices as messages
 
 
 def contents(path: Path) -> MatrixFile:
-    """Matrices of a .mat file, its variable `dofs`: "node:direction", or [node, direction].
+    """Read the matrices of a .mat file, with `dofs`: "node:direction", or [node, direction].
 
     `nodes`, where there is one, has rows [node, x, y, z].
     """
@@ -46,7 +46,7 @@ def _v5(path: Path) -> dict[str, Any]:
 
 
 def _cells(variable: Any) -> Any:
-    """Cells of texts as an array of texts."""
+    """Return cells of texts as an array of texts."""
     if isinstance(variable, np.ndarray) and variable.dtype == object:
         return np.array([str(np.squeeze(text)) for text in variable.ravel()])
     return variable
@@ -58,7 +58,7 @@ def _v73(path: Path) -> dict[str, Any]:
 
 
 def _read73(file: h5py.File, node: Any) -> Any:
-    """A variable: arrays have their axes in reverse, sparse ones are columns of row indices."""
+    """Read a variable: arrays have reversed axes, sparse matrices are columns of row indices."""
     if isinstance(node, h5py.Group):
         if "MATLAB_sparse" not in node.attrs:
             return None

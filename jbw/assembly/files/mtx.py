@@ -75,7 +75,7 @@ def _abaqus(path: Path) -> MatrixFile:
 
 
 def _labels(columns: np.ndarray) -> list[Dof]:
-    """Degrees of freedom of two columns, node and number."""
+    """Return the degrees of freedom from two columns, node and direction number."""
     pairs = columns.astype(int).tolist()
     named = {pair: dof_of(*pair) for pair in set(map(tuple, pairs))}
     return [named[tuple(pair)] for pair in pairs]

@@ -12,7 +12,7 @@ from jbw.errors import DataError
 
 
 def contents(path: Path) -> MatrixFile:
-    """Matrices of an .op4 or .op2 file, without a table of degrees of freedom.
+    """Read the matrices of an .op4 or .op2 file, without a table of degrees of freedom.
 
     Raises:
         DataError: pyNastran is not installed, or does not work with the NumPy that is.

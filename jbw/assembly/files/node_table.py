@@ -15,7 +15,7 @@ _SEPARATORS = re.compile(r"[,;\s]+")
 
 
 def read_nodes(path: Path) -> dict[str, Position]:
-    """The table of a text file: columns node, x, y, z; lines that begin with a letter are passed.
+    """Read a text table with columns node, x, y, z; skip lines that begin with a letter.
 
     Raises:
         DataError: A line has other columns.

@@ -13,7 +13,7 @@ from jbw.report.messages import matrices as messages
 
 
 def contents(path: Path) -> MatrixFile:
-    """Matrices of an .npz file, its array `dofs`: "node:direction", or [node, direction].
+    """Read the matrices of an .npz file, with `dofs`: "node:direction", or [node, direction].
 
     `nodes`, where there is one, has rows [node, x, y, z].
     """

@@ -41,12 +41,12 @@ Source = str | Path | Mapping[str, Any]
 
 
 def role_of(name: str) -> str:
-    """The role of a matrix by its name: mass, stiffness or damping; empty where it says none."""
+    """Return a matrix's role by its name: mass, stiffness or damping; empty if it has none."""
     return next((role for role, names in _NAMES.items() if name.upper() in names), "")
 
 
 def read_matrices(source: Source, *, units: str, dofs: Any = None) -> MatrixModel:
-    """Mass and stiffness of a structure, and damping where there is one, in SI.
+    """Read mass and stiffness of a structure, and damping if there is one, in SI.
 
     | format | what it holds |
     |---|---|
@@ -127,7 +127,7 @@ def _parts(source: Source, dofs: Any) -> _Parts:
 
 
 def _in_one_order(parts: _Parts) -> _Parts:
-    """Matrices whose rows have names in the order of one table; others are in it as they are."""
+    """Sort matrices with named rows into one table's order; others are in it already."""
     rows = [matrix.dofs for matrix in parts.matrices if matrix is not None]
     if not any(row is not None for row in rows):
         return parts
@@ -224,7 +224,7 @@ def _contents(path: Path) -> MatrixFile:
 
 
 def _attempted[Read](path: Path, read: Callable[[Path], Read]) -> Read:
-    """What a reader makes of a file; whatever a library raises, as one sentence."""
+    """Return a reader's result for a file; turn any library error into one sentence."""
     if not path.is_file():
         raise DataError(
             f"File `{path}` must be there, but is not.",

@@ -25,7 +25,7 @@ USUAL_OF_JOINTS = ("opensees",)  # the same of several joints
 
 
 def programs_named(names: Sequence[str]) -> tuple[Program, ...]:
-    """Programs by their names.
+    """Return the programs with the given names.
 
     Raises:
         ConfigError: One is not known; with the nearest.

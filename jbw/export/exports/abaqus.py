@@ -27,12 +27,12 @@ def _facts(result: Export) -> dict[str, int | tuple[Form, ...]]:
 
 
 def _code(folder: Path, result: Export) -> Paths:
-    """The element."""
+    """Write the source code of the Abaqus user element."""
     return (write_text(folder / "joint_uel.c", "abaqus/joint_uel.c", result, **_facts(result)),)
 
 
 def _card(folder: Path, result: Export) -> Paths:
-    """Its properties, to be included in an input file."""
+    """Write the element's properties, to be included in an input file."""
     return (write_text(folder / "joint.inp", "abaqus/joint.inp", result, **_facts(result)),)
 
 

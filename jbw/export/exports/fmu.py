@@ -108,7 +108,7 @@ def _each_joint(
 
 
 def _any(result: JointsExport) -> None:
-    """An FMU takes any joint: it knows neither nodes nor other joints."""
+    """Accept any joint: an FMU contains neither nodes nor other joints."""
 
 
 def _variables(parameters: Iterable[Parameter], result: Export) -> Iterable[Variable]:
@@ -124,13 +124,13 @@ def _variables(parameters: Iterable[Parameter], result: Export) -> Iterable[Vari
 
 # -- units -----------------------------------------------------------------------------------------
 def units_of(variables: Iterable[Variable | Parameter]) -> list[Mapping[str, Any]]:
-    """Units of some variables and of time, as powers of the kilogram, the metre and the second."""
+    """Return the units of variables and of time, as powers of kilogram, metre and second."""
     names = dict.fromkeys(("s", *(variable.unit for variable in variables)))
     return [{"name": name, **base_powers(name)} for name in names]
 
 
 def base_powers(unit: str) -> dict[str, int]:
-    """Powers of kg, m and s in a unit of jbw's dialect, such as `1/(m s^2)`."""
+    """Return the powers of kg, m and s in a unit of jbw's dialect, such as `1/(m s^2)`."""
     powers = {"kg": 0, "m": 0, "s": 0}
     above, _, below = unit.partition("/")
     for part, sign in ((above, 1), (below.strip("()"), -1)):
@@ -142,7 +142,7 @@ def base_powers(unit: str) -> dict[str, int]:
 
 # -- binaries --------------------------------------------------------------------------------------
 def binary(version: int) -> str:
-    """Where this machine's binary lies within `binaries`, such as `linux64/joint.so`."""
+    """Return this machine's binary path within `binaries`, such as `linux64/joint.so`."""
     system, suffix = SYSTEMS.get(sys.platform, (sys.platform, ".so"))
     machine = MACHINES.get(platform.machine().lower(), platform.machine().lower())
     if version == 2:
@@ -151,7 +151,7 @@ def binary(version: int) -> str:
 
 
 def compiler() -> list[str] | None:
-    """The C compiler's command, the variable CC's or the system's; None where there is none."""
+    """Return the C compiler command, from variable CC or the system; None if there is none."""
     named = shlex.split(os.environ.get("CC", ""))
     commands = [named] if named else [[name] for name in COMPILERS]
     return next((command for command in commands if shutil.which(command[0])), None)

@@ -50,7 +50,7 @@ def _card(folder: Path, result: Export) -> Paths:
 
 
 def _joints_card(folder: Path, result: JointsExport) -> Paths:
-    """Grid points, constraint equations, elements, properties and tables of all joints."""
+    """Write grid points, constraint equations, elements, properties, tables of all joints."""
     joints = []
     for nodes in nodes_of(result):
         joint, card = nodes.card.joint, nodes.card
@@ -71,7 +71,7 @@ def _joints_card(folder: Path, result: JointsExport) -> Paths:
 
 
 def _tables(result: Export, force: int, damping: int) -> list[tuple[int, list[str]]]:
-    """Numbers and fields of the force and of the equivalent dashpot against displacement."""
+    """Return numbers and fields of force and equivalent dashpot against displacement."""
     return [
         (number, [_field(x) for x in mirrored(result.skeleton, column, odd=odd)])
         for number, column, odd in (
@@ -82,7 +82,7 @@ def _tables(result: Export, force: int, damping: int) -> list[tuple[int, list[st
 
 
 def _linear(result: Export) -> tuple[str, str]:
-    """Stiffness at rest, and the dashpot that loses as the joint at its largest displacement."""
+    """Return stiffness at rest and a dashpot of equal loss at the joint's largest displacement."""
     table = result.skeleton
     return _field(table["stiffness_n_m"][0]), _field(table["damping_ns_m"][-1])
 

@@ -40,7 +40,7 @@ class JointLines(NamedTuple):
 
 
 def _card(folder: Path, result: Export) -> Paths:
-    """The materials."""
+    """Write the OpenSees materials of the joint."""
     facts = {"lines": opensees_lines(result.materials), "notes": tuple(_notes(result))}
     return (write_text(folder / "joint.tcl", "opensees/joint.tcl", result, **facts),)
 
@@ -64,7 +64,7 @@ def _joints_card(folder: Path, result: JointsExport) -> Paths:
 
 
 def _notes(result: Export, unit: str = "m") -> Iterator[str]:
-    """Of each law that sliders stand for, how far and how well."""
+    """Yield notes on range and accuracy of the sliders that represent each law."""
     for law in oscillator_of(result.joint, result.laws).laws:
         if law.depth:
             error = 100.0 * error_of_sliders(law, result.y_max)  # pyright: ignore[reportArgumentType]
@@ -75,7 +75,7 @@ def _notes(result: Export, unit: str = "m") -> Iterator[str]:
 def opensees_lines(
     materials: Sequence[Material], tag: int = JOINT_TAG, first: int = JOINT_TAG + 1
 ) -> tuple[str, ...]:
-    """Commands that make materials from a first tag on, and set them in parallel."""
+    """Return commands that create materials from a first tag on, and set them in parallel."""
     tags = range(first, first + len(materials))
     lines = [
         _line(material.kind, own_tag, material.arguments)

@@ -39,7 +39,7 @@ def _any_law(result: Export) -> tuple[str, ...]:
 
 
 def no_code(folder: Path, result: JointsExport) -> Paths:
-    """Nothing: every draw changes all that is written."""
+    """Return no files: each draw changes the entire output."""
     return ()
 
 
@@ -117,7 +117,7 @@ def require_law(program: Program, result: Export) -> None:
 
 
 def parameters_of(result: Export) -> tuple[Parameter, ...]:
-    """Mass, spring and dashpot beside the joint, then the parameters of its laws."""
+    """Return mass, spring and dashpot parallel to the joint, then its laws' parameters."""
     quantities = result.quantities or (*LINEAR, *quantities_of(result.laws))
     values = {**result.linear, **result.joint}
     return tuple(Parameter(q.name, values[q.name], q.unit, q.meaning) for q in quantities)
@@ -220,7 +220,7 @@ def forms_of(folder: str, result: Export) -> tuple[Form, ...]:
 
 
 def without_form(folder: str) -> Callable[[Export], tuple[str, ...]]:
-    """What tells the laws that have no form in the language of a folder of templates."""
+    """Return a function that lists laws without a template in a folder's language."""
     forms = {Path(name).stem for name in ENVIRONMENT.list_templates() if name.startswith(folder)}
     return lambda result: tuple(law for law in result.laws if family_of(law) not in forms)
 
@@ -254,12 +254,12 @@ def write_template(path: Path, template: str, **facts: Any) -> Path:
 
 
 def commented(lines: Iterable[str], mark: str) -> str:
-    """Lines of comment; nothing at a line's end goes on in the next, nor is there a trigraph."""
+    """Format comment lines without line continuations or trigraphs."""
     return "\n".join(mark + re.sub(r"\\+$", "", line.replace("??", "?")) for line in lines)
 
 
 def mirrored(table: Table, column: str, *, odd: bool) -> Iterable[float]:
-    """Displacements and values of a skeleton, one after the other, from -Y to Y."""
+    """Yield a skeleton's displacements and values in turn, from -Y to Y."""
     y, x = table["displacement_m"], table[column]
     middle = 0.0 if odd else x[0]
     xs = (*(-x[::-1] if odd else x[::-1]), middle, *x)
