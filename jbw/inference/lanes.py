@@ -40,7 +40,7 @@ def solved_first(solver: Solver) -> Callable[[Any], Any]:
 
 
 def seeing[Data](seen: Callable[[Data], Data]) -> Callable[[Any], Any]:
-    """Mark a function of (theta, data) that depends on data only through `seen`.
+    """Mark a function of (theta, data) as dependent on data only through `seen`.
 
     A program is compiled for what is no array, names among it. Of names that the function does not
     tell apart, `seen` leaves none: data of equal shapes then share a program, whatever their names.
@@ -196,7 +196,7 @@ class _Meeting:
             values.cancel()
 
     def _complete(self) -> list[tuple[np.ndarray, Future[np.ndarray]]]:
-        """Return the points requested by all running searches, once all have requested."""
+        """Return all running searches' requested points once each search has requested some."""
         if len(self._asked) < self._num_running:
             return []
         asked, self._asked = self._asked, []

@@ -55,7 +55,7 @@ def enclosed_area(y: ArrayLike, force: ArrayLike) -> Reals:
 
 
 def mean_cycles(x: Reals, fs: float, omega: float, num_points: int) -> Reals:
-    """Return a mean cycle per channel (channel, time), at omega t from 0 to 2 pi, end excluded.
+    """Return each channel's mean cycle (channel, time), at omega t from 0 to 2 pi, end excluded.
 
     A fit of harmonics over all cycles: samples need not fall on the same phases in each of them.
     """

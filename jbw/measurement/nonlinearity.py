@@ -266,7 +266,7 @@ def _lines(mean: np.ndarray) -> int:
 
 
 def _in_band(deviations: np.ndarray, mean: np.ndarray) -> float:
-    """Return the variance per sample of white noise at the median line of the response's band."""
+    """Return the variance per sample of white noise at the level of the response band's median."""
     band = _band(mean)
     power = np.sum(np.abs(np.fft.rfft(deviations))[:, band] ** 2, axis=0) / (len(deviations) - 1)
     # Median over mean of a chi-square of 2 k degrees of freedom, by Wilson and Hilferty.

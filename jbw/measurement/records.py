@@ -203,7 +203,7 @@ def share_clock(fs: float, other_fs: float) -> bool:
 
 
 def is_sampled(record: Record) -> bool:
-    """Return whether a record's samples have times: not in curves, nor in loops without clock."""
+    """Return whether samples have times: not in a curve, nor in a loop without a clock."""
     return record.fs == record.fs and record.provenance.get("fs") != COUNTED
 
 

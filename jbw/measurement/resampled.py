@@ -139,13 +139,13 @@ def _rate_through(time: Reals, new_fs: float) -> float:
 
 
 def resample_line(time: Reals) -> str:
-    """Return the line with a possible rate for uneven samples, and its frequency limit."""
+    """Return the campaign line for resampling uneven samples, with its frequency limit."""
     fs = proposed_rate(time)
     return f"`resample = {fs:.9g}`, good below {PASSED * _rate_through(time, fs) / 2:.3g} Hz"
 
 
 def _without_pauses(time: Reals, begins: float) -> str:
-    """Return the remedy for times with pauses; the file's first lies at `begins` [s]."""
+    """Return the remedy for times with pauses; `begins` is the first time in the file [s]."""
     steps = np.diff(time)
     pauses = np.flatnonzero(steps > PAUSE * np.median(steps))
     line = unbroken_line(time, pauses, begins + float(time[0])) if len(pauses) else ""

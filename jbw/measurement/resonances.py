@@ -137,7 +137,7 @@ def _named(record: Record) -> str:
 
 
 def read_lines(lines: DrivenLines) -> Reading:
-    """Read resonance from a time record, at the energy-weighted envelope amplitude."""
+    """Read the resonance of a time record, at the energy-weighted amplitude of its envelope."""
     read = read_resonance(lines.omega, lines.source, lines.y)
     centre = 2 * np.pi * read.frequency_hz
     near = np.abs(lines.omega - centre) < WIDE * centre
@@ -246,7 +246,7 @@ def curves_of_points(test: Test) -> list[ControlledCurve]:
 
 
 def readings_of_points(test: Test, gain: float | None) -> list[Reading]:
-    r"""Return frequency and damping at each point's amplitude, by the force per unit mass g F.
+    r"""Return frequency and damping at each point's amplitude, by force per unit mass g F.
 
     $$\omega_r^2 = \omega^2 + \frac{g F \cos\varphi}{Y}, \qquad
       2\zeta\,\omega_r\,\omega = -\frac{g F \sin\varphi}{Y}$$

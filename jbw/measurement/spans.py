@@ -59,7 +59,7 @@ def rows_of_span(time: Reals, span: tuple[float, float]) -> slice:
 def unbroken_line(
     time: Reals, breaks: Int[np.ndarray, " break"], begins: float = 0.0, least: float = LEAST
 ) -> str:
-    """Return the campaign line that keeps times without a break after any of `breaks`.
+    """Return the campaign line that keeps a part of the times without a break.
 
     It is the first part that is half as long as the longest; nothing where that has less than a
     part `least` of the times.
@@ -107,7 +107,7 @@ def kept_before(record: Record, at_s: float) -> str:
 
 
 def left_out_from(record: Record, at_s: float) -> str:
-    """Return the remedy for a record that differs after some time [s], e.g. by a second blow."""
+    """Return the remedy for a record that changes at some time [s], as by a second blow."""
     if at_s < LEAST * record.num_samples / record.fs:
         return f"{left_out(record)}."
     span = span_line(0.0, at_s, start_of(record)).partition(": ")[2]
@@ -125,7 +125,7 @@ def is_by_file(leaving_out: str) -> bool:
 
 
 def put_line(leaving_out: str) -> str:
-    """Return the sentence on leaving out a record, with its line first where there is one."""
+    """Return the sentence on how to leave out a record, with the campaign line if there is one."""
     words, _, line = leaving_out.partition(": ")
     return f"{remedies.PUT} {line}" if line else f"{words[0].upper()}{words[1:]}"
 

@@ -134,7 +134,7 @@ class _WeightedPart(NamedTuple):
 def _with_errors(
     lines_hz: Reals, amplitudes: Reals, fitted: _WeightedPart, length_s: float
 ) -> tuple[SteadyLine, ...]:
-    """Return the lines with errors of the removed signal, from scatter about the fit."""
+    """Return the lines with the errors of their removal, from the scatter about the fit."""
     columns, part, weight, time = fitted
     scatter = part - columns @ amplitudes
     variance = float(np.sum((weight * scatter) ** 2) / np.sum(weight**2))

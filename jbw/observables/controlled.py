@@ -271,7 +271,7 @@ class ControlledPoints(Observable):
         return np.hypot(scale, force_noise)
 
     def relative_to(self, group: int) -> Float[np.ndarray, " value"]:
-        """Return the reference of each value's relative error, in its unit (forces: themselves)."""
+        """Return the reference of each value's relative error, in its unit; forces: themselves."""
         mean = np.asarray(self.mean)[group][compared(self.groups, group)]
         if self.rows[group].quantity == "force":
             return mean
@@ -330,7 +330,7 @@ class ControlledPoints(Observable):
     def _deviation(
         self, group: int, slopes: Sequence[Float[np.ndarray, " point"]]
     ) -> Float[np.ndarray, "point variable"]:
-        """Return weights on `moments` for a repeat's deviation without its inputs' share."""
+        """Return weights of a repeat's deviations that remove the effect of its inputs."""
         weights = np.zeros((len(slopes[0]), MOMENTS))
         weights[:, 1 if self.rows[group].quantity == "force" else 0] = 1.0
         weights[:, 2] = -slopes[0]
@@ -350,7 +350,7 @@ class ControlledPoints(Observable):
         return float(np.sum((squares / scale**2)[compared(self.groups, group)]))
 
     def _sizes(self, theta: Theta) -> Float[np.ndarray, " group"]:
-        r"""Return sizes with the resonance half width, $\zeta_{eq} f = g F / (2 \omega^2 Y) f$."""
+        r"""Return reference sizes with the half width $\zeta_{eq} f = g F / (2 \omega^2 Y) f$."""
         size, gain = np.array(self.groups.reference), abs(float(theta["gain"]))
         for i, row in enumerate(self.rows):
             if row.quantity == "frequency" and self.unit_of_source:

@@ -204,7 +204,7 @@ def _density_of_shifts(theta: Theta, found: Estimate) -> Float[Array, "1"]:
 
 
 def estimates(theta: Theta, data: Dataset) -> Estimate:
-    """Estimate the offsets of each group's run from that group, given all parameters."""
+    """Estimate the offsets of each group's run from that group, at given parameters."""
     part_estimates = [part.estimate(of_part(theta, part), data.num_offsets) for part in data.parts]
     return Estimate(*(jnp.concatenate(rows) for rows in zip(*part_estimates, strict=True)))
 
@@ -250,7 +250,7 @@ def _weighted(theta: Theta, data: Dataset) -> list[Block]:
 def _offsets_taken_out(
     blocks: Sequence[Block], data: Dataset
 ) -> tuple[list[Float[Array, "_group _value"]], dict[str, Float[Array, " own"]]]:
-    """Subtract the best run offsets from each part's rows; return rows and scaled offsets."""
+    """Subtract each run's best offsets from the rows; return rows and scaled offsets."""
     rows = [block[0] for block in blocks]
     shared = [i for i, part in enumerate(data.parts) if not part.own_shifts]
     if not (data.has_offsets and shared):
@@ -336,7 +336,7 @@ def with_directions(
     data: Dataset,
     offsets: Mapping[str, Float[np.ndarray, " own"]] | None = None,
 ) -> Dataset:
-    """Return the dataset linearised in the run offsets, with records expanded about `offsets`."""
+    """Return the dataset with each prediction's derivatives by its run's offsets."""
     everything = as_arrays(theta, data)
     parts = tuple(
         p if p.own_shifts else p.linearised(of_part(everything, p), offsets or {})

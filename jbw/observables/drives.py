@@ -49,14 +49,14 @@ def of_part[Value](theta: Mapping[str, Value], part: Observable) -> Mapping[str,
 
 
 def attached(parts: Sequence[Observable]) -> tuple[str, ...]:
-    """Return the drives whose parameters have separate names."""
+    """Return the drives whose parameters carry the drive in their names, as omega_n_voltage."""
     drives = {part.drive for part in parts if part.drive}
     fed = tuple(drive for drive in FED if drive in drives)
     return fed if drives - set(fed) else fed[1:]
 
 
 def parts_of(drive: str, parts: Sequence[Observable]) -> list[Observable]:
-    """Return the parts that use the parameters of a drive ("": the plain parameters)."""
+    """Return the parts of data that use a drive's own parameters ("": the plain parameters)."""
     others = attached(parts)
     return [part for part in parts if (part.drive if part.drive in others else "") == drive]
 

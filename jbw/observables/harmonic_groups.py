@@ -53,7 +53,7 @@ class MeasuredHarmonic(NamedTuple):
 
 
 def groups_of(tests: Sequence[Test]) -> list[MeasuredHarmonic]:
-    """Group tests of steady motion (one tone, stepped, frf) with enough values for a noise."""
+    """Group tests of steady motion (one tone, stepped, frf) that can estimate their noise."""
     single = [test for test in tests if test.kind == "tones" and len(test.tones_hz) == 1]
     groups = tone_groups(single)
     for test in tests:

@@ -282,7 +282,7 @@ def modal_envelopes(
 
 
 def _turns(length: int, data: ModalDecays) -> Float[Array, "mode step"]:
-    """Return the phase angle of each mode per unit of the first mode's shift [s]."""
+    """Return each mode's phase angle per unit of the frequency shift of the first mode [s]."""
     hz = jnp.asarray(data.modes.hz)
     return hz[:, None] / hz[0] * data.step_s * jnp.arange(length)
 

@@ -84,7 +84,7 @@ def _poles_and_gains(
         return np.stack([low + place * (high - low), np.exp(log_zeta)], axis=1)
 
     def best(x: Reals) -> tuple[Reals, Reals]:
-        """Solve for gains and terms, one row per column of a point; return their residual."""
+        """Solve for gains and added terms at trial poles; return them with the residual."""
         natural, zeta = poles_of(x).T[..., None]
         modal = 1 / (natural**2 - omega**2 + 2j * zeta * natural * omega)
         columns = _parts(np.array([*modal, np.ones_like(omega), 1 / omega**2]) * source)

@@ -138,7 +138,7 @@ def _seen(
 @seeing(_seen)
 @solved_first(_solved)
 def _sums(theta: Theta, task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -> dict[str, Any]:
-    """Compute each part's requested sums at one draw, with run offsets drawn at random."""
+    """Compute the sums requested of each part at one draw, with random draws of run offsets."""
     key, data, rows = task
     everything = {**data.held, **{name: x for name, x in theta.items() if name != SEED}}
     sums: dict[str, Any] = {}

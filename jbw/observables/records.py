@@ -198,7 +198,7 @@ class Records(Observable):
         return {"laws": self.laws, "substeps": self.substeps, "depth": self.depth}
 
     def predict(self, theta: Theta) -> Float[Array, "level compared"]:
-        """Predict the response of each level to its mean input, at its origin of offsets."""
+        """Predict each level's response to its mean input, about its run's offsets if any."""
         if self.solution is not None and self.solution.response is not None:
             return self.solution.response
         several = any(self.points)
@@ -292,7 +292,7 @@ class Records(Observable):
         offset: Float[Array, "level of_run"] | None,
         products: Float[Array, "level row"],
     ) -> tuple[Float[Array, " level"], Float[Array, "level row"]]:
-        r"""Return residual sums from a solution's products R m of responses m with the rows R.
+        r"""Return residual sums from a solution's products R m of the responses m with rows R.
 
         $$Q_b = Q - 2 b^T s + b^T J J^T b, \qquad R r_b = R d - R m - R J^T (a + b)$$
 
@@ -317,7 +317,7 @@ class Records(Observable):
         writes: bool,
         rows: Float[np.ndarray, "level row value"] | None = None,
     ) -> Self | None:
-        """Return records with solutions at points, or None if only the model can solve them.
+        """Return the records with solutions at points; None where the batch solver cannot be used.
 
         Those of several modes, residual terms or periodic motions are, and laws that our own step
         does not know. The steps of the solver, which are no matter any more, are those of any.
@@ -397,7 +397,7 @@ class Records(Observable):
     def _joints_of_levels(
         self, theta: Mapping[str, Float[np.ndarray, " point"]], numbers: Sequence[int]
     ) -> list[Oscillator] | None:
-        """Return the oscillators of several levels by one call; the last point fills lanes."""
+        """Return oscillators of several levels in one call; the last point fills spare lanes."""
         if self.periodic or any(self.points):
             return None
         count, origin = len(numbers), np.asarray(self.groups.origin)[list(numbers)]

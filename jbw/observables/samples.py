@@ -33,7 +33,7 @@ Lines = tuple[int, int]  # the first line of a spectrum that counts, and the one
 
 
 def lines_of(band_hz: Sequence[float], length: int, fs: float) -> Lines | None:
-    """Return the first line of a spectrum in a band and the line after the last one."""
+    """Return a band's first spectral line and the line after its last; raise if it is empty."""
     if not band_hz:
         return None
     first, last = whole_up(band_hz[0] * length / fs), whole_down(band_hz[1] * length / fs)
@@ -105,7 +105,7 @@ def joints_at(
     residuals: str = "none",
     depth: int | None = None,
 ) -> Oscillator | None:
-    """Return oscillators at points for `jbw.oscillator.batch`; the last point fills all lanes.
+    """Return oscillators at points for `jbw.oscillator.batch`; the last point fills spare lanes.
 
     Their laws remember `depth` reversals. None where theta has several modes or residual terms, or
     where a stock solver integrates a law.

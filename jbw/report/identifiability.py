@@ -131,7 +131,7 @@ def directions_table(summary: Row, quantities: Names) -> Table:
 
 
 def quantities_table(summary: Row, quantities: Names) -> Table:
-    """Return a table of knowledge on parameters and combinations, before and after sampling."""
+    """Return a table of each parameter's and combination's precision, before and after sampling."""
     facts = {**(summary.get("parameters") or {}), **(summary.get("combinations") or {})}
     more = ("contraction", "box_sensitivity", "profiles")
     rows = [

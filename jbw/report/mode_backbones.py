@@ -86,7 +86,7 @@ def _draw_bands(column: Panels, of_mode: xr.Dataset) -> None:
 
 
 def _beside(of_mode: xr.Dataset, quantity: str) -> tuple[str, tuple[str, str]]:
-    """Return the name of the curve next to the bands, and both labels (older runs: full stick)."""
+    """Return the name of the additional curve for a quantity, and the labels of both curves."""
     other = f"{quantity}_in_full_stick"
     if other in of_mode:
         return other, (labels.MEDIAN_FREE, labels.MEDIANS_STUCK)

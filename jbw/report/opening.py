@@ -211,7 +211,7 @@ def _per_cents(ends: Mapping[str, float]) -> str:
 
 
 def _change(what: str, values: np.ndarray, unit: str) -> str:
-    """Return the sentence on a quantity's change from weak motion (row 1) to strong, with band."""
+    """Return the sentence on a quantity's change from weak motion (first row) to strong motion."""
     (_, weak, _), (low, strong, high) = values
     digits = _digits(low, high)
     interval = f"{strong:.{digits}g} {unit} [{low:.{digits}g}, {high:.{digits}g}]"
@@ -254,7 +254,7 @@ def _of_held_out(tests: Sequence[Summary]) -> str:
 
 
 def _noun(tests: Sequence[Summary]) -> str:
-    """Return the noun for a single prediction: record if there are free decays, else test."""
+    """Return the noun for a predicted unit: record if there are free decays, else test."""
     is_free = (KINDS[kind].is_free for row in tests if (kind := row.get("kind")) in KINDS)
     return "record" if any(is_free) else "test"
 

@@ -117,7 +117,7 @@ def units_tables(
 def units_table(
     record: Mapping[str, Any], mean: np.ndarray, sd: np.ndarray, names: Sequence[str]
 ) -> Table:
-    """Return a table of units: torque, the named coordinates, and fit to the other units."""
+    """Return a table of units: torque, the named coordinates, and agreement with other units."""
     rows = []
     for k, unit in enumerate(record["units"]):
         ends = np.exp(mean[k] + HALF_99 * sd[k] * np.array([[-1.0], [0.0], [1.0]]))

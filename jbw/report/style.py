@@ -116,7 +116,7 @@ def finish(axes: Panels, ax: Any, below: str = "", ylabels: str | Sequence[str] 
 
 
 def _columns(names: Sequence[str]) -> int:
-    """Return the number of legend columns that fit, each as wide as its longest name."""
+    """Return the number of legend columns that fit the figure, each as wide as its longest name."""
     for count in range(len(names), 1, -1):
         columns = np.array_split(np.array([len(name) + 7 for name in names]), count)
         if sum(column.max() for column in columns) <= LETTERS:

@@ -246,7 +246,7 @@ def level_of(row: Summary) -> str:
 
 
 def _fitted(row: Summary) -> str:
-    """Return a note on partly fitted repeats, or on a test's distance beyond the fitted range.
+    """Return a note on partly fitted repeats, or on a test's distance beyond the fitted tests.
 
     Of a kind of test the parameters that only its tests identify.
     """

@@ -110,7 +110,7 @@ def unseen_hysteresis(summary: Mapping[str, Any]) -> str | None:
 
 
 def grades(summary: Mapping[str, Any]) -> dict[str, int]:
-    """Return the grade of each parameter of the main posterior, by index in `opening.GRADES`.
+    """Return the grade of each parameter of the main posterior, as index of `opening.GRADES`.
 
     Where no hysteresis is seen, its parameters are poorly known at best, whatever their intervals,
     and so is a parameter whose interval ends at a bound, with what only its products tell.
@@ -135,7 +135,7 @@ def grades(summary: Mapping[str, Any]) -> dict[str, int]:
 
 
 def identified_words(summary: Mapping[str, Any], quantities: Names) -> list[str]:
-    """Return which parameters are known (5 %), roughly (30 %), or prior-based (half a nat)."""
+    """Return sentences on parameters by grade: known (5 %), roughly (30 %), or prior only."""
     groups: dict[int, list[str]] = {}
     for name, grade in grades(summary).items():
         size = abs(summary["steps"][summary["main"]]["parameters"][name]["cv"])

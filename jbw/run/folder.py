@@ -150,7 +150,7 @@ class Run:
             return 0.0
 
     def close(self) -> None:
-        """Release the folder for other processes; of an unfinished run, record the time spent."""
+        """Release the folder for other processes; save the time spent if the run is unfinished."""
         if (self.folder / HIDDEN / MANIFEST).exists():
             spent = self.spent + perf_counter() - self._opened
             (self.folder / HIDDEN / SPENT).write_text(f"{spent:.2f}", encoding="utf-8")

@@ -78,7 +78,7 @@ def give_back_after_compiling() -> None:
 
 
 def trimming(trim: Callable[[int], Any]) -> Callable[..., None]:
-    """Return a listener to durations that calls `trim` with no margin after long compilations."""
+    """Return a listener that calls `trim` with no margin after each long compilation."""
 
     def after_compile(event: str, duration: float, **facts: str | int) -> None:
         if event == COMPILED and duration >= LONG_S:

@@ -145,7 +145,7 @@ def counts_below(
 
 
 def ecdf_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
-    r"""Return the probability of a gamma as small for uniform ranks (most extreme ECDF point).
+    r"""Return the probability that uniform ranks deviate as much at the ECDF's extreme point.
 
     $$\gamma = \min_i 2 \min\{P(C_i \le c_i),\, P(C_i \ge c_i)\}$$
     """

@@ -226,7 +226,7 @@ def residual_at(
 
 
 def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
-    r"""Return a function of s and which of the two: the residual (0) or its Jacobian by s (1).
+    r"""Return a function of s and a flag: the residual (0) or its Jacobian with respect to s (1).
 
     $$\frac{\partial r}{\partial s_i} \approx \frac{r(s + h e_i) - r(s - h e_i)}{2h}$$
 
@@ -286,7 +286,7 @@ def _slope(
 
 
 def _solved(theta: Mapping[str, np.ndarray], residual_and_data: Any, threads: int) -> Solved | None:
-    """Solve the residual's costly part first, if the residual is `solved_first`."""
+    """Return the data with the costly part solved, if the residual is `solved_first`."""
     residual, data = residual_and_data
     solver = getattr(residual, "solver", None)
     if solver is None or (solved := solver(theta, data, threads)) is None:

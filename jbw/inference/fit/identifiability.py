@@ -133,7 +133,7 @@ def _determined(
 
 
 def combination(names: Sequence[str], exponents: NDArray[np.float64], logs: bool) -> str:
-    """Format a product of powers (a sum without `logs`), with exponents near halves rounded."""
+    """Format a product of powers (a sum without `logs`); round exponents near halves."""
     parts = [
         (name, _rounded(float(exponent)))
         for name, exponent in zip(names, exponents, strict=True)

@@ -220,7 +220,7 @@ def _at_once(facts: Mapping[Any, Any]) -> list[Finding]:
 
 
 def _budget(facts: Mapping[Any, Any], findings: Iterable[Finding]) -> list[Finding]:
-    """Return a finding if time ran out before enough draws, with the time needed."""
+    """Return a finding if the time ran out before enough draws, with the time needed."""
     if "budget_spent_s" not in facts:
         return []
     spent = float(facts["budget_spent_s"])

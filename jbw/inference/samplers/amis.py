@@ -171,7 +171,7 @@ def _is_over(
     until: Until | None,
     spent: float,
 ) -> bool:
-    """Return whether rounds end: draws suffice, cannot suffice, or time is spent."""
+    """Return whether to end the rounds: enough draws, no prospect of enough, or no time left."""
     count = len(past.rounds)
     if count >= options.most_rounds or (until is not None and spent >= until.budget_s):
         return True
@@ -269,7 +269,7 @@ def _draws(
     problem: Problem,
     options: Options,
 ) -> tuple[Draws, Float[np.ndarray, "chain draw term"]]:
-    """Draw equal weights by stratified resampling, each group from separate points.
+    """Draw points of equal weight by stratified resampling, with separate points per group.
 
     Points of all rounds are shuffled, so that the parts of a group differ by chance alone. Copies
     stand together: an effective size from autocorrelation counts them as one.

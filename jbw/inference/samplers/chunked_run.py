@@ -61,7 +61,7 @@ class Kept(Protocol):
     """A checkpoint of the chains of one posterior, which outlives the process."""
 
     def grown(self, so_far: SoFar) -> None:
-        """Save the run's progress; called after each chunk of steps."""
+        """Report the progress of the chains; called after each chunk of steps."""
         ...
 
     def load(self) -> Arrays | None:
@@ -111,7 +111,7 @@ UNSUPERVISED = Supervision()
 
 
 def no_checkpoint(name: str) -> None:
-    """Return None: keep no checkpoint."""
+    """Return None, so that no checkpoint of the chains is saved."""
 
 
 class Chains(NamedTuple):

@@ -30,7 +30,7 @@ def draws_within(
     upper: Vector,
     count: int,
 ) -> tuple[Float[np.ndarray, "draw parameter"], Float[np.ndarray, "draw parameter"], Rows]:
-    """Draw points in the bounds; return also their independent normal numbers w, log weights."""
+    """Draw points within bounds; return them, their independent normals w and log weights."""
     std = np.sqrt(np.diag(covariance))
     order = np.argsort(log_mass((lower - mean) / std, (upper - mean) / std), kind="stable")
     root = np.linalg.cholesky(covariance[np.ix_(order, order)])
@@ -53,7 +53,7 @@ def mixture_within(
     lower: Vector,
     upper: Vector,
 ) -> tuple[Float[np.ndarray, "draw parameter"], Float[np.ndarray, "draw parameter"]]:
-    """Draw from a mixture of Gaussians within bounds; return also the normal numbers.
+    """Draw from a mixture of Gaussians within bounds; return points and normal numbers.
 
     Each Gaussian is its share, mean and covariance, and `member` the one that every point is of
     before the bounds count.

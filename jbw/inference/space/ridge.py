@@ -85,7 +85,7 @@ class Ridge(Coordinate):
 
 
 def walls(foot: Member, along: Member) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Return where a line enters and leaves the unit cube; exit <= entry if it misses."""
+    """Return a line's entry and exit of the unit cube; the exit is not later if it misses."""
     parallel = jnp.abs(along) < NARROW
     slope = jnp.where(parallel, 1.0, along)
     ends = jnp.stack([(0 - foot) / slope, (1 - foot) / slope])

@@ -18,7 +18,7 @@ PER_CYCLE = 64  # samples of the strongest frequency that are plenty
 
 
 def long_records(name: str, traits: Kind, record: Record) -> Iterator[str]:
-    """Propose a span and a sampling frequency for a long record of samples.
+    """Propose a shorter span and a lower sampling frequency for a long record of samples.
 
     Samples of rest at either end are cut by `span`, and a rate of more than 64 samples a cycle of
     the strongest frequency is lowered by exporting again. A fit solves every sample, so that its

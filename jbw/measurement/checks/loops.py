@@ -50,7 +50,7 @@ def travels_freely(loop: ForcedLoop, laws: Sequence[str]) -> Iterator[Fault]:
 
 
 def _gap_of(y: Reals, force: Reals) -> float | None:
-    """Return half the free travel of a cycle [m]; None where a smooth spring fits as well."""
+    """Return half the free travel of a cycle [m]; None if a smooth spring fits equally well."""
     lowest = int(np.argmin(y))
     centre, reach = 0.5 * (y.max() + y.min()), 0.5 * np.ptp(y)
     if lowest < POINTS // 4 or len(y) - lowest < POINTS // 4:

@@ -216,7 +216,7 @@ def _around_line(peak_hz: float) -> tuple[float, float]:
 
 
 def _in_two_digits(band_hz: tuple[float, float]) -> tuple[float, float]:
-    """Return a band [Hz] rounded to two digits, for proposals only, not for computing."""
+    """Round a band [Hz] to two digits for a proposal (never for computations)."""
     return float(f"{band_hz[0]:.2g}"), float(f"{band_hz[1]:.2g}")
 
 
@@ -257,7 +257,7 @@ def about_peak(
 
 
 def height_within(record: Record, band: tuple[float, float]) -> float:
-    """Return a displacement's largest line in a band over its largest, of clear lines only."""
+    """Return a displacement's largest prominent line in a band over its largest overall."""
     freq, size, lowest = _lines(record, 0.0)
     standing = size[lowest:, 1]
     inside = lines_within(freq[lowest:], band)
@@ -266,7 +266,7 @@ def height_within(record: Record, band: tuple[float, float]) -> float:
 
 
 def _lines(record: Record, settle: float) -> tuple[Reals, Reals, int]:
-    """Return frequencies [Hz], all lines and clear lines of displacement, and first sure index.
+    """Return frequencies [Hz], displacement lines (all, prominent) and the first reliable index.
 
     The first is beyond what a mean that drifts adds. Of a few points, as read off a chart, whose
     record may hold no more than two or three periods, it is what a straight line leaves: there is

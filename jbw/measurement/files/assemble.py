@@ -211,7 +211,7 @@ def _parted(role: str, sources: Mapping[str, list[Leaf]], rows: Repeats) -> _Cha
 def _cleared(
     rows: Repeats, role: str, fs: float, first: int, request: Wanted
 ) -> tuple[Repeats, dict[str, str]]:
-    """Remove means, an analyser's window and steady lines from rows as requested; describe it.
+    """Remove means, window and steady lines from rows as requested; return a description too.
 
     The rows begin with sample `first` of their record.
     """
@@ -231,7 +231,7 @@ def _cleared(
 
 
 def _of_one_length(channels: Mapping[str, Repeats]) -> dict[str, Repeats]:
-    """Cut resampled channels to the length of the shortest one."""
+    """Cut resampled channels to the length of the shortest channel."""
     size = min(len(row) for rows in channels.values() for row in rows)
     return {role: [row[:size] for row in rows] for role, rows in channels.items()}
 
@@ -298,7 +298,7 @@ def _repeats(channels: Mapping[str, Repeats], record: Record) -> tuple[Record, .
 
 
 def _unit(role: str, stated: str, request: Wanted) -> tuple[str, str]:
-    """Return a role's unit, and the file's unit where the caller's replaces it.
+    """Return a role's unit, and the file's unit where the caller's unit replaces it.
 
     The caller's must not contradict the file's, unless he says that his are right.
     """

@@ -207,7 +207,7 @@ def _unfitting_names(header: Sequence[str], dialect: Dialect) -> list[str]:
 
 
 def sniff(lines: Sequence[str], file: str, mark: str = "") -> Dialect:
-    """Find the dialect that reads most of the first lines as numbers; one column needs points."""
+    """Find the dialect that reads most first lines as numbers; one column needs decimal points."""
     among = [marks for marks in DIALECTS if not mark or marks.delimiter == mark] or DIALECTS
     count, dialect = max((_trial(lines, marks) for marks in among), key=lambda trial: trial[0])
     if count < LEAST_LINES:
@@ -388,7 +388,7 @@ def _row(line: str, dialect: Dialect) -> list[str]:
 
 
 def _are_units(row: Sequence[str]) -> bool:
-    """Return whether a row has at least one unit and otherwise only units or signs of none."""
+    """Return whether a row consists of units and blanks, with at least one unit."""
     bare = [_bare(text) for text in row]
     return any(map(is_unit, bare)) and all(
         not text or is_unit(text) or OTHER_UNIT.fullmatch(text) for text in bare

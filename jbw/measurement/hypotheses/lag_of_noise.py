@@ -202,7 +202,7 @@ def _jump_within(at: int, lags: Reals) -> _Fit:
 
 
 def _course(time: Reals, lags: Reals) -> Lag:
-    """Choose whether the lags of noise have a slope or a step; otherwise a constant."""
+    """Choose a constant, a slope or a step that describes the lags of noise over time."""
     constant = np.ones_like(time)
     plain = _squares(constant[:, None], lags)
     growing = _squares(np.column_stack([constant, time - time[0]]), lags)

@@ -69,7 +69,7 @@ class UndecayingLine:
 
 
 def _in_decay(fits: DecayFits, residual: Complexes) -> DecayCause:
-    """Return amplitudes over the decay's initial one, and lines above the band's centre."""
+    """Return starting values of a line in a decay: relative amplitudes, lines above centre."""
     signal = fits.signal
     turn, size = strongest_line(residual * fits.weight**2, signal.step_s)
     level = size / np.sum(fits.weight**2) / signal.a0

@@ -245,7 +245,7 @@ class _Rows:
 
 
 def _floors(fits: DecayFits | SweepFits, best: ModeFit, rows: _Rows) -> tuple[Reals, Reals]:
-    """Return the error from a residual beyond the noise at high amplitude, and the stated floor."""
+    """Return errors that a residual beyond noise at high amplitude implies, at least the floor."""
     size = np.abs(fits.signal.z)
     loud = size > 0.4 * size.max()
     excess = float(np.mean(np.abs(best.residual[loud]) ** 2)) - 1.5 * fits.noise**2

@@ -30,7 +30,7 @@ def is_of(contents: Contents) -> bool:
 
 
 def read(contents: Contents) -> Contents:
-    """Return the file's rate, and each channel's name and unit if it has all declared samples."""
+    """Read rate, and name and unit of each channel that has the declared number of samples."""
     root = top(contents)
     series: dict[str, Leaf] = {}
     fs = positive(number_at(root, "File_Header", "SampleFrequency"))
