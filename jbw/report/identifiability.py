@@ -86,7 +86,7 @@ def _column(group: xr.Dataset, what: str) -> Float[np.ndarray, " quantity"]:
 
 
 def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Return how far can each parameter move while the others make up for it?
+    """How far can each parameter move while the others make up for it?
 
     Least χ² with the parameter held, less the least of all. A parabola that passes the dashed line
     on both sides gives a 99 % interval; a curve that stays below it up to the bound is a limit that
