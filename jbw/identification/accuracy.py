@@ -29,7 +29,7 @@ TINY = np.finfo(float).tiny
 
 
 def solver_finding(posterior: xr.Dataset, data: Dataset) -> Finding | None:
-    r"""Whether the solver's step could have moved the posterior; None where nothing is stepped.
+    r"""Check whether the solver's step could have moved the posterior; None without a solver.
 
     Halving the step changes the log likelihood by $\Delta\ell(\theta)$ and so a posterior mean by
     $\mathrm{Cov}(\theta, \Delta\ell)$, at most $\mathrm{sd}(\Delta\ell)$ standard deviations.
@@ -48,7 +48,7 @@ def substeps_of(data: Dataset) -> int:
 
 
 def another_law(laws: Sequence[str]) -> str:
-    """The line that stands a cubic spring beside the laws; where it stands, what else there is."""
+    """Return the remedy's line that adds a cubic spring, or names other laws if it is present."""
     if SPRING in laws:
         return OTHER_LAWS
     return beside_other_laws(put("joint", "laws", [*laws, SPRING]))
@@ -57,7 +57,7 @@ def another_law(laws: Sequence[str]) -> str:
 def solver_change(
     theta: Mapping[str, Float[np.ndarray, "..."]], data: Dataset
 ) -> NDArray[np.float64] | None:
-    """What halving the solver's step does to the log likelihood of draws; None without a solver."""
+    """Return each draw's log likelihood change on halving the solver's step; None if unstepped."""
     finer = halved(data)
     if finer is None:
         return None
@@ -103,7 +103,7 @@ def residual_finding(
 
 
 def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
-    """How much of the worst group a fit leaves, of those whose observable says what is too much."""
+    """Check the largest group error against its observable's limit; None without a limit."""
     bounded = {
         label: part.most_misfit
         for part in data.parts
@@ -119,7 +119,7 @@ def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
 
 
 def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
-    """Chi-square of a fit over the groups whose noise repeats tell, and its degrees of freedom."""
+    """Return chi-square of a fit over groups with noise from repeats, and degrees of freedom."""
     sizes = num_known(data)
     if sum(sizes.values()) <= len(first.x):  # as many parameters explain any data
         return None
@@ -129,7 +129,7 @@ def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
 
 
 def within_misfit(error: Mapping[str, float]) -> Amendment | None:
-    """That misfit which is small, and counted by the likelihood, is usable; None where it is large.
+    """Return the amendment that a small misfit, counted by the likelihood, is usable; else None.
 
     A law that leaves more than noise of long or precise records, but a few per cent of each, is
     wrong in what it leaves and right in the rest; the intervals have this in them.
@@ -146,7 +146,7 @@ def within_unseen(
     unseen: Sequence[float],
     which: str,
 ) -> Amendment | None:
-    """Errors of tests that a fit did not see, quoted where findings say that the law is usable.
+    """Quote the errors of tests unseen by a fit in findings that call the law usable.
 
     Errors are relative to the rms of their tests. Where they exceed the fitted ones by a factor of
     1.5 in rms, what was usable within the fitted error is not.
@@ -169,7 +169,7 @@ def within_unseen(
 
 
 def repeatability_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
-    """What the best fit leaves of the worst group, beside the scatter of that group's repeats.
+    """Compare the fit error of the worst group with the scatter of that group's repeats.
 
     A law that leaves more than they scatter predicts a record worse than its neighbour does.
     """

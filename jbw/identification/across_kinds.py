@@ -44,7 +44,7 @@ def _kind_of(part: Observable) -> str:
 
 
 def across_kinds(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
-    """Error of every kind of test as the others predict it; None of fewer than two kinds."""
+    """Predict each kind of test from the others and return its error; None below two kinds."""
     kinds = kinds_of(data)
     if len(kinds) < 2:
         return None

@@ -117,7 +117,7 @@ def measured_in(
     tests: Sequence[Test] | None = None,
     line_fit: TriedStep | None = None,
 ) -> Measured:
-    """The same of a campaign with all that it states; of some of its tests where they are given."""
+    """Return Step 2 and the fitted and held-out tests of a campaign, or of given tests alone."""
     return measured(
         campaign.tests if tests is None else tests, campaign.settings, laws=campaign.laws,
         structure=campaign.structure, gain=force_per_unit(campaign), joints=campaign.joints,
@@ -126,7 +126,7 @@ def measured_in(
 
 
 def assemble(seen: Measured) -> Dataset:
-    """Everything that a campaign fits, in one dataset, without offsets of the runs.
+    """Assemble everything that a campaign fits into one dataset, without offsets of the runs.
 
     Fitted are all tests but those held out: tones near the resonance (they validate), levels and
     repeats of sweeps beside `fit_levels` and `fit_repeats`, tests named by `hold_out`, and kinds
@@ -165,7 +165,7 @@ def assemble(seen: Measured) -> Dataset:
 
 
 def _held(parts: Sequence[Observable], gain: Gain, tests: Sequence[Test]) -> dict[str, float]:
-    """What is not inferred: gains that are stated, and what no part can tell."""
+    """Return the held parameters: stated gains, and parameters that no part constrains."""
     others, first_parts = attached(parts), parts_of("", parts)
     informed = informed_by(first_parts)
     first = next((part.drive for part in first_parts if part.drive), "")
@@ -199,7 +199,7 @@ def _require_labels(parts: Sequence[Observable]) -> None:
 
 
 def entered(seen: Measured) -> dict[str, bool]:
-    """Whether anything of a test is fitted, some of its repeats or its line fit, by its name."""
+    """Return by test name whether any of the test's repeats or its line fit is fitted."""
     kinds = {kind for observable in OBSERVABLES for kind in observable.kinds}
     names = _names([test for test in _reducible(seen) if test.kind in kinds])
     names |= _names([test for test in seen.chosen if test.traits.is_free])

@@ -27,7 +27,7 @@ FEWEST = 3  # loud lines within 7 % of a mode: by fewer a source does not drive 
 
 
 def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Identify) -> Modes:
-    """Modes of a reduced model as a campaign's tests see them: those that are driven come first.
+    """Return a reduced model's modes as a campaign's tests see them, driven modes first.
 
     Raises:
         ConfigError: Tests, laws or settings of which several joints know nothing.
@@ -162,7 +162,7 @@ def _require_sources(tests: Sequence[Test]) -> None:
 
 
 def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
-    """Elastic kept modes that the tests' sources pass through, one that is seen well first."""
+    """Return the elastic kept modes that the tests' sources pass, a well observed one first."""
     frequencies = reduced.frequencies_hz
     elastic = [i for i, hz in enumerate(frequencies) if hz > 0]
     windows = Modes(tuple(float(frequencies[i]) for i in elastic)).windows_hz
@@ -214,7 +214,7 @@ def passes(test: Test, window_hz: tuple[float, float]) -> bool:
 
 
 def known_gain(modes: Modes | None, tests: Sequence[Test]) -> float | None:
-    """Gain of the first mode under a measured force [1/kg], by the model; None of others."""
+    """Return the model's gain of the first mode under a measured force [1/kg]; None otherwise."""
     driven = [test for test in tests if not test.traits.is_free]
     if modes is None or modes.meet != ASSEMBLED or not driven or drive_of(driven[0]) in FED:
         return None
@@ -248,7 +248,7 @@ def with_steps(parts: Sequence, modes: Modes | None, settings: Identify) -> list
 def joint_bounds(
     modes: Modes, data: Dataset, stated: Mapping[str, tuple[float, float]], zeta: float
 ) -> Bounds:
-    """Wide bounds of the laws at every joint, and bounds of the factors on its motion.
+    """Return wide bounds of the laws at every joint and of the factors on the joint's motion.
 
     Those of the laws are by the joint's stiffness in full stick and its largest motion.
 
@@ -286,7 +286,7 @@ def _largest_motion(modes: Modes, data: Dataset, joint: str) -> float:
 
 
 def largest_amplitudes(modes: Modes, data: Dataset) -> Float[np.ndarray, " mode"]:
-    """Largest amplitude of every driven mode; NaN of those that the first point hardly sees."""
+    """Return each driven mode's largest amplitude; NaN if the first point hardly sees it."""
     numbers, shares = dict(modes.numbers), np.abs(gain_shares(modes))
     peaks_of_parts = (part.shown().peaks_of_modes for part in data.parts)
     peaks = np.max([largest for largest in peaks_of_parts if largest], axis=0)

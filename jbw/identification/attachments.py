@@ -51,7 +51,7 @@ def require_one_unit(tests: Iterable[Test]) -> None:
 
 
 def foretold(tests: Sequence[Test], parts: Sequence[Observable]) -> list[Observable]:
-    """What the shakers lead to of drives that have names of their own; warns where one is not read.
+    """Predict the modes of separately named drives from their shakers; warn about unread shakers.
 
     Beside a structure alone only, whose modes the force tells.
     """
@@ -77,7 +77,7 @@ def foretold(tests: Sequence[Test], parts: Sequence[Observable]) -> list[Observa
 
 
 def _read(test: Test) -> ShakerReading | None:
-    """The shaker, with as few modes in the band as it is read with; warns where with none."""
+    """Read the shaker with the fewest modes in the band that work; warn if no number does."""
     reason = ""
     for modes in MOST_MODES:
         try:
@@ -124,7 +124,7 @@ def _sentence(test: Test, reading: ShakerReading, mode: int, share: float) -> st
 
 
 def drive_sentences(theta: Mapping[str, Any], data: Dataset) -> list[str]:
-    """Whose omega_n and zeta these are, where a shaker moves along."""
+    """Return the sentences on which omega_n and zeta include a shaker that moves along."""
     drives = {part.drive for part in data.parts if part.drive}
     if len(drives) == 1 and drives <= set(FED):
         return [messages.with_shaker(drives.pop())]

@@ -121,7 +121,7 @@ def _factor(label: str, spectrum: Spectrum) -> Suspect:
 
 
 def factor_words(label: str, factor: float, source: str = "input") -> Words:
-    """What a group is whose response over its input is so many times that of others."""
+    """Return the words for a group whose response-to-input ratio is `factor` times the others'."""
     if abs(factor + 1) < TURNED:
         return messages.turned(label, put(TEST, f"scale.{source}", -1.0))
     size = abs(factor)
@@ -160,7 +160,7 @@ def _in_time(spectra: Spectra) -> Iterator[Suspect]:
 
 
 def _residual_term(spectra: Spectra) -> Suspect:
-    r"""Modes below and above the band: $X = (R - M / \omega^2)\,U$, as a displacement."""
+    r"""Return the term of modes outside the band: displacement $X = (R - M / \omega^2)\,U$."""
     columns = {}
     for label, spectrum in spectra.items():
         stiff = spectrum.factor * spectrum.source
@@ -216,7 +216,7 @@ def modes_at(spectra: Spectra, places: Iterable[float], remedy: str = "") -> Ite
 
 
 def _mode(spectra: Spectra, omega: float, zeta: float, remedy: str) -> Suspect:
-    r"""$X = a\,U / (\omega_2^2 - \omega^2 + 2j\zeta_2\omega_2\omega)$."""
+    r"""Return a suspected mode: $X = a\,U / (\omega_2^2 - \omega^2 + 2j\zeta_2\omega_2\omega)$."""
     columns = {}
     for label, spectrum in spectra.items():
         below = omega**2 - spectrum.omega**2 + 2j * zeta * omega * spectrum.omega
@@ -258,7 +258,7 @@ class Linearised(NamedTuple):
 
 
 def causes(best: Fit, data: Dataset) -> list[Cause]:
-    """What would explain the misfit of a fit, most of it first; nothing where none is seen."""
+    """Return likely causes of a fit's misfit, the largest share first; empty if none is seen."""
     spectra = _spectra(best, data)
     missed = _missed(spectra, data)
     if not missed:
@@ -320,12 +320,12 @@ def cause_finding(found: Sequence[Cause]) -> Finding | None:
 
 
 def causes_sentence(found: Sequence[Cause]) -> str:
-    """What would explain the misfit, in words."""
+    """Return the sentence on the likely causes of the misfit."""
     return messages.causes([(cause.explained, cause.text) for cause in found[:MOST_SAID]])
 
 
 def _missed(spectra: Spectra, data: Dataset) -> list[str]:
-    """Groups of which more is left than noise: a coloured residual, of few values a large one."""
+    """Return groups with residuals beyond noise: coloured, or large if the group has few values."""
     scatter = repeatability(data)
     labels = []
     for label, spectrum in spectra.items():
@@ -341,7 +341,7 @@ def _missed(spectra: Spectra, data: Dataset) -> list[str]:
 
 
 def _linearised(best: Fit, data: Dataset, spectra: Spectra, missed: Sequence[str]) -> Linearised:
-    """All groups about the optimum: those that are tried first, then the others as fitted."""
+    """Linearise all groups about the optimum: suspected groups first, then others as fitted."""
     slopes = [residual_by_label(column, data) for column in best.jacobian.T]
     fitted, slope = by_label(best.residual, data), by_label(best.jacobian, data)
     slices, weight, rows, columns, counted, end = {}, {}, [], [], [], 0
@@ -383,7 +383,10 @@ def _tried(suspect: Suspect, linearised: Linearised) -> Cause:
 
 
 def _apart(spectra: Spectra, missed: Sequence[str]) -> list[Cause]:
-    """A group whose own gain has another sign or size: then no fit of all need be near any."""
+    """Return the cause that one group's separate gain differs in sign or size from the others'.
+
+    No fit of all groups need then be near any group.
+    """
     fits = {label: _alone(spectrum) for label, spectrum in spectra.items()}
     single_fits = {label: pair for label, pair in fits.items() if pair is not None}
     missed = [label for label in missed if label in single_fits]
@@ -406,7 +409,7 @@ def _apart(spectra: Spectra, missed: Sequence[str]) -> list[Cause]:
 
 
 def _alone(spectrum: Spectrum) -> tuple[float, float] | None:
-    """Gain of the linear oscillator of one group alone, and what that leaves, relative."""
+    """Fit a linear oscillator to one group; return its gain and the relative residual."""
     x = np.divide(
         spectrum.measured,
         spectrum.factor,
@@ -430,7 +433,7 @@ def _alone(spectrum: Spectrum) -> tuple[float, float] | None:
 
 
 def stiffness(mode: Mapping[str, float], omega: NDArray[np.float64]) -> NDArray[np.complex128]:
-    r"""Dynamic stiffness of a mode, $\omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega$."""
+    r"""Return the dynamic stiffness of a mode, $\omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega$."""
     return mode["omega_n"] ** 2 - omega**2 + 2j * mode["zeta"] * mode["omega_n"] * omega
 
 

@@ -151,7 +151,7 @@ FURTHER: dict[str, Check] = {}  # from outside of jbw, by what they check
 
 
 def register(what: str, check: Check) -> Check:
-    """Let a check from outside of jbw look at every joint posterior.
+    """Register a check from outside of jbw that runs on every joint posterior.
 
     Args:
         what: What it checks, as "the stop of the bench": for progress, and where the check fails.
@@ -163,7 +163,7 @@ def register(what: str, check: Check) -> Check:
 
 
 def check_joint(key: Key[Array, ""], posterior: JointPosterior) -> Checks:
-    """Findings of the chains, of the fit and of the posterior, and what else the checks leave."""
+    """Check the chains, the fit and the posterior; return findings, amendments and statements."""
     started, ready, tree = perf_counter(), posterior.fitted, posterior.tree
     checked = CheckedPosterior(key, posterior.draws, ready)
     outcomes = posterior_checks(checked)
@@ -186,14 +186,14 @@ def check_joint(key: Key[Array, ""], posterior: JointPosterior) -> Checks:
 
 
 def groups_of(outcomes: Iterable[Outcome]) -> dict[str, xr.Dataset]:
-    """Labelled arrays of some checks, by name."""
+    """Return the labelled arrays of several checks by name."""
     return {name: group for outcome in outcomes for name, group in outcome.groups.items()}
 
 
 def amendments_of(
     checked: CheckedPosterior, groups: Mapping[str, xr.Dataset], attempts: Attempts
 ) -> tuple[Amendment | None, ...]:
-    """What the errors of the fit, of fits without each run, and the response say of findings."""
+    """Return amendments to findings from fit errors, fits without each run, and the response."""
     of_unseen, ready, data = None, checked.fitted, checked.data
     if (left_out := groups.get("leave_one_out")) is not None:
         errors = left_out["fitted"].values.tolist(), left_out["error"].values.tolist()
@@ -207,7 +207,7 @@ def amendments_of(
 
 
 def posterior_checks(checked: CheckedPosterior) -> list[Outcome]:
-    """What every check leaves, in the order in which a reader wants it."""
+    """Run every check of a posterior; return the outcomes in the order of the report."""
     attempts = Attempts()
 
     def made(checks: Mapping[str, Check]) -> list[Outcome]:
@@ -267,7 +267,7 @@ def response_bands(checked: CheckedPosterior) -> Outcome:
 
 
 def lack_of_fit(checked: CheckedPosterior) -> Outcome:
-    """What the residuals look like, where the fit misses the tests."""
+    """Explain the residuals of a fit that misses the tests by their likely causes."""
     why = causes(checked.fitted.fit, checked.data)
     return Outcome(cause_finding(why), (causes_sentence(why),) if why else ())
 
@@ -279,7 +279,7 @@ def offsets_of_runs(checked: CheckedPosterior) -> Outcome:
 
 
 def effects_of_joints(checked: CheckedPosterior) -> Outcome:
-    """What each of several joints does to every mode, and their backbones; nothing of one."""
+    """Return each joint's effect on every mode, with backbones; empty for a single joint."""
     draws, data = checked.draws, checked.data
     if (modes := joint_modes(draws, data)) is None:
         return Outcome()
@@ -289,13 +289,13 @@ def effects_of_joints(checked: CheckedPosterior) -> Outcome:
 
 
 def of_tests(checked: CheckedPosterior) -> Outcome:
-    """What the kinds of tests say of their fit."""
+    """Return the statements of each kind of test on its fit."""
     theta, parts = checked.theta, checked.data.parts
     return Outcome(statements=[x for part in parts for x in part.statements(of_part(theta, part))])
 
 
 def of_drives(checked: CheckedPosterior) -> Outcome:
-    """What drives with a frequency and damping of their own say."""
+    """Return the statements on drives with a separate frequency and damping."""
     return Outcome(statements=tuple(drive_sentences(checked.theta, checked.data)))
 
 
@@ -322,13 +322,13 @@ def joint_of_each_mode(checked: CheckedPosterior) -> Outcome:
 
 
 def effects_in(checked: CheckedPosterior) -> Effects | None:
-    """What the joint does to frequency and damping at the largest displacement fitted."""
+    """Return the joint's effect on frequency and damping at the largest fitted displacement."""
     data, y_peak = checked.data, checked.fitted.y_peak
     return effects(checked.draws, data.held, y_peak, data.laws)
 
 
 def thresholds_reached(checked: CheckedPosterior) -> Outcome:
-    """Which thresholds of the laws the tests reach."""
+    """Return the statements on which thresholds of the laws the tests reach."""
     theta = every_parameter(checked.draws, checked.data)
     sentences = threshold_sentences(theta, checked.fitted.y_peak, checked.data.laws)
     return Outcome(statements=tuple(sentences))
@@ -398,7 +398,7 @@ OF_OTHER_TESTS: dict[str, Check] = {
 
 
 def effect_checks(added: Effects, *, misses: bool) -> dict[str, Check]:
-    """Checks of what the joint adds: hysteresis, or drag in its place, and whether it is seen."""
+    """Return the checks of hysteresis (or of drag in its place) and of whether a joint is seen."""
 
     def hysteresis(checked: CheckedPosterior) -> Outcome:
         return Outcome(seen_hysteresis(added, checked.fitted, misses=misses))
@@ -413,13 +413,13 @@ def effect_checks(added: Effects, *, misses: bool) -> dict[str, Check]:
 
 
 def seen_hysteresis(added: Effects, ready: Fitted, *, misses: bool) -> Finding | None:
-    """Whether hysteresis is seen, or drag fits as well; None where nothing speaks against it."""
+    """Check that hysteresis is seen and drag does not fit as well; None without objection."""
     finding = hysteresis_finding(added, ready.y_peak, ready.data.laws, misses=misses)
     return finding or seen_drag(added, ready, misses=misses)
 
 
 def seen_drag(added: Effects, ready: Fitted, *, misses: bool) -> Finding | None:
-    """Whether drag fits as well as the laws of hysteresis; None where these soften as slip does."""
+    """Check whether drag fits as well as hysteresis laws; None if these soften as slip does."""
     best, data, y_peak = ready.fit, ready.data, ready.y_peak
     zeta = {**data.held, **best.theta}["zeta"]
     if data.modes is not None or not may_be_drag(added, zeta, data.laws):
@@ -430,14 +430,14 @@ def seen_drag(added: Effects, ready: Fitted, *, misses: bool) -> Finding | None:
 
 
 def incomplete_finding(said: Sequence[str]) -> Finding | None:
-    """Checks that could not be made, in the sentences on them; None where all were."""
+    """Return the finding on checks that could not be made; None if all were made."""
     if not said:
         return None
     return Finding("incomplete_checks", "not assessed", {"sentences": said}, float(len(said)))
 
 
 def drawn(facts: Mapping[Any, Any]) -> list[str]:
-    """How the ladder drew: coordinates, evaluations and evidence, in words."""
+    """Return the sentences on ladder sampling: coordinates, evaluations and evidence."""
     if "coordinates" not in facts:
         return []
     counted = facts["num_evaluations"]
@@ -448,7 +448,7 @@ def drawn(facts: Mapping[Any, Any]) -> list[str]:
 
 
 def stuck(posterior: xr.DataTree, findings: Iterable[Finding]) -> list[str]:
-    """What to do where elliptical slices do not mix, in words; nothing where they do."""
+    """Return the advice for elliptical slice sampling that does not mix; empty where it mixes."""
     failed = {finding.code for finding in findings if finding.status != "ok"}
     if posterior.attrs.get("sampler") != "elliptical_slice" or not failed & STUCK:
         return []

@@ -28,7 +28,7 @@ from jbw.report.messages import posterior as messages
 
 
 def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box:
-    """Box of the joint route: the joint's parameters, and the gain, where they are not held."""
+    """Return the prior box of the joint route: joint parameters and gain, unless they are held."""
     parts = parts_of("", data.parts)
     # Where nothing tells of damping, the displacement is prescribed in every test.
     forced = all("zeta" not in part.informs for part in parts)
@@ -60,7 +60,7 @@ def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box
 
 
 def _stiffest(data: Dataset) -> float:
-    """Force over displacement of the stiffest loop, peak to peak, per unit mass [1/s^2]."""
+    """Return force over displacement of the stiffest loop, peak to peak, per unit mass [1/s^2]."""
     stiffnesses = (part.shown().stiffness() for part in data.parts)
     measured = [value for value in stiffnesses if value is not None]
     if not measured:
@@ -75,7 +75,7 @@ def _stiffest(data: Dataset) -> float:
 def _bounds_of(
     drive: str, settings: Identify, data: Dataset, estimates: Mapping[str, float]
 ) -> Bounds:
-    """Bounds of omega_n, zeta and gain of a drive that has its own, unless they are held."""
+    """Return bounds of a drive's separate omega_n, zeta and gain, unless they are held."""
     parts = parts_of(drive, data.parts)
     omega_n, zeta = estimates[named("omega_n", drive)], estimates.get(named("zeta", drive), 0.01)
     gain = estimates.get(named("gain", drive))
@@ -97,7 +97,7 @@ def _bounds_beside(settings: Identify, data: Dataset, estimates: Mapping[str, fl
 
 
 def _bounds_of_own_laws(modes: Modes, data: Dataset, estimates: Mapping[str, float]) -> Bounds:
-    """Bounds of the laws of every mode but the first, as those of an oscillator of its own."""
+    """Bound the laws of every mode but the first, as for a separate oscillator."""
     peaks = np.max([largest for p in data.parts if (largest := p.shown().peaks_of_modes)], axis=0)
     bounds: Bounds = {}
     for mode, (names, peak) in enumerate(zip(modes.names, peaks[1:], strict=True), 2):
@@ -138,7 +138,7 @@ def joint_box(
     *,
     linear: bool = True,
 ) -> Box:
-    """Box of omega_n, zeta, the parameters of the laws, and the gain unless that is None.
+    """Return the box of omega_n, zeta, the laws' parameters, and the gain unless that is None.
 
     The gain comes with its standard deviation. Unless `linear`, omega_n and zeta of the scales were
     read at a level that holds the joint's softening and its losses: roughly the oscillator's own.
@@ -168,7 +168,7 @@ def joint_box(
 
 
 def linear_bounds(scales: Scales, gain: tuple[float, float] | None, *, linear: bool) -> Bounds:
-    """Bounds of omega_n and zeta, and of a gain with its standard deviation; as `joint_box`."""
+    """Bound omega_n, zeta, and a gain by its standard deviation, as in `joint_box`."""
     omega_n, zeta = scales.omega_n, scales.zeta
     bounds: Bounds = {"omega_n": (0.97 * omega_n, 1.03 * omega_n), "zeta": (0.2 * zeta, 3.0 * zeta)}
     if not linear:
@@ -183,7 +183,7 @@ def linear_bounds(scales: Scales, gain: tuple[float, float] | None, *, linear: b
 
 
 def weighed_bounds(gain: float) -> tuple[float, float]:
-    """Bounds of a gain by a loop's secant, which may be several times softer than its beginning."""
+    """Bound a gain by a loop's secant, which may be several times softer than the loop's start."""
     low, high = sorted((gain / MOST_SOFTENING, MOST_SOFTENING * gain))  # a channel may be turned
     return low, high
 
@@ -207,7 +207,7 @@ def _require_stiffness(
 def _shared(
     laws: Collection[type[Law]], bounds: Bounds, prior_names: Collection[str], omega_n: float
 ) -> Bounds:
-    """Bounds of the laws' parts of omega_n^2 that together are no more than the stiffest alone.
+    """Reduce bounds of the laws' parts of omega_n^2 so that they sum to the stiffest at most.
 
     Upper bounds that nobody states are lowered alike; those that are stated must leave room.
     """
@@ -258,7 +258,7 @@ def chosen_coordinates(
 
 
 def coordinates_sentence(law: type[Law], coordinates: Coordinates) -> str:
-    """What is sampled and why, in words."""
+    """Return the sentence on which coordinates are sampled and why."""
     *most, last = law.names()
     meanings = "; ".join(quantity.meaning for quantity in coordinates.table)
     return messages.products_sampled(most, last, coordinates.names, meanings)
@@ -271,7 +271,7 @@ def coordinate_box(
     law: type[Law],
     coordinates: Coordinates,
 ) -> Box:
-    """Box of a law's other coordinates about a fit, in the place of its own parameters."""
+    """Return the box with a law's other coordinates about a fit in place of its parameters."""
     bounds = bounds_by_name(prior)
     other = law.coordinate_bounds(  # pyright: ignore[reportAttributeAccessIssue]
         coordinates.name, bounds, theta, dict(settings.prior)

@@ -89,7 +89,7 @@ def diagnose(curve: AmplitudeCurve) -> Diagnosis | None:
 
 
 def turning_point(curve: AmplitudeCurve) -> tuple[float, float, float] | None:
-    """Where the frequency turns round, as `Diagnosis.turn`; None where it goes one way.
+    """Return the point where the frequency turns, as `Diagnosis.turn`; None if monotonic.
 
     It falls and rises, or rises and falls, by more than 3.5 standard deviations each. Many readings
     are taken together in groups.
@@ -119,7 +119,7 @@ def _read(y: Values, omega: Values, zeta: Values) -> Sequence[float]:
     share = x**2 / np.sum(x**2)  # of the squares: a reading counts by its amplitude
 
     def line(values: Values, exponent: float) -> tuple[np.ndarray, float]:
-        """Value at rest and change at the largest amplitude, and the squares that they leave."""
+        """Fit rest value and change at the largest amplitude; return the squared misfit too."""
         power = x**exponent
         middle, centre = share @ power, share @ values
         across, along = power - middle, values - centre
@@ -147,7 +147,7 @@ def _read(y: Values, omega: Values, zeta: Values) -> Sequence[float]:
 def _smooth_pair(
     omega: Float[np.ndarray, " two"], zeta: Float[np.ndarray, " two"], y_max: float
 ) -> tuple[float, float]:
-    r"""Spring c y|y| and damper c v|v| of straight lines of frequency and damping in amplitude.
+    r"""Return spring c y|y| and damper c v|v| for frequency and damping linear in amplitude.
 
     $$\frac{\Delta\omega}{\omega} = \frac{8}{3\pi} \frac{c Y}{2 \omega^2}, \qquad
       \Delta\zeta = \frac{8}{3\pi} \frac{c' Y}{2}$$
@@ -163,7 +163,7 @@ def masing_ratio(exponent: float) -> float:
 
 
 def diagnosis_sentences(found: Diagnosis) -> list[str]:
-    """What the readings say, in words."""
+    """Return the sentences on the readings of frequency and damping against amplitude."""
     range_mm = 1e3 * found.y[0], 1e3 * found.y[1]
     grown = messages.damping_grows(found.damping, found.damping_exponent)
     if found.turn is not None:

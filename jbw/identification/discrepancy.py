@@ -99,7 +99,7 @@ class Discrepancy:
         return not any(scatter.std or scatter.whole for scatter in scatters)
 
     def at(self, y: float | None, *, of_decay: bool = False) -> AtAmplitude:
-        """Standard deviations at an amplitude [m]; where it is not known, at the largest fitted."""
+        """Return standard deviations at an amplitude [m]; if unknown, at the largest fitted."""
         grown, beyond = growth(y, self.y_low, self.y_high), outward(y, self.y_low, self.y_high)
         ratio = y / self.y_high if y is not None and self.y_high > 0 else 1.0
         within = 1.0 if beyond else grown
@@ -155,7 +155,7 @@ def growth_shown(y: float | None, y_low: float, y_high: float) -> float:
 
 
 def outward(y: float | None, y_low: float, y_high: float) -> float:
-    r"""The factor $\sqrt{g (y / y_{max})^4 - 1}$ of all that is missed; 0 within the fitted."""
+    r"""Return the factor $\sqrt{g (y / y_{max})^4 - 1}$ of all misfit; 0 in the fitted range."""
     if y is None or not 0 < y_low <= y_high < y:
         return 0.0
     grown = growth(y, y_low, y_high) * (y / y_high) ** max(POWERS)
@@ -182,7 +182,7 @@ def _missed_in(numbers: Float[np.ndarray, " number"]) -> Missed:
 
 
 def discrepancy_finding(found: xr.Dataset, laws: Sequence[str]) -> Finding | None:
-    """What the law misses of runs that were left out; None where none can be left out.
+    """Return the finding on the law's error for held-out runs; None if no run can be held out.
 
     A change of frequency by omega_n times e, or of damping by e, moves the response at resonance by
     e / zeta of itself.
@@ -216,7 +216,7 @@ def discrepancy_finding(found: xr.Dataset, laws: Sequence[str]) -> Finding | Non
 
 
 def unscored_levels(found: xr.Dataset) -> str:
-    """Why nothing shows how the law predicts other levels, by its key in `UNSCORED`; or empty."""
+    """Return why predictions of other levels are not scored: a key in `UNSCORED`, or empty."""
     if not found.sizes["run"]:
         return "two runs" if found.attrs["num_runs"] > 1 else "one run"
     y_low, y_high = float(found.attrs["y_low"]), float(found.attrs["y_high"])
@@ -224,7 +224,7 @@ def unscored_levels(found: xr.Dataset) -> str:
 
 
 def discrepancy_sentences(found: xr.Dataset) -> list[str]:
-    """What bands of tests that were not fitted hold beside noise, and what cannot be scored."""
+    """Return the sentences on bands of unfitted tests beyond noise, and on unscored levels."""
     reason = unscored_levels(found)
     unscored = [messages.UNSCORED[reason].sentence] if reason else []
     return unscored if discrepancy_in(found).is_nothing else [messages.IN_BANDS, *unscored]

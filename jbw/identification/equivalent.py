@@ -41,7 +41,7 @@ def effects(
     y_peak: float,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Effects | None:
-    r"""What the joint does to frequency and damping at an amplitude Y [m], from its steady loop.
+    r"""Return the joint's change of frequency and damping at amplitude Y [m] by its steady loop.
 
     $$\frac{\Delta\omega}{\omega_n} = \sqrt{\frac{k + k_{eq}}{\omega_n^2}} - 1, \qquad
       \frac{\Delta\zeta}{\zeta} = \frac{E}{2\pi\,\zeta\,\omega^2 Y^2}$$
@@ -70,7 +70,7 @@ def only_damps(found: Effects) -> bool:
 def hysteresis_finding(
     found: Effects, y_peak: float, laws: Sequence[str], *, misses: bool
 ) -> Finding | None:
-    """No hysteresis where only damping is added; failed where the fit misses the tests, too.
+    """Return the finding where only damping is added; failed if the fit also misses the tests.
 
     Hysteresis that adds damping loses stiffness. None where it is seen, or damping by the square of
     the velocity is among the laws.
@@ -114,7 +114,7 @@ def response_finding(
 def _joint_draws(
     posterior: xr.Dataset, held: Mapping[str, Any], laws: tuple[str, ...]
 ) -> dict[str, Float[np.ndarray, " draw"]] | None:
-    """Every draw of the oscillator, the chains end to end; None where a parameter is missing."""
+    """Return every draw of the oscillator, chains joined; None if a parameter is missing."""
     table = [*OSCILLATOR, *quantities_of(laws)]
     names = [quantity.name for quantity in table if quantity.name != "gain"]
     sampled = {name: posterior[name].values.ravel() for name in names if name in posterior}
@@ -143,7 +143,7 @@ def within_response(
     y_peak: float,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Amendment | None:
-    """That parameters which trade for each other are usable where their effect is known.
+    """Return the amendment that correlated parameters are usable if their effect is determined.
 
     By the 99 % intervals of the change of frequency and of the damping at the largest displacement
     fitted: what is left open there moves no response up to it.
@@ -162,6 +162,6 @@ def within_response(
 
 
 def effects_sentence(found: Effects, y_peak: float) -> str:
-    """What the joint does, in words."""
+    """Return the sentence on the joint's effect on frequency and damping."""
     shift, added = (np.quantile(values, QUANTILES).tolist() for values in found)
     return messages.of_joint(y_peak, shift, added)

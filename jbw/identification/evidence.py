@@ -172,7 +172,7 @@ def tried_under(
 
 
 def joint_starts(key: Key[Array, ""], seen: Measured) -> dict[str, float]:
-    """Starts of Bouc-Wen laws at several joints, from each mode alone; none of one joint."""
+    """Return Bouc-Wen starting values at several joints, mode by mode; empty for one joint."""
     if seen.joints is None:
         return {}
     groups = dict.fromkeys(split(law)[1] for law in seen.laws)
@@ -182,7 +182,7 @@ def joint_starts(key: Key[Array, ""], seen: Measured) -> dict[str, float]:
 
 
 def alike(settings: Identify) -> Identify:
-    """The settings in which laws are compared: their own parameters, and a scatter of the runs.
+    """Return settings for comparing laws: the laws' own parameters, and a scatter of the runs.
 
     Softening trades with the runs' offsets, which a wide prior would let have it all.
     """
@@ -211,7 +211,7 @@ def again(key: Key[Array, ""], one: Candidate, common: Fitted) -> Candidate:
 
 
 def trials(sets: Sequence[Laws], seen: Measured) -> list[tuple[Laws, str]]:
-    """Laws, and how several modes meet: as stated, and for the campaign's own laws otherwise."""
+    """Return the laws to try with how modes meet; the campaign's own laws meet in other ways."""
     plain = [(laws, "") for laws in sets]
     if seen.modes is None or seen.modes.meet != "common" or not seen.laws:
         return plain
@@ -252,7 +252,7 @@ def errors_of(best: Fit, data: Dataset) -> dict[str, float]:
 
 
 def posterior(key: Key[Array, ""], one: Candidate) -> tuple[xr.DataTree, Reparametrisation]:
-    """Draws of a candidate's posterior with the log evidence, and coordinates about them.
+    """Draw a candidate's posterior with its log evidence; return the coordinates as well.
 
     By so many points at most; where their weights cannot be trusted, in the other coordinates too.
     """
@@ -350,7 +350,7 @@ def without_offsets(
 
 
 def offset_changes(best: Candidate, shared: Candidate) -> dict[str, Any]:
-    """Parameters and error of a law with offsets of the runs and without, plain values."""
+    """Return parameters and errors of a law with and without run offsets, as plain values."""
     pair = best.fitted.fit, shared.fitted.fit
     std = [np.sqrt(np.diag(fit.covariance)) for fit in pair]
     rows = {

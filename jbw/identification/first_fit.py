@@ -59,7 +59,7 @@ def first_fit(
     quick: bool = False,
     parts: Parts = unkept,
 ) -> tuple[Box, Fit, Dataset]:
-    """The box, the fit to data as they are, from first values and from `known` ones, and the data.
+    """Fit data as they are, from first and `known` values; return the box, the fit and the data.
 
     These hold the signs of modes at the joint, chosen by a rough fit and again by the final one.
     Where it is to be `quick`, other starts are tried only if the first leaves more than 15 % of the
@@ -83,7 +83,7 @@ def first_fit(
 def from_amplitude_curve(
     key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str, float]
 ) -> dict[str, float]:
-    r"""The laws' parameters from frequency and damping against amplitude, where data show them.
+    r"""Fit the laws' parameters to frequency and damping against amplitude, if data show them.
 
     $$\omega(Y)^2 = k + \sum_l K_l(Y), \qquad
       2\,\zeta(Y)\,\omega(Y)^2 = 2\zeta\omega_n\omega(Y) + \sum_l C_l(Y)$$
@@ -126,7 +126,7 @@ def fit_from(
     alone: bool = False,
     is_met: Callable[[Fit], bool] | None = None,
 ) -> Fit:
-    """Least squares over all parameters, from what is known of them and from where data point.
+    """Fit all parameters by least squares, from known values and from the likeliest points.
 
     Where all are known, as by the paper's steps, from there. Otherwise the likelihood of many
     points is looked at, which costs less than one fit, and the best of them is where a fit starts.
@@ -155,7 +155,7 @@ def fit_from(
 
 
 def across_thresholds(best: Fit, prior: Box, data: Dataset) -> Fit:
-    """The fit, or one on another side of the laws' thresholds where more of the posterior lies."""
+    """Return the fit, or a fit across the laws' thresholds with more posterior probability."""
     ends = by_rounds(other_sides(best, prior, data), prior, data)
     return with_waterfall(max([best, *ends], key=log_evidence), [best, *ends])
 
@@ -166,7 +166,7 @@ def with_waterfall(chosen: Fit, ends: Sequence[Fit]) -> Fit:
 
 
 def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -> list[Fit]:
-    """Fits from several starts, best first: all begin, and the better ones are gone on with.
+    """Fit from several starts in rounds and continue the better ones; return the best first.
 
     Where all have ended at one minimum, none is gone on with. The others are too, one by one, where
     the best ends at a bound and does not explain the data: it has run along a valley to a wall of
@@ -188,7 +188,7 @@ def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -
 
 
 def further(ends: Sequence[Fit], prior: Box, data: Dataset) -> list[Fit]:
-    """The ends that rounds stopped at, gone on with until one explains the data; best first."""
+    """Continue the fits that rounds stopped, until one explains the data; return best first."""
     num = ROUNDS[-1][0]
     finished, stopped = list(ends[:num]), list(ends[num:])
     for place, end in enumerate(stopped):
@@ -230,7 +230,7 @@ def is_close(found: Fit, data: Dataset) -> bool:
 def screened(
     key: Key[Array, ""], prior: Box, start: Mapping[str, float], known: Mapping[str, float]
 ) -> dict[str, np.ndarray]:
-    """Points to look at: a start, and others evenly over the search, where it is not known."""
+    """Return points to evaluate: a start, and points spread evenly where values are unknown."""
     s = jax.random.uniform(key, (NUM_SCREENED, len(prior.names)))
     x = jax.vmap(lambda point: from_search(point, prior)[0])(s)
     points = {name: np.asarray(values) for name, values in from_unit(np.asarray(x), prior).items()}

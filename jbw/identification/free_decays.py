@@ -37,7 +37,7 @@ def free_decays(
     report: Report,
     keep: Keep,
 ) -> FreeDecays:
-    """The posterior of free decays alone, beside one of them and other tests in which a joint is.
+    """Draw the posterior of free decays alone, in addition to the posterior of all tests.
 
     One that cannot be made costs the joint posterior nothing: a finding says so. Where decays alone
     show no joint, their posterior is kept, and what is predicted of them is the joint posterior's.

@@ -10,7 +10,7 @@ from jbw.quantities import gain_unit
 
 
 def source_units(tests: Sequence[Test]) -> dict[str, str]:
-    """Unit of what drives the tests, by drive; of the first test of each, the last drive first."""
+    """Return the source's unit for each drive, from its first test; the last drive comes first."""
     return {drive_of(test): test.records[0].units[test.records[0].source] for test in
             reversed(driven(tests))}  # fmt: skip
 

@@ -55,7 +55,7 @@ class Sensors(NamedTuple):
 
 
 def sensors_of(tests: Sequence[Test]) -> Sensors | None:
-    """The sensors of a campaign's tests; None where tests of several make no common scale."""
+    """Return the sensors of a campaign's tests; None if the tests share no common scale."""
     tests = [test for test in tests if test.records]
     prescribed = {test.traits.is_prescribed for test in tests}
     if prescribed == {True}:
@@ -97,7 +97,7 @@ def factors_of(
 
 
 def powers(unit: str) -> tuple[int, int] | None:
-    """Powers of length and time in a unit such as `1/(m s^2)`; None of one with others in it."""
+    """Return the powers of length and time in a unit such as `1/(m s^2)`; None for other units."""
     above, _, below = unit.partition("/")
     exponents = np.zeros(2, int)
     for part, sign in ((above, 1), (below.strip("()"), -1)):
@@ -156,7 +156,7 @@ def with_instruments(
     best: Fit | None = None,
     data: Dataset | None = None,
 ) -> xr.Dataset:
-    """A posterior that includes the errors of clock and calibration, as far as these are stated.
+    """Return a posterior that includes the stated errors of clock and calibration.
 
     Args:
         posterior: Draws by name, with their units.
@@ -185,7 +185,7 @@ def with_instruments(
 
 
 def instruments_sentence(stated: Instruments, sensors: Sensors | None) -> str:
-    """What intervals include of clock and calibration, and what they leave out."""
+    """Return the sentence on clock and calibration errors that intervals include or omit."""
     if not stated.is_stated:
         return messages.LEFT_OUT
     if sensors is None:

@@ -90,7 +90,7 @@ class JointPosterior:
 def joint_problem(
     seen: Measured, known: Mapping[str, float], *, seed: int, report: Report
 ) -> JointProblem:
-    """Everything that a campaign fits, and first values: `known` ones, and those of single modes.
+    """Assemble a campaign's data with first values: `known` ones and readings of single modes.
 
     Raises:
         DataError: If there is nothing that the joint can be fitted to.
@@ -102,7 +102,7 @@ def joint_problem(
 
 
 def fit_problem(keys: Sequence[Key[Array, ""]], problem: JointProblem) -> Fitted:
-    """The fit, and what it settles: noise, run effects, whether there is a joint, coordinates."""
+    """Fit and settle the noise, run effects, presence of a joint, and coordinates."""
     started, readings = perf_counter(), problem.readings
     known = {**problem.known, **readings.known}
     ready = with_readings(weighed(keys, problem.data, problem.settings, known), readings)
@@ -119,7 +119,7 @@ def draw_joint(
     keep: Keep = no_checkpoint,
     name: str = "joint",
 ) -> JointPosterior:
-    """Draws about a fit, once more in a wider prior where they lean on one that nobody stated.
+    """Draw about a fit, and again in a wider prior where draws lean on an unstated bound.
 
     The draws have the noise of every group and the laws' own parameters and products too.
 
@@ -180,7 +180,7 @@ def names_of_laws(data: Dataset) -> set[str]:
 
 
 def of_reading(means: Mapping[str, float], data: Dataset) -> dict[str, float]:
-    """What the paper's steps know, under the names of the drive of the noise that they read."""
+    """Return the paper's estimates under the parameter names of the noise test's drive."""
     drive = next((part.drive for part in data.parts if part.is_linear), "")
     is_attached = drive in attached(data.parts)
     return {
@@ -242,7 +242,7 @@ def sample_joint(
 def are_enough(
     draws: Mapping[str, Float[np.ndarray, "chain draw"]], data: Dataset, y_peak: float
 ) -> bool:
-    """Whether chains agree on every parameter, product and response band up to `y_peak` [m]."""
+    """Return whether chains agree on parameters, products and response bands up to `y_peak` [m]."""
     sampled = xr.Dataset({name: (("chain", "draw"), x) for name, x in draws.items()})
     all_variables = sampled.assign(law_variables(sampled, data))
     if not enough({str(name): x.values for name, x in all_variables.data_vars.items()}):
@@ -252,7 +252,7 @@ def are_enough(
 
 
 def with_derived(key: Key[Array, ""], tree: xr.DataTree, data: Dataset) -> xr.DataTree:
-    """The posterior with the noise of each group, the laws' own parameters and their products."""
+    """Add each group's noise, the laws' own parameters and their products to the posterior."""
     posterior = tree["posterior"].to_dataset()
     terms = tree["log_likelihood"].to_dataset()["terms"].values
     derived = draw_noise_std(key, every_parameter(posterior, data), terms, data)
@@ -286,7 +286,7 @@ def law_variables(posterior: xr.Dataset, data: Dataset) -> dict[str, Any]:
 def draw_noise_std(
     key: Key[Array, ""], theta: Drawn, terms: Float[np.ndarray, "chain draw term"], data: Dataset
 ) -> dict[str, Any]:
-    """One exact draw of each group's noise for every draw of the parameters, a row a group."""
+    """Draw each group's noise exactly for every draw of the parameters, one row per group."""
     labelled = {label: terms[..., i] for i, label in enumerate(data.labels)}
     derived: dict[str, Any] = {}
     for part in data.parts:

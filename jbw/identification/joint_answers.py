@@ -137,7 +137,7 @@ def _words(unit: str, meaning: str) -> dict[str, str]:
 
 
 def _shares(parts: Float[np.ndarray, "joint mode draw"]) -> Float[np.ndarray, "joint mode draw"]:
-    """Parts of every joint over their sum; NaN where nothing is."""
+    """Return each joint's part over the sum of all joints; NaN where the sum is zero."""
     total = parts.sum(axis=0)
     return parts / np.where(total != 0, total, np.nan)
 
@@ -151,7 +151,7 @@ def _bands(draws: Float[np.ndarray, "joint mode draw"]) -> tuple[tuple[str, ...]
 
 
 def _factors(posterior: xr.Dataset, modes: Modes, names: Sequence[str]) -> dict[str, Any]:
-    """Factors on the motion of every joint in every mode; nothing where shapes are the model's."""
+    """Return factors on each joint's motion in each mode; empty if the model fixes the shapes."""
     if not modes.uncertain:
         return {}
     size = posterior["omega_n"].size if "omega_n" in posterior else 1
@@ -172,7 +172,7 @@ def _identified(
     softening: Float[np.ndarray, "joint mode draw"],
     losses: Float[np.ndarray, "joint mode draw"],
 ) -> list[bool]:
-    """Whether what each joint does is known within a factor of two, in the mode that shows it best.
+    """Return whether each joint's effect is known within a factor of two in its clearest mode.
 
     Joints of a tie have one law, of which either mode and joint may tell.
     """
@@ -195,7 +195,7 @@ def _is_known(draws: Float[np.ndarray, " draw"]) -> bool:
 
 
 def joints_words(group: xr.Dataset | None) -> list[str]:
-    """What damps each mode, what all joints do together, and which are identified; sentences."""
+    """Return sentences on damping by mode, the effect of all joints, and identified joints."""
     if group is None:
         return []
     sentences = []
@@ -219,7 +219,7 @@ def joints_words(group: xr.Dataset | None) -> list[str]:
 
 
 def _shape_words(group: xr.Dataset) -> list[str]:
-    """By what factor modes move the joints, where the model's shapes are uncertain."""
+    """Return sentences on factors of joint motion where the model's shapes are uncertain."""
     if "motion_factor" not in group:
         return []
     factors = group["motion_factor"]
@@ -232,7 +232,7 @@ def _shape_words(group: xr.Dataset) -> list[str]:
 
 
 def _who_damps(mode: int, of_mode: xr.Dataset) -> list[str]:
-    """The identified joint that takes most of a mode's losses, where its interval says so."""
+    """Name the identified joint that takes most of a mode's losses, if its interval shows so."""
     low, middle, high = (of_mode["loss_share"].isel(quantile=i).values for i in range(3))
     if np.all(np.isnan(middle)):
         return []

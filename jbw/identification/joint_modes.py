@@ -95,7 +95,7 @@ class JointModes(NamedTuple):
 def joint_modes(
     posterior: xr.Dataset, data: Dataset, about: Mapping[str, float] | None = None
 ) -> JointModes | None:
-    """Modes that tests drive, to the largest amplitude measured of each; None of one joint.
+    """Return the driven modes up to their largest measured amplitude; None for a single joint.
 
     Draws of a Gaussian `about` a fit are propagated by first order: where the tests tell a sum of
     joints alone, they leave the narrow curved valley along which it stays the same. What the free
@@ -132,14 +132,14 @@ def joint_modes(
 
 
 def draws_of_structure(posterior: xr.Dataset, data: Dataset) -> dict[str, np.ndarray]:
-    """Draws of modes, of the joints' laws, and of factors on the joints' motion, by name."""
+    """Return draws of modes, joint laws, and factors on the joints' motion, by name."""
     names = {quantity.name for quantity in quantities_of(data.laws)}
     names |= {name for pair in DRIVEN for name in pair} | motion_factors_in(posterior).keys()
     return {str(n): x.values.ravel() for n, x in posterior.data_vars.items() if n in names}
 
 
 def _stiffness(data: Dataset) -> Float[np.ndarray, " joint"]:
-    """Of every joint in full stick."""
+    """Return the stiffness of every joint when fully stuck."""
     numbers = dict(data.modes.numbers if data.modes is not None else ())
     return np.array([numbers[name_at(STIFFNESS, joint)] for joint in joints_of(data.laws)])
 
@@ -147,7 +147,7 @@ def _stiffness(data: Dataset) -> Float[np.ndarray, " joint"]:
 def _backbones(
     theta: Mapping[str, float], data: Dataset, amplitude: Float[np.ndarray, "mode level"]
 ) -> tuple[ModalBackbone, ...]:
-    """Extended periodic motion of every mode at a point of the parameters."""
+    """Compute every mode's extended periodic motion at one point of the parameters."""
     structure = structure_of(as_arrays(theta, data), data.laws)
     levels = np.where(np.isfinite(amplitude), amplitude, 0.0)
     curves = (
@@ -215,7 +215,7 @@ def _in_full_stick(
 
 
 def _in_deviations(theta: Mapping[str, np.ndarray]) -> Float[np.ndarray, "draw parameter"]:
-    """Steps from the first draw in standard deviations, of logarithms where nothing is negative."""
+    """Return steps from the first draw in standard deviations (of logs if all are positive)."""
     columns = [np.log(draws) if np.all(draws > 0) else draws for draws in theta.values()]
     steps = np.stack([column - column[0] for column in columns], axis=-1)
     return steps / np.maximum(np.std(steps, axis=0), np.finfo(float).tiny)
@@ -226,7 +226,7 @@ def _ratios(
     steps: Float[np.ndarray, "draw parameter"],
     chosen: Int[np.ndarray, " some"],
 ) -> Float[np.ndarray, "... draw"]:
-    """Ratios of all draws, linear in their steps, by those of some, the first of which holds.
+    """Extend ratios of some draws to all, linearly in their steps; the first ratio holds.
 
     None is beyond all of those that are known. One where the first is not known.
     """
@@ -262,7 +262,7 @@ class _DrivenJoints(eqx.Module):
 def _by_first_order(
     theta: Mapping[str, np.ndarray], best_theta: Mapping[str, float], driven: _DrivenJoints
 ) -> Float[np.ndarray, "two joint *mode_level draw"]:
-    r"""K and L of draws about a fit, $f(\hat\theta) + \sum_i f_i\,\delta_i$, by derivatives f_i.
+    r"""Return draws' K and L, $f(\hat\theta) + \sum_i f_i\,\delta_i$ with derivatives f_i at a fit.
 
     Steps delta are of logarithms, times the fit, where nothing is zero or changes sign.
     """
@@ -280,7 +280,7 @@ def _by_first_order(
 def _about(
     theta: Mapping[str, Array], driven: _DrivenJoints
 ) -> tuple[Float[Array, "two joint mode level"], dict[str, Float[Array, "two joint mode level"]]]:
-    """K and L at a point, and their derivatives by every parameter."""
+    """Return stiffness loss K and damping L at a point, with derivatives by every parameter."""
     return _at(theta, driven), jax.jacfwd(_at)(dict(theta), driven)
 
 
@@ -288,12 +288,12 @@ def _about(
 def _each_draw(
     theta: Mapping[str, Array], driven: _DrivenJoints
 ) -> Float[Array, "two joint *mode_level draw"]:
-    """K and L of every draw."""
+    """Return stiffness loss K and damping L of every draw."""
     return jax.vmap(lambda draw: _at(draw, driven), out_axes=-1)(dict(theta))
 
 
 def _at(theta: Mapping[str, Array], driven: _DrivenJoints) -> Float[Array, "two joint mode level"]:
-    """K and L of every joint, mode and level."""
+    """Return stiffness loss K and damping L of every joint, mode and level."""
     rows = []
     everything = {**driven.numbers, **theta}
     modes = range(1, len(driven.amplitude) + 1)

@@ -76,7 +76,7 @@ def fit_alone(seen: Measured, *, seed: int, report: Report) -> Posteriors:
 
 
 def about_fit(key: Key[Array, ""], seen: Measured, ready: Fitted) -> Posteriors:
-    """What a fit says by itself, in the form of posteriors that were drawn."""
+    """Return a fit's Gaussian approximation in the form of sampled posteriors."""
     started = perf_counter()
     tree = with_gain_units(laplace_tree(key, ready), seen.tests)
     joint = JointPosterior("joint", tree, ready, ready.wall_s + perf_counter() - started)
@@ -112,7 +112,7 @@ def laplace_tree(key: Key[Array, ""], ready: Fitted) -> xr.DataTree:
 
 
 def checks_of_fit(joint: JointPosterior) -> Checks:
-    """That the draws are not assessed, and what the fit by itself says against its laws."""
+    """Return the checks of an unsampled fit: draws not assessed, and doubts about its laws."""
     started, ready = perf_counter(), joint.fitted
     modes = joint_modes(joint.draws, ready.data, ready.fit.theta)
     joints = None if modes is None else joints_group(joint.draws, ready.data, modes)
@@ -132,7 +132,7 @@ def checks_of_fit(joint: JointPosterior) -> Checks:
 
 
 def doubts_of_fit(drawn: xr.Dataset, ready: Fitted) -> list[Finding]:
-    """What a fit by itself tells against its laws and its bounds: no hysteresis, truncation."""
+    """Return findings of a fit against its laws and bounds: no hysteresis, truncation."""
     data = ready.data
     findings = []
     if (added := effects(drawn, data.held, ready.y_peak, data.laws)) is not None:
@@ -200,7 +200,7 @@ def laplace_draws(
 
 
 def gaussians_about(ready: Fitted) -> list[Gaussian]:
-    r"""The fit's Gaussian, or, where runs have offsets, one for every scatter that these may have.
+    r"""Return the fit's Gaussian, or, if runs have offsets, one for every scatter of these.
 
     $$r(\theta, b) = \hat r + J\,\delta + J_o\,b, \quad b \sim N(0, C_k), \quad
       P_k = J^T J - J^T J_o\,(J_o^T J_o + C_k^{-1})^{-1} J_o^T J$$
@@ -264,7 +264,7 @@ def gaussians_about(ready: Fitted) -> list[Gaussian]:
 def _covariance_of_offsets(
     scatter: Float[np.ndarray, " level_own"], data: Dataset
 ) -> Float[np.ndarray, "run_own run_own"]:
-    """Prior covariance of the offsets of all runs; those of one assembly share a part."""
+    """Return the prior covariance of all runs' offsets; runs of one assembly share a part."""
     num_offsets, num_runs = len(OFFSETS), len(data.shared_runs)
     run_covariance = np.kron(np.eye(num_runs), np.diag(scatter[:num_offsets] ** 2))
     if len(scatter) == num_offsets:
@@ -277,5 +277,5 @@ def _covariance_of_offsets(
 
 
 def not_sampled() -> Finding:
-    """That the draws are of a Gaussian about the fit, and were not compared with the posterior."""
+    """Return the finding that a Gaussian about the fit was not compared with the posterior."""
     return Finding("not_sampled", "not assessed", {}, float("nan"))

@@ -104,7 +104,7 @@ def _thirds(data: Dataset) -> list[tuple[str, ...]]:
 def leave_one_out(
     best: Fit, prior: Box, data: Dataset, without_each: FitsWithout
 ) -> xr.Dataset | None:
-    """What the fits without each run, those of `fits_without_each_run`, say of the runs.
+    """Compare the fits without each run, from `fits_without_each_run`, with the fit of all runs.
 
     `z` is NaN where a run adds nothing, `error` is that of a run as the fit without it predicts it.
     Two runs must be left, so that no fit is of one level alone: None with fewer than two such runs,
@@ -278,7 +278,7 @@ def _known(fitted: Fit, data: Dataset) -> tuple[dict[str, float], dict[str, floa
 def _scatter(
     estimate: Float[np.ndarray, " record"], std: Float[np.ndarray, " record"]
 ) -> tuple[float, float]:
-    """Scatter beyond the records' own errors, and the probability of as much by these alone."""
+    """Return scatter beyond the records' own errors, and its p-value for these errors alone."""
     degrees = len(estimate) - 1
 
     def beyond(variance: float) -> float:
@@ -321,7 +321,7 @@ def between_finding(between: xr.Dataset) -> Finding:
 
 
 def own_joint_sentences(key: Key[Array, ""], best: Fit, data: Dataset) -> list[str]:
-    """Whether free decays reject one joint for all modes, a sentence for each part of the data."""
+    """Return a sentence per part of the data on whether free decays reject one joint for all."""
     if not data.laws or are_at_joints(data.laws):  # several joints are no question of one
         return []
     parts = [part for part in data.parts if part.several]
@@ -341,7 +341,7 @@ def _mode_sentence(key: Key[Array, ""], best: Fit, part: Any, data: Dataset) -> 
 
 
 def error_alone(key: Key[Array, ""], decays: Decays) -> float:
-    """What a joint of its own leaves of one mode's decays, over their size."""
+    """Fit a separate joint to one mode's decays; return the error over the decays' size."""
     data, estimates = Dataset.of([decays], {"gain": 1.0}), decays.shown().first_values()
     prior = box_of(Identify(), data, estimates)
     estimates = {**estimates, **from_amplitude_curve(key, data, prior, {})}

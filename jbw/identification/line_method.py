@@ -44,7 +44,7 @@ class LineFit:
 
 
 def line_fit_start(frf: FRF) -> NDArray[np.float64]:
-    r"""(omega_n, zeta, gain) by the line-fit method: 1/H is linear in its parameters.
+    r"""Return (omega_n, zeta, gain) by the line-fit method: 1/H is linear in its parameters.
 
     $$\frac1H = \frac{\omega_n^2}{g} - \frac{\omega^2}{g} + j\omega\,\frac{2\zeta\omega_n}{g}$$
 
@@ -82,7 +82,7 @@ def floored(variance: NDArray[np.float64], h: NDArray[np.complex128]) -> NDArray
 
 
 def in_band(frf: FRF, band: tuple[float, float] | None) -> FRF:
-    """The FRF at its lines inside the band [Hz]; by default 20 % to either side of the peak."""
+    """Return the FRF at lines inside the band [Hz]; by default 20 % to either side of the peak."""
     if band is None:
         # In the response as measured, whose noise does not rise towards low frequencies.
         size = np.abs(frf.h) * frf.omega ** derivative_order(frf.response) * frf.coherence

@@ -72,7 +72,7 @@ def tried_step(
 def linear_step(
     test: Test, gain: float | None = None, modes: int | Sequence[float] = ()
 ) -> LinearStep:
-    """Natural frequency, damping and gain of the linear regime, by a noise or multisine test.
+    """Fit natural frequency, damping and gain of the linear regime to a noise or multisine test.
 
     Of a multisine by whole periods, which nothing leaks between: its lines scatter by noise alone.
     `gain` is held where the campaign knows it [N/kg per unit of the input]. With `modes`, as
@@ -114,7 +114,7 @@ def linear_step(
 def _within(
     band_hz: tuple[float, float] | None, modes: int | Sequence[float]
 ) -> int | Sequence[float]:
-    """Modes that lie in the band of the test; others are neighbours of another test's band."""
+    """Keep the modes in the test's band; the others are neighbours in another test's band."""
     if isinstance(modes, int) or band_hz is None:
         return modes
     return [freq for freq in modes if band_hz[0] <= freq <= band_hz[1]]
@@ -125,14 +125,14 @@ def _modes_of(test: Test, estimate: FRF, modes: int | Sequence[float]) -> ModalF
 
 
 def _terms_of(test: Test, usual: Residuals) -> Residuals:
-    """Terms of modes outside the band: of a line fit every test's are its own."""
+    """Return the terms for modes outside the band; a line fit has separate terms per test."""
     if test.residuals == "own":
         return "both"
     return usual if test.residuals == "auto" else test.residuals
 
 
 def _joint_first(fit: ModalFit, *, counted: bool) -> ModalFit:
-    """The fit with the joint's own mode first: where modes were counted, that of highest peak."""
+    """Order the fit with the joint's mode first: of counted modes the one of highest peak."""
     if not counted:
         return fit
     peak = np.abs(fit.residues[:, 0]) / (fit.zeta * fit.omega**2)
@@ -173,7 +173,7 @@ def linear_dataset(step: LinearStep) -> xr.Dataset:
 
 
 def modes_dataset(step: LinearStep) -> xr.Dataset | None:
-    """The modes of Step 2 and their stabilisation diagram as labelled arrays; None of one mode."""
+    """Return Step 2's modes and stabilisation diagram as labelled arrays; None for one mode."""
     fit = step.modal
     if fit is None:
         return None

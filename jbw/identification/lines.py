@@ -80,7 +80,7 @@ def to_measured(part: FRF) -> Complex:
 
 
 def observed_variance(lines: FRFLines) -> Real:
-    """Variance of the lines as their averages tell it, in the response that was measured."""
+    """Return the variance of the lines from their averages, in the measured response."""
     variances = [
         floored(part.variance * np.abs(to_measured(part)) ** 2, part.h * to_measured(part))
         for part in lines.outputs
@@ -89,7 +89,7 @@ def observed_variance(lines: FRFLines) -> Real:
 
 
 def fit_lines(lines: FRFLines, start: Real, typical: Real) -> FittedLines:
-    """Least squares from a start, its errors those of correlated, leaking lines where windowed."""
+    """Fit lines by least squares from a start; errors of windowed lines are correlated and leak."""
     data, observed = lines.data, observed_variance(lines)
     variance, of_sum = observed, None
     fitted = _least_squares(lines, data, variance, start, typical)
@@ -117,7 +117,7 @@ def _floored(variance: Real, data: Complex, num_outputs: int) -> Real:
 
 
 def _left_over(lines: FRFLines, residual: Complex, variance: Real) -> Real:
-    """What is left of every output over its variance: the noise of lines that know none."""
+    """Return each output's mean square residual over variance, the noise if none is known."""
     num = len(lines.outputs)
     free = 1 - lines.num_parameters / (2 * len(residual))  # of the values
     share = np.abs(np.split(residual, num)) ** 2 / np.split(variance, num)
@@ -125,7 +125,7 @@ def _left_over(lines: FRFLines, residual: Complex, variance: Real) -> Real:
 
 
 def modes_by_output(lines: FRFLines, theta: Real) -> list[Modes]:
-    """(omega_n, zeta, residue) of each mode in each output."""
+    """Return (omega_n, zeta, residue) of each mode in each output."""
     blocks = theta[: lines.num_modes * lines.width].reshape(lines.num_modes, lines.width)
     return [[(b[0], b[1], b[2 + o]) for b in blocks] for o in range(len(lines.outputs))]
 
@@ -144,7 +144,7 @@ def mode_lines(part: FRF, mode: tuple[float, float, float], smear: bool) -> Comp
 
 
 def model_of(lines: FRFLines) -> Callable[[Real], Complex]:
-    """Lines as a function of the parameters, in the response measured, output by output."""
+    """Return the function from parameters to lines in the measured response, output by output."""
     extra = [terms(part, lines.num_residuals) for part in lines.outputs]
     modal = lines.num_modes * lines.width
 
@@ -201,7 +201,7 @@ def _least_squares(
 def _covariance_of(
     jacobian: Complex, variance: Real, of_sum: Callable[[Complex], Real] | None
 ) -> Real:
-    """Covariance of weighted least squares; of correlated lines where `of_sum` knows them."""
+    """Return the weighted least-squares covariance, for correlated lines if `of_sum` is given."""
     scale = np.linalg.norm(jacobian, axis=0)
     weighted = (jacobian / scale).conj().T * (2 / variance)
     inverse = np.linalg.inv((weighted @ (jacobian / scale)).real) / np.outer(scale, scale)

@@ -84,7 +84,7 @@ class Stabilisation:
 
 
 def stabilisation(outputs: Sequence[FRF], expected: int = 0) -> Stabilisation:
-    """Poles of orders 2 to 8 times the modes expected, four at least, and the modes that stay.
+    """Find poles of orders 2 to 8 times the expected modes (at least four), and stable modes.
 
     `outputs` are the FRFs of one input at the same lines. Smeared peaks look more damped than they
     are: the modes are starts of a fit.
@@ -114,7 +114,7 @@ def stabilisation(outputs: Sequence[FRF], expected: int = 0) -> Stabilisation:
 
 
 def _poles(outputs: Sequence[FRF], order: int) -> Real:
-    """(omega, zeta) of the poles in the band that lose energy, at one order."""
+    """Return (omega, zeta) of the poles in the band that dissipate energy, at one order."""
     omega = outputs[0].omega
     middle, period = (omega[0] + omega[-1]) / 2, SPAN / (omega[-1] - omega[0])
     powers = np.exp(1j * np.outer((omega - middle) * period, np.arange(order + 1)))
@@ -144,7 +144,7 @@ def _has(poles: Real, pole: Real) -> bool:
 
 
 def _staying(poles: Real) -> tuple[Real, Real]:
-    """Medians of groups of stable poles, and how many each has, the largest groups first."""
+    """Return medians of groups of stable poles and the groups' sizes, largest groups first."""
     remaining, groups = poles, []
     while len(remaining):
         # About the pole with the most others beside it.
@@ -160,7 +160,7 @@ def _staying(poles: Real) -> tuple[Real, Real]:
 def starts_of(
     parts: Sequence[FRF], modes: int | Sequence[float], edges: tuple[float, float]
 ) -> tuple[Real, Stabilisation | None]:
-    """(omega, zeta) to begin with, in the order asked for, and the diagram."""
+    """Return starting (omega, zeta) in the requested order, and the stabilisation diagram."""
     if isinstance(modes, int):
         if isinstance(modes, bool) or modes < 1:
             raise ConfigError(f"Argument `modes` must count one mode at least, not {modes!r}.")
@@ -249,7 +249,7 @@ def fit_modes(
     residuals: Residuals = "both",
     smear: bool | None = None,
 ) -> ModalFit:
-    r"""Frequencies, damping ratios and residues of the modes in a band, by weighted least squares.
+    r"""Fit frequencies, damping ratios and residues of a band's modes by weighted least squares.
 
     $$H_o(\omega) = \sum_i \frac{R_{oi}}{\omega_i^2 - \omega^2 + 2j\zeta_i\omega_i\omega}
       + U_o + \frac{L_o}{\omega^2}$$
@@ -310,7 +310,7 @@ def fit_modes(
 
 
 def line_of(fit: ModalFit, mode: int = 0, output: int = 0) -> LineFit:
-    """One mode in one output as the line fit of one mode has it, the others beside it left free."""
+    """Convert one mode in one output to a single-mode line fit; the other modes stay free."""
     num = len(fit.omega)
     read = [mode, num + mode, 2 * num + mode * fit.residues.shape[1] + output]
     omega_n, zeta, gain = map(float, fit.theta[read])
@@ -333,7 +333,7 @@ def in_order(fit: ModalFit, order: NDArray[np.int64]) -> ModalFit:
 
 
 def model_lines(fit: ModalFit, omega: Real) -> NDArray[np.complex128]:
-    """Receptance of every output at frequencies [rad/s], shape (output, freq), unsmeared."""
+    """Return every output's unsmeared receptance at frequencies [rad/s], shape (output, freq)."""
     modal = [receptance(omega, *pole, 1.0) for pole in zip(fit.omega, fit.zeta, strict=True)]
     return fit.residues.T @ np.array(modal) + fit.upper[:, None] + fit.lower[:, None] / omega**2
 
@@ -379,7 +379,7 @@ def _projected(lines: FRFLines, starts: Real) -> Real:
         return np.column_stack([omega, starts[:, 1] * np.exp(log_ratio)])
 
     def linear(poles: Real) -> tuple[list[Real], Real]:
-        """Residues and terms of every output at their best, and what they leave."""
+        """Return the optimal residues and terms of every output, and the residual."""
         coefficients, residuals = [], []
         for part, weight, h, term_columns in zip(lines.outputs, weights, data, extra, strict=True):
             modal = [mode_lines(part, (omega, zeta, 1.0), lines.smear) for omega, zeta in poles]
@@ -415,7 +415,7 @@ def _stacked(rows: NDArray[np.complex128]) -> Real:
 
 
 def _typical(lines: FRFLines, start: Real) -> Real:
-    """Sizes of the parameters: a residue's is a tenth of its output's largest at least."""
+    """Return typical sizes of parameters, a residue's at least a tenth of its output's largest."""
     modal = lines.num_modes * lines.width
     blocks = np.abs(start[:modal]).reshape(lines.num_modes, lines.width)
     blocks[:, 2:] = np.maximum(blocks[:, 2:], 0.1 * blocks[:, 2:].max(axis=0))

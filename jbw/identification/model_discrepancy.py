@@ -172,7 +172,7 @@ def correlation_of(
     covariance: Float[np.ndarray, "parameter parameter"],
     quantity: int,
 ) -> Float[np.ndarray, "run run"]:
-    r"""Correlation of the shifts of runs in one quantity, $-P_r C_{-r} C^{-1} C_{-q} P_q^T$.
+    r"""Return the correlation of run shifts in one quantity, $-P_r C_{-r} C^{-1} C_{-q} P_q^T$.
 
     Decays, which are predicted from their own beginnings, share nothing with others here.
 
@@ -219,7 +219,7 @@ def scatter_about_zero(
     *,
     judged: bool = True,
 ) -> float:
-    r"""The $\tau$ of Paule and Mandel about zero, widened for few runs; 0 where chance makes it.
+    r"""Return Paule and Mandel's $\tau$ about zero, widened for few runs; 0 if chance explains it.
 
     $$\sum_r \frac{b_r^2}{\sigma_r^2 + \tau^2 g_r} = n, \qquad \tau\, t_{m, 0.995} / z_{0.995}$$
 
@@ -274,7 +274,7 @@ def shift_of(
 
 
 def coefficients_of(slopes: Float[np.ndarray, "value own"]) -> Float[np.ndarray, "own value"]:
-    """What gives least-squares coefficients of the slopes, $(S^T S)^{-1} S^T$; else zeros."""
+    """Return the least-squares operator of the slopes, $(S^T S)^{-1} S^T$; zeros if singular."""
     along, informed = np.zeros(slopes.shape[::-1]), np.any(slopes != 0.0, axis=0)
     precision = slopes[:, informed].T @ slopes[:, informed]
     if np.any(informed) and tells_apart(precision):
@@ -300,7 +300,7 @@ class Slopes(NamedTuple):
 
 
 def slopes_of(best: Fit, prior: Box, data: Dataset) -> Slopes:
-    """Derivatives of predictions of a run of which nothing is known, its frequency neither."""
+    """Return derivatives of the predictions of a new run, whose frequency is unknown as well."""
     if not data.has_offsets:
         return Slopes(data, -best.jacobian, np.zeros(len(OFFSETS)))
     scatter = np.asarray(data.scatter)
@@ -313,7 +313,7 @@ def slopes_of(best: Fit, prior: Box, data: Dataset) -> Slopes:
 
 
 def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) -> LeftOutRun:
-    """What a run shows at the fit without it, beyond what runs scatter by."""
+    """Return a run's shift and residual at the fit without it, beyond the scatter of runs."""
     data, names = known.data, list(fit.theta)
     rows = residual_at(stacked, fit.x, prior, data)
     labels = [label for label in _labels_of(run, data) if label in size_by_label(data)]
@@ -343,7 +343,7 @@ def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) 
 
 
 def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOutRun:
-    """What a free decay shows when it is predicted from its beginning.
+    """Replace a free decay's shift and residual by those predicted from its beginning.
 
     Its damping is as uncertain as the parameters leave it, as `of_run` has that.
     """
@@ -373,7 +373,7 @@ class FitOfAll(NamedTuple):
 
 
 def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -> xr.Dataset:
-    """What every run shows of the discrepancy when it is left out, and what all show together.
+    """Estimate the model discrepancy of every run when it is left out, and of all together.
 
     `fits` are those of `leaving_out.fits_without_each_run`.
     """
@@ -412,7 +412,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
 def _shown_by(
     run: str, fit: Fit, slopes: Slopes, prior: Box, noise: NoiseOf, natural: float
 ) -> LeftOutRun:
-    """What a run shows at the fit without it; a free decay is predicted from its beginning."""
+    """Return a run's discrepancy at the fit without it; predict a decay from its beginning."""
     of_run = left_out_run(run, fit, slopes, prior, noise)
     decay = _drift(run, fit, slopes.data)
     return of_run if decay is None else by_drift(of_run, decay, natural)
@@ -421,7 +421,7 @@ def _shown_by(
 def _placed(
     of_run: LeftOutRun, run: str, group: Sequence[str], amplitudes: Mapping[str, float]
 ) -> LeftOutRun:
-    """A run with its amplitude, over the largest and beside those of the runs that were fitted."""
+    """Return a run with its amplitude relative to the largest and to those of fitted runs."""
     others, y_high = [y for name, y in amplitudes.items() if name not in group], _y_high(amplitudes)
     lowest, highest = min(others, default=0.0), max(others, default=0.0)
     return of_run._replace(
@@ -437,7 +437,7 @@ def _y_high(amplitudes: Mapping[str, float]) -> float:
 def _as_arrays_of_runs(
     shown: Mapping[str, LeftOutRun], learned: "Learned", amplitudes: Mapping[str, float]
 ) -> xr.Dataset:
-    """What runs show by themselves as arrays, and what they show together as attributes."""
+    """Return each run's discrepancy as arrays and the common discrepancy as attributes."""
     nothing = Missed(NO_SCATTER, NO_SCATTER)
     missed = learned if not learned.is_nothing else Learned(nothing, nothing, {})
     runs, shares, y_high = shown.values(), missed.shares, _y_high(amplitudes)
@@ -501,7 +501,7 @@ def _learned(
     *,
     judged: bool,
 ) -> Learned:
-    """What runs show together, beside what the fit leaves of tests with repeats.
+    """Combine the discrepancies of runs with the residuals of repeated tests.
 
     Of what is judged, nothing that chance makes as well.
     """
@@ -519,7 +519,7 @@ def _learned(
 
 
 def _missed(shown: Sequence[LeftOutRun], of_all: FitOfAll, *, judged: bool) -> Missed | None:
-    """Scatter of what runs show, over the natural frequency [rad/s]; None of no runs."""
+    """Return the scatter of runs' shifts over natural frequency [rad/s]; None without runs."""
     if not shown:
         return None
     shift, std, noise_std = (
@@ -567,7 +567,7 @@ def _decays(data: Dataset) -> set[str]:
 
 
 def _drift(run: str, fit: Fit, data: Dataset) -> LeftOutDecay | None:
-    """Drift of a run that is a free decay of one mode."""
+    """Return the drift of a run that is a free decay of one mode; None for other runs."""
     part: Any = next(part for part in data.parts if run in part.groups.runs)
     if not part.own_shifts or part.several:
         return None
@@ -581,7 +581,7 @@ def _labels_of(run: str, data: Dataset) -> list[str]:
 def _end_to_end(
     rows: Float[np.ndarray, "all ..."], labels: Sequence[str], data: Dataset
 ) -> Float[np.ndarray, "some ..."]:
-    """Those of the rows of `stacked` that belong to some groups."""
+    """Join the rows of `stacked` that belong to the given groups, end to end."""
     labelled = by_label(rows, data)
     return np.concatenate([labelled[label] for label in labels])
 
@@ -592,7 +592,7 @@ def _kinds(data: Dataset) -> dict[str, tuple[str, ...]]:
 
 
 def _noise_of_repeats(data: Dataset) -> dict[str, NoiseSquares]:
-    """What noise leaves of the mean of each group that was repeated."""
+    """Return the noise's sum of squares in the mean of each repeated group."""
     sizes = size_by_label(data)
     known_by = num_known(data)
     scatter = repeatability(data, of_mean=True)
@@ -603,7 +603,7 @@ def _noise_of_repeats(data: Dataset) -> dict[str, NoiseSquares]:
 
 
 def _noise_alike(residuals: Mapping[str, Row], data: Dataset) -> dict[str, NoiseSquares]:
-    """What noise would leave of each group, were it not fitted, where no repeats tell it.
+    """Estimate each group's noise, as if it were not fitted, if no repeats determine it.
 
     As much a value as the fit leaves of other groups of its kind in the median, or of itself where
     there are no others: bands take that for noise. What is white of a noisier group is noise too.
@@ -621,7 +621,7 @@ def _noise_alike(residuals: Mapping[str, Row], data: Dataset) -> dict[str, Noise
 
 
 def _hides_in_noise(residuals: Mapping[str, Row], repeated: NoiseOf) -> bool:
-    """Whether a residual without repeats is coloured: it counts as noise, and is the law's."""
+    """Return whether an unrepeated residual is coloured: model error that counts as noise."""
     return any(is_coloured(row) for label, row in residuals.items() if label not in repeated)
 
 
@@ -631,7 +631,7 @@ def _rests(
     data: Dataset,
     uncertain: Mapping[str, Inexact[np.ndarray, "_value parameter"]] | None = None,
 ) -> dict[str, Rest]:
-    """What is left of groups over their response, by the kinds of test that they are of."""
+    """Return residuals of groups relative to their response, pooled by kind of test."""
     kinds, sizes, fractions = _kinds(data), size_by_label(data), fractions_counted(data)
     squares: dict[str, list[tuple[Rest, float]]] = {}
     for label, row in residuals.items():
@@ -651,7 +651,7 @@ def _rest(
     fraction: float,
     uncertain: Inexact[np.ndarray, "value parameter"] | None = None,
 ) -> Rest:
-    r"""A row's square beside what is expected of it, $N n + |M|^2$, and the variance of that."""
+    r"""Return a row's square, its mean $N n + |M|^2$, and the variance of their difference."""
     moved = np.zeros((len(row), 0)) if uncertain is None else uncertain
     real = real_rows(moved)
     count, of_errors, products = _count(row), float(np.sum(real**2)), real.T @ real
@@ -668,7 +668,7 @@ def _over(rest: Rest, size: float) -> Rest:
 
 
 def _sum_of(rests: Sequence[Rest]) -> Rest:
-    """Several rests in one, each independent of the others."""
+    """Sum several independent residual statistics into one."""
     return Rest(*np.sum(rests, axis=0).tolist())
 
 
@@ -691,7 +691,7 @@ def _share_of_runs(runs: Sequence[LeftOutRun], kind: str, *, judged: bool) -> Sc
 
 
 def _share_of(rests: Sequence[Rest], grown: Sequence[float], *, judged: bool) -> float:
-    r"""$\sqrt{\mathrm{mean}\,((|e_r|^2 - E|e_r|^2) / g_r)}$; judged, none that chance makes."""
+    r"""Return $\sqrt{\mathrm{mean}\,((|e_r|^2 - E|e_r|^2) / g_r)}$; judged, 0 if by chance."""
     if judged and _sum_of(rests).is_by_chance:
         return 0.0
     beyond = [(x.square - x.mean) / g**2 for x, g in zip(rests, grown, strict=True)]

@@ -93,7 +93,7 @@ def may_be_absent(added: Effects) -> bool:
 
 
 def may_be_drag(added: Effects, zeta: float, laws: Sequence[str]) -> bool:
-    """Whether laws of hysteresis add damping and change the frequency much less than slip does."""
+    """Return whether hysteresis laws add damping but shift frequency much less than slip does."""
     if not laws or any(map(feels_rate, laws_named(laws))):
         return False
     shift = np.quantile(np.abs(added.frequency), QUANTILES[-1])
@@ -102,7 +102,7 @@ def may_be_drag(added: Effects, zeta: float, laws: Sequence[str]) -> bool:
 
 
 def with_drag(best: Fit, prior: Box, data: Dataset, damping: float, y_peak: float) -> Nested:
-    """The fit of the oscillator with drag in place of the laws, to the same data and weights.
+    """Fit the oscillator with drag in place of the laws, to the same data and weights.
 
     It starts where drag adds the damping ratio that the laws add at y_peak [m].
     """

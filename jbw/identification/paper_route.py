@@ -60,7 +60,7 @@ def paper_route(
 
 
 def paper_words(seen: Measured) -> tuple[str, ...]:
-    """What the paper's Steps 3 and 4 are to the laws of this joint; nothing where they suit."""
+    """Return the sentences on the paper's Steps 3 and 4 if the joint has other laws than these."""
     if seen.linear is None or not seen.probing:
         return ()
     others = " and ".join(name for name in seen.laws if name != PAPER_LAW)

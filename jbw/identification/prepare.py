@@ -86,7 +86,7 @@ def prepare(
     *,
     quick: bool = False,
 ) -> Fitted:
-    """First values, the box, the fit from them and from `known` ones, and what the fit settles.
+    """Prepare first values and the box, fit from them and `known` values, and settle the weights.
 
     Where it is to be `quick`, one start does that meets the data, and the solver's steps are taken
     as they are.
@@ -103,7 +103,7 @@ def weighed(
     *,
     quick: bool = False,
 ) -> Fitted:
-    """The first fit and what it settles of the weights, before coordinates and solver steps."""
+    """Fit first and settle the weights, before choosing coordinates and solver steps."""
     prior, first, data = first_fit(keys[0], data, settings, known, quick=quick)
     ready = with_effects(keys[1], data, prior, first, settings, quick=quick)
     best = replace(ready.fit, waterfall=first.waterfall)  # the later fits have one start
@@ -117,7 +117,7 @@ def reweight(
     first: Fit,
     settings: Identify,
 ) -> Fitted:
-    """Noise, effective values and run effects as fits show them; coordinates and solver steps."""
+    """Update noise, effective values and run effects by fits, then coordinates and substeps."""
     return completed(key, with_effects(key, data, prior, first, settings), settings)
 
 
@@ -130,7 +130,7 @@ def with_effects(
     *,
     quick: bool = False,
 ) -> Fitted:
-    """The fit with noise, effective values, run effects and residual terms as fits show them."""
+    """Update a fit with the noise, effective values, run effects and terms that fits show."""
     words: list[str] = []
     findings: tuple[Finding, ...] = ()
     between = ROUGH if quick else TOLERANCE  # of fits that others follow
@@ -158,7 +158,7 @@ def with_effects(
 def completed(
     key: Key[Array, ""], weighted: Fitted, settings: Identify, *, quick: bool = False
 ) -> Fitted:
-    """A weighted fit in the coordinates to sample in, by as many solver steps as it takes."""
+    """Complete a weighted fit: sampling coordinates, and as many solver steps as needed."""
     best, prior, data = weighted.fit, weighted.box, weighted.data
     words = list(weighted.statements)
     for law, coordinates in chosen_coordinates(best, settings, data.laws):
@@ -195,7 +195,7 @@ def settled(
 
 
 def with_weights(best: Fit, data: Dataset, settings: Identify) -> Dataset:
-    """The dataset with the noise and misfit that a fit leaves, and as many independent values."""
+    """Return the dataset with the noise, misfit and effective values that a fit leaves."""
     residuals = dataset.residual_by_label(best.residual, data)
     if settings.model_error == "none":
         return noise.with_fitted_noise(best.theta, residuals, data)

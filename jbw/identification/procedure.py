@@ -80,7 +80,7 @@ class Identification:
 def identified(
     seen: Measured, posteriors: Posteriors, judged: Verdict, statements: Sequence[str]
 ) -> Identification:
-    """The posteriors of a campaign, the joint one with its verdict and all that is said of it."""
+    """Combine a campaign's posteriors with the joint posterior's verdict and statements."""
     free, paper, joint = posteriors.free, posteriors.paper, posteriors.joint
     main = step_of(joint, posteriors.checks, judged, statements)
     beside = {} if free.step is None else {free.step.name: free.step}
@@ -176,7 +176,10 @@ def _opening(
 
 
 def _joint(key: Key[Array, ""], seen: Measured, run_knowledge: Known, report: Report) -> Posterior:
-    """The joint posterior, in the prior of the run where that is known: it may lie elsewhere."""
+    """Return the joint posterior, in the prior of the run if that prior is known.
+
+    The run's prior may lie elsewhere than the campaign's.
+    """
     ready = fit_joint(key, seen, report)
     prior, best, data = ready.box, ready.fit, ready.data
     if run_knowledge.bounds:

@@ -49,6 +49,6 @@ def proposed(
 
 
 def _score(candidate: Candidate) -> float:
-    """Twice the largest log likelihood less the penalty of the parameters (BIC, turned)."""
+    """Return twice the maximum log likelihood minus the parameters' penalty (negative BIC)."""
     fit, data = candidate.fitted.fit, candidate.fitted.data
     return 2 * likelihood_at(fit, data) - len(fit.x) * float(np.log(len(fit.residual)))

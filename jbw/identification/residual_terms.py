@@ -53,7 +53,7 @@ class Taken(NamedTuple):
 
 
 def stated_terms(data: Dataset) -> tuple[str, ...]:
-    """Constant terms that tests of a campaign ask for."""
+    """Return the constant terms that a campaign's tests ask for."""
     stated = {name for p in data.parts if p.residuals != "auto" for name in TAKEN[p.residuals]}
     return tuple(name for name in (UPPER, LOWER) if name in stated)
 
@@ -79,7 +79,7 @@ def with_terms(prior: Box, terms: Bounds) -> Box:
 def shown_terms(
     best: Fit, prior: Box, data: Dataset, settings: Identify, refit: Refit
 ) -> Taken | None:
-    """The box with the terms that a fit shows, the fit with them and sentences; None of none."""
+    """Add the terms that a fit shows to the box, refit, and say so; None if no term is shown."""
     several = data.modes is not None and data.modes.points  # to which no term belongs
     if several or "omega_n" not in data.held | best.theta:
         return None
@@ -110,7 +110,7 @@ def _with_constants(accepted: Taken, data: Dataset, refit: Refit) -> Taken:
 def _with_neighbour(
     accepted: Taken, data: Dataset, settings: Identify, refit: Refit, omega: float | None = None
 ) -> Taken:
-    """One neighbour more: where it is stated, or where it would explain most of what is left."""
+    """Add one neighbouring mode if it is stated or would explain most of the residual."""
     neighbours = neighbours_of(accepted.fit.theta)
     takers = tuple(name for name, terms in TAKEN.items() if set(OF_MODES) & set(terms))
     if len(neighbours) == len(MODES) or not _misses(accepted.fit, data, takers):
@@ -134,7 +134,7 @@ def _with_neighbour(
 
 
 def _start(best: Fit, data: Dataset, omega: float | None) -> tuple[float, float, float] | None:
-    """Frequency, damping and share of a neighbour to begin with; None where none is suspected."""
+    """Return starting frequency, damping and share of a neighbour; None if none is suspected."""
     cause = other_mode(best, data, () if omega is None else omega * ABOUT)
     if cause is None or cause.mode is None:
         return None if omega is None else (omega, USUAL_ZETA, 0.0)

@@ -118,7 +118,7 @@ def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None
 
 
 def tells_apart(precision: Float[np.ndarray, "own own"]) -> bool:
-    """Whether a run knows each of its offsets, in whichever units frequency and damping are."""
+    """Return whether a run determines its frequency and damping offsets, whatever their units."""
     size = np.sqrt(np.diag(precision))
     return bool(np.all(size > 0) and np.linalg.cond(precision / np.outer(size, size)) < MOST_ALIKE)
 
@@ -129,7 +129,7 @@ def wanted(shifts: Shifts, settings: Identify) -> bool:
 
 
 def are_levels(data: Dataset) -> bool:
-    """Whether every run is a test of its own, in one assembly: no run or assembly was stated."""
+    """Return whether each run is a separate test of one assembly: no run or assembly was stated."""
     pairs = (
         (x, run)
         for part in data.parts
@@ -139,7 +139,7 @@ def are_levels(data: Dataset) -> bool:
 
 
 def scatter_of_repeats(shifts: Shifts, sizes: Mapping[str, float]) -> float | None:
-    r"""Scatter of zeta between runs of one level [-], 0 where chance makes it; None of no repeats.
+    r"""Return scatter of zeta between runs of one level [-]; 0 by chance, None without repeats.
 
     $$Q = \sum_l \sum_{r \in l} \frac{(b_r - \bar b_l)^2}{\sigma_r^2}, \qquad
       \tau^2 = \frac{Q - \mathrm{dof}}{\sum_l (W_l - \sum_{r \in l} w_r^2 / W_l)}$$
@@ -165,7 +165,7 @@ def scatter_of_repeats(shifts: Shifts, sizes: Mapping[str, float]) -> float | No
 def moments_of(
     offset: Float[np.ndarray, " run"], std: Float[np.ndarray, " run"]
 ) -> tuple[float, float]:
-    r"""Chi-square about the mean of runs, and what a variance between them adds to it, over that.
+    r"""Return chi-square about the mean of runs, and its increase per variance between runs.
 
     $$Q = \sum_r w_r (b_r - \bar b)^2, \qquad W - \sum_r w_r^2 / W, \quad w_r = 1 / \sigma_r^2$$
     """
@@ -188,13 +188,13 @@ def _levels_of(runs: Sequence[str], sizes: Mapping[str, float]) -> list[list[int
 
 
 def sizes_of(data: Dataset) -> dict[str, float]:
-    """Root of the sum of squares of the response, the mean of every run's, of the largest part."""
+    """Return each run's mean root sum of squares of the response, in the largest part."""
     sizes_of_parts = (sizes_of_runs(part) for part in data.parts if not part.own_shifts)
     return max(sizes_of_parts, key=len, default={})
 
 
 def sizes_of_runs(part: Observable) -> dict[str, float]:
-    """Root of the sum of squares of the response, the mean of every run's groups of one part."""
+    """Return each run's mean root sum of squares of the response, over its groups of one part."""
     runs = dict(zip(part.groups.labels, part.groups.runs, strict=True))
     sizes: dict[str, list[float]] = {}
     for label, size in sizes_of_groups(part).items():
@@ -203,7 +203,7 @@ def sizes_of_runs(part: Observable) -> dict[str, float]:
 
 
 def damping_scatter(best: Fit, shifts: Shifts, data: Dataset) -> float | None:
-    """Scatter of zeta over levels, over zeta: none but that of repeats; None of other runs."""
+    """Return the scatter of zeta over levels, over zeta, by repeats; None if runs are stated."""
     if not are_levels(data):
         return None
     repeats = scatter_of_repeats(shifts, sizes_of(data)) or 0.0
@@ -211,7 +211,7 @@ def damping_scatter(best: Fit, shifts: Shifts, data: Dataset) -> float | None:
 
 
 def _centre(best: Fit) -> Float[np.ndarray, " own"]:
-    """omega_n and zeta of a fit, of the first drive where several are side by side."""
+    """Return omega_n and zeta of a fit, for the first drive where several are fitted."""
     theta = {plain(name): value for name, value in reversed(best.theta.items())}
     return np.array([theta[name] for name in OFFSETS])
 
@@ -254,7 +254,7 @@ def own_frequency_alone(data: Dataset) -> Dataset:
 
 
 def errors_with_own_frequency(fit: Fit, prior: Box, data: Dataset) -> dict[str, float]:
-    """Error of every group at a fit over its size; runs have no damping ratio of their own."""
+    """Return each group's fit error over its size; damping is common to all runs."""
     scored = own_frequency_alone(data)
     residual = residual_by_label(residual_at(stacked, fit.x, prior, scored), scored)
     return error_by_label(residual, scored)
@@ -292,7 +292,7 @@ def _spreads(
 
 
 def sentence_of(shifts: Shifts, of_levels: float | None = None) -> str:
-    """What was seen of the runs, in words; `of_levels` is that of `damping_scatter`."""
+    """Return the sentence on run differences; `of_levels` is the value of `damping_scatter`."""
     apart = shifts.offset[:, 0] - shifts.offset[:, 0].mean()
     offsets_hz = dict(zip(shifts.runs, (apart / (2 * np.pi)).tolist(), strict=True))
     return messages.differ(float(shifts.p), offsets_hz, _has_offsets(of_levels))
@@ -307,7 +307,7 @@ def _has_offsets(of_levels: float | None) -> str:
 def runs_dataset(
     key: Key[Array, ""], posterior: xr.Dataset, names: tuple[str, ...], data: Dataset
 ) -> xr.Dataset | None:
-    """Draws of every run's omega_n and zeta, and their standard deviation over runs; or None.
+    """Draw every run's omega_n and zeta, and their standard deviation over runs; or None.
 
     omega_n and zeta of the posterior are the population's mean; one run's offset serves all drives,
     each of which has its own values of a run. Of each draw of the parameters the scatter and the
@@ -340,7 +340,7 @@ def runs_dataset(
 
 
 def runs_summary(runs: xr.Dataset) -> dict[str, dict[str, dict[str, float]]]:
-    """Mean, sd and 99 % interval of every run's values, and of the spreads, plain values only."""
+    """Return mean, sd and 99 % interval of all runs' values and of the spreads, plain values."""
     rows = {}
     for name, values in runs.data_vars.items():
         by_run = (
@@ -375,7 +375,7 @@ class Slope(NamedTuple):
 
 
 def slope_of(x: Values, offset: Values, std: Values) -> Slope:
-    """Slope of offsets of these standard errors that scatter besides; of equal ones the usual."""
+    """Fit a weighted slope to offsets that scatter beyond their errors; ordinary if equal."""
     weight = 1 / (std**2 + _scatter_of_offsets(offset, std))
     middle = np.average(x, weights=weight)
     spread = np.sum(weight * (x - middle) ** 2)

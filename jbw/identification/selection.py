@@ -44,21 +44,21 @@ def linear_test(tests: Sequence[Test]) -> Test | None:
 
 
 def probing_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
-    """Tests with one tone around a third of the natural frequency, by frequency, for Step 3."""
+    """Return single-tone tests near a third of the natural frequency, sorted, for Step 3."""
     low, high = (part * natural_hz for part in THIRD)
     single = [test for test in tests if test.is_single_tone and low < test.tones_hz[0] < high]
     return tuple(sorted(single, key=lambda test: test.tones_hz[0]))
 
 
 def loop_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
-    """Tests with one tone near the resonance, lowest level first, for the validation by loops."""
+    """Return single-tone tests near the resonance, lowest level first, to validate by loops."""
     probing = {test.name for test in probing_tests(tests, natural_hz)}
     single = [test for test in tests if test.is_single_tone and test.name not in probing]
     return tuple(sorted(single, key=LEVEL))
 
 
 def sweep_tests(tests: Sequence[Test], settings: Identify, *, every: bool = False) -> Sweeps | None:
-    """Sweeps split into what is fitted and what is held out.
+    """Split the sweeps into fitted and held-out ones.
 
     `fit_levels` names the levels to fit; by default the lowest and the highest of three or more
     of each drive, all of fewer; all where `every` level is asked for, as each of several modes has
@@ -104,7 +104,7 @@ class DecaySplit:
 def decay_tests(
     tests: Sequence[Test], settings: Identify, chosen: Sequence[Test] | None = None
 ) -> DecaySplit | None:
-    """Free decays split into what is fitted and what is held out; None without any to fit.
+    """Split the free decays into fitted and held-out ones; None without any to fit.
 
     Of each of the `chosen` tests, all of them when None, `fit_repeats` are fitted, half by default;
     they span the amplitudes.
@@ -142,7 +142,7 @@ def decay_tests(
 
 
 def _fitted_places(test: Test, settings: Identify) -> tuple[int, ...]:
-    """Places of the repeats that are fitted: from the strongest to the weakest in equal steps.
+    """Return the places of the fitted repeats: from strongest to weakest in equal steps.
 
     Of repeats that are as strong as one another the first ones. So a law is never judged on motion
     beyond what it was fitted to, whatever the order in which a structure was hit.

@@ -107,7 +107,7 @@ def _modes(
 def _driven(
     voltage: Float[np.ndarray, " time"], fs: float, band: tuple[float, float]
 ) -> tuple[float, float]:
-    """The band and three halves of its width to either side, as far as the voltage drives it.
+    """Widen the band by three halves of its width on each side, as far as the voltage drives.
 
     No more than an octave: a sensor's noise below is a large displacement.
     """
@@ -123,7 +123,7 @@ def _driven(
 
 
 def shaker_sentence(name: str, found: ShakerReading) -> str:
-    """What was read of a test's shaker, in words."""
+    """Return the sentence on the reading of a test's shaker."""
     shaker, turn = found.shaker, 2 * np.pi
     moved = ", ".join(
         messages.mode_moves((w / turn, z), (v / turn, y))

@@ -171,7 +171,7 @@ def unknown_signs(prior: Box, data: Dataset) -> list[str]:
 
 
 def with_signs(best: Fit, prior: Box, data: Dataset) -> tuple[Fit, Dataset]:
-    """The fit with each mode's sign as it fits better, tried mode by mode, and its dataset."""
+    """Try each mode's sign in turn, keep the better fit, and return it with its dataset."""
     growth = []
     for sign in unknown_signs(prior, data):
         other = replace(data, held={**data.held, sign: -data.held[sign]})
@@ -187,7 +187,7 @@ def with_signs(best: Fit, prior: Box, data: Dataset) -> tuple[Fit, Dataset]:
 
 
 def one_joint_sentences(best: Fit, prior: Box, data: Dataset) -> list[str]:
-    r"""Whether further modes meet in the joint, by the fit in which they are linear neighbours.
+    r"""Return the sentence on whether further modes meet in the joint or are linear neighbours.
 
     $$\chi^2_{linear} - \chi^2 > F^{-1}_{\chi^2_k}(0.99)$$
 
@@ -232,7 +232,7 @@ def same_joint_sentences(posterior: xr.Dataset, data: Dataset) -> list[str]:
 
 
 def _invariants(laws: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """What units of length and force do not change: a parameter, or two whose ratio it is."""
+    """Return parameters or ratios of two that units of length and force do not change."""
     invariants: dict[str, tuple[str, ...]] = {}
     by_unit: dict[str, str] = {}
     for quantity in quantities_of(laws):
@@ -246,7 +246,7 @@ def _invariants(laws: Sequence[str]) -> dict[str, tuple[str, ...]]:
 def _log_of(
     posterior: xr.Dataset, pair: Sequence[str], name_of: Callable[[str], str]
 ) -> NDArray[np.float64] | None:
-    """Logarithms of the draws of a parameter or a ratio; None where it is not positive in all."""
+    """Return logarithms of the draws of a parameter or a ratio; None unless all are positive."""
     draws = [posterior[name_of(name)].values.ravel() for name in pair if name_of(name) in posterior]
     ratio = draws[0] if len(draws) == 1 else draws[0] / draws[1] if draws else np.zeros(1)
     return np.log(ratio) if len(draws) == len(pair) and np.all(ratio > 0) else None

@@ -55,7 +55,7 @@ class Step:
 
 
 def means_of(tree: xr.DataTree) -> dict[str, float]:
-    """Posterior means by name."""
+    """Return the posterior means by name."""
     group = tree["posterior"].to_dataset()
     return {str(name): float(draws.mean()) for name, draws in group.data_vars.items()}
 
@@ -88,7 +88,7 @@ def finished(
 
 
 def fit_sentences(fit: Fit) -> list[str]:
-    """What a fit that draws started from leaves open: a direction, parameters at their bounds."""
+    """Return sentences on the starting fit's open direction and its parameters at bounds."""
     open_direction = [] if fit.weak is None else [messages.by_initial_fit(fit.weak.text)]
     bounds = [messages.at_bound(parameter, side) for parameter, side in fit.at_bound.items()]
     return [*open_direction, *bounds]

@@ -28,7 +28,7 @@ SHARES = np.linspace(0.125, 1.0, 8)  # of the way from a fit to a bound, in the 
 
 
 def other_sides(best: Fit, prior: Box, data: Dataset) -> list[dict[str, float]]:
-    """The likeliest point with each other set of thresholds reached, where one parameter moved."""
+    """Return the likeliest point for each other set of reached thresholds, one parameter moved."""
     here = reached(best.theta, best.theta, data)
     law_names = {quantity.name for law in laws_named(data.laws) for quantity in law.table} & set(
         prior.names
@@ -63,12 +63,12 @@ def fitted_displacement(theta: Mapping[str, float], data: Dataset) -> float:
 
 
 def log_evidence(found: Fit) -> float:
-    """Laplace's, but for what two fits to the same data in the same box share."""
+    """Return Laplace's log evidence without terms common to fits of equal data and box."""
     return float(0.5 * np.linalg.slogdet(found.covariance)[1] - found.cost)
 
 
 def _towards_bounds(law_names: Set[str], best: Fit, prior: Box) -> dict[str, np.ndarray]:
-    """Points where one of a law's own lies on its way from the fit to a bound of its prior."""
+    """Return points with one law parameter moved from the fit towards a bound of its prior."""
     s = to_search(best.x, prior)
     moved = [np.eye(len(s))[i] * (end - s[i]) for i, n in enumerate(prior.names) if n in law_names
              for end in (0.0, 1.0)]  # fmt: skip

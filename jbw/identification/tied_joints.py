@@ -102,7 +102,7 @@ class TiedEvidence(NamedTuple):
 
 
 def tied_record(attrs: Mapping[Any, Any]) -> dict[str, Any] | None:
-    """What the attributes of the joints' group say of one law for all; None where nothing does."""
+    """Return the record of one law for all joints from the group's attributes; None without."""
     facts = {
         str(name).removeprefix(PREFIX): value
         for name, value in attrs.items()
@@ -133,7 +133,7 @@ def tied_laws(laws: Laws) -> Laws:
 
 
 def tied_evidence(key: Key[Array, ""], own: Fitted, settings: Identify) -> TiedEvidence | None:
-    """Evidence of one law for all joints of a kind, beside the fit with laws of their own.
+    """Compare the evidence of one law for all joints of a kind with that of separate laws.
 
     None where no two joints have laws of their own of one kind.
     """
@@ -178,7 +178,7 @@ def _most_joints(laws: Laws) -> int:
 
 
 def _weighed(key: Key[Array, ""], candidate: Candidate) -> WeighedPoints:
-    """Weighed points of a candidate's posterior about its fit; if poor, along its valley too."""
+    """Draw weighted points of a candidate's posterior about its fit; if poor, along its valley."""
     fitted = candidate.fitted
     best, prior, data = fitted.fit, fitted.box, fitted.data
     about_fit = weighed_in(key, prior, data, {"fit": lambda: place_of(best, candidate)})
@@ -199,7 +199,7 @@ class Trials(NamedTuple):
 
 
 def trials_at_joints(campaign_laws: Laws, stated: Sequence[Laws] | None) -> Trials:
-    """Sets of laws that are tried at a campaign's joints.
+    """Return the sets of laws to try at a campaign's joints.
 
     Args:
         campaign_laws: Its own, with the joints that share each.
@@ -236,7 +236,7 @@ def _with_changed(
     groups: Sequence[tuple[str, ...]],
     campaign_laws: Laws,
 ) -> tuple[str, tuple[Laws, ...]]:
-    """Sets with those of one changed joint, as many as there may be, and which these are."""
+    """Add sets with one changed joint, as many as allowed; return which sets were added."""
     stuck = [laws for laws in plain if not laws]
     for which, tried in ((messages.EVERY, plain), (messages.NONE, stuck)):
         changed = [_with_others(laws, group, campaign_laws) for group in groups for laws in tried]

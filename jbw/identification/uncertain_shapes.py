@@ -33,12 +33,12 @@ Place = tuple[str, int]  # a joint and a mode, which is 1 for the first
 
 @cache
 def shape_prior() -> Density:
-    """Prior of a factor that a campaign does not state."""
+    """Return the prior of a shape factor that a campaign does not state."""
     return Density("LogNormal", (0.0, SPREAD))
 
 
 def home_modes(modes: Modes, laws: Sequence[str]) -> dict[str, Place]:
-    """Of the joints of every law, the joint and mode whose factor is held, by the joints' names."""
+    """Return the joint and mode whose factor is held, for each law's joints, by joint name."""
     shares = _energy_shares(modes, joints_of(laws))
     homes: dict[str, Place] = {}
     for joints in dict.fromkeys(split(law)[1] for law in laws):
@@ -77,7 +77,7 @@ def _energy_shares(modes: Modes, joints: Sequence[str]) -> dict[Place, float]:
 
 
 def first_factors(data: Dataset) -> dict[str, float]:
-    """Where factors begin: at the model's shapes."""
+    """Return the starting values of shape factors: one, which is the model's shape."""
     return {} if data.modes is None else dict.fromkeys(shape_factors(data.modes, data.laws), 1.0)
 
 
@@ -93,7 +93,7 @@ def with_shape_priors(modes: Modes, laws: Sequence[str], settings: Identify) -> 
 
 
 def with_stated_priors(settings: Identify, data: Dataset) -> Dataset:
-    """Data with the densities that the settings state of what is not held."""
+    """Return data with the densities that settings state for parameters that are not held."""
     stated = {name: prior for name, prior in settings.prior.items() if name not in data.held}
     return replace(data, stated=StatedDensities.of(stated))
 

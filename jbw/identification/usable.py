@@ -63,7 +63,7 @@ def _linear(tests: Sequence[Test], refused: Container[str]) -> Test | None:
 
 
 def _refusal(test: Test, settings: Identify) -> str:
-    """Why a test cannot be reduced; empty where it can."""
+    """Return the reason why a test cannot be reduced; empty if it can."""
     try:
         if test.traits.is_free:
             split = decay_tests([test], settings)

@@ -29,7 +29,7 @@ KEPT = PLACES | {quantity.name for mode in BESIDE for quantity in (mode[0], *mod
 
 
 def ending(prior: Box, laws: Laws) -> tuple[str, ...]:
-    """Parameters of a box that end at their upper bound by themselves: shares of the stiffness.
+    """Return box parameters that end at their upper bound naturally: shares of the stiffness.
 
     A share ends where nothing but the joint holds: there it says that products alone are known.
     """
@@ -38,7 +38,7 @@ def ending(prior: Box, laws: Laws) -> tuple[str, ...]:
 
 
 def _known(laws: Laws) -> dict[str, Quantity]:
-    """Quantities by name: the register's, those of laws that carry numbers in their name too."""
+    """Return registered quantities by name, with those of laws that have numbers in their name."""
     table = (*LINEAR, *RESIDUAL_TERMS, *MODAL, *quantities_of(laws), *own_quantities(laws))
     return vocabulary() | {quantity.name: quantity for quantity in table}
 

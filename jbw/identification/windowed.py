@@ -21,7 +21,7 @@ Modes = Sequence[tuple[float, float, float]]  # (omega_n, zeta, gain) of each
 
 
 def receptance(omega: Real, omega_n: float, zeta: float, gain: float) -> Complex:
-    """Receptance of the linear oscillator, gain / (omega_n^2 - omega^2 + 2j zeta omega_n omega).
+    """Return the receptance of an oscillator, gain / (omega_n^2 - omega^2 + 2j zeta omega_n omega).
 
     Displacement per unit of input [m per unit], with omega [rad/s] and gain [N/kg per unit].
 
@@ -85,7 +85,7 @@ class LineErrors:
         return np.concatenate([np.abs(self.hermitian[o, o, middle]) for o in outputs])
 
     def of_sum(self, weights: Complex) -> Real:
-        """Covariance of Re sum_i G_ai d_i by G (parameter, line by output), over parameters."""
+        """Return covariance of Re sum_i G_ai d_i for G (parameter, line by output)."""
         total = np.zeros((len(weights), len(weights)), complex)
         reach = self.hermitian.shape[2] // 2
         num_lines = self.hermitian.shape[-1]
@@ -102,7 +102,7 @@ class LineErrors:
 def line_errors(
     outputs: Sequence[FRF], noise_ratio: Real, modes: Sequence[Modes], leakage: bool
 ) -> LineErrors:
-    r"""Errors of the lines of an H1 estimate and their neighbours, in the response as measured.
+    r"""Estimate errors of lines of an H1 estimate and of their neighbours, as measured.
 
     For Gaussian input and noise the error of a line is sum_k R_k conj(U_k) / sum_k |U_k|^2, with
     R_k the part of segment k's response that H times its input does not explain. Hence
@@ -178,7 +178,7 @@ class _Response(NamedTuple):
 def _by_neighbour(
     mine: _Response, theirs: _Response, kernels: Complex
 ) -> tuple[Complex, Complex, Complex]:
-    """Leakage, force noise (E[R conj R]) and leakage (E[R U*] E[R U*]) of lines i and i + q.
+    """Return leakage, force noise (E[R conj R]) and leakage (E[R U*] E[R U*]) of lines i, i + q.
 
     By q, line and lag; the first of two outputs is that of line i.
     """
@@ -213,7 +213,7 @@ def _hann(bins: Real) -> Real:
 
 
 def _noise_levels(excess: Real, through: Real, noise_ratio: Real) -> tuple[float, float]:
-    """Levels of sensor and force noise, over the input's, that explain what does not leak."""
+    """Fit sensor and force noise levels, over the input's, to the power that does not leak."""
     model = np.full_like(excess, max(noise_ratio.mean(), np.finfo(float).tiny))
     levels = np.zeros(2)
     for _ in range(4):

@@ -33,7 +33,7 @@ class KernelData(eqx.Module):
 
 
 def reduce(kernels: Sequence[ThirdOrder], omega_n: float) -> KernelData:
-    r"""Sufficient statistics of the measured kernel, one entry a probing frequency.
+    r"""Reduce the measured kernel to sufficient statistics, one entry per probing frequency.
 
     $$\sigma_i^2 = \frac{S_i}{2(K_i - 1)}$$
 

@@ -81,7 +81,7 @@ def _row(cut: tuple[float, float], joint: tuple[float, float]) -> dict[str, Any]
 def _statements(
     rows: Mapping[str, Any], walls: Mapping[str, float], steps: Mapping[str, Step]
 ) -> list[str]:
-    """What the cut costs, in words."""
+    """Return the sentences that compare the sequential steps (the cut) with the joint posterior."""
     sentences = []
     held = steps["opening_nuts"].held if "opening_nuts" in steps else {}
     gamma = rows.get("gamma")

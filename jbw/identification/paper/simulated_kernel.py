@@ -29,7 +29,7 @@ def measured_kernel(
     *,
     known_noise: bool = False,
 ) -> KernelData:
-    r"""Repeats of the third-order kernel, noise in real and imaginary part, reduced as in Step 3.
+    r"""Simulate noisy complex repeats of the third-order kernel; reduce them as in Step 3.
 
     As in a campaign nobody is told the noise. It is drawn for every frequency, uniformly in its
     logarithm over a factor `UNKNOWN` to either side of the design's: that is the prior 1/sigma of a
@@ -73,7 +73,7 @@ def kernel_values(theta: Theta, design: KernelData) -> Complex[Array, " freq"]:
 
 
 def ranked_quantities(design: KernelData) -> Mapping[str, Quantity]:
-    """What Step 3 knows better than its parameters: lambda_3, and |H3| at every tone."""
+    """Return quantities that Step 3 determines best: lambda_3, and |H3| at every tone."""
     hertz = np.asarray(design.omega) / (2 * np.pi)
     tones = {f"h3_{f:.4g}Hz": Partial(_h3_magnitude, index=i) for i, f in enumerate(hertz)}
     return {"lambda_3": _lambda_3, **tones}

@@ -65,7 +65,7 @@ def about(centre: Mapping[str, float], half_width: Mapping[str, float]) -> Bound
 
 
 def measured_kernels(tests: Sequence[Test], linear: PooledFit) -> tuple[ThirdOrder, ...]:
-    """The measured third-order kernel of every probing test, the source's harmonic taken out.
+    """Return every probing test's third-order kernel, with the source's harmonic removed.
 
     The source's harmonic rings the structure that slides under the tone, not that of Step 2: a
     first kernel by H1 says how much softer it is, a second one is taken by the softer receptance.
@@ -86,7 +86,7 @@ def measured_kernels(tests: Sequence[Test], linear: PooledFit) -> tuple[ThirdOrd
 
 
 def _product(measured: ThirdOrder, linear: PooledFit) -> float:
-    r"""alpha*delta by a measured kernel, from the leading term of (31) [1/(m s^2)].
+    r"""Return alpha*delta of a measured kernel, from the leading term of (31) [1/(m s^2)].
 
     $$\lambda_3 \approx -\frac{35\,\alpha\delta}{96\,Y}, \qquad
       \lambda_3 = -\mathrm{Re}\frac{H_3}{H_1(\omega)^3 H_1(3\omega)}$$
@@ -117,7 +117,7 @@ def _measured_kernel(test: Test, linear: PooledFit, softer: float) -> ThirdOrder
 
 
 def fit_kernel(key: Key, tests: Sequence[Test], linear: PooledFit, settings: Identify) -> KernelFit:
-    """The initial fit of zeta, alpha and delta to probing tests, and the box of their posterior.
+    """Fit zeta, alpha and delta to probing tests; return the fit and the posterior's box.
 
     The box is the campaign's where it states one, otherwise the paper's widths about a first fit
     within physical bounds. The optimum may lie at its bounds: it is said in `fit.at_bound`.
@@ -145,7 +145,7 @@ def third_order_steps(
     keep: Keep = no_checkpoint,
     statements: Sequence[str] = (),
 ) -> dict[str, Step]:
-    """Posterior of zeta, alpha and delta by (36): NUTS, the paper's walk, and a tuned walk.
+    """Sample zeta, alpha and delta by (36) with NUTS, the paper's walk, and a tuned walk.
 
     NUTS and the tuned walk go along the ridge alpha*delta, from wall to wall of the box, with the
     noise integrated out; the paper's walk in the box itself, with the noise as estimated. All
@@ -196,7 +196,7 @@ def as_noise(best: Fit) -> Fit:
 
 
 def _product_sentence(tree: xr.DataTree) -> str:
-    """What the kernel does determine, with its interval."""
+    """Return the sentence on the product that the kernel determines, with its interval."""
     posterior = tree["posterior"].to_dataset()
     product = (posterior["alpha"] * posterior["delta"]).values
     low, high = np.quantile(product, [0.005, 0.995])
@@ -204,13 +204,13 @@ def _product_sentence(tree: xr.DataTree) -> str:
 
 
 def predicted(posterior: xr.Dataset, data: KernelData) -> NDArray[np.complex128]:
-    """Kernel of every draw at the tones [m^-2 s^6], shape (draw, freq), the chains end to end."""
+    """Return each draw's kernel at the tones [m^-2 s^6], shape (draw, freq), chains joined."""
     theta = {name: posterior[name].values.ravel() for name in NAMES}
     return np.asarray(jax.vmap(lambda t: kernel.predict(t, data))(theta))
 
 
 def integrals(posterior: xr.Dataset, data: KernelData) -> np.ndarray:
-    r"""Energy of each draw's kernel over the probing band, for conv(n_s), shape (chain, draw).
+    r"""Return each draw's kernel energy over the probing band, for conv(n_s), shape (chain, draw).
 
     $$\int_B |H_3(\omega)|^2\,\mathrm{d}\omega$$
 

@@ -81,7 +81,7 @@ def opening_curve(records: Records, held: Mapping[str, float], prior: Box) -> Op
 def misfits(
     gamma: Float[Array, " node"], held: Mapping[str, Array], records: Records
 ) -> Float[Array, "node level"]:
-    """Misfit of every level by solves, gamma [1/m] after gamma."""
+    """Solve for the misfit of every level, one value of gamma [1/m] after another."""
 
     def misfit_at(value: Float[Array, ""]) -> Float[Array, " level"]:
         return records.squares({**held, "gamma": value}) - records.groups.within
@@ -90,7 +90,7 @@ def misfits(
 
 
 def misfit(gamma: Float[Array, ""], curve: OpeningCurve) -> Float[Array, " level"]:
-    """Value of the series, by Clenshaw's recurrence."""
+    """Evaluate the Chebyshev series of the misfit by Clenshaw's recurrence."""
     s = 2 * (gamma - curve.lower) / (curve.upper - curve.lower) - 1
 
     def step(carry: tuple, c: Float[Array, " level"]) -> tuple:
@@ -133,7 +133,7 @@ class OpeningFit(NamedTuple):
 def fit_opening(
     key: Key, records: Records, linear: PooledFit, means: Mapping[str, float], settings: Identify
 ) -> OpeningFit:
-    """The initial fit of gamma, given Step 2 and the `means` of Step 3: zeta, alpha and delta."""
+    """Fit gamma initially, given Step 2 and the `means` of Step 3: zeta, alpha and delta."""
     held = {"omega_n": linear.omega_n, "gain": linear.gain, **means}
     prior = box({"gamma": settings.prior.get("gamma", (0.0, REACH * means["delta"]))})
     curve = opening_curve(records, held, prior)
@@ -177,7 +177,7 @@ def opening_steps(
     keep: Keep = no_checkpoint,
     statements: Sequence[str] = (),
 ) -> dict[str, Step]:
-    """Posterior of gamma by NUTS and by the paper's walk, Steps 2 and 3 held at their means.
+    """Sample gamma by NUTS and by the paper's walk, with Steps 2 and 3 held at their means.
 
     What is said of each begins with `statements`.
 
@@ -208,7 +208,7 @@ def opening_steps(
 def of_draws(
     step: Step, quantity: Callable[[dict[str, NDArray[np.float64]]], NDArray[np.float64]]
 ) -> NDArray[np.float64]:
-    """A smooth quantity of every draw of gamma, by a polynomial through a few; (chain, draw)."""
+    """Interpolate a smooth quantity to all draws of gamma by a polynomial; (chain, draw)."""
     gamma = np.asarray(step.posterior["posterior"].to_dataset()["gamma"])
     grid = np.linspace(gamma.min(), gamma.max(), 9)
     draws = {n: np.full(9, v) for n, v in step.held.items()} | {"gamma": grid}
