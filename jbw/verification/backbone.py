@@ -28,7 +28,7 @@ HERTZ, RATIO, BANDS = {"units": "Hz"}, {"units": "1"}, ("quantile", "amplitude")
 
 
 def backbone_group(draws: Draws, y_peak: float, laws: Laws) -> xr.Dataset | None:
-    """Frequency and equivalent damping against amplitude, and three steady loops of Eq. (2).
+    """Return frequency and equivalent damping against amplitude, and three loops of Eq. (2).
 
     Their force Z, of the laws with a memory, goes down by their own moves and up by Z(-y) = -Z(y).
     None where the draws lack a parameter of the joint, or no displacement is known.
@@ -75,7 +75,7 @@ def _unloading(
     y: Float[Array, "loop phase"],
     laws: Laws,
 ) -> tuple[Float[Array, "loop phase"], Float[Array, ""]]:
-    """Force of the laws with a memory on the way down from each peak, and their stiffness."""
+    """Return the force of laws with memory on unloading from each peak, and their stiffness."""
     joint = oscillator_of(theta, laws)
     slipping = [law for law in joint.laws if jax.tree.leaves(law.at_rest())]
     memory = Oscillator(joint.omega_n, joint.zeta, slipping)

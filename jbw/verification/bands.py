@@ -15,12 +15,12 @@ QUANTILE_AXIS = ("quantile", list(QUANTILES), {"units": "1"})  # coordinate of e
 
 
 def error(measured: NDArray[Any], predicted: NDArray[Any]) -> float:
-    """Error of a prediction, root mean square, over the root mean square of what was measured."""
+    """Return the prediction's rms error over the rms of the measured values."""
     return float(np.linalg.norm(measured - predicted) / np.linalg.norm(measured))
 
 
 def half_width(edges: NDArray[np.float64], measured: NDArray[Any]) -> float:
-    """Half the width of a band, root mean square, over the root mean square of what was measured.
+    """Return half the rms width of a band over the rms of the measured values.
 
     A band that holds every value says little where this is large.
     """
@@ -73,25 +73,25 @@ def recentred(
 def about_law(
     model: Shaped[np.ndarray, " draw *value"], others: Mapping[str, NDArray[Any]]
 ) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
-    """Draws about the law's own prediction, where `others` has one, and the references left."""
+    """Centre draws on the law's prediction, if `others` has one; return the other references."""
     rest = {name: values for name, values in others.items() if name != LAW}
     return (recentred(model, others[LAW]) if LAW in others else model), rest
 
 
 def within(values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which values lie inside a band."""
+    """Return which values lie inside a band."""
     return (values >= edges[0]) & (values <= edges[-1])
 
 
 def band(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Quantiles 0.5 %, 50 % and 99.5 % along the first axis: a 99 % band about its median."""
+    """Return quantiles 0.5 %, 50 % and 99.5 % along the first axis: a 99 % band and its median."""
     return np.quantile(values, QUANTILES, axis=0)
 
 
 def gaussian_band(
     model: Float[np.ndarray, " draw *value"], noise_std: float | Float[np.ndarray, " *value"]
 ) -> NDArray[np.float64]:
-    """The 99 % band m -+ 2.576 sqrt(var_theta + sigma^2), with the median m over draws inside."""
+    """Return the 99 % band m -+ 2.576 sqrt(var_theta + sigma^2), with the median m of draws."""
     half = norm.ppf(QUANTILES[-1]) * np.sqrt(model.var(axis=0) + noise_std**2)
     median = np.median(model, axis=0)
     return np.stack([median - half, median, median + half])
@@ -104,7 +104,7 @@ def beside(
     noise_std: float | NDArray[np.float64] | None,
     unit: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Variables `measured`, `model_band` and, where the noise is known, `predictive_band`."""
+    """Return variables `measured`, `model_band`, and `predictive_band` if noise is known."""
     dims = ("quantile", dim)
     variables = {"measured": (dim, measured, unit), "model_band": (dims, band(model), unit)}
     if noise_std is not None:
@@ -125,7 +125,7 @@ def polar(
     phase: Mapping[str, str],
     dims: str | tuple[str, ...] = ("quantile", "freq"),
 ) -> dict[str, Any]:
-    """Variables `name_magnitude` and `name_phase`, next to a reference; over `quantile` bands."""
+    """Return variables `name_magnitude`, `name_phase` near a reference; bands over `quantile`."""
     size, angle = np.abs(values), phase_near(values, reference)
     if "quantile" in dims:
         size, angle = band(size), band(angle)

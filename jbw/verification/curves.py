@@ -45,7 +45,7 @@ class Curve(NamedTuple):
 
 
 def curves_of(tests: Sequence[Test], of_tones: str = "") -> dict[str, Curve]:
-    """Curves by name: one a test, but one for all tones of a level; other kinds are passed over."""
+    """Return curves by name: one per test, one for all tones of a level; skip other kinds."""
     curves: dict[str, Curve] = {}
     tones: dict[float, list[Test]] = {}
     for test in tests:
@@ -71,7 +71,7 @@ def predict_curve(source: Source, test: Test) -> Predicted:
 
 
 def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
-    """Harmonics of all curves at once: the force's where a response was held, else its own."""
+    """Predict all curves' harmonics: of the force if a response was held, else of the response."""
     predictions: dict[int, Predicted] = {}
     for residuals in dict.fromkeys(curve.test.residuals for curve in curves):
         indices = [i for i, curve in enumerate(curves) if curve.test.residuals == residuals]
@@ -129,7 +129,7 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
 def _carried(
     data: Points, draws: Draws
 ) -> tuple[Complex[np.ndarray, "draw group value"], NDArray[np.float64]]:
-    """Values of every group by every draw, and the peak displacement of its points [m]."""
+    """Return each group's values for every draw, and the peak displacement of its points [m]."""
     point, column = np.asarray(data.point), np.asarray(data.position)[:, None]
     is_point = np.asarray(data.factor) != 0  # not behind a group's last point
     held = np.array(data.of_force)
@@ -153,7 +153,7 @@ def _forces(theta: Mapping[str, Array], data: Points) -> Complex[Array, "group v
 
 
 def _motion(data: Points, draws: Draws) -> Complex[np.ndarray, "draw point harmonic"]:
-    """Odd harmonics of the displacement of every draw at every point."""
+    """Return the odd harmonics of displacement for every draw at every point."""
     # Newton's iteration starts from the measured motion, which is a close guess only where the
     # model is right, then from the median of the draws.
     motion = np.asarray(carry(motion_of, draws, data), complex)
@@ -189,7 +189,7 @@ def _compared(
     order: NDArray[np.intp],
     noise_std: float | None,
 ) -> tuple[dict[str, Any], dict[str, float]]:
-    """Variables of one harmonic by frequency, and its errors by the noise of the mean."""
+    """Return variables of one harmonic by frequency, and its errors given the mean's noise."""
     everything = {"measured": group.values, "model": model, **others}
     # Real and imaginary parts, as they enter the likelihood.
     parts = {n: np.concatenate([np.real(x), np.imag(x)], axis=-1) for n, x in everything.items()}

@@ -44,7 +44,7 @@ SILENT = 1e-6  # of a record: a noise that leaves its initial state sharp
 
 
 def predict_decay(source: Source, test: Test) -> Predicted:
-    """Free decays from where their amplitude has fallen by a quarter, which gives the start."""
+    """Predict free decays after their amplitude fell by a quarter, which gives their start."""
     data = _reduced(source, test)
     noise, stored = NOT_KNOWN, source.basis.decay.get("noise_std")
     if stored is not None and "record" in stored.dims:
@@ -92,7 +92,7 @@ def predict_decay(source: Source, test: Test) -> Predicted:
 
 
 def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Dataset]:
-    """Every record of all decays beside the model's, the fitted ones first, a dataset each."""
+    """Compare every decay record with the model, fitted ones first, one dataset each."""
     # The initial state of a fitted record comes from the whole of it, that of a held-out record
     # from its beginning alone: the rest is predicted, and its errors are of what comes after.
     data = _reduced(source, test)
@@ -103,7 +103,7 @@ def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Datase
 
 
 def _reduced(source: Source, test: Test) -> Decays:
-    """Decays with the fraction of values that count and the scatter that the fitted ones had."""
+    """Reduce decays with the counted fraction of values and the scatter of the fitted decays."""
     facts = source.basis.decay_facts
     no_shift = NO_SHIFT * float(np.mean(source.draws["omega_n"]))
     stated = {"laws": source.basis.laws, "substeps": int(facts.get("substeps", 0)) or None}
@@ -122,7 +122,7 @@ def _compared(
     noise_std: Float[np.ndarray, " record"],
     num_fitted: int = 0,
 ) -> list[xr.Dataset]:
-    """Filtered motion of every record beside the model's, entered at the record's initial state."""
+    """Compare each record's filtered motion with the model's from the record's initial state."""
     chosen, key, comparisons = filter_of(test), jax.random.key(source.seed), []
     several = bool(data.several)
     entered, stride = (followed(source), chosen.stride) if several else (_along(source, data), 1)
@@ -217,7 +217,7 @@ def _with_discrepancy(
     missed: AtAmplitude,
     carrier: Complex[np.ndarray, " time"],
 ) -> tuple[Float[np.ndarray, "draw time"], Float[np.ndarray, " time"]]:
-    """Motion that has `drifted`, about what the law predicts, and its rms over a period."""
+    """Return `drifted` motion about the law's prediction, and its rms over a period."""
     rates = omega_n * np.array([missed.damping, missed.frequency])
     law, drifting = np.real(envelope * carrier), drifted(key, envelope, time, rates)
     size = np.median(np.abs(drifting), axis=0) / np.sqrt(2)
@@ -230,7 +230,7 @@ def drifted(
     time: Float[np.ndarray, " time"],
     rates: Float[np.ndarray, "2"],
 ) -> Complex[np.ndarray, "draw time"]:
-    r"""Envelopes of draws whose rate of decay and frequency are each off by a draw [1/s].
+    r"""Draw envelopes with random errors of decay rate and frequency [1/s] from given envelopes.
 
     $$e_k(t)\,\exp\bigl((-\rho_\zeta z_{k1} + j \rho_\omega z_{k2})\,t\bigr), \quad z \sim N(0, I)$$
 
@@ -241,7 +241,7 @@ def drifted(
 
 
 def _along(source: Source, data: Decays) -> Entered:
-    """Records of one mode, all on the decays of the draws and of what they are compared with."""
+    """Return the function that follows single-mode records along decays of draws and references."""
     decays, others = source.observed(data, decay_of)
 
     def entered(
@@ -265,7 +265,7 @@ def _entered(
     steps: Float[Array, " time"],
     law_std: float | Float[Array, ""] = 0.0,
 ) -> Complex[Array, "draw time"]:
-    """Envelope of one record for every draw, from one draw of its initial state and shift."""
+    """Return one record's envelope for every draw, given one draw of initial state and shift."""
 
     def entered_by(pair: tuple[Array, Array]) -> Array:
         key, decay = pair

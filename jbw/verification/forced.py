@@ -73,7 +73,10 @@ class ForcedTests:
         return made
 
     def missed(self, test: Test) -> AtAmplitude:
-        """The model discrepancy in a test's bands; the noise of what was fitted includes it."""
+        """Return the model discrepancy in a test's bands; zero for fitted tests.
+
+        The noise of fitted tests includes it.
+        """
         if test.name in self.fitted:
             return NOTHING
         return missed_in(self.basis, test, seed=self.seed)
@@ -81,7 +84,7 @@ class ForcedTests:
     def beside(
         self, test: Test, num_draws: int = NUM_DRAWS, discrepancy: AtAmplitude | None = None
     ) -> Source:
-        """What a test is compared with: all of its own run, where that was fitted."""
+        """Return the source to compare a test with: from the test's own run if it was fitted."""
         missed = self.missed(test) if discrepancy is None else discrepancy
         references = of_run(self.simpler, self.basis.run_of(test), drive_of(test))
         how = {"seed": self.seed, "references": references}
@@ -161,7 +164,7 @@ class ForcedTests:
 def verify_forced(
     source: Source, simpler: Mapping[str, Reference], measured: Measured, attempts: Attempts
 ) -> dict[str, xr.Dataset]:
-    """Verification and validation on every test but free decays, by path in the tree."""
+    """Verify and validate on every test but free decays; return groups by path in the tree."""
     natural_hz = float(np.mean(source.draws["omega_n"])) / (2 * np.pi)
     loops: tuple[Test, ...] = ()
     if measured.linear is not None:
@@ -197,7 +200,7 @@ def verify_forced(
 def _curves_together(
     forced: ForcedTests, tests: Sequence[Test]
 ) -> dict[tuple[str | None, str, AtAmplitude], dict[str, Curve]]:
-    """Curves by run, drive and model discrepancy; fitted tones of a level apart from the others."""
+    """Group curves by run, drive and model discrepancy; fitted tones of a level are separate."""
     curves = curves_of([test for test in tests if test.name in forced.fitted])
     held_out = [test for test in tests if test.name not in forced.fitted]
     curves |= curves_of(held_out, " (held out)")
@@ -210,7 +213,10 @@ def _curves_together(
 
 
 def _compared_sweeps(names: set[str], sweeps: Sweeps | None) -> tuple[set[str], list[Test]]:
-    """What was fitted, less other levels' sweeps, and repeats that no fit saw, else fitted ones."""
+    """Return names of fitted tests without held-out levels, and the sweeps to compare.
+
+    The sweeps are held-out repeats, and fitted ones where no repeat was held out.
+    """
     if sweeps is None:
         return names, []
     others = {test.name for test in sweeps.held_out}

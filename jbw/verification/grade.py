@@ -140,7 +140,7 @@ def status_of(seen: Seen, limit: float) -> Status:
 
 
 def _of_others(graded: Finding) -> Sequence[Amendment]:
-    """What a grade says of other findings on the law: it counts what they found."""
+    """Return the grade's amendments of other findings on the law, which the grade includes."""
     if graded.status == "not assessed":
         return ()
     others = tuple(code for code in ASKED["law"] if code not in (GRADE, "cause", "no_hysteresis"))

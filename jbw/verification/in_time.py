@@ -112,7 +112,7 @@ def reduced(basis: Basis, test: Test, substeps: int | None = None, **how: Any) -
 
 
 def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Motion:
-    """Carry the input of a test's first record through the model, by the run's steps when None."""
+    """Simulate the model under a test's first recorded input, by default with the run's steps."""
     test = on_time(test)
     record = test.records[0]
     # Repeats of the first record's input; noise of the input channel is far below a tenth of it.
@@ -153,7 +153,7 @@ def followed(source: Source, test: Test, data: Records) -> Motion:
 
 
 def predict_records(source: Source, test: Test) -> Predicted:
-    """Bands in time, of the first record where inputs differ, and of the frequency response."""
+    """Return bands in time, of the first record if inputs differ, and of the receptance."""
     # What a record's unknown start makes of it is left out: the first seconds, and `settle`.
     motion = motion_of(source, test)
     dataset = compare_records(source, motion)
@@ -203,7 +203,7 @@ def compare_in_time(
 
 
 def compare_records(source: Source, motion: Motion) -> xr.Dataset:
-    """Repeats of one input beside the model's responses, in a band where the test has one."""
+    """Compare repeats of one input with the model's responses, in the test's band if any."""
     data = motion.data
     measured = single_records(np.asarray(data.mean), data.groups).mean[0]
     dataset, model, _ = compare_in_time(source, motion, measured)
@@ -226,7 +226,7 @@ def _resolves(motion: Motion, band_hz: tuple[float, float]) -> bool:
 
 
 def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
-    """FRF of every repeat, and of every draw under the first one's input, by the same estimator."""
+    """Estimate the FRF of every repeat, and of every draw under the first input, in one way."""
     test, record = motion.test, motion.test.records[0]
     whole = test.traits.is_transient and not test.settle
     unsettled = 0 if whole else motion.unsettled
@@ -256,7 +256,10 @@ def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
 def _frf(
     record: Record, y: NDArray[np.float64], band_hz: tuple[float, float], *, whole: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    r"""Receptance in a band by the last samples; of a whole sweep $H = Y(\omega) / U(\omega)$."""
+    r"""Return the receptance in a band; for a whole sweep $H = Y(\omega) / U(\omega)$.
+
+    It is estimated from the last samples of the input, as many as the response has.
+    """
     u = record.channels[record.source][-len(y) :]
     if not whole:
         with warnings.catch_warnings():
@@ -275,7 +278,7 @@ def bands_of_modes(draws: Draws) -> list[tuple[float, float]]:
 
 
 def most_driven(record: Record, bands: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """That of some bands [Hz] in which an input has the most power."""
+    """Return the band [Hz], among several, in which an input has the most power."""
     source = record.channels[record.source]
     freq, power = np.fft.rfftfreq(len(source), 1 / record.fs), np.abs(np.fft.rfft(source)) ** 2
     return max(bands, key=lambda edges: _share(power, freq, edges))
@@ -304,7 +307,7 @@ def _around_mode(record: Record, draws: Draws) -> tuple[float, tuple[float, floa
 
 
 def _settling(test: Test, draws: Draws) -> float:
-    """Seconds at the start that are not compared: a sweep starts from rest unless it says more."""
+    """Return the seconds to skip at the start: a sweep starts from rest unless it says more."""
     if test.traits.is_transient:
         return test.settle
     record = test.records[0]

@@ -34,12 +34,12 @@ def modes_of_draws(draws: Draws) -> Modes | None:
 
 
 def first_mode_alone(test: Test, modes: Modes | None) -> Test:
-    """Decays in a band of the first of several modes."""
+    """Return decays in the band of the first of several modes."""
     return test if modes is None else replace(test, band_hz=bands_of(modes.hz, test)[0])
 
 
 def followed(source: Source) -> Entered:
-    """Records of several modes, each from a draw of its start for every draw of the parameters."""
+    """Return the function that follows records of several modes from one start per draw."""
 
     def entered(
         key: Key[Array, ""], seen: Decays, time: Float[np.ndarray, " time"], law_std: float
@@ -56,7 +56,7 @@ def followed(source: Source) -> Entered:
 
 
 def _follow(theta: Mapping[str, Array], seen: ModalDecays, length: int) -> Complex[Array, " time"]:
-    """Envelope of one record at the samples of the model, from a draw of its start and shift."""
+    """Return one record's envelope at the model's samples, from a draw of start and shift."""
     structure = structure_of(theta, seen.laws)
     record = MatchedEnvelopes(seen.mean[0], seen.begun[0], seen.amplitude[0])
     matched = match(structure, record, seen)

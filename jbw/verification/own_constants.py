@@ -21,7 +21,7 @@ Others = dict[str, Time]
 
 
 def completed(basis: Basis, data: Records, model: Draws, others: Others) -> tuple[Draws, Others]:
-    """Responses of a model and of oscillators beside it, with a test's own constants if it has any.
+    """Add the test's own constants, if any, to responses of the model and other oscillators.
 
     They are read off in the test's band.
     """
@@ -33,7 +33,7 @@ def completed(basis: Basis, data: Records, model: Draws, others: Others) -> tupl
     size = np.linalg.norm(columns_in_band, axis=1)[:, None]
 
     def added(response: Time) -> Time:
-        """By the U and L that bring a response nearest to what was measured."""
+        """Return the part of U and L that brings a response nearest to the measurement."""
         residual = np.asarray(data.mean[0]) - in_band(response, data.lines)
         return np.linalg.lstsq((columns_in_band / size).T, residual)[0] @ (columns / size)
 

@@ -11,7 +11,7 @@ def place(group: str, name: str) -> str:
 
 
 def safe(name: str) -> str:
-    """A name of a campaign as a group or variable of the tree: a slash would open another group.
+    """Return a campaign's name as a safe name in the tree, where a slash would open another group.
 
     HDF5 reads a name of dots alone as this group or the one above.
     """
@@ -20,7 +20,7 @@ def safe(name: str) -> str:
 
 
 def repeats_named(records: Sequence[Record]) -> list[str]:
-    """Names of repeats: of their records where these differ, else their numbers from one on."""
+    """Return names of repeats: of their records if these differ, else their numbers from one."""
     names = [record.name for record in records]
     if all(names) and len(set(names)) == len(names):
         return names

@@ -23,7 +23,10 @@ FADE = 0.02  # of a sweep's duration, at its end
 def planned_sweep(
     basis: Basis, band_hz: tuple[float, float], level: float, duration: float, fs: float
 ) -> Test:
-    """A linear sweep from rest in the unit of the run's source, fading out over its last 2 %."""
+    """Return a linear sweep from rest in the unit of the run's source, faded out over 2 %.
+
+    The fade covers the last 2 % of the sweep.
+    """
     _require_positive(sweep=min(band_hz), level=level, duration=duration, fs=fs)
     if max(band_hz) >= 0.5 * fs:
         raise ConfigError(
@@ -37,7 +40,7 @@ def planned_sweep(
 
 
 def planned_tones(basis: Basis, freq_hz: Sequence[float], level: float) -> Test:
-    """Steady tones in turn, one of them or many, of a level in the unit of the run's source."""
+    """Return one steady tone or several in turn, at a level in the unit of the run's source."""
     single = len(freq_hz) == 1
     _require_positive(level=level, **{"tone" if single else "stepped": min(freq_hz)})
     kind = "tones" if single else "stepped"

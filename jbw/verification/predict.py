@@ -44,7 +44,7 @@ class Request:
 
 
 def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Dataset:
-    """Bands of a run's posterior on a test of any kind that it need never have seen.
+    """Predict bands of a run's posterior on a test of any kind, which the run may not contain.
 
     A test whose response is NaN throughout is only planned.
 
@@ -111,7 +111,7 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
 
 
 def route_of(test: Test) -> Callable[[Source, Test], Predicted]:
-    """How a test is predicted; under a recorded input from rest, unless it is another motion."""
+    """Return the function that predicts a test: from rest under its input, unless of other kind."""
     traits = test.traits
     if has_groups_alone(test):
         return predict_groups
@@ -158,7 +158,7 @@ def _source(basis: Basis, test: Test, request: Request) -> Source:
 
 
 def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
-    """What laws that were compared predict a test with: by its kind, and by its amplitude."""
+    """Return the basis that compared laws give to predict a test of its kind and amplitude."""
     if basis.has_fitted(test):
         return basis
     if basis.across is not None and not basis.has_fitted_kind(test.kind):
@@ -169,7 +169,7 @@ def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
 
 
 def _reach(basis: Basis, test: Test, request: Request) -> float:
-    """Largest displacement of a test, as a few draws predict it, over that which was fitted."""
+    """Return a test's largest displacement, predicted by a few draws, over the largest fitted."""
     if route_of(test) is predict_decay:
         return 1.0  # its level is in another unit before it is predicted
     gain = _gain_for(basis, test, request)
@@ -195,7 +195,7 @@ def missed_in(basis: Basis, test: Test, gain: float | None = None, seed: int = 0
 
 
 def _gain_for(basis: Basis, test: Test, request: Request) -> float | None:
-    """Gain for a test's own source; None where it is the run's."""
+    """Return the gain for a test's own source; None where it is the run's source."""
     drive = "force" if test.traits.is_prescribed else drive_of(test)
     if (stated := gain_of(request.gain, drive)) is not None:
         return stated
@@ -254,7 +254,7 @@ def row_of(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def chosen(tests: tuple[Test, ...], names: tuple[str, ...], argument: str) -> tuple[Test, ...]:
-    """Tests by their names, which were given as `argument`; all of them when none is named."""
+    """Return tests by names that were given as `argument`; all tests if no name is given."""
     by_name = {test.name: test for test in tests}
     missing = [name for name in names if name not in by_name]
     if missing:

@@ -63,7 +63,7 @@ class Predicted(NamedTuple):
         return (float(np.median(self.peak)),)
 
     def extrapolation(self, basis: Basis) -> float | None:
-        """Upper edge of the peak displacement over the largest that was fitted, where known."""
+        """Return the peak displacement's upper edge over the largest fitted, if known."""
         if self.peak is None or basis.y_peak <= 0:
             return None
         return float(band(self.peak)[-1]) / basis.y_peak
@@ -95,7 +95,7 @@ class Source:
     def std(
         self, known: RepeatNoise, model: NDArray[Any], num_repeats: float = 1.0, share: float = 1.0
     ) -> float | None:
-        r"""Noise of the mean of K repeats and error of the model for the bands; None of neither.
+        r"""Combine noise of the mean of K repeats with model error for bands; None of neither.
 
         $$\sqrt{f \sigma^2 / K + s^2 \,\mathrm{mean}(m^2)}$$
 
@@ -117,11 +117,11 @@ class Source:
         num_repeats: float = 1.0,
         share: float = 1.0,
     ) -> tuple[NDArray[Any], dict[str, NDArray[Any]], float | None]:
-        """Draws about the law's own prediction, references beside it, and `std` of the bands."""
+        """Return draws about the law's prediction, the references, and `std` of the bands."""
         return *about_law(model, others), self.std(known, model, num_repeats, share)
 
     def carried(self, predict: Callable[[Draws, Laws], PyTree]) -> tuple[Any, dict[str, Any]]:
-        """What every draw predicts along a first axis, and what each reference does by name.
+        """Return every draw's prediction along a first axis, and each reference's by name.
 
         Where the draws have a model discrepancy, the law without it is a reference by `LAW`.
         """
@@ -180,7 +180,7 @@ def is_measured(test: Test) -> bool:
 
 
 def carry(predict: Callable[..., PyTree], draws: Draws, *args: Any) -> PyTree:
-    """Prediction of every draw, some side by side: compiled once for any number of draws."""
+    """Predict with every draw, some in parallel; compile once for any number of draws."""
     # `predict` is a function of a module, so that what was compiled is found again; all but arrays
     # of `args` is known as it compiles.
     return at_points(_prediction, draws, (predict, args), lanes=min(LANES, count_of(draws)))
@@ -200,7 +200,7 @@ def noise_of(
     order: int = 0,
     behind: str = "",
 ) -> RepeatNoise:
-    """Noise of one repeat: as fitted, as its repeats tell, or the mean of fitted tests alike.
+    """Return noise of one repeat: as fitted, from repeats, or the mean of similar fitted tests.
 
     `behind` is what stands behind the test's name in the label of its group, where it has several.
     """
@@ -228,7 +228,7 @@ def noise_of(
 
 
 def _labels(name: str, seen: CampaignTest, order: int) -> list[str]:
-    """What the groups of data of a test may be called that hold its harmonic of this order."""
+    """Return possible labels of a test's data groups that contain its harmonic of this order."""
     names = [name, seen.family] if seen.family else [name]
     harmonics = [harmonic_label(group_name, order) for group_name in names] if order else []
     return harmonics + (names if order < 2 else [])

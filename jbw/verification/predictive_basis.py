@@ -93,7 +93,7 @@ class Basis:
         return ((max(num_first, 2) if counts else num_first, replace(self, beside=())), *counts)
 
     def thinned(self, num_draws: int, posterior: xr.Dataset | None = None) -> Draws:
-        """Evenly spaced draws of the main posterior, or of another, beside what was held."""
+        """Return evenly spaced draws of the main or another posterior, with held values."""
         if num_draws < 2:
             raise ConfigError(
                 f"Argument `draws` must be at least 2, but is {num_draws}.",
@@ -112,7 +112,7 @@ class Basis:
         *,
         missed: AtAmplitude = NOTHING,
     ) -> Draws:
-        """Parameters of a further run's joint, and the gain [N/kg per unit of the source].
+        """Draw parameters of a new run's joint, and the gain [N/kg per unit of the source].
 
         Those of a drive that has its own, under their plain names; of others' all names. `missed`
         is the model discrepancy in them.
@@ -122,7 +122,7 @@ class Basis:
         return scattered(key, theta, self._scatter(theta, missed))
 
     def _scatter(self, draws: Draws, missed: AtAmplitude) -> tuple[float, ...]:
-        """Standard deviation of omega_n and zeta over runs and by the model discrepancy."""
+        """Return standard deviations of omega_n and zeta over runs and by the discrepancy."""
         by_law = missed.frequency * float(np.mean(draws["omega_n"])), missed.damping
         if not any(by_law):
             return self.scatter
@@ -175,21 +175,21 @@ class Basis:
         return self.discrepancy is not None and not self.discrepancy.is_nothing
 
     def has_fitted(self, test: Test) -> bool:
-        """Whether anything of a test was fitted: a group of data has its name, or that and more."""
+        """Return whether a test was fitted: a data group's name begins with the test's name."""
         fitted = noise_by_label(self.posterior)
         matches = (belongs_to(label, test.name) for label in fitted)
         return any(matches) and self.seen.get(test.name, seen_of(test))[:3] == seen_of(test)[:3]
 
     def model_error(self, test: Test, missed: AtAmplitude) -> float:
-        """What the law misses of a test beside omega_n and zeta, over the response."""
+        """Return the law's error over the response in a test, besides omega_n and zeta."""
         return 0.0 if self.discrepancy is None else self.discrepancy.share_of(test.kind, missed)
 
     def scatters(self, test: Test) -> bool:
-        """Whether bands of a test hold the scatter of runs: it is of none that was fitted."""
+        """Return whether a test's bands include the scatter of runs: its run was not fitted."""
         return len(self.scatter) > 0 and (self.runs is None or self.run_of(test) is None)
 
     def _complete(self, draws: Draws, gain: float | None) -> Draws:
-        """Draws with a gain that is given, if they have all that a response depends on."""
+        """Return draws with the given gain; raise if a parameter of the response is missing."""
         if gain is not None:
             draws["gain"] = np.full(count_of(draws) if draws else 0, gain)
         missing = [name for name in parameter_names(self.laws) if name not in draws]
@@ -222,7 +222,7 @@ def parameter_names(laws: Laws) -> tuple[str, ...]:
 def thin(
     posterior: xr.Dataset, num_draws: int, held: Mapping[str, float] | None = None, *, laws: Laws
 ) -> Draws:
-    """At most `num_draws` evenly spaced draws of all that a response depends on, by name."""
+    """Return at most `num_draws` evenly spaced draws of all parameters of a response, by name."""
     keep = evenly_spaced(posterior, num_draws)
     fixed = {name: np.full(len(keep), float(value)) for name, value in (held or {}).items()}
     terms = (term.name for term in (*RESIDUAL_TERMS, *MODAL, *own_quantities(laws)))
@@ -233,7 +233,7 @@ def thin(
 
 
 def scattered(key: Key[Array, ""], draws: Draws, scatter: ArrayLike) -> Draws:
-    """Draws as of a further run: omega_n + b_1, zeta + b_2, b ~ N(0, diag(s^2)) over runs."""
+    """Draw as for a new run: omega_n + b_1, zeta + b_2, b ~ N(0, diag(s^2)) over runs."""
     std = np.asarray(scatter)
     if not std.size:
         return draws
@@ -244,7 +244,7 @@ def scattered(key: Key[Array, ""], draws: Draws, scatter: ArrayLike) -> Draws:
 
 
 def laws_of_run(tree: xr.DataTree) -> Laws:
-    """Laws of a run; until 0.1 runs did not name them: there was one, and a spring beside it."""
+    """Return a run's laws; unnamed ones (before 0.1) are the default law and a spring, if any."""
     if "posterior" not in tree.children:
         raise DataError(
             "The result has no group /posterior, so there is nothing to predict with.",
@@ -258,7 +258,7 @@ def laws_of_run(tree: xr.DataTree) -> Laws:
 def basis_attrs(
     tests: Sequence[Test], data: Dataset, held: Mapping[str, float], omega_n: float
 ) -> dict[str, Any]:
-    """What predictions start from besides draws, as `basis_of` reads it from a result."""
+    """Return the attributes that predictions need besides draws, as `basis_of` reads them."""
     shared = [part for part in data.parts if not part.own_shifts]
     counts = (part.substeps for part in shared)
     attrs: dict[str, Any] = {
@@ -281,7 +281,7 @@ def decay_attrs(data: Decays) -> dict[str, str]:
 
 
 def basis_of(tree: xr.DataTree) -> Basis:
-    """What a run's result predicts with."""
+    """Return the basis for predictions from a run's result."""
     laws, attrs = laws_of_run(tree), tree.attrs
     posterior = tree["posterior"].to_dataset()
     if AS_RECORDED in tree.children:  # a prediction is what the same instruments would read

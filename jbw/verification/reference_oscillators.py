@@ -47,7 +47,7 @@ class Reference(NamedTuple):
 def of_run(
     references: Mapping[str, Reference], run: str | None, drive: str = ""
 ) -> dict[str, tuple[dict[str, float], tuple[str, ...]]]:
-    """Parameters and laws of every reference, as they are in one run; None for a further one.
+    """Return every reference's parameters and laws in one run; None stands for a new run.
 
     Those of a drive that has its own, under their plain names.
     """
@@ -103,7 +103,7 @@ def _fitted(
     kind: str,
     joint: Dataset,
 ) -> Reference:
-    """The oscillator of one kind with the least relative error, by run where the joint is so.
+    """Fit the oscillator of one kind with least relative error, by run if the joint is so.
 
     From one that it contains on, with that one's offsets: it cannot end worse.
     """
@@ -137,7 +137,7 @@ def _fitted(
 
 
 def _spring(forced: Sequence[Any], estimates: Mapping[str, float], kind: str) -> Reference:
-    """Least sum_i |g F_i - omega_n^2 y_i - lambda_3 y_i^3|^2 / |g F_i|^2 over prescribed loops."""
+    """Minimise sum_i |g F_i - omega_n^2 y_i - lambda_3 y_i^3|^2 / |g F_i|^2 in prescribed loops."""
     y = np.concatenate([np.asarray(part.compared(part.displacement)) for part in forced])
     measured = np.concatenate([np.asarray(part.compared(part.mean)) for part in forced])
     force = estimates["gain"] * measured

@@ -31,7 +31,7 @@ FORCE, LENGTH = {"units": "N/kg"}, {"units": "m"}
 
 
 def predict_loop(source: Source, test: Test) -> Predicted:
-    """Restoring force along a prescribed displacement, and its work W = int F dy after `settle`."""
+    """Predict force along a prescribed displacement, and its work W = int F dy after `settle`."""
     (data,) = Loops.reduce([test], laws=source.basis.laws)
     (force,) = groups_of(source, test, data)
     force = force._replace(
@@ -70,14 +70,14 @@ def predict_loop(source: Source, test: Test) -> Predicted:
 def beside_load_cell(
     data: Loops, measured: Float[np.ndarray, " time"], model: Float[np.ndarray, "draw time"]
 ) -> Float[np.ndarray, "draw time"]:
-    """Forces of a model with the offset and drift of the load cell that the test says it has."""
+    """Add the load cell's offset and drift, as the test states them, to a model's forces."""
     columns = np.asarray(data.groups.spanned)[0][:, compared(data.groups, 0)]
     residual = measured - np.median(model, axis=0)
     return model + (residual @ columns.T) @ columns
 
 
 def predict_periods(source: Source, test: Test) -> Predicted:
-    """Steady response over a period of a multisine, and amplitude spectra in the test's band."""
+    """Predict a multisine's steady response over a period, with spectra in the test's band."""
     cut = periods(test) or test
     data = reduced(source.basis, cut, periodic=True)
     motion = followed(source, cut, data)
@@ -98,7 +98,7 @@ def predict_periods(source: Source, test: Test) -> Predicted:
 
 
 def loop_validation(test: Test, draws: Draws, laws: Laws) -> xr.Dataset:
-    r"""Measured loops of a tone against the bands of the model.
+    r"""Compare a tone's measured loops with the model's bands.
 
     Measured, $F = g V - a - 2\zeta\omega_n v$ (Eq. (1)) with gain and damping of every draw, so
     that its band carries them; predicted, the same on the steady cycle under the measured input.
@@ -141,7 +141,7 @@ def loop_validation(test: Test, draws: Draws, laws: Laws) -> xr.Dataset:
 
 
 def _cycles(record: Record, test: Test, omega: float) -> dict[str, NDArray[np.float64]]:
-    """One cycle of input, displacement, velocity and acceleration, phase counted from the input."""
+    """Return a cycle of input, displacement, velocity and acceleration, phased to the input."""
     fs, (low, high) = record.fs, (part * omega / (2 * np.pi) for part in BAND)
     test = on_time(replace(test, records=(record,)))
     (record,) = test.records

@@ -49,7 +49,7 @@ Groups = dict[str, xr.Dataset]
 def verify(
     measured: Measured, posteriors: Posteriors, basis: Basis, seed: int, attempts: Attempts
 ) -> Groups:
-    """Every test beside the model and the oscillators without hysteresis, by path in the tree.
+    """Compare every test with the model and non-hysteretic oscillators, by path in the tree.
 
     A comparison that cannot be made is left out, and `attempts` says so.
     """
@@ -108,7 +108,7 @@ def _verify_free(
 
 
 def _freely(draws: Draws, decays: Decays) -> tuple[Any, ...]:
-    """Decays as a dataset, and the names of what moves freely in them, of every mode."""
+    """Return decays as a dataset, and the names of every mode's free-motion parameters."""
     held = {ratio.name: 1.0 for _, _, ratio, *_ in MODES if ratio.name in draws}
     names = [quantity.name for mode in MODES for quantity in mode[:2] if quantity.name in draws]
     return Dataset.of([decays], held), "omega_n", "zeta", *names
@@ -126,7 +126,7 @@ def predicted_tests(tree: xr.DataTree) -> Mapping[str, Mapping[str, Any]]:
 
 
 def prediction_findings(tree: xr.DataTree) -> list[Finding]:
-    """The largest error beside a simpler oscillator's, and the least coverage of held-out tests."""
+    """Return findings on errors beside simpler oscillators', and on held-out coverage."""
     tests = predicted_tests(tree)
     laws = json.loads(str(tree.attrs.get("laws", "[]")))
     return [*_simpler(tests, laws), *_replaced(tests, laws), *_coverage(tests)]
@@ -203,6 +203,6 @@ def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
 
 
 def _no_band(names: Sequence[str]) -> Finding:
-    """That no band of a held-out test can be stated, so that none is looked at."""
+    """Return the finding that no held-out test's band can be stated, so that none is assessed."""
     reason, action = withholding.bands_withheld(names), withholding.FIT_THAT_LEVEL
     return Finding("held_out_coverage", "not assessed", reason, float("nan"), action)
