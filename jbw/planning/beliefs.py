@@ -58,7 +58,7 @@ class Beliefs:
 
 
 def modes_of(joints: Mapping[str, np.ndarray]) -> list[Mode]:
-    """Natural frequency and motion of the joint, over the first mode's, of every mode."""
+    """Return each mode's natural frequency, and its motion of the joint over the first mode's."""
     omega_n = np.asarray(joints["omega_n"])
     modes = [Mode(omega_n, np.ones_like(omega_n))]
     for names in NAMES:
@@ -69,7 +69,7 @@ def modes_of(joints: Mapping[str, np.ndarray]) -> list[Mode]:
 
 
 def shares_of(laws: tuple[str, ...]) -> dict[str, str]:
-    """Names that stand for a stiffness of a law as a share of omega_n^2, and the stiffness."""
+    """Return the names of stiffnesses as a share of omega_n^2, each with its law's stiffness."""
     return {
         monomial.name: name
         for law in laws_named(laws)
@@ -88,7 +88,7 @@ def usual_of(laws: tuple[str, ...]) -> dict[str, tuple[str, Range]]:
 def ranges_of(
     omega_n: Range, stated: Mapping[str, Range | None], laws: tuple[str, ...]
 ) -> dict[str, Range]:
-    """Ranges of all of the joint's parameters, the usual ones where nothing is stated."""
+    """Return ranges of all the joint's parameters, the usual ranges where nothing is stated."""
     ranges = {"omega_n": omega_n, "zeta": stated["zeta"]}
     share_of = {stiffness: share for share, stiffness in shares_of(laws).items()}
     usual = usual_of(laws)
@@ -113,7 +113,7 @@ def before(
     seed: int,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Beliefs:
-    r"""Beliefs from ranges, each uniform in the logarithm of its parameter.
+    r"""Build beliefs from ranges, each uniform in the logarithm of its parameter.
 
     $$\mathrm{sd}(\log\theta) = \log(\theta_{max} / \theta_{min}) / \sqrt{12}$$
 
@@ -163,7 +163,7 @@ def before(
 
 
 def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> Beliefs:
-    """Beliefs from evenly spaced draws of a run's main posterior, and what it held, as the gain."""
+    """Build beliefs from evenly spaced draws of a run's main posterior and from its held values."""
     laws, posterior = laws_of_run(tree), tree["posterior"].to_dataset()
     names = parameter_names(laws)
     needed = [name for name in names if name != "gain"]
@@ -204,7 +204,7 @@ def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> B
 
 
 def _bounds(values: xr.DataArray, mean: float) -> Range:
-    """Box of a parameter where the run says it, else a wide one."""
+    """Return a parameter's box as the run states it, else a wide box about the mean."""
     if "lower" in values.attrs and "upper" in values.attrs:
         return float(values.attrs["lower"]), float(values.attrs["upper"])
     return bounds_about(mean, 1 / UNBOUNDED, UNBOUNDED)

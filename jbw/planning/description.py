@@ -34,7 +34,10 @@ POSITIVE = Quantity("positive", "", "1", "a positive number", 0.0)
 
 
 def _range(value: Any) -> Range:
-    """A number that is not zero, or [lower, upper] of one sign: a CV needs a value beside zero."""
+    """Return [lower, upper] of one sign from a nonzero number or a range.
+
+    A coefficient of variation (CV) needs a value away from zero.
+    """
     if not isinstance(value, list | tuple):
         value = [value, value]
     elif len(value) != 2:
@@ -238,7 +241,7 @@ def _omega_n(plan: PlanTable) -> Range:
 
 
 def _force(plan: PlanTable) -> tuple[float | None, str | None, dict[str, Range]]:
-    """Gain where it is one value, unit of the input, and the gain's range where it is none."""
+    """Return the gain if it has one value, the input's unit, and the gain's range otherwise."""
     if plan.gain is not None:
         low, high, unit = *plan.gain, "V"
     elif plan.modal_mass is not None:

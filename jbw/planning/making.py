@@ -127,7 +127,7 @@ def plan_tests(
 
 
 def _before(description: Description) -> tuple[Beliefs, ResponseNoise, str | None]:
-    """Beliefs from the description, noise, and unit of the input where it is told."""
+    """Return beliefs from the description, the noise, and the input's unit if it is stated."""
     if not description.ranges or description.noise is None:
         raise ConfigError(
             "A plan needs a description of the joint and its noise, or a run, but has neither.",
@@ -146,7 +146,7 @@ def _before(description: Description) -> tuple[Beliefs, ResponseNoise, str | Non
 def _after(
     description: Description, rig: "Rig", tree: xr.DataTree
 ) -> tuple[Beliefs, ResponseNoise, str | None]:
-    """Beliefs from a run, noise, and unit of the input where the gain is known."""
+    """Return beliefs from a run, the noise, and the input's unit if the gain is known."""
     inferred = "gain" in tree["posterior"].data_vars
     if inferred and description.gain is not None:
         raise ConfigError(
@@ -201,7 +201,7 @@ class Rig:
 
 
 def rig_of(tree: xr.DataTree) -> Rig:
-    """What a run tells of its rig, from its result, as `posterior.nc` holds it."""
+    """Read a run's rig from its result, as stored in `posterior.nc`."""
     verified = "verification" in tree.children
     tests = [node.to_dataset() for node in tree["verification"].subtree] if verified else []
     seen = json.loads(str(tree.attrs.get("tests", "{}")))
@@ -241,7 +241,7 @@ class InformationModes(NamedTuple):
 
 
 def modes(precision: Matrices, information: Matrices) -> InformationModes:
-    """Modes F w_k = f_k P w_k, w_k^T P w_k = 1 of a prior P and the information F, by joint."""
+    """Solve for modes F w_k = f_k P w_k, w_k^T P w_k = 1 of prior P and information F, by joint."""
     values, vectors = zip(
         *(eigh(fisher_matrix, precision) for fisher_matrix in information), strict=True
     )
@@ -249,14 +249,14 @@ def modes(precision: Matrices, information: Matrices) -> InformationModes:
 
 
 def spread(eigenmodes: InformationModes, repeats: float) -> Float[np.ndarray, "joint parameter"]:
-    """Coefficients of variation, CV_i^2 = [(P + R F)^-1]_ii = sum_k w_ik^2 / (1 + R f_k)."""
+    """Return coefficients of variation, CV_i^2 = [(P + R F)^-1]_ii = sum_k w_ik^2 / (1 + R f_k)."""
     return np.sqrt(
         np.sum(eigenmodes.shares / (1.0 + repeats * eigenmodes.values[..., None, :]), axis=-1)
     )
 
 
 def covariance(precision: Matrices) -> Matrices:
-    """Inverse of an information matrix, its parameters brought to one scale first."""
+    """Invert an information matrix after scaling its parameters to one size."""
     scale = 1 / np.sqrt(np.diagonal(precision, axis1=-2, axis2=-1))
     both = scale[..., :, None] * scale[..., None, :]
     return both * np.linalg.inv(both * precision)
@@ -270,7 +270,7 @@ def worst_decile(values: Float[np.ndarray, " joint *n"]) -> Float[np.ndarray, "*
 def repeats_needed(
     eigenmodes: InformationModes, positions: list[int], cv: float, most: int
 ) -> int | None:
-    """Fewest repeats after which nine joints in ten meet the CV; None where `most` do not."""
+    """Return the fewest repeats for which nine joints in ten meet the CV; None above `most`."""
 
     def enough(repeats: int) -> bool:
         return bool(np.all(worst_decile(spread(eigenmodes, repeats))[positions] <= cv))
@@ -283,7 +283,7 @@ def repeats_needed(
 def information_gain(
     precision: Matrices, information: Matrices, positions: Sequence[int] | None = None
 ) -> Float[np.ndarray, "*joint"]:
-    r"""Expected information gain of a test, where the posterior is near Gaussian.
+    r"""Return a test's expected information gain, where the posterior is near Gaussian.
 
     $$I_w = \tfrac12 \left(\log\det \Sigma_{ww} - \log\det \Sigma'_{ww}\right), \qquad
       \Sigma = P^{-1}, \quad \Sigma' = (P + F)^{-1}$$
@@ -354,7 +354,7 @@ def expected(
 def _undetermined(
     beliefs: Beliefs, precision: Matrices, positions: Sequence[int]
 ) -> tuple[str, ...]:
-    """Which combination of parameters is all that the tests determine; none where all are."""
+    """Name the only combination of parameters that tests determine; none if all are."""
     # Told at the joint whose wanted parameters are known as well as at half of the joints.
     remaining = covariance(precision)
     poorest = np.max(np.diagonal(remaining, axis1=1, axis2=2)[:, list(positions)], axis=1)
@@ -376,7 +376,7 @@ def ordered(rows: Sequence[CandidateRow]) -> tuple[CandidateRow, ...]:
 
 
 def combine(prospects: Sequence[Prospect], beliefs: Beliefs, wish: Wish) -> Combination:
-    """Repeats of candidates, one at a time, until the wish is met."""
+    """Add repeats of candidates, one at a time, until the wish is met."""
     # Each step adds the repeat that gains most about the wanted parameters for a second of
     # measuring, on an average over the joints. What no longer is needed at the end, because a later
     # test told more, is taken away again, the longest first.

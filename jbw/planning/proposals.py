@@ -124,7 +124,7 @@ def sampling_for(natural_hz: float) -> float:
 
 
 def displacement_for(beliefs: Beliefs) -> float:
-    """Displacement at which the joint slides [m]: the laws' first length, such as 1 / delta."""
+    """Return the joint's sliding displacement [m]: the laws' first length, such as 1 / delta."""
     for quantity in quantities_of(beliefs.laws):
         if quantity.unit in ("m", "1/m"):
             value = float(np.abs(np.median(beliefs.joints[quantity.name])))
@@ -136,7 +136,7 @@ def displacement_for(beliefs: Beliefs) -> float:
 
 
 def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[Candidate]:
-    """Candidates of every kind, by default aimed at parts of the largest displacement."""
+    """Propose candidates of every kind, aimed by default at parts of the largest displacement."""
     makers = {"sweep": _sweeps, "tones": _tones, "stepped": _steps, "backbone": _backbones}
     _require_one_mode(grids, beliefs)
     candidates = [
@@ -156,7 +156,7 @@ def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[C
 
 
 def default_grids(beliefs: Beliefs) -> dict[str, Grid]:
-    """Kinds of candidates where none are stated: of several modes those alone that know them."""
+    """Return default kinds of candidates; for several modes only the kinds that support them."""
     kinds = ("sweep",) if len(modes_of(beliefs.joints)) > 1 else USUAL
     return {kind: GRIDS[kind]() for kind in kinds}
 
@@ -172,7 +172,7 @@ def _require_one_mode(grids: Mapping[str, Grid], beliefs: Beliefs) -> None:
 
 
 def _sweeps(grid: SweepTable, beliefs: Beliefs, reach: Reach) -> list[PlannedSweep]:
-    """Sweeps about every mode, at levels that move the joint alike."""
+    """Return sweeps about every mode, at levels that move the joint equally."""
     modes = modes_of(beliefs.joints)
     centres = [float(np.median(mode.omega) / (2 * np.pi)) for mode in modes]
     spans = [grid.span] if grid.span else [_span_about(centre, centres) for centre in centres]
@@ -193,7 +193,7 @@ def _sweeps(grid: SweepTable, beliefs: Beliefs, reach: Reach) -> list[PlannedSwe
 
 
 def _span_about(natural: float, every: Sequence[float]) -> tuple[float, float]:
-    """First and last frequency of a sweep about one mode, not halfway to another [Hz]."""
+    """Return a sweep's first and last frequency [Hz] about a mode, within halfway to others."""
     low, high = (share * natural for share in SPAN)
     middles = [0.5 * (natural + other) for other in every if other != natural]
     low = max([low, *(x for x in middles if x < natural)])
@@ -230,7 +230,10 @@ def _steps(grid: TonesTable, beliefs: Beliefs, reach: Reach) -> list[PlannedStep
 
 
 def _backbones(grid: BackboneTable, beliefs: Beliefs, reach: Reach) -> list[PlannedBackbone]:
-    """Amplitudes up to the largest displacement, ten periods for the controller and 100 read."""
+    """Return backbone tests up to the largest displacement, with settling and reading times.
+
+    By default transients decay to a thousandth, then 100 periods are read.
+    """
     lowest = LEAST_SHARE * reach.max_displacement
     usual = tuple(_rounded(y) for y in np.geomspace(lowest, reach.max_displacement, NUM_POINTS))
     amplitudes = grid.amplitudes or usual
@@ -251,7 +254,10 @@ def _backbones(grid: BackboneTable, beliefs: Beliefs, reach: Reach) -> list[Plan
 
 
 def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:
-    """From below the lowest resonance of the largest motion to above the highest of the least."""
+    """Return frequencies from below the lowest resonance at large motion to above the highest.
+
+    The highest resonance is that of the least motion.
+    """
     sliding = _resonance(beliefs, reach.max_displacement).omega
     sticking = beliefs.joints["omega_n"]
     width = BANDWIDTHS * float(np.max(beliefs.joints["zeta"] * sticking))
@@ -260,7 +266,7 @@ def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:
 
 
 def _steady_levels(beliefs: Beliefs, reach: Reach) -> list[float]:
-    """Inputs that hold the resonance of the joint that responds most at each goal."""
+    """Return inputs that reach each goal at resonance in the most responsive joint."""
     gain = np.abs(beliefs.joints["gain"])  # the sign of a channel, which moves nothing less
     return [float(np.min(_resonance(beliefs, y).amplitude / gain)) for y in reach.goals]
 
@@ -276,7 +282,7 @@ def _within(levels: Sequence[float], reach: Reach) -> tuple[float, ...]:
 
 
 def _times(grid: TonesTable, beliefs: Beliefs) -> tuple[float, float]:
-    """Settling time and time on each tone [s]."""
+    """Return the settling time and the time on each tone [s]."""
     settle = _decay(beliefs) if grid.settle is None else grid.settle
     read = READ_PERIODS / _natural(beliefs)
     dwell = settle + max(_rounded(read), read) if grid.dwell is None else grid.dwell

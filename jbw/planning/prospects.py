@@ -93,7 +93,7 @@ def _timed(
 def cost_sentence(
     candidates: Sequence[Candidate], seconds_of_form: Mapping[type, float], beliefs: Beliefs
 ) -> str:
-    """What a plan costs: the time of the first candidate of each form times their number."""
+    """Return the sentence on a plan's cost: time of each form's first candidate times number."""
     seconds = sum(seconds_of_form[type(candidate)] for candidate in candidates)
     return planning.cost(len(candidates), beliefs.num_joints, seconds)
 
@@ -131,7 +131,7 @@ def _found(
 def peak_displacements(
     candidate: PlannedSweep, beliefs: Beliefs, longest: int = 0
 ) -> Float[np.ndarray, " joint"]:
-    """Peak displacement of every joint under a sweep [m]; not finite where it diverges."""
+    """Return every joint's peak displacement under a sweep [m]; not finite if it diverges."""
     joints = {name: np.asarray(values, float) for name, values in beliefs.joints.items()}
     data = _planned_sweep(candidate, beliefs.laws, "displacement", longest)
     return responses_at(joints, replace(data, depth=None, residuals="none"))[1]
@@ -166,7 +166,7 @@ def _sweep_design(
 def _tones_designs(
     candidate: PlannedTones, beliefs: Beliefs, noise: ResponseNoise
 ) -> tuple[Float[np.ndarray, " joint"], list[Design]]:
-    """Largest displacement [m] and odd harmonics of steady tones, joint by joint, all measured."""
+    """Return peak displacement [m] and measured odd harmonics of steady tones, by joint."""
     omega, level = 2 * np.pi * np.array(candidate.frequencies_hz), jnp.asarray(candidate.level)
     phase = jnp.linspace(0.0, 2 * np.pi, NUM_PHASES, endpoint=False)
     y_peak, designs = [], []
@@ -185,7 +185,7 @@ def _tones_designs(
 def _backbone_designs(
     candidate: PlannedBackbone, beliefs: Beliefs, noise: ResponseNoise
 ) -> tuple[Float[np.ndarray, " joint"], list[Design]]:
-    """Largest displacement [m] and points at phase resonance, joint by joint, all measured."""
+    """Return peak displacement [m] and measured points at phase resonance, by joint."""
     amplitudes = np.array(candidate.amplitudes)
     designs = []
     for theta in beliefs.joint_by_joint():
@@ -204,7 +204,7 @@ def fisher(
     data: Dataset,
     is_measured: Float[np.ndarray, " value"],
 ) -> Float[np.ndarray, "joint parameter parameter"]:
-    r"""Fisher information of a test about relative changes of the parameters, at every joint.
+    r"""Return a test's Fisher information about relative parameter changes, at every joint.
 
     $$F = J^T J, \qquad J = \partial r / \partial x, \qquad \theta_i = \theta_{0,i} + s_i x_i$$
 
