@@ -24,7 +24,7 @@ TERMS_KEY = 3  # of the seed: no other numbers move by these
 def new_terms(
     fleet: xr.DataTree, rng: np.random.Generator, num: int
 ) -> dict[str, Float[np.ndarray, " unit"]]:
-    r"""Residual constants of `num` further units: what other modes would add to their responses.
+    r"""Draw residual constants of `num` new units: the contribution of other modes to responses.
 
     They may have either sign, so that no logarithm of theirs is pooled. Of K units that all have
     the constants c_k a further one has, by the normal theory of a mean and a covariance that are
@@ -56,7 +56,7 @@ def new_terms(
 
 
 def terms_of(fleet: xr.DataTree) -> tuple[list[str], list[str]]:
-    """Names of the terms that a further unit has, and of those that it does not though some do."""
+    """Return the names of terms that a new unit has, and of terms that only some units have."""
     held = [set(map(str, fleet[unit].data_vars)) & set(TERMS) for unit in unit_names(fleet)]
     every = [name for name in CONSTANTS if all(name in unit_terms for unit_terms in held)]
     return every, [name for name in TERMS if name not in every and any(name in o for o in held)]
@@ -70,7 +70,7 @@ def new_unit(
     seed: int = 0,
     num: int = NUM_UNITS,
 ) -> xr.DataTree:
-    """Further units as the posterior of one run, which `basis_of` reads as any other's.
+    """Return new units in the form of one run's posterior, which `basis_of` reads as any other.
 
     Runs scatter as they do within the units, and the noise is the mean of the units' tests alike.
     What counts as fitted ends where the unit that was driven least does. Constant residual terms
@@ -104,7 +104,7 @@ def new_prediction(
     gain: float | None = None,
     seed: int = 0,
 ) -> xr.Dataset:
-    """Bands of a further unit on any test: scatter between units and what is open about it.
+    """Predict bands of a new unit on any test, from the scatter between units and its uncertainty.
 
     Args:
         population: From `jbw.population_of`.
@@ -142,7 +142,7 @@ def new_prediction(
 
 
 def _facts(population: Population, fleet: xr.DataTree, torque: float | None) -> dict[str, Any]:
-    """What `basis_of` reads beside draws; tests by unit, none of which is the new unit's."""
+    """Return attributes that `basis_of` reads; tests by unit, none of the new unit itself."""
     names = unit_names(fleet)
     attrs = [fleet[name].attrs for name in names]
     seen = {}
@@ -166,7 +166,7 @@ def _facts(population: Population, fleet: xr.DataTree, torque: float | None) -> 
 
 
 def torque_of(population: Population, torque: float | None) -> float | None:
-    """At which a new unit is tightened: as asked, else the reference, else that of all units."""
+    """Return a new unit's torque: as asked, else the reference, else that common to all units."""
     stated = {unit_torque for unit_torque in population.record["torque"] if unit_torque is not None}
     common = stated.pop() if len(stated) == 1 else None
     return next(
@@ -175,7 +175,7 @@ def torque_of(population: Population, torque: float | None) -> float | None:
 
 
 def _noise(fleet: xr.DataTree) -> tuple[list[str], np.ndarray]:
-    """Labels of all units' groups of data, the unit's name before each, and their noise."""
+    """Return labels of all units' data groups, prefixed by the unit's name, and their noise."""
     labels, values = [], []
     for name in unit_names(fleet):
         group = fleet[name].to_dataset()

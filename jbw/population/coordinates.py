@@ -55,7 +55,7 @@ def parameters_of(fleet: xr.DataTree) -> tuple[str, ...]:
 
 
 def pooled(fleet: xr.DataTree, names: Sequence[str] | None = None) -> Pooled:
-    """The coordinates of a fleet: those named, else of the structure and what its units know.
+    """Return a fleet's coordinates: the named ones, else those that all units determine.
 
     Of a law its products, which are known where its parameters trade, the parameters that are in
     none of them, and what these leave open where every unit knows that too.
@@ -89,7 +89,7 @@ def laws_of(fleet: xr.DataTree) -> tuple[str, ...]:
 
 
 def monomials_of(laws: Sequence[str]) -> dict[str, Mapping[str, float]]:
-    """Exponents of the laws' products, and of the other coordinates that they are written in."""
+    """Return exponents of the laws' products, and of the other coordinates of the laws."""
     return {
         monomial.name: monomial.powers
         for law in laws_named(laws)
@@ -101,7 +101,7 @@ def monomials_of(laws: Sequence[str]) -> dict[str, Mapping[str, float]]:
 
 
 def rows_of(laws: Sequence[str], names: Sequence[str], parameters: Sequence[str]) -> Rows:
-    """Exponents of the parameters in quantities by name, a row each."""
+    """Return the exponents of parameters in the named quantities, one row per quantity."""
     powers = monomials_of(laws)
     rows = [
         [powers.get(name, {name: 1}).get(parameter, 0) for parameter in parameters]
@@ -124,7 +124,7 @@ def _usual(fleet: xr.DataTree, parameters: Sequence[str]) -> list[str]:
 
 
 def _independent_of(fleet: xr.DataTree, powers: Rows, parameters: Sequence[str]) -> Iterator[str]:
-    """Further coordinates of the laws, each of which no power of those before it gives."""
+    """Yield further coordinates of the laws that are not powers of the coordinates before."""
     for name in monomials_of(laws_of(fleet)):
         longer = np.concatenate([powers, rows_of(laws_of(fleet), [name], parameters)])
         if np.linalg.matrix_rank(longer) > np.linalg.matrix_rank(powers):
@@ -187,7 +187,7 @@ def _identifiable_of(law: type[Law]) -> list[str]:
 
 
 def units_of_fleet(fleet: xr.DataTree, pooled_coordinates: Pooled) -> UnitPosteriors:
-    r"""Summaries and draws of every unit in the pooled coordinates, none of them weighed yet.
+    r"""Return summaries and draws of every unit in the pooled coordinates, not yet weighted.
 
     A run's prior is uniform in what it sampled: over logarithms its density is their product. A
     normal summary is rid of it in closed form, over the logarithms of all that was sampled,

@@ -24,7 +24,7 @@ class Covariates(NamedTuple):
 def covariates_of(
     records: Mapping[str, Mapping[str, Any]], overrides: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Covariates]:
-    """Covariates of every run: what its summary states, and what is given in place of it."""
+    """Return every run's covariates: from its summary, replaced by given values."""
     for run in overrides:
         if run not in records:
             raise ConfigError(
@@ -81,7 +81,7 @@ def require_torque_of_all(stated: Mapping[str, Covariates]) -> None:
 
 
 def read_covariates(path: Path) -> dict[str, dict[str, str]]:
-    """Covariates by run from a CSV file: a column `run`, and any of the covariates' names.
+    """Read covariates by run from a CSV file with a column `run` and any covariate names.
 
     Raises:
         ConfigError: No such file, no column `run`, or a run that stands there twice.

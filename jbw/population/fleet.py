@@ -238,7 +238,7 @@ def _words(texts: Iterable[str]) -> Any:
 
 
 def _common(units: Sequence[Unit]) -> tuple[list[str], dict[str, list[str]]]:
-    """Quantities that have logarithms in every unit, and of the others the units that lack them."""
+    """Return quantities with logarithms in every unit, and for others the units without them."""
     every = dict.fromkeys(name for unit in units for name in unit.draws)
     lacking = {
         name: [u.name for u in units if name not in u.draws or not np.all(u.draws[name] > 0)]
@@ -248,7 +248,7 @@ def _common(units: Sequence[Unit]) -> tuple[list[str], dict[str, list[str]]]:
 
 
 def _log_bounds(unit: Unit, name: str) -> tuple[float, float]:
-    """Logarithms of the prior's bounds; -inf below zero, NaN where the quantity was not sampled."""
+    """Return logarithms of the prior's bounds; -inf below zero, NaN where not sampled."""
     lower, upper = unit.bounds.get(name, (np.nan, np.nan))
     return float(np.log(lower)) if not lower <= 0 else -np.inf, float(np.log(upper))
 

@@ -17,7 +17,7 @@ def holds_population(folder: Path) -> bool:
 
 
 def basis_of_population(folder: Path) -> Basis:
-    """What further units of the population in a folder predict with.
+    """Return the basis for predicting new units of the population in a folder.
 
     Raises:
         DataError: The folder holds no whole population.

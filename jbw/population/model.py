@@ -59,7 +59,7 @@ class UnitPosteriors(NamedTuple):
 def population_model(
     units: UnitPosteriors, design: CovariateDesign, prior: Prior, included: Any
 ) -> None:
-    """The NumPyro model of units that are integrated out, those that are kept (1, else 0)."""
+    """Define the NumPyro model with units integrated out; `included` marks kept units by 1."""
     means, factor = population_of_units(design, prior)
     log_density = log_likelihoods(units, means, factor)
     numpyro.factor("units", jnp.sum(jnp.asarray(included) * log_density))
@@ -68,7 +68,7 @@ def population_model(
 def population_of_units(
     design: CovariateDesign, prior: Prior
 ) -> tuple[Float[Array, "unit d"], Float[Array, "d d"]]:
-    """Means of all units and the root of T, of the sites `line` (d, covariate), `tau` and `root`.
+    """Return all units' means and the root of T, sampling `line` (d, covariate), `tau` and `root`.
 
     `root` is of the correlations; `u` is there where a coordinate saturates.
     """
@@ -108,7 +108,7 @@ def log_weights(
     means: Float[Array, "unit d"],
     factor: Any,
 ) -> Float[Array, "which draw"]:
-    """Of the draws of some units under a population of these means and this root of T."""
+    """Return log weights of units' draws under a population of these means and root of T."""
     apart = jnp.asarray(units.draws[which]) - means[which][:, None]
     # One small inverse for all draws: solved one by one they cost thirty times as much.
     root = jax.scipy.linalg.solve_triangular(factor, jnp.eye(len(factor)), lower=True)
@@ -123,7 +123,7 @@ Sampler = Callable[[Key[Array, ""], Float[np.ndarray, " unit"]], dict[str, np.nd
 def sampler(
     units: UnitPosteriors, design: CovariateDesign, prior: Prior, lengths: tuple[int, int, int]
 ) -> Sampler:
-    """Draws of the population by a key and which units are kept: 1, and 0 of one that is left out.
+    """Return the function that draws the population, given a key and kept units (1, else 0).
 
     They are `line`, `tau`, `scatter` (T), `u` where a coordinate saturates, and divergences, axes
     (chain, draw). What is compiled serves any number of calls.
@@ -140,7 +140,7 @@ def sampler(
 
 
 def draws_of(mcmc: MCMC, key: Key[Array, ""], *args: Any) -> dict[str, np.ndarray]:
-    """Draws of a population's model by name, and which of them diverge, axes (chain, draw)."""
+    """Draw from a population's model by name, with divergences; axes are (chain, draw)."""
     mcmc.run(key, *args, extra_fields=("diverging",))
     sites = {name: np.asarray(v) for name, v in mcmc.get_samples(group_by_chain=True).items()}
     diverging = np.asarray(mcmc.get_extra_fields(group_by_chain=True)["diverging"])
@@ -148,7 +148,7 @@ def draws_of(mcmc: MCMC, key: Key[Array, ""], *args: Any) -> dict[str, np.ndarra
 
 
 def named_draws(sites: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Of the model's sites `line`, `tau`, `scatter` and `u`."""
+    """Return draws of `line`, `tau`, `scatter` and `u` from the model's sites."""
     root = sites.get("root", np.ones((*sites["tau"].shape, 1)))
     factor = sites["tau"][..., :, None] * root
     named = {name: sites[name] for name in ("line", "tau", "u") if name in sites}

@@ -114,7 +114,7 @@ def measured_units(studies: Sequence[Study], population: Population) -> list[Mea
 
 
 def joint_model(units: Sequence[MeasuredUnit], population: Population) -> None:
-    """The NumPyro model: the population's, and `z_k`, each unit in its own posterior's scale."""
+    """Define the NumPyro model: the population, and `z_k` of each unit in its posterior's scale."""
     means, factor = population_of_units(population.design, population.prior)
     for k, unit in enumerate(units):
         flat = dist.ImproperUniform(dist.constraints.real_vector, (), (len(unit.names),))
@@ -162,7 +162,7 @@ def _measured_unit(study: Study, population: Population) -> MeasuredUnit:
 def _powers(
     population: Population, laws: Sequence[str], names: Sequence[str]
 ) -> Float[np.ndarray, "d parameter"]:
-    """Exponents of what was sampled, parameters or products, in the pooled coordinates."""
+    """Return exponents of sampled parameters or products in the pooled coordinates."""
     pooled = population.pooled
     sampled = rows_of(laws, names, pooled.parameters)
     powers = pooled.powers @ np.linalg.pinv(sampled)

@@ -176,7 +176,7 @@ def population_of(
 
 
 def covariates_in(fleet: xr.DataTree) -> CovariateDesign:
-    """Covariates that vary between the units of a fleet."""
+    """Return the design of covariates that vary between the units of a fleet."""
     root = fleet.to_dataset()
     return design_of(root["torque"].values.tolist(), root["sequence"].values.tolist())
 
@@ -203,7 +203,7 @@ def belonging(
     report: Callable[[str], Any],
     parts: Parts = unkept,
 ) -> Float[np.ndarray, " unit"]:
-    """Probability that a unit of the others' population lies as far from its line as each does."""
+    """Return the probability that the others' population has a unit as far off as each unit."""
     log_density, far = left_out(units, design, prior, draws)
     probability, doubted = np.zeros(len(units.mean)), []
     for k, unit_log_density in enumerate(log_density.T):
@@ -224,7 +224,7 @@ def belonging(
 def left_out(
     units: UnitPosteriors, design: CovariateDesign, prior: Prior, draws: dict[str, np.ndarray]
 ) -> tuple[Float[np.ndarray, "draw unit"], Float[np.ndarray, "draw unit"]]:
-    """Of every unit by the others, draw by draw of T: its log density, and P of one as far off."""
+    """Return each unit's log density by the others for each draw of T, and P of one as far off."""
     m, c = jnp.asarray(units.mean), jnp.asarray(units.cov)
     d = m.shape[1]
     before = jnp.asarray(precision_of(prior, design))
@@ -340,7 +340,7 @@ def _rows(
 def _ratios(
     fleet: xr.DataTree, pooled: Pooled, design: CovariateDesign, prior: Prior, draws: Draws
 ) -> dict[str, dict[str, float]]:
-    """The power of torque of ratios of two products, by its text: gamma/delta of Bouc-Wen's law."""
+    """Return torque exponents of ratios of two products by text: gamma/delta of Bouc-Wen's law."""
     if TORQUE not in design.columns:
         return {}
     slope = draws["line"][..., design.columns.index(TORQUE)]
@@ -359,7 +359,7 @@ def _ratios(
 def _shares(
     units: UnitPosteriors, design: CovariateDesign, draws: Draws, names: list[str]
 ) -> dict[str, float]:
-    r"""Of each unit that its draws stand for, their Kish share $(\sum w)^2 / (S \sum w^2)$.
+    r"""Return the Kish share of each weighted unit's draws, $(\sum w)^2 / (S \sum w^2)$.
 
     Under the population's median.
     """
@@ -374,14 +374,14 @@ def _shares(
 
 
 def _correlation(design: CovariateDesign) -> float | None:
-    """Of ln torque with ln of the number of the tightening over the units, where both vary."""
+    """Return the correlation over units of ln torque and ln tightening number, if both vary."""
     if len(design.columns) < 3:
         return None
     return float(np.corrcoef(design.x[:, 1], design.x[:, 2])[0, 1])
 
 
 def _no_logarithm(fleet: xr.DataTree) -> dict[str, list[str]]:
-    """Parameters that are not positive in some units, or not known there, and these units."""
+    """Return parameters that are not positive or not known in some units, with these units."""
     lacking = json.loads(fleet.attrs["left_out"])
     return {n: lacking[n] for n in parameters_of(fleet) if n in lacking and n != GAIN}
 
@@ -403,7 +403,7 @@ def _sampling(draws: Draws) -> dict[str, float]:
 
 
 def status_of(record: Mapping[str, Any]) -> str:
-    """`ok`, `failed` where the sampler did, `not assessed` where units are too few."""
+    """Return `ok`, `failed` if the sampler failed, or `not assessed` if units are too few."""
     sampling, num, columns = record["sampling"], len(record["units"]), len(record["columns"])
     if num < FEWEST or (columns > 1 and num - columns < FEWEST_FREE):
         return "not assessed"
@@ -497,7 +497,7 @@ def _saturates(record: Record) -> Iterator[str]:
 
 
 def _wrench(record: Record) -> Iterator[str]:
-    """Berkson's error of a torque that is set, and the attenuation of one that is read."""
+    """Yield the sentence on Berkson's error of a set torque and the attenuation of a read one."""
     if TORQUE not in record["columns"]:
         return
     rows = record["parameters"].items()

@@ -20,7 +20,7 @@ NUM_AMPLITUDES = 40
 def new_coordinates(
     population: Population, torque: float | None, rng: np.random.Generator, num: int = NUM_UNITS
 ) -> Float[np.ndarray, "unit d"]:
-    r"""Logarithms of the pooled coordinates of further units, $\varphi = B x + L_T \epsilon$."""
+    r"""Draw logarithms of new units' pooled coordinates, $\varphi = B x + L_T \epsilon$."""
     require_torque(population.design, torque)
     flat = {n: v.reshape(-1, *v.shape[2:]) for n, v in population.draws.items() if n != "diverging"}
     some = rng.integers(len(flat["tau"]), size=num)
@@ -94,7 +94,7 @@ def new_units(
 
 
 def gains_of(fleet: xr.DataTree) -> list[Float[np.ndarray, " draw"]] | None:
-    """Draws of the source's gain of every unit, as inferred or as held; None where one lacks it."""
+    """Return draws of each unit's source gain, inferred or held; None if one unit lacks it."""
     gains = []
     for name in unit_names(fleet):
         group = fleet[name].to_dataset()
@@ -114,7 +114,7 @@ def y_peak_of(fleet: xr.DataTree) -> float:
 def new_backbone(
     population: Population, fleet: xr.DataTree, torque: float | None = None, *, seed: int = 0
 ) -> xr.Dataset:
-    """99 % bands of a further unit's frequency and damping, to what every unit was driven to.
+    """Return 99 % bands of a new unit's frequency and damping, in the range of all units.
 
     Arguments and errors as of `jbw.new_units`.
 

@@ -56,7 +56,7 @@ class CovariateDesign(NamedTuple):
     saturates: Bool[np.ndarray, " d"] = np.zeros(0, bool)
 
     def at(self, torque: float | None) -> Float[np.ndarray, " covariate"]:
-        """Covariates of a unit at a torque, tightened for the first time."""
+        """Return the covariates of a unit at a torque, tightened for the first time."""
         row = np.zeros(len(self.columns))
         row[0] = 1.0
         if TORQUE in self.columns:
@@ -65,7 +65,7 @@ class CovariateDesign(NamedTuple):
 
 
 def design_of(torque: Sequence[float], sequence: Sequence[float]) -> CovariateDesign:
-    """Covariates that vary between the units, on logarithms."""
+    """Return the design of covariates that vary between the units, on logarithms."""
     columns, x, reference = ["mean"], [np.ones(len(torque))], np.nan
     for name, values in ((TORQUE, np.asarray(torque)), ("sequence", np.asarray(sequence))):
         if np.isnan(values).all() or np.ptp(values[~np.isnan(values)]) == 0.0:
@@ -90,7 +90,7 @@ def prior_of(
     mean: Float[np.ndarray, "unit d"],
     design: CovariateDesign,
 ) -> Prior:
-    """Priors by what is known of joints; the mean of all units stands wherever it does.
+    """Return priors from knowledge of joints; the prior of the mean of all units is flat.
 
     Args:
         names: Coordinates.
@@ -119,7 +119,7 @@ def prior_of(
 def precision_of(
     prior: Prior, design: CovariateDesign
 ) -> Float[np.ndarray, "coefficient coefficient"]:
-    """Inverse covariance of the line's coefficients, coordinate by coordinate."""
+    """Return the inverse covariance of the line's coefficients, coordinate by coordinate."""
     d, p = prior.sd.shape
     precision = np.diag(np.ravel(prior.sd) ** -2.0)
     if TORQUE in design.columns:

@@ -46,14 +46,14 @@ def expected(
 
 
 def bent(log_ratio: Reals, u: Reals) -> Float[Array, "..."]:
-    """What the curve of slope 1 adds to its power's line, at ln(T/T_ref)."""
+    """Return the saturating curve of slope 1 minus its power law's line, at ln(T/T_ref)."""
     return saturating(jnp.exp(jnp.asarray(log_ratio)), u) - jnp.asarray(log_ratio)
 
 
 def mask_of(
     saturating: Sequence[str], names: Sequence[str], columns: Sequence[str]
 ) -> Bool[np.ndarray, " d"]:
-    """Which coordinates saturate, of those named."""
+    """Return which coordinates saturate, from the names of saturating coordinates."""
     for name in saturating:
         if name not in names:
             raise ConfigError(

@@ -89,7 +89,7 @@ def units_of(runs: Sequence[Study | str | Path]) -> list[Unit]:
 
 
 def _names(folders: Sequence[Path | None], campaigns: Sequence[str]) -> list[str]:
-    """Names of the folders, with those around them where needed; campaigns' of runs in memory."""
+    """Return run names: folders, with parent folders if needed, or campaigns of runs in memory."""
     names: list[str] = []
     for depth in range(1, DEEPEST + 1):
         names = [
@@ -167,7 +167,7 @@ def _gain(
 def _quantities(
     posterior: xr.Dataset, laws: Sequence[str]
 ) -> tuple[dict[str, NDArray[np.float64]], dict[str, Quantity]]:
-    """Draws of the oscillator, its laws, their products and other coordinates, and the gain."""
+    """Return draws of oscillator, laws, their products and other coordinates, and the gain."""
     by_name = {quantity.name: quantity for quantity in (*OSCILLATOR, *quantities_of(laws))}
     by_name[GAIN] = by_name.pop(GAIN)  # the source's, not the joint's: last
     present = [name for name in by_name if name in posterior]
