@@ -49,7 +49,7 @@ class RunLength(NamedTuple):
 
 
 def known_from(reference: ReferenceReadings) -> Belief:
-    r"""Belief of the unchanged run: what the references leave of a flat prior.
+    r"""Return the belief of the unchanged run: a flat prior updated by the references.
 
     Its prediction is Hotelling's: Student's t of $n_0 - p$ degrees of freedom.
     """
@@ -63,7 +63,7 @@ def known_from(reference: ReferenceReadings) -> Belief:
 
 
 def after_change(reference: ReferenceReadings) -> Belief:
-    """Belief of a run behind a change: about the reference, `FURTHEST` times as wide."""
+    """Return the belief of a run after a change: about the reference, `FURTHEST` times as wide."""
     return known_from(reference)._replace(kappa=np.array(1 / FURTHEST**2))
 
 
@@ -121,7 +121,7 @@ def log_predictive(
 
 
 def updated(x: Float[np.ndarray, "*batch p"], belief: Belief) -> Belief:
-    """Belief of each run with one more reading."""
+    """Update the belief of each run by one more reading."""
     kappa = belief.kappa
     away = x[..., None, :] - belief.mean
     mean = belief.mean + away / (kappa + 1)[..., None]

@@ -52,7 +52,7 @@ def reference_of(readings: Float[np.ndarray, "*batch record p"]) -> ReferenceRea
 
 
 def threshold(false_alarms: float, p: int, num: int) -> float:
-    r"""What $T^2$ of a reading without change exceeds with probability `false_alarms`.
+    r"""Return the $T^2$ that an unchanged reading exceeds with probability `false_alarms`.
 
     Args:
         false_alarms: Rate of false alarms a reading.
@@ -67,7 +67,7 @@ def distance(
     reference: ReferenceReadings,
     excess: Matrix | None = None,
 ) -> Float[np.ndarray, "*batch"]:
-    r"""$T^2$ of a further reading.
+    r"""Return $T^2$ of a new reading.
 
     Args:
         reading: Its values.
@@ -101,7 +101,7 @@ def power(false_alarms: float, p: int, num: int, change: float) -> float:
 
 
 def excess_noise(covariance: Matrix, usual: Matrix) -> Matrix:
-    """The part of a reading's own covariance beyond the references', positive semidefinite."""
+    """Return the positive semidefinite part of a reading's covariance beyond the references'."""
     values, vectors = np.linalg.eigh(covariance - usual)
     return (vectors * np.maximum(values, 0.0)) @ vectors.T
 

@@ -55,7 +55,7 @@ class RecordReading(NamedTuple):
 
 
 def names_of(amplitudes: Sequence[float], unit: str) -> list[str]:
-    """What each value of a reading is, with its unit."""
+    """Return the name of each value of a reading, with its unit."""
     first, *rest = [f"{a:g} {unit}" for a in amplitudes]
     names = [f"f({first}) [Hz]", f"ln zeta({first})"]
     return names + [n for a in rest for n in (f"f({a}) - f({first}) [Hz]", f"ln zeta({a})")]
@@ -123,7 +123,7 @@ def reading(record: Record, test: Test, amplitudes: Sequence[float]) -> RecordRe
 
 
 def _table(record: Record, test: Test) -> ModeReading:
-    """Frequency and damping along a record by the test's response, band and settling time."""
+    """Read frequency and damping along a record by the test's response, band and settling time."""
     response = test.records[0].response
     if response not in record.channels:
         raise DataError(
@@ -137,7 +137,7 @@ def _table(record: Record, test: Test) -> ModeReading:
 
 
 def _compared(read: ModeReading) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
-    """Frequencies, those beyond the first by their difference, and ln zeta, with covariance."""
+    """Return frequencies (beyond the first as differences) and ln zeta, with covariance."""
     size = len(read.hz)
     values = np.stack([read.hz, np.log(read.zeta)], axis=1).ravel()
     values[2::2] -= values[0]
@@ -239,7 +239,7 @@ def _readings_at(
     amplitudes: Sequence[float],
     test: Test,
 ) -> Float[np.ndarray, "draw p"]:
-    """What further units read at a torque, the same units whatever the torque."""
+    """Predict readings of new units at a torque; the units are equal for every torque."""
     laws: Any = tuple(json.loads(fleet.attrs["laws"]))
     draws = new_units(population, fleet, torque)
     centre, order = _response_of(test)

@@ -78,7 +78,7 @@ def particles_of(x: Float[np.ndarray, "particle d"], log_density: LogDensity) ->
 
 
 def take_in(rng: np.random.Generator, before: Particles, log_density: LogDensity) -> Update:
-    """Particles with one record more; `log_density` is that of the posterior with it in [nats]."""
+    """Update particles by one record; `log_density` is of the posterior with that record [nats]."""
     density = log_density(before.x)
     log_weight = before.log_weight + density - before.log_density
     evidence = float(np.asarray(logsumexp(log_weight)))
@@ -93,7 +93,7 @@ def take_in(rng: np.random.Generator, before: Particles, log_density: LogDensity
 
 
 def evenly(rng: np.random.Generator, particles: Particles) -> Particles:
-    """Particles of one weight: each comes as often as its weight says, give or take one."""
+    """Resample particles to equal weight; each repeats in proportion to its weight, within one."""
     num = len(particles.x)
     ends = np.cumsum(np.exp(particles.log_weight))
     rows = np.searchsorted(ends / ends[-1], (rng.uniform() + np.arange(num)) / num)
@@ -107,7 +107,7 @@ def moved(
     shape: Float[np.ndarray, "d d"],
     log_density: LogDensity,
 ) -> tuple[Particles, float]:
-    """Particles after moves of a random walk by Metropolis, and the share that was accepted."""
+    """Move particles by a Metropolis random walk; return them with the accepted share."""
     x, density = particles.x, particles.log_density
     root, shares = np.linalg.cholesky(shape), []
     scale = 2.38 / np.sqrt(x.shape[1])
@@ -200,7 +200,7 @@ def updated(
 
 
 def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
-    """What a run was fitted to, its only part, weighed as it was, and the test of its records."""
+    """Return a run's fitted data, their only part with its weights, and the test of its records."""
     require_one_joint(campaign.joints, watch.CARRIED)
     gain = force_per_unit(campaign)
     accepted = usable(campaign.tests, campaign.settings, gain)

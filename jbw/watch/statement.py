@@ -94,7 +94,7 @@ def state(
     reference_noise: Float[np.ndarray, "p p"] | None = None,
     trend: Trend | None = None,
 ) -> Statement:
-    """What is stated of the last watched reading, by itself and together with those before it.
+    """State the result of the last watched reading, alone and together with readings before it.
 
     Of an unchanged joint a reading by itself alarms at the rate r, `false_alarms`, and their run
     among n readings with a probability of r / (1 - r)^(n + 1) at most, as the hazard is r, too.
@@ -141,7 +141,7 @@ def state(
 
 
 def change_of(reference: ReferenceReadings, behind: Float[np.ndarray, "n p"], first: int) -> Change:
-    """Frequency and damping behind a change less those of the reference, by Student's t."""
+    """Return frequency and damping after a change minus the reference, by Student's t."""
     away = behind.mean(axis=0) - reference.mean
     sd = np.sqrt(np.diag(reference.covariance) * (1 / len(behind) + 1 / reference.num))
     reach = student.ppf((1 + LEVEL) / 2, reference.num - 1) * sd
@@ -152,7 +152,10 @@ def change_of(reference: ReferenceReadings, behind: Float[np.ndarray, "n p"], fi
 
 
 def _direction(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]) -> str:
-    """Loosening lowers the frequency and raises the damping; what is seen, by 99 % intervals."""
+    """Return the direction of a change that 99 % intervals show, such as looser.
+
+    Loosening lowers the frequency and raises the damping.
+    """
     looser = [high[0] < 0, low[1] > 0]
     tighter = [low[0] > 0, high[1] < 0]
     if any(looser) and not any(tighter):

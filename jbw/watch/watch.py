@@ -190,7 +190,7 @@ def _of_file(
 
 
 def _identified(records: Sequence[Record]) -> list[tuple[str, Record]]:
-    """Records by the hash of their file and their place in it, so that none counts twice."""
+    """Return records with the hash of their file and place in it, so that each counts once."""
     count: dict[str, int] = {}
     identified = []
     for record in records:
@@ -229,7 +229,7 @@ def _decay_test(spec: CampaignSpec, name: str | None) -> TestSpec:
 
 
 def _begun(test: Test, name: str, wishes: Wishes) -> Entry:
-    """The settings of a new watch; what is not wished is chosen from the campaign's records."""
+    """Return the settings of a new watch; choose unstated ones from the campaign's records."""
     false_alarms = FALSE_ALARMS if wishes.false_alarms is None else wishes.false_alarms
     if not 0 < false_alarms < 0.5:
         raise ConfigError(
@@ -297,7 +297,7 @@ def _now() -> str:
 
 @contextmanager
 def locked_log(folder: Path) -> Iterator[Path]:
-    """The log of a run's folder, for this process alone."""
+    """Lock the log of a run's folder for this process alone, and yield its path."""
     path = folder / LOG_NAME
     try:
         held = lock(folder / f".{LOG_NAME}.lock", folder)
