@@ -64,7 +64,7 @@ def _best(rows: Mapping[str, Row], scores: Mapping[str, np.ndarray], *, by_runs:
 
 
 def _may_be_off(row: Row) -> float:
-    """What a score of runs left out may be off by where its weights are poor [nats]."""
+    """Return the possible error of a score of left-out runs with poor weights [nats]."""
     return OFF * row["elpd_doubt"] if _is_rough(row, by_runs=True) else 0.0
 
 
@@ -75,7 +75,7 @@ def _is_rough(row: Row, *, by_runs: bool) -> bool:
 
 
 def _answer(row: Row, best: Row, *, by_runs: bool) -> str:
-    """Whether a law is told apart from the best; by evidence under both widths of the priors.
+    """Return whether a law differs from the best; evidence must agree for both prior widths.
 
     By a score that is rough none is judged, but a law that lies farther behind than that may be
     off, and a hopeless one, which is worse whatever its score.
@@ -88,7 +88,7 @@ def _answer(row: Row, best: Row, *, by_runs: bool) -> str:
 
 
 def _behind_by_runs(row: Row, best: Row) -> bool:
-    """Whether a score lies behind by more than it scatters over runs, and than it may be off."""
+    """Return whether a score lies behind by more than its scatter over runs and possible error."""
     off = _may_be_off(row) + _may_be_off(best)
     return -row["elpd_difference"] - off > APART * (row["elpd_difference_se"] or 0.0)
 
@@ -137,7 +137,7 @@ def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float
 
 
 def errors_on(rows: Mapping[str, Row], target: str) -> dict[str, float]:
-    """Known errors of laws on the highest level, or on the worst kind of test from the others."""
+    """Return laws' known errors on the highest level, or on the worst kind of unfitted test."""
     if target == laws.OUTWARD:
         errors = {name: row.get("error_highest") for name, row in rows.items()}
     else:
@@ -147,7 +147,7 @@ def errors_on(rows: Mapping[str, Row], target: str) -> dict[str, float]:
 
 
 def weights_for(rows: Mapping[str, Row], target: str) -> dict[str, float]:
-    """The share of each law in predictions of a target, the largest first; nothing if unknown.
+    """Return each law's share in predictions of a target, largest first; empty if unknown.
 
     Within the fitted amplitudes the weights of the comparison. Outward and across kinds, those laws
     whose error there is at most 1.1 times the least one share by the same weights; where none of
@@ -172,7 +172,7 @@ def weights_for(rows: Mapping[str, Row], target: str) -> dict[str, float]:
 
 
 def statements(record: Row) -> list[str]:
-    """What the comparison says, a sentence each."""
+    """Return the sentences on a comparison of laws."""
     rows, count = record["laws"], len(record["runs"])
     best = _names(rows, "best")[0]
     return [
@@ -191,7 +191,7 @@ def statements(record: Row) -> list[str]:
 
 
 def _of_answers(rows: Mapping[str, Row], best: str) -> Iterator[str]:
-    """Which laws the data distinguish from the best, and which were not judged."""
+    """Yield sentences on laws that data distinguish from the best, and on laws not judged."""
     if near := _names(rows, "not told apart"):
         yield laws.equivalent(near)
     if worse := _names(rows, "worse"):
@@ -205,7 +205,7 @@ def _of_answers(rows: Mapping[str, Row], best: str) -> Iterator[str]:
 
 
 def _of_targets(rows: Mapping[str, Row], best: str) -> Iterator[str]:
-    """Which laws predict stronger tests and other kinds, where the best does not."""
+    """Yield sentences on laws that predict stronger or other tests where the best does not."""
     for target in TARGETS:
         shares = weights_for(rows, target)
         if shares and best not in shares:
@@ -215,7 +215,7 @@ def _of_targets(rows: Mapping[str, Row], best: str) -> Iterator[str]:
 
 
 def _of_errors(record: Row, best: str) -> Iterator[str]:
-    """The error of the best law beside the scatter of repeats, and beside linear oscillators."""
+    """Yield sentences on the best law's error versus repeats' scatter and linear oscillators."""
     if (floor := record["floor"]) is not None and floor > 0:
         error = record["laws"][best]["error"]
         yield laws.against_repeats(best, error, floor, near=error / floor < NEAR_FLOOR)
@@ -224,7 +224,7 @@ def _of_errors(record: Row, best: str) -> Iterator[str]:
 
 
 def _of_parameters(rows: Mapping[str, Row]) -> Iterator[str]:
-    """Parameters at bounds, and thresholds that the motion reached, but of laws that are worse."""
+    """Yield sentences on parameters at bounds and reached thresholds, except of worse laws."""
     for name, row in rows.items():
         if row["answer"] == "worse":
             continue
@@ -244,7 +244,10 @@ def _of_rough_scores(rows: Mapping[str, Row]) -> Iterator[str]:
 
 
 def _of_unseen(rows: Mapping[str, Row]) -> Iterator[str]:
-    """Which laws predict held-out tests best, within the motion fitted, beyond, across kinds."""
+    """Yield sentences on the best predictor of held-out tests: within, beyond, across kinds.
+
+    The range is that of the fitted motion.
+    """
     sentences = {"error_held_out": laws.best_within, "error_beyond": laws.best_beyond}
     for key, sentence in sentences.items():
         errors = {name: row[key] for name, row in rows.items() if row.get(key) is not None}
@@ -258,7 +261,7 @@ def _of_unseen(rows: Mapping[str, Row]) -> Iterator[str]:
 
 
 def _of_offsets(best: str, shared: Row | None) -> Iterator[str]:
-    """What the best law would be if the sessions shared omega_n and zeta."""
+    """Yield the sentence on the best law if the sessions shared omega_n and zeta."""
     if shared is None:
         return
     moved = [

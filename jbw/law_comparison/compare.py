@@ -111,7 +111,7 @@ class LawComparison:
     record: dict[str, Any]  # all numbers in plain values, as `laws.json` holds them
 
     def predict(self, test: Test) -> xr.Dataset:
-        """Bands of all laws together on any test, each law by its weight.
+        """Predict bands of all laws together on any test, each law by its weight.
 
         Raises:
             DataError: If the test's source is in another unit than the campaign's.
@@ -220,7 +220,7 @@ def _tree(
     record: Mapping[str, Any],
     besides: Mapping[str, xr.Dataset | None],
 ) -> dict[str, xr.Dataset]:
-    """Scores, curves, loops and residuals of all laws, and what else there is, by path."""
+    """Return scores, curves, loops and residuals of all laws, and other groups, by path."""
     named = {name: law.candidate for name, law in weighed.items()}
     y_peak = max(law.fitted.y_peak for law in named.values())
     return {
@@ -233,7 +233,7 @@ def _tree(
 
 
 def _left_out(weighed: Mapping[str, Weighed]) -> dict[str, LeftOut]:
-    """Scores of the runs left out, of laws that have them."""
+    """Return the scores of left-out runs for laws that have such scores."""
     return {name: law.left_out for name, law in weighed.items() if law.left_out is not None}
 
 
@@ -260,7 +260,7 @@ def _rows(weighed: Mapping[str, Weighed], highest: str | None) -> dict[str, dict
 
 
 def _trials(campaign: Campaign, laws: Sequence[str | Sequence[str]] | None) -> Trials:
-    """Sets of laws to try, those that are usual where none are named."""
+    """Return sets of laws to try; the usual sets if none are named."""
     chosen = None if laws is None else _chosen(laws)
     if campaign.joints is not None:
         return trials_at_joints(campaign.laws, chosen)
@@ -276,7 +276,7 @@ def _usual(campaign: Campaign) -> list[tuple[str, ...]]:
 
 
 def _chosen(laws: Sequence[str | Sequence[str]]) -> list[tuple[str, ...]]:
-    """Sets of laws by what names them, each once."""
+    """Return each named set of laws once."""
     parted = (_parts(names) if isinstance(names, str) else tuple(names) for names in laws)
     sets = list(dict.fromkeys(parted))
     for names in sets:
@@ -348,13 +348,13 @@ def _curves(weighed: Mapping[str, Weighed], y_peak: float) -> xr.Dataset:
 
 
 def _hopeless(rows: Mapping[str, Mapping[str, Any]]) -> tuple[str, list[bool], dict[str, str]]:
-    """Which laws are judged by their fits: the bands about these are of no posterior."""
+    """Return which laws are judged by their fits: their bands are of no posterior."""
     attrs = {"long_name": messages.VARIABLES["hopeless"]}
     return "law", [row["hopeless"] for row in rows.values()], attrs
 
 
 def _some(tree: xr.DataTree, data: Dataset) -> dict[str, np.ndarray]:
-    """Some draws by name, and what was held."""
+    """Return some draws by name, with the held values."""
     posterior = tree["posterior"].to_dataset()
     chosen = evenly_spaced(posterior, NUM_DRAWS)
     theta = {name: np.ravel(values)[chosen] for name, values in scalars(tree).items()}
@@ -369,7 +369,7 @@ def _shared_runs(
     best: str,
     report: Report,
 ) -> dict[str, Any] | None:
-    """What laws would be without offsets of the runs: the best one's parameters, all errors.
+    """Fit laws without run offsets; return the best law's parameters and all laws' errors.
 
     None where the runs have no offsets.
     """
@@ -392,7 +392,7 @@ def weigh(
     report: Report,
     parts: Parts = unkept,
 ) -> tuple[dict[str, Weighed], dict[str, str]]:
-    """Posterior of each law, and what it makes of each run unseen; laws that have none, and why.
+    """Draw each law's posterior and score unseen runs; return failed laws with the reason.
 
     Of hopeless laws the fits alone.
     """
@@ -471,7 +471,7 @@ def row_of(weighed: Weighed) -> dict[str, Any]:
 
 
 def loops(named: Mapping[str, Candidate], y_peak: float) -> xr.Dataset:
-    """Steady loops at the largest displacement [m]: the force beside that of the stuck spring.
+    """Return steady loops at the largest displacement [m]: force less that of the stuck spring.
 
     On the way down from y = Y and up again, at the fit of each law; dampers do not act so slowly.
     """
@@ -496,7 +496,7 @@ def loops(named: Mapping[str, Candidate], y_peak: float) -> xr.Dataset:
 
 
 def residuals(named: Mapping[str, Candidate], highest: str | None) -> xr.Dataset:
-    """What every law leaves along one group of data, over its rms: of the highest level, if known.
+    """Return each law's residual over the rms of one data group, of the highest level if known.
 
     Otherwise of the group with the largest response.
     """
@@ -521,7 +521,7 @@ def residuals(named: Mapping[str, Candidate], highest: str | None) -> xr.Dataset
 
 
 def unseen(tests: Sequence[Test], runs: Sequence[str]) -> list[Test]:
-    """Measured tests of which no run was fitted."""
+    """Return the measured tests of which no run was fitted."""
     return [
         test
         for test in tests
@@ -530,7 +530,7 @@ def unseen(tests: Sequence[Test], runs: Sequence[str]) -> list[Test]:
 
 
 def errors_across_kinds(candidate: Candidate) -> dict[str, float] | None:
-    """Error of a law on each kind of test as the other kinds predict it; None of one kind."""
+    """Return a law's error on each kind of test predicted by other kinds; None for one kind."""
     fitted = candidate.fitted
     predicted = across_kinds(fitted.fit, fitted.box, fitted.data)
     if predicted is None:
@@ -543,7 +543,7 @@ def errors_across_kinds(candidate: Candidate) -> dict[str, float] | None:
 def held_out_errors(
     tests: Sequence[Test], groups: Mapping[str, xr.Dataset], laws: Sequence[str], seed: int
 ) -> xr.Dataset | None:
-    """Error of every law on every test, and the largest displacement over that fitted; or None.
+    """Return every law's error on every test, with the extrapolation in displacement; or None.
 
     NaN where a law predicts none. `groups` are those of `law_groups`.
     """
@@ -580,7 +580,7 @@ def held_out_errors(
 
 
 def errors_apart(errors: xr.Dataset | None, law: str, best: str) -> dict[str, Any]:
-    """Error of a law on tests within the motion fitted, and beyond it as the best law has it."""
+    """Return a law's error on tests within the fitted motion and beyond, as the best law has it."""
     if errors is None:
         return {"error_held_out": None, "error_beyond": None}
     law_errors = errors["error"].sel(law=law).values

@@ -28,7 +28,7 @@ from jbw.verification.predictive_basis import Basis, basis_attrs, basis_of
 def law_groups(
     tests: Sequence[Test], named: Mapping[str, Candidate], draws: Mapping[str, xr.DataTree]
 ) -> dict[str, xr.Dataset]:
-    """Posterior of every law, and what it predicts with, by path in the tree."""
+    """Return every law's posterior and its attributes for predictions, by path in the tree."""
     groups = {}
     for name, candidate in named.items():
         posterior, data = draws[name]["posterior"].to_dataset(), candidate.fitted.data
@@ -58,7 +58,7 @@ def holds_laws(folder: Path) -> bool:
 
 
 def stack_of(tree: xr.DataTree, record: Mapping) -> Basis:
-    """What laws that were compared predict with, the best first and each by its weight."""
+    """Return the basis of compared laws for predictions, best first, each by its weight."""
     rows, laws = record["laws"], tree.children["laws"].children
     (best,) = (name for name, row in rows.items() if row["answer"] == "best")
     within = {best: 0.0} | weights_for(rows, WITHIN)
@@ -71,14 +71,14 @@ def stack_of(tree: xr.DataTree, record: Mapping) -> Basis:
 
 
 def _mixture(laws: Mapping[str, xr.DataTree], shares: Mapping[str, float]) -> Basis:
-    """What several laws predict with: the first one with what the others leave of the draws."""
+    """Combine the laws' draws into one mixture: the first law, and the others by their shares."""
     first, *others = shares
     beside = tuple((shares[name], basis_of(laws[name])) for name in others)
     return replace(basis_of(laws[first]), beside=beside)
 
 
 def basis_of_laws(folder: Path) -> Basis:
-    """What the stack of laws in a folder predicts with, the best law first.
+    """Return the basis of the stack of laws in a folder for predictions, best law first.
 
     Raises:
         DataError: The folder holds no whole comparison.
