@@ -55,7 +55,7 @@ class Design[Data: KernelData | Records](NamedTuple):
 
 
 def probing(num_repeats: int = REPEATS) -> Design[KernelData]:
-    """Zeta, alpha and delta from five probing tones, in the paper's boxes."""
+    """Return the design for zeta, alpha and delta from five probing tones, in the paper's boxes."""
     size = len(PROBING_HZ)
     data = KernelData(
         omega=2 * np.pi * jnp.array(PROBING_HZ),
@@ -70,7 +70,7 @@ def probing(num_repeats: int = REPEATS) -> Design[KernelData]:
 
 
 def _sweeping(noise_std: float) -> Records:
-    """Four repeats of two sweeps of 2 s through the resonance, each sample with this noise."""
+    """Return four repeats of two 2 s sweeps through the resonance, with this noise per sample."""
     t = np.arange(LENGTH) / FS
     rise = np.where(t < FADE, (1 - np.cos(np.pi * t / FADE)) / 2, 1.0)
     tests = []
@@ -85,14 +85,17 @@ def _sweeping(noise_std: float) -> Records:
 
 
 def opening() -> Design[Records]:
-    """Gamma alone from both sweeps, in the paper's box."""
+    """Return the design for gamma alone from both sweeps, in the paper's box."""
     held = {name: value for name, value in truth().items() if name not in step4.NAMES}
     prior = box({name: PRIOR[name] for name in step4.NAMES})
     return Design(_sweeping(5 * VELOCITY_NOISE), prior, held)
 
 
 def joint() -> Design[Records]:
-    """All parameters from both sweeps: the paper's boxes, 1 % about omega_n, 5 % about the gain."""
+    """Return the design for all parameters from both sweeps, in the paper's boxes.
+
+    The boxes are 1 % about omega_n and 5 % about the gain.
+    """
     omega_n = truth()["omega_n"]
     bounds = {"omega_n": (0.99 * omega_n, 1.01 * omega_n), **PRIOR}
     bounds["gain"] = (0.95 * GAIN, 1.05 * GAIN)
@@ -123,7 +126,7 @@ def truth() -> dict[str, float]:
 
 
 def probing_of(campaign: Campaign, report: Report) -> Design[KernelData]:
-    """Tones, displacements, noise and prior of a campaign's Step 3."""
+    """Return the design of a campaign's Step 3: tones, displacements, noise and prior."""
     report(stages.design(3))
     fitted = _kernel_fit(campaign, _linear(campaign))
     counts = np.unique(np.asarray(fitted.data.num_repeats)).astype(int)
@@ -136,7 +139,7 @@ def probing_of(campaign: Campaign, report: Report) -> Design[KernelData]:
 
 
 def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
-    """Sweeps, noise and prior of a campaign's Step 4; held is what Steps 2 and 3 fit."""
+    """Return the design of a campaign's Step 4: sweeps, noise, prior; Steps 2 and 3 are held."""
     report(stages.design(4))
     sweeps = sweep_tests(campaign.tests, campaign.settings)
     if sweeps is None:
@@ -149,7 +152,7 @@ def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
 
 
 def joint_of(campaign: Campaign, report: Report) -> Design[Records]:
-    """Sweeps, noise and prior of the joint posterior; what else it is made from is left out."""
+    """Return the joint posterior's design: sweeps, noise and prior; omit all other data."""
     seen = measured_in(campaign, report)
     posterior = posterior_of("joint", seen, report=report)
     data = posterior.data
@@ -180,7 +183,7 @@ def _kernel_fit(campaign: Campaign, linear: LinearStep) -> step3.KernelFit:
 
 
 def _timed(records: Records) -> Records:
-    """Records that the simulator can make: compared in time, from rest, of several repeats."""
+    """Require records that can be simulated: compared in time, from rest, of several repeats."""
     wrong = {
         "a band": records.lines is not None,
         "whole periods": records.periodic,

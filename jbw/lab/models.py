@@ -113,7 +113,7 @@ def _response(theta: Theta, data: Dataset) -> Float[Array, ""]:
 
 
 def _products(prior: Box) -> tuple[dict[str, Quantity], tuple[str, ...]]:
-    """Products that are known better than their factors, and factors that cannot be zero."""
+    """Return products that are known better than their factors, and factors that cannot be zero."""
     every = combinations(prior.names)
     known_products = [product for product in every if set(product.factors) == product.powers.keys()]
     factors = {name for product in known_products for name in product.powers}
@@ -156,7 +156,7 @@ def calibrate_linear(
 def _line_replication(
     key: Key[Array, ""], design: FRF, prior: Box
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
-    """Quantities at the truth, at the draws, and whether there was a fit."""
+    """Return the quantities at the truth and at the draws, and whether the fit succeeded."""
     rng = generator(key)
     point = from_unit(rng.uniform(size=3), prior)
     theta = np.array([float(point[name]) for name in NAMES])
@@ -177,14 +177,14 @@ def _line_replication(
 
 
 def _line_log_likelihood(theta: Float[np.ndarray, "... 3"], measured: FRF) -> NDArray[np.float64]:
-    """Of all lines, up to a constant [nats]."""
+    """Return the log likelihood of all lines, up to a constant [nats]."""
     omega_n, zeta, gain = np.moveaxis(theta[..., None], -2, 0)
     misfit = measured.h - receptance(measured.omega, omega_n, zeta, gain)
     return -np.sum(np.abs(misfit) ** 2 / measured.variance, axis=-1)
 
 
 def measured_records(key: Key[Array, ""], theta: Theta, design: Records) -> Records:
-    """Repeats with noise: v + sigma eta / sqrt(K), and their scatter, sigma^2 chi^2_(N (K - 1))."""
+    """Simulate noisy repeats: v + sigma eta / sqrt(K), with scatter sigma^2 chi^2_(N (K - 1))."""
     key_mean, key_within = jax.random.split(key)
     count, size = design.groups.num_repeats, design.source.shape[-1]
     noise_std = design.groups.noise_std
@@ -205,7 +205,10 @@ def motion(
     fs: float,
     laws: Iterable[str] = DEFAULT_LAWS,
 ) -> Float[Array, "time 2"]:
-    """Displacement and velocity under a force [N/kg] from rest, Eqs. (1), (2), by Runge-Kutta."""
+    """Return displacement and velocity under a force [N/kg] from rest, Eqs. (1), (2).
+
+    The time integration is by Runge-Kutta.
+    """
     # The force between the samples is what their spectrum stands for; at rest at both ends.
     joint = oscillator_of(theta, laws)
     specimen = Specimen(joint.omega_n, joint.zeta, forces_of(joint.laws, jnp.asarray))  # pyright: ignore[reportArgumentType]

@@ -143,7 +143,7 @@ def compare(
 
 
 def suited(posterior: Posterior) -> tuple[str, ...]:
-    """Samplers that a posterior is drawn from by unless they are named."""
+    """Return the samplers that draw a posterior by default."""
     size = len(posterior.box.names)
     suitable = [
         sampler
@@ -252,7 +252,7 @@ def save_comparison(folder: Path, found: Comparison) -> None:
 
 
 def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:
-    """Mean, sd, q010, q500, q990 and mcse_ of each, of one parameter; ess_bulk, ess_tail, r_hat.
+    """Return one parameter's mean, sd, q010, q500, q990, mcse_ of each, ess_bulk, ess_tail, r_hat.
 
     None is for what cannot be had. Vehtari et al. (2021), Bayesian Analysis 16, 667.
     """
@@ -293,7 +293,7 @@ def worst_ess(rows: Mapping[str, Row]) -> float | None:
 
 
 def reference_of(rows: Mapping[str, Mapping[str, Row]]) -> str:
-    """The sampler of the largest worst effective size, of those whose chains agree or of all."""
+    """Return the sampler of the largest worst effective size, if possible with agreeing chains."""
 
     def agrees(sampler: str) -> bool:
         r_hats = [row["r_hat"] for row in rows[sampler].values()]
@@ -311,7 +311,7 @@ def distances(row: Row, reference: Row) -> dict[str, float | None]:
 def distance(
     row: Mapping[Any, Any], reference: Mapping[Any, Any], name: str, error: str
 ) -> float | None:
-    r"""Distance in standard errors, $(a - b) / \sqrt{\mathrm{mcse}_a^2 + \mathrm{mcse}_b^2}$."""
+    r"""Return standard errors apart, $(a - b) / \sqrt{\mathrm{mcse}_a^2 + \mathrm{mcse}_b^2}$."""
     operands: list[Any] = [
         sampler_row.get(key) for key in (name, error) for sampler_row in (row, reference)
     ]
