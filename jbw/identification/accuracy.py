@@ -48,7 +48,7 @@ def substeps_of(data: Dataset) -> int:
 
 
 def another_law(laws: Sequence[str]) -> str:
-    """Return the remedy's line that adds a cubic spring, or names other laws if it is present."""
+    """Return the line to paste that adds a cubic spring; if one is there, name other laws."""
     if SPRING in laws:
         return OTHER_LAWS
     return beside_other_laws(put("joint", "laws", [*laws, SPRING]))
@@ -57,7 +57,7 @@ def another_law(laws: Sequence[str]) -> str:
 def solver_change(
     theta: Mapping[str, Float[np.ndarray, "..."]], data: Dataset
 ) -> NDArray[np.float64] | None:
-    """Return each draw's log likelihood change on halving the solver's step; None if unstepped."""
+    """Return draws' change of log likelihood with half the solver step; None without a solver."""
     finer = halved(data)
     if finer is None:
         return None
@@ -103,7 +103,7 @@ def residual_finding(
 
 
 def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
-    """Check the largest group error against its observable's limit; None without a limit."""
+    """Check the group with the largest fit error relative to its limit; None without any limit."""
     bounded = {
         label: part.most_misfit
         for part in data.parts
@@ -119,7 +119,7 @@ def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
 
 
 def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
-    """Return chi-square of a fit over groups with noise from repeats, and degrees of freedom."""
+    """Return chi-square and degrees of freedom of a fit over groups with noise from repeats."""
     sizes = num_known(data)
     if sum(sizes.values()) <= len(first.x):  # as many parameters explain any data
         return None
@@ -129,7 +129,7 @@ def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
 
 
 def within_misfit(error: Mapping[str, float]) -> Amendment | None:
-    """Return the amendment that a small misfit, counted by the likelihood, is usable; else None.
+    """Return the amendment that rates a small misfit usable; None where the misfit is large.
 
     A law that leaves more than noise of long or precise records, but a few per cent of each, is
     wrong in what it leaves and right in the rest; the intervals have this in them.
@@ -146,7 +146,7 @@ def within_unseen(
     unseen: Sequence[float],
     which: str,
 ) -> Amendment | None:
-    """Quote the errors of tests unseen by a fit in findings that call the law usable.
+    """Return the amendment that quotes errors of unseen tests where findings call the law usable.
 
     Errors are relative to the rms of their tests. Where they exceed the fitted ones by a factor of
     1.5 in rms, what was usable within the fitted error is not.

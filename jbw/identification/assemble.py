@@ -199,7 +199,7 @@ def _require_labels(parts: Sequence[Observable]) -> None:
 
 
 def entered(seen: Measured) -> dict[str, bool]:
-    """Return by test name whether any of the test's repeats or its line fit is fitted."""
+    """Return, by test name, whether any repeat or the line fit of the test is fitted."""
     kinds = {kind for observable in OBSERVABLES for kind in observable.kinds}
     names = _names([test for test in _reducible(seen) if test.kind in kinds])
     names |= _names([test for test in seen.chosen if test.traits.is_free])

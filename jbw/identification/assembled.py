@@ -162,7 +162,7 @@ def _require_sources(tests: Sequence[Test]) -> None:
 
 
 def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
-    """Return the elastic kept modes that the tests' sources pass, a well observed one first."""
+    """Return the model's elastic modes that the tests' sources drive, a clearly seen mode first."""
     frequencies = reduced.frequencies_hz
     elastic = [i for i, hz in enumerate(frequencies) if hz > 0]
     windows = Modes(tuple(float(frequencies[i]) for i in elastic)).windows_hz
@@ -286,7 +286,7 @@ def _largest_motion(modes: Modes, data: Dataset, joint: str) -> float:
 
 
 def largest_amplitudes(modes: Modes, data: Dataset) -> Float[np.ndarray, " mode"]:
-    """Return each driven mode's largest amplitude; NaN if the first point hardly sees it."""
+    """Return each driven mode's largest amplitude; NaN if hardly seen at the first point."""
     numbers, shares = dict(modes.numbers), np.abs(gain_shares(modes))
     peaks_of_parts = (part.shown().peaks_of_modes for part in data.parts)
     peaks = np.max([largest for largest in peaks_of_parts if largest], axis=0)

@@ -51,7 +51,7 @@ def require_one_unit(tests: Iterable[Test]) -> None:
 
 
 def foretold(tests: Sequence[Test], parts: Sequence[Observable]) -> list[Observable]:
-    """Predict the modes of separately named drives from their shakers; warn about unread shakers.
+    """Predict the change of omega_n and zeta by each named drive's shaker; warn if it is not read.
 
     Beside a structure alone only, whose modes the force tells.
     """
@@ -77,7 +77,7 @@ def foretold(tests: Sequence[Test], parts: Sequence[Observable]) -> list[Observa
 
 
 def _read(test: Test) -> ShakerReading | None:
-    """Read the shaker with the fewest modes in the band that work; warn if no number does."""
+    """Read the shaker with as few modes in the band as possible; if that fails, warn."""
     reason = ""
     for modes in MOST_MODES:
         try:
@@ -124,7 +124,7 @@ def _sentence(test: Test, reading: ShakerReading, mode: int, share: float) -> st
 
 
 def drive_sentences(theta: Mapping[str, Any], data: Dataset) -> list[str]:
-    """Return the sentences on which omega_n and zeta include a shaker that moves along."""
+    """Return the sentences that say which omega_n and zeta include a moving shaker."""
     drives = {part.drive for part in data.parts if part.drive}
     if len(drives) == 1 and drives <= set(FED):
         return [messages.with_shaker(drives.pop())]

@@ -385,7 +385,7 @@ def _tried(suspect: Suspect, linearised: Linearised) -> Cause:
 def _apart(spectra: Spectra, missed: Sequence[str]) -> list[Cause]:
     """Return the cause that one group's separate gain differs in sign or size from the others'.
 
-    No fit of all groups need then be near any group.
+    A fit of all groups may then be far from every group.
     """
     fits = {label: _alone(spectrum) for label, spectrum in spectra.items()}
     single_fits = {label: pair for label, pair in fits.items() if pair is not None}

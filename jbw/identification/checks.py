@@ -193,7 +193,7 @@ def groups_of(outcomes: Iterable[Outcome]) -> dict[str, xr.Dataset]:
 def amendments_of(
     checked: CheckedPosterior, groups: Mapping[str, xr.Dataset], attempts: Attempts
 ) -> tuple[Amendment | None, ...]:
-    """Return amendments to findings from fit errors, fits without each run, and the response."""
+    """Return amendments of findings by fit errors, errors of left-out runs, and the response."""
     of_unseen, ready, data = None, checked.fitted, checked.data
     if (left_out := groups.get("leave_one_out")) is not None:
         errors = left_out["fitted"].values.tolist(), left_out["error"].values.tolist()
@@ -267,7 +267,7 @@ def response_bands(checked: CheckedPosterior) -> Outcome:
 
 
 def lack_of_fit(checked: CheckedPosterior) -> Outcome:
-    """Explain the residuals of a fit that misses the tests by their likely causes."""
+    """Explain the residuals of a poor fit by their likely causes."""
     why = causes(checked.fitted.fit, checked.data)
     return Outcome(cause_finding(why), (causes_sentence(why),) if why else ())
 
@@ -413,7 +413,7 @@ def effect_checks(added: Effects, *, misses: bool) -> dict[str, Check]:
 
 
 def seen_hysteresis(added: Effects, ready: Fitted, *, misses: bool) -> Finding | None:
-    """Check that hysteresis is seen and drag does not fit as well; None without objection."""
+    """Return the finding of no hysteresis, or that drag fits as well; None if neither applies."""
     finding = hysteresis_finding(added, ready.y_peak, ready.data.laws, misses=misses)
     return finding or seen_drag(added, ready, misses=misses)
 
@@ -437,7 +437,7 @@ def incomplete_finding(said: Sequence[str]) -> Finding | None:
 
 
 def drawn(facts: Mapping[Any, Any]) -> list[str]:
-    """Return the sentences on ladder sampling: coordinates, evaluations and evidence."""
+    """Return the sentences on the sampler: coordinates, evaluations and evidence."""
     if "coordinates" not in facts:
         return []
     counted = facts["num_evaluations"]

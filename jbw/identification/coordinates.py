@@ -168,7 +168,7 @@ def joint_box(
 
 
 def linear_bounds(scales: Scales, gain: tuple[float, float] | None, *, linear: bool) -> Bounds:
-    """Bound omega_n, zeta, and a gain by its standard deviation, as in `joint_box`."""
+    """Bound omega_n and zeta, and a gain by its standard deviation; `linear` as in `joint_box`."""
     omega_n, zeta = scales.omega_n, scales.zeta
     bounds: Bounds = {"omega_n": (0.97 * omega_n, 1.03 * omega_n), "zeta": (0.2 * zeta, 3.0 * zeta)}
     if not linear:
@@ -207,7 +207,7 @@ def _require_stiffness(
 def _shared(
     laws: Collection[type[Law]], bounds: Bounds, prior_names: Collection[str], omega_n: float
 ) -> Bounds:
-    """Reduce bounds of the laws' parts of omega_n^2 so that they sum to the stiffest at most.
+    """Reduce bounds of the laws' parts of omega_n^2 so that their sum is that of the stiffest law.
 
     Upper bounds that nobody states are lowered alike; those that are stated must leave room.
     """

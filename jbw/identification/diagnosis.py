@@ -119,7 +119,7 @@ def _read(y: Values, omega: Values, zeta: Values) -> Sequence[float]:
     share = x**2 / np.sum(x**2)  # of the squares: a reading counts by its amplitude
 
     def line(values: Values, exponent: float) -> tuple[np.ndarray, float]:
-        """Fit rest value and change at the largest amplitude; return the squared misfit too."""
+        """Fit rest value and change at the largest amplitude; also return the squared residual."""
         power = x**exponent
         middle, centre = share @ power, share @ values
         across, along = power - middle, values - centre

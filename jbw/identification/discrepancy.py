@@ -99,7 +99,7 @@ class Discrepancy:
         return not any(scatter.std or scatter.whole for scatter in scatters)
 
     def at(self, y: float | None, *, of_decay: bool = False) -> AtAmplitude:
-        """Return standard deviations at an amplitude [m]; if unknown, at the largest fitted."""
+        """Return standard deviations at an amplitude [m], for None at the largest fitted one."""
         grown, beyond = growth(y, self.y_low, self.y_high), outward(y, self.y_low, self.y_high)
         ratio = y / self.y_high if y is not None and self.y_high > 0 else 1.0
         within = 1.0 if beyond else grown
@@ -155,7 +155,7 @@ def growth_shown(y: float | None, y_low: float, y_high: float) -> float:
 
 
 def outward(y: float | None, y_low: float, y_high: float) -> float:
-    r"""Return the factor $\sqrt{g (y / y_{max})^4 - 1}$ of all misfit; 0 in the fitted range."""
+    r"""Return the factor $\sqrt{g (y / y_{max})^4 - 1}$ of discrepancy; 0 up to $y_{max}$."""
     if y is None or not 0 < y_low <= y_high < y:
         return 0.0
     grown = growth(y, y_low, y_high) * (y / y_high) ** max(POWERS)

@@ -70,7 +70,7 @@ def only_damps(found: Effects) -> bool:
 def hysteresis_finding(
     found: Effects, y_peak: float, laws: Sequence[str], *, misses: bool
 ) -> Finding | None:
-    """Return the finding where only damping is added; failed if the fit also misses the tests.
+    """Return the finding of no hysteresis if only damping is added; failed if the fit is poor too.
 
     Hysteresis that adds damping loses stiffness. None where it is seen, or damping by the square of
     the velocity is among the laws.

@@ -211,7 +211,7 @@ def again(key: Key[Array, ""], one: Candidate, common: Fitted) -> Candidate:
 
 
 def trials(sets: Sequence[Laws], seen: Measured) -> list[tuple[Laws, str]]:
-    """Return the laws to try with how modes meet; the campaign's own laws meet in other ways."""
+    """Return the sets of laws to compare, and other ways that modes meet for the present laws."""
     plain = [(laws, "") for laws in sets]
     if seen.modes is None or seen.modes.meet != "common" or not seen.laws:
         return plain
@@ -252,7 +252,7 @@ def errors_of(best: Fit, data: Dataset) -> dict[str, float]:
 
 
 def posterior(key: Key[Array, ""], one: Candidate) -> tuple[xr.DataTree, Reparametrisation]:
-    """Draw a candidate's posterior with its log evidence; return the coordinates as well.
+    """Draw a candidate's posterior with its log evidence; return coordinates about the draws, too.
 
     By so many points at most; where their weights cannot be trusted, in the other coordinates too.
     """

@@ -59,7 +59,7 @@ def first_fit(
     quick: bool = False,
     parts: Parts = unkept,
 ) -> tuple[Box, Fit, Dataset]:
-    """Fit data as they are, from first and `known` values; return the box, the fit and the data.
+    """Fit data as given, from first and `known` values; return the box, the fit and the data.
 
     These hold the signs of modes at the joint, chosen by a rough fit and again by the final one.
     Where it is to be `quick`, other starts are tried only if the first leaves more than 15 % of the

@@ -24,7 +24,7 @@ CLOSE = {"max_evaluations": 40, "tolerance": 1e-6}  # an error of two digits nee
 
 
 def scatter_of_means(data: Dataset) -> float | None:
-    r"""Return scatter of the mean of K repeats over the response, $s / \sqrt K$; None if single.
+    r"""Return scatter of a K-repeat mean over the response, $s / \sqrt K$; None without repeats.
 
     The root mean square over the groups. What a fit leaves is of that mean.
     """
@@ -33,7 +33,7 @@ def scatter_of_means(data: Dataset) -> float | None:
 
 
 def own_lines(data: Dataset, known: Mapping[str, float]) -> dict[str, float]:
-    """Fit a linear oscillator to each run alone; return each error over the response, if any.
+    """Fit each run alone by a linear oscillator; return errors over the response, or nothing.
 
     `known` are omega_n, zeta and the gain of a joint, of every drive, from which the fits start.
     """

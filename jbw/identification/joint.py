@@ -119,7 +119,7 @@ def draw_joint(
     keep: Keep = no_checkpoint,
     name: str = "joint",
 ) -> JointPosterior:
-    """Draw about a fit, and again in a wider prior where draws lean on an unstated bound.
+    """Draw the joint posterior; draw again in a wider prior if draws press on an unstated bound.
 
     The draws have the noise of every group and the laws' own parameters and products too.
 

@@ -226,7 +226,7 @@ def _ratios(
     steps: Float[np.ndarray, "draw parameter"],
     chosen: Int[np.ndarray, " some"],
 ) -> Float[np.ndarray, "... draw"]:
-    """Extend ratios of some draws to all, linearly in their steps; the first ratio holds.
+    """Extend ratios of some draws to all draws, linear in their steps and exact at the first draw.
 
     None is beyond all of those that are known. One where the first is not known.
     """
@@ -262,7 +262,7 @@ class _DrivenJoints(eqx.Module):
 def _by_first_order(
     theta: Mapping[str, np.ndarray], best_theta: Mapping[str, float], driven: _DrivenJoints
 ) -> Float[np.ndarray, "two joint *mode_level draw"]:
-    r"""Return draws' K and L, $f(\hat\theta) + \sum_i f_i\,\delta_i$ with derivatives f_i at a fit.
+    r"""Linearise K and L about a fit, $f(\hat\theta) + \sum_i f_i\,\delta_i$, by derivatives f_i.
 
     Steps delta are of logarithms, times the fit, where nothing is zero or changes sign.
     """

@@ -200,7 +200,7 @@ def laplace_draws(
 
 
 def gaussians_about(ready: Fitted) -> list[Gaussian]:
-    r"""Return the fit's Gaussian, or, if runs have offsets, one for every scatter of these.
+    r"""Return the fit's Gaussian; with run offsets, one Gaussian per possible scatter of offsets.
 
     $$r(\theta, b) = \hat r + J\,\delta + J_o\,b, \quad b \sim N(0, C_k), \quad
       P_k = J^T J - J^T J_o\,(J_o^T J_o + C_k^{-1})^{-1} J_o^T J$$

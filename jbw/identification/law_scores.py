@@ -108,7 +108,7 @@ def _score_of_fit(piece: HeldOut, data: Dataset) -> float:
 
 
 def _told_by_terms(data: Dataset, rest: Dataset) -> Float[np.ndarray, " term"] | None:
-    """Return the factor from each term of `rest` to that of `data`; None where shifts tie runs.
+    """Return factors from likelihood terms of `rest` to those of `data`; None if shifts tie runs.
 
     Without offsets a term is the number of values times what one of them says, and a silenced
     group has next to none: its term tells what it says, and nothing is solved twice.
@@ -160,7 +160,7 @@ def _by_points(
 
 
 def weighed_in(key: Key[Array, ""], prior: Box, data: Dataset, places: Places) -> WeighedPoints:
-    """Draw weighted points of a posterior in the coordinates that give the best weights."""
+    """Draw weighted points of a posterior in the best of several coordinate systems."""
     looking, drawing = jax.random.split(key)
     _, place, _ = choose(looking, Target(dataset.log_likelihood, prior, data), places)
     problem = problem_of(dataset.log_likelihood, prior, data, place)

@@ -321,7 +321,7 @@ def between_finding(between: xr.Dataset) -> Finding:
 
 
 def own_joint_sentences(key: Key[Array, ""], best: Fit, data: Dataset) -> list[str]:
-    """Return a sentence per part of the data on whether free decays reject one joint for all."""
+    """Return a sentence per data part on whether free decays reject one joint for all modes."""
     if not data.laws or are_at_joints(data.laws):  # several joints are no question of one
         return []
     parts = [part for part in data.parts if part.several]

@@ -125,14 +125,14 @@ def _modes_of(test: Test, estimate: FRF, modes: int | Sequence[float]) -> ModalF
 
 
 def _terms_of(test: Test, usual: Residuals) -> Residuals:
-    """Return the terms for modes outside the band; a line fit has separate terms per test."""
+    """Return the terms for modes outside the band, which each test has separately in a line fit."""
     if test.residuals == "own":
         return "both"
     return usual if test.residuals == "auto" else test.residuals
 
 
 def _joint_first(fit: ModalFit, *, counted: bool) -> ModalFit:
-    """Order the fit with the joint's mode first: of counted modes the one of highest peak."""
+    """Order a fit's modes, the joint's mode first; of counted modes, the highest peak first."""
     if not counted:
         return fit
     peak = np.abs(fit.residues[:, 0]) / (fit.zeta * fit.omega**2)

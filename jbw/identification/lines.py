@@ -89,7 +89,7 @@ def observed_variance(lines: FRFLines) -> Real:
 
 
 def fit_lines(lines: FRFLines, start: Real, typical: Real) -> FittedLines:
-    """Fit lines by least squares from a start; errors of windowed lines are correlated and leak."""
+    """Fit lines by least squares from a start; windowed lines have correlated, leaking errors."""
     data, observed = lines.data, observed_variance(lines)
     variance, of_sum = observed, None
     fitted = _least_squares(lines, data, variance, start, typical)
@@ -117,7 +117,7 @@ def _floored(variance: Real, data: Complex, num_outputs: int) -> Real:
 
 
 def _left_over(lines: FRFLines, residual: Complex, variance: Real) -> Real:
-    """Return each output's mean square residual over variance, the noise if none is known."""
+    """Return the residual power of every output over its variance, to scale unknown noise."""
     num = len(lines.outputs)
     free = 1 - lines.num_parameters / (2 * len(residual))  # of the values
     share = np.abs(np.split(residual, num)) ** 2 / np.split(variance, num)

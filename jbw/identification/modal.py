@@ -84,7 +84,7 @@ class Stabilisation:
 
 
 def stabilisation(outputs: Sequence[FRF], expected: int = 0) -> Stabilisation:
-    """Find poles of orders 2 to 8 times the expected modes (at least four), and stable modes.
+    """Find poles of orders 2 to 8 times the expected modes, at least four, and the stable modes.
 
     `outputs` are the FRFs of one input at the same lines. Smeared peaks look more damped than they
     are: the modes are starts of a fit.

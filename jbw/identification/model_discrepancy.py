@@ -519,7 +519,7 @@ def _learned(
 
 
 def _missed(shown: Sequence[LeftOutRun], of_all: FitOfAll, *, judged: bool) -> Missed | None:
-    """Return the scatter of runs' shifts over natural frequency [rad/s]; None without runs."""
+    """Return the scatter of run shifts over the natural frequency [rad/s]; None without runs."""
     if not shown:
         return None
     shift, std, noise_std = (
@@ -621,7 +621,7 @@ def _noise_alike(residuals: Mapping[str, Row], data: Dataset) -> dict[str, Noise
 
 
 def _hides_in_noise(residuals: Mapping[str, Row], repeated: NoiseOf) -> bool:
-    """Return whether an unrepeated residual is coloured: model error that counts as noise."""
+    """Return whether an unrepeated residual is coloured, so that noise contains model error."""
     return any(is_coloured(row) for label, row in residuals.items() if label not in repeated)
 
 
@@ -651,7 +651,7 @@ def _rest(
     fraction: float,
     uncertain: Inexact[np.ndarray, "value parameter"] | None = None,
 ) -> Rest:
-    r"""Return a row's square, its mean $N n + |M|^2$, and the variance of their difference."""
+    r"""Return a residual's square, its mean $N n + |M|^2$ and the variance of their difference."""
     moved = np.zeros((len(row), 0)) if uncertain is None else uncertain
     real = real_rows(moved)
     count, of_errors, products = _count(row), float(np.sum(real**2)), real.T @ real
@@ -691,7 +691,10 @@ def _share_of_runs(runs: Sequence[LeftOutRun], kind: str, *, judged: bool) -> Sc
 
 
 def _share_of(rests: Sequence[Rest], grown: Sequence[float], *, judged: bool) -> float:
-    r"""Return $\sqrt{\mathrm{mean}\,((|e_r|^2 - E|e_r|^2) / g_r)}$; judged, 0 if by chance."""
+    r"""Return $\sqrt{\mathrm{mean}\,((|e_r|^2 - E|e_r|^2) / g_r)}$, the misfit beyond noise.
+
+    If judged, return 0 where chance explains as much.
+    """
     if judged and _sum_of(rests).is_by_chance:
         return 0.0
     beyond = [(x.square - x.mean) / g**2 for x, g in zip(rests, grown, strict=True)]

@@ -115,7 +115,7 @@ def _source(test: Test) -> np.ndarray:
 
 
 def _reading(key: Key[Array, ""], mode: int, test: Test, seen: Measured, modes: Modes) -> _Reading:
-    """Read S and o of one mode by fitting an oscillator with one law to one sweep."""
+    """Return s = alpha delta |c| and o = alpha gamma |c| of a mode, by a one-law fit to a sweep."""
     numbers = dict(modes.numbers)
     c = numbers[seen_name(mode + 1)]
     gain = None if drive_of(test) in FED else numbers[numbered(PUSH, mode + 1)] * c
@@ -133,7 +133,7 @@ def _reading(key: Key[Array, ""], mode: int, test: Test, seen: Measured, modes: 
 
 
 def _products(theta: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the weak-motion quantities s and o per unit modal motion, in any coordinates."""
+    """Return the weak-motion numbers s and o for unit motion of the mode, in any coordinates."""
     s, o = BoucWenLaw.of(theta).weak_motion()
     return {"s": jnp.asarray(s), "o": jnp.asarray(o)}
 

@@ -60,7 +60,7 @@ def paper_route(
 
 
 def paper_words(seen: Measured) -> tuple[str, ...]:
-    """Return the sentences on the paper's Steps 3 and 4 if the joint has other laws than these."""
+    """Return the sentences on the paper's Steps 3 and 4 if they do not suit the joint's laws."""
     if seen.linear is None or not seen.probing:
         return ()
     others = " and ".join(name for name in seen.laws if name != PAPER_LAW)

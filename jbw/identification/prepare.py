@@ -103,7 +103,7 @@ def weighed(
     *,
     quick: bool = False,
 ) -> Fitted:
-    """Fit first and settle the weights, before choosing coordinates and solver steps."""
+    """Make the first fit and settle its weights, before coordinates and solver steps."""
     prior, first, data = first_fit(keys[0], data, settings, known, quick=quick)
     ready = with_effects(keys[1], data, prior, first, settings, quick=quick)
     best = replace(ready.fit, waterfall=first.waterfall)  # the later fits have one start
@@ -117,7 +117,7 @@ def reweight(
     first: Fit,
     settings: Identify,
 ) -> Fitted:
-    """Update noise, effective values and run effects by fits, then coordinates and substeps."""
+    """Update noise, effective values, run effects, coordinates and solver steps by new fits."""
     return completed(key, with_effects(key, data, prior, first, settings), settings)
 
 

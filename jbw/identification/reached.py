@@ -14,7 +14,7 @@ from jbw.report.messages import effects as messages
 def threshold_sentences(
     theta: Mapping[str, Any], y_peak: float, laws: tuple[str, ...]
 ) -> list[str]:
-    """Return sentences on macroslip, contacts and slips, and whether the motion [m] reached them.
+    """Return sentences on macroslip, contacts and slips, reached by the largest motion [m] or not.
 
     `theta` are draws by name; what is not reached rests on the priors and is no finding.
     """

@@ -139,7 +139,7 @@ def are_levels(data: Dataset) -> bool:
 
 
 def scatter_of_repeats(shifts: Shifts, sizes: Mapping[str, float]) -> float | None:
-    r"""Return scatter of zeta between runs of one level [-]; 0 by chance, None without repeats.
+    r"""Return zeta's scatter between runs of a level [-]; 0 if due to chance, None without repeats.
 
     $$Q = \sum_l \sum_{r \in l} \frac{(b_r - \bar b_l)^2}{\sigma_r^2}, \qquad
       \tau^2 = \frac{Q - \mathrm{dof}}{\sum_l (W_l - \sum_{r \in l} w_r^2 / W_l)}$$
@@ -188,13 +188,13 @@ def _levels_of(runs: Sequence[str], sizes: Mapping[str, float]) -> list[list[int
 
 
 def sizes_of(data: Dataset) -> dict[str, float]:
-    """Return each run's mean root sum of squares of the response, in the largest part."""
+    """Return each run's root sum of squares of response (mean over groups) in the largest part."""
     sizes_of_parts = (sizes_of_runs(part) for part in data.parts if not part.own_shifts)
     return max(sizes_of_parts, key=len, default={})
 
 
 def sizes_of_runs(part: Observable) -> dict[str, float]:
-    """Return each run's mean root sum of squares of the response, over its groups of one part."""
+    """Return each run's root sum of squares of response, a mean over its groups of one part."""
     runs = dict(zip(part.groups.labels, part.groups.runs, strict=True))
     sizes: dict[str, list[float]] = {}
     for label, size in sizes_of_groups(part).items():
@@ -254,7 +254,7 @@ def own_frequency_alone(data: Dataset) -> Dataset:
 
 
 def errors_with_own_frequency(fit: Fit, prior: Box, data: Dataset) -> dict[str, float]:
-    """Return each group's fit error over its size; damping is common to all runs."""
+    """Return each group's error over its size, with a frequency but no damping ratio per run."""
     scored = own_frequency_alone(data)
     residual = residual_by_label(residual_at(stacked, fit.x, prior, scored), scored)
     return error_by_label(residual, scored)
@@ -375,7 +375,10 @@ class Slope(NamedTuple):
 
 
 def slope_of(x: Values, offset: Values, std: Values) -> Slope:
-    """Fit a weighted slope to offsets that scatter beyond their errors; ordinary if equal."""
+    """Fit a slope by weighted least squares to offsets that scatter beyond their errors.
+
+    Equal errors give the usual slope.
+    """
     weight = 1 / (std**2 + _scatter_of_offsets(offset, std))
     middle = np.average(x, weights=weight)
     spread = np.sum(weight * (x - middle) ** 2)

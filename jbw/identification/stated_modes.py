@@ -232,7 +232,7 @@ def same_joint_sentences(posterior: xr.Dataset, data: Dataset) -> list[str]:
 
 
 def _invariants(laws: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Return parameters or ratios of two that units of length and force do not change."""
+    """Return parameters, or ratios of two, that do not depend on units of length and force."""
     invariants: dict[str, tuple[str, ...]] = {}
     by_unit: dict[str, str] = {}
     for quantity in quantities_of(laws):

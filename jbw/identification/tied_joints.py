@@ -102,7 +102,7 @@ class TiedEvidence(NamedTuple):
 
 
 def tied_record(attrs: Mapping[Any, Any]) -> dict[str, Any] | None:
-    """Return the record of one law for all joints from the group's attributes; None without."""
+    """Return the attributes on one law for all joints as a record; None if there are none."""
     facts = {
         str(name).removeprefix(PREFIX): value
         for name, value in attrs.items()
@@ -178,7 +178,7 @@ def _most_joints(laws: Laws) -> int:
 
 
 def _weighed(key: Key[Array, ""], candidate: Candidate) -> WeighedPoints:
-    """Draw weighted points of a candidate's posterior about its fit; if poor, along its valley."""
+    """Draw weighted points about a candidate's fit; if weights are poor, along its valley too."""
     fitted = candidate.fitted
     best, prior, data = fitted.fit, fitted.box, fitted.data
     about_fit = weighed_in(key, prior, data, {"fit": lambda: place_of(best, candidate)})

@@ -85,7 +85,7 @@ class LineErrors:
         return np.concatenate([np.abs(self.hermitian[o, o, middle]) for o in outputs])
 
     def of_sum(self, weights: Complex) -> Real:
-        """Return covariance of Re sum_i G_ai d_i for G (parameter, line by output)."""
+        """Return parameters' covariance of Re sum_i G_ai d_i, G by (parameter, line by output)."""
         total = np.zeros((len(weights), len(weights)), complex)
         reach = self.hermitian.shape[2] // 2
         num_lines = self.hermitian.shape[-1]
@@ -102,7 +102,7 @@ class LineErrors:
 def line_errors(
     outputs: Sequence[FRF], noise_ratio: Real, modes: Sequence[Modes], leakage: bool
 ) -> LineErrors:
-    r"""Estimate errors of lines of an H1 estimate and of their neighbours, as measured.
+    r"""Estimate the errors of H1 lines and neighbouring lines, in the response as measured.
 
     For Gaussian input and noise the error of a line is sum_k R_k conj(U_k) / sum_k |U_k|^2, with
     R_k the part of segment k's response that H times its input does not explain. Hence
