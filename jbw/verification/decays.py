@@ -44,7 +44,7 @@ SILENT = 1e-6  # of a record: a noise that leaves its initial state sharp
 
 
 def predict_decay(source: Source, test: Test) -> Predicted:
-    """Predict free decays after their amplitude fell by a quarter, which gives their start."""
+    """Predict free decays after a quarter of amplitude is lost; the part before gives the start."""
     data = _reduced(source, test)
     noise, stored = NOT_KNOWN, source.basis.decay.get("noise_std")
     if stored is not None and "record" in stored.dims:

@@ -104,7 +104,7 @@ def _dataset(test: Test, part: Observable, number: int, group: Group) -> xr.Data
         attrs |= {"level": test.level, "level_unit": level_unit}
 
     def relative(values: np.ndarray) -> np.ndarray:
-        """Return 1 plus the prediction error, relative to the reference of errors."""
+        """Return 1 plus the prediction error over the reference of errors."""
         return 1.0 + (values - group.measured) / reference
 
     others = {name: relative(values) for name, values in group.others.items()}

@@ -226,7 +226,7 @@ def _resolves(motion: Motion, band_hz: tuple[float, float]) -> bool:
 
 
 def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
-    """Estimate the FRF of every repeat, and of every draw under the first input, in one way."""
+    """Estimate FRFs of every repeat, and of every draw under the first input, in the same way."""
     test, record = motion.test, motion.test.records[0]
     whole = test.traits.is_transient and not test.settle
     unsettled = 0 if whole else motion.unsettled
@@ -307,7 +307,7 @@ def _around_mode(record: Record, draws: Draws) -> tuple[float, tuple[float, floa
 
 
 def _settling(test: Test, draws: Draws) -> float:
-    """Return the seconds to skip at the start: a sweep starts from rest unless it says more."""
+    """Return the seconds to skip at the start: none for sweeps from rest unless `settle` is set."""
     if test.traits.is_transient:
         return test.settle
     record = test.records[0]

@@ -34,7 +34,7 @@ def modes_of_draws(draws: Draws) -> Modes | None:
 
 
 def first_mode_alone(test: Test, modes: Modes | None) -> Test:
-    """Return decays in the band of the first of several modes."""
+    """Restrict decays to the band of the first of several modes."""
     return test if modes is None else replace(test, band_hz=bands_of(modes.hz, test)[0])
 
 

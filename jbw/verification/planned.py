@@ -23,7 +23,7 @@ FADE = 0.02  # of a sweep's duration, at its end
 def planned_sweep(
     basis: Basis, band_hz: tuple[float, float], level: float, duration: float, fs: float
 ) -> Test:
-    """Return a linear sweep from rest in the unit of the run's source, faded out over 2 %.
+    """Return a linear sweep from rest in the unit of the run's source, with a fade-out.
 
     The fade covers the last 2 % of the sweep.
     """

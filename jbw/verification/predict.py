@@ -44,7 +44,7 @@ class Request:
 
 
 def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Dataset:
-    """Predict bands of a run's posterior on a test of any kind, which the run may not contain.
+    """Predict bands on a test of any kind, seen by the run or not, from the run's posterior.
 
     A test whose response is NaN throughout is only planned.
 
@@ -111,7 +111,7 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
 
 
 def route_of(test: Test) -> Callable[[Source, Test], Predicted]:
-    """Return the function that predicts a test: from rest under its input, unless of other kind."""
+    """Return the function to predict a test: from rest under a recorded input, or by its motion."""
     traits = test.traits
     if has_groups_alone(test):
         return predict_groups
@@ -158,7 +158,7 @@ def _source(basis: Basis, test: Test, request: Request) -> Source:
 
 
 def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
-    """Return the basis that compared laws give to predict a test of its kind and amplitude."""
+    """Choose the basis of compared laws for predicting a test, by its kind and amplitude."""
     if basis.has_fitted(test):
         return basis
     if basis.across is not None and not basis.has_fitted_kind(test.kind):

@@ -95,7 +95,7 @@ class Source:
     def std(
         self, known: RepeatNoise, model: NDArray[Any], num_repeats: float = 1.0, share: float = 1.0
     ) -> float | None:
-        r"""Combine noise of the mean of K repeats with model error for bands; None of neither.
+        r"""Combine noise of the mean of K repeats with model error; None if neither is known.
 
         $$\sqrt{f \sigma^2 / K + s^2 \,\mathrm{mean}(m^2)}$$
 

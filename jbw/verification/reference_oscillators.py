@@ -103,7 +103,7 @@ def _fitted(
     kind: str,
     joint: Dataset,
 ) -> Reference:
-    """Fit the oscillator of one kind with least relative error, by run if the joint is so.
+    """Fit one kind of oscillator with least relative error, by run if the joint is fitted by run.
 
     From one that it contains on, with that one's offsets: it cannot end worse.
     """

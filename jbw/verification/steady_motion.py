@@ -141,7 +141,7 @@ def loop_validation(test: Test, draws: Draws, laws: Laws) -> xr.Dataset:
 
 
 def _cycles(record: Record, test: Test, omega: float) -> dict[str, NDArray[np.float64]]:
-    """Return a cycle of input, displacement, velocity and acceleration, phased to the input."""
+    """Return one cycle of input, displacement, velocity, acceleration; the input sets the phase."""
     fs, (low, high) = record.fs, (part * omega / (2 * np.pi) for part in BAND)
     test = on_time(replace(test, records=(record,)))
     (record,) = test.records
