@@ -354,7 +354,7 @@ def expected(
 def _undetermined(
     beliefs: Beliefs, precision: Matrices, positions: Sequence[int]
 ) -> tuple[str, ...]:
-    """Name the only combination of parameters that tests determine; none if all are."""
+    """Name the only combination of parameters that tests determine; empty if all are determined."""
     # Told at the joint whose wanted parameters are known as well as at half of the joints.
     remaining = covariance(precision)
     poorest = np.max(np.diagonal(remaining, axis1=1, axis2=2)[:, list(positions)], axis=1)

@@ -193,7 +193,7 @@ def _sweeps(grid: SweepTable, beliefs: Beliefs, reach: Reach) -> list[PlannedSwe
 
 
 def _span_about(natural: float, every: Sequence[float]) -> tuple[float, float]:
-    """Return a sweep's first and last frequency [Hz] about a mode, within halfway to others."""
+    """Return the frequency range [Hz] of a sweep about a mode, at most halfway to another mode."""
     low, high = (share * natural for share in SPAN)
     middles = [0.5 * (natural + other) for other in every if other != natural]
     low = max([low, *(x for x in middles if x < natural)])
