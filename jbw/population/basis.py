@@ -70,7 +70,7 @@ def new_unit(
     seed: int = 0,
     num: int = NUM_UNITS,
 ) -> xr.DataTree:
-    """Return new units in the form of one run's posterior, which `basis_of` reads as any other.
+    """Return new units as the posterior of one run, in the form that `basis_of` reads.
 
     Runs scatter as they do within the units, and the noise is the mean of the units' tests alike.
     What counts as fitted ends where the unit that was driven least does. Constant residual terms

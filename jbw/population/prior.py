@@ -90,7 +90,7 @@ def prior_of(
     mean: Float[np.ndarray, "unit d"],
     design: CovariateDesign,
 ) -> Prior:
-    """Return priors from knowledge of joints; the prior of the mean of all units is flat.
+    """Return priors from knowledge of joints; the prior of the units' mean is wide.
 
     Args:
         names: Coordinates.
