@@ -52,7 +52,7 @@ def reference_of(readings: Float[np.ndarray, "*batch record p"]) -> ReferenceRea
 
 
 def threshold(false_alarms: float, p: int, num: int) -> float:
-    r"""Return the $T^2$ that an unchanged reading exceeds with probability `false_alarms`.
+    r"""Return Hotelling's $T^2$ that an unchanged reading exceeds with probability `false_alarms`.
 
     Args:
         false_alarms: Rate of false alarms a reading.
@@ -67,7 +67,7 @@ def distance(
     reference: ReferenceReadings,
     excess: Matrix | None = None,
 ) -> Float[np.ndarray, "*batch"]:
-    r"""Return $T^2$ of a new reading.
+    r"""Return Hotelling's $T^2$ of a new reading.
 
     Args:
         reading: Its values.

@@ -239,7 +239,7 @@ def _readings_at(
     amplitudes: Sequence[float],
     test: Test,
 ) -> Float[np.ndarray, "draw p"]:
-    """Predict readings of new units at a torque; the units are equal for every torque."""
+    """Predict readings of new units at a torque; all torques share the same units."""
     laws: Any = tuple(json.loads(fleet.attrs["laws"]))
     draws = new_units(population, fleet, torque)
     centre, order = _response_of(test)

@@ -93,7 +93,7 @@ def take_in(rng: np.random.Generator, before: Particles, log_density: LogDensity
 
 
 def evenly(rng: np.random.Generator, particles: Particles) -> Particles:
-    """Resample particles to equal weight; each repeats in proportion to its weight, within one."""
+    """Resample particles to equal weights; numbers of copies follow the weights to within one."""
     num = len(particles.x)
     ends = np.cumsum(np.exp(particles.log_weight))
     rows = np.searchsorted(ends / ends[-1], (rng.uniform() + np.arange(num)) / num)
@@ -200,7 +200,7 @@ def updated(
 
 
 def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
-    """Return a run's fitted data, their only part with its weights, and the test of its records."""
+    """Return the data of a run, their single part with its weights, and the test of the records."""
     require_one_joint(campaign.joints, watch.CARRIED)
     gain = force_per_unit(campaign)
     accepted = usable(campaign.tests, campaign.settings, gain)

@@ -94,7 +94,7 @@ def state(
     reference_noise: Float[np.ndarray, "p p"] | None = None,
     trend: Trend | None = None,
 ) -> Statement:
-    """State the result of the last watched reading, alone and together with readings before it.
+    """Return the statement on the last watched reading, alone and with the readings before it.
 
     Of an unchanged joint a reading by itself alarms at the rate r, `false_alarms`, and their run
     among n readings with a probability of r / (1 - r)^(n + 1) at most, as the hazard is r, too.
@@ -141,7 +141,7 @@ def state(
 
 
 def change_of(reference: ReferenceReadings, behind: Float[np.ndarray, "n p"], first: int) -> Change:
-    """Return frequency and damping after a change minus the reference, by Student's t."""
+    """Return the change of frequency and damping against the reference, by Student's t."""
     away = behind.mean(axis=0) - reference.mean
     sd = np.sqrt(np.diag(reference.covariance) * (1 / len(behind) + 1 / reference.num))
     reach = student.ppf((1 + LEVEL) / 2, reference.num - 1) * sd
