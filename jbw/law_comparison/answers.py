@@ -75,7 +75,7 @@ def _is_rough(row: Row, *, by_runs: bool) -> bool:
 
 
 def _answer(row: Row, best: Row, *, by_runs: bool) -> str:
-    """Return whether a law differs from the best; evidence must agree for both prior widths.
+    """Return whether a law differs from the best, by runs or by evidence under both prior widths.
 
     By a score that is rough none is judged, but a law that lies farther behind than that may be
     off, and a hopeless one, which is worse whatever its score.
@@ -244,9 +244,9 @@ def _of_rough_scores(rows: Mapping[str, Row]) -> Iterator[str]:
 
 
 def _of_unseen(rows: Mapping[str, Row]) -> Iterator[str]:
-    """Yield sentences on the best predictor of held-out tests: within, beyond, across kinds.
+    """Yield sentences on laws that predict held-out tests best, within, beyond or across kinds.
 
-    The range is that of the fitted motion.
+    Within and beyond refer to the fitted motion.
     """
     sentences = {"error_held_out": laws.best_within, "error_beyond": laws.best_beyond}
     for key, sentence in sentences.items():

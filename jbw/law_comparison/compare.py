@@ -348,13 +348,13 @@ def _curves(weighed: Mapping[str, Weighed], y_peak: float) -> xr.Dataset:
 
 
 def _hopeless(rows: Mapping[str, Mapping[str, Any]]) -> tuple[str, list[bool], dict[str, str]]:
-    """Return which laws are judged by their fits: their bands are of no posterior."""
+    """Return the mask of laws judged by their fits alone, whose bands come from no posterior."""
     attrs = {"long_name": messages.VARIABLES["hopeless"]}
     return "law", [row["hopeless"] for row in rows.values()], attrs
 
 
 def _some(tree: xr.DataTree, data: Dataset) -> dict[str, np.ndarray]:
-    """Return some draws by name, with the held values."""
+    """Return evenly spaced draws by parameter name, together with the held values."""
     posterior = tree["posterior"].to_dataset()
     chosen = evenly_spaced(posterior, NUM_DRAWS)
     theta = {name: np.ravel(values)[chosen] for name, values in scalars(tree).items()}
@@ -521,7 +521,7 @@ def residuals(named: Mapping[str, Candidate], highest: str | None) -> xr.Dataset
 
 
 def unseen(tests: Sequence[Test], runs: Sequence[str]) -> list[Test]:
-    """Return the measured tests of which no run was fitted."""
+    """Return the measured tests without a fitted run."""
     return [
         test
         for test in tests
@@ -580,7 +580,7 @@ def held_out_errors(
 
 
 def errors_apart(errors: xr.Dataset | None, law: str, best: str) -> dict[str, Any]:
-    """Return a law's error on tests within the fitted motion and beyond, as the best law has it."""
+    """Return a law's errors within and beyond fitted motion, as the best law predicts motion."""
     if errors is None:
         return {"error_held_out": None, "error_beyond": None}
     law_errors = errors["error"].sel(law=law).values

@@ -58,7 +58,7 @@ def holds_laws(folder: Path) -> bool:
 
 
 def stack_of(tree: xr.DataTree, record: Mapping) -> Basis:
-    """Return the basis of compared laws for predictions, best first, each by its weight."""
+    """Return the predictive basis of compared laws, the best first, each with its weight."""
     rows, laws = record["laws"], tree.children["laws"].children
     (best,) = (name for name, row in rows.items() if row["answer"] == "best")
     within = {best: 0.0} | weights_for(rows, WITHIN)
@@ -78,7 +78,7 @@ def _mixture(laws: Mapping[str, xr.DataTree], shares: Mapping[str, float]) -> Ba
 
 
 def basis_of_laws(folder: Path) -> Basis:
-    """Return the basis of the stack of laws in a folder for predictions, best law first.
+    """Return the predictive basis of the compared laws in a folder, the best law first.
 
     Raises:
         DataError: The folder holds no whole comparison.
