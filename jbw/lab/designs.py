@@ -94,7 +94,7 @@ def opening() -> Design[Records]:
 def joint() -> Design[Records]:
     """Return the design for all parameters from both sweeps, in the paper's boxes.
 
-    The boxes are 1 % about omega_n and 5 % about the gain.
+    The other boxes are 1 % about omega_n and 5 % about the gain.
     """
     omega_n = truth()["omega_n"]
     bounds = {"omega_n": (0.99 * omega_n, 1.01 * omega_n), **PRIOR}

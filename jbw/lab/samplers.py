@@ -311,7 +311,7 @@ def distances(row: Row, reference: Row) -> dict[str, float | None]:
 def distance(
     row: Mapping[Any, Any], reference: Mapping[Any, Any], name: str, error: str
 ) -> float | None:
-    r"""Return standard errors apart, $(a - b) / \sqrt{\mathrm{mcse}_a^2 + \mathrm{mcse}_b^2}$."""
+    r"""Return $(a - b) / \sqrt{\mathrm{mcse}_a^2 + \mathrm{mcse}_b^2}$, a standardised distance."""
     operands: list[Any] = [
         sampler_row.get(key) for key in (name, error) for sampler_row in (row, reference)
     ]
