@@ -48,7 +48,7 @@ def substeps_of(data: Dataset) -> int:
 
 
 def another_law(laws: Sequence[str]) -> str:
-    """Return the line to paste that adds a cubic spring; if one is there, name other laws."""
+    """Return the line to paste that adds a cubic spring; if the laws have one, name other laws."""
     if SPRING in laws:
         return OTHER_LAWS
     return beside_other_laws(put("joint", "laws", [*laws, SPRING]))

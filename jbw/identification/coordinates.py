@@ -138,7 +138,7 @@ def joint_box(
     *,
     linear: bool = True,
 ) -> Box:
-    """Return the box of omega_n, zeta, the laws' parameters, and the gain unless that is None.
+    """Return the box of omega_n, zeta, the laws' parameters, and the gain unless it is None.
 
     The gain comes with its standard deviation. Unless `linear`, omega_n and zeta of the scales were
     read at a level that holds the joint's softening and its losses: roughly the oscillator's own.

@@ -90,7 +90,7 @@ class JointPosterior:
 def joint_problem(
     seen: Measured, known: Mapping[str, float], *, seed: int, report: Report
 ) -> JointProblem:
-    """Assemble a campaign's data with first values: `known` ones and readings of single modes.
+    """Assemble a campaign's data with first values: `known` values and readings of single modes.
 
     Raises:
         DataError: If there is nothing that the joint can be fitted to.

@@ -114,7 +114,7 @@ def linear_step(
 def _within(
     band_hz: tuple[float, float] | None, modes: int | Sequence[float]
 ) -> int | Sequence[float]:
-    """Keep the modes in the test's band; the others are neighbours in another test's band."""
+    """Keep the modes in the test's band; the other modes are neighbours in another test's band."""
     if isinstance(modes, int) or band_hz is None:
         return modes
     return [freq for freq in modes if band_hz[0] <= freq <= band_hz[1]]

@@ -343,7 +343,7 @@ def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) 
 
 
 def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOutRun:
-    """Replace a free decay's shift and residual by those predicted from its beginning.
+    """Replace a free decay's shift and residual by values predicted from the decay's beginning.
 
     Its damping is as uncertain as the parameters leave it, as `of_run` has that.
     """
@@ -421,7 +421,7 @@ def _shown_by(
 def _placed(
     of_run: LeftOutRun, run: str, group: Sequence[str], amplitudes: Mapping[str, float]
 ) -> LeftOutRun:
-    """Return a run with its amplitude relative to the largest and to those of fitted runs."""
+    """Return a run with its amplitude, compared with the largest and with the fitted runs."""
     others, y_high = [y for name, y in amplitudes.items() if name not in group], _y_high(amplitudes)
     lowest, highest = min(others, default=0.0), max(others, default=0.0)
     return of_run._replace(

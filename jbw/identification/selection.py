@@ -58,7 +58,7 @@ def loop_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
 
 
 def sweep_tests(tests: Sequence[Test], settings: Identify, *, every: bool = False) -> Sweeps | None:
-    """Split the sweeps into fitted and held-out ones.
+    """Split the sweeps into fitted and held-out sweeps.
 
     `fit_levels` names the levels to fit; by default the lowest and the highest of three or more
     of each drive, all of fewer; all where `every` level is asked for, as each of several modes has
@@ -104,7 +104,7 @@ class DecaySplit:
 def decay_tests(
     tests: Sequence[Test], settings: Identify, chosen: Sequence[Test] | None = None
 ) -> DecaySplit | None:
-    """Split the free decays into fitted and held-out ones; None without any to fit.
+    """Split the free decays into fitted and held-out decays; None without any to fit.
 
     Of each of the `chosen` tests, all of them when None, `fit_repeats` are fitted, half by default;
     they span the amplitudes.

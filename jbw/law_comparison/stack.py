@@ -71,7 +71,7 @@ def stack_of(tree: xr.DataTree, record: Mapping) -> Basis:
 
 
 def _mixture(laws: Mapping[str, xr.DataTree], shares: Mapping[str, float]) -> Basis:
-    """Combine the laws' draws into one mixture: the first law, and the others by their shares."""
+    """Combine the laws' draws into one mixture, weighted by `shares`."""
     first, *others = shares
     beside = tuple((shares[name], basis_of(laws[name])) for name in others)
     return replace(basis_of(laws[first]), beside=beside)

@@ -55,7 +55,7 @@ def parameters_of(fleet: xr.DataTree) -> tuple[str, ...]:
 
 
 def pooled(fleet: xr.DataTree, names: Sequence[str] | None = None) -> Pooled:
-    """Return a fleet's coordinates: the named ones, else those that all units determine.
+    """Return a fleet's coordinates: the named ones, else coordinates that every unit determines.
 
     Of a law its products, which are known where its parameters trade, the parameters that are in
     none of them, and what these leave open where every unit knows that too.

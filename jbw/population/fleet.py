@@ -238,7 +238,7 @@ def _words(texts: Iterable[str]) -> Any:
 
 
 def _common(units: Sequence[Unit]) -> tuple[list[str], dict[str, list[str]]]:
-    """Return quantities with logarithms in every unit, and for others the units without them."""
+    """Return quantities with logarithms in every unit; for other quantities, the units without."""
     every = dict.fromkeys(name for unit in units for name in unit.draws)
     lacking = {
         name: [u.name for u in units if name not in u.draws or not np.all(u.draws[name] > 0)]

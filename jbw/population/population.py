@@ -497,7 +497,7 @@ def _saturates(record: Record) -> Iterator[str]:
 
 
 def _wrench(record: Record) -> Iterator[str]:
-    """Yield the sentence on Berkson's error of a set torque and the attenuation of a read one."""
+    """Yield the sentence on Berkson's error of a set torque and attenuation by a read torque."""
     if TORQUE not in record["columns"]:
         return
     rows = record["parameters"].items()

@@ -92,7 +92,7 @@ def predict_decay(source: Source, test: Test) -> Predicted:
 
 
 def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Dataset]:
-    """Compare every decay record with the model, fitted ones first, one dataset each."""
+    """Compare every decay record with the model, fitted records first, one dataset each."""
     # The initial state of a fitted record comes from the whole of it, that of a held-out record
     # from its beginning alone: the rest is predicted, and its errors are of what comes after.
     data = _reduced(source, test)

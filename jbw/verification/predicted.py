@@ -200,7 +200,7 @@ def noise_of(
     order: int = 0,
     behind: str = "",
 ) -> RepeatNoise:
-    """Return noise of one repeat: as fitted, from repeats, or the mean of similar fitted tests.
+    """Return noise of one repeat: as fitted, by its repeats, or the mean of similar fitted tests.
 
     `behind` is what stands behind the test's name in the label of its group, where it has several.
     """

@@ -181,7 +181,7 @@ class Basis:
         return any(matches) and self.seen.get(test.name, seen_of(test))[:3] == seen_of(test)[:3]
 
     def model_error(self, test: Test, missed: AtAmplitude) -> float:
-        """Return the law's error over the response in a test, besides omega_n and zeta."""
+        """Return the law's error over the response in a test, apart from omega_n and zeta."""
         return 0.0 if self.discrepancy is None else self.discrepancy.share_of(test.kind, missed)
 
     def scatters(self, test: Test) -> bool:
@@ -258,7 +258,7 @@ def laws_of_run(tree: xr.DataTree) -> Laws:
 def basis_attrs(
     tests: Sequence[Test], data: Dataset, held: Mapping[str, float], omega_n: float
 ) -> dict[str, Any]:
-    """Return the attributes that predictions need besides draws, as `basis_of` reads them."""
+    """Return the attributes that predictions need in addition to draws, for use by `basis_of`."""
     shared = [part for part in data.parts if not part.own_shifts]
     counts = (part.substeps for part in shared)
     attrs: dict[str, Any] = {

@@ -126,7 +126,7 @@ def predicted_tests(tree: xr.DataTree) -> Mapping[str, Mapping[str, Any]]:
 
 
 def prediction_findings(tree: xr.DataTree) -> list[Finding]:
-    """Return findings on errors beside simpler oscillators', and on held-out coverage."""
+    """Return findings on errors against simpler oscillators', and on held-out coverage."""
     tests = predicted_tests(tree)
     laws = json.loads(str(tree.attrs.get("laws", "[]")))
     return [*_simpler(tests, laws), *_replaced(tests, laws), *_coverage(tests)]
