@@ -278,7 +278,7 @@ def _known(fitted: Fit, data: Dataset) -> tuple[dict[str, float], dict[str, floa
 def _scatter(
     estimate: Float[np.ndarray, " record"], std: Float[np.ndarray, " record"]
 ) -> tuple[float, float]:
-    """Return the scatter beyond the records' own errors, and its p-value without such scatter."""
+    """Return scatter beyond the records' own errors, and p-value under these errors alone."""
     degrees = len(estimate) - 1
 
     def beyond(variance: float) -> float:
