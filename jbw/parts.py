@@ -24,7 +24,7 @@ ENDING = ".kept"
 
 
 class Parts(Protocol):
-    """What makes a part of a job, or finds it where it was made before."""
+    """A function that makes a part of a job, or loads it if it was made before."""
 
     def __call__[T](self, name: str, make: Callable[[], T], /, *kinds: type) -> T:
         """Return what `make` returns.

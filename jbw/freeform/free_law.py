@@ -56,7 +56,7 @@ class FreeLawKey(NamedTuple):
 
 @dataclass(frozen=True)
 class FreeLaw:
-    """What readings say of a joint without the form of a law.
+    """The law of a joint from its readings alone, without an assumed form.
 
     Attributes:
         rows: The readings.

@@ -1,4 +1,4 @@
-"""What is calibrated: a campaign's own tests, noise and prior, or short tests of the virtual rig.
+"""The designs to calibrate: a campaign's tests, noise and prior, or the virtual rig's tests.
 
 The rig's have a poor laser: noise of 1 mm/s, twenty times the rig's, leaves posteriors that are not
 points and a ridge of alpha and delta a hundredth as thick as it is long.

@@ -1,4 +1,4 @@
-r"""What a comparison of laws answers: which is best, which are told apart from it.
+r"""The answers of a comparison of laws: the best law, and the laws distinguished from it.
 
 $$\Delta = \sum_r (\mathrm{elpd}_r - \mathrm{elpd}^{\,0}_r), \qquad
   \mathrm{se} = \sqrt{n}\ \mathrm{sd}_r(\mathrm{elpd}_r - \mathrm{elpd}^{\,0}_r)$$

@@ -1,4 +1,4 @@
-"""What a comparison of laws predicts with, and its folder.
+"""The predictive mixture of a comparison of laws, and its folder.
 
 A comparison has draws of every law, by its weight in the mixture: the weights by which the laws
 together would have predicted the left-out runs best; with too few runs the best law predicts alone.

@@ -1,1 +1,1 @@
-"""What the rig gives: records and what can be read off them without a joint model."""
+"""The records of the rig, and readings of them that need no joint model."""

@@ -1,4 +1,4 @@
-"""What is measured without a time history of the oscillator: response curves and forced loops."""
+"""The measurements without a time history of the oscillator: response curves and forced loops."""
 
 from typing import NamedTuple
 

@@ -131,7 +131,7 @@ def harmonics(
 
 
 class Tones(NamedTuple):
-    """What is fitted to samples: the harmonics 1..n of omega, and other tones beside [rad/s]."""
+    """The tones to fit to samples: harmonics 1..n of omega, and additional tones [rad/s]."""
 
     omega: float
     num_harmonics: int

@@ -166,7 +166,7 @@ class Cycle(NamedTuple):
 
 
 class CycleReading(NamedTuple):
-    """What one cycle shows.
+    """The quantities read from one cycle of a force loop.
 
     Attributes:
         amplitude: Half of its stroke a [m].

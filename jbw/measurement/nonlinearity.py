@@ -1,4 +1,4 @@
-r"""What a test's records say by themselves of nonlinearity and of noise, in sentences.
+r"""The model-free evidence of nonlinearity and noise in a test's records, in sentences.
 
 How far repeats scatter and whether as noise or as another joint, harmonics by order along a sweep,
 distortion beside noise of multisines, the coherence of random noise. What frequency and damping do
@@ -66,7 +66,7 @@ MOST_STRAY = 0.1  # of a sweep's source from one tone with its harmonics, within
 
 
 class Stated(Protocol):
-    """What is stated of a test, by a campaign's table or by the test as it was loaded."""
+    """The stated properties of a test, from a campaign's table or from the test as loaded."""
 
     @property
     def name(self) -> str:
@@ -75,7 +75,7 @@ class Stated(Protocol):
 
     @property
     def traits(self) -> Kind:
-        """What a test of its kind is."""
+        """The properties of the test's kind."""
         ...
 
     @property
@@ -214,7 +214,7 @@ class Repeatability(NamedTuple):
 
     @property
     def floor(self) -> float:
-        """What the mean leaves to be seen: an effect below it is none."""
+        """The relative standard error of the repeats' mean; smaller effects cannot be seen."""
         return self.scatter / self.num_repeats**0.5
 
 

@@ -175,7 +175,7 @@ class Test:
 
     @property
     def traits(self) -> Kind:
-        """What a test of its kind is."""
+        """The properties of the test's kind."""
         return kind_named(self.kind)
 
     @property

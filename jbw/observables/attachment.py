@@ -1,4 +1,4 @@
-r"""What a shaker's attachment foretells of another drive, as an observable.
+r"""The shaker's predicted effect on frequency and damping under another drive, an observable.
 
 Voltage, force and the drive point's motion tell what the armature adds to the structure, and with
 that by how much natural frequency and damping differ when it is driven by voltage,

@@ -33,7 +33,7 @@ Residual = dict[str, Float[Array, " value"]]
 
 
 class Dataset(eqx.Module):
-    """All that the joint posterior is made from.
+    """The data of the joint posterior: reduced tests, held values, scatter, stated densities.
 
     Attributes:
         parts: The reduced data of each kind of test.
@@ -99,7 +99,7 @@ class Dataset(eqx.Module):
 
     @property
     def levels(self) -> Levels:
-        """Which run each group belongs to, and which assembly each run, where they scatter."""
+        """The run of each group and, if assemblies scatter, the assembly of each run."""
         assemblies = assemblies_of(tuple(dict.fromkeys(self.runs)))
         if self.scatters.shape[1] == 2 * len(OFFSETS):
             return run_numbers(self.runs), assemblies

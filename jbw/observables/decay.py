@@ -51,7 +51,7 @@ class Decays(Envelopes):
 
     @property
     def fraction(self) -> Float[Array, ""]:
-        """Of the values of every record that counts, those that count as independent."""
+        """The fraction of independent values among the values of a record that counts."""
         return jnp.max(jnp.asarray(self.groups.num_values / self.groups.num_counted))
 
     def matches(self, theta: Theta) -> Match:
@@ -243,7 +243,7 @@ def _matched(theta: Theta, data: Decays) -> Match:
 
 
 class Beginning(NamedTuple):
-    """Where a record lies by its beginning alone: the entry, and the covariance of this.
+    """The place of a record on a decay by its beginning alone: the entry and its covariance.
 
     Of log amplitude, phase and shift; the rate is the change of the log amplitude by the place.
     """

@@ -1,4 +1,4 @@
-r"""What a law misses of free decays that are predicted from their beginning.
+r"""The drift of free decays from the predictions that a law makes from their beginning.
 
 $$E(t) = \hat E(t)\,e^{(-\rho + j\varphi)\,(t - t_0 / 2)} + \text{rest}, \qquad
   \hat\rho, \hat\varphi = -\frac{\sum_t w_t t \ln |E / \hat E|}{\sum_t w_t t^2},
@@ -15,7 +15,7 @@ from jaxtyping import Complex, Float
 
 
 class Drift(NamedTuple):
-    """What a law misses of the rest of a record: frequency [rad/s] and rate of decay [1/s]."""
+    """The drift of a record from its prediction: frequency [rad/s] and rate of decay [1/s]."""
 
     frequency: float
     rate: float

@@ -173,7 +173,7 @@ def _course(name: str, envelope: np.ndarray, chosen: BandFilter, order: int) -> 
 
 
 class Entry(NamedTuple):
-    """Where a record lies: place of its first value [steps], rotation [rad], shift [rad/s]."""
+    """The entry of a record on a decay: first value [steps], rotation [rad], shift [rad/s]."""
 
     place: Float[Array, "..."]
     phase: Float[Array, "..."]

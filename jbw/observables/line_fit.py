@@ -35,7 +35,7 @@ JUMP = 0.5  # of the response, from one point of a curve to the next: another br
 
 
 class LineReading(KnownReading):
-    """What a line fit reads in random motion of `y_rms` [m]: omega_n [rad/s], zeta [-], gain.
+    """The line fit to random motion of `y_rms` [m]: omega_n [rad/s], zeta [-], gain.
 
     The covariance is theirs, the gain in N/kg per unit of the input. The solution is what is read,
     worked out before at the point that is asked for; None for nothing.

@@ -198,7 +198,7 @@ def _first_values(data: ModalDecays) -> dict[str, float]:
 
 
 class MatchedEnvelopes(NamedTuple):
-    """What a record is matched by."""
+    """The envelopes to match, with each record's initial state and modal amplitudes."""
 
     envelope: Complex[Array, "*record step"]
     begun: Float[Array, "*record own"]

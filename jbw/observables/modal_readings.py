@@ -1,4 +1,4 @@
-"""What spectra of driven records say of several modes before any fit, at every point measured."""
+"""The readings of several modes from driven records' spectra, at every point, before any fit."""
 
 from collections.abc import Iterable, Sequence
 from itertools import product

@@ -56,7 +56,7 @@ class Modes(NamedTuple):
 
     @property
     def seen(self) -> dict[str, tuple[str, ...]]:
-        """By every further point, names of what it sees of each mode over the first point."""
+        """The parameter names, by additional point, of modal responses over those at the first."""
         rows = (names[: len(self.hz)] for names in SEEN)
         return dict(zip(self.points, rows, strict=False))
 
@@ -71,7 +71,7 @@ class Modes(NamedTuple):
 
     @property
     def held(self) -> dict[str, float]:
-        """What is held: signs, which begin as positive, and shapes that were measured."""
+        """The held parameters: signs, which begin as positive, and measured shapes."""
         if self.meet != "common":
             return dict(self.numbers)
         signs = {names.sign: 1.0 for names in self.names}
@@ -87,7 +87,7 @@ class Modes(NamedTuple):
 
     @property
     def windows_hz(self) -> list[tuple[float, float]]:
-        """Where each mode is looked for: about its frequency, and nearer to it than to others."""
+        """The search window of each mode: about its frequency, nearer to it than to others."""
         windows = []
         for centre in self.hz:
             middles = [0.5 * (centre + other) for other in self.hz if other != centre]
@@ -97,7 +97,7 @@ class Modes(NamedTuple):
 
     @property
     def regions_hz(self) -> list[tuple[float, float]]:
-        """Where a motion is each mode's: nearer to its frequency than to others', from half of it.
+        """The region of a mode's motion: nearer to its frequency than to others', from half of it.
 
         Wider than its window, for a sweep that passes quickly has much of its motion beside it.
         """
@@ -185,7 +185,7 @@ def _std(name: str) -> float:
 
 
 class ModesAtJoint(KnownReading):
-    """What is known before any test of the sizes of modes at the joint, as an observable.
+    """The prior knowledge of the sizes of modes at the joint, as an observable.
 
     Attributes:
         growth: Chi-square by which the other sign of each mode fits worse, in the order of `names`;

@@ -1,4 +1,4 @@
-r"""What repeats and fits tell of the noise of a dataset, and how many values each group counts.
+r"""The noise of a dataset from repeats and fits, and the number of values each group counts.
 
 Every function reads columns of `Groups` alone: a mean of K repeats of N values, of which n are
 independent, with the scatter S of the repeats about it.

@@ -1,4 +1,4 @@
-"""What a kind of test is to a likelihood: one class of few methods on one table of groups.
+"""The interface of a kind of test to a likelihood: one class of few methods on a group table.
 
 What all kinds share reads the columns of that table (`jbw.observables.groups`, `noise`), or is in
 `jbw.observables.dataset`, which knows no kind. `reduce` and `predict` are a kind of test that is
@@ -56,7 +56,7 @@ def _no_spectra(residuals: Rows) -> dict[str, Spectrum]:
 
 
 class Shown(NamedTuple):
-    """What data show without a model: starting values of fits, scales of priors, axes of figures.
+    """The model-free facts of data: starting values of fits, scales of priors, axes of figures.
 
     What costs, or may fail, is a function without arguments.
 

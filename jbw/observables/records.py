@@ -65,7 +65,7 @@ SUBSTEPS = 2  # of the solver between samples at least, unless stated
 
 
 class Solution(eqx.Module):
-    """What was solved of records before it is asked for, at one point or at many.
+    """The precomputed responses and misfits of records, at one point or at many.
 
     Attributes:
         response: Of every level, from the first sample that is compared; None where only the

@@ -1,4 +1,4 @@
-r"""What a fit leaves of records and harmonics, and the spectra that usual causes of it act on.
+r"""The residuals of records and harmonics, and the spectra that their usual causes act on.
 
 A delay, another mode or the input's way around the mode are products in the frequency domain; a
 record in time and a curve of harmonics differ by how they come from there.

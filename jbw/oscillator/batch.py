@@ -37,7 +37,7 @@ NUM_DIRECTIONS = 2  # rows J; fewer are filled up with zeros
 
 
 class MeasuredResponse(NamedTuple):
-    """What a response is compared with, from its first sample on.
+    """A measured response to compare with a computed one, from sample `first` on.
 
     Attributes:
         values: Measured response d [m, m/s or m/s^2].
@@ -51,7 +51,7 @@ class MeasuredResponse(NamedTuple):
 
 
 class Motions(NamedTuple):
-    """What became of every lane.
+    """The results of all lanes: response, peaks, and sums over the samples that count.
 
     Attributes:
         response: Displacement [m], velocity [m/s] or acceleration [m/s^2] at the samples; None
@@ -72,7 +72,7 @@ class Motions(NamedTuple):
 
 
 class _Totals(NamedTuple):
-    """What a piece hands on beside the state."""
+    """The sums and peaks that a piece passes on in addition to the state."""
 
     square: Any
     along: tuple[Any, ...]
@@ -89,7 +89,7 @@ class _Piece(NamedTuple):
 
 
 class _Lanes(NamedTuple):
-    """What differs from lane to lane."""
+    """The values that differ from lane to lane: joint, gain and parts of the directions."""
 
     joints: Oscillator
     gain: Float[Any, " lane"]  # of the input
@@ -280,7 +280,7 @@ def _filled(rows: np.ndarray, size: int) -> Array:
 
 
 class _Cache:
-    """What was made of arrays, by their identity, until one of them is gone."""
+    """A cache of values made from arrays, by array identity, until one of the arrays is gone."""
 
     def __init__(self) -> None:
         self._made: dict[tuple[Any, ...], Any] = {}

@@ -22,7 +22,7 @@ class Guessing(Protocol):
 
     @property
     def guesses(self) -> Any:
-        """Of every record; see `Response`."""
+        """The number of times a law's memory was too short, per record; see `Response`."""
         ...
 
 

@@ -101,7 +101,7 @@ class Oscillator(eqx.Module):
 
     @property
     def undamaged(self) -> "Oscillator":
-        """The same of a joint that no cycle has changed yet."""
+        """The oscillator of the same joint before any cycle has changed it."""
         return Oscillator(self.omega_n, self.zeta, tuple(law.undamaged() for law in self.laws))
 
     def force_along(self, y: Float[Array, " time"]) -> Float[Array, " time"]:

@@ -1,4 +1,4 @@
-"""What a lag that grows by a power of the displacement costs a loop, in closed form."""
+"""The losses of a loop whose lag grows with a power of the displacement, in closed form."""
 
 from collections.abc import Callable
 from typing import Any

@@ -32,7 +32,7 @@ class Pushed(NamedTuple):
 
 
 class Stepping(eqx.Module):
-    r"""All that the hysteresis-exact stepping of a record needs.
+    r"""The constants and input for the hysteresis-exact stepping of a record.
 
     $$p = g \sum_j W_j c_j$$
 

@@ -1,4 +1,4 @@
-r"""What is held possible of the joint: before any test by ranges, after a run by its posterior.
+r"""The joints considered possible: by ranges before any test, by the posterior after a run.
 
 The joint is only guessed, and what a test tells depends on it. So every number of a plan is made
 at several joints, and judged by the worst of ten.

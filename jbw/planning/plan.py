@@ -1,4 +1,4 @@
-r"""What a plan is made of: tests that might be made, what is wanted, what they would tell.
+r"""The elements of a plan: candidate tests, the wish, and the expected information.
 
 How much a fleet tells before it is measured follows from the assemblies and torques alone. With n
 units at ln torques t about their mean, in units of the scatter tau and for records whose own error
@@ -148,7 +148,7 @@ class ResponseNoise:
 
 @dataclass(frozen=True)
 class Wish:
-    """What is wanted, and the limits."""
+    """The wanted parameters with their accuracy, and the limits of the tests."""
 
     wanted: tuple[str, ...]  # parameters to be known
     cv: float  # their wished coefficient of variation [-]
@@ -216,7 +216,7 @@ class MeasurementPlan:
 
 
 class FleetDesign(NamedTuple):
-    """What one design tells, in units of the scatter between units.
+    """The expected accuracy of one fleet design, in units of the scatter between units.
 
     Attributes:
         levels: Torques, evenly on logarithms.

@@ -50,7 +50,7 @@ class SweepTable(FileTable):
 
 
 class DwellingTable(FileTable):
-    """What tables of tests have that dwell on one point after the other."""
+    """The shared keys of tables for tests that dwell on one point after the other."""
 
     dwell: Positive | None = key(None, "time on each point [s]")
     settle: NonNegative | None = key(None, "of that, the first part, which is discarded [s]")

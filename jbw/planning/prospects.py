@@ -1,4 +1,4 @@
-"""What each joint would do in a candidate test: its information, its peak displacement."""
+"""The predicted information and peak displacement of a candidate test at each joint."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

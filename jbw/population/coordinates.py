@@ -23,7 +23,7 @@ Rows = Float[np.ndarray, "coordinate parameter"]
 
 
 class Pooled(NamedTuple):
-    """What is pooled of a fleet.
+    """The pooled coordinates of a fleet, with each unit's mean and covariance in them.
 
     Attributes:
         names: The coordinates, of whose logarithms the population is made.

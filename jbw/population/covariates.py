@@ -13,7 +13,7 @@ NAMES = (*NUMBERS, "assembly")
 
 
 class Covariates(NamedTuple):
-    """What is known of a unit beside its records."""
+    """The covariates of a unit: torque, tightening sequence, temperature and assembly."""
 
     torque: float = nan  # [N m]
     sequence: float = nan  # number of the tightening

@@ -39,7 +39,7 @@ EVEN = 2.0  # of the correlations' prior: above 1 it leans to none
 
 
 class UnitPosteriors(NamedTuple):
-    """What is known of every unit in the pooled coordinates.
+    """The posteriors of all units in the pooled coordinates.
 
     Attributes:
         mean: Of its posterior, rid of its run's prior.

@@ -82,7 +82,7 @@ Record = Mapping[str, Any]
 
 
 class Population(NamedTuple):
-    """What `population_of` finds.
+    """The result of `population_of`.
 
     Attributes:
         pooled: The coordinates and each unit's summary in them.

@@ -1,4 +1,4 @@
-r"""Where units lie about which they scatter: powers of the torque, or curves that saturate.
+r"""The expected coordinates of units by torque: powers of the torque, or curves that saturate.
 
 $$E\,\varphi_k = B x_k \qquad\text{or}\qquad
   a + b\,u\,(1 - e^{(1 - T_k / T_{ref})/u}), \quad u = T_0 / T_{ref}$$

@@ -1,4 +1,4 @@
-"""What a run was asked for and what it read: enough to go on, and to refuse if it changed."""
+"""The request and the inputs of a run: enough to resume it, and to refuse if they changed."""
 
 import hashlib
 import json

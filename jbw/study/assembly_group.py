@@ -1,4 +1,4 @@
-"""Where the joints of an assembled structure act, as a run's result keeps it."""
+"""The joints' degrees of freedom in an assembled structure, as stored in a run's result."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""What a notebook's cell shows of a study below its verdict: parameters and the backbone."""
+"""The part of a study's notebook cell below its verdict: parameters and the backbone."""
 
 import io
 from base64 import b64encode

@@ -1,4 +1,4 @@
-r"""What stands beside a joint posterior: each part may fail, and costs the posterior nothing.
+r"""The analyses that accompany a joint posterior; each may fail without effect on it.
 
 What the modes outside a band come to is told in a campaign's own units. About the joint's own mode
 both residual terms are one real constant: as an inertance
@@ -35,7 +35,7 @@ from jbw.study.prepared import PreparedTests
 
 
 class Comparisons(NamedTuple):
-    """What stands beside a joint posterior.
+    """The results of the analyses that accompany a joint posterior.
 
     Attributes:
         tree: The posteriors with verification and validation: every test predicted.

@@ -1,4 +1,4 @@
-"""Which parameters the data know: before sampling by the fit, afterwards by the draws too."""
+"""The identifiability of parameters: by the fit and, after sampling, by the draws too."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -45,7 +45,7 @@ Column = tuple[str | tuple[str, str], Any, str]  # dimensions, values, unit
 
 @dataclass(frozen=True)
 class Identifiability:
-    """Which parameters and products the data know."""
+    """The identifiability of parameters and products: how well the data constrain them."""
 
     fitted: Fitted  # the fit and what it was fitted to
     products: tuple[Product, ...]  # that are looked at beside the parameters

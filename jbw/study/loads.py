@@ -1,4 +1,4 @@
-"""What the joint of a run does under other loads: what drives it, its draws, their bands.
+"""The predictions of a run's joint under other loads: the load, its draws, their bands.
 
 A member is the draws of one law as oscillators of equivalent stiffness and loss. Bands contain the
 parameters, the variation between runs and the model discrepancy at the amplitude of the load; they
@@ -39,7 +39,7 @@ Complexes = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class Load:
-    """What drives the joint, and how it is predicted.
+    """The load that drives the joint, and the settings of its prediction.
 
     Attributes:
         drive: `force` for the source of the run; `voltage` or `current` where a run has both; or

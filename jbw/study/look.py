@@ -1,4 +1,4 @@
-"""What the records show without any model of the joint: frequency and damping by amplitude.
+"""The frequency and damping by amplitude that records show without a model of the joint.
 
 Every driven record is read near its resonance as a linear oscillator's, decays along their
 envelopes, steady tones and response curves from their harmonics, force loops by their secant. The

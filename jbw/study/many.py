@@ -49,7 +49,7 @@ class Task:
 
 @dataclass(frozen=True)
 class RunOutcome:
-    """What became of one campaign.
+    """The outcome of one campaign: its run, status, verdict and error.
 
     Attributes:
         campaign: Its file.

@@ -1,4 +1,4 @@
-"""What an identification was asked for."""
+"""The request for an identification."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,7 +8,7 @@ from jbw.campaign.load import Campaign, with_laws
 
 @dataclass(frozen=True)
 class Order:
-    """What an identification was asked for.
+    """The request for an identification: campaign, seed, true parameters and command.
 
     Attributes:
         campaign: What is identified.

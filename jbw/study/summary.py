@@ -1,4 +1,4 @@
-"""What `summary.json` holds of a study: its steps, verdict, predictions, inputs and versions."""
+"""The content of a study's `summary.json`: steps, verdict, predictions, inputs and versions."""
 
 import sys
 from collections.abc import Callable, Iterable, Mapping

@@ -15,7 +15,7 @@ POLL_S = 1.0  # between two looks at jobs that are no futures of Python's
 
 
 class Executor(Protocol):
-    """What runs functions: `concurrent.futures`, `client.get_executor()` of Dask, submitit."""
+    """A runner of functions: `concurrent.futures`, `client.get_executor()` of Dask, submitit."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> Any:
         """Run a function of some arguments somewhere, and return its future."""

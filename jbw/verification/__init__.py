@@ -1,1 +1,1 @@
-"""What the joint predicts of a test, beside what was measured: bands, errors and noise."""
+"""The joint's prediction of a test, compared with its measurement: bands, errors and noise."""

@@ -42,7 +42,7 @@ Placed = Iterator[tuple[str, xr.Dataset]]  # by path in the tree
 
 @dataclass(frozen=True)
 class ForcedTests:
-    """What the comparisons of tests have in common.
+    """The inputs that all comparisons of forced tests share.
 
     Attributes:
         basis: What predictions start from.

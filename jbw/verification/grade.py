@@ -36,7 +36,7 @@ Tests = Mapping[str, Mapping[str, Any]]
 
 
 class Seen(NamedTuple):
-    """What held-out tests within the fitted amplitudes show of a law.
+    """The errors and coverage of a law on held-out tests within the fitted amplitudes.
 
     Attributes:
         count: Of these tests.

@@ -1,4 +1,4 @@
-r"""What a test's own residual constants add to its prediction, read off the test itself.
+r"""The effect of a test's own residual constants on its prediction, fitted to the test itself.
 
 $$\min_{U, L} \sum \bigl(y - \hat y - (U + L/\omega^2)\,u\bigr)^2$$
 

@@ -1,4 +1,4 @@
-"""Where a test stands in the tree of a result, and what its repeats are called there."""
+"""The paths of tests in the tree of a result, and the names of their repeats."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""What is carried through the model, a test beside its prediction, and the noise known of it."""
+"""The source of a prediction, the prediction next to its test, and the test's known noise."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -71,7 +71,7 @@ class Predicted(NamedTuple):
 
 @dataclass(frozen=True)
 class Source:
-    """What is carried through the model, and with what it is compared."""
+    """The draws to carry through the model, and the references to compare them with."""
 
     basis: Basis
     draws: Draws

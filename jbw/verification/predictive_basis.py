@@ -1,4 +1,4 @@
-"""What a finished run predicts with: its draws, and what it held, fitted and knows of the noise."""
+"""The basis of a finished run's predictions: draws, held values, fitted tests, known noise."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -57,7 +57,7 @@ class CampaignTest(NamedTuple):
 
 @dataclass(frozen=True)
 class Basis:
-    """What predictions start from."""
+    """The basis of predictions: posterior draws, held values, known tests and laws."""
 
     posterior: xr.Dataset  # the main one, with dimensions (chain, draw)
     held: Mapping[str, float]  # parameters that were not updated

@@ -39,7 +39,7 @@ class Belief(NamedTuple):
 
 
 class RunLength(NamedTuple):
-    """What is known of the present run after the last reading."""
+    """The posterior of the present run's length after the last reading."""
 
     # That r readings belong to it, r = 0..n; last, where there is a run from before the first
     # reading, that all do and those of before, too.

@@ -64,7 +64,7 @@ class Particles(NamedTuple):
 
 
 class Update(NamedTuple):
-    """What a record has made of particles."""
+    """The particles after an update by one record, with its evidence and diagnostics."""
 
     particles: Particles
     log_evidence: float  # log p(y_r | y_<r) [nats]

@@ -1,4 +1,4 @@
-r"""What is stated of a reading: how it lies to the reference, whether the joint has changed.
+r"""The statement on a reading: its distance from the reference, and a change of the joint.
 
 A change of readings is stated as one of torque, too, where a population of joints says how they go
 with it. Readings y of joints at other torques T change by $g = dy/d\ln T$, one g a draw of the
@@ -65,7 +65,7 @@ class TorqueChange(NamedTuple):
 
 
 class Change(NamedTuple):
-    """What changed since the reference, by the readings behind the change."""
+    """The change since the reference, estimated from the readings after the change."""
 
     first: int  # number of the first reading behind it, counted over the watched from 1
     frequency: tuple[float, float, float]  # [Hz], with its 99 % interval
@@ -75,7 +75,7 @@ class Change(NamedTuple):
 
 
 class Statement(NamedTuple):
-    """What is stated of the last of the watched readings."""
+    """The statement on the last watched reading: T^2, probabilities, alarm and change."""
 
     squared: float  # T^2
     threshold: float  # of T^2

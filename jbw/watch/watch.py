@@ -41,7 +41,7 @@ Entry = dict[str, Any]
 
 @dataclass(frozen=True)
 class Wishes:
-    """What a watch is begun with; None leaves what it has, or the default."""
+    """The requested settings of a watch; None keeps the present setting, or the default."""
 
     amplitudes: tuple[float, ...] | None = None  # peak, in the unit of the response
     false_alarms: float | None = None  # rate of false alarms a record

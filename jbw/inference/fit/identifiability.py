@@ -1,4 +1,4 @@
-"""What a posterior owes to its data and what to its box: directions left open, means that move."""
+"""The roles of data and prior box in a posterior: unconstrained directions, shifts of means."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence

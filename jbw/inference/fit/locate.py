@@ -1,4 +1,4 @@
-r"""Where a posterior lies, found under `vmap`: a Laplace approximation for each of many data sets.
+r"""The location of a posterior, found under `vmap`: a Laplace approximation per data set.
 
 The uniform prior of parameters, some by their logarithms, stands in for a normal of its variance,
 
@@ -73,7 +73,7 @@ def _cost(residuals: Float[Array, " values"]) -> Float[Array, ""]:
 
 
 class _Place(NamedTuple):
-    """Where a search is: point, residual and Jacobian there, damping."""
+    """The state of a search: point, residual and Jacobian there, damping."""
 
     u: Float[Array, " parameter"]
     residuals: Float[Array, " values"]

@@ -1,4 +1,4 @@
-"""What a fit's data know of its parameters: directions and widths at the fit, profile likelihoods.
+"""The information in a fit's data: directions and widths at the fit, profile likelihoods.
 
 At the fit, before anything is sampled, by its covariance beside the prior; along a parameter, how
 far it can move while all the others make up for it.

@@ -61,19 +61,19 @@ class Finding:
 
     @property
     def reason(self) -> str:
-        """What was found, in a sentence, and what later checks added."""
+        """The result of the check in a sentence, with the additions of later checks."""
         return " ".join([self.fact, *(sentence for sentence, _ in self.additions)])
 
     @property
     def fact(self) -> str:
-        """What the check itself found, in a sentence."""
+        """The result of the check itself, in a sentence."""
         if isinstance(self.values, str):
             return self.values
         return sentence_of(self.entry or self.code, self.values, passed=self.status == "ok")
 
     @property
     def action(self) -> str:
-        """What to do; empty when ok."""
+        """The recommended actions; empty when ok."""
         first = self.remedy
         if not isinstance(first, str):
             is_data = self.status != "ok" and not isinstance(self.values, str)
@@ -113,7 +113,7 @@ class Verdict:
 
 
 class Amendment(NamedTuple):
-    """What a check says of the findings of others.
+    """A check's change to the findings of other checks: status, reason and remedy.
 
     Attributes:
         codes: Codes of the findings that are amended.

@@ -61,7 +61,7 @@ MakeKernel = Callable[[Problem, Any], Kernel]
 
 
 class Starts(NamedTuple):
-    """Where chains start: key of all, whitened centre of each, deviations to disperse them by."""
+    """The starts of chains: common key, whitened centre of each, deviations to disperse them by."""
 
     key: Key[Array, ""]
     centre: Float[Array, "chain parameter"]

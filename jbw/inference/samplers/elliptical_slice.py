@@ -40,7 +40,7 @@ class Options(NamedTuple):
 
 
 class SliceState(NamedTuple):
-    """Where one chain is; `num_steps` points were looked at for the last draw."""
+    """The state of one chain; `num_steps` points were evaluated for the last draw."""
 
     w: Float[Array, " parameter"]
     log_ratio: Float[Array, ""]

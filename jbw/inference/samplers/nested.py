@@ -84,7 +84,7 @@ def require_arrival(arrived: bool) -> None:
 
 
 class _Carry(NamedTuple):
-    """Where a run is: key, live points and evidence so far, dead points, how many, evaluations."""
+    """The state of a run: key, live points and evidence, dead points, their count, evaluations."""
 
     key: Key[Array, ""]
     state: Any

@@ -40,7 +40,7 @@ PAPER = Options(num_warmup=85, num_samples=765, step_size=2.5108e-3)
 
 
 class WalkState(NamedTuple):
-    """Where one walk is, after i steps, and what happened in the last one.
+    """The state of one walk after i steps, and the outcome of the last step.
 
     `log_step` is that of the proposal's standard deviation in x, used on average after the burn-in;
     a proposal in the box with no finite density has `failed`.

@@ -51,7 +51,7 @@ _drawn = eqx.filter_jit(draws_of)
 
 
 class SamplingRequest(NamedTuple):
-    """Which sampler draws, and how much.
+    """The choice of a sampler, and its numbers of chains, warm-up steps and draws.
 
     Attributes:
         sampler: One of the register.

@@ -66,7 +66,7 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
 
 
 class _State(NamedTuple):
-    """Where a run is: key, BlackJAX's state, size of the moves, evidence [nats], its variance."""
+    """The state of a run: key, BlackJAX's state, size of moves, evidence [nats], its variance."""
 
     key: Key[Array, ""]
     particles: Any

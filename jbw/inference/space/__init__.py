@@ -1,1 +1,1 @@
-"""Where parameters live: boxes, priors, coordinates that compose."""
+"""The space of the parameters: boxes, priors, and coordinates that compose."""

@@ -22,7 +22,7 @@ SAME = 1e-6  # of a frequency: points of one S-curve
 
 
 class Control(NamedTuple):
-    """What a controller was to hold, and what is named of it."""
+    """The settings of a controller's check: the phase to hold, its tolerance, reports of jumps."""
 
     locked_phase: float | None  # of the displacement to the force [deg]; None where it is not held
     tolerance: float = 5.0  # of a measured phase about it [deg]

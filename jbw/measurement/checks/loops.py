@@ -1,4 +1,4 @@
-r"""What force loops under a prescribed displacement show that a law may not have.
+r"""The features of force loops under a prescribed displacement that a law may lack.
 
 A joint that is stronger to one side. Free travel: each stroke becomes stiffer to its
 end, where slip alone makes it softer, and the mean of both strokes at each displacement has kinks,

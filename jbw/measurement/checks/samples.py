@@ -1,4 +1,4 @@
-"""What single samples show of a recorder: values held for several samples, and drop-outs.
+"""The recorder faults that samples show: values held for several samples, and drop-outs.
 
 Calibrated on records of `benchmarks/outside`: of 1,600 sound ones of four kinds none is accused;
 of drop-outs that exceed the noise nine of ten are seen.

@@ -32,7 +32,7 @@ Sources = Mapping[str, list[Leaf]]  # role to the arrays that its path selects
 
 @dataclass(frozen=True)
 class Wanted:
-    """What to take from a file; see `jbw.measurement.files.read.read`."""
+    """The options for reading a file; see `jbw.measurement.files.read.read`."""
 
     channels: Mapping[str, str] | None = None
     units: Mapping[str, str] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""What a file holds, whatever its format: a tree of names, cells and arrays, read on demand."""
+"""The content of a file of any format: a tree of names, cells and arrays, read on demand."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -39,7 +39,7 @@ SOURCES = ("jbw.measurement.readings", "jbw.measurement.hypotheses", "jbw.report
 
 @dataclass(frozen=True)
 class Examined:
-    """What one record shows.
+    """The reading of one record, with its faults and the band that was read.
 
     Attributes:
         reading: Frequency and damping against amplitude; None where none can be read.

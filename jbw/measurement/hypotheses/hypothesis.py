@@ -93,7 +93,7 @@ class Facts(NamedTuple):
 
 
 class LeftOver(NamedTuple):
-    """What a mode leaves of a record.
+    """The residual of a mode's fit to a record.
 
     Attributes:
         rms: Weighted root mean square: 1 of noise alone.

@@ -37,7 +37,7 @@ WEARING = ("bwbn", "bwbn_pinching")  # laws under which every cycle changes the 
 
 
 class Cause(NamedTuple):
-    """What a cause leaves of a force, and what is said of it."""
+    """The sum of squares of a force that a cause does not explain, and the fault to report."""
 
     square: float
     fault: Fault

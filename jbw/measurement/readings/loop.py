@@ -38,7 +38,7 @@ class LoopBasis(NamedTuple):
 
 
 class LoopFit(NamedTuple):
-    """What sliders and springs leave of a force, and how much of each column beside them it has."""
+    """The residual of a fit of sliders and springs to a force; coefficients of other columns."""
 
     residual: Reals
     beside: Reals

@@ -77,7 +77,7 @@ def curve_of(tables: Sequence[RecordTable]) -> AmplitudeCurve:
 
 
 class AmplitudeTrend(NamedTuple):
-    """What readings say of one quantity.
+    """The dependence of one quantity on amplitude, estimated from readings.
 
     Attributes:
         at_rest: Its value at vanishing amplitude.

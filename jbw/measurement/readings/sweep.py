@@ -175,7 +175,7 @@ def sweep_signal(
 
 
 class SweepColumns(NamedTuple):
-    """What the drive makes a mode do, up to gains.
+    """The response columns of a mode under the drive of a sweep, up to gains.
 
     Attributes:
         columns: Responses to the drive, of modes outside the band (two), and to an initial state.

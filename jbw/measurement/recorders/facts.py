@@ -1,4 +1,4 @@
-"""What trees and preambles say in words: texts, numbers, rates, titles."""
+"""The facts stated in words in file trees and preambles: texts, numbers, rates, titles."""
 
 import math
 import re

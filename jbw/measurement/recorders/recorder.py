@@ -1,4 +1,4 @@
-"""What a recorder is to jbw: how its files are known, and how they say what they hold."""
+"""The interface of a recorder: how to recognise its files, and how to read their content."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -35,7 +35,7 @@ _NODES, _NODES_PER_HARMONIC = 16, 4
 
 
 class Corner(NamedTuple):
-    """Where a spring's derivatives jump, as y rises through it.
+    """A displacement where a spring's derivatives jump, with the jumps as y rises through it.
 
     Attributes:
         y: Displacement [m].

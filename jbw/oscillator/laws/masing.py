@@ -38,7 +38,7 @@ from jbw.report.messages.joint import SAME_CURVES
 
 
 class Kink(NamedTuple):
-    """Where the virgin curve's slope or curvature jumps.
+    """A displacement where the virgin curve's slope or curvature jumps, with the jumps.
 
     Attributes:
         x: Displacement [m].

@@ -66,7 +66,7 @@ class ModeStep(eqx.Module):
 
 
 class Coupling(eqx.Module):
-    """What a joint's force does to a joint: constants of `ExactStep`, summed over modes by h p.
+    """The effect of a joint's force on a joint: constants of `ExactStep`, summed over modes by h p.
 
     `bend_*` are the effect of half of h^2 r'', a - b of the corrector's constants.
     """
@@ -115,7 +115,7 @@ class JointStep(eqx.Module):
 
     @property
     def by_others(self) -> tuple[Coupling, ...]:
-        """What the forces of the other joints do to this one."""
+        """The effects of the other joints' forces on this joint."""
         return _without(self.place, self.by)
 
 
@@ -193,7 +193,7 @@ class Passed(NamedTuple):
 
 
 class ModalStepping(eqx.Module):
-    """All that the stepping of a record needs, as `jbw.oscillator.solver.Stepping` of one mode.
+    """The data for stepping a record of modes (of one: `jbw.oscillator.solver.Stepping`).
 
     Attributes:
         step: Constants of the step.
