@@ -1,4 +1,4 @@
-r"""Which joints which modes tell apart, before any test.
+r"""The joints that given modes can tell apart, before any test.
 
 Weak motion of mode i at amplitude a tells two numbers alone, its softening and its losses:
 

@@ -25,7 +25,7 @@ BY_CHANCE = 0.01  # readings that other joints explain no worse: this share of t
 
 @dataclass(frozen=True, eq=False)
 class JointStarts:
-    """What one-mode readings tell of every joint.
+    """The estimates of all joints from readings of single modes.
 
     Attributes:
         estimate: S_j or O_j of every joint, none negative.

@@ -1,4 +1,4 @@
-"""What records do not say, put to a person one by one: `jbw init --ask`.
+"""The questions to a person on what records do not show, one by one: `jbw init --ask`.
 
 First the channels of a file none of which is named like a response, then the doubtful lines.
 

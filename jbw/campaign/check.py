@@ -139,7 +139,7 @@ def _checked_joints(
 
 @dataclass
 class _CheckedTest:
-    """What the repeats of a test say, one after the other, so that none is held in memory."""
+    """The results of the repeats of a test, read in turn so that none is held in memory."""
 
     rows: list[Row] = field(default_factory=list)
     codes: set[int] = field(default_factory=set)  # exit codes that its faults ask for

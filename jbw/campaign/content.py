@@ -1,4 +1,4 @@
-"""What kind of test a file holds, by its samples or by its table of frequencies and amplitudes."""
+"""The kind of test in a file, from its samples or its table of frequencies and amplitudes."""
 
 from collections.abc import Mapping
 from typing import Literal

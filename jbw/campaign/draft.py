@@ -87,7 +87,7 @@ FEW_COLUMNS = 16  # a table of more is no record of a few channels
 
 @dataclass(frozen=True)
 class Looked:
-    """What one look into a file shows."""
+    """The content that one look into a file shows."""
 
     leaves: Leaves  # all arrays
     series: Leaves  # those that may be channels
@@ -512,7 +512,7 @@ def _levels(
 
 
 class DraftedClock(NamedTuple):
-    """What a draft says of the sampling of a test."""
+    """The sampling of a test, as a draft states it."""
 
     is_known: bool  # the rate needs no word
     unused: tuple[str, ...] = ()  # roles that are not drafted

@@ -25,7 +25,7 @@ FORCES = ("restoring_force", "force")
 
 
 class ResponseOrigin(NamedTuple):
-    """Where the response of a record comes from, and what of it a test uses."""
+    """The origin of a record's response, and the part of it that a test uses."""
 
     test: str
     record: str

@@ -1,4 +1,4 @@
-"""What a command is given: campaign files, folders that hold one, or records to draft one from."""
+"""The input of a command: campaign files, folders with one, or records to draft one from."""
 
 import tomllib
 from collections.abc import Callable, Sequence

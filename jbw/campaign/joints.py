@@ -43,7 +43,7 @@ _UNMOVED = 1e-2  # of the joint that moves most: B is a millionth
 
 @dataclass(frozen=True)
 class JointsCheck:
-    """What a campaign's joints are to its modes.
+    """The shares of a campaign's joints in its modes, and the separability of the joints.
 
     Attributes:
         joints: Names of the joints.

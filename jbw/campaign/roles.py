@@ -1,4 +1,4 @@
-"""What the channels of a file are: by their names and labels, and by the units that it gives."""
+"""The roles of a file's channels, from their names and labels and the units that it states."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -47,7 +47,7 @@ BY_QUANTITY = {
 
 
 class Channel(NamedTuple):
-    """What one channel is taken for."""
+    """The assumed meaning of one channel."""
 
     path: str
     unit: str  # as the file states it, or as its name does

@@ -53,7 +53,7 @@ References = Annotated[
 
 
 class Identify(FileTable):
-    """What to fit, what to hold out, and how to draw; every default stands here.
+    """The settings of what to fit, what to hold out and how to draw, with every default.
 
     None stands for what the data or the sampler decide.
     """

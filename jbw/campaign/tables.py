@@ -55,7 +55,7 @@ class Head(FileTable):
 
     @property
     def instruments(self) -> "Instruments":
-        """What is stated of clock and calibration."""
+        """The stated errors of clock and calibration."""
         # A base is kept as the force per mass on what stands on it.
         by_role = {"input" if role == BASE else role: x for role, x in self.gain_std.items()}
         return Instruments(self.fs_std or 0.0, by_role)
@@ -215,7 +215,7 @@ class TestSpec(FileTable):
 
     @property
     def traits(self) -> Traits:
-        """What its kind is."""
+        """The properties of the test's kind."""
         return KINDS[self.kind]
 
     @property
@@ -225,7 +225,7 @@ class TestSpec(FileTable):
 
     @property
     def driven_by(self) -> str:
-        """What drives it, as far as the campaign file alone says it; as `drive_of` of its test."""
+        """The drive, as far as the campaign file alone states it, in the words of `drive_of`."""
         if self.drive or self.traits.is_prescribed:
             return self.drive or ""
         if self.traits.is_free:

@@ -1,4 +1,4 @@
-"""What jbw says of itself: documentation, words explained, JSON Schemas, completion."""
+"""The commands on jbw itself: documentation, explained words, JSON Schemas, completion."""
 
 import re
 import sys

@@ -1,4 +1,4 @@
-"""What commands that compute share: JAX, and how far they are, a line a stage and one a chain.
+"""The shared parts of commands that compute: JAX, and progress by a line per stage and chain.
 
 What is under way within a stage comes as messages of the logger `jbw.progress`.
 """

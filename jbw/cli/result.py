@@ -1,4 +1,4 @@
-"""What is written of a finished run: `jbw report DIR` and `jbw export DIR`."""
+"""The commands that write files of a finished run: `jbw report DIR` and `jbw export DIR`."""
 
 from pathlib import Path
 from typing import Any

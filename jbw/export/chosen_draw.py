@@ -1,4 +1,4 @@
-"""Which draw of a posterior stands for the joint where another program takes one joint alone."""
+"""The choice of the posterior draw that stands for the joint in programs that take one joint."""
 
 from collections.abc import Mapping
 from typing import NamedTuple

@@ -251,7 +251,7 @@ def _write_rows(
 
 
 class RunExport(NamedTuple):
-    """What an export holds, and what writes it.
+    """The content of an export, and the function that writes it.
 
     Attributes:
         about: The run's verdict and what is exported, a line each.

@@ -1,4 +1,4 @@
-"""What one draw of the joint is to other programs: linear parts, curves, loops and materials."""
+"""The parts of one joint draw for other programs: linear parts, curves, loops, materials."""
 
 from collections.abc import Mapping
 

@@ -54,7 +54,7 @@ LINEAR = (
 
 @dataclass(frozen=True)
 class Export:
-    """What `write_export` writes; other conventions than jbw's only where they know the law."""
+    """The values that `write_export` writes; other conventions only where they have the law."""
 
     about: tuple[str, ...]  # the run's verdict and which draw this is, a line each
     joint: dict[str, float]  # parameters of the draw that is exported

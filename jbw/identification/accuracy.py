@@ -1,4 +1,4 @@
-"""What the verdict needs beside the chains: the solver's error, coloured residuals."""
+"""The checks that the verdict needs in addition to the chains: solver error, coloured residuals."""
 
 from collections.abc import Mapping, Sequence
 

@@ -231,7 +231,7 @@ def _mode(spectra: Spectra, omega: float, zeta: float, remedy: str) -> Suspect:
 
 
 class Cause(NamedTuple):
-    """What might be wrong, the share of the misfit that it would explain, and what to do."""
+    """A possible cause of the misfit, the share that it would explain, and what to do."""
 
     text: str
     explained: float

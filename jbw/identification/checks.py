@@ -1,4 +1,4 @@
-"""What a joint posterior is checked for: findings, sentences, and arrays to keep beside its draws.
+"""The checks of a joint posterior: findings, sentences, and arrays to keep with its draws.
 
 A check is a function of what the checks read, `CheckedPosterior`, and leaves an `Outcome`. One that
 fails is left out, and the finding on incomplete checks says so.
@@ -89,7 +89,7 @@ STUCK = {"frozen_chain", "r_hat"}  # findings of a sampler that does not fit the
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one check leaves."""
+    """The outcome of one check."""
 
     finding: Finding | None = None  # None where nothing speaks for the posterior or against it
     statements: Sequence[str] = ()  # sentences for the reader
@@ -98,7 +98,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Checks:
-    """What the checks of a posterior say."""
+    """The results of all checks of a posterior."""
 
     findings: tuple[Finding, ...]  # of the chains, the fit and the posterior
     amendments: tuple[Amendment | None, ...]  # what the errors of the fit say of findings
@@ -114,7 +114,7 @@ class Checks:
 
 @dataclass(frozen=True)
 class CheckedPosterior:
-    """What the checks read."""
+    """The input of the checks: the draws and the fit of one posterior, and a random key."""
 
     key: Key[Array, ""]
     draws: xr.Dataset
@@ -122,7 +122,7 @@ class CheckedPosterior:
 
     @property
     def data(self) -> Dataset:
-        """What was fitted."""
+        """The fitted data."""
         return self.fitted.data
 
     @cached_property

@@ -1,4 +1,4 @@
-r"""What frequency and damping against amplitude say of the joint, before any law is fitted.
+r"""The joint's diagnosis from frequency and damping against amplitude, before a law is fitted.
 
 $$\omega(Y) = \omega_0 (1 - a\,(Y/Y_{max})^q), \qquad \zeta(Y) = \zeta_0 + b\,(Y/Y_{max})^p,
   \qquad r = \frac{b}{a} = \frac{\Delta\zeta}{-\Delta\omega/\omega}$$

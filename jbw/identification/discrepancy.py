@@ -1,4 +1,4 @@
-r"""What a law misses beyond noise, as predictions take it: by amplitude, growing beyond the fitted.
+r"""The error of a law beyond noise, for predictions: by amplitude, growing beyond fitted ones.
 
 Standard deviations of natural frequency and damping ratio that runs left out of a fit show
 (`model_discrepancy`) hold within the amplitudes that were fitted, and grow with the distance d from
@@ -63,7 +63,7 @@ NO_SCATTER = Scatter(0.0)
 
 
 class Missed(NamedTuple):
-    """What a law misses within the amplitudes that were fitted."""
+    """The error of a law within the amplitudes that were fitted."""
 
     frequency: Scatter  # of the natural frequency, over itself [-]
     damping: Scatter  # of the damping ratio [-]
@@ -83,7 +83,7 @@ NOTHING = AtAmplitude(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """What a law leaves beyond noise on tests that were not fitted."""
+    """The error of a law beyond noise on tests that were not fitted."""
 
     forced: Missed
     decays: Missed  # the natural frequency over that of the beginning of a record

@@ -1,9 +1,9 @@
-r"""Which law do the data ask for? Laws side by side on one dataset, by what each predicts.
+r"""The comparison of laws on one dataset by evidence, from what each law predicts.
 
-All see the same values with the same weights: the noise, the misfit and the number of independent
-values that the law which leaves least shows, and the offsets of the runs where it shows any.
-A white likelihood would take every sample of a law's own error for news. The unit of evidence is
-the run: each is left out in turn, and predicted by what the others know (`law_scores`).
+All laws see the same values with the same weights: the noise, the misfit and the number of
+independent values that the law which leaves least shows, and the offsets of the runs where it shows
+any. A white likelihood would take every sample of a law's own error for news. The unit of evidence
+is the run: each is left out in turn, and predicted by what the others know (`law_scores`).
 
 Reference:
     For the weights of misfit, Grunwald and van Ommen (2017), Bayesian Analysis 12, 1069.

@@ -102,9 +102,9 @@ def from_amplitude_curve(
 
 
 class CurveMisfit(eqx.Module):
-    """What laws miss of frequency and damping against amplitude, in standard deviations.
+    """The error of laws in frequency and damping against amplitude, in standard deviations.
 
-    Equal ones of equal laws: what is compiled for one serves all.
+    Instances of equal laws are equal, so that code compiled for one serves all.
     """
 
     laws: tuple[str, ...] = eqx.field(static=True)

@@ -1,4 +1,4 @@
-"""What no law of the joint can be asked to beat: the scatter of repeats, a line of each run's own.
+"""The errors that no law can be asked to beat: scatter of repeats, linear fits of single runs.
 
 A law within a fifth of what the mean of the repeats scatters by needs no successor. A linear
 oscillator fitted to each run alone knows its level and its day; what it leaves bends within a run.

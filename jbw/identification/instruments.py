@@ -1,7 +1,7 @@
-r"""What a recorder's clock and its sensors' calibration add to a posterior, beside the records.
+r"""The uncertainty that a recorder's clock and sensor calibration add to a posterior.
 
-No record shows them. A clock that is off stretches time by $\lambda$, a sensor of the p-th
-derivative of the displacement that reads a part s too little stretches lengths by
+No record shows the errors of either. A clock that is off stretches time by $\lambda$, a sensor of
+the p-th derivative of the displacement that reads a part s too little stretches lengths by
 
 $$\ell = s\,\lambda^p,$$
 

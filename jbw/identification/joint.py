@@ -58,7 +58,7 @@ READINGS_KEY = 200  # of the seed: of single modes, where there are several join
 
 @dataclass(frozen=True)
 class JointProblem:
-    """What a joint posterior is asked of: the data, and what is known before they are fitted."""
+    """The input of a joint posterior: the data, and what is known before they are fitted."""
 
     data: Dataset  # every fitted test, reduced
     settings: Identify

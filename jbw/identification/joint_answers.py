@@ -1,4 +1,4 @@
-"""What several joints do to every mode that tests drive, by the posterior.
+"""The effect of several joints on every mode that tests drive, from the posterior.
 
 A mode alone, at the largest motion that was measured of it, with the shape that the joints leave it
 (`jbw.identification.joint_modes`). Sums over joints are what a mode tells; a joint by itself is

@@ -47,7 +47,7 @@ STUCK_NAMES = frozenset(name for pair in DRIVEN for name in pair)  # of modes, n
 
 
 class ModeNumbers(NamedTuple):
-    """Of driven modes at rising amplitudes, for every draw.
+    """The frequency, damping and joint contributions of driven modes at rising amplitudes, by draw.
 
     Attributes:
         omega: Frequency [rad/s].

@@ -1,4 +1,4 @@
-r"""What a law is scored by: the log predictive density of each run that it has not seen, evidence.
+r"""The scores of a law: log predictive density of each run that it has not seen, and evidence.
 
 $$\mathrm{elpd}_r = \log \int p(D_r | \theta, D_{-r})\, p(\theta | D_{-r})\, d\theta$$
 
@@ -43,7 +43,7 @@ SIZE, WORTH, ROUNDS = 256, 200.0, {True: 8, False: 24}
 
 @dataclass(frozen=True)
 class LeftOut:
-    """What a law makes of each run that it has not seen.
+    """The predictions of a law for each run that it has not seen: their scores and errors.
 
     Attributes:
         elpd: Log predictive density [nats].

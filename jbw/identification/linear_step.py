@@ -25,7 +25,7 @@ NAMES = ("omega_n", "zeta", "gain")
 
 @dataclass(frozen=True)
 class LinearStep:
-    """What Step 2 gives."""
+    """The result of Step 2, the line fit in the linear regime."""
 
     test: Test  # the noise test it read
     fits: tuple[LineFit, ...]  # one a repeat

@@ -34,7 +34,7 @@ NOISE_ROUNDS = 4
 
 @dataclass(frozen=True)
 class FRFLines:
-    """What is fitted: the lines of several outputs over one band, and by what."""
+    """The fitted lines of several outputs over one band, and the model that fits them."""
 
     outputs: tuple[FRF, ...]  # in the band
     num_modes: int

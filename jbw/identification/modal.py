@@ -232,7 +232,7 @@ class ModalFit:
 
     @property
     def theta(self) -> Real:
-        """What the covariance is of: omega, zeta, then the residues mode by mode."""
+        """The parameters of the covariance: omega, zeta, then the residues mode by mode."""
         return np.concatenate([self.omega, self.zeta, self.residues.ravel()])
 
     @property

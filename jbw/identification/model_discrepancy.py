@@ -123,7 +123,7 @@ class Rest(NamedTuple):
 
 
 class LeftOutRun(NamedTuple):
-    """What one run shows of the discrepancy when it is left out of the fit."""
+    """The discrepancy that one run shows when it is left out of the fit."""
 
     shift: Float[np.ndarray, " own"]  # of omega_n [rad/s] and zeta, that the law misses
     std: Float[np.ndarray, " own"]  # their standard errors; infinite where the run knows nothing
@@ -364,7 +364,7 @@ def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOut
 
 
 class FitOfAll(NamedTuple):
-    """What is the same of all runs that are left out."""
+    """The quantities that are common to all runs that are left out."""
 
     num_fits: int  # without some of them
     omega_n: float  # natural frequency of the fit of all [rad/s]
@@ -481,7 +481,7 @@ def _as_arrays_of_runs(
 
 
 class Learned(NamedTuple):
-    """What runs that are left out show together."""
+    """The combined discrepancy of all runs that are left out."""
 
     forced: Missed | None  # None of no such runs
     decays: Missed | None

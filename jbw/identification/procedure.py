@@ -1,6 +1,6 @@
-"""What an identification ends as: its posteriors, and what was fitted.
+"""The result of an identification: its posteriors, and what was fitted.
 
-Or as far as one posterior before anything is drawn: density, prior, data, fit.
+Also one posterior before anything is drawn: density, prior, data, fit.
 """
 
 import logging
@@ -39,7 +39,7 @@ STEPS = ("joint", "third_order", "opening")
 
 @dataclass(frozen=True)
 class Posteriors:
-    """What was drawn from a campaign and checked, before it is judged."""
+    """The drawn and checked posteriors of a campaign, before they are judged."""
 
     joint: JointPosterior
     checks: Checks  # of the joint posterior
@@ -110,7 +110,7 @@ class Posterior:
 
 @dataclass(frozen=True)
 class Known:
-    """What a finished run knows of a posterior; empty where it does not."""
+    """The prior bounds and means that a finished run states; empty where it states none."""
 
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # the joint's prior
     means: Mapping[str, float] = field(default_factory=dict)  # Step 3's: zeta, alpha and delta

@@ -1,4 +1,4 @@
-"""Which test feeds which step; what is fitted and what is held out, fixed before any fit."""
+"""The assignment of tests to steps, and the split into fitted and held-out, before any fit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

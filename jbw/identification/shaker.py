@@ -1,4 +1,4 @@
-"""What the shaker of a test adds to its structure, by voltage, force and drive point."""
+"""The attachment that a test's shaker adds, from its voltage, force and drive point."""
 
 from dataclasses import dataclass, replace
 

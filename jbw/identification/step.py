@@ -1,4 +1,4 @@
-"""What every posterior of the procedure ends as."""
+"""The final form of every posterior of the procedure: draws, verdict, fit and statements."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

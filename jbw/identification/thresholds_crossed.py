@@ -1,4 +1,4 @@
-r"""Where a fit may lie on the other side of what a law keeps for larger motions.
+r"""The possible fits on the other side of a threshold that a law keeps for larger motions.
 
 Whether the largest motion reached a macroslip, a stop or a slip parts the parameters: a fit that
 begins on one side of a threshold seldom crosses it, though the data may ask for the other. One that

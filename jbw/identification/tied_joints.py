@@ -59,7 +59,7 @@ USUAL: tuple[Laws, ...] = ((), ("cubic",), ("bouc_wen",), ("bouc_wen_nu",), ("iw
 
 
 class TiedEvidence(NamedTuple):
-    """What the evidence says of one law for joints that have laws of one kind.
+    """The evidence for one shared law of joints that have laws of one kind.
 
     Attributes:
         laws: Names of the laws with the joints that share each.
@@ -89,7 +89,7 @@ class TiedEvidence(NamedTuple):
 
     @property
     def attrs(self) -> dict[str, Any]:
-        """The same in plain values, as attributes of the joints' group."""
+        """The evidence in plain values, as attributes of the joints' group."""
         facts = {
             "laws": " + ".join(self.laws),
             "log_evidence_ratio": self.log_ratio,

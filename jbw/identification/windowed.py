@@ -1,4 +1,4 @@
-"""What a window does to the FRF of an oscillator: its smeared mean and the errors it leaves."""
+"""The effect of a window on an oscillator's FRF: its smeared mean, and the errors that remain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Which tests a figure draws, where a campaign has more of them than a page has room for."""
+"""The choice of the tests that a figure draws, where a campaign has too many for a page."""
 
 from typing import Literal
 

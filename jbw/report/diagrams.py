@@ -135,7 +135,7 @@ def _symbol(parameter: PosteriorParameter) -> str:
 
 
 class StepOutcome(NamedTuple):
-    """What one sampler of a step came to: what it found, how it mixed, its verdict."""
+    """The outcome of one sampler of a step: its estimates, its mixing and its verdict."""
 
     words: str
     mixing: str = ""

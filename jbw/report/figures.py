@@ -125,7 +125,7 @@ def figure_of(drawn: Any) -> Figure:
 
 
 class DrawnFigure(NamedTuple):
-    """What a figure came to."""
+    """The outcome of drawing one figure."""
 
     svg: str = ""  # in the page's themes
     rest: str = ""  # the same of the tests that it leaves, where there are some

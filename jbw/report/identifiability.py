@@ -1,4 +1,4 @@
-"""Which parameters and combinations the data know: spectrum, profiles, tables."""
+"""The parameters and combinations that the data constrain: spectrum, profiles, tables."""
 
 import re
 from functools import partial

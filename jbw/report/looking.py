@@ -1,4 +1,4 @@
-"""What records show without a model: every channel in time and in frequency, and all tests."""
+"""The figures of records without a model: each channel over time and frequency, and all tests."""
 
 import re
 from collections.abc import Iterable

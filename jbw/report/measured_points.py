@@ -1,4 +1,4 @@
-"""What the records show without a model, as points beside the model's backbone."""
+"""The readings of records without a model, as points next to the model's backbone."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""What a run found, before any table: five sentences, the parameters that are known, one picture.
+"""The findings of a run before any table: five sentences, the known parameters, one picture.
 
 The sentences: what the joint does, the errors of the fitted tests and of those held out, which
 parameters are not identified, what to do next.

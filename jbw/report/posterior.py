@@ -1,4 +1,4 @@
-"""What the data said about each parameter, and whether the chains can be trusted."""
+"""The figures of what the data show about each parameter, and of the reliability of the chains."""
 
 import textwrap
 from collections.abc import Iterable, Sequence

@@ -1,4 +1,4 @@
-"""What a run left behind, as figures and tables read it: groups, names, parameters, tests."""
+"""The result of a run, as figures and tables read it: groups, names, parameters, tests."""
 
 import json
 import shlex

@@ -15,7 +15,7 @@ from jbw.report.words import Badge
 
 @dataclass(frozen=True)
 class Sheet:
-    """What stands on the page, from above."""
+    """The content of a page without its figures, from top to bottom."""
 
     title: str
     subtitle: str  # one line below the title

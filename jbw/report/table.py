@@ -13,7 +13,7 @@ MARKS = {"good": "green", "doubt": "yellow", "bad": "bold red", "flag": "bold"}
 
 
 class Cell(NamedTuple):
-    """What stands in one place of a table."""
+    """The content of one cell of a table."""
 
     text: str  # as people read it, on the page
     mark: str = ""  # good, doubt, bad or flag; empty for nothing special
@@ -70,7 +70,7 @@ class Table:
 
     @property
     def meanings(self) -> str:
-        """What the columns mean, and the note."""
+        """The meanings of the columns, and the note."""
         meant = [
             f"{' '.join(column.heading.split())}: {column.meaning}."
             for column in self.columns_shown("page")

@@ -1,4 +1,4 @@
-"""What a person reads first: verdicts, findings, and which parameters are known, in sentences."""
+"""The sentences that a person reads first: verdicts, findings and known parameters."""
 
 import re
 import unicodedata

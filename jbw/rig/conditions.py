@@ -1,4 +1,4 @@
-"""What a laboratory suffers from: noise, distortion, delay, converters, joints of the day."""
+"""The disturbances of a laboratory: noise, distortion, delay, converters, daily joint changes."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ DAYS = 0xDA75  # stream of the joint's day-to-day variation; tests use the check
 
 @dataclass(frozen=True)
 class Conditions:
-    """What the records suffer from: arguments of `jbw.rig.measure`."""
+    """The disturbances of the records: arguments of `jbw.rig.measure`."""
 
     seed: int
     fs: float

@@ -19,11 +19,11 @@ Kept = Any  # of the past: a number or an array, integrated
 
 
 class Force(eqx.Module):
-    """What one element of a joint exerts, per unit modal mass; by itself it keeps nothing."""
+    """The force of one element of a joint per unit modal mass; the base class keeps no state."""
 
     @property
     def stiffness(self) -> Scalar:
-        """At rest [1/s^2]."""
+        """The stiffness at rest [1/s^2]."""
         return 0.0
 
     def at_rest(self) -> Kept:
@@ -52,7 +52,7 @@ class BoucWenForce(Force):
 
     @property
     def stiffness(self) -> Scalar:
-        """Of the joint that sticks."""
+        """The stiffness of the fully stuck joint [1/s^2]."""
         return self.alpha
 
     def at_rest(self) -> Kept:
@@ -78,7 +78,7 @@ class BoucWenNuForce(Force):
 
     @property
     def stiffness(self) -> Scalar:
-        """Of the joint that sticks."""
+        """The stiffness of the fully stuck joint [1/s^2]."""
         return self.nu_stiffness
 
     def at_rest(self) -> Kept:
@@ -117,7 +117,7 @@ class WornForce(Force):
 
     @property
     def stiffness(self) -> Scalar:
-        """Before damage."""
+        """The stiffness before damage [1/s^2]."""
         return self.bwbn_stiffness
 
     def at_rest(self) -> Kept:
@@ -150,7 +150,7 @@ class SliderForces(Force):
 
     @property
     def stiffness(self) -> Scalar:
-        """Of all while they stick."""
+        """The stiffness of all sliders while they stick [1/s^2]."""
         return jnp.sum(self.springs)
 
     def at_rest(self) -> Kept:

@@ -1,4 +1,4 @@
-"""Which of the rig's own forces stand for a law of the identification: one line a law.
+"""The rig's own forces that stand for the laws of the identification: one line per law.
 
 Laws of Masing's kind are sliders side by side, three hundred in bins that grow with the square of
 the slip's cube root, each of which has the integrals of its bin. With a density near the inverse

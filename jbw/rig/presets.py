@@ -1,4 +1,4 @@
-"""What is measured on the rig: the paper's cantilever, its tests and six ways to measure it.
+"""The measurements on the rig: the paper's cantilever, its tests and six ways to measure it.
 
 `everyday` is a working day of a laboratory: the structure is taken apart and assembled anew between
 three days, of which omega_n scatters by 0.18 % as in the paper and zeta by 3 %; the laser leaves

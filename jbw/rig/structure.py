@@ -90,7 +90,7 @@ class Assembled(NamedTuple):
 
 
 class RigMotion(NamedTuple):
-    """What moves, at the samples."""
+    """The motions of structure, drive point and joint, and the shaker force, at the samples."""
 
     displacement: Float[np.ndarray, " time"]  # of the output [m]
     velocity: Float[np.ndarray, " time"]  # of the output [m/s]

@@ -1,4 +1,4 @@
-"""What a file of matrices holds."""
+"""The content of a file of matrices."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""What every program's export shares: its record, the joint's parameters and the templates."""
+"""The shared parts of the programs' exports: record, joint parameters and templates."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator

@@ -1,1 +1,1 @@
-"""What is the paper's alone: Steps 3 and 4 by its cut, for the law of Bouc and Wen."""
+"""The paper's own Steps 3 and 4, with earlier results held at their means, for Bouc-Wen's law."""

@@ -1,4 +1,4 @@
-"""What would explain the residual of a fit: common mistakes, and their remedies."""
+"""The messages on possible causes of a fit's residual: common mistakes, and their remedies."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""What the commands print beside their tables."""
+"""The messages that the commands print in addition to their tables."""
 
 from collections.abc import Sequence
 

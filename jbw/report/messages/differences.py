@@ -1,4 +1,4 @@
-"""What two runs say of a difference: which parameters differ, and what the probability omits."""
+"""The messages on a difference of two runs: parameters that differ, limits of the probability."""
 
 from collections.abc import Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""What is said of the model discrepancy: what a law misses of runs that its fit has not seen."""
+"""The messages on the model discrepancy: the error of a law on runs that its fit has not seen."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""What a joint does to frequency and damping, and what a backbone shows of its law."""
+"""The messages on a joint's effect on frequency and damping, and on its law from a backbone."""
 
 from collections.abc import Sequence
 

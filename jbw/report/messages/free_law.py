@@ -1,4 +1,4 @@
-"""What readings of frequency and damping say of a joint without the form of a law."""
+"""The messages on readings of frequency and damping of a joint without the form of a law."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""What the data identify: directions, grades of parameters, ties, profiles, starts of the fit."""
+"""The messages on identified quantities: directions, parameter grades, ties, profiles, starts."""
 
 from collections.abc import Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""What a comparison of laws says: which is best, which the data distinguish from it, and why."""
+"""The messages on a comparison of laws: the best law, the laws distinguished from it, and why."""
 
 from collections.abc import Mapping, Sequence
 

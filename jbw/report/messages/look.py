@@ -1,4 +1,4 @@
-"""What records say without a model of the joint: nonlinear or not, from where, which scatter."""
+"""The messages on records without a model of the joint: nonlinearity, its onset, scatter."""
 
 from collections.abc import Sequence
 from math import floor, log10

@@ -10,7 +10,7 @@ Template = str | Callable[..., str]
 
 
 class Message(NamedTuple):
-    """What the catalogue holds of one code.
+    """The entry of the catalogue for one code.
 
     Attributes:
         code: Of the finding; behind a point the variant that the sentence is for, as in
@@ -33,7 +33,7 @@ class Message(NamedTuple):
 
 
 class FaultText(NamedTuple):
-    """What is wrong with data or a campaign file, why that matters, and what to do."""
+    """The text of a fault of data or a campaign file: what is wrong, why it matters, what to do."""
 
     what: str
     why: str = ""

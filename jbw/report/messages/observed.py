@@ -1,4 +1,4 @@
-"""What the fit of a kind of test says of it: its mode, its residual, its scatter."""
+"""The messages on the fit of a kind of test: its mode, its residual, its scatter."""
 
 from jbw.report.messages.message import percent
 

@@ -1,4 +1,4 @@
-"""What a run begins with: effect of the joint, errors, identifiability, what to do next."""
+"""The opening messages of a run: effect of the joint, errors, identifiability, what to do next."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""What a plan says: what it rests on, which tests it recommends, what they leave open."""
+"""The messages of a plan: its basis, the recommended tests, and what these leave open."""
 
 from collections.abc import Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""What several units of one joint share: scatter, trends with torque, and how far to trust them."""
+"""The messages on several units of one joint: scatter, trends with torque, their reliability."""
 
 from collections.abc import Mapping, Sequence
 

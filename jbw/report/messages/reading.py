@@ -1,4 +1,4 @@
-"""What is said of files and records as they are read, resampled and reduced."""
+"""The messages on files and records as they are read, resampled and reduced."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""What a run's folder and its interruption say."""
+"""The messages on a run's folder and its interruption."""
 
 RESTORE = "Restore it, or begin a new run in another folder: jbw identify CAMPAIGN --out DIR."
 REPEAT = "Free some space, and repeat the command: it goes on with the parts that are kept."

@@ -1,4 +1,4 @@
-"""What an identification is doing, and the parts of a result that may fail by themselves."""
+"""The progress messages of an identification, and the parts of a result that may fail alone."""
 
 READING_RECORDS = "Reading the records without a model"
 DRAWING = "Drawing the posterior"

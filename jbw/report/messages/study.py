@@ -1,4 +1,4 @@
-"""What a study says beside its findings: Step 2, modes outside the band, exports, fleets."""
+"""The messages of a study other than findings: Step 2, modes outside the band, exports, fleets."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""What a watch says of a record: alarm or none, what changed, which torque explains it."""
+"""The messages of a watch on a record: alarm or not, the change, the torque that explains it."""
 
 from jbw.report.messages.message import percent
 
