@@ -65,7 +65,7 @@ class JointsCheck:
     model: ReducedModel | None = None
 
     def as_json(self) -> dict[str, Any]:
-        """Return the same as plain values."""
+        """Return the check as plain values."""
         separability = self.separability
         return {
             "joints": list(self.joints),

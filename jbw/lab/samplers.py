@@ -271,7 +271,7 @@ def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:
 
 
 def exact_numbers(tree: xr.DataTree) -> dict[str, Row]:
-    """Return the same from the table of a quadrature, with the errors that it states."""
+    """Return the numbers of a posterior from the table of a quadrature, with the stated errors."""
     table = tree["exact"].to_dataset()
     error = float(tree.attrs["quadrature_error"])
     rows: dict[str, Row] = {}

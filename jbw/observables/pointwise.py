@@ -117,7 +117,7 @@ def _solved(
     task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]],
     threads: int,
 ) -> Solved | None:
-    """Return the sums of every part at draws, with the rows that its records ask for."""
+    """Return the residual sums of every part at draws, with the rows that its records need."""
     key, data, rows = task
     point = {name: values for name, values in theta.items() if name != SEED}
     asked = [None if part_rows is None else part_rows.rows for part_rows in rows]

@@ -252,7 +252,7 @@ def left_out(
 def _design_rows(
     design: CovariateDesign, d: int, u: Array | None
 ) -> Float[Array, "unit d coefficient"]:
-    """Return the coordinates of every unit as a product with the line, coordinate by coordinate."""
+    """Return the design matrix of every unit: its coordinates are this matrix times the line."""
     x = jnp.repeat(jnp.asarray(design.x)[:, None], d, axis=1)
     if u is not None:
         j = design.columns.index(TORQUE)

@@ -191,7 +191,7 @@ def _backbone(tree: xr.DataTree) -> Drawn:
 
 
 class CurvePoints(NamedTuple):
-    """A curve or the outline of a band, not a number between its parts."""
+    """The points of a curve or of a band's outline; a NaN separates its parts."""
 
     x: Values
     y: Values

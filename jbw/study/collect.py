@@ -229,7 +229,7 @@ def _with_conv(step: Step, energy: np.ndarray, unit: str) -> xr.Dataset:
 
 
 def _conv_of_velocity(steps: Mapping[str, Step], sweeps: Sweeps) -> Groups:
-    """Return conv(n) of the velocity for gamma alone: its energy is a smooth function of gamma."""
+    """Return the energy of the velocity, conv(n) of Step 4, at each draw of gamma alone."""
     test = sweeps.fitted[-1]
     whole = replace(test, records=test.records[:1], settle=0.0, band_hz=None)
     data = Records.of([whole], laws=DEFAULT_LAWS, substeps=SUBSTEPS)

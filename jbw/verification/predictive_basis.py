@@ -137,7 +137,7 @@ class Basis:
         *,
         missed: AtAmplitude = NOTHING,
     ) -> Draws:
-        """Return the same with omega_n and zeta of the test's own run, where that was fitted.
+        """Return the draws for a test, with omega_n and zeta of its own run where that was fitted.
 
         Free decays have draws of their own posterior, and involve no gain.
         """

@@ -172,7 +172,7 @@ def _table(table: Any) -> list[Dof]:
 
 
 def _nodes(table: Any) -> Mapping[str, Position] | None:
-    """Return the positions of a file or in memory; None of none."""
+    """Return the positions of the nodes, from a file or in memory; None if none are given."""
     if table is None:
         return None
     if isinstance(table, str | Path):

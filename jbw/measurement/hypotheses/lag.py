@@ -72,7 +72,7 @@ class Delay(_Lag):
         return np.full(len(signal.time), values[0])
 
     def matters(self, values: Reals, fits: Any) -> bool:
-        """Return whether it is 1 % of a period, not the other sign, and that of the beginning."""
+        """Return whether a lag exceeds 1 % of a period, is no turned sign, and holds at first."""
         if not LEAST_DELAY <= abs(values[0]) <= OTHER_SIGN:
             return False
         signal = fits.signal

@@ -243,7 +243,7 @@ class BoucWenNu(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """Return two short moves, and the impulse of the slope's jump, 2 alpha g |w|^nu."""
+        """Return two short moves about a reversal and the impulse of its kink, 2 alpha g |w|^nu."""
         path = StepPath.through(ends, quartic)
         w_turn = self._stretched(memory, path.before)
         jump = self.nu_stiffness * (

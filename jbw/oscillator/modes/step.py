@@ -336,7 +336,7 @@ def seen_by_joints(
 
 
 def remainder(at: Begun) -> Remainder:
-    """Return the remainder of a joint's laws at the start and h times its rate."""
+    """Return the remainder of a joint's laws when a step begins, and h times its rate."""
     return Remainder(*remainders(at.kernel.laws, at.kernel.dt, at.state, at.branches))
 
 

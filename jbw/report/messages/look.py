@@ -125,7 +125,7 @@ def likely_laws(laws: Sequence[str]) -> str:
 def between_ends(
     y: Sequence[float], shift: float, half_widths: float, damping: tuple[float, float], kind: str,
 ) -> str:  # fmt: skip
-    """Return the message on the same of one reading a record: the last against the first."""
+    """Return the message on how the last of single readings differs from the first."""
     word = f"yes, it {kind}, if records differ in nothing but amplitude" if kind else "not detected"
     return (
         f"Nonlinear: {word}. From {reach(y)} ({len(y)} readings, too few for an exponent) the "
