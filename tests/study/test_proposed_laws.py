@@ -73,5 +73,5 @@ def test_of_several_laws_the_one_that_fits_best_is_taken(tmp_path):
     tried = ("cubic_damping", "quadratic_damping")
     chosen, sentence = proposed(seen, tried, 0, lambda _: None)
     assert chosen.laws == ("quadratic_damping",)
-    assert "(before " in sentence
+    assert "before " in sentence
     assert "cubic_damping by" in sentence
