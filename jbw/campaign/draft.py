@@ -140,8 +140,6 @@ def start_campaign(
     # File and what was assumed of it.
     assumed = [(path.name, messages.to_export(EXPORTS[path.suffix.lower()]))
                for path in there if path.suffix.lower() in EXPORTS]  # fmt: skip
-    blocks: list[str] = []
-    names: list[str] = []
     groups = [sorted(repeats) for _, repeats in groupby(visible, key=_stem)]
     if len(groups) > MOST_GROUPS:
         raise DataError(
@@ -151,21 +149,8 @@ def start_campaign(
             remedy="Put the records of one joint into a folder of its own, or number its repeats: "
             f"sweep_1{visible[0].suffix}, sweep_2{visible[0].suffix}.",
         )
-    curves = _frequencies_of_curves(groups)
     torques = {_torque_of(repeats[0]) for repeats in groups}
-    for repeats in groups:
-        file_blocks = _blocks(repeats, assumed, curves, named)
-        if len(torques) > 1 and (torque := _torque_of(repeats[0])):
-            line = messages.assembly(toml(torque))
-            file_blocks = [block.replace(CHANNELS, f"\n{line}{CHANNELS}") for block in file_blocks]
-        names += [_name_of(repeats[0], i, len(file_blocks)) for i in range(len(file_blocks))]
-        blocks += file_blocks
-    if len(torques - {""}) > 1:
-        of_torques = [_pattern(repeats) for repeats in groups if _torque_of(repeats[0])]
-        patterns = [files if isinstance(files, str) else " ".join(files) for files in of_torques]
-        assumed.append(("", messages.torques(patterns)))
-    blocks = _bands_together(blocks, folder, assumed)
-    blocks = _named(blocks, names)
+    blocks = _tests(groups, folder, torques, assumed, named)
     if model:
         assumed.append(("", messages.matrices([path.name for path in model.paths])))
         blocks.append("\n".join([*structure_lines(model, folder), ""]))
@@ -174,12 +159,7 @@ def start_campaign(
             f"Folder `{folder}` has no measurement file that can be read.",
             remedy=" ".join(["Suffixes: " + ", ".join(READERS) + ".", *_once(assumed)]),
         )
-    name = f"name = {toml(folder.resolve().name or 'campaign')}"
-    offered = commented(Head, ("modal_mass", "gain")[mass is not None :])
-    stated = [] if mass is None else [f"modal_mass = {toml(mass)}"]
-    head = [messages.HEAD, name, *stated, *offered, ""]
-    if len(torques) == 1 and any(torques):
-        head += [messages.of_one_torque(toml(_in_newton_metres(*torques))), ""]
+    head = _head(folder, mass, torques)
     drafted = any("\nband = " in block for block in blocks)
     optional = commented(TestSpec, [key for key in OPTIONAL if not (drafted and key == "band")])
     foot = [
@@ -191,6 +171,42 @@ def start_campaign(
         "",
     ]
     return Draft("\n".join([*head, *blocks, *foot]), tuple(_once(assumed)))
+
+
+def _head(folder: Path, mass: float | None, torques: Collection[str]) -> list[str]:
+    """Return the lines of [campaign], and of [assembly] where all names have one torque."""
+    name = f"name = {toml(folder.resolve().name or 'campaign')}"
+    offered = commented(Head, ("modal_mass", "gain")[mass is not None :])
+    stated = [] if mass is None else [f"modal_mass = {toml(mass)}"]
+    head = [messages.HEAD, name, *stated, *offered, ""]
+    if len(torques) == 1 and any(torques):
+        head += [messages.of_one_torque(toml(_in_newton_metres(*torques))), ""]
+    return head
+
+
+def _tests(
+    groups: Sequence[Sequence[Path]],
+    folder: Path,
+    torques: Collection[str],
+    assumed: list[tuple[str, str]],
+    named: Named,
+) -> list[str]:
+    """Return the [[test]] tables of all repeats, named, with their assemblies and bands."""
+    blocks: list[str] = []
+    names: list[str] = []
+    curves = _frequencies_of_curves(groups)
+    for repeats in groups:
+        file_blocks = _blocks(repeats, assumed, curves, named)
+        if len(torques) > 1 and (torque := _torque_of(repeats[0])):
+            line = messages.assembly(toml(torque))
+            file_blocks = [block.replace(CHANNELS, f"\n{line}{CHANNELS}") for block in file_blocks]
+        names += [_name_of(repeats[0], i, len(file_blocks)) for i in range(len(file_blocks))]
+        blocks += file_blocks
+    if sum(map(bool, torques)) > 1:
+        of_torques = [_pattern(repeats) for repeats in groups if _torque_of(repeats[0])]
+        patterns = [files if isinstance(files, str) else " ".join(files) for files in of_torques]
+        assumed.append(("", messages.torques(patterns)))
+    return _named(_bands_together(blocks, folder, assumed), names)
 
 
 def _torque_of(path: Path) -> str:

@@ -42,29 +42,30 @@ def campaigns_of(given: Sequence[Path], tell: Tell, mass: float | None = None) -
     campaigns = []
     for path in given:
         if path not in named:
-            drafted, campaign = _of_folder(path, tell, mass) if path.is_dir() else (False, path)
+            is_folder = path.is_dir()
+            campaigns.append(_of_folder(path, tell, mass) if is_folder else _there(path, mass))
         elif path is named[0]:
-            drafted, campaign = _of_records(named, tell, mass)
-        else:
-            continue
-        if mass is not None and not drafted:
-            what, remedy = messages.mass_of_campaign(str(campaign), f"{mass:g}")
-            raise ConfigError(what, remedy=remedy)
-        campaigns.append(campaign)
+            campaigns.append(_of_records(named, tell, mass))
     return campaigns
 
 
-def _of_folder(folder: Path, tell: Tell, mass: float | None) -> tuple[bool, Path]:
-    """Return whether a campaign was drafted, and its file."""
+def _there(campaign: Path, mass: float | None) -> Path:
+    """Return a campaign file that is there already; refuse a modal mass, which it states itself."""
+    if mass is not None:
+        what, remedy = messages.mass_of_campaign(str(campaign), f"{mass:g}")
+        raise ConfigError(what, remedy=remedy)
+    return campaign
+
+
+def _of_folder(folder: Path, tell: Tell, mass: float | None) -> Path:
     if (campaign := campaign_in(folder)) is not None:
-        return False, campaign
+        return _there(campaign, mass)
     if any(folder.glob("*.toml")) or not measurement_files(folder):
         require_file(folder, *CAMPAIGN)  # which names one of several, or the command that drafts
-    return True, _written(start_campaign(folder, mass=mass), folder / NAMED, tell)
+    return _written(start_campaign(folder, mass=mass), folder / NAMED, tell)
 
 
-def _of_records(records: Sequence[Path], tell: Tell, mass: float | None) -> tuple[bool, Path]:
-    """Return whether a campaign was drafted, and its file."""
+def _of_records(records: Sequence[Path], tell: Tell, mass: float | None) -> Path:
     folders = {path.resolve().parent for path in records}
     if len(folders) > 1:
         what, why, remedy = messages.several_folders(sorted(map(str, folders)))
@@ -73,13 +74,13 @@ def _of_records(records: Sequence[Path], tell: Tell, mass: float | None) -> tupl
     first, *others = records
     path = first.with_name(f"{shared_name(first) if others else first.stem}.toml")
     if not path.exists():
-        return True, _written(draft, path, tell)
+        return _written(draft, path, tell)
     require_file(path, *CAMPAIGN)
     if _files_of(path.read_text("utf-8")) != _files_of(draft.text):
         what, why, remedy = messages.other_records(str(path))
         raise ConfigError(what, why=why, remedy=remedy)
     tell(messages.drafted_before(str(path)))
-    return False, path
+    return _there(path, mass)
 
 
 def _files_of(text: str) -> list[object]:

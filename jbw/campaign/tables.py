@@ -10,7 +10,7 @@ from jbw.campaign import values
 from jbw.campaign.document import FileTable, key
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.kinds import Kind as Traits
-from jbw.measurement.records import BASE, BY_UNIT, INPUTS, RESPONSES, si_of
+from jbw.measurement.records import BASE, BY_UNIT, INPUTS, RESPONSES, SOURCES, si_of
 from jbw.quantities import FED
 
 MOST_PPM = 1e4  # that a clock may be off by: more is another sampling rate
@@ -260,7 +260,7 @@ def _needs(test: TestSpec) -> Iterator[str]:
         named = ", ".join(f"`{kind.name}`" for kind in linear)
         yield f"units: `{unit}` of `{ratios[0]}` is for kind {named} only."
     needs_source = traits.is_driven and not traits.is_locked  # a frequency tells of the stiffness
-    if needs_source and roles.isdisjoint((*INPUTS, BASE)) and not ratios:
+    if needs_source and roles.isdisjoint(SOURCES) and not ratios:
         yield f"channels: kind `{test.kind}` needs `input`, `force` or `base`."
     yield from _of_base(test, roles)
     if test.drive in FED and traits.is_driven and "input" not in roles:

@@ -17,7 +17,7 @@ from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.inference.space.box import Box, bounds_by_name, box
-from jbw.measurement.records import Test, drive_of
+from jbw.measurement.records import BASE, Test, drive_of
 from jbw.observables.dataset import Dataset, stacked
 from jbw.observables.drives import told_by
 from jbw.observables.modes import Modes, ModesAtJoint
@@ -28,7 +28,7 @@ from jbw.oscillator.modes.parameters import own_name
 from jbw.report.messages import modes as messages
 
 BY_CHANCE = 0.01  # probability of as much better a fit, of modes that do not move the joint
-BARE = ("", "none", "force", "base")  # what moves a structure without its shaker
+BARE = ("", "none", "force", BASE)  # what moves a structure without its shaker
 ROUGH = 1e-6  # of the cost and of the step: the other sign, which a further fit follows
 
 

@@ -154,7 +154,7 @@ def measured_of(basis: Basis, load: Load) -> SeenResponse:
     unit = load.unit or (stated[0] if is_unit else UNIT_OF[name])
     factor = 1.0 / factor_of(unit, name)
     sources = [seen.source for seen in driven if seen.source]
-    per_mass = "N" if "gain" in basis.held and basis.held["gain"] != 1.0 else "N/kg"
+    per_mass = "N/kg" if basis.held.get("gain", 1.0) == 1.0 else "N"
     source = "m/s^2" if load.is_base else sources[0] if sources else per_mass
     return SeenResponse(name, unit, factor, source)
 
