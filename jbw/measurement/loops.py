@@ -266,6 +266,11 @@ def _amplitudes(cycles: Sequence[Cycle]) -> list[int]:
     return numbers
 
 
+def begins_unmoved(y: Reals) -> bool:
+    """Return whether a displacement begins at zero, where a joint without history has no force."""
+    return bool(abs(y[0]) <= AT_REST * np.ptp(y))
+
+
 def lopsided(loop: ForcedLoop) -> float:
     r"""Return the median of $(F^+ - F^-) / (F^+ + F^-)$ at the turning points of all cycles.
 
@@ -275,7 +280,7 @@ def lopsided(loop: ForcedLoop) -> float:
     if not sides:
         return 0.0
     centre, half = np.transpose(sides)
-    offset = loop.force[0] if abs(y[0]) <= AT_REST * np.ptp(y) else 0.0
+    offset = loop.force[0] if begins_unmoved(y) else 0.0
     return float(np.median((centre - offset) / np.maximum(half, TINY)))
 
 

@@ -18,7 +18,7 @@ from scipy.optimize import minimize_scalar
 from jbw.measurement.channels import Reals, noise_of
 from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.curves import ForcedLoop, forced_loop
-from jbw.measurement.loops import AT_REST, cycles_of, of_one_amplitude
+from jbw.measurement.loops import begins_unmoved, cycles_of, of_one_amplitude
 from jbw.measurement.readings.loop import MOST_SAMPLES, Columns, LoopBasis, basis_of, fit_loop
 from jbw.measurement.records import LOAD_CELLS, Record
 from jbw.measurement.spans import kept_part, span_line, start_of
@@ -97,7 +97,7 @@ def _bases(loop: ForcedLoop, load_cell: str, laws: Sequence[str]) -> tuple[LoopB
     """Return the columns of what is stated, and those of the zero of the load cell that is not."""
     y, basis = loop.displacement, basis_of(loop.displacement)
     known = LOAD_CELLS.index(load_cell)
-    if abs(y[0]) > AT_REST * np.ptp(y):
+    if not begins_unmoved(y):
         known = max(known, 1)  # sliders that are stuck there have a constant of their own
     springs, zero = np.split(basis.springs, [basis.springs.shape[1] - 2 + known], axis=1)
     if set(laws) & set(WEARING):
@@ -108,7 +108,7 @@ def _bases(loop: ForcedLoop, load_cell: str, laws: Sequence[str]) -> tuple[LoopB
 def _at_rest(loop: ForcedLoop) -> Reals:
     """Return the force before the motion, which is none of a joint, whatever its law."""
     y = loop.displacement
-    if abs(y[0]) > AT_REST * np.ptp(y):
+    if not begins_unmoved(y):
         return loop.force[:0]
     return loop.force[: int(np.argmax(np.abs(y - y[0]) > STILL * np.ptp(y)))]
 
