@@ -6,19 +6,18 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 
 from jbw.campaign.settings import Identify
 from jbw.identification.coordinates import box_of
+from jbw.identification.curve_fit import fit_curve, rows_of_curve
 from jbw.identification.stated_modes import unknown_signs, with_signs
 from jbw.identification.thresholds_crossed import log_evidence, other_sides
 from jbw.identification.uncertain_shapes import first_factors
-from jbw.inference.fit.costly_fit import costly_fit, costly_fits, from_search
-from jbw.inference.fit.fitting import Fit, fit
+from jbw.inference.fit.costly_fit import costly_fit, costly_fits, parameters_at
+from jbw.inference.fit.fitting import Fit
 from jbw.inference.fit.identifiability import WeakDirection
 from jbw.inference.generator import generator
 from jbw.inference.lanes import at_points
@@ -26,10 +25,7 @@ from jbw.inference.space.box import Box, bounds_by_name, box, from_unit
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 from jbw.observables.drives import by_secant, of_part, plain, told_by
-from jbw.observables.observable import AmplitudeCurve
 from jbw.oscillator.modes.assembled import is_assembled
-from jbw.oscillator.oscillator import oscillator_of
-from jbw.oscillator.steady.backbone import backbone
 from jbw.parts import Parts, unkept
 from jbw.quantities import MODAL, STUCK, motion_factors_in
 from jbw.report.messages import stages as messages
@@ -45,9 +41,7 @@ EXPLAINED = 1.2  # chi-square a degree of freedom: a fit below leaves little but
 CLOSE = (
     0.15  # of the rms of every group: what a first answer takes for met, before days have offsets
 )
-# Of the fit to frequency and damping against amplitude, which costs nothing.
 BESIDE_CURVE = {"gain", *(quantity.name for quantity in MODAL)}  # of the first mode, driven or not
-CURVE_STARTS, FREQUENCY_STD, DAMPING_STD = 8, 1e-4, 0.03  # std: relative
 
 
 def first_fit(
@@ -83,13 +77,7 @@ def first_fit(
 def from_amplitude_curve(
     key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str, float]
 ) -> dict[str, float]:
-    r"""Fit the laws' parameters to frequency and damping against amplitude, if data show them.
-
-    $$\omega(Y)^2 = k + \sum_l K_l(Y), \qquad
-      2\,\zeta(Y)\,\omega(Y)^2 = 2\zeta\omega_n\omega(Y) + \sum_l C_l(Y)$$
-
-    with K and C of the steady loops: no solve in time, so that many starts cost nothing.
-    """
+    """Fit the laws' parameters to frequency and damping against amplitude, if data show them."""
     curves = ((part, part.shown().amplitude_curve()) for part in data.parts)
     part, curve = next(((p, c) for p, c in curves if c is not None), (None, None))
     of_model = is_assembled(data.held)  # several joints, of which one mode tells the sum alone
@@ -97,24 +85,8 @@ def from_amplitude_curve(
         return {}
     part_bounds = of_part(bounds_by_name(prior), part)
     bounds = {n: x for n, x in part_bounds.items() if n not in BESIDE_CURVE and n == plain(n)}
-    best = fit(CurveMisfit(data.laws), box(bounds), curve, starts=CURVE_STARTS, key=key)
+    best = fit_curve(key, data.laws, box(bounds), rows_of_curve(curve))
     return {name: value for name, value in best.theta.items() if name not in known}
-
-
-class CurveMisfit(eqx.Module):
-    """The error of laws in frequency and damping against amplitude, in standard deviations.
-
-    Instances of equal laws are equal, so that code compiled for one serves all.
-    """
-
-    laws: tuple[str, ...] = eqx.field(static=True)
-
-    def __call__(self, theta: Mapping[str, Array], seen: AmplitudeCurve) -> Float[Array, " value"]:
-        """Return the relative errors of every amplitude."""
-        model = backbone(oscillator_of(theta, self.laws), seen.y)
-        frequency = (model.omega / seen.omega - 1) / FREQUENCY_STD
-        damping = (model.zeta - seen.zeta) / (DAMPING_STD * jnp.max(seen.zeta))
-        return jnp.concatenate([frequency, damping])
 
 
 def fit_from(
@@ -231,9 +203,8 @@ def screened(
     key: Key[Array, ""], prior: Box, start: Mapping[str, float], known: Mapping[str, float]
 ) -> dict[str, np.ndarray]:
     """Return points to evaluate: a start, and points spread evenly where values are unknown."""
-    s = jax.random.uniform(key, (NUM_SCREENED, len(prior.names)))
-    x = jax.vmap(lambda point: from_search(point, prior)[0])(s)
-    points = {name: np.asarray(values) for name, values in from_unit(np.asarray(x), prior).items()}
+    s = np.asarray(jax.random.uniform(key, (NUM_SCREENED, len(prior.names))))
+    points = parameters_at(s, prior)
     points |= {n: np.full(NUM_SCREENED, known[n]) for n in points.keys() & known.keys()}
     return inside({name: np.append(start[name], points[name]) for name in prior.names}, prior)
 

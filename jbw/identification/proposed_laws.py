@@ -1,11 +1,12 @@
-r"""The law of a campaign that states none, where its readings propose another one than Bouc-Wen.
+r"""The law of a campaign that states none, by its readings.
 
-What changes with amplitude by which power proposes laws before anything is fitted. Of several the
-first are fitted beside Bouc-Wen to the same data with the same weights, and the one of the largest
+The powers of the amplitude by which frequency and damping change propose laws before anything is
+fitted. Of several, the steady loops of each, and of Bouc-Wen, are fitted to the readings, with the
+covariance C of their errors, and the law of the largest
 
-$$2 \ln L_{max} - k \ln n$$
+$$-r^T C^{-1} r - k \ln n$$
 
-is taken, of k parameters and n values.
+is taken, of k parameters and n readings.
 """
 
 from collections.abc import Sequence
@@ -14,41 +15,58 @@ from dataclasses import replace
 import jax
 import numpy as np
 
+from jbw.errors import JbwError
+from jbw.freeform.rows import rows_of
 from jbw.identification.assemble import Measured, Report
-from jbw.identification.evidence import Candidate, candidates, likelihood_at
+from jbw.identification.coordinates import joint_box
+from jbw.identification.curve_fit import fit_curve, rows_with_errors
+from jbw.measurement.readings.statement import RecordTable, trend
+from jbw.oscillator.parameters import Scales
 from jbw.quantities import DEFAULT_LAWS
 from jbw.report.messages import laws as messages
 
-MOST_TRIED = 3  # of the laws that the readings propose
+LEAST_DAMPING = 1e-4  # ratio by which priors are scaled where less is read
 
 
 def proposed(
-    seen: Measured, read: Sequence[str], seed: int, report: Report
+    seen: Measured, tables: Sequence[RecordTable], read: Sequence[str], seed: int, report: Report
 ) -> tuple[Measured, str]:
-    """Return the tests under the law that fits them best, and what to say of the choice.
+    """Return the tests under the law that fits their readings best, and what to say of the choice.
 
     Args:
         seen: Tests under the default law.
-        read: Laws that the readings propose, the simplest first.
+        tables: Readings of the records that are fitted.
+        read: Laws that the readings propose, the simplest first, which is taken where readings are
+            too few to tell one from another.
         seed: Seed of everything random.
         report: Called with one sentence at every stage.
-
-    Raises:
-        ConfigError: None of the laws can be fitted.
     """
-    tried = list(read[:MOST_TRIED])
-    margins: list[tuple[str, float]] = []
-    if len(tried) > 1:  # laws of sliders, of which Bouc-Wen may be as near as any
-        sets = list(dict.fromkeys([*((name,) for name in tried), DEFAULT_LAWS]))
-        found, _ = candidates(jax.random.key(seed), seen, sets, report)
-        scores = {candidate.laws[0]: _score(candidate) for candidate in found}
-        tried = sorted(scores, key=scores.__getitem__, reverse=True)
-        margins = [(name, scores[tried[0]] - scores[name]) for name in tried[1:]]
-    report(sentence := messages.chosen_by_reading(tried[0], margins))
-    return replace(seen, laws=(tried[0],)), sentence
+    scores: dict[str, float] = {}
+    if len(read) > 1:  # laws of sliders, of which Bouc-Wen may be as near as any
+        scores = scores_of(seen, tables, list(dict.fromkeys([*read, *DEFAULT_LAWS])), seed)
+    order = sorted(scores, key=scores.__getitem__, reverse=True) or [read[0]]
+    margins = [(name, scores[order[0]] - scores[name]) for name in order[1:]]
+    report(sentence := messages.chosen_by_reading(order[0], margins))
+    return replace(seen, laws=(order[0],)), sentence
 
 
-def _score(candidate: Candidate) -> float:
-    """Return twice the maximum log likelihood minus the parameters' penalty (negative BIC)."""
-    fit, data = candidate.fitted.fit, candidate.fitted.data
-    return 2 * likelihood_at(fit, data) - len(fit.x) * float(np.log(len(fit.residual)))
+def scores_of(
+    seen: Measured, tables: Sequence[RecordTable], laws: Sequence[str], seed: int
+) -> dict[str, float]:
+    """Return the score of each law that can be fitted to readings; empty where these are few."""
+    try:
+        rows = rows_of(tables)
+    except JbwError:
+        return {}
+    omega_n, zeta = 2 * np.pi * trend(tables, "hz").at_rest, trend(tables, "zeta").at_rest
+    scales = Scales(omega_n, max(zeta, LEAST_DAMPING), float(rows.y.max()))
+    scores: dict[str, float] = {}
+    for law in laws:
+        prior = joint_box(seen.settings, scales, None, (law,), linear=False)
+        try:
+            best = fit_curve(jax.random.key(seed), (law,), prior, rows_with_errors(rows))
+        except JbwError:  # it has no steady loop at any start
+            continue
+        chi_square, _ = best.chi_square
+        scores[law] = -chi_square - len(best.x) * float(np.log(len(best.residual)))
+    return scores

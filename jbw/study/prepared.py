@@ -9,8 +9,8 @@ from jbw.identification.assemble import Measured, Report, measured_in
 from jbw.identification.proposed_laws import proposed
 from jbw.identification.usable import usable
 from jbw.observables.records import compile_beside
-from jbw.quantities import DEFAULT_LAWS
 from jbw.report.messages import stages
+from jbw.study.free_group import fitted_tables
 from jbw.study.look import Look, look_quietly
 
 
@@ -32,8 +32,7 @@ def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTest
     """Return the tests that can be used, a look at them without a model, and what each step takes.
 
     All of this comes before anything is sampled: what is wrong with a record then costs no result.
-    A campaign that states no law, and whose readings propose another one than the default before
-    any, gets the best of those that they propose.
+    A campaign that states no law gets the best of those that its readings propose.
     """
     gain = force_per_unit(campaign)
     several = campaign.joints is not None
@@ -47,7 +46,7 @@ def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTest
     look = look_quietly(replace(campaign, tests=accepted.tests))
     measured = measured_in(campaign, report, accepted.tests, accepted.line_fit)
     read = look.record["laws"]
-    if campaign.states_laws or several or not read or read[0] in DEFAULT_LAWS:
+    if campaign.states_laws or several or not read:
         return PreparedTests(measured, look, accepted.left_out)
-    measured, sentence = proposed(measured, read, seed, report)
+    measured, sentence = proposed(measured, fitted_tables(look, measured), read, seed, report)
     return PreparedTests(measured, look, (*accepted.left_out, sentence))

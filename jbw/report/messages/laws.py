@@ -12,7 +12,7 @@ IN_FIRST_MODE = " in the first mode"
 def chosen_by_reading(law: str, margins: Sequence[tuple[str, float]]) -> str:
     """Return the message on the law that is chosen if the campaign states none, with margins."""
     others = ", ".join(f"{name} by {margin:.2g}" for name, margin in margins)
-    best = f"{law} fits the records best, before {others} (in 2 ln L - k ln n)"
+    best = f"{law} fits the readings best, before {others} (in 2 ln L - k ln n)"
     return (
         "The campaign states no law. How its readings change with amplitude speaks for "
         f"{f'several laws: {best}' if others else law}. "
