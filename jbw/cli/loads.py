@@ -12,8 +12,6 @@ from jbw.cli.printing import answer
 from jbw.cli.progress import working
 from jbw.errors import ConfigError
 from jbw.report.messages import loads as messages
-from jbw.report.table import Column, Table, table, words
-from jbw.report.text import NOTHING, number
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -90,6 +88,7 @@ def predict_loads(
         say: Called with one sentence at every stage.
     """
     from jbw.measurement.records import BASE
+    from jbw.report.load_section import load_rows, load_table
     from jbw.run.files import hash_of
     from jbw.study.loads import Load, load_on
     from jbw.study.saved_loads import save_loads
@@ -114,13 +113,15 @@ def predict_loads(
         warnings = [line for dataset in found.values() for line in warnings_of(dataset)]
         for sentence in dict.fromkeys(warnings):
             say(f"warning: {sentence}")
-        rows = [row for name, dataset in found.items() for row in rows_of(name, dataset)]
+        rows = [row for name, dataset in found.items() for row in load_rows(name, dataset)]
         say("Writing figures")
-        save_loads(job.folder, found, rows)
+        save_loads(job.folder, found, rows, inputs.get("posterior.nc"))
     says = [messages.contains(next(iter(found.values())).attrs)]
     place = f"Predictions: {job.folder / 'loads.nc'}"
+    if options["out"] is None and (folder / "report.html").is_file():
+        says.append(messages.in_report(str(folder)))
     record = {"run": str(folder), "loads": rows, "warnings": list(dict.fromkeys(warnings))}
-    answer(options["json_"], record, _table(rows), *says, saved=place)
+    answer(options["json_"], record, load_table(rows), *says, saved=place)
 
 
 def _loads(
@@ -152,44 +153,3 @@ def _loads(
         yield "random", partial(random_of, basis, profile, options["duration"], load)
     if options["shock"] is not None:
         yield "shock", partial(shock_of, basis, pulse_of(options["shock"]), load)
-
-
-def rows_of(name: str, dataset: "xr.Dataset") -> list[dict[str, Any]]:
-    """Return the bands of single numbers, one row a quantity and level."""
-    rows = []
-    for key, values in dataset.data_vars.items():
-        if values.dims not in (("quantile",), ("quantile", "level")):
-            continue
-        columns = values.values.reshape(3, -1).T
-        levels = dataset["level"].values if "level" in values.dims else [None]
-        for level, (low, middle, high) in zip(levels, columns, strict=True):
-            rows.append({
-                "load": name, "level": None if level is None else float(level),
-                "level_unit": dataset.attrs["source_unit"], "quantity": str(key),
-                "low": float(low), "median": float(middle), "high": float(high),
-                "unit": values.attrs["units"],
-            })  # fmt: skip
-    return rows
-
-
-def _table(rows: list[dict[str, Any]]) -> Table:
-    """Return the table of answers, one line for each quantity that has a value."""
-    return table(
-        "",
-        [row for row in rows if row["median"] == row["median"]],
-        words("load", "load"),
-        Column("level", _level),
-        Column("quantity", lambda row: row["quantity"].replace("_", " "), align="left"),
-        Column("median [99 %]", _band),
-        words("unit", "unit"),
-    )
-
-
-def _level(row: Mapping[str, Any]) -> str:
-    return NOTHING if row["level"] is None else f"{row['level']:.6g} {row['level_unit']}"
-
-
-def _band(row: Mapping[str, Any]) -> str:
-    low, middle, high = (row[name] for name in ("low", "median", "high"))
-    low_text, text, high_text = (number(x, high - low) for x in (low, middle, high))
-    return f"{text} [{low_text}, {high_text}]"

@@ -50,6 +50,7 @@ def report(
     from jbw.cli.progress import telling
 
     with DrawingProcess(wanted=out is None) as beside, telling(f"Reading {folder}") as say:
+        from jbw.report.load_section import load_section
         from jbw.report.page import campaign_name, write_interactive, write_page
         from jbw.report.result import read_result
         from jbw.study.store import save_report
@@ -60,7 +61,7 @@ def report(
         if out is None:
             save_report(folder, tree, summary, beside, figures)
         else:
-            write_page(summary, tree, out)
+            write_page(summary, tree, out, loads=load_section(folder))
         written = {"report": str(page)}
         if figures:
             written["figures"] = str(folder / "figures")
