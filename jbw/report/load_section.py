@@ -91,7 +91,7 @@ def load_rows(name: str, dataset: xr.Dataset) -> list[dict[str, Any]]:
 def load_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Return the table of single numbers, one line for each quantity that has a value."""
     return table(
-        messages.LOADS_TITLE,
+        "",
         [row for row in rows if row["median"] == row["median"]],
         words("load", "load"),
         Column("level", _level),

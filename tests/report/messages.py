@@ -377,7 +377,7 @@ OF_TOPICS = {
         loads.LOADS_OR_TESTS, loads.BASE_NEEDS, loads.RESPONSE_NEEDS, loads.no_quantity("two"),
         loads.bare_level("V"), loads.DOWNWARD, loads.OF_SPECTRUM,
         loads.in_report("run"), loads.earlier_posterior("run"), loads.unreadable_loads("run"),
-        loads.LOADS_TITLE, loads.heading("response at 2 V"),
+        loads.heading("response at 2 V"),
         loads.contains({"band": loads.IN_BANDS, "num_draws": 100, "drive": "force"}),
         loads.contains({"band": loads.IN_BANDS, "num_draws": 100, "drive": "base",
                         "participation": 1.3, "shape": 1.0}),

@@ -6,7 +6,6 @@ from typing import Any
 
 DOWNWARD, OF_SPECTRUM = "downward sweep, 99 % band", "natural frequency, Q = 10"
 IN_BANDS = "parameters, variation between runs, model discrepancy; no noise of a measurement"
-LOADS_TITLE = "Predictions under other loads"
 HERTZ, NUMBER, METRE = {"units": "Hz"}, {"units": "1"}, {"units": "m"}
 
 
