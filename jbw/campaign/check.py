@@ -355,9 +355,11 @@ def findings(
 
 
 def has_one_mode(spec: CampaignSpec) -> bool:
-    """Return whether one mode moves the joint: readings and faults by one mode are of no other."""
+    """Return whether the campaign states one mode in the band: else no fault is told by one."""
     several = spec.structure is not None and len(spec.structure.modes) > 1
-    return not several and spec.assembled is None
+    stated = spec.settings.modes
+    neighbours = stated - 1 if isinstance(stated, int) else len(stated[1:])
+    return not several and neighbours < 1 and spec.assembled is None
 
 
 def _contradicting(record: Record, test: TestSpec, first: Sequence[Record]) -> list[Fault]:

@@ -2,7 +2,10 @@
 
 import numpy as np
 
-from jbw.campaign.check import check_campaign
+import pytest
+
+from jbw.campaign.check import check_campaign, has_one_mode
+from jbw.campaign.schema import parse
 
 FS, FIRST, SECOND = 512.0, 18.0, 23.0
 CAMPAIGN = """[campaign]
@@ -31,3 +34,10 @@ def test_two_modes_in_a_band_are_named_unless_the_campaign_states_them(tmp_path)
 
     assert any("two modes" in what for what in said(CAMPAIGN))
     assert said(CAMPAIGN + f"[structure]\nmodes = [{FIRST}, {SECOND}]\n") == []
+
+
+@pytest.mark.parametrize(
+    ("modes", "is_one"), [("1", True), ("[18.0]", True), ("2", False), ("[18.0, 23.0]", False)]
+)
+def test_linear_neighbours_that_the_campaign_states_are_modes_too(modes, is_one):
+    assert has_one_mode(parse(CAMPAIGN + f"[identify]\nmodes = {modes}\n")) is is_one
