@@ -20,9 +20,9 @@ def beside_base(record: Record, *, is_relative: bool) -> Record:
     """Return a record with the motion relative to its base and the equivalent force per mass.
 
     Args:
-            record: Record that includes the acceleration of the base [m/s^2].
-            is_relative: Whether the response was measured relative to the base. If not, the
-                acceleration of the base is subtracted from it.
+        record: Record that includes the acceleration of the base [m/s^2].
+        is_relative: Whether the response was measured relative to the base. If not, the
+            acceleration of the base is subtracted from it.
     """
     channels, units = dict(record.channels), dict(record.units)
     base = channels.pop(BASE)

@@ -46,7 +46,7 @@ def band_filter(band_hz: tuple[float, float], fs: float) -> BandFilter:
     """Build the Kaiser filter of a band, with 80 dB attenuation.
 
     Raises:
-            DataError: No record resolves the band at this sampling frequency.
+        DataError: No record resolves the band at this sampling frequency.
     """
     # Values are spaced by 1 / B_eq, B_eq = f_s sum h^2 / (sum h)^2, the equivalent noise bandwidth:
     # their number then equals the degrees of freedom of white noise in the band.

@@ -35,7 +35,7 @@ def bands_of(modes_hz: Sequence[float], test: Test) -> list[tuple[float, float]]
     """Return a band [Hz] about each mode, narrow enough to exclude the other modes.
 
     Raises:
-            DataError: A mode does not lie in the band of the test, or the test states no band.
+        DataError: A mode does not lie in the band of the test, or the test states no band.
     """
     low, high = filter_of(test).band_hz
     bands = []

@@ -46,9 +46,9 @@ class _Channels(NamedTuple):
     """Channels by role, as they were read from a file.
 
     Attributes:
-            rows: Repeats of each channel in SI units.
-            units: SI unit of each channel.
-            done: Changes made to each channel, for the provenance.
+        rows: Repeats of each channel in SI units.
+        units: SI unit of each channel.
+        done: Changes made to each channel, for the provenance.
     """
 
     rows: Mapping[str, Repeats]

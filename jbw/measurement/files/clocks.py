@@ -61,13 +61,13 @@ def sampling_frequency(
     is within half of the last digit of every time, or else of the nearest line that is.
 
     Args:
-            time: Times of one axis, in their printed unit.
-            name: Name of the times in the file, for messages.
-            begins: Start of the times in their file, for remedies of uneven times [s].
-            factor: Factor from the unit of the times to seconds.
+        time: Times of one axis, in their printed unit.
+        name: Name of the times in the file, for messages.
+        begins: Start of the times in their file, for remedies of uneven times [s].
+        factor: Factor from the unit of the times to seconds.
 
     Raises:
-            DataError: Times are lost, fall, pause or jitter, or have too few digits.
+        DataError: Times are lost, fall, pause or jitter, or have too few digits.
     """
     if time.ndim != 1 or len(time) < 2:
         raise DataError(

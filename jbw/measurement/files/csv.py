@@ -120,12 +120,13 @@ def table(
     """Read the single table of a text; facts from a recorder replace facts from the lines.
 
     Args:
-            lines: Lines of the file, or their version prepared by a recorder module. path: Path of
-            the file, for messages. is_ended: Whether the last line ends with a line break. names:
-            Names of all columns; by default from the lines above the table. units: Units of all
-            columns; by default from the lines above the table. fs: Sampling frequency [Hz]; by
-            default from the lines above the table, if they state one.
-            dialect: Notation of the numbers, if it is known.
+        lines: Lines of the file, or their version prepared by a recorder module.
+        path: Path of the file, for messages.
+        is_ended: Whether the last line ends with a line break.
+        names: Names of all columns; by default from the lines above the table.
+        units: Units of all columns; by default from the lines above the table.
+        fs: Sampling frequency [Hz]; by default from the lines above the table, if they state one.
+        dialect: Notation of the numbers, if it is known.
     """
     separator = SEPARATOR.match(lines[0].lstrip("\ufeff")) if lines else None
     lines = lines[1:] if separator else lines
@@ -327,8 +328,7 @@ def _is_cut(body: Sequence[str], dialect: Dialect, path: Path) -> bool:
     """Return whether a last line without a line break has fewer digits than all others.
 
     Raises:
-            DataError: All other lines have the same number of digits, so that some are missing
-            here.
+        DataError: All other lines have the same number of digits, so that some are missing here.
     """
     if len(body) < 2:
         return False

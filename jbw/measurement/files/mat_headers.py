@@ -69,7 +69,8 @@ def _variables(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
 def _variables_4(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
     """Yield the size in bytes and the check of each variable of a v4 file.
 
-    A variable consists of type, rows, columns, imaginary part, name and numbers."""
+    A variable consists of type, rows, columns, imaginary part, name and numbers.
+    """
     file = Elements(data, "<")
     while len(file.data) >= 20:
         first = struct.unpack("<i", file.data[:4])[0]
