@@ -16,9 +16,7 @@ FEWEST = 16  # values of an envelope
 MOVING = 0.05  # of the largest motion: the mode moves at frequencies above it
 PADDED = 0.35  # of that range, added on either side
 NARROWER = 0.7  # of a band: a narrower band replaces it
-FAST = (
-    6.0  # sqrt of the sweep rate: half of a band that lasts many lengths of its filter
-)
+FAST = 6.0  # sqrt of the sweep rate: half of a band that lasts many lengths of its filter
 DRIVEN = 5e-3  # of the drive's energy, beyond either end of its sweep
 MARGIN = 0.15  # of the swept range, added on either side
 MOST_VALUES = 20_000  # of a thinned sweep: no mode needs a band with more values
