@@ -1,9 +1,10 @@
 """Questions to the user about facts that records do not show, one by one: `jbw init --ask`.
 
 The first questions are about the channels of files in which none is named like a response; the
-others are about doubtful lines.  A line ends in `# CHECK: why` if the records do not determine it.
-An answer replaces its value. No answer keeps the value, and so does an invalid answer, which is
-reported.
+others are about doubtful lines.
+
+A line ends in `# CHECK: why` if the records do not determine it. An answer replaces its value. No
+answer keeps the value, and so does an invalid answer, which is reported.
 """
 
 import re

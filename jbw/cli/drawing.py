@@ -46,7 +46,7 @@ class DrawingProcess:
                     pipe.close()
 
     def ask(self, result: Path, names: Sequence[str], files: "Files | None") -> bool:
-        """Request figures of a saved result by name; return False if the process has ended."""
+        """Ask for figures of a saved result by name; return False if the process has ended."""
         if self._process is None or self._process.stdin is None:
             return False
         folder, formats = (None, ()) if files is None else files

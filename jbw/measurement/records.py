@@ -300,8 +300,7 @@ def sensitivity_of(role: str, written: str) -> tuple[float, str]:
     `100 mV/g` is (0.1, `g`), `40 mV/(mm/s)` is (0.04, `mm/s`).
 
     Raises:
-        ConfigError: The text is no number of volts per unit, or the unit is not of the role's
-        quantity.
+        ConfigError: The text is no number of volts per unit, or the unit is of another quantity.
     """
     number, _, units = written.strip().partition(" ")
     volts, _, below = units.partition("/")

@@ -47,8 +47,8 @@ def without_lines(
     Args:
         x: Response in a free decay.
         fs: Sampling frequency [Hz].
-        lines_hz: Frequencies [Hz], each accurate to a line 2 fs / len(x) of the half record's
-        spectrum.
+        lines_hz: Frequencies [Hz], each accurate to a line of the half record's spectrum,
+            2 fs / len(x).
 
     Raises:
         DataError: A line is too slow for the record, above fs / 2, or not larger than its error.
