@@ -160,7 +160,7 @@ def modes(value: Any) -> tuple[Any, ...] | int:
 
 
 def lag(value: Any) -> float:
-    """Return a phase lag strictly between -180 and 0 degrees, as of a driven motion."""
+    """Return a phase lag strictly between -180 and 0 [deg], as of a driven motion."""
     if not -180 < number(value) < 0:
         raise ValueError(
             f"must lie between -180 and 0, -90 at phase resonance, but is {value!r}; the "
