@@ -56,7 +56,7 @@ def attrs_of(quantities: Iterable[Quantity]) -> dict[str, dict[str, str]]:
     return {quantity.name: quantity.attrs for quantity in quantities}
 
 
-DEFAULT_LAWS = ("bouc_wen",)  # for a joint without stated laws
+DEFAULT_LAWS = ("bouc_wen",)  # laws of a joint that states none
 # The parameters of the default law, for checking a campaign file without loading the laws.
 BOUC_WEN = (
     Quantity("alpha", "α", "1/s^2", "stiffness of the hysteretic part", 0.0, is_share=True),

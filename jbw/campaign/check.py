@@ -52,7 +52,7 @@ from jbw.report.messages.remedies import EXCLUDE, OF_ONE_ROLE, exclude
 
 LARGEST_MOTION = 1.0  # [m]: joints on benches and in machines move by at most centimetres
 FEWEST_SAMPLES = 32  # fewest samples for judging a motion
-OF_ONE_MODE = 0.3  # of a response: if a mode leaves a larger residual, its gain means nothing
+OF_ONE_MODE = 0.3  # relative residual of a mode above which its gain means nothing
 # Settings that only some kinds of test use, and the properties of these kinds.
 READ_BY: dict[str, Callable[[Kind], bool]] = {
     "fit_levels": lambda kind: kind.is_transient,
@@ -69,7 +69,7 @@ class Row:
     test: str  # the test's name; "[identify]" for a setting
     channel: str  # its name or path in the file, or the setting's key
     role: str
-    unit: str  # in the file, as stated in the campaign
+    unit: str  # unit in the file, as stated in the campaign
     fs: float | None  # sampling frequency [Hz]; None if unknown or not a time record
     repeats: int  # number of readable repeats
     status: str  # ok, warning or error
@@ -84,7 +84,7 @@ class Check:
     rows: tuple[Row, ...]
     exit_code: int  # 0 if usable, 2 if the campaign file must change, 3 if the data must change
     seen: tuple[str, ...] = ()  # sentences on nonlinearity, repeats and noise
-    joints: JointsCheck | None = None  # for several joints
+    joints: JointsCheck | None = None  # check of several joints; None for one joint
 
     @property
     def status(self) -> str:
@@ -154,7 +154,7 @@ class _CheckedTest:
     sources: list[ResponseOrigin] = field(default_factory=list)
     levels: list[Level] = field(default_factory=list)
     gains: list[tuple[str, float]] = field(default_factory=list)  # gain of the mode for each repeat
-    provenances: list[Mapping[str, str]] = field(default_factory=list)  # of all repeats
+    provenances: list[Mapping[str, str]] = field(default_factory=list)  # provenances of all repeats
     proposed: list[str] = field(default_factory=list)
     seen: list[str] = field(default_factory=list)
 

@@ -12,10 +12,10 @@ from jbw.measurement.checks.responses import LOCKED
 from jbw.measurement.files.tree import Leaf, load
 from jbw.measurement.records import INPUTS, RESPONSES, si_of
 
-PARTS = 16  # of a record, each with a separate spectrum
+PARTS = 16  # parts of a record, each with a separate spectrum
 LEAST = 64  # samples per part
-ONE_LINE = 0.9  # of a part's power near its strongest line: a tone has more
-NO_LINE = 0.35  # of that power: noise has less, since it has no line
+ONE_LINE = 0.9  # share of a part's power near its strongest line, above which it is a tone
+NO_LINE = 0.35  # share of a part's power near its strongest line, below which it is noise
 STEADY = 1.2  # largest over smallest part of a steady tone, after the first quarter
 FALLS = 0.5  # rms of the last quarter over the strongest quarter of a decay
 MOVES = 3  # smallest shift of the strongest line in a sweep, in lines

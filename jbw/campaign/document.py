@@ -23,7 +23,7 @@ from jbw.report.messages import campaign_faults as messages
 from jbw.report.messages.campaign_faults import SEE_TOML
 from jbw.report.messages.message import Template, written
 
-MOST_BYTES = 2**20  # of a file written by a user: several thousand tests
+MOST_BYTES = 2**20  # largest size of a file written by a user: several thousand tests
 LISTED = 20  # keys or errors that are listed individually
 # Our words for errors that pydantic finds itself; our own checks bring their words.
 SENTENCES = {

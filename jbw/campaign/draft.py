@@ -69,7 +69,8 @@ NEWTON_METRES = {
 }  # keyed by the first letter of the unit
 SENSORS = "# sensitivity = "
 SAME_LINE = 1.25  # largest over smallest centre of bands that count as one line
-LEAST_HEIGHT = 0.02  # of a decay's strongest line: a smaller line is not visible in the decay
+# Share of a decay's strongest line below which a line is not visible in the decay.
+LEAST_HEIGHT = 0.02
 FOLLOWING = 0.7  # correlation of force and displacement from which they are drafted as a loop
 MOST_LEVELLED = 100  # files of one name whose levels are read
 FILES = "# files"  # placeholder for a line that needs the levels
@@ -91,7 +92,7 @@ class Looked:
 
     leaves: Leaves  # all arrays
     series: Leaves  # arrays that may be channels
-    fs: float | None  # of the whole file [Hz]; None if not stated
+    fs: float | None  # sampling frequency of the whole file [Hz]; None if not stated
     recorder: str
     doubts: tuple[str, ...] = ()  # statements of the file that its reader cannot use
 

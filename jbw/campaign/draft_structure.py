@@ -24,7 +24,7 @@ BEGINNING = 256  # characters of a text that contain its header
 class ModelFiles(NamedTuple):
     """The files of a structure's model."""
 
-    matrices: str | dict[str, str]  # in the form that [structure] uses
+    matrices: str | dict[str, str]  # file or files in the form that [structure] uses
     paths: Sequence[Path]
 
 

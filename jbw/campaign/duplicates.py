@@ -70,7 +70,7 @@ class Repetition(NamedTuple):
     source: ResponseOrigin
     other: ResponseOrigin
     severity: Callable[..., Fault]
-    relation: str  # of the second to the first record, in words
+    relation: str  # relation of the second to the first record, in words
     is_part: bool  # whether the overlap is one of spans of one channel
 
 

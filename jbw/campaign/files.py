@@ -34,7 +34,7 @@ def repeats_of(
     """
     unused = set(test.exclude)
     number = num_repeats = 0
-    fs = float("nan")  # of the first repeat
+    fs = float("nan")  # sampling frequency of the first repeat
     try:
         sets = _file_sets(test, folder, allow_outside)
     except JbwError as error:

@@ -38,7 +38,7 @@ from jbw.report.messages import campaign_faults as messages
 
 STRUCTURE = "[structure]"
 MATRICES = "matrices"
-# Of the joint that moves most: a smaller motion contributes a millionth to B or less.
+# Share of the largest joint motion below which a joint contributes a millionth to B or less.
 _UNMOVED = 1e-2
 
 
@@ -135,7 +135,8 @@ class _Modes(NamedTuple):
     """The modes of a structure, and the motion of its joints in them if it is known."""
 
     frequencies_hz: np.ndarray
-    motion: ReducedModel | np.ndarray | None = None  # in the form that `joint_separability` takes
+    # Model or motion matrix in the form that `joint_separability` takes.
+    motion: ReducedModel | np.ndarray | None = None
     shares: np.ndarray | None = None
     notes: tuple[str, ...] = ()
 

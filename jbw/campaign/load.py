@@ -64,19 +64,19 @@ class Campaign:
     """
 
     name: str
-    folder: Path | None  # of the campaign file; None for a campaign in memory
-    tests: tuple[Test, ...]  # in the order of the file
+    folder: Path | None  # folder of the campaign file; None for a campaign in memory
+    tests: tuple[Test, ...]  # tests in the order of the file
     gain: float | None = None  # force per modal mass for one volt [N/kg/V], if known
     modal_mass: float | None = None  # [kg], if known
     settings: Identify = field(default_factory=Identify)  # a mapping of its keys is also accepted
-    path: Path = Path()  # of the campaign file
+    path: Path = Path()  # path of the campaign file
     laws: tuple[str, ...] = DEFAULT_LAWS  # laws that act in parallel across the joint
     # Torque and similar facts, as far as stated.
     assembly: Assembly = field(default_factory=Assembly)
     # Modes that move the joint; None for one mode. A mapping of its keys is also accepted.
     structure: Structured | None = None
     instruments: Instruments = NOT_STATED  # known errors of clock and calibration
-    joints: SeveralJoints | None = None  # for a structure with several joints; None for one joint
+    joints: SeveralJoints | None = None  # joints of a structure with several; None for one joint
     states_laws: bool = True  # if it does not, its readings may propose other laws
 
     def __repr__(self) -> str:

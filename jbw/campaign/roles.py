@@ -31,12 +31,13 @@ HINTS = (
 )
 # Parts of the time of day, which are neither a record's clock nor metres despite a unit `m`.
 OF_THE_DAY = r"\b(?:minutes?|hours?|seconds?|days?|minuten?|stunden?|sekunden?)\b"
-ELAPSED = r"elapsed|relative|since|verstrichen|vergangen"  # in names of times that are not a date
+# Words in names of times that are not a date.
+ELAPSED = r"elapsed|relative|since|verstrichen|vergangen"
 AXES = re.compile(r"(?:^|(?<=[\W_\d])|(?<=[a-z](?=[XYZ])))[xyzXYZ](?![^\W_])")
 AXES_IN_SPACE = 3
-TURNED = r"angle|rotation|twist|torque|moment"  # in names of quantities of torsion
+TURNED = r"angle|rotation|twist|torque|moment"  # words in names of quantities of torsion
 STRONGER = 3.0  # factor over the first channel of a role from which another channel is chosen
-MOST_SAMPLES = 4_000_000  # of a channel that is examined
+MOST_SAMPLES = 4_000_000  # largest number of samples of a channel that is examined
 MOST_RADIANS = 7.0
 BY_QUANTITY = {
     "force": "force", "torque": "force", "acceleration": "acceleration",

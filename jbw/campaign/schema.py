@@ -73,8 +73,8 @@ class CampaignSpec:
     structure: Structured | None = None
     instruments: Instruments = NOT_STATED  # known errors of clock and calibration
     assembled: AssembledStructure | None = None  # if the structure is given by matrices
-    joints: tuple[JointTable, ...] = ()  # for a structure with [[joint]] tables
-    states_laws: bool = True  # by name or through a prior
+    joints: tuple[JointTable, ...] = ()  # [[joint]] tables of the structure, if any
+    states_laws: bool = True  # whether laws are stated, by name or through a prior
 
 
 def read_spec(path: Path) -> CampaignSpec:

@@ -28,8 +28,8 @@ from jbw.quantities import (
 )
 
 LIMIT = 0.05  # largest error of held-out tests with which a law is predictive
-MOST_MODES = 1 + len(MODES)  # for a structure
-MOST_POINTS = len(POINTS)  # in addition to the first point
+MOST_MODES = 1 + len(MODES)  # largest number of modes of a structure
+MOST_POINTS = len(POINTS)  # largest number of points in addition to the first
 SPRING = "cubic"  # a prior on its parameter adds the law of this name, unless laws are stated
 
 Prior = Mapping[str, tuple[float, float]]

@@ -14,14 +14,15 @@ from jbw.measurement.records import BASE, BY_UNIT, INPUTS, RESPONSES, SOURCES, s
 from jbw.quantities import FED
 
 MOST_PPM = 1e4  # largest error of a clock: more is a different sampling rate
-NAN = float("nan")  # for a number that is not stated
+NAN = float("nan")  # default of a number that is not stated
 
 
 class Instruments(NamedTuple):
     """Relative standard deviations of clock and calibration, as far as they are stated."""
 
     fs_std: float = 0.0
-    gain_std: Mapping[str, float] = MappingProxyType({})  # by role
+    # Standard deviation of each channel's calibration, by role.
+    gain_std: Mapping[str, float] = MappingProxyType({})
 
     @property
     def is_stated(self) -> bool:

@@ -55,7 +55,7 @@ UNWRITABLE = tuple(
     for name in ("ENOSPC", "EFBIG", "EDQUOT", "EROFS", "EACCES", "EPERM")
     if hasattr(errno, name)  # not defined on every system
 )
-EXHAUSTED = "RESOURCE_EXHAUSTED"  # in errors of XLA, which have their own class
+EXHAUSTED = "RESOURCE_EXHAUSTED"  # word in errors of XLA, which have their own class
 OF_CAMPAIGNS = ("identify", "look", "identifiability", "compare", "laws", "predict")
 OF_RUNS = ("report", "predict", "export", "compare", "plan", "resume")
 
@@ -131,7 +131,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of stdout stopped, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:  # of a disk or a folder, wherever something was written
+    except OSError as error:  # a disk or a folder failed, wherever something was written
         if error.errno not in UNWRITABLE or os.environ.get("JBW_TRACEBACK"):
             return _internal(error)
         place = f"{error.filename}" if error.filename else "A file"

@@ -43,7 +43,7 @@ FS, BURST, LENGTH = 256.0, 1.75, 512  # Hz, s, samples
 SWEPT_HZ = (10.0, 28.0)
 FADE = 0.25  # s at both ends: an abrupt start is not band-limited
 LINES_HZ = (16.0, 21.6, 0.05)  # first, last, spacing
-LINE_NOISE = 0.01  # of the largest line, for both components combined
+LINE_NOISE = 0.01  # noise of both components combined, over the largest line
 
 
 class Design[Data: KernelData | Records](NamedTuple):

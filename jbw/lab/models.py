@@ -43,9 +43,9 @@ from jbw.quantities import DEFAULT_LAWS
 from jbw.rig.integrator import Specimen, State, doubles, runge_kutta
 from jbw.rig.law_forces import forces_of
 
-WHERE = 0.55  # of a record: instant at which a sweep has just passed the resonance
+WHERE = 0.55  # share of a record after which a sweep has just passed the resonance
 LOT = 100  # replications of Step 2 between two progress messages
-DRAWS = (4, 250)  # of Step 2, in chains
+DRAWS = (4, 250)  # chains and draws per chain in Step 2
 NUM_RANKS = 100  # number of ranks in Step 2
 STEPS = 8  # Runge-Kutta steps between two samples
 

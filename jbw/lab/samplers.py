@@ -54,7 +54,7 @@ class Drawn(NamedTuple):
 
     tree: xr.DataTree
     cold_s: float  # including compilation
-    warm_s: float | None = None  # of the second call, with another key, if there was one
+    warm_s: float | None = None  # seconds of the second call, with another key, if there was one
 
 
 def compare(

@@ -30,7 +30,7 @@ class ForcedLoop(NamedTuple):
 
     fs: float  # sampling frequency [Hz]
     displacement: Reals  # [m]
-    force: Reals  # of the joint [N]; positive for positive displacement
+    force: Reals  # force of the joint [N], positive for positive displacement
     begins: float = 0.0  # time of the first sample in the file [s]
 
 
@@ -49,7 +49,8 @@ class ControlledCurve(NamedTuple):
 
     freq_hz: Reals  # [Hz]
     amplitude: Reals  # peak of the displacement's fundamental [m]
-    phase: Reals | None  # of the displacement relative to the force [rad]; None if not measured
+    # Phase of the displacement relative to the force [rad]; None if not measured.
+    phase: Reals | None
     force: Reals | None  # peak of the source's fundamental [N, V or N/kg]; None if not measured
 
     @property

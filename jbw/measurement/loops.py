@@ -22,14 +22,14 @@ from jbw.measurement.channels import Reals, channel, passband, same_length, samp
 from jbw.measurement.curves import ForcedLoop
 from jbw.measurement.harmonics import Tones, check_tones, sine_fit
 
-ROLL_OFF = 0.2  # of each edge of the band, outside the band
+ROLL_OFF = 0.2  # width of the roll-off outside the band, over the frequency of the band's edge
 ORDER = 64  # poles, enough for about thirty tones
 RECENT = 2048  # samples next to an end from which the continuation is predicted
 MOST_HARMONICS = 25  # harmonics of a mean cycle
-TURN = 0.1  # of the whole stroke: a smaller return is no reversal
+TURN = 0.1  # share of the whole stroke below which a return is no reversal
 ALIKE = 0.02  # relative difference of stroke below which cycles have one amplitude
 FEWEST = 3  # cycles of one amplitude, because the first still remembers earlier motion
-AT_REST = 0.02  # of the whole stroke: a loop that begins closer to y = 0 counts as beginning there
+AT_REST = 0.02  # share of the whole stroke within which a loop counts as beginning at y = 0
 TINY = 1e-300
 
 

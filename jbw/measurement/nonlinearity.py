@@ -52,7 +52,7 @@ from jbw.measurement.spectra import frf
 from jbw.quantities import Motion
 from jbw.report.messages import look as messages
 
-# Of all channels of a test together: more are not kept in memory for a comparison.
+# Largest number of samples, of all channels of a test, that are kept in memory for a comparison.
 MOST_SAMPLES = 2**23
 # Variation of the source over its size: above it, records are no repeats of each other.
 SAME_SOURCE = 0.1
@@ -60,10 +60,10 @@ ABOVE_NOISE = 5.0  # standard deviations of a harmonic
 ORDERS = {2: "second", 3: "third", 5: "fifth"}
 BY_CHANCE = 1e-3  # probability below which repeats are reported to differ
 SHAPES = 3  # directions along which repeats differ other than by noise
-EXCITED = 0.05  # of the source's strongest line, above which a line counts as excited
-PERIODS = 10.0  # of the source in a window
+EXCITED = 0.05  # share of the source's strongest line above which a line counts as excited
+PERIODS = 10.0  # number of periods of the source in a window
 SPACING = 0.5  # distance of windows over their length
-QUIET = 0.02  # of the source's largest amplitude: below it nothing is driven
+QUIET = 0.02  # share of the source's largest amplitude below which nothing is driven
 FEWEST = 4  # windows of a sweep
 MOST_STRAY = 0.1  # residual of a sweep's source from one tone with harmonics, within a window
 
@@ -207,7 +207,7 @@ class Repeatability(NamedTuple):
     """The variation of repeats of one test, over the root mean square of their mean."""
 
     scatter: float  # total standard deviation of one repeat
-    noise: float  # of one repeat: the part that no change of size, time or pace explains
+    noise: float  # standard deviation that no change of size, time or pace explains
     size: float  # standard deviation of the size
     p: float  # probability that noise alone varies so much along the three directions
     num_repeats: int
@@ -289,9 +289,10 @@ class BestLinear(NamedTuple):
 
     freq: Reals  # [Hz]
     h: Complexes  # response over source
-    noise_std: Reals  # of `h`, from noise alone
-    total_std: Reals  # of `h`, from noise and distortion
-    distortion_std: Reals  # of one realisation, from distortion alone; zero if below the noise
+    noise_std: Reals  # standard deviation of `h` from noise alone
+    total_std: Reals  # standard deviation of `h` from noise and distortion
+    # One realisation's standard deviation from distortion; zero if below the noise.
+    distortion_std: Reals
     num_realisations: int
     num_periods: int
 
@@ -305,7 +306,7 @@ class Distortion(NamedTuple):
 
     odd: float
     even: float
-    noise: float  # of the mean over the periods
+    noise: float  # noise of the mean over the periods
     num_odd: int
     num_even: int
 
@@ -406,11 +407,11 @@ def _steady(u: ArrayLike, y: ArrayLike) -> tuple[Reals, Reals]:
 class SweptHarmonics(NamedTuple):
     """Harmonics along a sweep at the frequencies that it passes, in order of time."""
 
-    freq: Reals  # of the source [Hz]
-    source: Complex[np.ndarray, "order window"]  # of the source itself; order 1 is its amplitude
+    freq: Reals  # frequency of the source [Hz]
+    source: Complex[np.ndarray, "order window"]  # harmonics of the source; order 1 is its amplitude
     # Complex peaks; the phase is relative to n times the source's phase.
     response: Complex[np.ndarray, "order window"]
-    std: Reals  # of a real component of the response's harmonics, from the residual of the fit
+    std: Reals  # standard deviation of a real component of `response`, from the residual of the fit
 
 
 def swept_harmonics(

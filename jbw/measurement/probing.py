@@ -32,7 +32,7 @@ class ThirdOrder:
     source_ratio: float  # largest |H1(3 omega) U(3 omega)| / |Y_3|; NaN if unknown
     std: float  # standard deviation of `h3` over repeats, per real component; NaN with one repeat
     std_expected: float  # `std` as expected from the noise of the records
-    # Of (Re, Im) of the mean of `h3`; from the variation over repeats if there are several.
+    # Covariance of (Re, Im) of the mean of `h3`, from the variation over repeats if possible.
     covariance: Reals
     above_noise: bool  # whether |mean Y_3| exceeds three standard errors, and may enter a fit
     notes: tuple[str, ...]  # remarks that a reader of the result must know

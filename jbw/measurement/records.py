@@ -30,10 +30,11 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
     "velocity": ("velocity", "angular velocity"),
     "acceleration": ("acceleration", "angular acceleration"),
     "restoring_force": ("force", "torque"),
-    BASE: ("acceleration",),  # of the clamp on a moving table; stored as a force per mass
+    # Acceleration of the clamp on a moving table; stored as a force per mass.
+    BASE: ("acceleration",),
     "drive_point": ("acceleration",),  # where the shaker pushes; determines its attachment
     "frequency": ("frequency",),  # axis of a measured FRF, which has no sampling frequency
-    "phase": ("angle",),  # of the response relative to the force, in a measured FRF
+    "phase": ("angle",),  # phase of the response relative to the force, in a measured FRF
     "time": ("time",),  # gives the sampling frequency; not kept as a channel
 }
 ROLES = tuple(QUANTITIES)

@@ -23,16 +23,17 @@ from jbw.measurement.records import Record, Test
 from jbw.quantities import derivative_order
 from jbw.report.messages import reading as messages
 
-WIDE = 0.15  # of the peak's frequency, to either side: lines of the first fit
+WIDE = 0.15  # half width of the lines of the first fit, over the peak's frequency
 HALF_WIDTHS = 6.0  # zeta omega_n to either side: lines of the later fits
 # Smallest number of lines of a time record and of points of a curve.
 LEAST_LINES, LEAST_POINTS = 12, 6
 ROUNDS = 3  # fits, each narrower about the resonance
-DRIVEN = 1e-2  # of the largest line of the source: smaller lines are not driven
-SWEPT = 5e-3  # of the source's energy, beyond either end of the sweep
-MISSED = 0.5  # of the response near its resonance: a larger residual is not that of an oscillator
+DRIVEN = 1e-2  # share of the source's largest line below which a line is not driven
+SWEPT = 5e-3  # share of the source's energy beyond either end of the sweep
+# Largest relative residual near the resonance for which the response is an oscillator's.
+MISSED = 0.5
 LEFT_OPEN = 0.45  # share of the damping ratio per unit of relative residual of the oscillator
-FLOOR = 1e-3  # of the damping ratio, smallest error
+FLOOR = 1e-3  # smallest error of the damping ratio, over the damping ratio
 NEAR_LINES = 9  # lines averaged to decide whether they are driven, since single lines of noise vary
 
 

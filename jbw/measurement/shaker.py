@@ -39,7 +39,8 @@ class ShakerFit:
     mass: float  # m_a [kg]
     damping: float  # c_a [N s/m]
     stiffness: float  # k_a [N/m]
-    std: Float[np.ndarray, " 5"]  # of the five values, from the residual, with independent lines
+    # Standard deviations of the five values, from the residual of independent lines.
+    std: Float[np.ndarray, " 5"]
     leftover: float  # residual of the force's lines, over their size
     leftover_gain: float  # the same ratio for a constant gain alone
     num_lines: int

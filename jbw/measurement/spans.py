@@ -14,8 +14,8 @@ from jbw.measurement.channels import Reals
 from jbw.measurement.records import Record
 from jbw.report.messages import remedies
 
-DIGITS = 6  # of the ends of a proposed span, relative to its length
-LEAST = 0.05  # of a record: a shorter part is not worth keeping
+DIGITS = 6  # digits of the ends of a proposed span, relative to its length
+LEAST = 0.05  # share of a record below which a part is not worth keeping
 SPAN = "span"  # key of a record's provenance
 
 

@@ -19,9 +19,9 @@ from jbw.errors import DataError
 from jbw.measurement.channels import Reals
 from jbw.report.messages import reading as messages
 
-PERIODS = 8.0  # of a line in half a record: fewer are a drift
+PERIODS = 8.0  # fewest periods of a line in half a record; fewer are a drift
 STATED = 1.0  # largest error of a stated frequency, in lines of the half record's spectrum
-KNOWN = 0.3  # of a line's amplitude: largest error where it is extrapolated
+KNOWN = 0.3  # largest extrapolated error of a line, over its amplitude
 FINER = 8  # spectrum values per line, for the starting values of the mode
 
 
@@ -128,7 +128,7 @@ class _WeightedPart(NamedTuple):
     columns: Float[np.ndarray, "time column"]
     part: Reals
     weight: Reals
-    time: Reals  # from the middle of the part [s]
+    time: Reals  # times from the middle of the part [s]
 
 
 def _with_errors(
@@ -148,7 +148,7 @@ def _with_errors(
     normal = np.linalg.pinv(weighed.T @ jacobian / size)
     # The sandwich covariance is for white noise with weights that do not match it.
     covariance = variance * normal @ (weighed.T @ weighed) @ normal / np.outer(size, size)
-    furthest = length_s - time[-1]  # from the middle of the part to the record's start
+    furthest = length_s - time[-1]  # distance from the middle of the part to the record's start
     lines = []
     for i, (a, b) in enumerate(amplitudes[: 2 * len(lines_hz)].reshape(-1, 2)):
         chosen = [2 * i, 2 * i + 1, len(amplitudes) + i]

@@ -10,7 +10,7 @@ from jbw.measurement.channels import channel, lines_within, passband, same_lengt
 from jbw.measurement.spectra import FRF
 from jbw.quantities import Motion, derivative_order
 
-DRIVEN = 1e-3  # of the largest line of an input: for smaller lines the ratio is noise over noise
+DRIVEN = 1e-3  # share of an input's largest line below which the ratio is noise over noise
 
 
 def record_frf(

@@ -189,7 +189,7 @@ def write(campaign: RigCampaign, folder: str | Path) -> Path:
             demands = campaign.demands.get(test.name, (None,) * len(test.records))
             for record, demand in zip(test.records, demands, strict=True):
                 filed = record
-                if demand is not None:  # in addition to the measured source
+                if demand is not None:  # the demand is written in addition to the measured source
                     channels = {"demand": demand, **record.channels}
                     units = {"demand": record.units[record.source], **record.units}
                     filed = replace(record, channels=channels, units=units)

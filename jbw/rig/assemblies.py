@@ -31,7 +31,7 @@ class BeamSection(NamedTuple):
 
     width: float  # [m]
     thickness: float  # [m]
-    modulus: float = 70e9  # of aluminium [N/m^2]
+    modulus: float = 70e9  # Young's modulus of aluminium [N/m^2]
     density: float = 2700.0  # [kg/m^3]
 
     @property

@@ -25,7 +25,7 @@ from jbw.rig.integrator import Specimen, State, doubles, runge_kutta, specimen_o
 STEPS = 16  # Runge-Kutta steps per sample of a loop
 POINTS = 512  # steps per period of a controlled response
 PERIODS = 40  # periods until the hysteretic force has forgotten its start
-RISE = 30  # of these periods, in which the motion grows: a sudden start would leave an offset
+RISE = 30  # periods in which the motion grows: a sudden start would leave an offset
 ORDERS = np.array([1, 3, 5, 7])
 ROUNDS = 6  # iterations of the higher harmonics, each a hundredth of the previous change
 
@@ -64,7 +64,7 @@ class Locked:
     """A phase-controlled sequence of points, at -90 degrees a backbone."""
 
     levels: tuple[float, ...]  # peaks of the displacement's fundamental in sequence [m]
-    phase: float = -90.0  # of the displacement relative to the force [deg]
+    phase: float = -90.0  # phase of the displacement relative to the force [deg]
     phase_error: float = 0.5  # standard deviation of the controlled phase [deg]
     amplitude_noise: float = 5e-4  # relative standard deviation of measured amplitudes [-]
     force_noise: float = 5e-3  # relative standard deviation of measured forces [-]

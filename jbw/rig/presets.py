@@ -77,7 +77,7 @@ STEPPED_HZ: tuple[float, ...] = tuple(
 )
 RESONANCE_HZ = (17.5, 18.0, 18.25, 18.5, 18.625, 18.75, 18.875, 19.0, 19.5)  # a short stepped sine
 BURST_HZ = 18.6  # tone before a free decay
-MODAL_MASS = 1.93  # of the cantilever's first mode, at the point of the shaker [kg]
+MODAL_MASS = 1.93  # modal mass of the cantilever's first mode, at the point of the shaker [kg]
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,8 @@ class Preset:
     noise_ratio: float | None = None
     omega_n_cv: float = 0.0  # coefficient of variation of omega_n from day to day [-]
     zeta_cv: float = 0.0  # coefficient of variation of zeta from day to day [-]
-    shapes: Shapes | None = None  # for several modes, the joint's own first; driven by the armature
+    # Shapes of several modes, the joint's own first; driven by the armature.
+    shapes: Shapes | None = None
     armature: Armature = field(default_factory=Armature)
 
 

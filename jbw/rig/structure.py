@@ -92,9 +92,9 @@ class Assembled(NamedTuple):
 class RigMotion(NamedTuple):
     """The motions of structure, drive point and joint, and the shaker force, at the samples."""
 
-    displacement: Float[np.ndarray, " time"]  # of the output [m]
-    velocity: Float[np.ndarray, " time"]  # of the output [m/s]
-    acceleration: Float[np.ndarray, " time"]  # of the output [m/s^2]
+    displacement: Float[np.ndarray, " time"]  # displacement of the output [m]
+    velocity: Float[np.ndarray, " time"]  # velocity of the output [m/s]
+    acceleration: Float[np.ndarray, " time"]  # acceleration of the output [m/s^2]
     drive_point: Float[np.ndarray, " time"]  # acceleration where the shaker pushes [m/s^2]
     force: Float[np.ndarray, " time"]  # between shaker and structure [N]
     joint: Float[np.ndarray, " time"]  # relative displacement of the joint [m]

@@ -25,9 +25,9 @@ SAME = 1e-6  # relative difference of frequency below which points belong to one
 class Control(NamedTuple):
     """The settings of the check of a controller: phase to hold, tolerance, reports of jumps."""
 
-    # Of the displacement relative to the force [deg]; None if no phase is held.
+    # Phase of the displacement relative to the force to hold [deg]; None if no phase is held.
     locked_phase: float | None
-    tolerance: float = 5.0  # of a measured phase about `locked_phase` [deg]
+    tolerance: float = 5.0  # largest deviation of a measured phase from `locked_phase` [deg]
     names_jumps: bool = True
 
 

@@ -18,12 +18,12 @@ from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.records import INPUTS, Record
 from jbw.report.messages import record_faults as messages
 
-EMPTY = 0.1  # of the largest line of the drive: lines below count as not driven
+EMPTY = 0.1  # share of the drive's largest line below which a line counts as not driven
 FEWEST_EMPTY = 32  # smallest number of lines for a median
-HALF = 0.5  # of the largest power: lines above belong to the resonance
-# Of the drive noise passed on to the response: more means that the structure felt it.
+HALF = 0.5  # share of the largest power above which lines belong to the resonance
+# Share of the drive noise in the response above which the structure must have felt it.
 MEASURED = 0.5
-ONE_DRIVE = 0.1  # of the drive's power: repeats whose drives differ by more had different drives
+ONE_DRIVE = 0.1  # share of the drive's power by which drives of two repeats may differ
 MORE = 1.0  # smallest ratio r that is reported
 
 

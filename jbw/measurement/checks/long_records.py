@@ -12,8 +12,8 @@ from jbw.report.messages import reading as messages
 
 LONG = 60_000  # samples from which a fit takes minutes
 DRIFTS = 8  # cycles in a record: motion of fewer cycles is a drift
-STILL = 0.005  # of the largest response: a structure below it is at rest
-SPARED = 0.1  # of the samples: a smaller saving is not worth a proposal
+STILL = 0.005  # share of the largest response below which a structure is at rest
+SPARED = 0.1  # smallest saved share of the samples that is worth a proposal
 PER_CYCLE = 64  # samples per cycle of the strongest frequency that are plenty
 
 

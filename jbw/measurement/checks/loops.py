@@ -20,12 +20,12 @@ from jbw.report.messages import loop_faults as messages
 
 LOPSIDED = 0.25  # difference of the peak forces of both sides over their sum
 FREE = ("gap_series", "stop")  # laws with contacts
-POINTS = 40  # on the mean of both strokes
+POINTS = 40  # number of points on the mean of both strokes
 END = POINTS // 8  # values at the end of a stroke over which its slope is read
 TWICE = 1.5  # slope at the end of a stroke over its smallest slope, from which the stroke stiffens
 STIFFER = 1.0  # contact stiffness over stiffness in the free travel; a smaller ratio is no gap
 GAPS = np.linspace(0.04, 0.9, 44)  # half the free travel over the amplitude
-BETTER = 0.4  # of the residual sum of squares of a smooth spring
+BETTER = 0.4  # largest residual sum of squares with a gap, over that of a smooth spring
 
 
 def one_sided(loop: ForcedLoop) -> Iterator[Fault]:

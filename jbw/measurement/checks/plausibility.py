@@ -15,9 +15,9 @@ from jbw.measurement.spectra import FRF, frf, half_power_bandwidth, stands_out
 from jbw.report.messages import record_faults as messages
 
 LOOKED_AT = 2**21  # samples used; a stationary record shows its faults in them
-SEGMENTS = 8  # of the spectra: few, but a resonance still stands out
+SEGMENTS = 8  # number of segments: few, but a resonance still stands out of the spectra
 LONGEST = 4  # segments at the finest resolution of the resonance
-FLOOR = 1e-4  # of the largest density: lines below it are outside the excitation
+FLOOR = 1e-4  # share of the largest density below which lines are outside the excitation
 CLEAR = 4.0  # times the median of the band: a peak above it is a resonance in the band
 PEAKED = 10.0  # times more peaked than the response: such an input looks like a response
 RESOLVED = 1.5  # window widths; a narrower peak shows the window itself, T 2 zeta f_n < 2

@@ -12,10 +12,10 @@ from jbw.measurement.channels import OF_NORMAL, Reals
 CHANGES = 24
 ORDER = 8  # samples from which the next one is predicted
 MANY = 2**16  # samples to which the prediction is fitted
-FITS = 4  # of the prediction, each without the outliers of the previous fit
+FITS = 4  # number of fits of the prediction, each without the outliers of the previous fit
 OUTLYING = 5.0  # robust standard deviations: samples beyond are excluded from the prediction's fit
 FAR = 12.0  # robust standard deviations of a prediction's error: beyond it is no noise
-INWARD = 0.45  # of the predicted value: a sample of a drop-out lies below
+INWARD = 0.45  # share of the predicted value below which a sample of a drop-out lies
 STRETCHES = 32  # stretches of a record, each with its own scale
 FEWEST, MOST = 5, 0.6  # smallest number of drop-outs; smallest share of all outliers
 

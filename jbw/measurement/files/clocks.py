@@ -20,8 +20,8 @@ from jbw.report.messages import reading as messages
 from jbw.report.messages.remedies import PUT
 from jbw.units import factor_of
 
-REGULARITY = 1e-3  # of a sampling interval: the largest deviation of a sample from the even grid
-ROUND = 1e-6  # of an interval: largest drift of a record from a round rate that counts as its rate
+REGULARITY = 1e-3  # largest deviation of a sample from the even grid, in sampling intervals
+ROUND = 1e-6  # largest drift of a record from a round rate that counts as its rate, in intervals
 # Of an interval: a larger quantum does not excuse uneven times. A lost sample moves the following
 # times by half an interval against every line, which must stay visible.
 COARSEST = 0.4
@@ -34,7 +34,7 @@ EPOCH = (9.4e8, 4.2e9)  # seconds since 1970, for the years 2000 to 2100
 # [Hz], slowest plausible rates of times without a unit: quasi-static records have times with
 # decimals, never whole numbers.
 SLOWEST, SLOWEST_COUNTED = 1.0, 20.0
-MOST = 0.5  # of a record: a longer part between gaps is kept, a shorter one is resampled
+MOST = 0.5  # share of a record above which a part between gaps is kept rather than resampled
 
 
 def stated_rate(fs: float) -> float:

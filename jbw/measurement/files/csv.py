@@ -30,7 +30,7 @@ SEPARATOR = re.compile(r'\s*"?sep\s*=\s*(\\t|.)"?\s*$', re.IGNORECASE)  # as spr
 NO_UNIT = ("-", "--", "none", "1", "[-]", "(-)", "[]", "()", "'")
 OTHER_UNIT = re.compile(r"EU|%|Pa|[a-z]?C|degC|K|bar|psi|[dDmMyYhHsSfF][dDmMyYhHsSfF.:/ -]*")
 COMMENT = re.compile(r'\s*"?(?:[#;%!*]|//)')  # start of a comment line
-LEAST_ROWS = 3  # of a table with columns of text
+LEAST_ROWS = 3  # smallest number of rows of a table with columns of text
 PART = re.compile(
     r"(.*?)[\s_.]*[\[(]?\b(?:(re|real)|(im|imag|imaginary))\b\.?[\])]?", re.IGNORECASE
 )

@@ -21,7 +21,7 @@ from jbw.measurement.files.tree import Contents, Node, OnDemand, Opaque, leaf, o
 # Properties that may contain a channel's unit.
 UNITS = ("unit_string", "NI_UnitDescription", "unit")
 INTERVAL = "wf_increment"  # property that holds the sampling interval [s]
-# Of a channel: its start date, and seconds after it.
+# Properties that contain a channel's start date, and seconds after it.
 START, OFFSET = "wf_start_time", "wf_start_offset"
 SECOND = np.timedelta64(1, "s")
 LEAD_IN = 28  # bytes at the beginning of a segment

@@ -14,7 +14,7 @@ from jbw.measurement.records import Record, is_sampled
 from jbw.measurement.spans import SPAN, span_words, start_of
 from jbw.report.messages import decay_faults as messages
 
-# Of the largest response: limits before a blow, and within a period after it.
+# Shares of the largest response: upper limit before a blow, lower limit within a period after.
 QUIET, LOUD = 0.1, 0.5
 FLAT = 0.05  # change of log X while a shaker holds the motion
 FALLS = 0.3  # smallest change of log X in the time after it, which is as long as the held time

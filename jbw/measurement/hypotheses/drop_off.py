@@ -6,9 +6,9 @@ from scipy.ndimage import uniform_filter1d
 from jbw.measurement.channels import Reals
 from jbw.measurement.readings.sweep import SweepSignal
 
-FALLS = 0.5  # of its median: a drive that falls less does not drop off
+FALLS = 0.5  # share of its median to which a drive must fall to count as dropping off
 NOISY = 0.05  # noise over the smallest drive; more makes an error of percents in the damping
-RANDOM = 0.3  # of its median: sweeps vary by 0.01 between moments, noise by 0.5
+RANDOM = 0.3  # roughness over the median: a sweep's is 0.01 between moments, that of noise 0.5
 SMOOTHED = 0.02  # share of the values over which the drive is smoothed
 
 

@@ -29,12 +29,12 @@ from jbw.measurement.records import Record
 
 LEFT, LINE, LINE_SIZE, LEFT_SHARE = 1.2, 30.0, 5e-4, 0.06  # limits of condition 1
 EXPLAINS = 0.6  # largest share of the residual squares that a cause may leave: condition 2
-ENOUGH = 0.01  # of these squares: a cause that leaves less needs no rival
+ENOUGH = 0.01  # share of the residual squares; a cause that leaves less needs no rival
 ODDS = 25.0  # limit of condition 3
-NEARLY = 20.0  # of 2 ln of the likelihood: causes closer than this count as equal
+NEARLY = 20.0  # difference in 2 ln of the likelihood below which two causes count as equal
 # Weighted rms and share of the response from which an unexplained residual is reported.
 UNEXPLAINED, UNEXPLAINED_SHARE = 20.0, 0.03
-BASES_TRIED = ("linear", "power")  # of the mode that is fitted with a cause
+BASES_TRIED = ("linear", "power")  # amplitude bases of the mode that is fitted with a cause
 AROUND = 61  # lines of a residual's spectrum whose median is compared with a line
 
 Fits = DecayFits | SweepFits
@@ -146,7 +146,7 @@ def named_cause(fits: Fits, hypotheses: Sequence[Hypothesis]) -> Named | None:
     nothing = best_of(fits)
     enough = min(LEFT**2 * len(fits.signal.z), ENOUGH * nothing.squares)
     tried, rivals = [], 0
-    modes = {}  # by name of the hypothesis
+    modes = {}  # mode of each hypothesis, by its name
     for hypothesis in hypotheses:
         found = list(_joint_fits(fits, hypothesis))
         if found:

@@ -22,15 +22,15 @@ from jbw.measurement.readings.sweep import SweepCause, SweepFits, SweepSignal, l
 from jbw.measurement.spans import kept_before
 from jbw.report.messages import clock_faults as messages
 
-OTHER_SIGN = 0.45  # of a period
-# Of a period; the drift is over the whole record.
+OTHER_SIGN = 0.45  # lag, in periods, from which the sign of a channel is wrong instead
+# Smallest lags in periods; the drift is over the whole record.
 LEAST_DELAY, LEAST_DRIFT, LEAST_STEP = 0.01, 0.04, 0.05
 LEAST_LOST = 1.6  # samples
 PLACES = np.linspace(0.03, 0.97, 16)  # shares of the response's weighted size before a step
 SCANNED = 12  # scanned places between two of these
-QUIET = 0.4  # of the largest motion: the part before it determines a lag without the joint
+QUIET = 0.4  # share of the largest motion below which the lag is determined without the joint
 FEWEST, FAINT = 24, 1e-6  # smallest number of values of that part; weight of the others
-ALIKE = 0.5  # of a delay: difference between that part and the record; for true delays it is 0.06
+ALIKE = 0.5  # relative difference between the delay of that part and of the record; 0.06 if true
 MILLION = 1e6
 
 

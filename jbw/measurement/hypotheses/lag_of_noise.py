@@ -26,13 +26,13 @@ from jbw.quantities import derivative_order
 from jbw.report.messages import clock_faults as messages
 
 AWAY = 0.08  # |1 - r^2| beyond which damping is the only effect on the phase
-LOUD = 0.3  # of the drive's median power, above which the phase of a line is used
+LOUD = 0.3  # share of the drive's median power above which the phase of a line is used
 FEWEST = 12  # smallest number of values of a phase or lag
 CERTAIN = 6.0  # standard errors of a lag
 ONE_MODE = 0.3  # standard deviation of log |Y/U| about that of one mode; more means several modes
 ROUGH = 0.15  # [rad]; a phase that varies by more is not that of one mode
 PARTS, AVERAGES = 8, 8  # parts of a record of noise, averages in each part
-LEAST_PARTS = 2  # on each side of a part within which the lag jumps
+LEAST_PARTS = 2  # smallest number of parts on each side of a part within which the lag jumps
 COHERENT = 0.5  # smallest mean coherence of response and drive for which a lag is read
 MOST_TURNS = 3  # half turns of the phase that are tried on either side of its middle
 ODDS = 1e-6  # probability of calling a chance result a lag
@@ -135,7 +135,7 @@ def _constant_of_noise(record: Record) -> Lag | None:
 
 class _Fit(NamedTuple):
     values: Reals
-    errors: Reals  # for residuals of unit variance
+    errors: Reals  # standard errors for residuals of unit variance
     squares: float
 
 

@@ -24,15 +24,15 @@ from jbw.measurement.records import LOAD_CELLS, Record
 from jbw.measurement.spans import kept_part, span_line, start_of
 from jbw.report.messages import loop_faults as messages
 
-LEFT = 0.01  # of the rms of the force, beyond noise: no sound loop has a larger residual
-OFF = 0.02  # of the rms of the force: largest force before the motion
+LEFT = 0.01  # largest residual beyond noise of a sound loop, over the rms of the force
+OFF = 0.02  # largest force before the motion, over the rms of the force
 NOISE = 1.2  # factor on the squares of noise that sliders leave by chance
 EXPLAINS = 0.85  # share of the residual beyond noise that a cause must explain
 OF_CYCLE = 0.125  # largest lag that is tried, of a cycle
 SLIPS = 3  # number of places at which a gauge may have slipped
 NEIGHBOURS = 2  # steps of a motion to either side, whose median is the usual step
 FEWEST = 64  # fewest samples of a loop
-STILL = 1e-3  # of the whole stroke: a joint that has moved less is at rest
+STILL = 1e-3  # share of the whole stroke within which a joint counts as at rest
 WEARING = ("bwbn", "bwbn_pinching")  # laws under which every cycle changes the joint
 
 

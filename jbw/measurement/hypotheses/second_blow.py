@@ -13,13 +13,13 @@ from jbw.measurement.spans import left_out_from
 from jbw.report.messages import decay_faults as messages
 
 PLACES = 60  # candidate places of a jump
-APART = 0.1  # of the record, between the two places that are tried
+APART = 0.1  # smallest distance of the two places that are tried, over the record's length
 LOUD = 6.0  # noise amplitudes; a quieter envelope is not searched
-LEAST = 0.05  # of ln a and the phase [rad] combined
-LOST = 0.08  # of ln a: with a smaller jump only the phase jumps
-GREW = 0.2  # of ln a: missing samples never increase a decay so much
-GROWTH = (-1.5, 8.0)  # of ln a: range of plausible jumps
-ENDS = 0.02  # of the record, at either end, where a jump cannot be seen
+LEAST = 0.05  # smallest jump of ln a and the phase [rad] combined
+LOST = 0.08  # jump of ln a below which only the phase jumps
+GREW = 0.2  # jump of ln a above which missing samples cannot be the cause
+GROWTH = (-1.5, 8.0)  # range of plausible jumps of ln a
+ENDS = 0.02  # share of the record at either end where a jump cannot be seen
 
 
 class SecondBlow:

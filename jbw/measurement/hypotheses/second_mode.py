@@ -18,8 +18,8 @@ from jbw.measurement.readings.sweep import (
 )
 from jbw.report.messages import decay_faults as messages
 
-LEAST = 0.02  # of the amplitude at the start
-DAMPINGS = (0.2, 6.0)  # of the first mode's damping: outside this range it is no mode
+LEAST = 0.02  # smallest amplitude over that of the first mode at the start
+DAMPINGS = (0.2, 6.0)  # range of a mode's damping, over the damping of the first mode
 NEAREST = 2.0  # smallest distance to the first mode in a sweep, in damping rates of the first
 # Distance in damping rates of the first mode, if the second is within the first mode's line.
 BEAT = 4.0

@@ -16,8 +16,8 @@ from jbw.measurement.readings.slow_flow import strongest_line
 from jbw.measurement.readings.sweep import SweepCause, SweepFits, SweepSignal
 from jbw.report.messages import decay_faults as messages
 
-LEAST = 2e-3  # of the amplitude at the start: a weaker line affects no reading
-SPOILS = 0.01  # of that amplitude: readings a decade below have an error of 10 %
+LEAST = 2e-3  # share of the initial amplitude below which a line affects no reading
+SPOILS = 0.01  # share of the initial amplitude; readings a decade below have an error of 10 %
 STANDS_OUT = 60.0  # times the local median of a sweep's residual
 
 

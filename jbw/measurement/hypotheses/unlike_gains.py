@@ -8,7 +8,8 @@ from jbw.measurement.checks.faults import Fault, doubt
 from jbw.report.messages import clock_faults as messages
 from jbw.report.messages.record_faults import base_motion, negative_gain
 
-BASE = 0.1  # from -1; gains of a base's acceleration (-1 for one mode) are read to 4 % or better
+# Distance from -1, the gain of a base's acceleration for one mode, read to 4 % or better.
+BASE = 0.1
 LARGER = 1.5  # ratio to the median; no joint changes a modal mass that much
 
 

@@ -23,8 +23,9 @@ APART = 3  # distance of lines that are independent under a Blackman-Harris wind
 GROUPS, LEAST_OF_GROUP = 4, 5
 SCATTERED = 0.67  # largest ratio of the lower quartile of the noise's lines to their median
 ALIKE = 1e-3  # smallest probability of the variation between groups and along time
-OF_MODE = 0.95  # of the mode's own decay: noise that falls faster is the skirt of the mode
-# Of a converter step: with a smaller rms of noise, samples show steps and no noise.
+# Share of the mode's own decay rate; noise that falls faster is the skirt of the mode.
+OF_MODE = 0.95
+# Smallest rms of noise in converter steps; with less noise, samples show only the steps.
 CONVERTED = 0.35
 
 

@@ -22,7 +22,7 @@ from scipy.optimize import nnls
 from jbw.measurement.channels import Reals
 
 NUM_SLIDERS, SHORTEST = 48, 0.01  # and the smallest half width over the largest motion
-POWERS = (1, 2, 3, 4, 5)  # of springs
+POWERS = (1, 2, 3, 4, 5)  # powers of displacement of the springs
 ONE_SIDED = (0.2, 0.4, 0.6, 0.8)  # gaps of contacts on one side, over the largest motion
 TWO_SIDED = (0.1, 0.3, 0.5, 0.7)
 MOST_SAMPLES = 5000  # samples that are read; a denser loop is thinned

@@ -13,13 +13,13 @@ from jbw.measurement.records import Record
 from jbw.quantities import derivative_order
 
 FEWEST = 16  # values of an envelope
-MOVING = 0.05  # of the largest motion: the mode moves at frequencies above it
-PADDED = 0.35  # of that range, added on either side
-NARROWER = 0.7  # of a band: a narrower band replaces it
+MOVING = 0.05  # share of the largest motion above which the mode is moving
+PADDED = 0.35  # width added on either side, over the range of frequencies of that motion
+NARROWER = 0.7  # share of a band below which a narrower band replaces it
 FAST = 6.0  # sqrt of the sweep rate: half of a band that lasts many lengths of its filter
-DRIVEN = 5e-3  # of the drive's energy, beyond either end of its sweep
-MARGIN = 0.15  # of the swept range, added on either side
-MOST_VALUES = 20_000  # of a thinned sweep: no mode needs a band with more values
+DRIVEN = 5e-3  # share of the drive's energy beyond either end of its sweep
+MARGIN = 0.15  # width added on either side, over the swept range
+MOST_VALUES = 20_000  # largest number of values of a thinned sweep: no mode needs a band with more
 
 
 def decay_fits(record: Record, band_hz: tuple[float, float], settle_s: float) -> DecayFits | None:

@@ -23,9 +23,10 @@ from jbw.measurement.channels import Complexes, Reals
 # likelihood of n values is then wrong by n / 10^4, against the limit of 25 for a named cause.
 FULLY, NEAR_BEST = 1e-8, 1e-4
 SHIFT = 1e-7  # relative step of a cause's parameter for its slope
-LEAST_RATIO = 1e-9  # of an amplitude over the largest, since an amplitude of zero has no logarithm
+# Smallest amplitude over the largest, since an amplitude of zero has no logarithm.
+LEAST_RATIO = 1e-9
 SMOOTHED = 12  # lines of a residual's spectrum that are averaged
-FEWEST_INDEPENDENT = 0.02  # of a residual's values, for any colour
+FEWEST_INDEPENDENT = 0.02  # smallest share of independent values of a residual, for any colour
 
 
 class AmplitudeBasis(NamedTuple):
@@ -45,7 +46,7 @@ class AmplitudeBasis(NamedTuple):
 
 BASES = {
     "linear": AmplitudeBasis(1),
-    "quadratic": AmplitudeBasis(3),  # for the test whether anything changes with amplitude
+    "quadratic": AmplitudeBasis(3),  # tests whether anything changes with amplitude
     "power": AmplitudeBasis(2, is_free=True),
     "power2": AmplitudeBasis(3, is_free=True),
     "power3": AmplitudeBasis(4, is_free=True),

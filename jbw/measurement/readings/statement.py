@@ -35,8 +35,8 @@ LEAST_RANGE = 1.2  # largest over smallest amplitude: a smaller range says nothi
 LEAST = {"hz": 3e-3, "zeta": 5e-3}
 SURE = 3.5  # standard deviations by which a turning frequency falls and rises again
 CERTAIN = 2.576  # standard deviations of a 99 % interval
-EQUAL = 0.05  # of a power: its shift through averaging
-SPRING = 0.02  # of the relative change of frequency: a spring changes the damping ratio no more
+EQUAL = 0.05  # shift of a power by averaging
+SPRING = 0.02  # largest change of damping by a spring, over the relative change of frequency
 # Smallest change of the damping ratio over the relative fall of frequency for a joint that slips:
 # for sliders of an Iwan exponent chi, 4 (chi + 1) / (pi (chi + 3)), which is 0.1 at -0.8.
 SLIPS = 0.1
@@ -128,7 +128,7 @@ class _RowsOfRecords(NamedTuple):
 class _Estimate(NamedTuple):
     values: Reals
     covariance: Float[np.ndarray, "unknown unknown"]
-    squares: float  # of the residual, in units of its covariance
+    squares: float  # sum of squares of the residual, in units of its covariance
     penalty: float  # -2 ln of the restricted likelihood
 
 

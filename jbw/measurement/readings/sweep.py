@@ -32,13 +32,13 @@ from jbw.measurement.readings.slow_flow import (
     slopes_of_cause,
 )  # fmt: skip
 
-LAW_ERROR = 3e-3  # of the amplitude: error for a sound joint, from averaging and from the basis
+LAW_ERROR = 3e-3  # relative error of the model of a sound joint, from averaging and from the basis
 SOLVE: Any = vars(lapack)["ztbtrs"]  # solves a triangular band; SciPy's stubs do not list it
-DRIVEN = 0.2  # of the drive's largest amplitude: below it nothing is driven
-WORTH_A_TERM = 0.9  # of the squares: the next term of a basis must leave less
+DRIVEN = 0.2  # share of the drive's largest amplitude below which nothing is driven
+WORTH_A_TERM = 0.9  # largest ratio of squares for which the next term of a basis is worth adding
 CLEAR = 30.0  # noise amplitudes: the filter follows the measured amplitude above, the model's below
 IN_PHASE = (1, 3, 5)  # imaginary parts of the gains of the mode and of modes outside the band
-# Of response over frequency^order: limits of the motion while the mode rings freely.
+# Limits of the motion over response / frequency^order, while the mode rings freely.
 MODES_OWN = (0.5, 2.0)
 
 Columns = Complex[np.ndarray, "value column"]

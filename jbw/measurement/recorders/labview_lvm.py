@@ -30,7 +30,7 @@ from jbw.report.messages import reading as messages
 
 END = "***End_of_Header***"
 SEPARATORS = {"tab": "\t", "comma": ","}
-LARGEST_ROUNDING = 1e-4  # of an interval: the provenance mentions a larger rounding
+LARGEST_ROUNDING = 1e-4  # relative rounding of an interval above which the provenance mentions it
 
 
 def is_text(lines: Sequence[str]) -> bool:
