@@ -122,7 +122,7 @@ def as_arrays(value: Any, *kinds: type) -> dict[str, np.ndarray]:
 
 
 def from_arrays(arrays: Mapping[str, np.ndarray], *kinds: type) -> Any:
-    """Return the value that was converted by `as_arrays`."""
+    """Return the value from which `as_arrays` made named arrays."""
     made: dict[str, Callable[[Any], Any]] = {
         **{kind.__name__: lambda told, kind=kind: kind(**value(told)) for kind in kinds},
         "tree": lambda told: xr.DataTree.from_dict(

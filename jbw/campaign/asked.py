@@ -75,7 +75,7 @@ def _channels_of(path: Path, channels: Collection[str], ask: Ask, tell: Tell) ->
 
 
 def _one_of(names: Collection[str], question: str, default: str, ask: Ask, tell: Tell) -> str:
-    """Return an answer that is one of the given names, or the default if it is empty."""
+    """Return the user's answer, one of the given names, or the default if it is empty."""
     while (answer := ask(question).strip()) and answer not in names:
         tell(f"`{answer}` is none of them. {did_you_mean(answer, names)}".rstrip())
     return answer or default

@@ -272,7 +272,7 @@ def _with(rows: Sequence[Row], faults: Sequence[tuple[str, Fault]]) -> Iterator[
 
 
 def as_json(check: Check) -> dict[str, Any]:
-    """Return the check as plain values, for scripts."""
+    """Return the check of a campaign as plain values, for scripts."""
     channels = [asdict(row) for row in check.rows]
     facts = {"campaign": check.campaign, "status": check.status, "channels": channels}
     joints = {} if check.joints is None else {"joints": check.joints.as_json()}

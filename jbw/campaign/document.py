@@ -262,12 +262,12 @@ def _with_decimal_points(line: str) -> str:
 
 
 def _with_whole_numbers(line: str) -> str:
-    """Return the line with digits on both sides of every decimal point."""
+    """Return a TOML line with digits on both sides of every decimal point."""
     return POINT.sub(lambda match: f"{match[1] or 0}.{match[2] or 0}", line)
 
 
 def _with_quotes(line: str) -> str:
-    """Return the line with bare words in quotes, or replaced by the constants that they mean."""
+    """Return a TOML line with bare words in quotes, or replaced by the constants they mean."""
 
     def quoted(match: re.Match[str]) -> str:
         value = WORDS_OF_TOML.get(match[2]) or '"{}"'.format(match[2].replace("\\", "/"))

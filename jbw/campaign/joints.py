@@ -66,7 +66,7 @@ class JointsCheck:
     model: ReducedModel | None = None
 
     def as_json(self) -> dict[str, Any]:
-        """Return the check as plain values for JSON."""
+        """Return the check of joints as plain values for JSON."""
         separability = self.separability
         return {
             "joints": list(self.joints),
@@ -122,7 +122,7 @@ def reduced_model(spec: CampaignSpec, folder: Path, *, allow_outside: bool = Fal
 def _files(
     structure: AssembledStructure, folder: Path, allow_outside: bool
 ) -> Path | dict[str, Path]:
-    """Return the files of matrices within the campaign's folder."""
+    """Return the paths of the files of matrices, which must be in the campaign's folder."""
     stated = structure.matrices
     if isinstance(stated, Mapping):
         return {

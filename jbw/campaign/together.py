@@ -42,7 +42,7 @@ def at_every_point(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
 
 
 def of_others(tests: Sequence[TestSpec], assembly: Assembly) -> Iterator[str]:
-    """Yield an error if tests belong to several assemblies but the campaign states one's facts."""
+    """Yield an error if tests belong to several assemblies but [assembly] describes only one."""
     names = {test.assembly for test in tests if test.assembly} | {assembly.name or None} - {None}
     if len(names) > 1 and list(assembly.keys()):
         yield messages.several_assemblies(len(names), sorted(map(str, names)))

@@ -141,14 +141,14 @@ def prior(value: Any) -> tuple[float, float]:
 
 
 def unequal(value: Any) -> tuple[Any, ...]:
-    """Return the numbers if all are different."""
+    """Return a list of numbers if all are different."""
     if len(set(numbers(value))) < len(value):
         raise ValueError(f"must not repeat a frequency, but is {list(value)}.")
     return tuple(value)
 
 
 def nonzero(value: Any) -> tuple[Any, ...]:
-    """Return the numbers if none is zero."""
+    """Return a list of numbers if none is zero."""
     if 0 in numbers(value):
         raise ValueError(f"must not hold a 0, but is {list(value)}.")
     return tuple(value)

@@ -60,7 +60,7 @@ def in_unit(quantity: tuple[float, str], unit: str, option: str) -> float:
 
 
 def bare(quantities: tuple[list[tuple[float, str]], ...]) -> list[float]:
-    """Return levels of planned tests, which must be in the run's own unit and state none."""
+    """Return levels of planned tests as numbers; raise an error if one states a unit."""
     values = [quantity for some in quantities for quantity in some]
     for _, unit in values:
         if unit:

@@ -28,7 +28,7 @@ class FromTo(click.ParamType):
     name = "from:to"
 
     def convert(self, value: Any, *of: Any) -> tuple[float, float]:
-        """Convert a text `first:last` to two numbers."""
+        """Convert an option's text `first:last` to two frequencies [Hz]."""
         try:
             first, last = map(float, value.split(":"))
         except ValueError:

@@ -268,7 +268,7 @@ def chain_sentence(name: str, so_far: Any) -> str:
 
 
 def effective(draws: dict[str, np.ndarray]) -> list[float] | None:
-    """Return effective draws per chain of the worst parameter so far; None before any."""
+    """Return the effective number of draws of each chain for the worst parameter, or None."""
     from jbw.inference.posterior.summary import diagnose
 
     if not draws or next(iter(draws.values())).shape[1] < FEWEST:

@@ -262,7 +262,7 @@ def _tree(calibration: Calibration, record: dict[str, Any]) -> xr.DataTree:
 
 
 def save_sbc(folder: Path, found: Sbc) -> None:
-    """Write ranks.nc and sbc.json, then sbc.png."""
+    """Write the files of a calibration: ranks.nc and sbc.json, then sbc.png."""
     numbers: dict[str, Write] = {
         "ranks.nc": lambda path: write_tree(path, found.tree),
         "sbc.json": lambda path: write_json(path, found.record),

@@ -60,7 +60,7 @@ class CalibratedStep(NamedTuple):
 
 
 def third_order(design: Design[KernelData], *, known_noise: bool = False) -> CalibratedStep:
-    """Return Step 3: zeta, alpha, delta from the kernel; noise fitted unless `known_noise` (36)."""
+    """Return the model of Step 3: zeta, alpha, delta from the kernel, and the noise if unknown (36)."""
     data = design.data
     simulate = Partial(
         simulated_kernel.measured_kernel,
@@ -78,7 +78,7 @@ def third_order(design: Design[KernelData], *, known_noise: bool = False) -> Cal
 
 
 def opening(design: Design[Records]) -> CalibratedStep:
-    """Return Step 4: gamma from sweeps, with all other parameters fixed."""
+    """Return the model of Step 4: gamma from sweeps, with all other parameters fixed."""
 
     def simulate(key: Key[Array, ""], theta: Theta) -> OpeningCurve:
         records = measured_records(key, _with_held(theta, design), design.data)
@@ -88,7 +88,7 @@ def opening(design: Design[Records]) -> CalibratedStep:
 
 
 def joint(design: Design[Records]) -> CalibratedStep:
-    """Return the joint step: all parameters from sweeps."""
+    """Return the model of the joint step: all parameters from sweeps."""
 
     def simulate(key: Key[Array, ""], theta: Theta) -> Dataset:
         records = measured_records(key, _with_held(theta, design), design.data)

@@ -245,7 +245,7 @@ def _row(
 
 
 def save_comparison(folder: Path, found: Comparison) -> None:
-    """Write compare.json, then compare.png."""
+    """Write the files of a comparison of samplers: compare.json, then compare.png."""
     figure = {"compare.png": lambda path: write_figure(path, comparison(found.record))}
     numbers = {"compare.json": lambda path: write_json(path, found.record)}
     save_outputs(folder, numbers, figure if found.trees else {})

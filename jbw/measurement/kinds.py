@@ -38,7 +38,7 @@ class Kind(NamedTuple):
 
     @property
     def is_cycle_by_cycle(self) -> bool:
-        """Whether the response is predicted as cycles that resemble their predecessors."""
+        """Whether tests of the kind are predicted from steady or slowly changing cycles."""
         return self.is_steady or self.is_curve or self.is_free or self.is_periodic
 
     @property

@@ -208,7 +208,7 @@ def _between_passages(loop: ForcedLoop) -> list[Cycle]:
 
 
 def _cycle(loop: ForcedLoop, first: int, last: int) -> Cycle:
-    """Return the cycle between two samples, both included."""
+    """Return a force loop's cycle between two samples, both included."""
     samples = slice(first, last + 1)
     stroke, force = np.ptp(loop.displacement[samples]), np.std(loop.force[samples])
     return Cycle(samples, float(stroke), float(force))

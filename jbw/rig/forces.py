@@ -35,7 +35,7 @@ class Force(eqx.Module):
         return ()
 
     def settle(self, before: Kept, dy: Scalar, after: Kept) -> Kept:
-        """Correct the integrated internal state after a small step by dy."""
+        """Correct a force's integrated internal state after a small step dy of displacement."""
         return after
 
     @abstractmethod
@@ -64,7 +64,7 @@ class BoucWenForce(Force):
         return self.alpha * v - self.gamma * abs(v) * z - self.delta * v * abs(z)
 
     def exerted(self, y: Scalar, v: Scalar, z: Kept) -> Scalar:
-        """Return the hysteretic force Z."""
+        """Return the hysteretic force Z [N/kg]."""
         return z
 
 
@@ -82,11 +82,11 @@ class BoucWenNuForce(Force):
         return self.nu_stiffness
 
     def at_rest(self) -> Kept:
-        """Return zero stretch."""
+        """Return zero stretch as the initial state."""
         return 0.0
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
-        """Return the rate of w [m/s]."""
+        """Return the rate of the stretch w [m/s]."""
         size = (abs(z) / MILLIMETRE) ** self.nu
         return v - self.nu_softening * v * size - self.nu_opening * abs(v) * jnp.sign(z) * size
 
@@ -238,7 +238,7 @@ class GapForce(Force):
     gap: Scalar
 
     def at_rest(self) -> Kept:
-        """Return the state in the middle of the gap, with zero force."""
+        """Return the initial state: in the middle of the gap, with zero force."""
         return 0.0, 0.0
 
     def rate(self, v: Scalar, z: Kept) -> Kept:

@@ -230,7 +230,7 @@ def sniff(lines: Sequence[str], file: str, mark: str = "") -> Dialect:
 
 
 def _trial(lines: Sequence[str], marks: Dialect) -> tuple[int, Dialect]:
-    """Return how many last lines of one width read as numbers, and the dialect for them."""
+    """Return the number of final lines of one width that read as numbers, and their dialect."""
     if marks.delimiter and not any(marks.delimiter in line for line in lines):
         return 0, marks
     widths = [marks.width(line) for line in lines]
@@ -251,7 +251,7 @@ def _trial(lines: Sequence[str], marks: Dialect) -> tuple[int, Dialect]:
 
 
 def _one_column(lines: Sequence[str]) -> tuple[int, Dialect]:
-    """Return how many last lines are a single number with a decimal point, and their dialect."""
+    """Return the number of final lines that are a single decimal number, and their dialect."""
     marks = Dialect(None, ".")
     widths = [0 if re.search("[,;\t]", line) else marks.width(line) for line in lines]
     while widths and widths[-1] < 0:

@@ -100,7 +100,7 @@ class Elements:
         self.data, self.order = data, order
 
     def take(self, count: int) -> memoryview:
-        """Return the next `count` bytes; raise a ValueError if fewer remain."""
+        """Return the next `count` bytes of a MATLAB file; raise a ValueError if fewer remain."""
         if count > len(self.data):
             raise ValueError(f"{count} bytes are declared, where {len(self.data)} are left")
         head, self.data = self.data[:count], self.data[count:]
@@ -112,7 +112,7 @@ class Elements:
         return struct.unpack(form, self.take(struct.calcsize(form)))
 
     def element(self) -> tuple[int, memoryview]:
-        """Return data type and content of the next element; up to four bytes fit its tag."""
+        """Return data type and content of a MATLAB file's next element; up to four bytes fit its tag."""
         (code,) = self.integers("I")
         if size := code >> 16:
             if size > 4:
@@ -132,12 +132,12 @@ class Elements:
         return content
 
     def whole_numbers(self, what: str, codes: tuple[int, ...]) -> tuple[int, ...]:
-        """Return the next element as four-byte integers."""
+        """Return the next element of a MATLAB file as four-byte integers."""
         content = self.short(what, codes)
         return struct.unpack(f"{self.order}{len(content) // 4}i", content[: len(content) & ~3])
 
     def numbers(self, count: int | None) -> None:
-        """Skip an element that must contain `count` numbers."""
+        """Skip an element of a MATLAB file that must contain `count` numbers."""
         code, content = self.element()
         if code not in NUMBERS or count not in (None, len(content) / NUMBERS[code]):
             raise ValueError(f"{count} numbers have the type {code} and {len(content)} bytes")
@@ -149,7 +149,7 @@ class Elements:
             raise ValueError(f"{count} characters have the type {code} and {len(content)} bytes")
 
     def matrices(self, count: int) -> None:
-        """Validate `count` consecutive matrices."""
+        """Validate the next `count` matrices of a MATLAB file."""
         if 8 * count > len(self.data):
             raise ValueError(f"{count} items are declared, where {len(self.data)} bytes are left")
         for _ in range(count):

@@ -137,7 +137,7 @@ def _is_ratio(unit: str) -> bool:
 def _unit_of(
     dataset: Mapping[str, Any], axis: str, quantity: str, system: Mapping[str, Any]
 ) -> str:
-    """Return an axis's unit from its label, or from its quantity and the unit system of set 164.
+    """Return an axis's unit in a universal file from its label, or from its quantity and set 164.
 
     Numbers of the file are SI numbers times the factors of set 164. The unit is empty if a factor
     contradicts the code of the unit system.

@@ -89,7 +89,7 @@ class _Fall(NamedTuple):
 
 
 def _fall_of(logs: Float[np.ndarray, "group frame"], time: Reals, variance: float) -> _Fall:
-    """Return the common fall of all groups, whose values have the given variance."""
+    """Return the common rate of fall of the log noise power in all groups of frequencies."""
     centred = time - time.mean()
     spread = float(np.sum(centred**2))
     rate = -float(np.mean(logs @ centred)) / spread

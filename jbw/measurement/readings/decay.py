@@ -134,11 +134,11 @@ class DecaySignal:
         return float(np.abs(np.exp(_log_response(self, np.array([1j * turn]))[0]))[0])
 
     def until(self, count: int) -> "DecaySignal":
-        """Return the signal cut to its first `count` values."""
+        """Return the decay signal cut to its first `count` values."""
         return replace(self, z=self.z[:count], time=self.time[:count])
 
     def filtered_step(self, at_s: float) -> Reals:
-        """Return a unit step at a time [s] after the filter."""
+        """Return a unit step at a given time [s], as passed by the filter."""
         return filtered_step(self.taps, (self.time - at_s) * self.fs)
 
 
@@ -376,11 +376,11 @@ class _Course(NamedTuple):
         return _hermite(self.time, *both, np.minimum(since, self.time[-1])) + late * self.slope[-1]
 
     def bare(self, since: float) -> complex:
-        """Return log a + j phase at one time, without the filter."""
+        """Return log amplitude + j phase of a decay at one time, without the filter."""
         return complex(_hermite(self.time, self.log, self.slope, np.array([since]))[0])
 
     def time_of(self, log_size: float) -> float:
-        """Return the time at which the flow has a given log amplitude."""
+        """Return the time at which a decay has a given log amplitude."""
         return float(np.interp(-log_size, -self.log.real, self.time))
 
 

@@ -114,7 +114,7 @@ class SweepSignal:
         return float(2 * np.pi / np.median(self.rate))
 
     def filtered_step(self, at_s: float) -> Reals:
-        """Return a unit step at a time [s] after the filter."""
+        """Return a unit step at a given time [s], as passed by the filter."""
         return filtered_step(self.taps, (self.time - at_s) * self.fs)
 
     def at_amplitude(self, amplitude: Reals) -> "SweepSignal":
@@ -393,7 +393,7 @@ def _project(
     inner[np.diag_indices_from(inner)] += 1e-12  # a tiny ridge, in case columns coincide
 
     def along(columns: Columns, values: Complexes) -> Reals:
-        """Return the inner products of columns, with real and imaginary parts of their gains."""
+        """Return the real inner products of columns and values, one per real or imaginary gain."""
         return np.real(turn.conj() * (columns.conj().T @ values)[at])
 
     def gains_of(right: Reals) -> Complexes:
