@@ -487,7 +487,7 @@ def _channels(file: Path, series: Leaves, named: Named) -> dict[str, Channel]:
 
 
 def _checks(channels: Mapping[str, Channel], assume: Assume) -> str:
-    """Return the comment on channels whose role or axis is guessed, and note each guess."""
+    """Return a draft's comment on channels whose role or axis is guessed, and note each guess."""
     guessed = [r for r, c in channels.items() if c.guessed or "ampl" in last_name(c.path)]
     for role in guessed:
         assume(messages.guessed_role(role, channels[role].path))

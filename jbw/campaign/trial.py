@@ -128,7 +128,7 @@ def _leaves(reading: ModeReading | None, key: str, mode: tuple[float, float]) ->
 
 
 def _of_parts(kept: Sequence[str], parts: Sequence[str]) -> str:
-    """Return the remedy made of its kept parts; unchanged if all parts are kept."""
+    """Return a remedy reduced to its kept parts; unchanged if all parts are kept."""
     if not kept:
         return remedies.NO_LINE
     remedy = OR.join(kept).removesuffix(".") + "." * parts[-1].endswith(".")

@@ -60,7 +60,7 @@ class CalibratedStep(NamedTuple):
 
 
 def third_order(design: Design[KernelData], *, known_noise: bool = False) -> CalibratedStep:
-    """Return the model of Step 3: zeta, alpha, delta from the kernel, and the noise if unknown (36)."""
+    """Return the model of Step 3: zeta, alpha, delta (and unknown noise) from the kernel (36)."""
     data = design.data
     simulate = Partial(
         simulated_kernel.measured_kernel,

@@ -92,7 +92,7 @@ def differentiate(x: ArrayLike, fs: float, band: tuple[float, float]) -> Reals:
 def _in_band(
     x: ArrayLike, fs: float, band: tuple[float, float], factor: Callable[[Reals], NDArray[Any]]
 ) -> Reals:
-    """Multiply the spectrum by factor(omega) inside the band."""
+    """Multiply a record's spectrum by factor(omega) inside the band."""
     x, fs = channel(x, "x"), sampling(fs)
     low, high = passband(band, fs / 2)
     num_samples = x.shape[-1]

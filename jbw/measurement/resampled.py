@@ -183,7 +183,7 @@ def _band_limited(x: Reals, time: Reals, rate: float, at: Reals) -> Reals:
 
 
 def _blocks(size: int) -> Iterator[tuple[int, int]]:
-    """Yield the first and last index of overlapping blocks of values."""
+    """Yield the first and end index of overlapping blocks of values."""
     step = BLOCK - OVERLAP
     for first in range(0, max(size - OVERLAP, 1), step):
         yield first, min(first + BLOCK, size)

@@ -56,7 +56,7 @@ class BoucWenForce(Force):
         return self.alpha
 
     def at_rest(self) -> Kept:
-        """Return zero force."""
+        """Return zero force as the initial state."""
         return 0.0
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
@@ -121,11 +121,11 @@ class WornForce(Force):
         return self.bwbn_stiffness
 
     def at_rest(self) -> Kept:
-        """Return zero stretch and zero damage."""
+        """Return zero stretch and zero damage as the initial state."""
         return jnp.zeros(2)
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
-        """Return the rates of w and of the energy [1/s]."""
+        """Return the rates of the stretch w and of the energy that determines damage [1/s]."""
         w, energy = z
         s, nu = jnp.sign(v), 1.0 + self.bwbn_delta_nu * energy
         zeta_1 = self.bwbn_zeta_s * (1.0 - jnp.exp(-self.bwbn_p * energy))
@@ -154,7 +154,7 @@ class SliderForces(Force):
         return jnp.sum(self.springs)
 
     def at_rest(self) -> Kept:
-        """Return zero force in every slider."""
+        """Return zero force in every slider as the initial state."""
         return 0.0 * self.springs
 
     def rate(self, v: Scalar, z: Kept) -> Kept:

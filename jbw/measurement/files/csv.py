@@ -192,7 +192,7 @@ def _text_columns(lines: Sequence[str], marks: Dialect) -> tuple[int, ...]:
 
 
 def _without(line: str, marks: Dialect, columns: Sequence[int]) -> str:
-    """Return a line without the given columns."""
+    """Return a line of a text table without the given columns."""
     fields = line.split(marks.delimiter)
     delimiter = marks.delimiter or " "
     return delimiter.join(field for i, field in enumerate(fields) if i not in columns)

@@ -107,12 +107,12 @@ class Elements:
         return head
 
     def integers(self, form: str) -> tuple[int, ...]:
-        """Return the next bytes as integers of the given struct format."""
+        """Return the next bytes of a MATLAB file as integers of the given struct format."""
         form = self.order + form
         return struct.unpack(form, self.take(struct.calcsize(form)))
 
     def element(self) -> tuple[int, memoryview]:
-        """Return data type and content of a MATLAB file's next element; up to four bytes fit its tag."""
+        """Return data type and content of the next element; up to four bytes fit its tag."""
         (code,) = self.integers("I")
         if size := code >> 16:
             if size > 4:

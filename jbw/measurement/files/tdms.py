@@ -32,7 +32,7 @@ class Bounded(BufferedReader):
     """A file that is never asked for more bytes than it has, as after a damaged length."""
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """Return the next bytes, at most up to the end of the file."""
+        """Return the next bytes of the file, at most up to its end."""
         remaining = os.fstat(self.fileno()).st_size - self.tell()
         return super().read(remaining if size is None or size < 0 else min(size, max(remaining, 0)))
 

@@ -42,7 +42,7 @@ class UndecayingLine:
         return self.share(values, fits) > LEAST
 
     def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
-        """Return the fault: frequency and size of the line."""
+        """Return the fault to report: frequency and size of the steady line."""
         hz = fits.signal.centre_hz + self.turn(values, fits) / (2 * np.pi)
         # Use enough digits to distinguish neighbouring lines of the record's spectrum.
         digits = max(

@@ -36,7 +36,7 @@ class AmplitudeBasis(NamedTuple):
     is_free: bool = False
 
     def exponent(self, theta: Reals) -> float:
-        """Return the exponent p of the amplitude: the last parameter if it is fitted, otherwise 1."""
+        """Return the exponent p of the amplitude: the last parameter if fitted, otherwise 1."""
         return float(theta[-1]) if self.is_free else 1.0
 
     def values(self, r: Reals, exponent: float) -> Float[np.ndarray, "term amplitude"]:
