@@ -24,12 +24,12 @@ Found = dict[str, "xr.Dataset"]
 
 
 class Quantities(click.ParamType):
-    """Numbers with commas between them, each with or without a unit, as (value, unit)."""
+    """A list of numbers separated by commas, each with or without a unit, as (value, unit)."""
 
     name = "value"
 
     def convert(self, value: Any, *of: Any) -> list[tuple[float, str]]:
-        """Return the numbers and units."""
+        """Return the numbers and units of an option's text."""
         if not isinstance(value, str):
             return value
         found = []
@@ -42,7 +42,7 @@ class Quantities(click.ParamType):
 
 
 def in_unit(quantity: tuple[float, str], unit: str, option: str) -> float:
-    """Return a value in a unit, from its own where it states one."""
+    """Return a value converted to a unit; a value without a unit is in that unit already."""
     from jbw.units import measured, plain
 
     value, stated = quantity
@@ -58,7 +58,7 @@ def in_unit(quantity: tuple[float, str], unit: str, option: str) -> float:
 
 
 def bare(quantities: tuple[list[tuple[float, str]], ...]) -> list[float]:
-    """Return levels of planned tests, which are in the run's own unit."""
+    """Return levels of planned tests as numbers; raise an error if one states a unit."""
     values = [quantity for some in quantities for quantity in some]
     for _, unit in values:
         if unit:
@@ -67,7 +67,7 @@ def bare(quantities: tuple[list[tuple[float, str]], ...]) -> list[float]:
 
 
 def require_alike(options: Mapping[str, Any], *, loads: bool, campaign: Path | None) -> None:
-    """Refuse tests and other loads in one command, and a moving base without a load."""
+    """Raise an error for tests together with other loads, and for a moving base without a load."""
     tests = any(options[name] for name in ("names", "sweep", "stepped", "tone")) or campaign
     if loads and tests:
         raise click.UsageError(messages.LOADS_OR_TESTS)
@@ -78,14 +78,14 @@ def require_alike(options: Mapping[str, Any], *, loads: bool, campaign: Path | N
 def predict_loads(
     folder: Path, basis: "Basis", inputs: Mapping[str, str], options: Mapping[str, Any], say: Any
 ) -> None:
-    """Predict the loads that the options ask for, save them, and print the answers.
+    """Predict the loads that the options request, save them, and print the results.
 
     Args:
-        folder: What predicts.
-        basis: The same as it was read.
-        inputs: File to SHA-256 of it.
-        options: Of the command.
-        say: Called with one sentence at every stage.
+        folder: Folder of the run, comparison of laws or population that predicts.
+        basis: Basis of predictions, as read from the folder.
+        inputs: SHA-256 of each input file, by name.
+        options: Options of the command.
+        say: Function that is called with one sentence at every stage.
     """
     from jbw.measurement.records import BASE
     from jbw.report.load_section import load_rows, load_table
@@ -127,7 +127,7 @@ def predict_loads(
 def _loads(
     basis: "Basis", load: "Load", options: Mapping[str, Any]
 ) -> "Iterator[tuple[str, Callable[[], xr.Dataset]]]":
-    """Yield the name of every prediction, and what makes it."""
+    """Yield the name of every requested prediction, with the function that computes it."""
     from jbw.forced.profiles import read_profile
     from jbw.forced.shock import pulse_of
     from jbw.study.loads import measured_of

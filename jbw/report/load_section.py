@@ -71,7 +71,7 @@ def _picture(name: str, dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def load_rows(name: str, dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """Return the bands of a prediction's single numbers, one row a quantity and level."""
+    """Return the 99 % bands of all scalar results of a load, one row per quantity and level."""
     rows = []
     for key, values in dataset.data_vars.items():
         if values.dims not in (("quantile",), ("quantile", "level")):
@@ -89,7 +89,7 @@ def load_rows(name: str, dataset: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def load_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Return the table of single numbers, one line for each quantity that has a value."""
+    """Return the table of scalar results, one line for each quantity that has a value."""
     return table(
         "",
         [row for row in rows if row["median"] == row["median"]],

@@ -1,7 +1,6 @@
 """Modes that a campaign states are no fault of its records."""
 
 import numpy as np
-
 import pytest
 
 from jbw.campaign.check import check_campaign, has_one_mode

@@ -1,4 +1,4 @@
-"""A second mode within the band, which beats with the first."""
+"""A second mode within the band, which beats with the first mode."""
 
 from collections.abc import Iterator
 
@@ -18,19 +18,20 @@ from jbw.measurement.readings.sweep import (
 )
 from jbw.report.messages import decay_faults as messages
 
-LEAST = 0.02  # of the amplitude at the start
-DAMPINGS = (0.2, 6.0)  # times that of the first: a mode that decays so fast or slowly is none
-NEAREST = 2.0  # damping rates of the first apart, in a sweep
-BEAT = 4.0  # damping rates of the first apart: where it is looked for within the first's own line
+LEAST = 0.02  # smallest amplitude over that of the first mode at the start
+DAMPINGS = (0.2, 6.0)  # range of a mode's damping, over the damping of the first mode
+NEAREST = 2.0  # smallest distance to the first mode in a sweep, in damping rates of the first
+# Distance in damping rates of the first mode, if the second is within the first mode's line.
+BEAT = 4.0
 
 
 class SecondMode:
-    """A second mode: amplitude and phase, distance and damping in damping rates of the first."""
+    """A second mode: amplitude, phase, distance and damping, the last two in damping rates."""
 
     name = "second mode"
 
     def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
-        """Yield modes to both sides of the first, and at the strongest line of what is left."""
+        """Yield modes on both sides of the first, and at the strongest line of the residual."""
         if isinstance(fits, DecayFits):
             yield from _in_decay(fits, basis)
             return
@@ -41,20 +42,20 @@ class SecondMode:
             yield _in_sweep(fits, away)
 
     def matters(self, values: Reals, fits: Fits) -> bool:
-        """Return whether a sweep passes it; of a decay, whether it beats and has 2 % of it."""
+        """Return whether a sweep passes the mode; for a decay, whether it beats and exceeds 2 %."""
         low, high = DAMPINGS
         if isinstance(fits, SweepFits):
             rate = fits.signal.rate
             second = 2 * np.pi * _first_hz(fits) + float(values[1]) * _rate(fits)
             passed = low < abs(values[0]) < high and rate.min() < second < rate.max()
-            # Nearer, it is the first one turned by a lag.
+            # A nearer mode would be the first one, rotated by a lag.
             return bool(passed and abs(float(values[1])) > NEAREST)
-        # Nearer than both damping rates together, one of them has decayed before they beat.
+        # If nearer than the sum of both damping rates, one mode has decayed before they beat.
         beats = abs(float(values[2])) > 1.0 + abs(float(values[3]))
         return beats and low < abs(values[3]) < high and float(np.hypot(*values[:2])) > LEAST
 
     def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
-        """Name both frequencies, and a band without the second."""
+        """Return the fault: both frequencies, and as a remedy a band without the second mode."""
         first = _first_hz(fits)
         away = values[2] if isinstance(fits, DecayFits) else values[1]
         second = first + float(away) * _rate(fits) / (2 * np.pi)
