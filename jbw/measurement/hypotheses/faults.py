@@ -39,7 +39,7 @@ def explained(fits: Fits, facts: Facts) -> Iterator[tuple[str, Fault]]:
         return
     named = named_cause(fits, (UndecayingLine(),) if left.is_noise else HYPOTHESES)
     if named is not None:
-        fault = named.hypothesis.fault(named.values, fits, facts)
+        fault = named.hypothesis.fault(named.values, fits, facts._replace(mode=named.mode))
         yield named.hypothesis.name, replace(fault, leaves=named.mode)
     elif left.rms > UNEXPLAINED and left.share > UNEXPLAINED_SHARE:
         yield "unexplained", doubt(facts.record.response, *messages.unexplained(left.share))

@@ -85,12 +85,14 @@ class Facts(NamedTuple):
         settle_s: Time at the start of the record that was not read [s].
         delay_s: Stated lag of the response [s].
         band_hz: Band that was read [Hz].
+        mode: Frequency [Hz] and damping ratio of the mode that is fitted with the cause.
     """
 
     record: Record
     settle_s: float
     delay_s: float
     band_hz: tuple[float, float]
+    mode: tuple[float, float] = (np.nan, np.nan)
 
 
 class LeftOver(NamedTuple):

@@ -8,6 +8,7 @@ from jbw.measurement.channels import Complexes, Reals
 from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.hypotheses.hypothesis import Facts, Fits
 from jbw.measurement.readings.decay import DecayCause, DecayFits, DecaySignal
+from jbw.measurement.readings.read import decay_fits
 from jbw.measurement.readings.slow_flow import strongest_line
 from jbw.measurement.readings.sweep import (
     SweepCause,
@@ -23,6 +24,8 @@ DAMPINGS = (0.2, 6.0)  # range of a mode's damping, over the damping of the firs
 NEAREST = 2.0  # smallest distance to the first mode in a sweep, in damping rates of the first
 # Distance in damping rates of the first mode, if the second is within the first mode's line.
 BEAT = 4.0
+# Largest change of the first mode's frequency and damping, over its damping, by a narrower band.
+MOVED = 0.1
 
 
 class SecondMode:
@@ -55,17 +58,34 @@ class SecondMode:
         return beats and low < abs(values[3]) < high and float(np.hypot(*values[:2])) > LEAST
 
     def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
-        """Return the fault: both frequencies, and as a remedy a band without the second mode."""
+        """Return the fault: both frequencies, and a band without the second mode if there is one.
+
+        That band is tried on a decay: what it leaves of the second mode, or eats of the record,
+        must not move the first.
+        """
         first = _first_hz(fits)
         away = values[2] if isinstance(fits, DecayFits) else values[1]
         second = first + float(away) * _rate(fits) / (2 * np.pi)
         low, high = facts.band_hz
         middle = 0.5 * (first + second)
-        band = (low, middle) if second > first else (middle, high)
+        ends = (low, middle) if second > first else (middle, high)
+        band = _three(ends[0]), _three(ends[1])
+        separates = not isinstance(fits, DecayFits) or _keeps_mode(band, facts)
         return doubt(
             facts.record.response,
-            *messages.second_mode(first, second, (_three(band[0]), _three(band[1]))),
+            *messages.second_mode(first, second, band if separates else None),
         )
+
+
+def _keeps_mode(band_hz: tuple[float, float], facts: Facts) -> bool:
+    """Return whether a decay that is read in a band has the mode of the fit with both modes."""
+    fits = decay_fits(facts.record, band_hz, facts.settle_s)
+    if fits is None:
+        return False
+    hz, zeta = _first_hz(fits), _rate(fits) / (2 * np.pi * _first_hz(fits))
+    first_hz, first_zeta = facts.mode
+    moved = abs(hz / first_hz - 1) / first_zeta, abs(zeta / first_zeta - 1)
+    return max(moved) < MOVED
 
 
 def _three(hz: float) -> float:
