@@ -1,4 +1,4 @@
-"""Tests that cannot be used: too short, too damped, too noisy. Left out, so that others go on."""
+"""The exclusion of tests that cannot be used, such as too short or too noisy ones."""
 
 import warnings
 from collections.abc import Container, Iterator, Sequence
@@ -16,12 +16,12 @@ from jbw.report.messages import posterior as messages
 
 
 class UsableTests(NamedTuple):
-    """The tests that can be reduced.
+    """The tests that can be reduced, and the reasons why others cannot.
 
     Attributes:
-        tests: Those tests.
-        left_out: A sentence for each that cannot be reduced.
-        line_fit: Step 2 as it was tried; None where there is none, or it was not tried.
+        tests: The usable tests.
+        left_out: One sentence for each test that cannot be reduced.
+        line_fit: The trial of Step 2; None if there is none, or it was not tried.
     """
 
     tests: tuple[Test, ...]
@@ -34,8 +34,8 @@ def usable(
 ) -> UsableTests:
     """Return the tests that can be reduced, and a sentence for each that cannot.
 
-    All of them where the settings are `strict`, or where none can be used: so the refusal that
-    follows says why. Of several modes at the joint there is no Step 2.
+    If the settings are `strict`, or no test can be used, all tests are returned, so that the error
+    that follows gives the reason. With several modes at the joint there is no Step 2.
     """
     if settings.strict:
         return UsableTests(tuple(tests))
@@ -58,7 +58,7 @@ def usable(
 
 
 def _linear(tests: Sequence[Test], refused: Container[str]) -> Test | None:
-    """Return the test of Step 2 among those that are not refused."""
+    """Return the test of Step 2 among those that are not rejected."""
     return linear_test([test for test in tests if test.name not in refused])
 
 
@@ -69,7 +69,8 @@ def _refusal(test: Test, settings: Identify) -> str:
             split = decay_tests([test], settings)
             test = test if split is None else split.together
         with _tried():
-            # What decays of several modes ask besides is of the [structure] table: an error there.
+            # Further requirements for decays of several modes concern the [structure] table and are
+            # errors there.
             for observable in taking(several=False):
                 if test.kind in observable.kinds:
                     observable.reduce([test], substeps=settings.substeps)
@@ -80,7 +81,7 @@ def _refusal(test: Test, settings: Identify) -> str:
 
 @contextmanager
 def _tried() -> Iterator[None]:
-    """Keep the warnings of a trial back: the fit that counts gives them, of what it fits, once."""
+    """Suppress the warnings of a trial; the final fit gives them once."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
