@@ -93,7 +93,7 @@ def with_shape_priors(modes: Modes, laws: Sequence[str], settings: Identify) -> 
 
 
 def with_stated_priors(settings: Identify, data: Dataset) -> Dataset:
-    """Return data with the densities that settings state for parameters that are not held."""
+    """Return data with the prior densities that settings state for free parameters."""
     stated = {name: prior for name, prior in settings.prior.items() if name not in data.held}
     return replace(data, stated=StatedDensities.of(stated))
 

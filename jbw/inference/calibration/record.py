@@ -29,7 +29,7 @@ LEAST = 1e-9  # p-value below which the sum of pointwise tails, an upper bound, 
 
 
 class Ranked(NamedTuple):
-    """Rank of the truth among the draws of each quantity, and whether their central 99 % hold it.
+    """The rank of the truth among draws of each quantity, and whether 99 % intervals contain it.
 
     Further fields are whether all draws are finite, whether the sampler finished, and the largest
     split R-hat.
@@ -111,7 +111,7 @@ def _uniform(p_chi_square: dict[str, float], p_ecdf: dict[str, float]) -> Findin
 
 
 def _covered(coverage: dict[str, tuple[float, float, float]], count: int) -> Finding:
-    """Return whether 99 % intervals hold 99 % of the truths, the worst quantity first."""
+    """Return the finding on whether 99 % intervals contain 99 % of the truths."""
     corrected = 1 - (1 - LEVEL) / len(coverage)
     shares = {name: estimate[0] for name, estimate in coverage.items()}
     for name in (min(shares, key=shares.__getitem__), max(shares, key=shares.__getitem__)):

@@ -147,7 +147,7 @@ def _in_rounds(
 def _posed(
     key: Key[Array, ""], model: Model
 ) -> tuple[dict[str, Array], Problem, Key[Array, ""], Key[Array, ""]]:
-    """Return a truth, the posterior of data simulated from it, and keys to draw and to rank by."""
+    """Draw a truth and simulate its data; return the posterior, with keys to draw and rank."""
     key_truth, key_data, key_place, key_draws, key_rank = jax.random.split(key, 5)
     truth = from_unit(jax.random.uniform(key_truth, (len(model.box.names),)), model.box)
     data = model.simulate(key_data, truth)

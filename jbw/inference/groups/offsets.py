@@ -72,7 +72,7 @@ def estimate(
     num_values: Float[Array, " group"],
     directions: Float[Array, "group own value"],
 ) -> Estimate:
-    r"""Return the offsets of each group by least squares, its noise integrated out under 1/sigma.
+    r"""Estimate the offsets of each group by least squares, noise integrated out under 1/sigma.
 
     $$A = K J J^T, \quad \hat b = K A^{-1} J r, \quad
       Q = K|r|^2 + S - \hat b^T A \hat b, \quad

@@ -62,7 +62,7 @@ MakeKernel = Callable[[Problem, Any], Kernel]
 
 
 class Starts(NamedTuple):
-    """The starts of chains: common key, whitened centre of each, deviations to disperse them by."""
+    """The starts of chains: common key, whitened centres, and standard deviation around them."""
 
     key: Key[Array, ""]
     centre: Float[Array, "chain parameter"]

@@ -230,7 +230,7 @@ def _states(
 def _grown(
     states: PyTree, done: int, count: int, problem: Problem, make: MakeKernel, options: Any
 ) -> tuple[PyTree, list[Rows]]:
-    """Return the states after a chunk of steps, and its draws, if any, after the warm-up."""
+    """Advance the chains by a chunk; return their states and the draws after the warm-up."""
     states, draws = advance_chains(states, jnp.asarray(count), CHUNK, problem, make, options)
     first = min(count, max(0, options.num_warmup - done))
     if first == count:
@@ -279,7 +279,7 @@ def _restored(like: Array, plain: np.ndarray) -> Array:
 
 
 def fingerprint(starts: PyTree, problem: Problem, make: Callable, options: Any) -> str:
-    """Return a hash of all that fixes draws: key, starts, data, coordinates, sampler, options."""
+    """Return a hash of all that determines draws: key, starts, data, coordinates, options."""
     functions = [
         getattr(f, "__qualname__", type(f).__name__) for f in (problem.log_likelihood, make)
     ]

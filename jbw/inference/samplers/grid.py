@@ -52,7 +52,7 @@ class Stretch(Coordinate):
 
 
 class Grid(NamedTuple):
-    """Nodes at equal spacings, the first coordinate slowest, and the log density of w [nats]."""
+    """A grid of equally spaced nodes, first coordinate slowest, with log density of w [nats]."""
 
     whitening: Coordinate
     axes: Float[Array, "parameter place"]
@@ -104,7 +104,7 @@ def whitened_by(
     covariance: Float[Array, "parameter parameter"],
     first: int = 0,
 ) -> Affine:
-    """Return whitening by a covariance whose first coordinate moves along one parameter's axis."""
+    """Return the whitening by a covariance, with one parameter moved by one coordinate alone."""
     order = np.array([first, *(i for i in range(mean.size) if i != first)])
     root = jnp.linalg.cholesky(covariance[np.ix_(order, order)])
     return Affine(mean, jnp.zeros_like(root).at[order].set(root))

@@ -95,7 +95,7 @@ def require_float64() -> None:
 
 
 class Product(NamedTuple):
-    r"""A product of powers, $\prod_i \theta_i^{p_i}$; factors might be traded for one another."""
+    r"""A product of powers, $\prod_i \theta_i^{p_i}$, whose factors may compensate each other."""
 
     name: str
     text: str

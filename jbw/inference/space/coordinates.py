@@ -100,7 +100,7 @@ def unit(lower: Vector, upper: Vector) -> Elementwise:
 
 
 class Logarithms(Coordinate):
-    """Some by their logarithms, $y_i = e^{x_i}$, where a product is a straight valley."""
+    """The logarithms of chosen parameters, $y_i = e^{x_i}$: valleys of products are straight."""
 
     chosen: tuple[bool, ...] = eqx.field(static=True)
 

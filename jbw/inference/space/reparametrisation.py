@@ -80,7 +80,7 @@ def _checked_start(start: Theta, box: Box, num_chains: int) -> Float[np.ndarray,
 
 
 def never_zero(theta: Theta, covariance: Covariance, box: Box) -> tuple[str, ...]:
-    """Return the parameters to sample in logarithms: those certainly non-zero by a fit."""
+    """Return the parameters to sample in logarithms: those certainly positive by box or fit."""
     conditional = 1 / np.sqrt(np.diag(np.linalg.inv(covariance)))
     return tuple(
         name
