@@ -122,7 +122,7 @@ def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
 def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
     """Return chi-square and degrees of freedom of a fit, over groups with noise from repeats."""
     sizes = num_known(data)
-    if sum(sizes.values()) <= len(first.x):  # as many parameters explain any data
+    if sum(sizes.values()) <= len(first.x):  # so many parameters would explain any data
         return None
     rows = by_label(first.residual, data)
     total = sum(float(np.sum(rows[label] ** 2)) for label in sizes)

@@ -45,7 +45,7 @@ UNITS = {
 
 TEST = "[test]"  # table of the campaign file in which a remedy puts its line
 
-Columns = Mapping[str, Float[np.ndarray, "value column"]]  # by the groups' labels
+Columns = Mapping[str, Float[np.ndarray, "value column"]]  # by label of the group
 Spectra = Mapping[str, Spectrum]
 Slopes = Mapping[str, Mapping[str, Row]]  # of residuals, by parameter and by label
 MOSTLY = 0.5  # explained share of the misfit from which a cause is a finding

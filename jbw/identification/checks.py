@@ -89,7 +89,7 @@ STUCK = {"frozen_chain", "r_hat"}  # findings of a sampler that does not fit the
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of one check."""
+    """The outcome of one check of a posterior: its finding, sentences and arrays."""
 
     finding: Finding | None = None  # None if the check does not apply
     statements: Sequence[str] = ()  # sentences for the reader
@@ -100,7 +100,7 @@ class Outcome:
 class Checks:
     """The results of all checks of a posterior."""
 
-    findings: tuple[Finding, ...]  # of the chains, the fit and the posterior
+    findings: tuple[Finding, ...]  # on the chains, the fit and the posterior
     amendments: tuple[Amendment | None, ...]  # changes of findings due to fit errors
     statements: tuple[str, ...]  # of the fit, the sampler and the checks
     groups: Mapping[str, xr.Dataset]  # labelled arrays stored with the draws, by name

@@ -70,7 +70,7 @@ class Diagnosis(NamedTuple):
 
 
 def diagnose(curve: AmplitudeCurve) -> Diagnosis | None:
-    """Diagnose the joint from readings against amplitude; None with too few readings.
+    """Fit the numbers of a joint's diagnosis to readings against amplitude; None with too few.
 
     Bands come from readings drawn within their errors. Readings are weighted by their amplitude:
     the noise of frequency and damping falls as the motion grows.

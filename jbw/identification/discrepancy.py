@@ -67,15 +67,15 @@ NO_SCATTER = Scatter(0.0)
 class Missed(NamedTuple):
     """The error of a law within the fitted amplitudes."""
 
-    frequency: Scatter  # of the natural frequency, over itself [-]
-    damping: Scatter  # of the damping ratio [-]
+    frequency: Scatter  # scatter of the natural frequency, relative [-]
+    damping: Scatter  # scatter of the damping ratio [-]
 
 
 class AtAmplitude(NamedTuple):
     """The standard deviations of a law's error at one amplitude."""
 
-    frequency: float  # of the natural frequency, over itself [-]
-    damping: float  # of the damping ratio [-]
+    frequency: float  # standard deviation of the natural frequency, relative [-]
+    damping: float  # standard deviation of the damping ratio [-]
     share: float  # factor of the remaining error of the response
     beyond: float = 0.0  # factor of that error's part that grows outward
 

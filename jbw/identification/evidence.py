@@ -347,7 +347,7 @@ def without_offsets(
     settings = alike(seen.settings).model_copy(update={"offsets": "none"})
     fitted = best.fitted
     data = under(best.laws, assemble(seen), best.meet)
-    data = replace(data, held=fitted.data.held)  # with the signs of modes
+    data = replace(data, held=fitted.data.held)  # keeps the signs of modes
     ready = reweight(key, data, fitted.box, fitted.fit, settings)
     keys = jax.random.split(key, len(found))
     return [again(k, candidate, ready) for k, candidate in zip(keys, found, strict=True)]

@@ -41,7 +41,7 @@ EXPLAINED = 1.2  # chi-square per degree of freedom below which residuals are mo
 CLOSE = (
     0.15  # relative error of each group below which a first answer is accepted (no run offsets yet)
 )
-BESIDE_CURVE = {"gain", *(quantity.name for quantity in MODAL)}  # of the first mode, driven or not
+BESIDE_CURVE = {"gain", *(quantity.name for quantity in MODAL)}  # not fitted to an amplitude curve
 
 
 def first_fit(
@@ -160,7 +160,7 @@ def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -
 
 
 def further(ends: Sequence[Fit], prior: Box, data: Dataset) -> list[Fit]:
-    """Continue the fits that rounds stopped, until one explains the data; return best first."""
+    """Continue stopped fits one by one until one explains the data; return all, best first."""
     num = ROUNDS[-1][0]
     finished, stopped = list(ends[:num]), list(ends[num:])
     for place, end in enumerate(stopped):

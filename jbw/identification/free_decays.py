@@ -21,7 +21,7 @@ DECAY_KEY = 100  # keeps the paper's draws independent of decays
 
 @dataclass(frozen=True)
 class FreeDecays:
-    """The free decays of a campaign, after its joint posterior."""
+    """The separate results of a campaign's free decays: envelopes, posterior, findings."""
 
     data: Decays | None = None  # the envelopes, with the noise estimated in the fit
     step: Step | None = None  # separate posterior; None if not drawn

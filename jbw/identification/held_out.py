@@ -54,7 +54,7 @@ def held_out[Piece: Hashable](
 
 
 def labels_by_run(data: Dataset) -> dict[str, list[str]]:
-    """Return the labels of the groups of each run."""
+    """Return the labels of the data groups of each run."""
     labels: dict[str, list[str]] = {}
     for label, run in zip(data.labels, data.runs, strict=True):
         labels.setdefault(run, []).append(label)

@@ -72,7 +72,7 @@ class JointPosterior:
     """The draws of all parameters, gains and noise, with the fit that they started from."""
 
     name: str  # "joint", or "decay" for free decays alone
-    tree: xr.DataTree  # the sampler's groups, with the noise, the laws' parameters and products
+    tree: xr.DataTree  # the sampler's groups, with noise, laws' parameters and products
     fitted: Fitted  # with the prior that was sampled
     wall_s: float  # time of fit, draws and compilation
 

@@ -41,11 +41,11 @@ from jbw.oscillator.steady.waveform import orders
 from jbw.quantities import joints_of, motion_factors_in, name_at
 
 LEVELS = np.linspace(0.0, 1.0, 9)[1:]  # over the largest measured amplitude of a mode
-NUM_HARMONICS = 3  # of the free shape, in weak slip: frequency to 1e-6, damping to 1e-4
+NUM_HARMONICS = 3  # gives the frequency to 1e-6 and the damping to 1e-4 in weak slip
 MAX_TURNS = 2  # of a joint's motion in a period
 NUM_FREE = 48  # least number of draws of a posterior with free shape
 SPARE = 3  # least number of such draws per parameter
-STUCK_NAMES = frozenset(name for pair in DRIVEN for name in pair)  # of modes, not of joints
+STUCK_NAMES = frozenset(name for pair in DRIVEN for name in pair)  # parameters of modes
 
 
 class ModeNumbers(NamedTuple):
@@ -230,7 +230,7 @@ def _ratios(
     steps: Float[np.ndarray, "draw parameter"],
     chosen: Int[np.ndarray, " some"],
 ) -> Float[np.ndarray, "... draw"]:
-    """Extend ratios of some draws to all draws, linear in their steps and exact at the first draw.
+    """Extend ratios known at some draws to all, linear in their steps, exact at the first draw.
 
     The result is clipped to the range of the known ratios. It is one if the first ratio is unknown.
     """

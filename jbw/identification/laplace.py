@@ -53,7 +53,7 @@ from jbw.report.messages import stages
 
 NUM_CHAINS, NUM_DRAWS = 4, 1000  # as in a sampled posterior
 Points = Float[np.ndarray, "draw parameter"]
-SPARE = 8  # times as many points, so that enough lie within the prior box
+SPARE = 8  # factor on the number of points, so that enough lie within the prior box
 NOTHING = 1e-9  # factor of the scatter of runs that suppresses offsets
 LEAST = 12.0  # precision of the prior alone, times the squared width of its box
 

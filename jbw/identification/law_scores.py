@@ -113,7 +113,7 @@ def _score_of_fit(piece: HeldOut, data: Dataset) -> float:
 
 
 def _told_by_terms(data: Dataset, rest: Dataset) -> Float[np.ndarray, " term"] | None:
-    """Return factors from likelihood terms of `rest` to those of `data`; None if shifts tie runs.
+    """Return factors that restore the likelihood terms of held-out groups; None if shifts tie runs.
 
     Without offsets, a likelihood term is proportional to the number of values that count. A
     silenced group keeps a tiny number, so its term can be scaled up and nothing is solved twice.

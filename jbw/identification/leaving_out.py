@@ -65,7 +65,7 @@ from jbw.quantities import are_at_joints
 from jbw.report.messages import modes, stages
 from jbw.report.messages import residuals as messages
 
-FitsWithout = Mapping[tuple[str, ...], HeldOut]  # by the runs that are held out
+FitsWithout = Mapping[tuple[str, ...], HeldOut]  # by held-out runs
 MOVES = 4.0  # standard deviations of a change from which runs contradict each other
 # Ratio of standard deviations without and with a test from which a parameter depends on it.
 WIDER = 5.0
@@ -73,7 +73,7 @@ LEAST_GAIN = 0.01  # least relative gain of variance by a run for which its z is
 FEWEST = 3  # records from which a scatter is computed
 BY_CHANCE = 0.01  # probability of such a scatter if records agree
 MATTERS = 1.2  # factor on the interval below which a scatter is not reported
-REACH = float(stats.norm.isf(0.005))  # standard deviations of a 99 % interval
+REACH = float(stats.norm.isf(0.005))  # half-width of a 99 % interval in standard deviations
 CLEARLY = 1.25  # ratio of a mode's errors with the common and a separate joint
 
 

@@ -24,7 +24,7 @@ SCATTER_P = 0.01  # p-value below which repeats scatter more than their errors e
 class PooledFit:
     """The combined fit of several repeats; every vector is (omega_n, zeta, gain)."""
 
-    mean: Real  # over the repeats
+    mean: Real  # mean over the repeats
     covariance: Real  # of the mean, widened if the repeats scatter more
     cv: Real  # coefficient of variation across repeats [-]
     scatter_ratio: Real  # variance across repeats over that expected from the fits

@@ -30,7 +30,7 @@ class LinearStep:
     test: Test  # the noise or multisine test
     fits: tuple[LineFit, ...]  # one per repeat
     pooled: PooledFit
-    frf: FRF  # of all repeats together
+    frf: FRF  # FRF of all repeats together
     y_rms: float  # rms displacement of the test [m], where the result applies
     modal: ModalFit | None = None  # of all repeats, the joint's mode first; None if not requested
 

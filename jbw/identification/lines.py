@@ -65,12 +65,12 @@ class FRFLines:
 
 @dataclass(frozen=True)
 class FittedLines:
-    """The optimum of weighted least squares."""
+    """The optimum of a weighted least-squares fit of FRF lines."""
 
     theta: Real
     jacobian: Complex  # derivative of the model by theta
     variance: Real  # of the lines, used as weights
-    covariance: Real  # of all of theta
+    covariance: Real  # covariance of theta
     chi_square: float
     residual: Complex  # model minus data, output by output
 

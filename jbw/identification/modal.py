@@ -94,7 +94,7 @@ def stabilisation(outputs: Sequence[FRF], expected: int = 0) -> Stabilisation:
         DataError: There are too few lines for the lowest order.
     """
     num_lines, expected = len(outputs[0].freq), max(expected, EXPECTED)
-    # More lines than coefficients of one output's numerator and denominator.
+    # There must be more lines than coefficients of one output's numerator and denominator.
     highest, lowest = min(LAST * expected, (num_lines - 1) // 2), FIRST * expected
     if highest <= lowest:
         raise DataError(

@@ -297,7 +297,7 @@ class Slopes(NamedTuple):
     """The derivatives of a fit for runs without offsets, and the scatter of these offsets."""
 
     data: Dataset  # with suppressed offsets
-    jacobian: Float[np.ndarray, "value parameter"]  # of the predictions
+    jacobian: Float[np.ndarray, "value parameter"]  # derivatives of the predictions
     scatter: Float[np.ndarray, " own"]  # scatter of omega_n [rad/s] and zeta over runs
 
 
@@ -369,7 +369,7 @@ class FitOfAll(NamedTuple):
     """Quantities that are common to all held-out runs."""
 
     num_fits: int  # number of fits without some runs
-    omega_n: float  # natural frequency of the fit of all [rad/s]
+    omega_n: float  # natural frequency of the fit of all runs [rad/s]
     covariance: Float[np.ndarray, "parameter parameter"]  # of the parameters of this fit
     scatter: Float[np.ndarray, " own"]  # of omega_n [rad/s] and zeta over runs
 
@@ -387,7 +387,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
     residuals, slopes = residual_by_label(best.residual, data), slopes_of(best, prior, data)
     noise = _noise_alike(residuals, data) | repeated
     stay_in = _decays(data) - {run for group in fits for run in group}
-    fits_with_decays = {tuple(sorted(stay_in)): best} if stay_in else {}  # decays among other tests
+    fits_with_decays = {tuple(sorted(stay_in)): best} if stay_in else {}  # fitted decays
     shown = {
         run: _placed(_shown_by(run, fit, slopes, prior, noise, natural), run, group, amplitudes)
         for group, fit in (fits_with_decays | {g: x.fit for g, x in fits.items()}).items()
@@ -566,7 +566,7 @@ def amplitudes_of_runs(data: Dataset, omega_n: float) -> dict[str, float]:
 
 
 def _decays(data: Dataset) -> set[str]:
-    """Return the names of free decays."""
+    """Return the run names of the free decays in a dataset."""
     return {run for part in data.parts if part.own_shifts for run in part.groups.runs}
 
 
@@ -585,7 +585,7 @@ def _labels_of(run: str, data: Dataset) -> list[str]:
 def _end_to_end(
     rows: Float[np.ndarray, "all ..."], labels: Sequence[str], data: Dataset
 ) -> Float[np.ndarray, "some ..."]:
-    """Join the rows of `stacked` that belong to the given groups, end to end."""
+    """Return the values of given groups of data, joined end to end."""
     labelled = by_label(rows, data)
     return np.concatenate([labelled[label] for label in labels])
 

@@ -45,8 +45,8 @@ class Nested(NamedTuple):
 
     growth: float
     num_parameters: int
-    fit: Fit  # of the simpler oscillator
-    bounds: Mapping[str, tuple[float, float]]  # its prior
+    fit: Fit  # fit of the simpler oscillator
+    bounds: Mapping[str, tuple[float, float]]  # prior of the simpler oscillator
 
 
 def without_joint(best: Fit, prior: Box, data: Dataset) -> Nested:

@@ -50,7 +50,7 @@ class Readings(NamedTuple):
 
 
 class _Reading(NamedTuple):
-    """s and o of one mode, their standard errors, and the slip at the largest displacement."""
+    """The numbers s and o of one mode, their standard errors, and its slip at largest motion."""
 
     value: Float[np.ndarray, " product"]
     std: Float[np.ndarray, " product"]

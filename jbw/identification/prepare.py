@@ -179,7 +179,7 @@ def completed(
 def settled(
     best: Fit, prior: Box, data: Dataset, settings: Identify, *, tolerance: float = TOLERANCE
 ) -> tuple[Fit, Dataset]:
-    """Alternate fits and weights until the fit no longer moves; return the fit and the dataset."""
+    """Repeat fit and weighting in turn until the fit no longer moves; return fit and dataset."""
     for count in range(1, MOST_ROUNDS + 1):
         under_way.info(messages.REWEIGHTING, count, MOST_ROUNDS)
         before = np.asarray(best.x)

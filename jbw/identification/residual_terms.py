@@ -134,7 +134,7 @@ def _with_neighbour(
 
 
 def _start(best: Fit, data: Dataset, omega: float | None) -> tuple[float, float, float] | None:
-    """Return starting frequency, damping and share of a neighbour; None if none is suspected."""
+    """Return starting frequency, damping and share of a neighbouring mode; may be None."""
     cause = other_mode(best, data, () if omega is None else omega * ABOUT)
     if cause is None or cause.mode is None:
         return None if omega is None else (omega, USUAL_ZETA, 0.0)

@@ -404,7 +404,7 @@ def trend_finding(shifts: Shifts, data: Dataset) -> Finding | None:
     x = np.array([sizes[shifts.runs[i]] for i in indices])
     if len(indices) < FEWEST_RUNS or np.ptp(x) <= 0:
         return None
-    x = (x - x.min()) / np.ptp(x)  # a slope is then the change from the smallest to the largest
+    x = (x - x.min()) / np.ptp(x)  # the slope is then the change from smallest to largest
     slopes = {
         name: slope_of(x, shifts.offset[indices, i], shifts.std[indices, i])
         for i, name in enumerate(OFFSETS)

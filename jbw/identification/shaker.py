@@ -60,7 +60,7 @@ def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
     shaker = fit_attachment(voltage, force, moved, record.fs, wide)
     size = None if periodic is None else periodic[1]
     fit = _modes(test, record, size, test.band_hz, modes)
-    squares = fit.residues[:, 0]  # per newton at its own place: the shape's square
+    squares = fit.residues[:, 0]  # the square of the shape at the drive point
     if np.any(squares <= 0):
         raise DataError(
             f"Test {test.name} must show a drive point that moves with the force, but at "

@@ -237,7 +237,7 @@ def _with_changed(
     groups: Sequence[tuple[str, ...]],
     campaign_laws: Laws,
 ) -> tuple[str, tuple[Laws, ...]]:
-    """Add sets with one changed joint, as many as allowed; return which sets were added."""
+    """Add sets of laws with one changed joint, as many as allowed; return which were added."""
     stuck = [laws for laws in plain if not laws]
     for which, tried in ((messages.EVERY, plain), (messages.NONE, stuck)):
         changed = [_with_others(laws, group, campaign_laws) for group in groups for laws in tried]

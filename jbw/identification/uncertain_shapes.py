@@ -28,7 +28,7 @@ from jbw.quantities import joints_of, motion_factors_in, name_at, split
 
 SPREAD = 0.1  # standard deviation of the logarithm of a factor
 HARDLY_MOVED = 1e-4  # energy share over the mode's largest below which a joint hardly moves
-Place = tuple[str, int]  # a joint and a mode, which is 1 for the first
+Place = tuple[str, int]  # a joint and the number of a mode, from 1
 
 
 @cache

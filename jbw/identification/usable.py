@@ -16,11 +16,11 @@ from jbw.report.messages import posterior as messages
 
 
 class UsableTests(NamedTuple):
-    """The tests that can be reduced, and the reasons why others cannot.
+    """The tests that can be converted to data for a fit, and the reasons why others cannot.
 
     Attributes:
         tests: The usable tests.
-        left_out: One sentence for each test that cannot be reduced.
+        left_out: One sentence for each test that cannot be converted.
         line_fit: The trial of Step 2; None if there is none, or it was not tried.
     """
 
@@ -32,7 +32,7 @@ class UsableTests(NamedTuple):
 def usable(
     tests: Sequence[Test], settings: Identify, gain: Gain = None, *, several_modes: bool = False
 ) -> UsableTests:
-    """Return the tests that can be reduced, and a sentence for each that cannot.
+    """Return the tests that can be converted to data for a fit, and sentences on the others.
 
     If the settings are `strict`, or no test can be used, all tests are returned, so that the error
     that follows gives the reason. With several modes at the joint there is no Step 2.
@@ -63,7 +63,7 @@ def _linear(tests: Sequence[Test], refused: Container[str]) -> Test | None:
 
 
 def _refusal(test: Test, settings: Identify) -> str:
-    """Return the reason why a test cannot be reduced; empty if it can."""
+    """Return the reason why a test cannot be converted to data for a fit; empty if it can."""
     try:
         if test.traits.is_free:
             split = decay_tests([test], settings)

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-LANES = 32  # points that one compiled call evaluates side by side
+LANES = 32  # points that one compiled call evaluates in parallel
 # Event of background work, which is set once its result is no longer needed.
 _GIVEN_UP: ContextVar[Event | None] = ContextVar("given_up", default=None)
 
@@ -188,7 +188,7 @@ class _Meeting:
         self._answer(asked)
 
     def close(self) -> None:
-        """Cancel all running searches, each at its next request for values."""
+        """Stop all running searches, each at its next request for values."""
         with self._lock:
             self._is_closed = True
             asked, self._asked = self._asked, []

@@ -106,7 +106,7 @@ class LawComparison:
     """The result of `compare_laws`."""
 
     candidates: dict[str, Candidate]  # by name, fitted to one dataset
-    tree: xr.DataTree  # scores by run and law, and curves against amplitude
+    tree: xr.DataTree  # scores by run and law, curves against amplitude
     record: dict[str, Any]  # all numbers in plain values, as in `laws.json`
 
     def predict(self, test: Test) -> xr.Dataset:

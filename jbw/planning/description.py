@@ -34,9 +34,9 @@ POSITIVE = Quantity("positive", "", "1", "a positive number", 0.0)
 
 
 def _range(value: Any) -> Range:
-    """Return [lower, upper] of one sign from a nonzero number or a range.
+    """Return [lower, upper] from a number or a pair; raise a ValueError unless of one sign.
 
-    A coefficient of variation (CV) needs a value away from zero.
+    A coefficient of variation (CV) needs a value that cannot be zero.
     """
     if not isinstance(value, list | tuple):
         value = [value, value]
@@ -85,7 +85,7 @@ Part = Annotated[PositiveRange, AfterValidator(_part)]
 
 
 class PlanTable(FileTable):
-    """The [plan] table but for the parameters of the laws; every default stands here."""
+    """The [plan] table without the parameters of the laws, with all its defaults."""
 
     natural_hz: PositiveRange | None = key(None, "natural frequency at small amplitude [Hz]")
     omega_n: PositiveRange | None = key(None, "the same [rad/s], instead")

@@ -69,8 +69,8 @@ class PlannedTones:
 
     level: float  # peak of the input [V, N or N/kg]
     frequencies_hz: tuple[float, ...]
-    dwell: float  # time on each of them [s]
-    settle: float  # of that, the first part, which is discarded [s]
+    dwell: float  # time on each step [s]
+    settle: float  # discarded first part of that time [s]
     fs: float  # sampling frequency [Hz]
 
     @property
@@ -99,7 +99,7 @@ class PlannedBackbone:
 
     level: float  # largest peak of the input, median over the joints [V, N or N/kg]
     amplitudes: tuple[float, ...]  # amplitudes of the displacement [m]
-    dwell: float  # time on each of them [s]
+    dwell: float  # time on each step [s]
     settle: float  # first part of the dwell, in which the controller locks [s]
     fs: float  # sampling frequency [Hz]
     natural_hz: float  # natural frequency, near all frequencies [Hz]
@@ -170,7 +170,7 @@ class Expected:
 class CandidateRow:
     """One candidate; its status is "ok", "too few", "not feasible" or "not predicted"."""
 
-    test: str  # in words
+    test: str  # description of the test
     level: float  # peak of the input [V, N or N/kg]
     y_peak: float  # predicted peak displacement, median over joints [m]
     y_peak_largest: float  # the largest over joints [m]
@@ -185,9 +185,9 @@ class CandidateRow:
 
 @dataclass(frozen=True)
 class Chosen:
-    """A test of a combination."""
+    """A test in a combination of tests, with its number of repeats."""
 
-    test: str  # in words
+    test: str  # description of the test
     level: float  # peak of the input [V, N or N/kg]
     repeats: int
 

@@ -41,7 +41,7 @@ DIGITS = 3
 
 
 class SweepTable(FileTable):
-    """The [sweep] table."""
+    """The [sweep] table of a plan file."""
 
     levels: Numbers | None = key(None, "peaks of the input [V, N or N/kg]")
     span: Span | None = key(None, "first and last frequency [Hz]")
@@ -50,7 +50,7 @@ class SweepTable(FileTable):
 
 
 class DwellingTable(FileTable):
-    """The shared keys of tables for tests that dwell on one point after the other."""
+    """The keys that tables of tests with several steady points share."""
 
     dwell: Positive | None = key(None, "time on each point [s]")
     settle: NonNegative | None = key(None, "of that, the first part, which is discarded [s]")
@@ -66,20 +66,20 @@ class DwellingTable(FileTable):
 
 
 class TonesTable(DwellingTable):
-    """The [tones] table."""
+    """The [tones] table of a plan file."""
 
     levels: Numbers | None = key(None, "peaks of the input [V, N or N/kg]")
     frequencies: Numbers | None = key(None, "tones, each alone [Hz]")
 
 
 class SteppedTable(TonesTable):
-    """The [stepped] table."""
+    """The [stepped] table of a plan file."""
 
     frequencies: Numbers | None = key(None, "steps, in turn [Hz]")
 
 
 class BackboneTable(DwellingTable):
-    """The [backbone] table."""
+    """The [backbone] table of a plan file."""
 
     amplitudes: Numbers | None = key(None, "peaks of the displacement, held in turn [m]")
 
@@ -90,7 +90,7 @@ READ = {
     PlannedSteppedSine: planning.THIRD_HARMONIC,
     PlannedBackbone: planning.NATURAL_FREQUENCY,
 }
-Grid = SweepTable | TonesTable | BackboneTable  # what is left out the joint decides
+Grid = SweepTable | TonesTable | BackboneTable  # the joint determines missing values
 GRIDS: dict[str, type[Grid]] = {
     "sweep": SweepTable,
     "tones": TonesTable,
@@ -101,7 +101,7 @@ USUAL = (
     "sweep",
     "tones",
     "stepped",
-)  # where none are stated: not every laboratory has a controller
+)  # kinds if none are stated; backbones need a controller
 
 
 @dataclass(frozen=True)

@@ -104,7 +104,7 @@ def beside(
     noise_std: float | NDArray[np.float64] | None,
     unit: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Return variables `measured`, `model_band`, and `predictive_band` if noise is known."""
+    """Return variables `measured`, `model_band` and, if noise is known, `predictive_band`."""
     dims = ("quantile", dim)
     variables = {"measured": (dim, measured, unit), "model_band": (dims, band(model), unit)}
     if noise_std is not None:
@@ -125,7 +125,7 @@ def polar(
     phase: Mapping[str, str],
     dims: str | tuple[str, ...] = ("quantile", "freq"),
 ) -> dict[str, Any]:
-    """Return variables `name_magnitude`, `name_phase` near a reference; bands over `quantile`."""
+    """Return `name_magnitude` and `name_phase` of complex values; bands if over `quantile`."""
     size, angle = np.abs(values), phase_near(values, reference)
     if "quantile" in dims:
         size, angle = band(size), band(angle)

@@ -190,7 +190,7 @@ def _compared(
 ) -> tuple[dict[str, Any], dict[str, float]]:
     """Return variables of one harmonic by frequency, and its errors given the mean's noise."""
     everything = {"measured": group.values, "model": model, **others}
-    # Real and imaginary parts, as they enter the likelihood.
+    # Errors use real and imaginary parts, as the likelihood does.
     parts = {n: np.concatenate([np.real(x), np.imag(x)], axis=-1) for n, x in everything.items()}
     error_values = errors(parts.pop("measured"), parts.pop("model"), parts, noise_std)
     record = test.records[0]

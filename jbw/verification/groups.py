@@ -27,7 +27,7 @@ class Group(NamedTuple):
     model: Float[np.ndarray, "draw value"]
     others: dict[str, Float[np.ndarray, " value"]]  # of reference oscillators
     noise: RepeatNoise  # of one repeat
-    std: float | None  # of the mean, for the bands
+    std: float | None  # standard deviation of the mean's noise, for the bands
 
 
 def _observable(test: Test) -> type[Observable] | None:

@@ -36,7 +36,7 @@ from jbw.quantities import (
 AS_RECORDED = "as_recorded"  # draws before stated errors of instruments widened them
 # All groups of a result that `basis_of` reads.
 GROUPS_OF_BASIS = ("posterior", AS_RECORDED, "runs", "discrepancy", "steps")
-NUM_DRAWS = 100  # outer quantiles of 99 % bands need about as many
+NUM_DRAWS = 100  # the ends of 99 % bands need about this many
 SUBSTEPS = 2  # solver steps per sample for a run that does not state them
 SCATTER_KEY = 200  # random key of the scatter between runs
 Draws = dict[str, NDArray[np.float64]]

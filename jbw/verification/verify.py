@@ -41,7 +41,7 @@ BETTER = 1.1  # error over a simpler oscillator's from which the latter is the b
 # This is the root of 2: if a linear oscillator has the same error as the joint, noise may explain
 # all of it, and the band includes as much noise.
 NOISE_BESIDE = 2**0.5
-REACH = float(norm.ppf(QUANTILES[-1]))  # standard deviations of a 99 % band
+REACH = float(norm.ppf(QUANTILES[-1]))  # half-width of a 99 % band in standard deviations
 SIMPLER = ("linear", "cubic")
 Groups = dict[str, xr.Dataset]
 

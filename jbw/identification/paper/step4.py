@@ -125,10 +125,10 @@ def residual(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " 
 class OpeningFit(NamedTuple):
     """The initial fit of gamma in Step 4."""
 
-    curve: OpeningCurve  # the likelihood's series
+    curve: OpeningCurve  # series of the likelihood
     fit: Fit
     box: Box  # prior of gamma
-    held: dict[str, float]  # omega_n, zeta, alpha, delta and gain
+    held: dict[str, float]  # fixed omega_n, zeta, alpha, delta and gain
 
 
 def fit_opening(

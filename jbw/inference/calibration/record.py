@@ -195,14 +195,14 @@ def _bounds(
     """Return the bounds of counts whose doubled tail probabilities are at least gamma."""
     law = _law(num_replications, num_ranks)
     lower, upper = law.ppf(gamma / 2), law.isf(gamma / 2)
-    # Quantiles of a discrete law: the count itself, or its neighbour.
+    # The quantile of a discrete law is the count itself or its neighbour.
     lower = np.where(2 * law.cdf(lower) < gamma, lower + 1, lower)
     upper = np.where(2 * law.sf(upper - 1) < gamma, upper - 1, upper)
     return np.maximum(lower, 0), np.minimum(upper, num_replications)
 
 
 def _stays_inside(num_replications: int, num_ranks: int, gamma: float) -> float:
-    """Return the probability that all counts stay between their bounds."""
+    """Return the probability that all counts of uniform ranks stay between their bounds."""
     lower, upper = (side.astype(int) for side in _bounds(num_replications, num_ranks, gamma))
     log_factorial = gammaln(np.arange(num_replications + 1) + 1.0)
     count, p = np.array([0]), np.array([1.0])

@@ -44,7 +44,7 @@ from jbw.inference.space.reparametrisation import in_box
 from jbw.parts import Parts, unkept
 
 LOG_LIKELIHOOD = "log_likelihood"
-TAIL = 0.005  # on either side of a 99 % interval
+TAIL = 0.005  # probability on either side of a 99 % interval
 Quantity = Callable[[Theta, PyTree], Float[Array, ""]]
 Report = Callable[[int], None]
 HALVINGS = 100

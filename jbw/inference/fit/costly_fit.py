@@ -39,7 +39,7 @@ TOLERANCE = 1e-10  # relative, of the cost and of the step
 STEP = 1e-5  # difference in the search coordinate (0 to 1); its square is the truncation error
 # Widest difference at an optimum in the search coordinate, beyond which a residual is curved.
 WIDEST = 0.02
-SAME, SETTLED, MOST_WIDENINGS = 1.2, 1.02, 12  # ratios of standard errors
+SAME, SETTLED, MOST_WIDENINGS = 1.2, 1.02, 12  # ratios of standard errors; most rounds
 UNIFORM = 12.0  # precision of a uniform prior on the unit cube
 LANES = 16  # enough for the differences of seven parameters on both sides
 OUT_OF_REACH = 1e100  # residuals of this size are rejected, before their squares overflow

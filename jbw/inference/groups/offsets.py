@@ -190,7 +190,7 @@ def shrunk(
     member = members(runs)
     slopes = [
         scatter[:, None] * direction for direction in directions
-    ]  # by offsets over their scatter
+    ]  # derivatives by offsets over their scatter
     precision = jnp.concatenate([jnp.einsum("gin,gjn->gij", slope, slope) for slope in slopes])
     pull = jnp.concatenate(
         [jnp.einsum("gin,gn->gi", slope, r) for slope, r in zip(slopes, residuals, strict=True)]

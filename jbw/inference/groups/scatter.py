@@ -60,7 +60,7 @@ def scatter_grid(
 
 def _axis(least: float, most: float, median: float | None, count: int) -> np.ndarray:
     if least == most:
-        return np.array([most])  # a scatter that is known
+        return np.array([most])  # the scatter is known
     if median is None:
         return np.geomspace(least, most, count)
     return median * np.exp(LOG_SD * ndtri((np.arange(count) + 0.5) / count))
@@ -140,7 +140,7 @@ def _nodes(
 def _scaled(
     data: _Information, scatter: Float[Array, " own"]
 ) -> tuple[Float[Array, "member own own"], Float[Array, "member own"]]:
-    """Return posterior precision and pull of x in b = s x, where x is standard normal."""
+    """Return precision and linear term of the posterior of x in b = s x, x standard normal."""
     return scatter[:, None] * data.precision * scatter + jnp.eye(len(scatter)), data.pull * scatter
 
 

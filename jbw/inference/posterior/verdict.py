@@ -44,7 +44,7 @@ DEPTH = 0.5  # density of a valley over that of the lower neighbouring peak
 LEAST_SIDE = 0.02  # least share of draws on either side; fewer are a tail
 SURE_SIDE = 2.0  # standard errors by which a side must exceed this share
 NUM_POINTS = 256
-FEWEST = 100  # least draws for a kernel's width: chains that stick must not appear as modes
+FEWEST = 100  # least draws for a kernel's width, so that stuck chains do not appear as modes
 CROSSED = 100.0  # least effective draws of a side for its share to count as a weight
 AGREED = 1.05  # largest R-hat of the share of a side
 

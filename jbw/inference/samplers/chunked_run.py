@@ -293,7 +293,7 @@ def fingerprint(starts: PyTree, problem: Problem, make: Callable, options: Any) 
 
 
 def _as_arrays(chains: Chains, mark: str) -> dict[str, np.ndarray]:
-    """Return the chains as arrays by name, for a `Kept`."""
+    """Return the chains as arrays by name, for a checkpoint."""
     arrays = {"fingerprint": mark, "done": chains.done, "wall_s": chains.wall_s}
     arrays |= {f"state/{i}": leaf for i, leaf in enumerate(chains.states)}
     for draw, terms in chains.rows:
@@ -304,7 +304,7 @@ def _as_arrays(chains: Chains, mark: str) -> dict[str, np.ndarray]:
 
 
 def _from_arrays(arrays: Arrays) -> Chains:
-    """Return the chains from the arrays of a `Kept`."""
+    """Return the chains from the arrays of a checkpoint."""
 
     def under(prefix: str) -> dict[str, Any]:
         return {n.removeprefix(prefix): v for n, v in arrays.items() if n.startswith(prefix)}

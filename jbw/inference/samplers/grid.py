@@ -20,7 +20,7 @@ from jbw.inference.space.problem import LOGIT_PRIOR_PRECISION, Problem, log_volu
 
 REACH = 6.0  # half-width of the first grids in standard deviations
 NODES = {1: 128, 2: 80, 3: 40, 4: 20}  # nodes per coordinate, by number of parameters
-SHRINK = 0.4  # share of the effective nodes that a rise of the power leaves
+SHRINK = 0.4  # effective share of the nodes after a rise of the power
 MOST_ROUNDS = 120
 MOST_WHOLE = 8  # most rounds on the posterior itself; on a thin bend the moments never settle
 STEADY = 0.03  # change of the moments, in standard deviations, at which they are settled

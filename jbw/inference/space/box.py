@@ -154,7 +154,7 @@ def prior_std(lower: float, upper: float) -> float:
     # In units of the geometric mean, theta ranges from 1/r to r.
     r = math.sqrt(upper / lower)
     log_r, width = math.log(r), r - 1 / r
-    if log_r < 1e-3:  # the moments below cancel; the logarithm is uniform to one in a million
+    if log_r < 1e-3:  # the moments below cancel; log theta is uniform to 1e-6
         return log_r / math.sqrt(3)
     first = (r + 1 / r) * log_r / width - 1
     second = log_r**2 + 2 - 2 * (r + 1 / r) * log_r / width
@@ -167,7 +167,7 @@ def log_prior_std(lower: float, upper: float) -> float:
 
 
 def log_prior_of(product: Product, box: Box) -> float:
-    r"""Return the prior deviation of log f, $(\sum_i p_i^2\,\mathrm{var}(\log\theta_i))^{1/2}$."""
+    r"""Return the prior sd of a product's log, $\sqrt{\sum p_i^2\,\mathrm{var}(\log\theta_i)}$."""
     bounds = bounds_by_name(box)
     powers = product.powers.items()
     return math.hypot(*(power * log_prior_std(*bounds[name]) for name, power in powers))

@@ -46,7 +46,7 @@ class Affine(Coordinate):
     log_det: Float[Array, ""]
 
     def __init__(self, centre: Any, factor: Any) -> None:
-        if isinstance(factor, np.ndarray):  # nothing is traced: no program to compile
+        if isinstance(factor, np.ndarray):  # NumPy avoids compiling a program
             log_det = np.linalg.slogdet(factor)[1]
             self.centre, self.factor, self.log_det = jax.device_put((centre, factor, log_det))
         else:
@@ -154,13 +154,13 @@ class Composed(Coordinate):
     parts: tuple[Coordinate, ...]
 
     def forward(self, x: Vector) -> Vector:
-        """Return the point after all parts."""
+        """Return the point after all changes of variable."""
         for part in self.parts:
             x = part.forward(x)
         return x
 
     def inverse(self, y: Vector) -> Vector:
-        """Return the point before all parts."""
+        """Return the point before all changes of variable."""
         for part in reversed(self.parts):
             y = part.inverse(y)
         return y
