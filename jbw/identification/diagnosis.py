@@ -40,14 +40,14 @@ class Diagnosis(NamedTuple):
     Attributes:
         num_readings: Number of readings of frequency and damping.
         y: Smallest and largest amplitude [m].
-        softening: Relative loss of frequency at the largest amplitude, a.
+        softening: a, the relative loss of frequency at the largest amplitude.
         softening_exponent: q, from the frequency alone.
-        damping: Increase of the damping ratio at the largest amplitude, b.
+        damping: b, the increase of the damping ratio at the largest amplitude.
         damping_exponent: p, from the damping alone.
         ratio: r, at the exponent of the softening, which is better determined.
-        masing: r of Masing's laws at that exponent.
+        masing: Value of r for Masing's laws with that exponent.
         elastic: Share of the softening that Masing's laws do not explain, 1 - r / r_Masing.
-        opening: gamma/delta of the Bouc-Wen law with that exponent.
+        opening: Ratio gamma/delta of the Bouc-Wen law with that exponent.
         spring: Coefficient c of a smooth spring c y|y| with the same softening [1/(m s^2)].
         damper: Coefficient c of a smooth damper c v|v| with the same damping [1/m].
         turn: Turning point of the frequency: amplitude [m], frequency there and at the largest

@@ -151,8 +151,8 @@ def growth(y: float | None, y_low: float, y_high: float) -> float:
 def growth_shown(y: float | None, y_low: float, y_high: float) -> float:
     r"""Return the factor $\sqrt{g_r}$ by which the error of a held-out run is scaled.
 
-    Below the fitted amplitudes it grows with the amplitude itself, the least growth that the error
-    of such a run supports.
+    Below the fitted amplitudes it is linear in the amplitude, because the error of a run there may
+    be no larger than an error that is linear in the amplitude.
     """
     if y is None or not 0 < y < y_low <= y_high:
         return growth(y, y_low, y_high)

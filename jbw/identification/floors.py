@@ -1,8 +1,8 @@
 """Errors that a law need not beat: scatter of repeats, linear fits of single runs.
 
-A law whose error is close to the scatter of the repeats' mean needs no successor. A linear
-oscillator fitted to each run alone adapts to its level and its day; its residual shows nonlinearity
-within a run.
+A law whose error is at most a fifth above the scatter of the repeats' mean needs no successor. A
+linear oscillator fitted to each run alone adapts to its level and its day; its residual shows
+nonlinearity within a run.
 """
 
 from collections.abc import Mapping

@@ -17,9 +17,9 @@ class HeldOut(NamedTuple):
     """Held-out groups of data, and the fit to the other groups.
 
     Attributes:
-        labels: Names of the groups.
+        labels: Labels of the held-out groups.
         rest: The dataset of the same shapes, in which the held-out groups have no weight.
-        fit: The fit to the rest.
+        fit: The fit to the other groups.
     """
 
     labels: tuple[str, ...]

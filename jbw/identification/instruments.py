@@ -159,7 +159,7 @@ def with_instruments(
 
     Args:
         posterior: Draws by name, with their units.
-        stated: Relative standard deviations.
+        stated: Relative standard deviations of clock and calibration errors.
         sensors: Roles of the response and source channels.
         seed: Seed of the factors.
         best: The fit, needed with `data` for a stated gain; else None.

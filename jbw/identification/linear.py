@@ -66,7 +66,7 @@ def line_fit(
 
     Args:
         frf: Estimated receptance.
-        band: Lowest and highest frequency to fit [Hz]; by default 20 % about the peak.
+        band: Lowest and highest frequency to fit [Hz]; by default 20 % around the peak.
         residuals: Terms for modes outside the band: none, upper (r_u) or both.
         smear: Whether the input was random, so that the window smears and leaks; by default for H1
             with a Hann window. Set False for a periodic input.

@@ -76,7 +76,7 @@ class FittedLines:
 
 
 def to_measured(part: FRF) -> Complex:
-    """Return the factor from receptance to the measured response, where noise is most uniform."""
+    """Return the factor from receptance to the measured response, where sensor noise is white."""
     return np.power(1j * part.omega, derivative_order(part.response), dtype=complex)
 
 

@@ -261,9 +261,9 @@ def fit_modes(
 
     Args:
         frfs: Receptances of one input at the same lines, one per output.
-        modes: Frequencies of the modes [Hz], or how many to take from the stabilisation diagram;
-            by default all that it shows.
-        band: Lowest and highest frequency to fit [Hz]; by default 20 % about the highest peak.
+        modes: Frequencies of the modes [Hz], or their number to take from the stabilisation
+            diagram; by default all stable ones.
+        band: Lowest and highest frequency to fit [Hz]; by default 20 % around the highest peak.
         residuals: Terms of modes outside the band, for every output: none, upper (U) or both.
         smear: Whether the input was random, as in `line_fit`.
 

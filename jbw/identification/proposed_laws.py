@@ -35,10 +35,10 @@ def proposed(
 
     Args:
         seen: Tests under the default law.
-        tables: Readings of the records that are fitted.
+        tables: Readings of the fitted records.
         read: Laws that the readings propose, the simplest first. The simplest is chosen if there
             are too few readings to compare.
-        seed: Seed of everything random.
+        seed: Random seed.
         report: Function that is called with one sentence at every stage.
     """
     scores: dict[str, float] = {}

@@ -28,7 +28,7 @@ from jbw.oscillator.modes.parameters import own_name
 from jbw.report.messages import modes as messages
 
 BY_CHANCE = 0.01  # probability of as large an improvement for modes that do not move the joint
-BARE = ("", "none", "force", BASE)  # drives that leave the shaker's dynamics out
+BARE = ("", "none", "force", BASE)  # drives without the shaker's dynamics
 ROUGH = 1e-6  # relative tolerance of cost and step of preliminary fits with another sign
 
 

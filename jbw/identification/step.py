@@ -73,7 +73,7 @@ def finished(
 ) -> Step:
     """Judge a posterior by its findings and return it as a step with its fit and prior.
 
-    `started` is the `perf_counter()` at the start of the step.
+    `started` is the value of `perf_counter()` at the start of the step.
     """
     return Step(
         name,

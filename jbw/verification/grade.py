@@ -40,8 +40,8 @@ class Seen(NamedTuple):
 
     Attributes:
         count: Number of these tests.
-        error: Root mean square of their errors.
-        worst: The largest of their errors.
+        error: Root mean square of the relative errors of these tests.
+        worst: Largest relative error of these tests.
         linear: Root mean square of a linear oscillator's errors; NaN if it is not compared.
         coverage: Share of their values inside the 99 % bands; NaN if it cannot be assessed.
         is_withheld: Whether a test has no band.

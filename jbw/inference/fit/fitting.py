@@ -40,7 +40,7 @@ class Fit:
         waterfall: Costs reached from all starts, lowest first; infinite where a start failed.
         residual: Residual at the optimum, in standard deviations.
         jacobian: Derivatives of the residual by the parameters, in the order of the box.
-        num_refused: Points of the search whose residual or Jacobian was not finite.
+        num_refused: Number of points of the search whose residual or Jacobian was not finite.
     """
 
     theta: dict[str, float]

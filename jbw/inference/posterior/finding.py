@@ -120,8 +120,8 @@ class Amendment(NamedTuple):
         before: Status of the findings that are amended; findings with another status are not
             changed.
         status: New status of the findings.
-        sentence: Sentence that is added to their reasons.
-        remedy: Remedy that is added to their remedies.
+        sentence: Sentence that is added to the reasons of these findings.
+        remedy: Remedy that is added to the remedies of these findings.
     """
 
     codes: tuple[str, ...]
@@ -198,7 +198,7 @@ class Answer:
     """The answer of the findings to one question of the verdict.
 
     Attributes:
-        question: The question.
+        question: Text of the question.
         status: The verdict of its findings.
         word: The status; for a graded law, its grade.
         because: Facts of the findings that are not ok, or of the first one if all are ok; then the

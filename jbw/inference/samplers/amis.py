@@ -75,7 +75,7 @@ class Options(NamedTuple):
         most_rounds: Largest number of rounds.
         trial: Number of rounds after which sampling stops if there are fewer than `least` effective
             draws.
-        least: See `trial`.
+        least: Least number of effective draws after `trial` rounds.
     """
 
     num_samples: int = 1000

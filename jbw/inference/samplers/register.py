@@ -3,9 +3,9 @@
 A sampler is a module with a record `Options` and one of three functions. The first two are pure
 under `jit` and `vmap`:
 
-    kernel(problem, options) -> Kernel          a Markov chain: first state, step, what a state says
-    draw(key, problem, options) -> Draws        everything at once, with the evidence
-    gather(key, problem, options, ...)          the same in rounds that can be watched and kept
+    kernel(problem, options) -> Kernel          a Markov chain: first state, step, read-out
+    draw(key, problem, options) -> Draws        all draws at once, with the evidence
+    gather(key, problem, options, ...)          draws in rounds that can be monitored and stored
 
 To add one, copy `elliptical_slice.py` or `importance.py`, and call `register`.
 """
@@ -23,7 +23,7 @@ class Sampler(NamedTuple):
     Attributes:
         name: Name in `[identify] sampler` and in `sample`.
         module: The module, or its import path.
-        options: Name of the module's record of options, or of other values of it.
+        options: Name of the module's record of options, or of an instance of it.
         needs_fit: Whether it draws around a fit with its covariance, which is then required.
         from_prior: Whether it covers the whole box without a fit or ridge coordinates.
         ignores_fit: Whether it uses the box itself and no coordinates of a fit.

@@ -58,7 +58,7 @@ class SamplingRequest(NamedTuple):
         num_warmup: Number of discarded steps of each chain; the sampler's own if None.
         num_samples: Number of draws of each chain; the sampler's own if None.
         num_chains: Number of chains.
-        chain_method: One of `ChainMethod`.
+        chain_method: One of the methods in `ChainMethod`.
         options: Further options of the sampler; those that it does not have are ignored.
     """
 
@@ -91,33 +91,34 @@ def sample(
 
     Args:
         key: Random key.
-        log_likelihood: (theta, data) to independent terms [nats], whose sum is the log likelihood;
-            non-finite where a solve failed. Every draw stores its terms: not one a sample.
+        log_likelihood: Function of (theta, data) that returns independent terms [nats], whose sum
+            is the log likelihood; non-finite where a solve failed. The terms of every draw are
+            stored, so there should not be one per sample of a record.
         box: Prior bounds.
         data: Data argument of `log_likelihood`, arrays in any pytree.
-        sampler: One of the register: "nuts"; "elliptical_slice" (about four evaluations a draw);
-            "random_walk" (tuned); "random_walk_paper" (fixed step, 85 + 765). With the evidence
-            "importance"; "amis" (the same in rounds that adapt); "tempered_smc" and "nested" (a
-            chain is a run); "quadrature" (exact, up to four parameters). The second, "importance"
-            and "amis" need `covariance`.
+        sampler: Name in the register: "nuts"; "elliptical_slice" (about four evaluations per draw);
+            "random_walk" (tuned); "random_walk_paper" (fixed step, 85 + 765). The following ones
+            also give the evidence: "importance"; "amis" (importance sampling in adaptive rounds);
+            "tempered_smc" and "nested" (each chain is a run); "quadrature" (exact, up to four
+            parameters). "elliptical_slice", "importance" and "amis" need `covariance`.
         start: Start by name, as one value for all or one per chain; None: uniform in the box.
         covariance: Laplace covariance at `start`, in the parameters' units: it whitens sampling.
         coordinates: Other coordinates to sample in, with their start and covariance, in place of
             `start` and `covariance`.
-        **options: How much is drawn: `num_warmup`, steps of each chain that are discarded;
-            `num_samples`, draws kept of each chain, particles of "tempered_smc", twice the live
-            points of "nested"; both the sampler's own when None; `num_chains`, 4;
+        **options: The amounts to draw: `num_warmup`, discarded steps of each chain;
+            `num_samples`, draws of each chain, particles of "tempered_smc", or twice the live
+            points of "nested" (both the sampler's own if None); `num_chains`, by default 4;
             `chain_method`, "sequential", "vectorized", or "parallel" over the devices of JAX.
-            Then the sampler's own options, as its record `Options` names them, such as
+            The sampler's own options by the names in its record `Options`, such as
             `target_accept`; or a mapping `options` of them, of which the sampler ignores those
             that it does not have, so that several samplers can share it.
-            Further `attrs`, `units` and `long_name` by parameter, which the draws carry; and how
-            the run is supervised: `progress`, `kept` and `until`, as `Supervision` describes them.
+            Also `attrs`, `units` and `long_name` by parameter, which are stored with the draws;
+            and the supervision of the run by `progress`, `kept` and `until`, as in `Supervision`.
 
     Returns:
         Groups posterior, sample_stats, log_likelihood, log_prior and timing. The root's attributes
-        hold num_evaluations, the warm-up's included, and where the sampler gives them log_evidence
-        and log_evidence_error [nats].
+        contain num_evaluations, including the warm-up, and log_evidence and log_evidence_error
+        [nats] if the sampler gives them.
 
     Raises:
         ConfigError: A keyword does not exist; an option, start or covariance cannot be used; or the
