@@ -43,12 +43,12 @@ def solver_finding(posterior: xr.Dataset, data: Dataset) -> Finding | None:
 
 
 def substeps_of(data: Dataset) -> int:
-    """Return the largest number of solver steps between two samples in a dataset."""
+    """Return the largest number of solver steps per sample among a dataset's observables."""
     return max((part.substeps or 1 for part in data.parts), default=1)
 
 
 def another_law(laws: Sequence[str]) -> str:
-    """Return the campaign file's line that adds a cubic spring; if it has one, name other laws."""
+    """Return a campaign file's line that adds a cubic spring; suggest other laws if it has one."""
     if SPRING in laws:
         return OTHER_LAWS
     return beside_other_laws(put("joint", "laws", [*laws, SPRING]))
@@ -81,7 +81,7 @@ def residual_finding(
     error: Mapping[str, float],
     laws: Sequence[str] = (),
 ) -> Finding | None:
-    """Check fit residuals for correlation: largest lag-one value of groups of 16 samples or more.
+    """Check whether a fit's residuals are correlated (lag-one) in groups of 16 samples or more.
 
     All mappings are by the label of the group: its values of `residuals`, the fraction of its
     values that is `counted`, and its relative `error`. `laws` are the fitted laws.
@@ -120,7 +120,7 @@ def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
 
 
 def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
-    """Return chi-square and degrees of freedom of a fit, over groups with noise from repeats."""
+    """Return chi-square and degrees of freedom of a fit, over groups whose noise is known."""
     sizes = num_known(data)
     if sum(sizes.values()) <= len(first.x):  # so many parameters would explain any data
         return None
@@ -147,7 +147,7 @@ def within_unseen(
     unseen: Sequence[float],
     which: str,
 ) -> Amendment | None:
-    """Return the amendment that quotes the errors of tests which were not fitted.
+    """Return the amendment that quotes the errors of tests that were not fitted.
 
     It applies where findings rate the law usable. Errors are relative to the rms of their tests. If
     their rms exceeds that of the fitted errors by more than a factor of 1.5, the amendment rates

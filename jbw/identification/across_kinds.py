@@ -32,7 +32,7 @@ WORDS = {
 
 
 def kinds_of(data: Dataset) -> dict[str, tuple[str, ...]]:
-    """Return, for each kind of test with a residual, the labels of its groups."""
+    """Return the labels of the fitted groups of data, by kind of test."""
     labels: dict[str, list[str]] = {}
     for part in measured_parts(data):
         labels.setdefault(_kind_of(part), []).extend(part.groups.labels)
@@ -79,7 +79,7 @@ def across_kinds_sentence(predicted: xr.Dataset) -> str:
 
 
 def across_kinds_record(predicted: xr.Dataset) -> dict[str, dict[str, Any]]:
-    """Return each kind's errors when predicted from the other kinds, as plain values."""
+    """Return the prediction error of each kind of test from the other kinds, as plain values."""
     needed = identified_alone(predicted["wider"])
     return {
         str(kind): {

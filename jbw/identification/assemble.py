@@ -60,7 +60,7 @@ class Measured:
 
     @property
     def swept(self) -> list[Test]:
-        """The sweeps to fit, each with the repeats to fit only."""
+        """The sweeps to fit, each without held-out repeats."""
         sweeps = () if self.sweeps is None else self.sweeps.fitted
         return [test for test in sweeps if test.name in _names(self.chosen)]
 
@@ -123,7 +123,7 @@ def measured_in(
     tests: Sequence[Test] | None = None,
     line_fit: TriedStep | None = None,
 ) -> Measured:
-    """Perform Step 2 and split all tests of a campaign, or given ones, into fitted and held-out."""
+    """Perform Step 2 and split a campaign's or the given tests into fitted and held-out ones."""
     return measured(
         campaign.tests if tests is None else tests, campaign.settings, laws=campaign.laws,
         structure=campaign.structure, gain=force_per_unit(campaign), joints=campaign.joints,
@@ -194,7 +194,7 @@ def _held(parts: Sequence[Observable], gain: Gain, tests: Sequence[Test]) -> dic
 
 
 def _require_labels(parts: Sequence[Observable]) -> None:
-    """Raise a DataError where groups of tones have one label but different drives."""
+    """Raise a DataError if tones of one level, and thus one label, have different drives."""
     labels = [label for part in parts for label in part.groups.labels]
     twice = [label for part in parts for label in part.groups.labels if labels.count(label) > 1]
     if twice and attached(parts):
@@ -232,7 +232,7 @@ def fitted_repeats(seen: Measured) -> dict[str, list[int]]:
 
 
 def _reduced(tests: Sequence[Test], seen: Measured) -> list[Observable]:
-    """Return the observables to which tests are reduced, by kind of test and by drive."""
+    """Return the observables (data with their model) of given tests, by kind of test and drive."""
     parts: list[Observable] = []
     if worn := never_steady(seen.laws, {test.kind for test in tests}):
         raise ConfigError(f"Argument `laws`: {worn}")
@@ -253,7 +253,7 @@ def _names(tests: Sequence[Test]) -> set[str]:
 
 
 def _reducible(seen: Measured) -> list[Test]:
-    """Return the fitted tests with only the repeats to fit; exclude tests that validate."""
+    """Return the tests to fit without held-out repeats and without tests for validation."""
     chosen, linear = seen.chosen, seen.linear
     validating = () if linear is None else selection.loop_tests(chosen, linear.natural_hz)
     split = [test for test in chosen if test.traits.is_transient or test.traits.is_free]

@@ -162,7 +162,7 @@ def _require_sources(tests: Sequence[Test]) -> None:
 
 
 def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
-    """Return indices of elastic modes that the tests drive, first one that the sensor measures."""
+    """Return indices of the driven elastic modes; the first is well measured by the sensor."""
     frequencies = reduced.frequencies_hz
     elastic = [i for i, hz in enumerate(frequencies) if hz > 0]
     windows = Modes(tuple(float(frequencies[i]) for i in elastic)).windows_hz
@@ -214,7 +214,7 @@ def passes(test: Test, window_hz: tuple[float, float]) -> bool:
 
 
 def known_gain(modes: Modes | None, tests: Sequence[Test]) -> float | None:
-    """Return the model's gain of the first mode if the force is measured [1/kg]; else None."""
+    """Return the model's gain of the first mode [1/kg] if the force is measured; else None."""
     driven = [test for test in tests if not test.traits.is_free]
     if modes is None or modes.meet != ASSEMBLED or not driven or drive_of(driven[0]) in FED:
         return None
@@ -248,7 +248,7 @@ def with_steps(parts: Sequence, modes: Modes | None, settings: Identify) -> list
 def joint_bounds(
     modes: Modes, data: Dataset, stated: Mapping[str, tuple[float, float]], zeta: float
 ) -> Bounds:
-    """Return wide bounds of every joint's laws and of the factors on the joints' mode shapes.
+    """Return wide prior bounds of every joint's laws and of the factors on its mode shapes.
 
     Bounds of the laws follow from the joint's stiffness when fully stuck and its largest motion.
 

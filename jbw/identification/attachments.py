@@ -91,7 +91,7 @@ def _read(test: Test) -> ShakerReading | None:
 
 
 def _feeds(test: Test, drive: str) -> bool:
-    """Return whether the shaker's feed that a test records is the given drive."""
+    """Return whether a test's recorded shaker feed (voltage or current) is the given drive."""
     return BY_UNIT.get(test.records[0].units.get("input", ""), drive) == drive
 
 
@@ -119,14 +119,14 @@ def _change(reading: ShakerReading, mode: int, share: float) -> tuple[Own, Own]:
 
 
 def _sentence(test: Test, reading: ShakerReading, mode: int, share: float) -> str:
-    """Return the sentence on the accuracy of the predicted attachment and on its mass."""
+    """Return the sentence on the predicted attachment of a shaker: its accuracy and mass."""
     added = reading.shaker.mass * reading.modes.residues[mode, 0]
     sentence = messages.attachment(test.name, share, added, at_drive_point=share > SHARE)
     return f"{sentence} {messages.heavy(HEAVY)}" if abs(added) > HEAVY else sentence
 
 
 def drive_sentences(theta: Mapping[str, Any], data: Dataset) -> list[str]:
-    """Return the sentences on which omega_n and zeta include a moving shaker."""
+    """Return sentences that say which omega_n and zeta include a moving shaker."""
     drives = {part.drive for part in data.parts if part.drive}
     if len(drives) == 1 and drives <= set(FED):
         return [messages.with_shaker(drives.pop())]

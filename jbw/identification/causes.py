@@ -57,7 +57,7 @@ BY_CHANCE = 2.0  # largest error of a short group that noise explains, in sd of 
 
 
 class Suspect(NamedTuple):
-    """A possible cause of misfit: its kind, its columns, and its words given their coefficients."""
+    """A possible cause of misfit: its kind, derivative columns, and text for given coefficients."""
 
     kind: str
     columns: Columns
@@ -71,12 +71,12 @@ def three(x: float) -> float:
 
 
 def as_columns(*rows: Row) -> NDArray[np.float64]:
-    """Return rows as columns of a real array: real parts above imaginary parts if complex."""
+    """Return rows as columns of a real array; imaginary parts follow below the real parts."""
     return real_rows(np.stack(rows, axis=1))
 
 
 def suspects(spectra: Spectra, slopes: Slopes, omega_n: float) -> Iterator[Suspect]:
-    """Yield all suspected causes to be tried on the spectra of the groups."""
+    """Yield all suspected measurement errors to test on the spectra of the data groups."""
     yield _delay(spectra)
     yield from _clock(spectra)
     yield from (_factor(label, spectrum) for label, spectrum in spectra.items())
@@ -88,7 +88,7 @@ def suspects(spectra: Spectra, slopes: Slopes, omega_n: float) -> Iterator[Suspe
 
 
 def _delay(spectra: Spectra) -> Suspect:
-    r"""Return the suspect that all responses are late by a time tau: $-j\omega X$."""
+    r"""Return the suspected error of a delay tau of all responses: $-j\omega X$."""
 
     def words(coefficients: NDArray[np.float64]) -> Words:
         (tau,) = coefficients
@@ -99,7 +99,7 @@ def _delay(spectra: Spectra) -> Suspect:
 
 
 def _clock(spectra: Spectra) -> Iterator[Suspect]:
-    r"""Yield the suspect that the response's clock is fast: $-t\,\dot x$ per relative rate."""
+    r"""Yield the suspected error of a fast response clock: $-t\,\dot x$ per relative rate."""
     columns = {n: as_columns(-s.stretched) for n, s in spectra.items() if s.stretched is not None}
 
     def words(coefficients: NDArray[np.float64]) -> Words:
@@ -111,7 +111,7 @@ def _clock(spectra: Spectra) -> Iterator[Suspect]:
 
 
 def _factor(label: str, spectrum: Spectrum) -> Suspect:
-    """Return the suspect that one group's response has a wrong factor: sign, unit or gain."""
+    """Return the suspected error of one group's gain: wrong sign, unit or factor."""
     columns = {label: as_columns(spectrum.values - spectrum.residual)}
     return Suspect(
         f"{FACTOR} of {label}",
@@ -131,7 +131,7 @@ def factor_words(label: str, factor: float, source: str = "input") -> Words:
 
 
 def _in_time(spectra: Spectra) -> Iterator[Suspect]:
-    """Yield the suspects of sampled records: a constant offset, clipping at the largest sample."""
+    """Yield the suspected errors of sampled records: a constant offset, or clipping."""
     sampled = {
         label: spectrum
         for label, spectrum in spectra.items()
@@ -160,7 +160,7 @@ def _in_time(spectra: Spectra) -> Iterator[Suspect]:
 
 
 def _residual_term(spectra: Spectra) -> Suspect:
-    r"""Return the suspect of modes outside the band: displacement $X = (R - M / \omega^2)\,U$."""
+    r"""Return the suspected effect of modes outside the band: $X = (R - M / \omega^2)\,U$."""
     columns = {}
     for label, spectrum in spectra.items():
         stiff = spectrum.factor * spectrum.source
@@ -179,7 +179,7 @@ def _residual_term(spectra: Spectra) -> Suspect:
 
 
 def _own_frequency(spectra: Spectra, slopes: Slopes, omega_n: float) -> Suspect:
-    """Return the suspect that every group has its own natural frequency (and damping)."""
+    """Return the suspected error that each group has its own natural frequency and damping."""
     columns, wide = {}, len(spectra) * len(slopes)
     for place, label in enumerate(spectra):
         group_columns = as_columns(*(-slope[label] for slope in slopes.values()))
@@ -195,7 +195,7 @@ def _own_frequency(spectra: Spectra, slopes: Slopes, omega_n: float) -> Suspect:
 
 
 def modes_anywhere(spectra: Spectra, omega_n: float) -> Iterator[Suspect]:
-    """Yield suspects of one more mode at any driven frequency away from the joint's mode."""
+    """Yield suspected further modes at all driven frequencies away from the joint's mode."""
     lines = [s.omega[np.abs(s.source) > DRIVEN * np.abs(s.source).max()] for s in spectra.values()]
     driven = np.concatenate([line[line > 0] for line in lines])
     if not len(driven):
@@ -210,7 +210,7 @@ def modes_anywhere(spectra: Spectra, omega_n: float) -> Iterator[Suspect]:
 
 
 def modes_at(spectra: Spectra, places: Iterable[float], remedy: str = "") -> Iterator[Suspect]:
-    """Yield suspects of one more mode at given frequencies [rad/s], each with usual dampings."""
+    """Yield suspected further modes at given frequencies [rad/s], each with usual dampings."""
     for omega in places:
         yield from (_mode(spectra, float(omega), zeta, remedy) for zeta in MODE_ZETAS)
 
@@ -286,7 +286,7 @@ def causes(best: Fit, data: Dataset) -> list[Cause]:
 
 
 def other_mode(best: Fit, data: Dataset, places: Iterable[float] = ()) -> Cause | None:
-    """Return the mode that explains most of a misfit, at given frequencies [rad/s] or anywhere.
+    """Return the further mode that explains most of a misfit, near given frequencies or anywhere.
 
     None if no group with a spectrum has a misfit.
     """
@@ -365,7 +365,7 @@ def _linearised(best: Fit, data: Dataset, spectra: Spectra, missed: Sequence[str
 
 
 def _tried(suspect: Suspect, linearised: Linearised) -> Cause:
-    """Return a suspect as a cause, with the share of the misfit that one step along it explains."""
+    """Return a suspected error as a cause, with the share of the misfit that it explains."""
     wide = next(iter(suspect.columns.values())).shape[1]
     columns = np.zeros((len(linearised.residual), wide))
     for label, group_columns in suspect.columns.items():

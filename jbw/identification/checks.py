@@ -108,7 +108,7 @@ class Checks:
 
     @property
     def sees_no_joint(self) -> bool:
-        """Whether no effect of a joint is found in the structure."""
+        """Whether the checks find no effect of a joint in the structure."""
         return any(row.code == "no_joint" and row.status != "ok" for row in self.findings)
 
 
@@ -122,7 +122,7 @@ class CheckedPosterior:
 
     @property
     def data(self) -> Dataset:
-        """The fitted dataset."""
+        """The dataset that was fitted."""
         return self.fitted.data
 
     @cached_property
@@ -132,7 +132,7 @@ class CheckedPosterior:
 
     @cached_property
     def error(self) -> dict[str, Any]:
-        """The error of the fit by group of data, relative to the rms of the group."""
+        """The error of the fit in each group of data, relative to the group's rms."""
         return dataset.error_by_label(self.residuals, self.data)
 
     @cached_property
@@ -194,7 +194,7 @@ def groups_of(outcomes: Iterable[Outcome]) -> dict[str, xr.Dataset]:
 def amendments_of(
     checked: CheckedPosterior, groups: Mapping[str, xr.Dataset], attempts: Attempts
 ) -> tuple[Amendment | None, ...]:
-    """Return amendments of findings by fit errors, leave-one-out errors and joint effect."""
+    """Return amendments of findings due to fit errors, held-out errors and the joint's effect."""
     of_unseen, ready, data = None, checked.fitted, checked.data
     if (left_out := groups.get("leave_one_out")) is not None:
         errors = left_out["fitted"].values.tolist(), left_out["error"].values.tolist()
@@ -246,7 +246,7 @@ def residual_of_fit(checked: CheckedPosterior) -> Outcome:
 
 
 def shape_of_fit(checked: CheckedPosterior) -> Outcome:
-    """Check the fit errors of groups whose observable states a limit for them."""
+    """Check fit errors against the limit that an observable states for its groups."""
     return Outcome(accuracy.shape_finding(checked.error, checked.data))
 
 
@@ -420,7 +420,7 @@ def seen_hysteresis(added: Effects, ready: Fitted, *, misses: bool) -> Finding |
 
 
 def seen_drag(added: Effects, ready: Fitted, *, misses: bool) -> Finding | None:
-    """Return the finding if drag fits as well as the hysteresis laws; None if it cannot apply."""
+    """Return the finding on whether drag fits as well as hysteresis; None if it is no candidate."""
     best, data, y_peak = ready.fit, ready.data, ready.y_peak
     zeta = {**data.held, **best.theta}["zeta"]
     if data.modes is not None or not may_be_drag(added, zeta, data.laws):
@@ -438,7 +438,7 @@ def incomplete_finding(said: Sequence[str]) -> Finding | None:
 
 
 def drawn(facts: Mapping[Any, Any]) -> list[str]:
-    """Return the sentences on the sampler: its coordinates, evaluations and evidence."""
+    """Return the sentences on sampling: sampler, coordinates, evaluations and evidence."""
     if "coordinates" not in facts:
         return []
     counted = facts["num_evaluations"]
@@ -459,7 +459,7 @@ def stuck(posterior: xr.DataTree, findings: Iterable[Finding]) -> list[str]:
 def joint_step(
     key: Key[Array, ""], problem: JointProblem, *, name: str = "joint", keep: Keep = no_checkpoint
 ) -> tuple[Step, Dataset]:
-    """Draw and check a joint posterior; return it as a step, with the dataset as it was sampled.
+    """Draw and check a joint posterior; return it as a step, with its final dataset.
 
     The returned dataset has the offsets of the runs, and the effective numbers of values and solver
     steps that the fit determined.
@@ -475,7 +475,7 @@ def joint_step(
 def step_of(
     posterior: JointPosterior, checks: Checks, judged: Verdict, statements: Sequence[str]
 ) -> Step:
-    """Return a joint posterior as a step, with its verdict and its statements."""
+    """Return a joint posterior as a step of the procedure, with its verdict and statements."""
     groups = {name: xr.DataTree(group) for name, group in checks.groups.items()}
     fitted = posterior.fitted
     return Step(

@@ -185,7 +185,7 @@ def linear_bounds(scales: Scales, gain: tuple[float, float] | None, *, linear: b
 
 
 def weighed_bounds(gain: float) -> tuple[float, float]:
-    """Return bounds of a gain estimated from a loop's secant, which may be much too soft."""
+    """Return bounds of a gain that was estimated from a loop's secant stiffness."""
     low, high = sorted((gain / MOST_SOFTENING, MOST_SOFTENING * gain))  # its sign may be reversed
     return low, high
 
@@ -209,7 +209,7 @@ def _require_stiffness(
 def _shared(
     laws: Collection[type[Law]], bounds: Bounds, prior_names: Collection[str], omega_n: float
 ) -> Bounds:
-    """Return lowered bounds of the laws' stiffnesses so that they add up to the stiffest law's.
+    """Return lowered bounds of the laws' stiffnesses whose sum is that of the stiffest law.
 
     Upper bounds that the campaign does not state are lowered by one factor; stated ones must leave
     room for them.
@@ -240,7 +240,7 @@ def _shared(
 def chosen_coordinates(
     best: Fit, settings: Identify, laws: tuple[str, ...]
 ) -> Iterator[tuple[type[Law], Coordinates]]:
-    """Yield each law with the coordinates in which it is sampled, if these replace its parameters.
+    """Yield each law that is sampled in other coordinates than its parameters, with these.
 
     A campaign chooses them by `coordinates`. With "auto" they are used where the campaign bounds
     none of the law's parameters and the fit does not determine all of them.
@@ -274,7 +274,7 @@ def coordinate_box(
     law: type[Law],
     coordinates: Coordinates,
 ) -> Box:
-    """Return the box with a law's parameters replaced by coordinates bounded around a fit."""
+    """Return the prior box with other coordinates, bounded near a fit, for a law's parameters."""
     bounds = bounds_by_name(prior)
     other = law.coordinate_bounds(  # pyright: ignore[reportAttributeAccessIssue]
         coordinates.name, bounds, theta, dict(settings.prior)

@@ -70,7 +70,7 @@ class Diagnosis(NamedTuple):
 
 
 def diagnose(curve: AmplitudeCurve) -> Diagnosis | None:
-    """Fit the numbers of a joint's diagnosis to readings against amplitude; None with too few.
+    """Determine exponents and ratio of softening and damping from readings; None with too few.
 
     Bands come from readings drawn within their errors. Readings are weighted by their amplitude:
     the noise of frequency and damping falls as the motion grows.
@@ -163,7 +163,7 @@ def masing_ratio(exponent: float) -> float:
 
 
 def diagnosis_sentences(found: Diagnosis) -> list[str]:
-    """Return the sentences on how frequency and damping depend on the amplitude."""
+    """Return the sentences on how natural frequency and damping depend on amplitude."""
     range_mm = 1e3 * found.y[0], 1e3 * found.y[1]
     grown = messages.damping_grows(found.damping, found.damping_exponent)
     if found.turn is not None:

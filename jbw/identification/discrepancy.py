@@ -72,7 +72,7 @@ class Missed(NamedTuple):
 
 
 class AtAmplitude(NamedTuple):
-    """The standard deviations of a law's error at one amplitude."""
+    """The standard deviations of a law's errors at one amplitude."""
 
     frequency: float  # standard deviation of the natural frequency, relative [-]
     damping: float  # standard deviation of the damping ratio [-]
@@ -101,7 +101,7 @@ class Discrepancy:
         return not any(scatter.std or scatter.whole for scatter in scatters)
 
     def at(self, y: float | None, *, of_decay: bool = False) -> AtAmplitude:
-        """Return standard deviations at an amplitude [m]; at the largest fitted one if None."""
+        """Return the law's errors (standard deviations) at an amplitude [m]; None: the largest."""
         grown, beyond = growth(y, self.y_low, self.y_high), outward(y, self.y_low, self.y_high)
         ratio = y / self.y_high if y is not None and self.y_high > 0 else 1.0
         within = 1.0 if beyond else grown
@@ -126,7 +126,7 @@ class Discrepancy:
         return growth(y, self.y_low, self.y_high) <= MOST_GROWN
 
     def share_of(self, kind: str, missed: AtAmplitude) -> float:
-        """Return the remaining error over the rms response for a kind of test, else the largest."""
+        """Return a kind of test's remaining error over its rms response, else the largest."""
         shares = {name: _at(scatter, missed) for name, scatter in self.share.items()}
         return shares.get(kind, max(shares.values(), default=0.0))
 
@@ -168,7 +168,7 @@ def outward(y: float | None, y_low: float, y_high: float) -> float:
 
 
 def discrepancy_in(found: xr.Dataset) -> Discrepancy:
-    """Return a stored discrepancy as predictions use it; old runs lack its outward growth."""
+    """Return the stored discrepancy of a run for predictions."""
     names, rests = map(str, found["kind"].values), found["rest"].values.tolist()
     rests_beyond = (
         found["rest_beyond"].values.tolist() if "rest_beyond" in found else [0.0] * len(rests)
@@ -221,7 +221,7 @@ def discrepancy_finding(found: xr.Dataset, laws: Sequence[str]) -> Finding | Non
 
 
 def unscored_levels(found: xr.Dataset) -> str:
-    """Return the key in `UNSCORED` of why predictions of other levels are not scored, or ""."""
+    """Return the key of the reason why predictions of other levels are not scored, or ""."""
     if not found.sizes["run"]:
         return "two runs" if found.attrs["num_runs"] > 1 else "one run"
     y_low, y_high = float(found.attrs["y_low"]), float(found.attrs["y_high"])

@@ -41,7 +41,7 @@ def effects(
     y_peak: float,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Effects | None:
-    r"""Return the joint's change of frequency and damping at amplitude Y [m] from its steady loop.
+    r"""Return the joint's change of frequency and damping at amplitude Y [m], by its steady loop.
 
     $$\frac{\Delta\omega}{\omega_n} = \sqrt{\frac{k + k_{eq}}{\omega_n^2}} - 1, \qquad
       \frac{\Delta\zeta}{\zeta} = \frac{E}{2\pi\,\zeta\,\omega^2 Y^2}$$

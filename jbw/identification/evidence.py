@@ -183,7 +183,7 @@ def joint_starts(key: Key[Array, ""], seen: Measured) -> dict[str, float]:
 
 
 def alike(settings: Identify) -> Identify:
-    """Return settings that treat all laws alike: the laws' own parameters, a fixed scatter of runs.
+    """Return settings that treat all laws equally: their own parameters, a given scatter of runs.
 
     Softening and the runs' offsets are correlated: with a wide prior, offsets could replace all
     softening.
@@ -193,7 +193,7 @@ def alike(settings: Identify) -> Identify:
 
 
 def again(key: Key[Array, ""], one: Candidate, common: Fitted) -> Candidate:
-    """Fit a candidate again to the common data with the common residual terms.
+    """Fit a candidate law again to the common data, with the common residual terms.
 
     The number of solver steps is increased as needed.
     """
@@ -213,7 +213,7 @@ def again(key: Key[Array, ""], one: Candidate, common: Fitted) -> Candidate:
 
 
 def trials(sets: Sequence[Laws], seen: Measured) -> list[tuple[Laws, str]]:
-    """Return the sets of laws to compare, also with other ways that modes share joints."""
+    """Return the sets of laws to compare, with the ways in which modes may share joints."""
     plain = [(laws, "") for laws in sets]
     if seen.modes is None or seen.modes.meet != "common" or not seen.laws:
         return plain
@@ -223,7 +223,7 @@ def trials(sets: Sequence[Laws], seen: Measured) -> list[tuple[Laws, str]]:
 
 
 def under(laws: Laws, data: Dataset, meet: str = "") -> Dataset:
-    """Return the dataset under other laws; `meet` changes how several modes share joints."""
+    """Return the dataset under other laws; `meet` sets how several modes share joints."""
     modes, held = data.modes, data.held
     if modes is not None and meet:
         modes = modes._replace(meet=meet)
@@ -233,7 +233,7 @@ def under(laws: Laws, data: Dataset, meet: str = "") -> Dataset:
 
 
 def with_modes_of(one: Candidate, data: Dataset) -> Dataset:
-    """Return the data with a candidate's fixed signs and shapes of modes, and its stated priors.
+    """Return the data with a candidate's signs and shapes of modes and its stated priors.
 
     Shapes are fixed only if they were measured.
     """
@@ -254,7 +254,7 @@ def errors_of(best: Fit, data: Dataset) -> dict[str, float]:
 
 
 def posterior(key: Key[Array, ""], one: Candidate) -> tuple[xr.DataTree, Reparametrisation]:
-    """Draw a candidate's posterior with its evidence; return also coordinates around the draws.
+    """Draw a candidate law's posterior with evidence; also return coordinates near the draws.
 
     The number of points is limited. If their weights cannot be trusted, the other coordinates are
     tried too.
@@ -308,7 +308,7 @@ def hopeless(found: Sequence[Candidate], likelihoods: Mapping[str, float]) -> se
 
 
 def about_fit(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
-    """Return draws of the Gaussian approximation at a candidate's fit, for its curves.
+    """Return draws of the Gaussian approximation at a hopeless candidate's fit.
 
     These are no posterior draws. A draw at which a solve fails is moved to the fit.
     """
@@ -329,7 +329,7 @@ def about_fit(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
 
 
 def place_of(best: Fit, one: Candidate) -> Reparametrisation:
-    """Return coordinates around a fit: along its ridge if it is open or at a bound."""
+    """Return sampling coordinates near a fit: along its ridge if it is open or at a bound."""
     prior, optimum = one.fitted.box, (best.theta, best.covariance)
     if best.weak is not None or best.at_bound:
         return along_ridge(*optimum, prior)

@@ -127,13 +127,13 @@ def fit_from(
 
 
 def across_thresholds(best: Fit, prior: Box, data: Dataset) -> Fit:
-    """Return the fit, or one beyond a law's threshold if it has more posterior probability."""
+    """Return the fit, or one beyond a law's threshold (macroslip) if that is more probable."""
     ends = by_rounds(other_sides(best, prior, data), prior, data)
     return with_waterfall(max([best, *ends], key=log_evidence), [best, *ends])
 
 
 def with_waterfall(chosen: Fit, ends: Sequence[Fit]) -> Fit:
-    """Return the chosen fit with the sorted costs of all fits."""
+    """Return the chosen fit with the sorted final costs of all fits."""
     return replace(chosen, waterfall=np.sort(np.concatenate([end.waterfall for end in ends])))
 
 
@@ -202,7 +202,7 @@ def is_close(found: Fit, data: Dataset) -> bool:
 def screened(
     key: Key[Array, ""], prior: Box, start: Mapping[str, float], known: Mapping[str, float]
 ) -> dict[str, np.ndarray]:
-    """Return points to evaluate: the start, and random points of the box that keep known values."""
+    """Return trial points: the start, and random points of the box that keep known values."""
     s = np.asarray(jax.random.uniform(key, (NUM_SCREENED, len(prior.names))))
     points = parameters_at(s, prior)
     points |= {n: np.full(NUM_SCREENED, known[n]) for n in points.keys() & known.keys()}
@@ -210,7 +210,7 @@ def screened(
 
 
 def middle_but(known: Mapping[str, float], prior: Box) -> dict[str, float]:
-    """Return the middle of the prior box, with known values where there are any."""
+    """Return the middle of the prior box, with known values in place of its own."""
     middle = from_unit(np.full(len(prior.names), 0.5), prior)
     return {name: known.get(name, float(middle[name])) for name in prior.names}
 

@@ -34,7 +34,7 @@ def scatter_of_means(data: Dataset) -> float | None:
 
 
 def own_lines(data: Dataset, known: Mapping[str, float]) -> dict[str, float]:
-    """Fit a linear oscillator to each run alone; return relative errors by run, or nothing.
+    """Fit a linear oscillator to each run alone; return the relative errors by run.
 
     `known` contains omega_n, zeta and the gain of a joint, for every drive; the fits start there.
     """

@@ -34,7 +34,7 @@ def held_out[Piece: Hashable](
     data: Dataset,
     stage: str = "",
 ) -> dict[Piece, HeldOut]:
-    """Repeat a fit without each part of the data in turn; return the fits by part.
+    """Repeat a fit without each piece of the data in turn; return the fits by piece.
 
     Args:
         pieces: Labels of the groups of each piece.

@@ -38,7 +38,7 @@ STEP = 1e-4  # relative step of a stated gain in a difference quotient
 
 
 class Factors(NamedTuple):
-    """True over recorded values of every draw: time, length, and force per mass over the source."""
+    """Ratios of true to recorded values for every draw: time, length, and gain."""
 
     time: Float[np.ndarray, "..."]
     length: Float[np.ndarray, "..."]
@@ -129,7 +129,7 @@ def with_factors(posterior: xr.Dataset, factors: Factors, laws: Sequence[str] = 
 
 
 def by_stated_gain(best: Fit, data: Dataset) -> dict[str, float]:
-    """Return each parameter's derivative by the log of a stated gain; empty without such a gain."""
+    """Return each parameter's derivative by the log of a stated gain; empty without one."""
     gains = [name for name in data.held if plain(name) in GAINS]
     if not gains:
         return {}
@@ -211,6 +211,6 @@ def as_recorded(before: xr.Dataset, after: xr.Dataset) -> xr.Dataset:
 def spread_of(
     rows: Mapping[str, Mapping[str, float]], wide: Mapping[str, Mapping[str, float]]
 ) -> dict[str, dict[str, float]]:
-    """Return rows of a summary with mean, standard deviation and interval of wider draws."""
+    """Return summary rows with mean, standard deviation and interval of the widened draws."""
     keys = ("mean", "sd", "cv", "q005", "q995")
     return {name: {**row, **{key: wide[name][key] for key in keys}} for name, row in rows.items()}

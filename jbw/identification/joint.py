@@ -69,7 +69,7 @@ class JointProblem:
 
 @dataclass(frozen=True)
 class JointPosterior:
-    """The draws of all parameters, gains and noise, with the fit that they started from."""
+    """The draws of all parameters, gains and noise, with the fit that preceded them."""
 
     name: str  # "joint", or "decay" for free decays alone
     tree: xr.DataTree  # the sampler's groups, with noise, laws' parameters and products
@@ -90,7 +90,7 @@ class JointPosterior:
 def joint_problem(
     seen: Measured, known: Mapping[str, float], *, seed: int, report: Report
 ) -> JointProblem:
-    """Assemble a campaign's data with starting values: known ones, and readings of single modes.
+    """Assemble a campaign's data with starting values from the paper's steps or single modes.
 
     Raises:
         DataError: If no test is left to fit the joint to.
@@ -102,7 +102,7 @@ def joint_problem(
 
 
 def fit_problem(keys: Sequence[Key[Array, ""]], problem: JointProblem) -> Fitted:
-    """Fit the joint; determine noise, run effects, presence of the joint, and coordinates."""
+    """Fit the joint; determine noise, run effects, whether there is a joint, and coordinates."""
     started, readings = perf_counter(), problem.readings
     known = {**problem.known, **readings.known}
     ready = with_readings(weighed(keys, problem.data, problem.settings, known), readings)
@@ -119,7 +119,7 @@ def draw_joint(
     keep: Keep = no_checkpoint,
     name: str = "joint",
 ) -> JointPosterior:
-    """Draw the joint posterior; draw again with a wider prior if draws reach an unstated bound.
+    """Draw the joint posterior; repeat with a wider prior if draws reach an unstated bound.
 
     The draws also contain the noise of every group and the laws' own parameters and products.
 
@@ -264,13 +264,13 @@ def with_derived(key: Key[Array, ""], tree: xr.DataTree, data: Dataset) -> xr.Da
 
 
 def every_parameter(posterior: xr.Dataset, data: Dataset) -> dict[str, np.ndarray]:
-    """Return the draws of all sampled parameters by name, with the fixed parameters."""
+    """Return the draws of all sampled parameters and the fixed parameters, by name."""
     held = {name: np.asarray(value) for name, value in data.held.items()}
     return {**held, **{str(n): v.values for n, v in posterior.data_vars.items()}}
 
 
 def law_variables(posterior: xr.Dataset, data: Dataset) -> dict[str, Any]:
-    """Return the laws' own parameters and their products, if these were not sampled."""
+    """Return the draws of the laws' own parameters and their products, unless sampled."""
     theta, derived = every_parameter(posterior, data), {}
     for law in laws_named(data.laws):
         parameters = {name: np.asarray(v) for name, v in law.of(theta).parameters().items()}

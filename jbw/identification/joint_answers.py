@@ -174,7 +174,7 @@ def _identified(
     softening: Float[np.ndarray, "joint mode draw"],
     losses: Float[np.ndarray, "joint mode draw"],
 ) -> list[bool]:
-    """Return whether each joint's effect is determined within a factor of two in its clearest mode.
+    """Return whether each joint's effect is determined to a factor of two in some mode.
 
     Tied joints share one law, so any of them and any mode may determine it.
     """
@@ -234,7 +234,7 @@ def _shape_words(group: xr.Dataset) -> list[str]:
 
 
 def _who_damps(mode: int, of_mode: xr.Dataset) -> list[str]:
-    """Return the sentence that an identified joint clearly causes most of a mode's losses."""
+    """Return the sentence that one identified joint causes most of a mode's losses, if clear."""
     low, middle, high = (of_mode["loss_share"].isel(quantile=i).values for i in range(3))
     if np.all(np.isnan(middle)):
         return []
@@ -246,7 +246,7 @@ def _who_damps(mode: int, of_mode: xr.Dataset) -> list[str]:
 
 
 def joints_finding(group: xr.Dataset | None) -> Finding | None:
-    """Return the finding on whether every joint is identified separately; None for one joint."""
+    """Return the finding on whether each joint is identified; None for a single joint."""
     if group is None:
         return None
     identified = dict(zip(group["joint"].values, group["identified"].values, strict=True))
@@ -256,7 +256,7 @@ def joints_finding(group: xr.Dataset | None) -> Finding | None:
 
 
 def joints_record(group: xr.Dataset | None) -> dict[str, Any] | None:
-    """Return the effects of several joints as plain values for a summary; None for one joint."""
+    """Return the effects of several joints as plain values; None for a single joint."""
     if group is None:
         return None
     quantiles = [str(q) for q in group["quantile"].values]

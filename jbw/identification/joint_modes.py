@@ -66,13 +66,13 @@ class ModeNumbers(NamedTuple):
     energy: Float[np.ndarray, "joint mode level *draw"]
 
     def at(self, level: int) -> "ModeNumbers":
-        """Return the numbers at one amplitude level, without the axis of levels."""
+        """Return frequency, damping and joint contributions at one amplitude level."""
         rates = (x[:, level] for x in (self.omega, self.zeta))
         return ModeNumbers(*rates, *(x[:, :, level] for x in self[2:]))
 
     @property
     def added(self) -> Float[np.ndarray, "mode level *draw"]:
-        """The damping ratio added by all joints: their loss per cycle over 4 pi energies."""
+        """The damping ratio that all joints add."""
         return self.losses.sum(axis=0) / (2 * self.omega**2)
 
 
@@ -167,7 +167,7 @@ def _backbones(
 def _with_free_shape(
     backbones: Sequence[ModalBackbone], stiffness: Float[np.ndarray, " joint"]
 ) -> ModeNumbers:
-    """Return the numbers of every mode from its extended periodic motion."""
+    """Return each mode's frequency, damping, joint effects, from extended periodic motion."""
     omega, zeta, q, x, r = (
         np.stack([getattr(curve, name) for curve in backbones])
         for name in ("omega", "zeta", "q", "x", "r")
@@ -187,7 +187,7 @@ def _in_full_stick(
     amplitude: Float[np.ndarray, "mode level"],
     about: Mapping[str, float] | None,
 ) -> ModeNumbers:
-    """Return the numbers of every mode and draw with the mode shape of fully stuck joints."""
+    """Return each mode's frequency, damping and joint effects in the fully stuck mode shape."""
     numbers = dict(data.modes.numbers if data.modes is not None else ())
     driven = _DrivenJoints(data.laws, joints_of(data.laws), *jax.device_put((numbers, amplitude)))
     of_joints = {name: x for name, x in theta.items() if name not in STUCK_NAMES}
@@ -245,7 +245,7 @@ def _linear(
     steps: Float[np.ndarray, "draw parameter"],
     chosen: Int[np.ndarray, " some"],
 ) -> Float[np.ndarray, " draw"]:
-    """Extend one ratio, known at some draws, to all draws."""
+    """Extend one ratio that is known at some draws to all draws."""
     if not np.isfinite(ratios[0]):
         return np.ones(len(steps))
     is_known = np.isfinite(ratios)
@@ -255,7 +255,7 @@ def _linear(
 
 
 class _DrivenJoints(eqx.Module):
-    """The joints' laws, the numbers of the model, and the largest amplitudes of its modes."""
+    """The joints' laws, the model's numbers, and the largest amplitudes of its modes."""
 
     laws: tuple[str, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)  # of the joints
@@ -266,7 +266,7 @@ class _DrivenJoints(eqx.Module):
 def _by_first_order(
     theta: Mapping[str, np.ndarray], best_theta: Mapping[str, float], driven: _DrivenJoints
 ) -> Float[np.ndarray, "two joint *mode_level draw"]:
-    r"""Linearise K and L at a fit, $f(\hat\theta) + \sum_i f_i\,\delta_i$, by derivatives f_i.
+    r"""Linearise K and L at a fit, $f(\hat\theta) + \sum_i f_i\,\delta_i$, for all draws.
 
     Steps delta are those of the logarithms, times the fitted value, for parameters that are always
     positive.
@@ -285,7 +285,7 @@ def _by_first_order(
 def _about(
     theta: Mapping[str, Array], driven: _DrivenJoints
 ) -> tuple[Float[Array, "two joint mode level"], dict[str, Float[Array, "two joint mode level"]]]:
-    """Return stiffness loss K and losses L at a point, with derivatives by every parameter."""
+    """Return joints' stiffness loss K and losses L at a point, and derivatives by parameters."""
     return _at(theta, driven), jax.jacfwd(_at)(dict(theta), driven)
 
 
@@ -293,12 +293,12 @@ def _about(
 def _each_draw(
     theta: Mapping[str, Array], driven: _DrivenJoints
 ) -> Float[Array, "two joint *mode_level draw"]:
-    """Return stiffness loss K and losses L of every draw."""
+    """Return joints' stiffness loss K and losses L, in modes, for every draw."""
     return jax.vmap(lambda draw: _at(draw, driven), out_axes=-1)(dict(theta))
 
 
 def _at(theta: Mapping[str, Array], driven: _DrivenJoints) -> Float[Array, "two joint mode level"]:
-    """Return stiffness loss K and losses L of every joint, mode and amplitude level."""
+    """Return stiffness loss K and losses L of each joint, by mode and amplitude level."""
     rows = []
     everything = {**driven.numbers, **theta}
     modes = range(1, len(driven.amplitude) + 1)

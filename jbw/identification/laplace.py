@@ -111,7 +111,7 @@ def laplace_tree(key: Key[Array, ""], ready: Fitted) -> xr.DataTree:
 
 
 def checks_of_fit(joint: JointPosterior) -> Checks:
-    """Return the checks of a fit without posterior draws: its doubts, with draws not assessed."""
+    """Return the checks of a fit that has no posterior draws: its findings and statements."""
     started, ready = perf_counter(), joint.fitted
     modes = joint_modes(joint.draws, ready.data, ready.fit.theta)
     joints = None if modes is None else joints_group(joint.draws, ready.data, modes)
@@ -146,7 +146,7 @@ def doubts_of_fit(drawn: xr.Dataset, ready: Fitted) -> list[Finding]:
 
 
 class Gaussian(NamedTuple):
-    """A Gaussian approximation near the fit, and its share of the posterior."""
+    """One Gaussian component near a fit, and its share of the posterior."""
 
     share: float
     mean: Float[np.ndarray, " parameter"]  # relative to the fit

@@ -62,7 +62,7 @@ class LeftOut:
 
 
 def runs_of(data: Dataset) -> dict[str, list[str]]:
-    """Return the group labels of each run that can be held out because its values count."""
+    """Return the group labels of each run that can be held out."""
     counted, runs = noise.fractions_counted(data), labels_by_run(data).items()
     return {run: labels for run, labels in runs if any(label in counted for label in labels)}
 
@@ -113,7 +113,7 @@ def _score_of_fit(piece: HeldOut, data: Dataset) -> float:
 
 
 def _told_by_terms(data: Dataset, rest: Dataset) -> Float[np.ndarray, " term"] | None:
-    """Return factors that restore the likelihood terms of held-out groups; None if shifts tie runs.
+    """Return factors that restore likelihood terms of held-out groups; None if they are tied.
 
     Without offsets, a likelihood term is proportional to the number of values that count. A
     silenced group keeps a tiny number, so its term can be scaled up and nothing is solved twice.
@@ -150,7 +150,7 @@ def _by_points(
     piece: HeldOut,
     about_all: Reparametrisation,
 ) -> tuple[float, float]:
-    """Return log predictive density [nats] of held-out groups and k-hat from newly drawn points."""
+    """Return log predictive density [nats] and k-hat of held-out groups from new points."""
     parametrisations = {"fit": lambda: place_of(piece.fit, candidate), "draws": lambda: about_all}
     points = weighed_in(key, candidate.fitted.box, piece.rest, parametrisations)
     times = _told_by_terms(candidate.fitted.data, piece.rest)

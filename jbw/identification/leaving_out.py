@@ -158,13 +158,13 @@ def leave_one_out(
 
 
 def _gained(best: Fit, piece: HeldOut, prior: Box) -> float:
-    """Return the chi-square that the other runs gain by a fit without the held-out run."""
+    """Return by how much chi-square of the other runs falls in a fit without one run."""
     before = float(np.sum(residual_at(stacked, best.x, prior, piece.rest) ** 2))
     return max(before - 2 * piece.fit.cost, 0.0)
 
 
 def _error(labels: Sequence[str], errors: Mapping[str, float], sizes: Mapping[str, float]) -> float:
-    """Return the joint relative error of several groups; groups of a line fit have none."""
+    """Return the relative error of several groups together; groups of a line fit have none."""
     sized = [label for label in labels if label in sizes]
     size = np.array([sizes[label] for label in sized])
     missed = size * [errors[label] for label in sized]
@@ -179,7 +179,7 @@ def left_out_sentence(left_out: xr.Dataset) -> str:
 
 
 def identified_alone(wider: xr.DataArray) -> dict[str, list[str]]:
-    """Return, by left-out test, the parameters that only this test determines.
+    """Return, for each left-out test, the parameters that no other test determines.
 
     `wider` contains the standard deviations without the test over those with it.
     """
@@ -242,7 +242,7 @@ def between_records(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
 
 
 def _own_errors(fits: Mapping[str, Fit], data: Dataset) -> NDArray[np.float64]:
-    r"""Return each record's error scale from its own residual, over that in the fit of all.
+    r"""Return each record's standard error from its own residual, over that in the fit of all.
 
     $\sqrt{(\sigma_i^2 / f) / (\sigma^2 / f_{all})}$: the residual of one law for all records is
     misfit. Little of it remains for each record alone, and a larger fraction f of that is

@@ -113,7 +113,7 @@ def line_fit(
 
 
 def pool(fits: Sequence[LineFit]) -> PooledFit:
-    r"""Combine the fits of several repeats: mean, its covariance, and the CV across repeats.
+    r"""Combine line fits of several repeats: mean, its covariance, variation between repeats.
 
     $$\mathrm{Cov}(\bar\theta) = D\,\frac{1}{R^2}\sum_r C_r\,D$$
 
@@ -154,7 +154,7 @@ def pool(fits: Sequence[LineFit]) -> PooledFit:
 
 
 def checked_smear(frf: FRF, residuals: str, smear: bool | None) -> bool:
-    """Return whether the model is smeared like the FRF; raise a ConfigError for invalid options."""
+    """Return whether to smear the model like the FRF; raise a ConfigError for invalid options."""
     if residuals not in NUM_RESIDUALS:
         raise ConfigError(
             f"Argument `residuals` must be none, upper or both, but it is {residuals!r}."

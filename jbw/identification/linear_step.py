@@ -62,7 +62,7 @@ class TriedStep(NamedTuple):
 def tried_step(
     test: Test, gain: float | None = None, modes: int | Sequence[float] = ()
 ) -> TriedStep:
-    """Perform Step 2 on a test and store its warnings; raise errors as `linear_step` does."""
+    """Perform Step 2 on a test and keep its warnings for later."""
     with warnings.catch_warnings(record=True) as doubts:
         warnings.simplefilter("always")
         step = linear_step(test, gain, modes)
@@ -114,7 +114,7 @@ def linear_step(
 def _within(
     band_hz: tuple[float, float] | None, modes: int | Sequence[float]
 ) -> int | Sequence[float]:
-    """Return only the modes in the test's band; other modes belong to another test's band."""
+    """Return the modes in a test's band only; others belong to another test's band."""
     if isinstance(modes, int) or band_hz is None:
         return modes
     return [freq for freq in modes if band_hz[0] <= freq <= band_hz[1]]
@@ -132,7 +132,7 @@ def _terms_of(test: Test, usual: Residuals) -> Residuals:
 
 
 def _joint_first(fit: ModalFit, *, counted: bool) -> ModalFit:
-    """Return the fit with the joint's mode first; if modes were counted, the highest peak first."""
+    """Return a modal fit with the joint's mode first: the highest peak, or as listed."""
     if not counted:
         return fit
     peak = np.abs(fit.residues[:, 0]) / (fit.zeta * fit.omega**2)

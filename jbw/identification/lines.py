@@ -35,7 +35,7 @@ NOISE_ROUNDS = 4
 
 @dataclass(frozen=True)
 class FRFLines:
-    """The lines of several outputs in one band, and the settings of the model to fit."""
+    """The lines of several FRFs in one band, and the settings of the model to fit."""
 
     outputs: tuple[FRF, ...]  # FRFs in the band
     num_modes: int
@@ -59,7 +59,7 @@ class FRFLines:
 
     @property
     def noise_known(self) -> bool:
-        """Whether averages determine the noise of the lines."""
+        """Whether there are enough averages to determine the noise of the lines."""
         return self.outputs[0].num_averages > ONE_RECORD
 
 
@@ -132,7 +132,7 @@ def modes_by_output(lines: FRFLines, theta: Real) -> list[Modes]:
 
 
 def terms(part: FRF, count: int) -> Complex:
-    """Return the columns of the residual terms U and L in the measured response, scaled alike."""
+    """Return the model columns of the residual terms U and L, in the measured response."""
     inverse_square = (part.omega.mean() / part.omega) ** 2
     return np.array([to_measured(part), to_measured(part) * inverse_square])[:count]
 

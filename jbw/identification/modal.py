@@ -206,7 +206,7 @@ def starts_of(
 
 
 def _start_near(omega: float, stable_poles: Real) -> tuple[float, float]:
-    """Return a requested frequency with the damping of the nearest stable pole."""
+    """Return a requested frequency, with the damping of the nearest stable pole as start."""
     near = stable_poles[np.abs(stable_poles[:, 0] / omega - 1) < NEAR]
     if not len(near):
         return omega, UNSAID_ZETA
@@ -311,7 +311,7 @@ def fit_modes(
 
 
 def line_of(fit: ModalFit, mode: int = 0, output: int = 0) -> LineFit:
-    """Return one mode in one output as a single-mode line fit, with the covariance of all modes."""
+    """Return one mode in one output of a modal fit as a single-mode line fit."""
     num = len(fit.omega)
     read = [mode, num + mode, 2 * num + mode * fit.residues.shape[1] + output]
     omega_n, zeta, gain = map(float, fit.theta[read])
@@ -416,7 +416,7 @@ def _stacked(rows: NDArray[np.complex128]) -> Real:
 
 
 def _typical(lines: FRFLines, start: Real) -> Real:
-    """Return typical sizes of parameters; residues at least a tenth of the output's largest."""
+    """Return typical sizes of all parameters of a modal fit, to scale them."""
     modal = lines.num_modes * lines.width
     blocks = np.abs(start[:modal]).reshape(lines.num_modes, lines.width)
     blocks[:, 2:] = np.maximum(blocks[:, 2:], 0.1 * blocks[:, 2:].max(axis=0))
@@ -453,7 +453,7 @@ def _as_fit(
 
 
 def _apart(lines: FRFLines, theta: Real) -> None:
-    """Raise a DataError if two modes passed each other or coincide."""
+    """Raise a DataError if two fitted modes have swapped or coincide."""
     omega, zeta, _ = np.array(modes_by_output(lines, theta)[0]).T
     half_width = np.maximum((zeta * omega)[1:], (zeta * omega)[:-1])
     near = np.diff(omega) < APART * half_width

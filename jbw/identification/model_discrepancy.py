@@ -106,7 +106,7 @@ class NoiseSquares(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """The square of a residual after the shifts, and its expected moments without discrepancy."""
+    """The squared residual without shifts, and the moments that chance gives it."""
 
     square: float
     mean: float
@@ -123,7 +123,7 @@ class Rest(NamedTuple):
 
 
 class LeftOutRun(NamedTuple):
-    """The discrepancy of one run when it is left out of the fit."""
+    """The discrepancy of one run, from the fit without it."""
 
     shift: Float[np.ndarray, " own"]  # error of the law in omega_n [rad/s] and zeta
     std: Float[np.ndarray, " own"]  # their standard errors; infinite if not determined
@@ -150,7 +150,7 @@ def scatter_by_amplitude(
     *,
     judged: bool = True,
 ) -> Scatter:
-    r"""Return the likeliest scatter: constant, or proportional to amplitude or its square.
+    r"""Return the likeliest scatter: constant, or growing with amplitude or its square.
 
     $$\log p = -\tfrac12 \sum_r \Bigl[\log v_r + \frac{b_r^2}{v_r}\Bigr], \qquad
       v_r = \sigma_r^2 + \tau^2 g_r (y_r / y_{max})^{2p}, \quad p = 0, 1, 2$$
@@ -199,7 +199,7 @@ def missed_in_all(
     grown: Float[np.ndarray, " run"],
     num_fits: int,
 ) -> float:
-    r"""Return the $\tau_0$ of the whole error of runs beyond noise, widened for few runs.
+    r"""Return $\tau_0$, the law's whole error on held-out runs beyond noise, for few runs.
 
     $$\tau_0^2 = \Bigl(\frac{t_{m, 0.995}}{z_{0.995}}\Bigr)^2\,
       \mathrm{mean}\,\frac{b_r^2 - \sigma_r^2}{g_r}$$
@@ -294,7 +294,7 @@ def root_of(
 
 
 class Slopes(NamedTuple):
-    """The derivatives of a fit for runs without offsets, and the scatter of these offsets."""
+    """Derivatives of predictions for runs without offsets, and the scatter of these offsets."""
 
     data: Dataset  # with suppressed offsets
     jacobian: Float[np.ndarray, "value parameter"]  # derivatives of the predictions
@@ -302,7 +302,7 @@ class Slopes(NamedTuple):
 
 
 def slopes_of(best: Fit, prior: Box, data: Dataset) -> Slopes:
-    """Return the derivatives of predictions of a new run, whose own offset is unknown."""
+    """Return the derivatives of predictions for a new run, whose offsets are unknown."""
     if not data.has_offsets:
         return Slopes(data, -best.jacobian, np.zeros(len(OFFSETS)))
     scatter = np.asarray(data.scatter)
@@ -315,7 +315,7 @@ def slopes_of(best: Fit, prior: Box, data: Dataset) -> Slopes:
 
 
 def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) -> LeftOutRun:
-    """Return a held-out run's shift and residual at the fit without it."""
+    """Return a held-out run's errors of frequency, damping and response at the fit without it."""
     data, names = known.data, list(fit.theta)
     rows = residual_at(stacked, fit.x, prior, data)
     labels = [label for label in _labels_of(run, data) if label in size_by_label(data)]
@@ -345,7 +345,7 @@ def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) 
 
 
 def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOutRun:
-    """Replace a free decay's shift and residual by those relative to the decay's own beginning.
+    """Return a free decay's errors of frequency and damping relative to its own beginning.
 
     The uncertainty of its damping includes that of the parameters, taken from `of_run`.
     """
@@ -366,7 +366,7 @@ def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOut
 
 
 class FitOfAll(NamedTuple):
-    """Quantities that are common to all held-out runs."""
+    """The quantities that are common to all held-out runs."""
 
     num_fits: int  # number of fits without some runs
     omega_n: float  # natural frequency of the fit of all runs [rad/s]
@@ -414,7 +414,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
 def _shown_by(
     run: str, fit: Fit, slopes: Slopes, prior: Box, noise: NoiseOf, natural: float
 ) -> LeftOutRun:
-    """Return a run's discrepancy at the fit without it; a decay's is relative to its beginning."""
+    """Return a run's discrepancy at the fit without it; for decays relative to the beginning."""
     of_run = left_out_run(run, fit, slopes, prior, noise)
     decay = _drift(run, fit, slopes.data)
     return of_run if decay is None else by_drift(of_run, decay, natural)
@@ -423,7 +423,7 @@ def _shown_by(
 def _placed(
     of_run: LeftOutRun, run: str, group: Sequence[str], amplitudes: Mapping[str, float]
 ) -> LeftOutRun:
-    """Return a run's discrepancy with its relative amplitude and its growth beyond fitted runs."""
+    """Return a run's discrepancy with its amplitude relative to the fitted runs."""
     others, y_high = [y for name, y in amplitudes.items() if name not in group], _y_high(amplitudes)
     lowest, highest = min(others, default=0.0), max(others, default=0.0)
     return of_run._replace(
@@ -521,7 +521,7 @@ def _learned(
 
 
 def _missed(shown: Sequence[LeftOutRun], of_all: FitOfAll, *, judged: bool) -> Missed | None:
-    """Return the scatter of run shifts, relative for the natural frequency; None without runs."""
+    """Return the scatter of errors in frequency (relative) and damping; None without runs."""
     if not shown:
         return None
     shift, std, noise_std = (
@@ -591,12 +591,12 @@ def _end_to_end(
 
 
 def _kinds(data: Dataset) -> dict[str, tuple[str, ...]]:
-    """Return the kinds of test of the observable of every group, by label."""
+    """Return the kinds of test of every data group's observable, by label."""
     return {label: part.kinds for part in data.parts for label in part.groups.labels}
 
 
 def _noise_of_repeats(data: Dataset) -> dict[str, NoiseSquares]:
-    """Return the sum of squares due to noise in the mean of each repeated group."""
+    """Return the noise in the mean of each repeated group, as a sum of squares."""
     sizes = size_by_label(data)
     known_by = num_known(data)
     scatter = repeatability(data, of_mean=True)
@@ -667,7 +667,7 @@ def _rest(
 
 
 def _over(rest: Rest, size: float) -> Rest:
-    """Return residual statistics divided by the square of a response."""
+    """Return residual statistics relative to the square of a response."""
     square, mean, variance, noise = rest
     return Rest(square / size, mean / size, variance / size**2, noise / size)
 
@@ -678,7 +678,7 @@ def _sum_of(rests: Sequence[Rest]) -> Rest:
 
 
 def _pooled(shown: Sequence[LeftOutRun], *, judged: bool) -> dict[str, Scatter]:
-    """Return the residual share of each kind of test from all runs, widened for few runs."""
+    """Return the law's remaining relative error for each kind of test, from all runs."""
     runs: dict[str, list[LeftOutRun]] = {}
     for run in shown:
         for kind in run.rests:

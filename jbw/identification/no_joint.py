@@ -41,7 +41,7 @@ ROOM = 8.0  # upper bound of drag over its starting value
 
 
 class Nested(NamedTuple):
-    """The growth of chi-square with a simpler model, and its number of omitted parameters."""
+    """A fit with a simpler model, its growth of chi-square and its number of omitted parameters."""
 
     growth: float
     num_parameters: int
@@ -57,7 +57,7 @@ def without_joint(best: Fit, prior: Box, data: Dataset) -> Nested:
 def likely(
     key: Key[Array, ""], best: Fit, prior: Box, data: Dataset
 ) -> dict[str, Float[np.ndarray, " draw"]]:
-    r"""Return the points near a fit that the data do not rule out at 99 %, by parameter name.
+    r"""Return parameter values near a fit that the data do not rule out at 99 %, by name.
 
     Points are drawn from the covariance of the fit, within the prior. A point is kept if its log
     likelihood is lower by no more than half of the quantile of $\chi^2_k$. The first point is the
@@ -115,7 +115,7 @@ def with_drag(best: Fit, prior: Box, data: Dataset, damping: float, y_peak: floa
 def _nested(
     best: Fit, prior: Box, data: Dataset, laws: tuple[str, ...], firsts: Mapping[str, float]
 ) -> Nested:
-    """Fit the oscillator with other laws; their parameters start at `firsts`, within ROOM times."""
+    """Fit the oscillator with other laws to the same data, from starting values `firsts`."""
     names = {quantity.name for quantity in (*STUCK, *RESIDUAL_TERMS)}
     bounds = {name: pair for name, pair in bounds_by_name(prior).items() if name in names}
     starts = {name: best.theta[name] for name in bounds} | dict(firsts)

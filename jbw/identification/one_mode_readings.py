@@ -43,7 +43,7 @@ under_way = logging.getLogger("jbw.progress")
 
 
 class Readings(NamedTuple):
-    """Starting values of the joints' laws, and the sentences on the test of the joints."""
+    """Starting values of several joints' laws, and sentences on the test of these joints."""
 
     known: dict[str, float]
     statements: tuple[str, ...]
@@ -139,7 +139,7 @@ def _products(theta: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def _known(starts: Sequence[Starts], laws: Sequence[str], modes: Modes) -> dict[str, float]:
-    """Return starting values of every law, with half of the stuck joint's stiffness."""
+    """Return starting values of every joint's law, with half of the stuck joint's stiffness."""
     numbers, first = dict(modes.numbers), {}
     for k, name in enumerate(laws):
         joints = split(name)[1]
@@ -151,7 +151,7 @@ def _known(starts: Sequence[Starts], laws: Sequence[str], modes: Modes) -> dict[
 
 
 def _statements(starts: Sequence[Starts], num_modes: int) -> tuple[str, ...]:
-    """Return the statement on whether these joints explain these modes; empty if not testable."""
+    """Return the sentence on whether the model's joints explain its modes, if testable."""
     if starts[0].explains is None:
         return ()
     tests = [(start.chi_square, start.degrees_of_freedom, start.p) for start in starts]

@@ -101,7 +101,7 @@ def weighed(
     *,
     quick: bool = False,
 ) -> Fitted:
-    """Make the first fit and determine its weights, before coordinates and solver steps."""
+    """Fit a dataset and determine its weights, before coordinates and solver steps."""
     prior, first, data = first_fit(keys[0], data, settings, known, quick=quick)
     ready = with_effects(keys[1], data, prior, first, settings, quick=quick)
     best = replace(ready.fit, waterfall=first.waterfall)  # later fits have one start only
@@ -115,7 +115,7 @@ def reweight(
     first: Fit,
     settings: Identify,
 ) -> Fitted:
-    """Determine noise, effective values, run effects, coordinates and solver steps by new fits."""
+    """Update noise, independent values, run effects, coordinates and solver steps by new fits."""
     return completed(key, with_effects(key, data, prior, first, settings), settings)
 
 
@@ -128,7 +128,7 @@ def with_effects(
     *,
     quick: bool = False,
 ) -> Fitted:
-    """Determine noise, effective values, run effects and residual terms by repeated fits."""
+    """Update noise, independent values, run effects and residual terms by repeated fits."""
     words: list[str] = []
     findings: tuple[Finding, ...] = ()
     between = ROUGH if quick else TOLERANCE  # tolerance of intermediate fits
@@ -193,7 +193,7 @@ def settled(
 
 
 def with_weights(best: Fit, data: Dataset, settings: Identify) -> Dataset:
-    """Return the dataset with the noise, misfit and effective values of a fit's residual."""
+    """Return the dataset with noise, misfit and independent values from a fit's residual."""
     residuals = dataset.residual_by_label(best.residual, data)
     if settings.model_error == "none":
         return noise.with_fitted_noise(best.theta, residuals, data)
@@ -238,7 +238,7 @@ def refined(key: Key[Array, ""], data: Dataset, prior: Box, best: Fit) -> Datase
 def _about(
     key: Key[Array, ""], data: Dataset, prior: Box, best: Fit
 ) -> tuple[dict[str, np.ndarray], float]:
-    r"""Return draws from a fit's covariance, and the factor by which they were moved closer.
+    r"""Return draws from a fit's covariance, and the factor that moves them closer to the fit.
 
     If the posterior is curved, such draws lie outside it: the median of their log likelihood lies
     farther below that of the fit than one per parameter (a Gaussian has one half). Then they are

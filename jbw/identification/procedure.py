@@ -124,7 +124,7 @@ def posterior_of(
     known: Known | None = None,
     report: Report = logger.info,
 ) -> Posterior:
-    """Perform the procedure up to the fit of one step; return its posterior without draws.
+    """Perform the procedure up to the fit of one step; return that step's posterior undrawn.
 
     `step` is "joint", "third_order" or "opening". `known` contains the prior and the means of Step
     3 of a finished run.

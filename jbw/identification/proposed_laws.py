@@ -31,7 +31,7 @@ LEAST_DAMPING = 1e-4  # least damping ratio that scales the priors
 def proposed(
     seen: Measured, tables: Sequence[RecordTable], read: Sequence[str], seed: int, report: Report
 ) -> tuple[Measured, str]:
-    """Return the tests under the law that fits their readings best, and a sentence on the choice.
+    """Choose the law that fits the readings best; return tests under it, and a sentence.
 
     Args:
         seen: Tests under the default law.

@@ -92,7 +92,7 @@ def shown_terms(
 
 
 def _with_constants(accepted: Taken, data: Dataset, refit: Refit) -> Taken:
-    """Add constant terms of modes outside the band if they improve the fit and none is stated."""
+    """Add the constant residual terms if they improve the fit and none is stated."""
     omega_n = float({**data.held, **accepted.fit.theta}["omega_n"])
     if {UPPER, LOWER} & set(accepted.box.names) or not _misses(accepted.fit, data, ("auto",)):
         return accepted
@@ -152,7 +152,7 @@ def _falls(before: Fit, after: Fit, growth: float = GROWTH) -> bool:
 
 
 def _misses(best: Fit, data: Dataset, takers: tuple[str, ...]) -> bool:
-    """Return whether residuals are correlated in data that may take residual terms."""
+    """Return whether data that may take residual terms have correlated residuals."""
     residuals = residual_by_label(best.residual, data)
     labels = (
         label for part in data.parts if part.residuals in takers for label in part.groups.labels

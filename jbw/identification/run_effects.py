@@ -140,7 +140,7 @@ def are_levels(data: Dataset) -> bool:
 
 
 def scatter_of_repeats(shifts: Shifts, sizes: Mapping[str, float]) -> float | None:
-    r"""Return zeta's scatter between repeats of a level [-]; 0 if due to chance, None without.
+    r"""Return zeta's scatter between repeats of a level [-]: 0 if chance, None without repeats.
 
     $$Q = \sum_l \sum_{r \in l} \frac{(b_r - \bar b_l)^2}{\sigma_r^2}, \qquad
       \tau^2 = \frac{Q - \mathrm{dof}}{\sum_l (W_l - \sum_{r \in l} w_r^2 / W_l)}$$
@@ -166,7 +166,7 @@ def scatter_of_repeats(shifts: Shifts, sizes: Mapping[str, float]) -> float | No
 def moments_of(
     offset: Float[np.ndarray, " run"], std: Float[np.ndarray, " run"]
 ) -> tuple[float, float]:
-    r"""Return chi-square around the mean of runs, and its increase per variance between runs.
+    r"""Return chi-square around the runs' mean, and its increase per variance between runs.
 
     $$Q = \sum_r w_r (b_r - \bar b)^2, \qquad W - \sum_r w_r^2 / W, \quad w_r = 1 / \sigma_r^2$$
     """
@@ -176,7 +176,7 @@ def moments_of(
 
 
 def _levels_of(runs: Sequence[str], sizes: Mapping[str, float]) -> list[list[int]]:
-    """Return the indices of runs grouped by level, by the size of their response."""
+    """Return the indices of runs by level; runs of similar response share a level."""
     measured = [number for number, run in enumerate(runs) if run in sizes]
     levels: list[list[int]] = []
     for number in sorted(measured, key=lambda number: sizes[runs[number]]):
@@ -204,7 +204,7 @@ def sizes_of_runs(part: Observable) -> dict[str, float]:
 
 
 def damping_scatter(best: Fit, shifts: Shifts, data: Dataset) -> float | None:
-    """Return the relative scatter of zeta over levels, by repeats; None if runs are stated."""
+    """Return zeta's relative scatter between levels, from repeats; None if runs are stated."""
     if not are_levels(data):
         return None
     repeats = scatter_of_repeats(shifts, sizes_of(data)) or 0.0
@@ -242,7 +242,7 @@ def with_offsets(best: Fit, shifts: Shifts, data: Dataset, median: float | None 
 
 
 def own_frequency_alone(data: Dataset) -> Dataset:
-    """Return the dataset with a separate natural frequency, but a common damping ratio, per run.
+    """Return the dataset in which runs have separate natural frequencies but common damping.
 
     It is used to score a law on a run: a separate damping ratio of the run would hide errors of the
     law.
@@ -255,14 +255,14 @@ def own_frequency_alone(data: Dataset) -> Dataset:
 
 
 def errors_with_own_frequency(fit: Fit, prior: Box, data: Dataset) -> dict[str, float]:
-    """Return each group's relative error, with separate frequency, common damping, per run."""
+    """Return each group's relative error if runs have separate frequencies, common damping."""
     scored = own_frequency_alone(data)
     residual = residual_by_label(residual_at(stacked, fit.x, prior, scored), scored)
     return error_by_label(residual, scored)
 
 
 def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
-    """Return the dataset whose least squares use the runs' scatter estimated at a fit.
+    """Return the dataset with the scatter of runs that is estimated at a fit.
 
     This is the root mean square of the scatter's density, because the likelihood integrates over
     it.
@@ -276,7 +276,7 @@ def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
 
 
 def _drawn(keys: Key[Array, " draw"], estimate: Estimate, data: Dataset) -> Spread:
-    """Draw the scatter and offsets of the runs for every key, given the estimates of the groups."""
+    """Draw the scatter and offsets of the runs for every random key."""
     return _spreads(keys, jax.device_put(estimate), data.levels, data.scatters)
 
 
@@ -342,7 +342,7 @@ def runs_dataset(
 
 
 def runs_summary(runs: xr.Dataset) -> dict[str, dict[str, dict[str, float]]]:
-    """Return mean, sd and 99 % interval of all runs' values and of their spreads."""
+    """Return mean, sd and 99 % interval of omega_n and zeta of each run, and of their scatter."""
     rows = {}
     for name, values in runs.data_vars.items():
         by_run = (

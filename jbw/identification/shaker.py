@@ -73,7 +73,7 @@ def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
 
 
 def _after(record: Record, settle: float) -> Record:
-    """Return a record from its settling time on."""
+    """Return a record without its settling time."""
     start = round(settle * record.fs)
     if start >= record.num_samples:
         raise DataError(
@@ -95,7 +95,7 @@ def _faded(motion: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
 def _modes(
     test: Test, record: Record, size: int | None, band: tuple[float, float], modes: int
 ) -> ModalFit:
-    """Return the modes of the band from force to drive point, by rising frequency."""
+    """Fit the modes of a band to the response of the drive point per force."""
     force, moved = record.channels["force"], record.channels["drive_point"]
     if test.traits.is_broadband:
         window = "hann" if size is None else "boxcar"

@@ -82,7 +82,7 @@ def _require_own_constants(modes: Modes, tests: Collection[Test]) -> None:
 
 
 def with_own_constants(modes: Modes | None, tests: Collection[Test]) -> tuple[Test, ...]:
-    """Return the tests with `residuals` set to "own" where each has separate residual constants."""
+    """Return the tests with `residuals` "own" if each has separate residual constants."""
     return tuple(
         replace(test, residuals="own")
         if has_own(test.residuals, several_modes=modes is not None)
@@ -130,7 +130,7 @@ def _require_apart(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> No
 
 
 def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
-    """Raise a DataError if no test gives a mode starting values of frequency, damping and gain."""
+    """Raise a DataError if the tests give no starting frequency, damping and gain of a mode."""
     first_values = told_by(parts)
     for hz, names in zip(modes.hz, (None, *modes.names), strict=True):
         if (names.omega if names else "omega_n") not in first_values:

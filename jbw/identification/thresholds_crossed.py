@@ -28,7 +28,7 @@ SHARES = np.linspace(0.125, 1.0, 8)  # of the distance from a fit to a bound
 
 
 def other_sides(best: Fit, prior: Box, data: Dataset) -> list[dict[str, float]]:
-    """Return the likeliest point for each other set of reached thresholds, one parameter moved."""
+    """Return the likeliest start for each other combination of reached thresholds."""
     here = reached(best.theta, best.theta, data)
     law_names = {quantity.name for law in laws_named(data.laws) for quantity in law.table} & set(
         prior.names
@@ -49,7 +49,7 @@ def other_sides(best: Fit, prior: Box, data: Dataset) -> list[dict[str, float]]:
 def reached(
     theta: Mapping[str, Any], fitted: Mapping[str, float], data: Dataset
 ) -> Bool[np.ndarray, "threshold point"]:
-    """Return whether the largest motion, by a fit, reaches each threshold of the laws at points."""
+    """Return whether a fit's largest motion reaches each threshold of the laws, by point."""
     y_peak, parameters = fitted_displacement(fitted, data), {**data.held, **theta}
     laws = [law.of(parameters) for law in laws_named(data.laws)]
     y = [np.atleast_1d(threshold.y) for law in laws for threshold in law.thresholds()]

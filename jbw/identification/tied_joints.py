@@ -59,7 +59,7 @@ USUAL: tuple[Laws, ...] = ((), ("cubic",), ("bouc_wen",), ("bouc_wen_nu",), ("iw
 
 
 class TiedEvidence(NamedTuple):
-    """The evidence for one shared law of several joints against separate laws of the same kind.
+    """The evidence for one law shared by several joints, against separate laws.
 
     Attributes:
         laws: Names of the laws, with the joints that share each law.
@@ -121,7 +121,7 @@ def tied_record(attrs: Mapping[Any, Any]) -> dict[str, Any] | None:
 
 
 def tied_laws(laws: Laws) -> Laws:
-    """Return the laws with each shared by all joints that have the same kinds of laws."""
+    """Return laws such that joints with the same kinds of laws share them."""
     kinds = {
         joint: tuple(split(law)[0] for law in laws if joint in split(law)[1])
         for joint in joints_of(laws)
@@ -237,7 +237,7 @@ def _with_changed(
     groups: Sequence[tuple[str, ...]],
     campaign_laws: Laws,
 ) -> tuple[str, tuple[Laws, ...]]:
-    """Add sets of laws with one changed joint, as many as allowed; return which were added."""
+    """Add sets of laws that change one joint; return which were added, and the sets."""
     stuck = [laws for laws in plain if not laws]
     for which, tried in ((messages.EVERY, plain), (messages.NONE, stuck)):
         changed = [_with_others(laws, group, campaign_laws) for group in groups for laws in tried]
@@ -253,7 +253,7 @@ def _everywhere(laws: Laws, groups: Sequence[tuple[str, ...]]) -> Laws:
 
 
 def _with_others(laws: Laws, group: tuple[str, ...], campaign_laws: Laws) -> Laws:
-    """Return a campaign's laws with those of one group of tied joints replaced."""
+    """Return a campaign's laws with other laws at one group of tied joints."""
     before = [law for law in campaign_laws if split(law)[1] != group]
     first = next(i for i, law in enumerate(campaign_laws) if split(law)[1] == group)
     return (*before[:first], *_everywhere(laws, [group]), *before[first:])

@@ -58,7 +58,7 @@ def usable(
 
 
 def _linear(tests: Sequence[Test], refused: Container[str]) -> Test | None:
-    """Return the test of Step 2 among those that are not rejected."""
+    """Return the test for Step 2 among those that are not rejected."""
     return linear_test([test for test in tests if test.name not in refused])
 
 
@@ -81,7 +81,7 @@ def _refusal(test: Test, settings: Identify) -> str:
 
 @contextmanager
 def _tried() -> Iterator[None]:
-    """Suppress the warnings of a trial; the final fit gives them once."""
+    """Suppress warnings during a trial; the final fit gives them once."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield

@@ -30,7 +30,7 @@ KEPT = PLACES | {quantity.name for mode in BESIDE for quantity in (mode[0], *mod
 
 
 def ending(prior: Box, laws: Laws) -> tuple[str, ...]:
-    """Return parameters that may end at their upper bound naturally: shares of the stiffness.
+    """Return parameters that may end naturally at their upper bound: stiffness shares.
 
     A share ends where the joint provides the whole stiffness. A posterior at this end means that
     only products are determined.
@@ -40,7 +40,7 @@ def ending(prior: Box, laws: Laws) -> tuple[str, ...]:
 
 
 def _known(laws: Laws) -> dict[str, Quantity]:
-    """Return all quantities by name, with those of laws that have numbers in their name."""
+    """Return all quantities of the model and its laws, by name."""
     table = (*LINEAR, *RESIDUAL_TERMS, *MODAL, *quantities_of(laws), *own_quantities(laws))
     return vocabulary() | {quantity.name: quantity for quantity in table}
 
@@ -75,7 +75,7 @@ def _refitted(
     stated: Container[str],
     said: Callable[[Sequence[str]], str],
 ) -> Fitted | None:
-    """Return the fit with the reached bounds moved away; None if all of them are kept.
+    """Move the reached bounds away and fit again; return None if all bounds are kept.
 
     They move by the width of the box, or to the default bound for the weakest record alone if that
     is farther, so that a stronger record does not determine the box.

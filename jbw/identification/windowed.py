@@ -87,7 +87,7 @@ class LineErrors:
         return np.concatenate([np.abs(self.hermitian[o, o, middle]) for o in outputs])
 
     def of_sum(self, weights: Complex) -> Real:
-        """Return the covariance of sums Re sum_i G_ai d_i, G by (parameter, line by output)."""
+        """Return the covariance of parameters that are sums Re sum_i G_ai d_i of errors."""
         total = np.zeros((len(weights), len(weights)), complex)
         reach = self.hermitian.shape[2] // 2
         num_lines = self.hermitian.shape[-1]
@@ -104,7 +104,7 @@ class LineErrors:
 def line_errors(
     outputs: Sequence[FRF], noise_ratio: Real, modes: Sequence[Modes], leakage: bool
 ) -> LineErrors:
-    r"""Estimate the errors of H1 lines and neighbouring lines of the measured responses.
+    r"""Estimate the covariance of the errors of H1 lines and their neighbouring lines.
 
     For Gaussian input and noise, the error of a line is sum_k R_k conj(U_k) / sum_k |U_k|^2, where
     R_k is the part of segment k's response that H times its input does not explain. Hence
@@ -180,9 +180,10 @@ class _Response(NamedTuple):
 def _by_neighbour(
     mine: _Response, theirs: _Response, kernels: Complex
 ) -> tuple[Complex, Complex, Complex]:
-    """Return leakage, force noise (E[R conj R]) and leakage (E[R U*] E[R U*]) of lines i, i + q.
+    """Return leakage and force noise of the errors of lines i and i + q, for all q and lags.
 
-    The axes are q, line and lag; the first of two outputs is that of line i.
+    The results are leakage and force noise of E[R conj R], and leakage of E[R U*] E[R U*]. The axes
+    are q, line and lag; the first of two outputs is that of line i.
     """
     # One product for all distances and lags: 39 small products take ten times as long.
     flat = np.moveaxis(kernels, 1, 0).reshape(kernels.shape[1], -1)

@@ -159,7 +159,7 @@ def read_description(path: Path, *, of_run: bool = False) -> Description:
 
 
 def parse(source: str, file: str = "plan.toml", *, of_run: bool = False) -> Description:
-    """Check the text of a plan file and report all faults at once."""
+    """Parse and check the text of a plan file; report all faults at once."""
     document = document_of(source, file)
     errors = unknown_tables(document, TABLES)
     joint = checked(JointLaws, document.get("joint", {}), "[joint]", errors) or JointLaws()

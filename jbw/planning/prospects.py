@@ -166,7 +166,7 @@ def _sweep_design(
 def _tones_designs(
     candidate: PlannedTones, beliefs: Beliefs, noise: ResponseNoise
 ) -> tuple[Float[np.ndarray, " joint"], list[Design]]:
-    """Return peak displacement [m] and the design of steady tones' odd harmonics, by joint."""
+    """Return the peak displacement [m] and the planned harmonics of steady tones, by joint."""
     omega, level = 2 * np.pi * np.array(candidate.frequencies_hz), jnp.asarray(candidate.level)
     phase = jnp.linspace(0.0, 2 * np.pi, NUM_PHASES, endpoint=False)
     y_peak, designs = [], []
@@ -185,7 +185,7 @@ def _tones_designs(
 def _backbone_designs(
     candidate: PlannedBackbone, beliefs: Beliefs, noise: ResponseNoise
 ) -> tuple[Float[np.ndarray, " joint"], list[Design]]:
-    """Return peak displacement [m] and the design of points at phase resonance, by joint."""
+    """Return the peak displacement [m] and the planned points at phase resonance, by joint."""
     amplitudes = np.array(candidate.amplitudes)
     designs = []
     for theta in beliefs.joint_by_joint():

@@ -293,7 +293,7 @@ def _share(
 
 
 def _around_mode(record: Record, draws: Draws) -> tuple[float, tuple[float, float] | None]:
-    """Return the share of an input's power near the most driven mode, and the filled band [Hz]."""
+    """Return an input's share of power near the most driven mode, and the band it fills [Hz]."""
     source = record.channels[record.source]
     freq = np.fft.rfftfreq(len(source), 1 / record.fs)[1:]
     power = np.abs(np.fft.rfft(source)[1:]) ** 2

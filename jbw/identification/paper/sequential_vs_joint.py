@@ -18,11 +18,11 @@ Moments = dict[str, tuple[float, float]]
 
 
 def compare_routes(linear: LinearStep | None, posteriors: Posteriors) -> dict[str, Any]:
-    """Compare every parameter that both the cut and the joint posterior determine; may be empty.
+    """Compare all parameters by the paper's sequential steps and by the joint posterior.
 
     The result contains the mean and sd by either route; `sd_ratio`, the joint posterior's sd over
     the cut's; `difference`, cut minus joint in sds of the joint; statements and wall times. It is
-    empty without a cut.
+    empty if the paper's steps (the cut) were not performed.
 
     Reference:
         Section 3, Steps 2-4, against all parameters set to update.

@@ -55,7 +55,7 @@ def measured_kernel(
 
 
 def kernel_values(theta: Theta, design: KernelData) -> Complex[Array, " freq"]:
-    r"""Return the paper's third-order kernel from its written-out formula.
+    r"""Return the paper's third-order kernel by an independent implementation.
 
     $$H_3(\omega) = \frac{-\alpha\,(\delta^2/6 - 35\,\delta/(96 Y))}
       {(\omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega)^3\,

@@ -134,7 +134,7 @@ class OpeningFit(NamedTuple):
 def fit_opening(
     key: Key, records: Records, linear: PooledFit, means: Mapping[str, float], settings: Identify
 ) -> OpeningFit:
-    """Fit gamma initially, given Step 2 and the `means` of zeta, alpha and delta of Step 3."""
+    """Fit gamma initially, given the results of Step 2 and the `means` of Step 3."""
     held = {"omega_n": linear.omega_n, "gain": linear.gain, **means}
     prior = box({"gamma": settings.prior.get("gamma", (0.0, REACH * means["delta"]))})
     curve = opening_curve(records, held, prior)
@@ -219,7 +219,7 @@ def of_draws(
 def _series_finding(
     posterior: xr.Dataset, curve: OpeningCurve, held: Mapping[str, float], records: Records
 ) -> Finding:
-    """Return the finding on the series' accuracy within the posterior, by solves between nodes."""
+    """Return the finding on the accuracy of the Chebyshev series within the posterior."""
     gamma = jnp.asarray(np.quantile(posterior["gamma"].values, np.linspace(0.05, 0.95, 8)))
     exact = misfits(gamma, dict(held), records)
     series = jax.vmap(lambda value: misfit(value, curve))(gamma)

@@ -31,7 +31,7 @@ COUNT = jnp.int32
 
 
 class Options(NamedTuple):
-    """The options of every chain; nothing adapts in the warm-up."""
+    """The options of elliptical slice sampling; nothing adapts in the warm-up."""
 
     num_warmup: int = 1000
     num_samples: int = 1000

@@ -47,7 +47,7 @@ class Stretch(Coordinate):
         return 2.0 * jnp.arcsinh(0.5 * y)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Return the sum of log cosh(x / 2)."""
+        """Return the log determinant: the sum of log cosh(x / 2)."""
         return jnp.sum(jnp.log(jnp.cosh(0.5 * x)))
 
 
@@ -104,7 +104,7 @@ def whitened_by(
     covariance: Float[Array, "parameter parameter"],
     first: int = 0,
 ) -> Affine:
-    """Return the whitening by a covariance, with one parameter moved by one coordinate alone."""
+    """Return the whitening by a covariance; one parameter depends on one coordinate alone."""
     order = np.array([first, *(i for i in range(mean.size) if i != first)])
     root = jnp.linalg.cholesky(covariance[np.ix_(order, order)])
     return Affine(mean, jnp.zeros_like(root).at[order].set(root))

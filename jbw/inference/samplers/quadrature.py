@@ -47,7 +47,7 @@ PROBABILITIES = (0.005, 0.01, 0.05, 0.5, 0.95, 0.99, 0.995)
 
 
 class Options(NamedTuple):
-    """The number of draws of each group, of groups, and of nodes per coordinate (odd or None)."""
+    """The options of quadrature: numbers of draws, of groups, and of nodes per coordinate (odd)."""
 
     num_samples: int = 1000
     num_chains: int = 4
@@ -168,7 +168,7 @@ def distribution(
 def _drawn(
     key: Key[Array, ""], problem: Problem, grid: Grid, options: Options
 ) -> dict[str, Float[Array, "chain draw"]]:
-    """Draw cell by cell, with weights from the density at the drawn points."""
+    """Draw from a grid's posterior cell by cell, weighted by the density at the drawn points."""
     count = options.num_samples * options.num_chains
     key_cell, key_order, key_move, key_keep = jax.random.split(key, 4)
     cells = jax.random.permutation(key_order, resampling.stratified(key_cell, grid.weights, count))

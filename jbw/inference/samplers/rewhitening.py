@@ -43,10 +43,10 @@ def sample_until(
     once draws again, twice as many, unless k-hat shows that more draws would be no better.
 
     `rounds` is the largest number of rounds around the draws' own moments. `until` states when
-    draws are enough, and limits the time beyond the first draws; None for the requested number. `keep` returns the
-    checkpoint of a round by its number; `attrs` is as in `sample`. The draws are those of the last
-    round alone. Attributes give the number of all evaluations, the rounds after the first as
-    `rewhitened`, and `budget_spent_s` if the time ran out before enough draws.
+    draws are enough, and limits the time beyond the first draws; None for the requested number.
+    `keep` returns the checkpoint of a round by its number; `attrs` is as in `sample`. The draws are
+    those of the last round alone. Attributes give the number of all evaluations, the rounds after
+    the first as `rewhitened`, and `budget_spent_s` if the time ran out before enough draws.
     """
     evaluations, spent, round_ = 0, 0.0, 0
     budget_s = np.inf if until is None else until.budget_s

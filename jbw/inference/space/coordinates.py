@@ -82,7 +82,7 @@ class Elementwise(Coordinate):
         return jnp.asarray(self.transform.inv(y))
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Return the sum of the logarithms of the slopes."""
+        """Return the log determinant: the sum of the logarithms of the slopes."""
         return jnp.sum(self.transform.log_abs_det_jacobian(x, self.transform(x)))
 
 
@@ -115,7 +115,7 @@ class Logarithms(Coordinate):
         return xp.where(self._mask, xp.log(xp.where(self._mask, y, 1.0)), y)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Return the sum of the chosen logarithms."""
+        """Return the log determinant: the sum of the chosen logarithms."""
         return jnp.sum(jnp.where(self._mask, x, 0.0))
 
     @property
@@ -142,7 +142,7 @@ class Sinh(Coordinate):
         return xp.where(scale > 0, xp.arcsinh(y / xp.where(scale > 0, scale, 1.0)), y)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Return the sum of log(c cosh x) over the chosen parameters."""
+        """Return the log determinant: the sum of log(c cosh x) over chosen parameters."""
         chosen = self.scale > 0
         slope = jnp.where(chosen, self.scale, 1.0) * jnp.cosh(jnp.where(chosen, x, 0.0))
         return jnp.sum(jnp.log(slope))
@@ -166,7 +166,7 @@ class Composed(Coordinate):
         return y
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Return the sum over the parts, each at the point that it receives."""
+        """Return the sum of the parts' log determinants, each at the point that it receives."""
         total = jnp.zeros(())
         for part in self.parts:
             total = total + part.log_abs_det_jacobian(x)
