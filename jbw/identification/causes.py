@@ -288,6 +288,8 @@ def causes(best: Fit, data: Dataset) -> list[Cause]:
 def other_mode(best: Fit, data: Dataset, places: Iterable[float] = ()) -> Cause | None:
     """Return the further mode that explains most of a misfit, near given frequencies or anywhere.
 
+    `places` are the given frequencies [rad/s].
+
     None if no group with a spectrum has a misfit.
     """
     spectra = _spectra(best, data)

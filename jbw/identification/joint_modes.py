@@ -72,7 +72,10 @@ class ModeNumbers(NamedTuple):
 
     @property
     def added(self) -> Float[np.ndarray, "mode level *draw"]:
-        """The damping ratio that all joints add."""
+        """The damping ratio that all joints add.
+
+        It is their loss per cycle over 4 pi times the energy.
+        """
         return self.losses.sum(axis=0) / (2 * self.omega**2)
 
 
@@ -268,8 +271,8 @@ def _by_first_order(
 ) -> Float[np.ndarray, "two joint *mode_level draw"]:
     r"""Linearise K and L at a fit, $f(\hat\theta) + \sum_i f_i\,\delta_i$, for all draws.
 
-    Steps delta are those of the logarithms, times the fitted value, for parameters that are always
-    positive.
+    The f_i are the derivatives by the parameters. Steps delta are those of the logarithms, times
+    the fitted value, for parameters that are always positive.
     """
     fit = {name: float(best_theta[name]) for name in theta}
     value, slopes = jax.device_get(_about(jax.device_put(fit), driven))

@@ -115,6 +115,8 @@ def _score_of_fit(piece: HeldOut, data: Dataset) -> float:
 def _told_by_terms(data: Dataset, rest: Dataset) -> Float[np.ndarray, " term"] | None:
     """Return factors that restore likelihood terms of held-out groups; None if they are tied.
 
+    The factors lead from the terms of `rest`, where these groups are silenced, to those of `data`.
+
     Without offsets, a likelihood term is proportional to the number of values that count. A
     silenced group keeps a tiny number, so its term can be scaled up and nothing is solved twice.
     """

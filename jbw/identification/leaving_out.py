@@ -282,7 +282,7 @@ def _known(fitted: Fit, data: Dataset) -> tuple[dict[str, float], dict[str, floa
 def _scatter(
     estimate: Float[np.ndarray, " record"], std: Float[np.ndarray, " record"]
 ) -> tuple[float, float]:
-    """Return the scatter beyond the records' own errors, and the p-value without scatter."""
+    """Return the scatter between records beyond their errors, and its p-value without scatter."""
     degrees = len(estimate) - 1
 
     def beyond(variance: float) -> float:

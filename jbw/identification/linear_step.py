@@ -62,7 +62,10 @@ class TriedStep(NamedTuple):
 def tried_step(
     test: Test, gain: float | None = None, modes: int | Sequence[float] = ()
 ) -> TriedStep:
-    """Perform Step 2 on a test and keep its warnings for later."""
+    """Perform Step 2 on a test and keep its warnings for later.
+
+    It raises the errors of `linear_step`.
+    """
     with warnings.catch_warnings(record=True) as doubts:
         warnings.simplefilter("always")
         step = linear_step(test, gain, modes)

@@ -521,7 +521,10 @@ def _learned(
 
 
 def _missed(shown: Sequence[LeftOutRun], of_all: FitOfAll, *, judged: bool) -> Missed | None:
-    """Return the scatter of errors in frequency (relative) and damping; None without runs."""
+    """Return the scatter of errors in frequency (relative) and damping; None without runs.
+
+    The scatter of the natural frequency [rad/s] is divided by that frequency.
+    """
     if not shown:
         return None
     shift, std, noise_std = (

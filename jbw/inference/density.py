@@ -23,7 +23,7 @@ NEAR = 1e-3  # share of the way from the support's end to a quantile, to test wh
 
 
 class Density(tuple[float, float]):
-    """A prior density; as a pair it is the bounds of the box that contains it.
+    """A prior density; as a pair of numbers, the bounds of the box that contains it.
 
     Attributes:
         family: Name of the distribution in `numpyro.distributions`.
@@ -54,7 +54,7 @@ class Density(tuple[float, float]):
         return _rebuilt, (self.family, self.arguments, self._distribution_of_caller())
 
     def _distribution_of_caller(self) -> Any:
-        """Return the distribution that a caller created; None if family and arguments state it."""
+        """Return a distribution that a caller created; None for one stated by name."""
         return None if isinstance(self.arguments, dict) or self.arguments else self.build()
 
     def __repr__(self) -> str:
@@ -65,13 +65,13 @@ class Density(tuple[float, float]):
         return f"{{ {self.family} = {list(self.arguments)!r} }}"
 
     def table(self) -> dict[str, Any]:
-        """Return the campaign file's table that states the density."""
+        """Return the density as a table of a campaign file."""
         stated = self.arguments if isinstance(self.arguments, dict) else list(self.arguments)
         return {self.family: stated}
 
 
 def _rebuilt(family: str, arguments: Any, distribution: Any) -> Density:
-    """Return the density that was pickled."""
+    """Return a density from its pickled parts."""
     return Density(family, arguments, None if distribution is None else lambda: distribution)
 
 

@@ -24,7 +24,7 @@ Solver = Callable[[Mapping[str, np.ndarray], Any, int], Solved | None]
 
 
 def solved_first(solver: Solver) -> Callable[[Any], Any]:
-    """Mark a function of (theta, data) whose costly part a solver computes beforehand.
+    """Return a decorator for functions of (theta, data) whose costly part a solver computes first.
 
     At many points the `solver` is called first, with (theta, data, threads). It returns data that
     contain the costly part, as two trees that `equinox.combine` joins: the data without this part,
@@ -40,7 +40,7 @@ def solved_first(solver: Solver) -> Callable[[Any], Any]:
 
 
 def seeing[Data](seen: Callable[[Data], Data]) -> Callable[[Any], Any]:
-    """Mark a function of (theta, data) as dependent on data only through `seen`.
+    """Return a decorator for functions of (theta, data) that depend only on `seen` data.
 
     Programs depend on all data that are not arrays, such as names. `seen` removes names that do not
     matter to the function, so that data of equal shapes share a program.
@@ -54,7 +54,7 @@ def seeing[Data](seen: Callable[[Data], Data]) -> Callable[[Any], Any]:
 
 
 def seen_by(function: Any, data: PyTree) -> PyTree:
-    """Return the part of data that a function depends on, as marked by `seeing`; by default all."""
+    """Return the part of data on which a function depends, as marked by `seeing`."""
     seen = getattr(function, "seen", None)
     return data if seen is None else seen(data)
 
@@ -162,7 +162,7 @@ def side_by_side[Start, End](
 
 
 class _Meeting:
-    """The points that running searches have requested, and the futures of their values."""
+    """The meeting point of parallel searches, which evaluates their points together."""
 
     def __init__(self, evaluate: Evaluate, num_running: int) -> None:
         self._evaluate, self._num_running = evaluate, num_running
@@ -217,7 +217,7 @@ class _Meeting:
 
 
 def forget() -> None:
-    """Release the compiled functions of `at_points`, some 50 MB each, after data changed shape.
+    """Release compiled functions of data whose shapes are no longer used, some 50 MB each.
 
     Functions that are needed again are compiled again, or read from the user's cache.
     """

@@ -144,7 +144,7 @@ class RandomWalk(MCMCKernel):
         model_args: Any,
         model_kwargs: Any,
     ) -> WalkState:
-        """Return the state at the fit for every chain, one per key."""
+        """Return the initial state of every chain, at the fit."""
         self._options = self._options._replace(num_warmup=num_warmup)
         chain = kernel(self._problem, self._options)
         origin = jnp.zeros(len(self._problem.box.names))

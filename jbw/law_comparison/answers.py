@@ -30,7 +30,7 @@ Row = Mapping[str, Any]
 
 
 def compare_rows(rows: dict[str, dict[str, Any]], scores: Mapping[str, np.ndarray]) -> None:
-    """Add to each law's row its differences to the best law, its weight and its answer."""
+    """Add differences to the best law, weight and answer to the row of each law."""
     by_runs = bool(scores) and len(next(iter(scores.values()))) >= FEWEST_RUNS
     best = _best(rows, scores, by_runs=by_runs)
     apart = differences(scores, best) if scores else {}
@@ -46,7 +46,7 @@ def compare_rows(rows: dict[str, dict[str, Any]], scores: Mapping[str, np.ndarra
 
 
 def _best(rows: Mapping[str, Row], scores: Mapping[str, np.ndarray], *, by_runs: bool) -> str:
-    """Return the law with the highest score, the most evidence, or the smallest error.
+    """Return the name of the best law: by score, by evidence, or by error.
 
     A law with good importance weights is preferred, unless another law's score is higher by more
     than its possible error.
@@ -75,7 +75,7 @@ def _is_rough(row: Row, *, by_runs: bool) -> bool:
 
 
 def _answer(row: Row, best: Row, *, by_runs: bool) -> str:
-    """Return whether a law differs from the best, by runs or by evidence under both prior widths.
+    """Return a law's answer compared with the best: worse, not told apart or not judged.
 
     A law with a rough score is not judged, unless it lies farther behind than its possible error,
     or is hopeless and thus worse in any case.
@@ -88,13 +88,13 @@ def _answer(row: Row, best: Row, *, by_runs: bool) -> str:
 
 
 def _behind_by_runs(row: Row, best: Row) -> bool:
-    """Return whether a score lies behind by more than its scatter over runs and possible error."""
+    """Return whether a law's score is lower by more than its standard and possible errors."""
     off = _may_be_off(row) + _may_be_off(best)
     return -row["elpd_difference"] - off > APART * (row["elpd_difference_se"] or 0.0)
 
 
 def _behind_by_evidence(row: Row, best: Row) -> bool:
-    """Return whether a law's evidence lies clearly behind under both widths of the priors."""
+    """Return whether a law's evidence is clearly lower for both widths of the priors."""
     if any(_is_rough(law, by_runs=False) for law in (row, best)):
         return False
     pairs = [(row[key], best[key]) for key in ("log_evidence", "log_evidence_wide")]

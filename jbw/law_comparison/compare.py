@@ -87,7 +87,7 @@ NUM_ERROR_DRAWS = 20  # draws whose median gives an error
 
 
 class Weighed(NamedTuple):
-    """A law with the results of its posterior."""
+    """A fitted law with its posterior, scores and evidence."""
 
     candidate: Candidate
     draws: xr.DataTree
@@ -126,7 +126,7 @@ def compare_laws(
     report: Report = logger.info,
     parts: Parts = unkept,
 ) -> LawComparison:
-    r"""Fit and compare laws of the joint on one campaign; state which laws the data distinguish.
+    r"""Fit and compare laws of the joint on one campaign; tell which laws data distinguish.
 
     Args:
         campaign: Campaign from `jbw.load_campaign` or the virtual rig; its own laws are tried too.
@@ -250,7 +250,7 @@ def _offsets(key: Key[Array, ""], law: Weighed) -> xr.Dataset | None:
 
 
 def _rows(weighed: Mapping[str, Weighed], highest: str | None) -> dict[str, dict[str, Any]]:
-    """Return a row of numbers per law, compared by scores of left-out runs, with its errors."""
+    """Return a row of numbers for each law, compared by scores of left-out runs."""
     rows, scores = {name: row_of(law) for name, law in weighed.items()}, _left_out(weighed)
     compare_rows(rows, {name: np.array(list(law.elpd.values())) for name, law in scores.items()})
     for name, law in scores.items():
@@ -285,7 +285,7 @@ def _chosen(laws: Sequence[str | Sequence[str]]) -> list[tuple[str, ...]]:
 
 
 def _parts(name: str) -> tuple[str, ...]:
-    """Return the names of laws joined by +; empty for a linear structure."""
+    """Return the law names in a text joined by +; empty for a linear structure."""
     parts = [part.strip() for part in name.split("+")]
     return tuple(part for part in parts if part not in ("", "linear"))
 
@@ -348,13 +348,13 @@ def _curves(weighed: Mapping[str, Weighed], y_peak: float) -> xr.Dataset:
 
 
 def _hopeless(rows: Mapping[str, Mapping[str, Any]]) -> tuple[str, list[bool], dict[str, str]]:
-    """Return the mask of laws judged by their fits alone, whose bands come from no posterior."""
+    """Return which laws are judged by their fits alone, as a variable."""
     attrs = {"long_name": messages.VARIABLES["hopeless"]}
     return "law", [row["hopeless"] for row in rows.values()], attrs
 
 
 def _some(tree: xr.DataTree, data: Dataset) -> dict[str, np.ndarray]:
-    """Return evenly spaced draws by parameter name, together with the fixed parameters."""
+    """Return evenly spaced draws of all parameters, and fixed parameters, by name."""
     posterior = tree["posterior"].to_dataset()
     chosen = evenly_spaced(posterior, NUM_DRAWS)
     theta = {name: np.ravel(values)[chosen] for name, values in scalars(tree).items()}
@@ -392,7 +392,7 @@ def weigh(
     report: Report,
     parts: Parts = unkept,
 ) -> tuple[dict[str, Weighed], dict[str, str]]:
-    """Draw each law's posterior and score held-out runs; return failed laws with the reason.
+    """Draw and score each law; also return the laws that fail, with the reason.
 
     Hopeless laws are scored by their fits alone.
     """
@@ -425,7 +425,7 @@ def weigh(
 
 
 def _by_draws(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
-    """Return a law's posterior, scores of left-out runs if several, and wide log evidence."""
+    """Return a law's posterior, its scores of left-out runs, and wide-prior evidence."""
     drawn, moments = evidence.posterior(keys[0], candidate)
     held_out = left_out(keys[1], candidate, drawn, moments) if several else None
     wide = log_evidence_wide(keys[0], candidate, drawn)
@@ -471,7 +471,7 @@ def row_of(weighed: Weighed) -> dict[str, Any]:
 
 
 def loops(named: Mapping[str, Candidate], y_peak: float) -> xr.Dataset:
-    """Return laws' steady loops at the largest displacement [m], without the stuck stiffness.
+    """Return laws' steady force loops at the largest displacement [m], less the stuck force.
 
     Each loop is the force minus that of the stuck spring, on the way down from y = Y and up again,
     at the fit of the law. Dampers have no effect at this slow motion.
@@ -544,7 +544,7 @@ def errors_across_kinds(candidate: Candidate) -> dict[str, float] | None:
 def held_out_errors(
     tests: Sequence[Test], groups: Mapping[str, xr.Dataset], laws: Sequence[str], seed: int
 ) -> xr.Dataset | None:
-    """Return every law's error on every held-out test, with the extrapolation; None without tests.
+    """Return every law's error on every held-out test, with the extrapolation, or None.
 
     Values are NaN if a law cannot predict a test. `groups` are those of `law_groups`.
     """

@@ -59,7 +59,7 @@ class Beliefs:
 
 
 def modes_of(joints: Mapping[str, np.ndarray]) -> list[Mode]:
-    """Return each mode's natural frequency, and its motion of the joint over the first mode's."""
+    """Return each mode's natural frequency and relative motion of the joint."""
     omega_n = np.asarray(joints["omega_n"])
     modes = [Mode(omega_n, np.ones_like(omega_n))]
     for names in NAMES:
@@ -70,7 +70,7 @@ def modes_of(joints: Mapping[str, np.ndarray]) -> list[Mode]:
 
 
 def shares_of(laws: tuple[str, ...]) -> dict[str, str]:
-    """Return the names of stiffness shares of omega_n^2, each with its law's stiffness."""
+    """Return the names of stiffness shares of omega_n^2, and of the stiffnesses."""
     return {
         monomial.name: name
         for law in laws_named(laws)
@@ -82,14 +82,14 @@ def shares_of(laws: tuple[str, ...]) -> dict[str, str]:
 
 
 def usual_of(laws: tuple[str, ...]) -> dict[str, tuple[str, Range]]:
-    """Return the parameters with default ranges, relative to another parameter's range."""
+    """Return default ranges of parameters, relative to other parameters."""
     return {name: part for law in laws_named(laws) for name, part in law.usual.items()}
 
 
 def ranges_of(
     omega_n: Range, stated: Mapping[str, Range | None], laws: tuple[str, ...]
 ) -> dict[str, Range]:
-    """Return ranges of all the joint's parameters, with default ranges where none is stated."""
+    """Return ranges of all parameters of a joint: stated ones, else defaults."""
     ranges = {"omega_n": omega_n, "zeta": stated["zeta"]}
     share_of = {stiffness: share for share, stiffness in shares_of(laws).items()}
     usual = usual_of(laws)
@@ -114,7 +114,7 @@ def before(
     seed: int,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Beliefs:
-    r"""Return beliefs from ranges, each uniform in the logarithm of its parameter.
+    r"""Return beliefs about the joint from ranges, each uniform in the logarithm.
 
     $$\mathrm{sd}(\log\theta) = \log(\theta_{max} / \theta_{min}) / \sqrt{12}$$
 
@@ -164,7 +164,7 @@ def before(
 
 
 def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> Beliefs:
-    """Return beliefs from evenly spaced draws of a run's main posterior and its fixed values."""
+    """Return beliefs about the joint from draws of a run's main posterior."""
     laws, posterior = laws_of_run(tree), tree["posterior"].to_dataset()
     names = parameter_names(laws)
     needed = [name for name in names if name != "gain"]

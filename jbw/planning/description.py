@@ -60,7 +60,7 @@ def _within(quantity: Quantity, bounds: Range) -> Range:
 
 
 def _part(bounds: Range) -> Range:
-    """Return a share if it is below one: the rest is the stiffness without the joint."""
+    """Return a stiffness share; raise a ValueError unless it is below one."""
     if bounds[1] >= 1:
         raise ValueError(
             f"must lie between 0 and 1, a part of the stiffness, but reaches {bounds[1]:g}."
@@ -153,7 +153,7 @@ class Description:
 
 
 def read_description(path: Path, *, of_run: bool = False) -> Description:
-    """Read and check a plan file, as `parse` does with its text."""
+    """Read and check a plan file."""
     source = text_of(path, "Plan file", planning.WRITE_PLAN)
     return parse(source, path.name, of_run=of_run)
 
@@ -212,7 +212,7 @@ def _told_by_run(plan: PlanTable | None, stated_keys: set[str], laws: tuple[str,
 
 
 def _missing(plan: PlanTable | None, stated_keys: set[str], laws: tuple[str, ...]) -> list[str]:
-    """Return faults on keys without a default, and on joint stiffnesses beyond the whole."""
+    """Return faults: missing keys without default, and joint stiffnesses above the whole."""
     faults, usual, fields = [], usual_of(laws), plan_table(laws).model_fields
     tells_frequency = bool({"natural_hz", "omega_n"} & stated_keys)
     if not tells_frequency:

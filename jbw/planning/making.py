@@ -128,7 +128,7 @@ def plan_tests(
 
 
 def _before(description: Description) -> tuple[Beliefs, ResponseNoise, str | None]:
-    """Return beliefs from the description, the noise, and the input's unit if it is stated."""
+    """Return beliefs, noise and input unit from a description alone."""
     if not description.ranges or description.noise is None:
         raise ConfigError(
             "A plan needs a description of the joint and its noise, or a run, but has neither.",
@@ -147,7 +147,7 @@ def _before(description: Description) -> tuple[Beliefs, ResponseNoise, str | Non
 def _after(
     description: Description, rig: "Rig", tree: xr.DataTree
 ) -> tuple[Beliefs, ResponseNoise, str | None]:
-    """Return beliefs from a run, the noise, and the input's unit if the gain is known."""
+    """Return beliefs, noise and input unit from a run and a description."""
     inferred = "gain" in tree["posterior"].data_vars
     if inferred and description.gain is not None:
         raise ConfigError(
@@ -235,7 +235,7 @@ def _noise(posterior: xr.Dataset) -> ResponseNoise | None:
 
 
 class InformationModes(NamedTuple):
-    """The modes in which the prior and the information of one repeat are both diagonal."""
+    """The modes that make prior and information of one repeat diagonal."""
 
     values: Float[np.ndarray, "joint mode"]  # information f_k along mode k over the prior's
     shares: Float[np.ndarray, "joint parameter mode"]  # prior variance w_ik^2 along mode k
@@ -301,7 +301,7 @@ def information_gain(
 
 
 def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> CandidateRow:
-    """Return a candidate's row of the plan: repeats, accuracy, information and limits."""
+    """Return the row of a candidate test in the plan: repeats, accuracy, information."""
     candidate, information = prospect.candidate, prospect.information
     positions = [beliefs.names.index(name) for name in wish.wanted]
     eigenmodes = modes(beliefs.precision, information)
@@ -343,7 +343,7 @@ def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> CandidateRow:
 def expected(
     spreads: Float[np.ndarray, "joint parameter"], beliefs: Beliefs, wish: Wish
 ) -> dict[str, Expected]:
-    """Return the median and worst decile over joints of the spread of the wanted parameters."""
+    """Return median and worst decile over joints of the wanted parameters' accuracy."""
     worst, middle = worst_decile(spreads), np.median(spreads, axis=0)
     return {
         name: Expected(float(middle[i]), float(worst[i]))
@@ -355,7 +355,7 @@ def expected(
 def _undetermined(
     beliefs: Beliefs, precision: Matrices, positions: Sequence[int]
 ) -> tuple[str, ...]:
-    """Return a text on parameters that tests determine only in combination; empty if none."""
+    """Return a sentence on parameters that tests determine only in combination, if any."""
     # Evaluate this at the joint whose accuracy of the wanted parameters is the median.
     remaining = covariance(precision)
     poorest = np.max(np.diagonal(remaining, axis1=1, axis2=2)[:, list(positions)], axis=1)
@@ -377,7 +377,7 @@ def ordered(rows: Sequence[CandidateRow]) -> tuple[CandidateRow, ...]:
 
 
 def combine(prospects: Sequence[Prospect], beliefs: Beliefs, wish: Wish) -> Combination:
-    """Return a combination of tests: repeats are added one at a time until the wish is met."""
+    """Return a combination of tests that meets the wish, built repeat by repeat."""
     # Each step adds the repeat with the largest information gain about the wanted parameters per
     # second of measuring, averaged over the joints. Repeats that are no longer needed at the end
     # are removed again, the longest first.

@@ -95,7 +95,7 @@ class PlannedTones:
 
 @dataclass(frozen=True)
 class PlannedBackbone:
-    """Points at phase resonance that a controller holds, at several amplitudes in turn."""
+    """Points at phase resonance under amplitude control, at several amplitudes in turn."""
 
     level: float  # largest peak of the input, median over the joints [V, N or N/kg]
     amplitudes: tuple[float, ...]  # amplitudes of the displacement [m]
@@ -205,7 +205,7 @@ class Combination:
 
 @dataclass(frozen=True)
 class MeasurementPlan:
-    """Candidates by measuring time, those that meet the wish within the limits first."""
+    """The plan: candidate tests by measuring time, and a combination that meets the wish."""
 
     rows: tuple[CandidateRow, ...]
     combination: Combination  # tests that meet the wish together
@@ -236,7 +236,7 @@ class FleetDesign(NamedTuple):
 def fleet_designs(
     torque: tuple[float, float], designs: Iterable[tuple[int, int]] = DESIGNS
 ) -> list[FleetDesign]:
-    """Return the expected accuracy of each design between the least and largest torque [N m].
+    """Return the expected accuracy of fleet designs between two torques [N m].
 
     Raises:
         ConfigError: The torques are no range, or a design has fewer than three units.

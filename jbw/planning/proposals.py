@@ -136,7 +136,7 @@ def displacement_for(beliefs: Beliefs) -> float:
 
 
 def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[Candidate]:
-    """Return candidates of every kind, by default at parts of the largest displacement."""
+    """Return candidate tests of all kinds, by default at parts of the largest displacement."""
     makers = {"sweep": _sweeps, "tones": _tones, "stepped": _steps, "backbone": _backbones}
     _require_one_mode(grids, beliefs)
     candidates = [
@@ -156,7 +156,7 @@ def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[C
 
 
 def default_grids(beliefs: Beliefs) -> dict[str, Grid]:
-    """Return default kinds of candidates; for several modes only the kinds that support them."""
+    """Return the default kinds of candidate tests that support the structure's modes."""
     kinds = ("sweep",) if len(modes_of(beliefs.joints)) > 1 else USUAL
     return {kind: GRIDS[kind]() for kind in kinds}
 
@@ -230,7 +230,7 @@ def _steps(grid: TonesTable, beliefs: Beliefs, reach: Reach) -> list[PlannedStep
 
 
 def _backbones(grid: BackboneTable, beliefs: Beliefs, reach: Reach) -> list[PlannedBackbone]:
-    """Return backbone tests up to the largest displacement, with settling and reading times.
+    """Return backbone tests up to the largest displacement.
 
     By default, transients decay to a thousandth, and then 100 periods are evaluated.
     """
@@ -254,9 +254,9 @@ def _backbones(grid: BackboneTable, beliefs: Beliefs, reach: Reach) -> list[Plan
 
 
 def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:
-    """Return frequencies from below the lowest resonance at large motion to above the highest.
+    """Return the frequencies [Hz] of a stepped sine over all resonances of possible joints.
 
-    The highest resonance is that of small motion.
+    The lowest resonance is that at the largest displacement, the highest that of small motion.
     """
     sliding = _resonance(beliefs, reach.max_displacement).omega
     sticking = beliefs.joints["omega_n"]

@@ -56,7 +56,10 @@ def prospects(
     report: Callable[[str], None] = lambda _: None,
     parts: Parts = unkept,
 ) -> tuple[Prospect, ...]:
-    """Return information and peak displacement of candidates at every joint."""
+    """Return the information and peak displacement of candidate tests at every joint.
+
+    `parts` stores the prospect of each candidate.
+    """
     # Records of sweeps are padded to the longest one, because each new length would be compiled
     # again; the padding does not count.
     sweeps = [candidate for candidate in candidates if isinstance(candidate, PlannedSweep)]
@@ -83,7 +86,7 @@ def prospects(
 def _timed(
     candidate: Candidate, beliefs: Beliefs, noise: ResponseNoise, longest: int
 ) -> tuple[float, Prospect]:
-    """Return the time to evaluate a candidate once compiled [s], and its prospect."""
+    """Return a candidate's computing time once compiled [s], and its prospect."""
     _prospect(candidate, beliefs, noise, longest)
     began = perf_counter()
     prospect = _prospect(candidate, beliefs, noise, longest)
@@ -122,7 +125,7 @@ def _found(
     information: Float[np.ndarray, "joint parameter parameter"],
     y_peak: Float[np.ndarray, " joint"],
 ) -> Prospect:
-    """Return a candidate's prospect, with zero information at joints without a response."""
+    """Return a candidate's prospect; joints without a response get zero information."""
     lost = ~np.isfinite(information).all(axis=(1, 2)) | ~np.isfinite(y_peak)
     information[lost], y_peak[lost] = 0.0, np.nan
     return Prospect(candidate, information, y_peak)
@@ -156,7 +159,7 @@ def _planned_sweep(
 def _sweep_design(
     candidate: PlannedSweep, laws: tuple[str, ...], noise: ResponseNoise, longest: int
 ) -> Design:
-    """Return a sweep's record as a design; its information does not depend on the response."""
+    """Return a planned sweep as data for the model, with the mask of its samples."""
     planned = _planned_sweep(candidate, laws, noise.response, longest)
     groups = changed(planned.groups, noise_std=np.full(1, noise.std))
     is_measured = np.arange(planned.mean.shape[1]) < candidate.num_samples

@@ -75,7 +75,7 @@ def _unloading(
     y: Float[Array, "loop phase"],
     laws: Laws,
 ) -> tuple[Float[Array, "loop phase"], Float[Array, ""]]:
-    """Return the force of laws with memory on unloading from each peak, and their stiffness."""
+    """Return the force of laws with memory on unloading from peaks, and their stiffness."""
     joint = oscillator_of(theta, laws)
     slipping = [law for law in joint.laws if jax.tree.leaves(law.at_rest())]
     memory = Oscillator(joint.omega_n, joint.zeta, slipping)

@@ -34,7 +34,7 @@ def errors(
     noise_std: float | NDArray[np.float64] | None,
     repeats: Float[np.ndarray, "repeat value"] | None = None,
 ) -> dict[str, float]:
-    """Return the errors of a test relative to the model and to reference oscillators."""
+    """Return a test's prediction errors, coverage and scatter, as attributes."""
     # `coverage` is the share of `num_values` values, of the repeats or else their mean, inside the
     # predictive band. `half_width` refers to that band, or to the band of the parameters alone.
     # `scatter` is that of the repeats around their mean, relative like `nrmse`.
@@ -52,7 +52,7 @@ def errors(
 
 
 def middle(values: Shaped[np.ndarray, " draw *value"]) -> Shaped[np.ndarray, " *value"]:
-    """Return the median over draws; for complex values separately by real and imaginary part."""
+    """Return the median over draws, of real and imaginary parts separately."""
     if not np.iscomplexobj(values):
         return np.median(values, axis=0)
     return np.median(np.real(values), axis=0) + 1j * np.median(np.imag(values), axis=0)
@@ -61,7 +61,7 @@ def middle(values: Shaped[np.ndarray, " draw *value"]) -> Shaped[np.ndarray, " *
 def recentred(
     model: Shaped[np.ndarray, " draw *value"], centre: Shaped[np.ndarray, " *value"]
 ) -> Shaped[np.ndarray, " draw *value"]:
-    r"""Return the draws moved to another median, $m_k + m_0 - \operatorname{med}_k(m_k)$.
+    r"""Return draws moved to another median, $m_k + m_0 - \operatorname{med}_k(m_k)$.
 
     If a model discrepancy scatters frequencies widely, the phases of the draws $m_k$ scatter too,
     and their median is smaller than any of them, so it does not represent the law's prediction. The
@@ -125,7 +125,10 @@ def polar(
     phase: Mapping[str, str],
     dims: str | tuple[str, ...] = ("quantile", "freq"),
 ) -> dict[str, Any]:
-    """Return `name_magnitude` and `name_phase` of complex values; bands if over `quantile`."""
+    """Return variables `name_magnitude` and `name_phase` of complex values, or their bands.
+
+    The phase is on the branch next to a reference. Bands are given if `dims` contain `quantile`.
+    """
     size, angle = np.abs(values), phase_near(values, reference)
     if "quantile" in dims:
         size, angle = band(size), band(angle)

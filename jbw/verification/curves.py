@@ -37,7 +37,7 @@ CLOSE = 0.01  # relative distance of a guess from which one round is exact to 1e
 
 
 class Curve(NamedTuple):
-    """The harmonics of a curve, measured at the same frequencies."""
+    """A response curve: its measured harmonics at the same frequencies."""
 
     groups: Sequence[MeasuredHarmonic]  # harmonics, the fundamental first
     test: Test  # their test, or one of several tones
@@ -80,7 +80,7 @@ def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
 
 
 def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> list[Predicted]:
-    """Predict the harmonics of several curves with the same residual terms."""
+    """Predict the harmonics of curves that have the same residual terms."""
     # The force's phase is relative to the displacement, the response's to the source. Errors are
     # over real and imaginary parts.
     groups = [group for curve in curves for group in curve.groups]
@@ -147,7 +147,7 @@ def _carried(
 
 
 def _forces(theta: Mapping[str, Array], data: Points) -> Complex[Array, "group value"]:
-    """Return the force that the measured motion of every group needs, in the unit of the source."""
+    """Return the source that each group's measured motion needs, by the model."""
     return data.factor * force_of(theta, data)[data.point] / theta["gain"]
 
 
@@ -188,7 +188,7 @@ def _compared(
     order: NDArray[np.intp],
     noise_std: float | None,
 ) -> tuple[dict[str, Any], dict[str, float]]:
-    """Return variables of one harmonic by frequency, and its errors given the mean's noise."""
+    """Return one harmonic's variables by frequency, and its errors."""
     everything = {"measured": group.values, "model": model, **others}
     # Errors use real and imaginary parts, as the likelihood does.
     parts = {n: np.concatenate([np.real(x), np.imag(x)], axis=-1) for n, x in everything.items()}

@@ -44,7 +44,7 @@ SILENT = 1e-6  # noise over the record's rms that keeps its initial state sharp
 
 
 def predict_decay(source: Source, test: Test) -> Predicted:
-    """Predict free decays after a quarter of amplitude is lost; the part before gives the start."""
+    """Predict free decays from their beginning, until a quarter of the amplitude is lost."""
     data = _reduced(source, test)
     noise, stored = NOT_KNOWN, source.basis.decay.get("noise_std")
     if stored is not None and "record" in stored.dims:
@@ -103,7 +103,7 @@ def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Datase
 
 
 def _reduced(source: Source, test: Test) -> Decays:
-    """Reduce decays with the counted fraction of values and the scatter of the fitted decays."""
+    """Return decays as data for the model, with the settings of the fitted decays."""
     facts = source.basis.decay_facts
     no_shift = NO_SHIFT * float(np.mean(source.draws["omega_n"]))
     stated = {"laws": source.basis.laws, "substeps": int(facts.get("substeps", 0)) or None}
@@ -218,7 +218,10 @@ def _with_discrepancy(
     missed: AtAmplitude,
     carrier: Complex[np.ndarray, " time"],
 ) -> tuple[Float[np.ndarray, "draw time"], Float[np.ndarray, " time"]]:
-    """Return `drifted` motion around the law's prediction, and its rms over a period."""
+    """Return decays with random errors of rate and frequency, and their rms over a period.
+
+    The decays are those of `drifted`, centred on the law's prediction.
+    """
     rates = omega_n * np.array([missed.damping, missed.frequency])
     law, drifting = np.real(envelope * carrier), drifted(key, envelope, time, rates)
     size = np.median(np.abs(drifting), axis=0) / np.sqrt(2)
@@ -266,7 +269,7 @@ def _entered(
     steps: Float[Array, " time"],
     law_std: float | Float[Array, ""] = 0.0,
 ) -> Complex[Array, "draw time"]:
-    """Return one record's envelope for every draw, given one draw of initial state and shift."""
+    """Return one record's envelope for each draw, from a random initial state and shift."""
 
     def entered_by(pair: tuple[Array, Array]) -> Array:
         key, decay = pair

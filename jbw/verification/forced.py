@@ -65,7 +65,7 @@ class ForcedTests:
     def attempted(
         self, test: Test, build: Callable[[], Placed], what: str = ""
     ) -> dict[str, xr.Dataset]:
-        """Return the groups that a comparison returns, or those before it failed."""
+        """Run a comparison; return its groups, or those before it failed."""
         under_way.info("%s", test.name)
         made: dict[str, xr.Dataset] = {}
         what = messages.comparison_of(test.name, what)
@@ -84,7 +84,7 @@ class ForcedTests:
     def beside(
         self, test: Test, num_draws: int = NUM_DRAWS, discrepancy: AtAmplitude | None = None
     ) -> Source:
-        """Return the source to compare a test with: from the test's own run if it was fitted."""
+        """Return the source of predictions for a test; from its own run if that was fitted."""
         missed = self.missed(test) if discrepancy is None else discrepancy
         references = of_run(self.simpler, self.basis.run_of(test), drive_of(test))
         how = {"seed": self.seed, "references": references}
@@ -102,7 +102,7 @@ class ForcedTests:
     def marked(
         self, kind: str, name: str, test: Test, predicted: Predicted
     ) -> tuple[str, xr.Dataset]:
-        """Return a prediction with its path, without bands if none can be stated."""
+        """Return a prediction's path and dataset, without bands if none can be stated."""
         attrs = {"noise": predicted.noise.says, **self.marks(test)}
         extrapolation = predicted.extrapolation(self.basis)
         if extrapolation is not None and not attrs["fitted"]:
@@ -213,7 +213,7 @@ def _curves_together(
 
 
 def _compared_sweeps(names: set[str], sweeps: Sweeps | None) -> tuple[set[str], list[Test]]:
-    """Return names of fitted tests without held-out levels, and the sweeps to compare.
+    """Return the names of completely fitted tests, and the sweeps to compare.
 
     The sweeps are the held-out repeats, and the fitted ones if no repeat was held out.
     """

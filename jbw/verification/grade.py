@@ -64,7 +64,7 @@ def judged(
     laws: Sequence[str],
     limit: float = LIMIT,
 ) -> Verdict:
-    """Return the verdict from findings, their amendments and the grade of the law if there is one.
+    """Return the verdict from findings, their amendments and the law's grade.
 
     The arguments are those of `grade`.
     """
@@ -95,7 +95,7 @@ def grade(
 
 
 def held_out(tests: Tests, findings: Sequence[Finding]) -> Seen | None:
-    """Return the errors and coverage of held-out tests within the fitted amplitudes, or None."""
+    """Return errors and coverage of held-out tests within the fitted amplitudes, or None."""
     unseen = [
         attrs
         for attrs in tests.values()

@@ -20,7 +20,7 @@ from jbw.verification.predictive_basis import count_of, seen_of
 
 
 class Group(NamedTuple):
-    """One group of a test with its predictions; complex values are given as magnitudes."""
+    """One group of a test's data with its predictions; complex values as magnitudes."""
 
     label: str
     measured: Float[np.ndarray, " value"]  # mean of the repeats
@@ -42,7 +42,7 @@ def has_groups_alone(test: Test) -> bool:
 
 
 def predict_groups(source: Source, test: Test) -> Predicted:
-    """Predict every group of a test; return the groups end to end, each in its `unit`, with bands.
+    """Predict all groups of a test; return them end to end, each with its `unit` and bands.
 
     The error is the root mean square over the values of all groups.
     """
@@ -74,7 +74,7 @@ def predict_apart(source: Source, test: Test) -> Iterator[tuple[str, Predicted]]
 
 
 def _dataset(test: Test, part: Observable, number: int, group: Group) -> xr.Dataset:
-    """Return one group over its coordinate; errors are relative to the observable's references."""
+    """Return one group's comparison over its coordinate, with relative errors."""
     shown, unit = part.shown(), part.groups.units[number]
     (axis, unit_of_axis), size = shown.axis, group.measured.size
     positions = np.arange(1.0, size + 1) if shown.places is None else shown.places[number]
@@ -104,7 +104,7 @@ def _dataset(test: Test, part: Observable, number: int, group: Group) -> xr.Data
         attrs |= {"level": test.level, "level_unit": level_unit}
 
     def relative(values: np.ndarray) -> np.ndarray:
-        """Return 1 plus the prediction error over the reference of errors."""
+        """Return 1 plus the prediction error over the reference size."""
         return 1.0 + (values - group.measured) / reference
 
     others = {name: relative(values) for name, values in group.others.items()}
@@ -114,7 +114,7 @@ def _dataset(test: Test, part: Observable, number: int, group: Group) -> xr.Data
 
 
 def groups_of(source: Source, test: Test, part: Observable) -> Iterator[Group]:
-    """Yield the groups of a test's observable, each with its predictions at the compared values."""
+    """Yield the groups of a test's observable with their predictions."""
     predicted, others = source.observed(part)
     plain = np.abs if part.groups.is_complex else np.asarray
     for i, label in enumerate(part.groups.labels):

@@ -78,7 +78,7 @@ class Motion(NamedTuple):
 def responses_at(
     draws: Draws, data: Records
 ) -> tuple[Float[np.ndarray, "draw time"], Float[np.ndarray, " draw"]]:
-    """Return the draws' responses to the input of a record, and the largest displacements [m].
+    """Return every draw's response to a recorded input, and its largest displacement [m].
 
     The displacement is that of the joint's mode, without residual terms of the response, at the
     first point even if the response is at another one.
@@ -105,7 +105,7 @@ def _response(
 
 
 def reduced(basis: Basis, test: Test, substeps: int | None = None, **how: Any) -> Records:
-    """Return the records of a test as an observable with a run's laws and the needed memory."""
+    """Return a test's records as data for the model, with a run's laws."""
     steps = substeps or basis.substeps
     data = Records.of([test], laws=basis.laws, substeps=steps, **how)
     return replace(data, modes=Modes((), points=basis.points), depth=None)
@@ -142,7 +142,7 @@ def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Mot
 
 
 def followed(source: Source, test: Test, data: Records) -> Motion:
-    """Return a test with the model's responses to the input of its data."""
+    """Return a test with the model's responses to its recorded input."""
     (model, peak), others = source.carried(
         lambda draws, laws: responses_at(draws, replace(data, laws=laws))
     )
@@ -154,7 +154,7 @@ def followed(source: Source, test: Test, data: Records) -> Motion:
 
 
 def predict_records(source: Source, test: Test) -> Predicted:
-    """Predict a test in time, for the first record if inputs differ, and its receptance."""
+    """Predict a test in time and, if possible, its receptance."""
     # The first seconds and `settle` are omitted because they depend on the record's unknown start.
     motion = motion_of(source, test)
     dataset = compare_records(source, motion)
@@ -175,7 +175,7 @@ def compare_in_time(
     repeats: Float[np.ndarray, "repeat time"] | None = None,
     num_repeats: float = 1.0,
 ) -> tuple[xr.Dataset, Float[np.ndarray, "draw time"], dict[str, Float[np.ndarray, " time"]]]:
-    """Return the mean of a test with its bands in time, the draws and the references.
+    """Return a test's mean with bands in time, the draws, and the references.
 
     Bands are those of a mean of `num_repeats`. If `repeats` are given, coverage counts their
     values, and the band is that of the parameters alone if no noise is known.
@@ -288,7 +288,7 @@ def most_driven(record: Record, bands: Sequence[tuple[float, float]]) -> tuple[f
 def _share(
     power: NDArray[np.float64], freq: NDArray[np.float64], edges: tuple[float, float]
 ) -> float:
-    """Return the share of the power in a band."""
+    """Return the share of a spectrum's power in a band."""
     return float(np.sum(power[lines_within(freq, edges)]) / np.sum(power))
 
 

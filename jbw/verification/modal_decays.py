@@ -56,7 +56,7 @@ def followed(source: Source) -> Entered:
 
 
 def _follow(theta: Mapping[str, Array], seen: ModalDecays, length: int) -> Complex[Array, " time"]:
-    """Return one record's envelope at the model's samples, from a draw of start and shift."""
+    """Return one record's envelope at each sample, from one draw of its start and shift."""
     structure = structure_of(theta, seen.laws)
     record = MatchedEnvelopes(seen.mean[0], seen.begun[0], seen.amplitude[0])
     matched = match(structure, record, seen)

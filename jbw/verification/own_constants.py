@@ -21,7 +21,7 @@ Others = dict[str, Time]
 
 
 def completed(basis: Basis, data: Records, model: Draws, others: Others) -> tuple[Draws, Others]:
-    """Add the test's own constants, if any, to responses of the model and reference oscillators.
+    """Add the test's own residual constants, if any, to responses of model and references.
 
     The constants are fitted in the test's band.
     """
@@ -33,7 +33,7 @@ def completed(basis: Basis, data: Records, model: Draws, others: Others) -> tupl
     size = np.linalg.norm(columns_in_band, axis=1)[:, None]
 
     def added(response: Time) -> Time:
-        """Return the contribution of U and L that brings a response closest to the measurement."""
+        """Return the part due to U and L that brings a response closest to the measurement."""
         residual = np.asarray(data.mean[0]) - in_band(response, data.lines)
         return np.linalg.lstsq((columns_in_band / size).T, residual)[0] @ (columns / size)
 

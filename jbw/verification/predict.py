@@ -44,7 +44,7 @@ class Request:
 
 
 def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Dataset:
-    """Predict bands on a test of any kind, seen by the run or not, from the run's posterior.
+    """Predict bands on a test of any kind, fitted by the run or not, from its posterior.
 
     A test whose response is NaN throughout is a planned test.
 
@@ -126,7 +126,7 @@ def route_of(test: Test) -> Callable[[Source, Test], Predicted]:
 
 
 def _require_modes_known(basis: Basis, test: Test) -> None:
-    """Raise a DataError if a run has several modes but the test's route predicts only one."""
+    """Raise a DataError if a run has several modes but the prediction supports only one."""
     in_time = route_of(test) in (predict_records, predict_periods, predict_decay)
     if has_further_modes(basis.posterior) and not in_time:
         raise DataError(
@@ -159,7 +159,7 @@ def _source(basis: Basis, test: Test, request: Request) -> Source:
 
 
 def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
-    """Return the basis among compared laws for predicting a test, by its kind and amplitude."""
+    """Return the basis for predicting a test: among compared laws, by kind and amplitude."""
     if basis.has_fitted(test):
         return basis
     if basis.across is not None and not basis.has_fitted_kind(test.kind):
@@ -242,7 +242,7 @@ def warnings_of(dataset: xr.Dataset) -> list[str]:
 
 
 def row_of(dataset: xr.Dataset) -> dict[str, Any]:
-    """Return a prediction of `predict` as plain numbers, None for unknown ones."""
+    """Return a prediction as plain numbers, with None for unknown ones."""
     attrs = dataset.attrs
     columns = ("test", "kind", "level", "level_unit", "noise", *ERRORS, "num_draws")
     row = {name: attrs.get(name) for name in columns}

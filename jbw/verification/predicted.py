@@ -57,13 +57,13 @@ class Predicted(NamedTuple):
 
     @property
     def amplitudes(self) -> tuple[float, ...]:
-        """The largest displacement of every free decay, or the median over draws [m], if known."""
+        """The largest displacement of each free decay, or its median over draws [m]."""
         if self.begins or self.peak is None:
             return self.begins
         return (float(np.median(self.peak)),)
 
     def extrapolation(self, basis: Basis) -> float | None:
-        """Return the upper edge of the peak displacement over the largest fitted one, if known."""
+        """Return the largest predicted displacement (99.5 %) over the largest fitted one."""
         if self.peak is None or basis.y_peak <= 0:
             return None
         return float(band(self.peak)[-1]) / basis.y_peak
@@ -117,11 +117,14 @@ class Source:
         num_repeats: float = 1.0,
         share: float = 1.0,
     ) -> tuple[NDArray[Any], dict[str, NDArray[Any]], float | None]:
-        """Return draws around the law's prediction, the references, and `std` of the bands."""
+        """Return centred draws, references, and noise standard deviation for the bands.
+
+        The last value is the result of `std`.
+        """
         return *about_law(model, others), self.std(known, model, num_repeats, share)
 
     def carried(self, predict: Callable[[Draws, Laws], PyTree]) -> tuple[Any, dict[str, Any]]:
-        """Return every draw's prediction along a first axis, and each reference's by name.
+        """Return the predictions of all draws, and those of each reference by name.
 
         If the draws include a model discrepancy, the law without it is a reference named `LAW`.
         """
@@ -141,7 +144,7 @@ class Source:
     def observed(
         self, data: Observable, predict: Callable[..., PyTree] = prediction
     ) -> tuple[Any, dict[str, Any]]:
-        """Return every draw's prediction of reduced data, and each reference's by name."""
+        """Return the predictions of data for all draws, and those of each reference by name."""
         seen = alone(data)
         return self.carried(lambda draws, laws: carry(predict, draws, replace(seen, laws=laws)))
 
@@ -229,14 +232,14 @@ def noise_of(
 
 
 def _labels(name: str, seen: CampaignTest, order: int) -> list[str]:
-    """Return possible labels of a test's data groups that contain its harmonic of this order."""
+    """Return possible labels of a test's data groups for a harmonic of this order."""
     names = [name, seen.family] if seen.family else [name]
     harmonics = [harmonic_label(group_name, order) for group_name in names] if order else []
     return harmonics + (names if order < 2 else [])
 
 
 def of_repeats(groups: Groups, group: int = 0) -> RepeatNoise:
-    """Return the noise estimated from the scatter of a group's repeats around their mean."""
+    """Return the noise of one repeat, from the scatter of a group's repeats."""
     columns = groups.within, groups.size, groups.num_repeats
     within, size, count = (float(column[group]) for column in columns)
     if count < 2:

@@ -87,7 +87,7 @@ class Basis:
     discrepancy: Discrepancy | None = None  # of the law; None if unknown
 
     def shared(self, num_draws: int) -> tuple[tuple[int, "Basis"], ...]:
-        """Return the number of draws and the basis of each law, this one first."""
+        """Return the numbers of draws of this and other laws, with the basis of each."""
         counts = [(round(share * num_draws), basis) for share, basis in self.beside]
         counts = [(count, basis) for count, basis in counts if count >= 2]
         num_first = num_draws - sum(count for count, _ in counts)
@@ -138,7 +138,7 @@ class Basis:
         *,
         missed: AtAmplitude = NOTHING,
     ) -> Draws:
-        """Return the draws for predicting a test, with omega_n and zeta of its run if fitted.
+        """Return draws for predicting a test; omega_n and zeta are those of its run if fitted.
 
         Free decays use draws of their own posterior and no gain.
         """
@@ -186,7 +186,7 @@ class Basis:
         return 0.0 if self.discrepancy is None else self.discrepancy.share_of(test.kind, missed)
 
     def scatters(self, test: Test) -> bool:
-        """Return whether a test's bands include the scatter of runs, as for runs not fitted."""
+        """Return whether a test's bands include the scatter of runs: its run was not fitted."""
         return len(self.scatter) > 0 and (self.runs is None or self.run_of(test) is None)
 
     def _complete(self, draws: Draws, gain: float | None) -> Draws:
@@ -211,7 +211,7 @@ def natural_hz(draws: Draws) -> list[float]:
 
 
 def count_of(draws: Mapping[str, Any]) -> int:
-    """Return the number of draws."""
+    """Return the number of draws in a dictionary of draws by name."""
     return len(next(iter(draws.values())))
 
 
@@ -276,7 +276,7 @@ def basis_attrs(
 
 
 def decay_attrs(data: Decays) -> dict[str, str]:
-    """Return the attributes that predictions need of separately fitted free decays."""
+    """Return the attributes for predictions from separately fitted free decays."""
     constants = {"worth": data.fraction, "shift_std": data.shift_std, "substeps": data.substeps}
     return {"decay": json.dumps({name: float(value) for name, value in constants.items()})}
 
@@ -308,7 +308,7 @@ def basis_of(tree: xr.DataTree) -> Basis:
 
 
 def _of_decays(tree: xr.DataTree, posterior: xr.Dataset, laws: Laws) -> xr.Dataset:
-    """Return the posterior for predicting free decays: their own, unless it lacks the joint."""
+    """Return the posterior for predicting decays: their own, unless it lacks the joint."""
     place = "/steps/decay/posterior"
     own = tree[place].to_dataset() if place in tree.groups else posterior
     of_joint = {quantity.name for quantity in quantities_of(laws)} & set(posterior)
@@ -327,7 +327,7 @@ def noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
 
 
 def seen_of(test: Test) -> CampaignTest:
-    """Return a test's kind, unit of the source, compared quantity and conditions."""
+    """Return a test's facts for predictions: kind, source unit, compared quantity."""
     record = test.records[0]
     place = (test.level if np.isfinite(test.level) else None, family_of(test), drive_of(test))
     if test.traits.is_prescribed:

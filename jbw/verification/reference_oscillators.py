@@ -138,7 +138,10 @@ def _fitted(
 
 
 def _spring(forced: Sequence[Any], estimates: Mapping[str, float], kind: str) -> Reference:
-    """Minimise sum_i |g F_i - omega_n^2 y_i - lambda_3 y_i^3|^2 / |g F_i|^2 in prescribed loops."""
+    """Fit a linear or cubic spring to prescribed loops by least relative error.
+
+    The minimum is that of sum_i |g F_i - omega_n^2 y_i - lambda_3 y_i^3|^2 / |g F_i|^2.
+    """
     y = np.concatenate([np.asarray(part.compared(part.displacement)) for part in forced])
     measured = np.concatenate([np.asarray(part.compared(part.mean)) for part in forced])
     force = estimates["gain"] * measured

@@ -108,7 +108,7 @@ def _verify_free(
 
 
 def _freely(draws: Draws, decays: Decays) -> tuple[Any, ...]:
-    """Return decays as a dataset, and the names of every mode's free-motion parameters."""
+    """Return decays as a dataset, and the parameter names of all modes in free motion."""
     held = {ratio.name: 1.0 for _, _, ratio, *_ in MODES if ratio.name in draws}
     names = [quantity.name for mode in MODES for quantity in mode[:2] if quantity.name in draws]
     return Dataset.of([decays], held), "omega_n", "zeta", *names

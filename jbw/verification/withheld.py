@@ -11,7 +11,7 @@ OF_BAND = ("coverage", "num_values", "half_width")
 
 
 def is_withheld(basis: Basis, amplitudes: Iterable[float]) -> bool:
-    """Return whether no band can be stated for an unfitted test at these amplitudes [m]."""
+    """Return whether no band can be stated for an unfitted test, by its amplitudes [m]."""
     discrepancy = basis.discrepancy
     return discrepancy is not None and not all(map(discrepancy.is_stated, amplitudes))
 

@@ -143,7 +143,7 @@ def chi_square_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> floa
 def counts_below(
     ranks: Int[np.ndarray, " replication"], num_ranks: int
 ) -> Int[np.ndarray, " rank"]:
-    """Return counts C_i of the ranks below i, for i = 1 ... L, from ranks between 0 and L."""
+    """Return the number of ranks below i, for i = 1 ... L, from ranks between 0 and L."""
     return np.searchsorted(np.sort(ranks), np.arange(1, num_ranks + 1), side="left")
 
 
@@ -165,7 +165,7 @@ def ecdf_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
 def ecdf_envelope(
     num_replications: int, num_ranks: int, level: float = 0.99
 ) -> tuple[Float[np.ndarray, " rank"], Float[np.ndarray, " rank"]]:
-    """Return bounds that C_i / N of uniform ranks keeps at all i with probability `level`."""
+    """Return bounds that the ECDF of uniform ranks keeps everywhere with probability `level`."""
 
     def excess(log_gamma: float) -> float:
         return _stays_inside(num_replications, num_ranks, float(np.exp(log_gamma))) - level
@@ -180,7 +180,7 @@ def ecdf_envelope(
 
 
 def coverage_interval(inside: int, count: int, level: float = 0.99) -> tuple[float, float]:
-    """Return the Clopper-Pearson interval of a probability from `inside` of `count` cases."""
+    """Return the Clopper-Pearson interval of a probability from counts of cases."""
     interval = stats.binomtest(inside, count).proportion_ci(level, method="exact")
     return float(interval.low), float(interval.high)
 
@@ -192,7 +192,7 @@ def _law(num_replications: int, num_ranks: int) -> stats.distributions.rv_frozen
 def _bounds(
     num_replications: int, num_ranks: int, gamma: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the bounds of counts whose doubled tail probabilities are at least gamma."""
+    """Return the bounds of counts at which each tail has half of the probability gamma."""
     law = _law(num_replications, num_ranks)
     lower, upper = law.ppf(gamma / 2), law.isf(gamma / 2)
     # The quantile of a discrete law is the count itself or its neighbour.

@@ -56,7 +56,7 @@ Simulate = Callable[[Key[Array, ""], Theta], PyTree]
 
 
 class Model(NamedTuple):
-    """A posterior, and a simulator of its data.
+    """A posterior to calibrate: simulator of its data, likelihood, prior box.
 
     `simulate` returns data for (key, theta), without using the likelihood's code. `quantities` are
     additional ones by name, each a function of (theta, data) that returns a number. Without a
@@ -134,7 +134,7 @@ def _batch(
 def _in_rounds(
     keys: Key[Array, " replication"], model: Model, sampler: Sampler, options: Any, num_ranks: int
 ) -> Ranked:
-    """Run one replication whose rounds are planned between compiled calls on all cores."""
+    """Run one replication with a sampler that works in rounds, on all cores."""
     truth, problem, to_draw, to_rank = _posed_alone(keys[0], model)
     drawn, *_ = module_of(sampler).gather(to_draw, problem, options)
     arrived = np.bool_(drawn.facts["khat"] < GOOD_KHAT and drawn.facts["ess_weights"] >= ESS)
@@ -147,7 +147,7 @@ def _in_rounds(
 def _posed(
     key: Key[Array, ""], model: Model
 ) -> tuple[dict[str, Array], Problem, Key[Array, ""], Key[Array, ""]]:
-    """Draw a truth and simulate its data; return the posterior, with keys to draw and rank."""
+    """Draw a truth and simulate its data; return them, the posterior and random keys."""
     key_truth, key_data, key_place, key_draws, key_rank = jax.random.split(key, 5)
     truth = from_unit(jax.random.uniform(key_truth, (len(model.box.names),)), model.box)
     data = model.simulate(key_data, truth)
@@ -169,7 +169,7 @@ class _Replication(NamedTuple):
 
 
 def _ranks(key: Key[Array, ""], replication: _Replication, model: Model, num_ranks: int) -> Ranked:
-    """Return the rank of every quantity of the truth among those of the draws."""
+    """Return the rank of each quantity of the truth among its posterior draws."""
     truth, data, draws, arrived = replication
 
     def values(theta: Theta) -> Float[Array, " quantity"]:

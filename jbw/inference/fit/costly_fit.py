@@ -83,7 +83,7 @@ def costly_fits(
     max_evaluations: int,
     tolerance: float,
 ) -> list[Fit]:
-    """Fit from each start separately and return the fits in order; skip starts that are rejected.
+    """Fit from each start separately; skip starts that are rejected.
 
     If all starts are rejected, a ModelError is raised. All starts are solved in parallel.
     """
@@ -140,7 +140,7 @@ def wide_enough(
     differences: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     s: NDArray[np.float64],
 ) -> Float[np.ndarray, "residual parameter"]:
-    r"""Return the Jacobian by differences over one standard deviation if this changes it.
+    r"""Return the Jacobian, by wider differences (one standard deviation) if these change it.
 
     $$h_i = 1 / \lVert J_i \rVert$$
 
@@ -239,7 +239,7 @@ def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
 
 
 def part_of(evaluate: Evaluate) -> Part:
-    """Return a function of s and a flag, residual (0) or Jacobian (1), from a row evaluator."""
+    """Return a function of s and a flag for the residual (0) or its Jacobian (1)."""
 
     @lru_cache(maxsize=1)  # scipy asks for the residual and then for the Jacobian at one point
     def at(s: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -252,7 +252,7 @@ def part_of(evaluate: Evaluate) -> Part:
 
 
 def rows_of(residual: Residual, box: Box, data: PyTree) -> Evaluate:
-    """Return a function from points of the search to residual rows; NaN if out of reach."""
+    """Return a function from search points to rows of residuals; NaN where out of reach."""
 
     def evaluate(points: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, "point value"]:
         rows = at_points(_real_of, parameters_at(points, box), (residual, data), lanes=LANES)
@@ -277,7 +277,7 @@ def _slope(
     behind: Float[np.ndarray, "parameter residual"],
     steps: Float[np.ndarray, "parameter 1"],
 ) -> Float[np.ndarray, "residual parameter"]:
-    """Return central differences, or one-sided ones if the model fails on one side."""
+    """Return the Jacobian by central differences, one-sided where the model fails on a side."""
     sides = [np.all(np.isfinite(side), axis=1, keepdims=True) for side in (ahead, behind)]
     ahead, behind = (
         np.where(ok, side, here) for ok, side in zip(sides, (ahead, behind), strict=True)
@@ -322,7 +322,7 @@ def _forward(
 
 
 def search_coordinate(box: Box) -> Composed:
-    r"""Return the map from the unit cube to parameters that straightens valleys of products.
+    r"""Return the map from the search's unit cube to parameters, logarithmic where possible.
 
     For positive bounds, $\theta = \theta_{min} (\theta_{max} / \theta_{min})^s$. For others that
     reach much further above zero than below, it is a hyperbolic sine, which is a logarithm of

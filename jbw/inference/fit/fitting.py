@@ -126,7 +126,7 @@ def describe_optimum(
     box: Box,
     costs: NDArray[np.float64],
 ) -> Fit:
-    """Return the fit record of an optimum x, from its Jacobian by x."""
+    """Return the record of a fit from its optimum x, residual and Jacobian."""
     values, rows = svd_of_all(jacobian)
     root = rows.T / np.maximum(values, 1 / BOX_STD)  # no direction is wider than the box
     width = np.asarray(box.upper) - np.asarray(box.lower)

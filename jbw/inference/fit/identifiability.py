@@ -37,7 +37,7 @@ Draws = Mapping[str, Float[np.ndarray, "..."]]
 
 @dataclass(frozen=True)
 class WeakDirection:
-    """Parameters that the data determine only in combination, or not at all, with a text."""
+    """Parameters that data determine in combination only, or not at all, with a sentence."""
 
     names: tuple[str, ...]
     ratio: float
@@ -75,7 +75,7 @@ def weak_direction_of_draws(draws: Draws, box: Box) -> WeakDirection | None:
 
 
 def _never_zero(centre: NDArray[np.float64], covariance: Matrix) -> NDArray[np.bool_]:
-    """Return whether parameters differ from zero when all other parameters are fixed."""
+    """Return which parameters differ significantly from zero if all others are fixed."""
     std = np.sqrt(np.diag(covariance))
     if not (np.all(np.isfinite(covariance)) and np.all(std > 0)):  # draws that never moved
         return np.zeros(len(std), bool)
@@ -162,7 +162,7 @@ def _power(name: str, exponent: float) -> str:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """The largest shift of a mean [sd] by cutting a box at one end; infinite without draws."""
+    """The largest shift of a mean [sd] when a prior box is cut at one end."""
 
     shift: float
     box: str

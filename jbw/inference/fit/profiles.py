@@ -51,7 +51,7 @@ Point = tuple[NDArray[np.float64], float]  # coordinates, and chi-square
 
 @dataclass(frozen=True)
 class Direction:
-    """A direction of the parameters, with the ratio of the data's to the prior's information.
+    """A direction of the parameters, and the information of the data along it.
 
     `names` are the parameters that dominate it, and `loadings` the shares of all parameters, in
     prior standard deviations, in the box's order. `text` is their combination, with leading
@@ -69,7 +69,7 @@ class Direction:
 
 @dataclass(frozen=True)
 class QuantityInformation:
-    """A parameter or product as text, its value, its sd, and the ratio of sd to the prior's."""
+    """A parameter or product with value, standard deviation and its ratio to the prior's."""
 
     text: str
     value: float
@@ -156,7 +156,7 @@ def _members(
     root: NDArray[np.float64],
     ratio: float,
 ) -> list[int]:
-    """Return the parameters that name a direction, enough that it is as well constrained.
+    """Return the indices of enough parameters to name a direction.
 
     A factor with a narrow prior contributes little to the direction, but without it the other
     factors are determined far worse than the direction: alpha*delta known to a millionth says
@@ -193,7 +193,7 @@ def ties(spectrum: Information, products: Iterable[Product]) -> list[str]:
 
 
 def _kind(row: QuantityInformation) -> str:
-    """Return a quantity's grade, by the same criterion as the report after sampling."""
+    """Return a quantity's grade, such as known or unknown, as the report assigns it."""
     if _is_unlearnt(row):
         return "unknown"
     if row.relative <= KNOWN:
@@ -325,7 +325,7 @@ def _value(place: float, held: int, box: Box) -> float:
 def walk(
     part: Part, start: NDArray[np.float64], held: int
 ) -> tuple[Float[np.ndarray, "point parameter"], Float[np.ndarray, " point"]]:
-    """Return optima with one coordinate fixed on both sides of a fit, and their chi-squares."""
+    """Return optima and chi-squares along one coordinate, on both sides of a fit."""
     sd = _sd(part(start, 1), held)
     centre = float(np.sum(part(start, 0) ** 2))
     sides: list[list[Point]] = []
@@ -343,7 +343,7 @@ def walk(
 
 
 def _refined(part: Part, side: list[Point], held: int) -> list[Point]:
-    """Return a side of a profile with points inserted where it is too steep, as at a bound."""
+    """Return one side of a profile with more points where chi-square rises too steeply."""
     centre = side[0][1]
     for _ in range(MOST_HALVINGS):
         rise = np.array([max(chi_square - centre, 0.0) for _, chi_square in side])
@@ -369,7 +369,7 @@ def _sd(jacobian: Float[np.ndarray, "residual parameter"], held: int) -> float:
 
 
 def _steps(centre: float, side: float, sd: float) -> list[float]:
-    """Return fixed values of a coordinate on one side of a fit, outwards to the box's bound."""
+    """Return values of a coordinate for its profile, from a fit outwards to a bound."""
     room = 1 - centre if side > 0 else centre
     if room <= ON_BOUND:
         return []
@@ -384,7 +384,7 @@ def _steps(centre: float, side: float, sd: float) -> list[float]:
 
 
 def constrained(part: Part, s: NDArray[np.float64], held: int, place: float) -> Point:
-    """Minimise over all coordinates but one, from a neighbour; return point and chi-square.
+    """Minimise chi-square over all coordinates but one; return the point and chi-square.
 
     If the model cannot be solved there, chi-square is infinite.
     """

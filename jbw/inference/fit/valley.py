@@ -54,7 +54,7 @@ class Floor(NamedTuple):
 
 
 class Valley(Coordinate):
-    """The coordinates of a valley: one parameter, and the distance of the others from the floor."""
+    """Coordinates of a curved valley: one parameter, and the others' distance from its floor."""
 
     held: int = eqx.field(static=True)
     knots: Float[Array, " knot"]
@@ -74,7 +74,7 @@ class Valley(Coordinate):
         return y.at[self._others].set(away)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Return the log absolute determinant: the logarithm of the valley's width."""
+        """Return the log determinant: the logarithm of the valley's width."""
         return jnp.sum(jnp.log(jnp.diagonal(self._at(x[self.held])[1])))
 
     @property
@@ -165,7 +165,7 @@ def about_valley(residual: Residual, box: Box, data: PyTree, best: Fit) -> Repar
 
 
 def _least_known(jacobian: Float[np.ndarray, "residual parameter"]) -> list[int]:
-    """Return the parameters that dominate the least determined direction, largest first."""
+    """Return the parameters with the largest components of the weakest direction."""
     weakest: Any = np.abs(np.linalg.eigh(precision(jacobian))[1][:, 0])
     order = np.argsort(-weakest)
     return order[weakest[order] > PART * weakest.max()].tolist()

@@ -40,7 +40,7 @@ def complex_gaussian_log_likelihood(
 def complex_gaussian_marginal_log_likelihood(
     mean: Complexes, within_ss: Reals, num_repeats: Reals, model: Complexes
 ) -> Float[Array, ""]:
-    r"""Return the log likelihood of K complex repeats, with unknown noise under the prior 1/sigma.
+    r"""Return the log likelihood of complex repeats whose noise is integrated out, prior 1/sigma.
 
     $$\log p = -N K \log \sum_{i,k} |d_{ik} - m_i|^2 + \mathrm{const}$$
     """
@@ -104,7 +104,7 @@ def estimate(
 def known_estimate(
     residual: Float[Array, "group value"], directions: Float[Array, "group own value"]
 ) -> Estimate:
-    r"""Estimate offsets for known noise, from residuals and directions in standard deviations.
+    r"""Estimate offsets of groups with known noise, from residuals in standard deviations.
 
     $$W = J J^T, \quad \hat b = W^{-1} J r, \quad \log p = -\tfrac12 (|r|^2 - \hat b^T W \hat b)$$
     """
@@ -118,7 +118,7 @@ def known_estimate(
 def solve(
     matrix: Float[Array, "group own own"], vector: Float[Array, "group own"]
 ) -> Float[Array, "group own"]:
-    """Solve the normal equations of groups; zero if a group does not determine its offsets."""
+    """Solve each group's normal equations; zero if they do not determine its offsets."""
     lower, pivots = factorised(matrix)
     determined = jnp.all(jnp.stack(pivots) > 0, axis=0)
     inverse = [1 / jnp.where(determined, pivot, 1.0) for pivot in pivots]
@@ -169,7 +169,7 @@ def run_numbers(runs: tuple[str, ...]) -> tuple[int, ...]:
 
 
 def members(numbers: tuple[int, ...]) -> Float[Array, "part whole"]:
-    """Return a matrix with ones where a part belongs to a whole (by number), zeros elsewhere."""
+    """Return a membership matrix: one where a part belongs to a whole, else zero."""
     return jnp.asarray(np.eye(max(numbers) + 1)[list(numbers)])
 
 
@@ -179,7 +179,7 @@ def shrunk(
     runs: tuple[int, ...],
     scatter: Float[Array, " own"],
 ) -> tuple[list[Float[Array, "_group _value"]], Float[Array, "run own"]]:
-    r"""Return the residuals with the best offset of each run removed, and the offsets as residuals.
+    r"""Return residuals corrected by the best offset of each run, and these offsets in units of s.
 
     $$\hat b_r = (W_r + S^{-1})^{-1} \sum_{g \in r} J_g r_g, \qquad r_g - J_g^T \hat b_r,
       \qquad S^{-1/2}\,\hat b_r$$

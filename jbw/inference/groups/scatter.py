@@ -44,7 +44,7 @@ def scatter_grid(
     assemblies: bool = False,
     medians: tuple[float | None, ...] = (),
 ) -> Float[np.ndarray, "node level_own"]:
-    """Return the equally weighted nodes of the prior of the scatters of runs, then of assemblies.
+    """Return nodes of equal prior weight for the scatter of runs (and of assemblies).
 
     The logarithm of each scatter is uniform from `least` to `most`, with one node if they are
     equal. If a median is stated, the scatter is log-normal instead, within a factor of two in two
@@ -71,7 +71,7 @@ def log_density_of_offsets(
     levels: Levels,
     scatters: Float[Array, "node level_own"] | Float[np.ndarray, "node level_own"],
 ) -> Float[Array, ""]:
-    r"""Return the log density [nats] of the groups' offsets, equal within a run, scatter unknown.
+    r"""Return the log density [nats] of offsets that all groups of a run share, scatter unknown.
 
     $$\log \frac{1}{M}\sum_{S, T} \prod_a \int N(a; 0, T) \prod_{r \in a} \int N(b - a; 0, S)
       \prod_{g \in r} e^{-\frac12 (\hat b_g - b)^T W_g (\hat b_g - b)}\,db\,da$$
@@ -125,7 +125,7 @@ def _of_runs(estimates: Estimate, levels: Levels) -> _Information:
 def _nodes(
     runs: _Information, levels: Levels, scatters: Float[Array, "node level_own"], num_own: int
 ) -> Float[Array, " node"]:
-    """Return the log density of the offsets under every scatter."""
+    """Return the log density of the offsets at every node of the scatter."""
 
     def at_scatter(scatter: Float[Array, " level_own"]) -> Float[Array, ""]:
         log_density = _integrated(runs, scatter[:num_own])
@@ -145,14 +145,17 @@ def _scaled(
 
 
 def _integrated(data: _Information, scatter: Float[Array, " own"]) -> Float[Array, ""]:
-    r"""Return the log of $\int N(b; 0, S)\, e^{-\frac12 b^T W b + h^T b}\,db$."""
+    r"""Return the log of $\int N(b; 0, S)\, e^{-\frac12 b^T W b + h^T b}\,db$ for offsets b."""
     precision, pull = _scaled(data, scatter)
     best = jnp.sum(pull * solve(precision, pull))
     return 0.5 * (best - jnp.sum(log_determinant(precision)))
 
 
 def _passed_on(data: _Information, scatter: Float[Array, " own"]) -> _Information:
-    """Return the likelihood of a in b = a + c: W - W G W and h - W G h, $G = (W + S^{-1})^{-1}$."""
+    """Return the likelihood of assembly offsets a from that of runs' offsets b = a + c.
+
+    It has the precision W - W G W and the linear term h - W G h, $G = (W + S^{-1})^{-1}$.
+    """
     precision, pull = _scaled(data, scatter)
     weight = data.precision * scatter  # W s
     gained = jax.vmap(lambda column: solve(precision, column), in_axes=2, out_axes=2)(
@@ -167,7 +170,7 @@ def _passed_on(data: _Information, scatter: Float[Array, " own"]) -> _Informatio
 def _drawn(
     key: Key[Array, ""], data: _Information, scatter: Float[Array, " own"]
 ) -> Float[Array, "member own"]:
-    """Draw every offset given its scatter."""
+    """Draw offsets given their scatter."""
     precision, pull = _scaled(data, scatter)
     root = jnp.linalg.cholesky(precision)
     white = jax.random.normal(key, pull.shape)

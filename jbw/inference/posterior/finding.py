@@ -36,7 +36,7 @@ COLOURS, DOUBT = {"ok": "#009e73", "failed": "#d55e00"}, "#e69f00"
 
 @dataclass(frozen=True)
 class Finding:
-    """The result of one check as data; its sentence and remedy come from a catalogue.
+    """The result of one check as data, from which its sentence and remedy are made.
 
     Attributes:
         code: Short name, such as "r_hat".
@@ -66,7 +66,7 @@ class Finding:
 
     @property
     def fact(self) -> str:
-        """The result of the check itself as a sentence."""
+        """The result of the check itself as a sentence, without later additions."""
         if isinstance(self.values, str):
             return self.values
         return sentence_of(self.entry or self.code, self.values, passed=self.status == "ok")
@@ -88,14 +88,14 @@ class Finding:
 
 
 def kept_finding(record: Mapping[str, Any]) -> Finding:
-    """Return the finding of a record in a run's summary; JSON has no NaN."""
+    """Return the finding that a run's summary has stored."""
     number = float("nan") if record["number"] is None else record["number"]
     return Finding(record["code"], record["status"], record["reason"], number, record["action"])
 
 
 @dataclass(frozen=True, repr=False)
 class Verdict:
-    """The findings in their order, and the worst status of the three answers."""
+    """The findings on a posterior, and the worst status of the verdict's three answers."""
 
     status: Status
     findings: tuple[Finding, ...]
@@ -131,7 +131,7 @@ class Amendment(NamedTuple):
     remedy: str = ""
 
     def applied_to(self, finding: Finding) -> Finding:
-        """Return the finding, amended if its code and status match."""
+        """Return a finding, changed if the amendment's codes and status match."""
         if finding.code not in self.codes or finding.status != self.before:
             return finding
         return amended(finding, self.status, self.sentence, self.remedy)
@@ -151,7 +151,7 @@ def judge(findings: Iterable[Finding], amendments: Iterable[Amendment | None] = 
 
 
 def answered(findings: Sequence[Finding]) -> Status:
-    """Return the status of one question's findings: the law's grade, else the worst status."""
+    """Return the status of one question: the law's grade if there is one, else the worst."""
     grade = next((finding for finding in findings if finding.code == GRADE), None)
     return grade.status if grade else worst_of({finding.status for finding in findings})
 

@@ -14,12 +14,12 @@ NUM_WARMUP = 500  # warm-up of a sampler that states none
 
 
 def other_sampler(now: str = "") -> str:
-    """Return a sampler that may work if another one did not."""
+    """Return the name of a sampler that may work if another one did not."""
     return "tempered_smc" if now == "nuts" else "nuts"
 
 
 def more_draws(num_samples: int, least: float, target: float, sampler: str = "") -> dict[str, Any]:
-    """Return how many draws per chain raise the least effective sample size to a target.
+    """Return the number of draws per chain for a target of the effective sample size.
 
     The count is None if that were more than twenty times as many, because such chains hardly move;
     then another sampler is suggested.

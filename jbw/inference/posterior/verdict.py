@@ -198,7 +198,7 @@ def _trajectories(stats: xr.Dataset, facts: Mapping[Any, Any]) -> list[Finding]:
 
 
 def _at_once(facts: Mapping[Any, Any]) -> list[Finding]:
-    """Return the findings on a sampler that draws everything at once, from its attributes."""
+    """Return the findings on a sampler that is no Markov chain, from its attributes."""
     findings = []
     other = {"sampler": other_sampler()}
     if "khat" in facts:
@@ -232,7 +232,7 @@ def _budget(facts: Mapping[Any, Any], findings: Iterable[Finding]) -> list[Findi
 
 
 def enough(draws: Draws) -> bool:
-    """Return whether draws pass every convergence check of a verdict."""
+    """Return whether draws pass all convergence checks of a verdict."""
     finite = all(np.all(np.isfinite(values)) for values in draws.values())
     return finite and all(finding.status != "failed" for finding in _convergence(draws))
 
@@ -301,7 +301,7 @@ def _valley(name: str, values: Float[np.ndarray, "chain draw"]) -> ModeSplit | N
 def _repeated(
     values: Float[np.ndarray, " draw"], grid: Float[np.ndarray, " place"]
 ) -> Float[np.ndarray, " place"]:
-    r"""Return the standard error of the share s of draws below a value, for repeated points.
+    r"""Return the standard error of the share s of draws below a value, if points repeat.
 
     $$(1 - s)^2 \sum_{below} w^2 + s^2 \sum_{above} w^2$$
     """
@@ -314,7 +314,7 @@ def _repeated(
 
 
 def _error(side: Float[np.ndarray, "chain draw"]) -> float:
-    """Return the standard error of one side's share; NaN if the chains disagree on it."""
+    """Return the standard error of a mode's weight; NaN if the chains disagree on it."""
     row = diagnose(side)
     crossed = row["ess_bulk"] >= CROSSED and not row["r_hat"] >= AGREED
     return float(side.std() / np.sqrt(row["ess_bulk"])) if crossed else float("nan")

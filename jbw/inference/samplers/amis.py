@@ -66,7 +66,7 @@ SURE_KHAT = 0.5  # k-hat below which weights have a finite variance
 
 
 class Options(NamedTuple):
-    """The number of draws, and the conditions for giving up.
+    """The options of AMIS: numbers of draws and points, and when to give up.
 
     Attributes:
         num_samples: Number of draws of each group.
@@ -94,7 +94,7 @@ def gather(
     checkpoint: Kept | None = None,
     until: Until | None = None,
 ) -> tuple[Draws, Float[np.ndarray, "chain draw term"], float]:
-    """Sample in rounds; return equally weighted draws, their terms and earlier processes' time [s].
+    """Sample in rounds; return equally weighted draws, their likelihood terms, earlier time [s].
 
     Rounds follow until the weights are good and their draws are enough, or there is no prospect of
     that, or rounds or time run out. Rounds of a checkpoint are continued.
@@ -150,7 +150,7 @@ class WeighedPoints(NamedTuple):
 def points(
     key: Key[Any, ""], problem: Problem, *, size: int, least: float, most_rounds: int
 ) -> WeighedPoints:
-    """Draw weighted points for averages, in rounds of `size`, until `least` are effective."""
+    """Draw weighted points of a posterior, in rounds of `size`, until `least` are effective."""
     seed = words_of(key)
     past = _grown(np.random.default_rng([*seed, 0]), None, problem, size)
     smoothed = weighed(past)
@@ -188,7 +188,7 @@ def _is_over(
 
 
 def _grown(rng: np.random.Generator, past: Past | None, problem: Problem, num_points: int) -> Past:
-    """Add one round: mixtures fitted to all points so far, and points from them."""
+    """Return all points with one more round, drawn from newly fitted mixtures."""
     first = mixtures.standard(len(problem.box.names))
     pair = (first, first) if past is None else _next_pair(rng, past)
     half_size = max(num_points // 2, 1)

@@ -31,7 +31,7 @@ class Draw(NamedTuple):
 
 
 class Kernel(NamedTuple):
-    """A Markov chain with the posterior as its law: (key, w) to the first state, step, read-out.
+    """A Markov chain of a posterior as functions: first state, step, and read-out.
 
     Its options have `num_warmup`, `num_samples`, `num_chains` and `chain_method`.
     """
@@ -62,7 +62,7 @@ MakeKernel = Callable[[Problem, Any], Kernel]
 
 
 class Starts(NamedTuple):
-    """The starts of chains: common key, whitened centres, and standard deviation around them."""
+    """The starting points of chains, and the standard deviation around them."""
 
     key: Key[Array, ""]
     centre: Float[Array, "chain parameter"]
@@ -83,7 +83,7 @@ def starts_of(
 
 
 def draws_of(sampler: Sampler, key: Key[Array, ""], problem: Problem, options: Any) -> Draws:
-    """Draw from a posterior by a sampler; pure, usable under `jit` and `vmap`."""
+    """Draw from a posterior by a sampler in one piece; usable under `jit` and `vmap`."""
     module = module_of(sampler)
     if hasattr(module, "draw"):
         return module.draw(key, problem, options)
@@ -91,7 +91,7 @@ def draws_of(sampler: Sampler, key: Key[Array, ""], problem: Problem, options: A
 
 
 def draw_chains(make: MakeKernel, key: Key[Array, ""], problem: Problem, options: Any) -> Draws:
-    """Run chains from dispersed starts to their end in one piece, usable under `jit` and `vmap`."""
+    """Run chains from dispersed starts to their end in one piece; usable under `jit`, `vmap`."""
     starts = starts_of(key, problem, None, options.num_chains)
     total = options.num_warmup + options.num_samples
 
@@ -175,7 +175,7 @@ def num_devices_for(num_chains: int) -> int:
 
 
 def over_chains(f: Callable[..., PyTree], method: str) -> Callable[..., PyTree]:
-    """Return f(one chain, shared) mapped over the leading axis of its first argument."""
+    """Return a function of one chain mapped over all chains, by the given method."""
 
     def mapped(chains: PyTree, shared: PyTree) -> PyTree:
         arrays, static = eqx.partition(shared, eqx.is_array)
@@ -208,7 +208,7 @@ def in_batches(f: Callable[[PyTree], PyTree], points: PyTree) -> PyTree:
 def _advanced(
     kernel: Kernel, state: PyTree, count: Int[Array, ""], capacity: int, skipped: int
 ) -> tuple[PyTree, Draw]:
-    """Return the state after `count` steps, and the draws of the steps after `skipped`, as rows."""
+    """Return a chain's state after `count` steps, and its draws except `skipped` first ones."""
 
     def step(i: Array, carry: tuple[PyTree, Draw]) -> tuple[PyTree, Draw]:
         state, rows = carry

@@ -94,7 +94,7 @@ Progress = Callable[[SoFar], None]
 
 
 class Supervision(NamedTuple):
-    """The listeners, storage and end of a run of chains.
+    """The supervision of a run of chains: progress, checkpoint, and end.
 
     Attributes:
         progress: Function that is called with a `SoFar` after every chunk of steps, or round.
@@ -116,7 +116,7 @@ def no_checkpoint(name: str) -> None:
 
 
 class Chains(NamedTuple):
-    """The chains so far: leaves of their states, number of steps, draws, and time spent [s]."""
+    """The chains so far: their states, number of steps, draws, and time spent [s]."""
 
     states: list[np.ndarray]
     done: int
@@ -147,7 +147,7 @@ def grow_chains(
     done, rows, count = before.done, before.rows, CHUNK if checkpoint is None else 1
 
     def end(spent: float) -> int:
-        """Return the steps at which the chains end, by their draws and the time spent on them."""
+        """Return the number of steps at which the chains end, by draws and time spent."""
         if until is not None and rows and spent >= until.budget_s:
             return done
         if done < total or until is None or until.enough(_joined(rows)[0][0].theta):
@@ -259,7 +259,7 @@ def _next_count(count: int, seconds: float, spent: float) -> int:
 
 
 def _joined(rows: list[Rows]) -> list[Rows]:
-    """Return the rows of all chunks in one piece."""
+    """Return the draws of all chunks in one piece."""
     return [jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *rows)] if rows else []
 
 

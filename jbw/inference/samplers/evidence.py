@@ -35,13 +35,13 @@ def reference(problem: Problem) -> Distribution:
 
 
 def log_ratio(problem: Problem, w: Float[Array, " parameter"]) -> Float[Array, ""]:
-    """Return the log of posterior over reference density [nats]; FORBIDDEN where impossible."""
+    """Return log posterior minus log reference density [nats]; FORBIDDEN if impossible."""
     value = problem.log_density(w) - reference(problem).log_prob(w)
     return jnp.where(jnp.isfinite(value), value, FORBIDDEN)
 
 
 def is_possible(log_ratios: Float[Array, "..."]) -> Bool[Array, ""]:
-    """Return whether any of several log ratios belongs to a possible point."""
+    """Return whether the posterior is possible at any of several points."""
     return jnp.any(log_ratios > FORBIDDEN / 2)
 
 
@@ -75,7 +75,7 @@ def highest_power(
     ends: tuple[Array, Array],
     halvings: int,
 ) -> Float[Array, ""]:
-    """Return the highest power between two ends with `least` effective draws, by bisection."""
+    """Return the highest power that keeps `least` draws effective, by bisection."""
 
     def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = ends

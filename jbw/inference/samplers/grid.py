@@ -104,7 +104,7 @@ def whitened_by(
     covariance: Float[Array, "parameter parameter"],
     first: int = 0,
 ) -> Affine:
-    """Return the whitening by a covariance; one parameter depends on one coordinate alone."""
+    """Return the whitening by a covariance in which one coordinate alone moves one parameter."""
     order = np.array([first, *(i for i in range(mean.size) if i != first)])
     root = jnp.linalg.cholesky(covariance[np.ix_(order, order)])
     return Affine(mean, jnp.zeros_like(root).at[order].set(root))
@@ -175,7 +175,7 @@ def located(problem: Problem) -> LogitMoments:
 def _raised(
     problem: Problem, grid: Grid, power: Float[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, " node"]]:
-    """Return a higher power of the likelihood that the grid still resolves, and log p at it."""
+    """Return a higher power of the likelihood that a grid still resolves, and log p at it."""
     placed = eqx.tree_at(lambda posterior: posterior.whitening, problem, grid.whitening)
     prior = jax.vmap(placed.coordinate.log_abs_det_jacobian)(grid.nodes) - log_volume(problem.box)
     likelihood = grid.log_p - prior
@@ -195,7 +195,7 @@ def _raised(
 def _no_narrower(
     covariance: Float[Array, "parameter parameter"], least: Float[Array, ""]
 ) -> Float[Array, "parameter parameter"]:
-    """Return the covariance with no direction narrower than the nodes can resolve."""
+    """Return a covariance widened to what the grid's nodes resolve."""
     values, vectors = jnp.linalg.eigh(covariance)
     return vectors * jnp.maximum(values, least**2) @ vectors.T
 

@@ -44,9 +44,10 @@ ENOUGH = 0.1  # least ratio of effective draws to returned draws of a finished s
 
 
 class Options(NamedTuple):
-    """The number of draws of each group, and of weighted points of each round (as many if None).
+    """The options of importance sampling: numbers of draws, weighted points and rounds.
 
-    The weighted moments of a round determine the t distribution of the next.
+    `num_draws` is the number of weighted points of each round; as many as draws if None. The
+    weighted moments of a round determine the t distribution of the next.
     """
 
     num_samples: int = 1000
@@ -56,7 +57,10 @@ class Options(NamedTuple):
 
 
 def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
-    """Return equally weighted draws; `log_weight` is the raw weight [nats] of each copied point."""
+    """Return equally weighted draws by importance sampling.
+
+    The statistic `log_weight` is the raw weight [nats] of each copied point.
+    """
     count = options.num_draws or options.num_samples * options.num_chains
     key_rounds, key_keep = jax.random.split(key)
 
@@ -116,7 +120,7 @@ def smooth(raw: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def _resampled(key: Key[Array, ""], weights: Float[Array, " draw"], options: Options) -> Array:
-    """Return the rows of draws by stratified resampling, with separate points for each group.
+    """Return the indices of draws by stratified resampling, from separate points per group.
 
     Copies of a point are adjacent, so an effective size from autocorrelation counts them as one.
     """

@@ -102,14 +102,14 @@ def refitted(rng: np.random.Generator, x: Points, weights: Weights) -> Mixture:
 def _of_weight(
     x: Points, weights: Weights
 ) -> tuple[Float[np.ndarray, "heavy parameter"], Float[np.ndarray, " heavy"]]:
-    """Return the points that have all of the weight except a ten-thousandth, and their weights."""
+    """Return the points with all but a ten-thousandth of the weight, and their weights."""
     order = np.argsort(-weights)
     heavy = np.sort(order[: 1 + int(np.searchsorted(np.cumsum(weights[order]), 1 - SLIGHT))])
     return x[heavy], weights[heavy] / weights[heavy].sum()
 
 
 def widened(mixture: Mixture, x: Points, weights: Weights) -> Mixture:
-    """Add a component with a share of a tenth that covers all points at twice their width.
+    """Add a broad component with a share of a tenth that covers all points.
 
     Points that do not yet reach the end of a curved posterior do not show that it continues.
     """

@@ -37,7 +37,7 @@ VOLUMES = 200  # simulated shrinkages of the prior volume
 
 
 class Options(NamedTuple):
-    """The number of draws of each run, and the number of runs, one after the other."""
+    """The options of nested sampling: numbers of draws of each run, and of runs."""
 
     num_samples: int = 1000
     num_chains: int = 4
@@ -160,7 +160,7 @@ def _shrunk(
 def _weights(
     key: Key[Array, ""], points: Any, filled: Bool[Array, " point"]
 ) -> tuple[Float[Array, " point"], Float[Array, " volume"]]:
-    r"""Return each point's mean share over simulated volumes, and log evidence of each volume.
+    r"""Return each point's share of the evidence, and log evidences, by simulated volumes.
 
     At the death of a point, the number n of live points is that of points born below it that have
     not died. The volume shrinks by the largest of n uniform numbers, $\log X_i - \log X_{i-1} =

@@ -13,7 +13,11 @@ from jbw.inference.space.problem import Problem
 
 
 class Options(NamedTuple):
-    """The options of NUTS; `adapt_mass` None adapts a dense mass matrix unless a fit whitened."""
+    """The options of NUTS.
+
+    If `adapt_mass` is None, a dense mass matrix is adapted unless a fit has whitened the
+    coordinate.
+    """
 
     num_warmup: int = 1000
     num_samples: int = 1000

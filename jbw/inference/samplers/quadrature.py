@@ -47,7 +47,11 @@ PROBABILITIES = (0.005, 0.01, 0.05, 0.5, 0.95, 0.99, 0.995)
 
 
 class Options(NamedTuple):
-    """The options of quadrature: numbers of draws, of groups, and of nodes per coordinate (odd)."""
+    """The options of quadrature: numbers of draws, of groups, and of nodes per coordinate (odd).
+
+    `num_samples` draws are returned for each of `num_chains` groups; `num_places` is the odd number
+    of nodes per coordinate, None for the default.
+    """
 
     num_samples: int = 1000
     num_chains: int = 4
@@ -55,7 +59,7 @@ class Options(NamedTuple):
 
 
 class Marginal(NamedTuple):
-    """The marginal of one parameter from its grid, with quantiles at `PROBABILITIES`.
+    """The marginal distribution of one parameter, with quantiles at `PROBABILITIES`.
 
     The error is the change by the finer of two rules: log evidence [nats], mean and standard
     deviation relative to the deviation.
@@ -69,7 +73,10 @@ class Marginal(NamedTuple):
 
 
 def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
-    """Draw independently by quadrature; group `exact` has each parameter's mean, sd, quantiles."""
+    """Draw from a posterior by quadrature; also return exact means, sds and quantiles.
+
+    The group `exact` contains the mean, sd and quantiles of each parameter.
+    """
     d = len(problem.box.names)
     if problem.outer != IDENTITY:
         raise ConfigError("Sampler quadrature draws in the parameters themselves, in their box.")
@@ -102,7 +109,7 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
 def _on_its_axis(
     i: int, problem: Problem, moments: LogitMoments, count: int
 ) -> tuple[Marginal, Grid]:
-    """Build a grid whose first coordinate alone sets one parameter; return its marginal too."""
+    """Return a parameter's marginal and its grid, whose first coordinate alone sets it."""
     whitening = whitened_by(moments.mean, moments.covariance, first=i)
     bounds = bounds_of(problem, whitening, moments, FACES[len(problem.box.names)])
     # The rule converges in the stretched coordinate too: it is smooth, and its ends are as low.
@@ -156,7 +163,7 @@ def _quantiles(axis: Any, p: Any) -> NDArray[np.float64]:
 def distribution(
     w: float, axis: Float[np.ndarray, " node"], p: Float[np.ndarray, " node"]
 ) -> float:
-    r"""Return the probability below w by sinc functions through the nodes, as exact as the rule.
+    r"""Return the distribution function at w, by sinc functions through the nodes.
 
     $$F(w) = \sum_j p_j \left[\tfrac12 + \tfrac1\pi \mathrm{Si}
     \!\left(\tfrac{\pi (w - w_j)}{h}\right)\right]$$

@@ -23,9 +23,10 @@ FIRST_STEP = (0.1, 1.0)  # first step of the tuning, without and with whitening 
 
 
 class Options(NamedTuple):
-    """The options of the walk; `step_size` is a proposal's fixed deviation in x in all directions.
+    """The options of the random walk.
 
-    If None, the warm-up tunes it to `target_accept`, with the shape of a fit's covariance.
+    `step_size` is a proposal's fixed standard deviation in x, in all directions. If None, the
+    warm-up tunes it to `target_accept`, with the shape of a fit's covariance.
     """
 
     num_warmup: int = 1000
@@ -115,7 +116,7 @@ def kernel(problem: Problem, options: Options) -> Kernel:
 def tuned(
     state: WalkState, accept_prob: Float[Array, ""], options: Options
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Return Robbins and Monro's next log step and its average, which is used at the end."""
+    """Return the next log step size by Robbins and Monro, and its average."""
     if options.step_size is not None:
         return state.log_step, state.log_step_average
     t = state.i + 1.0

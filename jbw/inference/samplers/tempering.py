@@ -38,7 +38,10 @@ NUGGET = 1e-10  # relative increase of variances in case particles coincide
 
 
 class Options(NamedTuple):
-    """The numbers of particles per run, of runs, and of moves per temperature (5 d + 5 if None)."""
+    """The options of tempering: numbers of particles, runs and moves per temperature.
+
+    A particle takes `num_moves` moves at each temperature, 5 d + 5 if None.
+    """
 
     num_samples: int = 1000
     num_chains: int = 4
@@ -47,7 +50,7 @@ class Options(NamedTuple):
 
 
 def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
-    """Return the particles at the end of each run, after moves on the posterior itself."""
+    """Return equally weighted particles of several tempered runs, with the evidence."""
     keys = jax.random.split(key, options.num_chains)
     moves = options.num_moves or 5 * len(problem.box.names) + 5
 

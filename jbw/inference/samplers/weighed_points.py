@@ -40,7 +40,7 @@ class Past(NamedTuple):
 
 
 class SmoothedWeights(NamedTuple):
-    """The smoothed weights, which sum to one, their k-hat, and their effective number.
+    """Smoothed importance weights, their k-hat, and their effective number.
 
     The effective number is the smaller one of raw and smoothed weights: smoothing reduces the
     weight of a point far from all others, in another mode, and would hide that mode from the
@@ -53,7 +53,7 @@ class SmoothedWeights(NamedTuple):
 
 
 def weighed(past: Past) -> SmoothedWeights:
-    """Return the weights of all points with a smoothed tail."""
+    """Return the weights of all points, with a smoothed tail."""
     return weights_of(past.log_weight)
 
 
@@ -67,7 +67,7 @@ def weights_of(log_weight: Weights) -> SmoothedWeights:
 
 
 def relative(log_weight: Weights) -> Weights:
-    """Return log weights relative to the largest; those that count as zero stay finite."""
+    """Return log weights relative to the largest, limited from below to stay finite."""
     return np.maximum(log_weight - log_weight.max(), SMALLEST)
 
 

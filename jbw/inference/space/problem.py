@@ -72,7 +72,7 @@ class Problem(eqx.Module):
         return named(self.coordinate.forward(w), self.box)
 
     def log_density(self, w: Float[Array, " parameter"]) -> Float[Array, ""]:
-        """Return the log posterior density of w, with the uniform prior normalised [nats]."""
+        """Return the log posterior density at a whitened point w [nats]."""
         return log_density(self, self.coordinate, w)
 
 
@@ -91,7 +91,7 @@ def problem_of(
 def log_density(
     problem: Problem, coordinate: Coordinate, x: Float[Array, " parameter"]
 ) -> Float[Array, ""]:
-    r"""Return the log posterior density of a coordinate, not divided by the evidence [nats].
+    r"""Return the log posterior density [nats] in a coordinate, not divided by the evidence.
 
     $$\log p(x | D) = \sum_i \log L_i(\theta) + \log \pi(x)$$
 
@@ -106,7 +106,7 @@ def log_density(
 def log_prior(
     problem: Problem, coordinate: Coordinate, x: Float[Array, " parameter"]
 ) -> Float[Array, ""]:
-    r"""Return the log prior density of a coordinate, -inf outside the box of volume V.
+    r"""Return the log prior density in a coordinate; -inf outside the box of volume V.
 
     $$\log \pi(x) = -\log V + \log\left|\det \frac{\partial\theta}{\partial x}\right|$$
     """

@@ -22,7 +22,7 @@ FLOOR = 1e-6  # lower bound over the optimum in place of zero
 
 
 class Reparametrisation(NamedTuple):
-    """The coordinates u in which a posterior is sampled, with `outer` from u to the parameters.
+    """The sampling coordinates u of a posterior, with `outer` from u to the parameters.
 
     `start` is one point with a Laplace covariance of u around it, or one point per chain, or None.
     """
@@ -37,7 +37,7 @@ class Reparametrisation(NamedTuple):
 def in_box(
     box: Box, start: Theta | None, covariance: Covariance | None, num_chains: int
 ) -> Reparametrisation:
-    """Return the parameters themselves as coordinates in their prior box, with checked starts."""
+    """Return the prior box as sampling coordinates, with checked starts."""
     parametrisation = Reparametrisation(IDENTITY, box.lower, box.upper)
     if start is None:
         if covariance is not None:

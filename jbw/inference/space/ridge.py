@@ -39,7 +39,7 @@ Member = Float[Array, " member"]
 
 
 class Ridge(Coordinate):
-    """The coordinates of a ridge: the other parameters, then w across it, then r along it.
+    """Coordinates of a ridge: the other parameters, then w across it, then r along it.
 
     Its `members` have bounds `lower` and `width`; s_0 is the `origin`, B is `across`, v is `along`.
     """
@@ -85,7 +85,7 @@ class Ridge(Coordinate):
 
 
 def walls(foot: Member, along: Member) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Return a line's entry and exit of the unit cube; the exit is not later if it misses."""
+    """Return where a line enters and leaves the unit cube; equal if it misses the cube."""
     parallel = jnp.abs(along) < NARROW
     slope = jnp.where(parallel, 1.0, along)
     ends = jnp.stack([(0 - foot) / slope, (1 - foot) / slope])
@@ -96,7 +96,7 @@ def walls(foot: Member, along: Member) -> tuple[Float[Array, ""], Float[Array, "
 
 
 def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) -> Reparametrisation:
-    """Return coordinates about a fit's optimum, with its least determined direction as ridge."""
+    """Return coordinates near a fit whose ridge is the least determined direction."""
     logarithms = never_zero(theta, covariance, box)
     in_logs = in_logarithms(theta, covariance, box, logarithms)
     # If the prior's lower bound is zero, logarithms end at a floor that is too low to matter.

@@ -68,9 +68,9 @@ def distributions_of(box: Box, stated: StatedDensities) -> dict[str, Any]:
 
 
 def log_over_uniform(theta: Mapping[str, Any], stated: StatedDensities) -> Float[Array, " density"]:
-    r"""Return the terms $\log \pi(\theta) + \log(u - l)$ [nats], in the order of the names.
+    r"""Return the log density terms $\log \pi(\theta) + \log(u - l)$ of stated priors [nats].
 
-    A term is zero if a nested model lacks the parameter.
+    The terms are in the order of the names. A term is zero if a nested model lacks the parameter.
     """
     triples = zip(stated.names, stated.distributions, stated.log_width, strict=True)
     terms = [
@@ -83,7 +83,7 @@ def log_over_uniform(theta: Mapping[str, Any], stated: StatedDensities) -> Float
 def standard_scores(
     theta: Mapping[str, Any], stated: StatedDensities
 ) -> dict[str, Float[Array, "1"]]:
-    r"""Return scores $\Phi^{-1}(F(\theta))$ by name; zero for parameters that a model lacks."""
+    r"""Return the normal scores $\Phi^{-1}(F(\theta))$ of stated priors, by parameter name."""
     pairs = zip(stated.names, stated.distributions, strict=True)
     return {
         name: jnp.atleast_1d(_score(density, theta[name]) if name in theta else jnp.zeros(()))
