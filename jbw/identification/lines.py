@@ -4,7 +4,7 @@ $$H_o(\omega) = \sum_i \frac{R_{oi}}{\omega_i^2 - \omega^2 + 2j\zeta_i\omega_i\o
   + U_o + \frac{L_o}{\omega^2}$$
 
 for outputs o of one input, with real residues R. The parameters are those of each mode, (omega_n,
-zeta, residue in each output), then (U, L) of each output, with L over the band's mean squared
+zeta, residue in each output), then (U, L) of each output, with L over the square of the band's mean
 frequency.
 """
 

@@ -676,7 +676,6 @@ def _over(rest: Rest, size: float) -> Rest:
 
 
 def _sum_of(rests: Sequence[Rest]) -> Rest:
-    """Sum several independent residual statistics into one."""
     return Rest(*np.sum(rests, axis=0).tolist())
 
 

@@ -71,7 +71,6 @@ class Density(tuple[float, float]):
 
 
 def _rebuilt(family: str, arguments: Any, distribution: Any) -> Density:
-    """Return a density from its pickled parts."""
     return Density(family, arguments, None if distribution is None else lambda: distribution)
 
 

@@ -288,7 +288,6 @@ def most_driven(record: Record, bands: Sequence[tuple[float, float]]) -> tuple[f
 def _share(
     power: NDArray[np.float64], freq: NDArray[np.float64], edges: tuple[float, float]
 ) -> float:
-    """Return the share of a spectrum's power in a band."""
     return float(np.sum(power[lines_within(freq, edges)]) / np.sum(power))
 
 
