@@ -1,4 +1,4 @@
-"""Predictions under other loads in a folder: numbers, CSV files and figures."""
+"""The storage of predictions under other loads in a folder: numbers, CSV files and figures."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ from jbw.verification.places import safe
 def save_loads(
     folder: Path, found: Mapping[str, xr.Dataset], rows: Sequence[Mapping[str, Any]]
 ) -> None:
-    """Write loads.nc, loads.json, a CSV file a prediction and figures/; whole as a result."""
+    """Write loads.nc, loads.json, a CSV file per prediction and figures/, completely or not."""
     tree = xr.DataTree.from_dict({f"/{safe(name)}": dataset for name, dataset in found.items()})
     slugs = {name: re.sub(r"[^\w.-]+", "_", name) for name in found}
 
@@ -39,7 +39,7 @@ def save_loads(
 
 
 def plain_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return rows with None for each number that is not finite."""
+    """Return rows of plain values, with None for each number that is not finite."""
     return [
         {key: None if isinstance(x, float) and not np.isfinite(x) else x for key, x in row.items()}
         for row in rows
@@ -47,7 +47,7 @@ def plain_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def csv_tables(dataset: xr.Dataset) -> dict[str, str]:
-    """Return the bands of a prediction as CSV, by the axis that they are over."""
+    """Return the bands of a prediction as CSV texts, one for each axis of its bands."""
     columns: dict[str, dict[str, np.ndarray]] = {}
     for name, values in dataset.data_vars.items():
         if values.dims[:1] != ("quantile",) or len(values.dims) != 2:
@@ -62,7 +62,7 @@ def csv_tables(dataset: xr.Dataset) -> dict[str, str]:
 
 
 def _csv(columns: Mapping[str, np.ndarray]) -> str:
-    """Return named columns as text, with nine digits."""
+    """Return named columns as a CSV text with nine digits."""
     rows = zip(*columns.values(), strict=True)
     lines = [",".join(columns), *(",".join(f"{x:.9g}" for x in row) for row in rows)]
     return "\n".join(lines) + "\n"
