@@ -42,8 +42,9 @@ Complexes = NDArray[np.complex128]
 class Load:
     """The load on the joint and the settings of its prediction.
 
-    drive: `force` for the source of the run; `voltage` or `current` where a run has both; or `base`
-        for an acceleration of the base [m/s^2].
+    Attributes:
+        drive: `force` for the source of the run; `voltage` or `current` where a run has both; or
+            `base` for an acceleration of the base [m/s^2].
         draws: Number of draws of the posterior.
         participation: Participation of the mode in the motion of the base, phi^T M r [-]. NaN
             stands for the identified one of a run with a moving base, and for 1 of other runs.
