@@ -8,10 +8,9 @@ $$m_k\,|\,T, m_{-k} \sim N(x_k B_{-k},\ S_k), \qquad S_k = T + C_k + x_k P_{-k}^
   P_k = E\big[P(\chi^2_d > r^T S_k^{-1} r)\,\big|\,m_{-k}\big]$$
 
 with r the deviation of the unit from its prediction. Draws of T are those from all units, each with
-the weight $1/p(m_k
- T, m_{-k})$, where a Pareto tail smooths the weights. If a unit may not belong, or if that tail is
-too heavy, the population without it is sampled, from normal summaries: draws of a T that one unit
-made large hardly reach the values of T without that unit.
+the weight $1/p(m_k | T, m_{-k})$, where a Pareto tail smooths the weights. If a unit may not
+belong, or if that tail is too heavy, the population without it is sampled, from normal summaries:
+draws of a T that one unit made large hardly reach the values of T without that unit.
 
 All results are in numbers, as stored in `population.json`, and in sentences about them.
 

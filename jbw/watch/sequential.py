@@ -148,9 +148,9 @@ def updated(
 
     Returns:
         `posterior`, draws of equal weight with the laws' own parameters and products; and
-        `sequential` by record: `log_evidence`, log p(y_r
-         y_<r) up to a constant that no law changes [nats], `kish`, the share of particles that
-        counted, and `accepted`, the accepted share of their moves.
+        `sequential` by record: `log_evidence`, log p(y_r | y_<r) up to
+        a constant that no law changes [nats], `kish`, the share of particles that counted, and
+        `accepted`, the accepted share of their moves.
 
     Raises:
         ConfigError: The session is in float32, no record is given, or the run lacks its campaign.
