@@ -209,7 +209,7 @@ def shared_limit(sizes: Sequence[int], total: int) -> int:
 
 
 def decimated(points: CurvePoints, most: int) -> CurvePoints:
-    """Thin a curve to the least and largest ordinate of each stretch, about `most` points in all.
+    """Reduce a curve to the least and largest ordinate of each stretch, about `most` points.
 
     Each part between NaN values keeps its first and last point, so that a band stays closed and a
     gap stays a gap. A curve of `most` points or fewer is returned unchanged.

@@ -67,7 +67,7 @@ def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _in_lines(text: str, most: int = 22) -> str:
-    """Break a combination after its signs, or a list after its names, where a line is full.
+    """Wrap a combination after its signs, or a list after its names, where a line is full.
 
     A long list is shortened to its first names and the number of the others.
     """

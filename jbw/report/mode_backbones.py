@@ -1,4 +1,4 @@
-"""Backbones of the modes of a run with several joints: bands, and how their shapes change."""
+"""The backbones of the modes of a run with several joints: bands and change of mode shapes."""
 
 from typing import Any
 
@@ -36,7 +36,7 @@ def mode_backbones(tree: xr.DataTree, ax: Any = None) -> Panels:
     a mode that keeps its shape. Abscissae are amplitudes at the first point, up to the largest that
     was measured.
 
-    Panels: a column a mode; its frequency, its equivalent damping ratio, and its shape.
+    Panels: one column per mode, with its frequency, its equivalent damping ratio and its shape.
     """
     group = branch(tree, BACKBONES, "frequency_hz", "damping", "shape", "displacement")
     chosen = [mode for mode in group["mode"].values if _is_seen(group.sel(mode=mode))]
@@ -55,12 +55,12 @@ def _is_seen(of_mode: xr.Dataset) -> bool:
 
 
 def _stuck_hz(of_mode: xr.Dataset) -> float:
-    """Return the frequency at the smallest amplitude."""
+    """Return a mode's frequency at the smallest amplitude [Hz]."""
     return float(of_mode["frequency_hz"].values[0, 1])
 
 
 def _draw_bands(column: Panels, of_mode: xr.Dataset) -> None:
-    """Draw the three panels of one mode of a run."""
+    """Draw the three panels of one mode of a run: frequency, damping and shape."""
     largest = float(of_mode["displacement"].values[-1])
     factor, unit = length_unit(largest)
     x = factor * of_mode["displacement"].values
@@ -101,5 +101,6 @@ def mode_columns(ax: Any, num_modes: int) -> tuple[Panels, list[Panels]]:
     height = HEIGHT if num_modes <= ONE_LINE else HEIGHT_OF_LINE
     axes, columns = stacks(None, num_modes, 3, height=height, sharex="col")
     for *_, lowest in columns:
-        lowest.tick_params(labelbottom=True)  # axes that are shared have it in the last line alone
+        # Shared axes would have tick labels only in the last line.
+        lowest.tick_params(labelbottom=True)
     return axes, [np.ravel(column) for column in columns]
