@@ -319,6 +319,5 @@ def export_of_run(
 def _with_fmus(
     chosen: Callable[[Sequence[str]], tuple[Program, ...]], names: Sequence[str], *, fmu: bool
 ) -> tuple[Program, ...]:
-    """Return the chosen programs, and FMUs where requested."""
     programs = chosen(names)
     return tuple(dict.fromkeys((*programs, *chosen(FMUS)))) if fmu else programs

@@ -255,7 +255,6 @@ def kl_joint(
 
 
 def _require_width(lower: Real, upper: Real) -> None:
-    """Raise an error if a prior has no width."""
     if is_concrete(lower, upper) and not np.all(np.asarray(upper) > np.asarray(lower)):
         raise ConfigError(
             "The prior must have a width above zero for a divergence, but reaches from "

@@ -514,5 +514,4 @@ def _wrench(record: Record) -> Iterator[str]:
 
 
 def _holds_zero(slope: Mapping[str, float]) -> bool:
-    """Return whether a 99 % interval contains zero."""
     return slope["q005"] <= 0.0 <= slope["q995"]

@@ -123,7 +123,6 @@ def _title(joints: xr.Dataset) -> str:
 
 
 def _colour(joint: int) -> str:
-    """Return the colour of a joint by its index."""
     return style.LEVELS[(joint + 1) % len(style.LEVELS)]
 
 

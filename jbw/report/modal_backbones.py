@@ -149,7 +149,6 @@ def _crossing(away: Levels, levels: Levels, nearest: int) -> float:
 
 
 def _draw(column: Panels, x: Levels, curve: BackboneCurve) -> None:
-    """Draw the three panels of one mode: frequency, damping and shape."""
     column[0].plot(x, curve.omega / TURN, color=MODEL, lw=1.2)
     column[1].plot(x, 100 * curve.zeta, color=MODEL, lw=1.2)
     for i, share in enumerate(curve.shape.T):

@@ -60,7 +60,6 @@ def _stuck_hz(of_mode: xr.Dataset) -> float:
 
 
 def _draw_bands(column: Panels, of_mode: xr.Dataset) -> None:
-    """Draw the three panels of one mode of a run: frequency, damping and shape."""
     largest = float(of_mode["displacement"].values[-1])
     factor, unit = length_unit(largest)
     x = factor * of_mode["displacement"].values

@@ -27,7 +27,6 @@ def _facts(result: Export) -> dict[str, int | tuple[Form, ...]]:
 
 
 def _code(folder: Path, result: Export) -> Paths:
-    """Write the source code of the Abaqus user element."""
     return (write_text(folder / "joint_uel.c", "abaqus/joint_uel.c", result, **_facts(result)),)
 
 

@@ -14,7 +14,6 @@ def _code(folder: Path, result: Export) -> Paths:
 
 
 def _card(folder: Path, result: Export) -> Paths:
-    """Write the MATLAB file of the joint's parameters."""
     path = folder / "joint_parameters.m"
     return (write_text(path, "matlab/joint_parameters.m", result),)
 

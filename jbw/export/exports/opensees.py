@@ -40,7 +40,6 @@ class JointLines(NamedTuple):
 
 
 def _card(folder: Path, result: Export) -> Paths:
-    """Write the OpenSees materials of the joint."""
     facts = {"lines": opensees_lines(result.materials), "notes": tuple(_notes(result))}
     return (write_text(folder / "joint.tcl", "opensees/joint.tcl", result, **facts),)
 
