@@ -105,7 +105,7 @@ def backbone_within(
 
 
 def picked(draws: Draws, numbers: NDArray[np.intp] | list[int]) -> Draws:
-    """Return the draws with the given numbers."""
+    """Return the draws of a posterior with the given numbers."""
     return {name: values[numbers] for name, values in draws.items()}
 
 

@@ -39,7 +39,7 @@ Columns = Mapping[str, Sequence[Any] | NDArray[np.float64]]
 
 
 def chosen_programs(names: Sequence[str], result: Export) -> tuple[Program, ...]:
-    """Return the named programs; by default the usual ones, as far as they take the joint.
+    """Return the simulation programs to write for: the named ones, or the usual ones for a joint.
 
     Raises:
         ConfigError: A program is unknown, or cannot take the joint.
@@ -89,7 +89,7 @@ def write_export(
 
 
 def chosen_programs_of_joints(names: Sequence[str], result: JointsExport) -> tuple[Program, ...]:
-    """Return the named programs; by default the usual ones, as far as they take the joints.
+    """Return the simulation programs to write for: the named ones, or the usual ones for joints.
 
     Raises:
         ConfigError: A program is unknown, or cannot take the joints.
@@ -156,7 +156,7 @@ def _as_fields(by_name: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def notes_on(programs: Iterable[Program]) -> tuple[str, ...]:
-    """Return the notes on the written files, such as on a missing compiler."""
+    """Return the notes on the files of an export, such as on a missing compiler."""
     compiled = any(program.name.startswith("fmi") for program in programs)
     if not compiled or compiler() is not None:
         return ()
@@ -186,7 +186,7 @@ def _draw_rows[Exported](
     cards: Sequence[Callable[[Path, Exported], Paths]],
     values_of: Callable[[Exported], dict[str, Any]],
 ) -> list[dict[str, Any]]:
-    """Write every program's card for each draw, and return the draws' entries for the manifest."""
+    """Write every program's parameter file for each draw; return entries for the manifest."""
     rows = []
     for i, (number, draw) in enumerate(draws, start=1):
         draw_folder = folder / "draws" / f"{i:04d}"

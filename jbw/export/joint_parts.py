@@ -25,7 +25,7 @@ Table = dict[str, NDArray[np.float64]]
 
 
 def linear_parts(theta: Mapping[str, float], laws: Laws, mass: float) -> dict[str, float]:
-    """Return modal mass [kg], and spring [N/m] and dashpot [N s/m] parallel to the laws."""
+    """Return the linear parts of a joint: modal mass [kg], spring [N/m] and dashpot [N s/m]."""
     joint = oscillator_of(theta, laws)
     dashpot = 2.0 * mass * theta["zeta"] * theta["omega_n"]
     return {"mass": mass, "spring": mass * float(joint.k), "dashpot": dashpot}
@@ -33,7 +33,7 @@ def linear_parts(theta: Mapping[str, float], laws: Laws, mass: float) -> dict[st
 
 # -- curves ----------------------------------------------------------------------------------------
 def skeletons(draws: Draws, y_max: float, laws: Laws, mass: float) -> list[Table]:
-    """Return each draw's forces and equivalent elements, in even steps to the largest displacement.
+    """Return each draw's force-displacement curve, with an equivalent spring and dashpot.
 
     `tip_force_n` is at the tips of steady loops, `virgin_force_n` on the first loading from rest;
     both are of spring and laws without dampers. `stiffness_n_m` and `damping_ns_m` are a spring and
@@ -120,7 +120,7 @@ def materials_of(
 
 
 def _in_parallel(sliders: Sliders, mass: float) -> tuple[Material, ...]:
-    """Return the materials of sliders and of the spring that does not slip."""
+    """Return OpenSees materials for a law's sliders and its spring that does not slip."""
     pairs = zip(sliders.stiffness, sliders.slip, strict=True)
     slipping = (Material("ElasticPP", (mass * float(k), float(slip))) for k, slip in pairs)
     return Material("Elastic", (mass * sliders.spring,)), *slipping

@@ -54,7 +54,7 @@ LINEAR = (
 
 @dataclass(frozen=True)
 class Export:
-    """The values that `write_export` writes; a convention without the joint's law is left out."""
+    """The values of an exported joint, which `write_export` writes."""
 
     about: tuple[str, ...]  # the run's verdict and the number of this draw, one line each
     joint: dict[str, float]  # parameters of the exported draw
@@ -178,7 +178,7 @@ def export_draws(tree: xr.DataTree, result: Export, count: int) -> tuple[tuple[i
 
 
 def _of_draw(result: Export, draw: Draws, number: int, skeleton: Table) -> Export:
-    """Return an export with another draw in place of its own."""
+    """Return an export in which another draw represents the joint."""
     theta = {name: float(values[0]) for name, values in draw.items()}
     laws, mass = result.laws, result.mass
     return replace(
@@ -301,7 +301,7 @@ def parameter_row(
 
 
 def _converted(theta: Mapping[str, float], laws: Laws, mass: float) -> Mapping[str, Conversion]:
-    """Return the oscillator in other conventions, which exist for a single law only."""
+    """Return the exported oscillator's parameters in other conventions, for a single law."""
     joint = oscillator_of(theta, laws)
     if len(joint.laws) != 1:
         return {}

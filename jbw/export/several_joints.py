@@ -69,7 +69,7 @@ class JointCard(NamedTuple):
 
 @dataclass(frozen=True)
 class JointsExport:
-    """The values of several joints that `write_joints` writes.
+    """The export of several joints, which `write_joints` writes.
 
     Attributes:
         about: The run's verdict, the number of this draw and a description of each joint, one line
@@ -207,7 +207,7 @@ def refuse_options_of_one_joint(**options: Any) -> None:
 def _cards(
     draws: Draws, basis: Basis, assembly: ModelJoints, tree: xr.DataTree
 ) -> list[tuple[JointCard, ...]]:
-    """Return the joints that have laws, for every draw."""
+    """Return the exported joints that have laws, for every draw."""
     count = count_of(draws)
     per_joint = []
     for model_joint in assembly.joints:
@@ -247,7 +247,7 @@ def _largest_motion(draws: Draws, name: str, tree: xr.DataTree) -> tuple[float, 
 def _exports(
     draws: Draws, model_joint: ModelJoint, names: Laws, units: JointUnits, reach: float, hz: float
 ) -> list[Export]:
-    """Return the export of a joint of every draw as an oscillator of unit mass, in given units."""
+    """Return one joint's exports at every draw, as oscillators of unit mass in given units."""
     laws = tuple(split(name)[0] for name in names)
     plain, quantities = _plain(draws, model_joint, names, units)
     peak = float(units.value(reach, "m"))
@@ -304,7 +304,7 @@ def _plain(
 
 
 def _losing_at(skeleton: Table, hz: float, time: float) -> Table:
-    """Return a skeleton whose dashpot has, at `hz`, the loss it had at its own resonance.
+    """Return a force-displacement table whose dashpot has the joint's loss at a given frequency.
 
     The values of the table are in a system whose unit of time has `time` seconds.
     """
@@ -324,7 +324,7 @@ def _modal(theta: Mapping[str, Any]) -> tuple[Quantity, ...]:
 
 # -- words and tables ------------------------------------------------------------------------------
 def _modes(draw: Draws, tree: xr.DataTree) -> Iterable[str]:
-    """Yield sentences on each mode's fully stuck frequency and motion, relative to the matrices."""
+    """Yield sentences that compare each mode's fully stuck frequency with that of the matrices."""
     model_hz = tree["joints"].to_dataset()["frequency_hz"].values
     pairs = zip(_modal(draw)[::2], _modal(draw)[1::2], model_hz, strict=True)
     for i, (omega, zeta, hz) in enumerate(pairs, start=1):
@@ -354,7 +354,7 @@ def _places(assembly: ModelJoints, cards: Sequence[JointCard]) -> Iterable[str]:
 def _parameters(
     draws: Draws, number: int, assembly: ModelJoints, laws: Laws
 ) -> Iterable[dict[str, Any]]:
-    """Yield table rows of the modes, then of each joint's laws in SI and in the model's units."""
+    """Yield the table rows of an export: the modes, then each joint's laws in both units."""
     for quantity in (*_modal(draws), *motion_factors_in(draws).values()):
         values = draws[quantity.name]
         row = parameter_row(SI, quantity.name, quantity.unit, float(values[number]), values)

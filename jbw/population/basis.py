@@ -145,7 +145,7 @@ def new_prediction(
 
 
 def _facts(population: Population, fleet: xr.DataTree, torque: float | None) -> dict[str, Any]:
-    """Return the attributes that `basis_of` reads; the tests are those of all measured units."""
+    """Return the attributes of new units from which tests are predicted."""
     names = unit_names(fleet)
     attrs = [fleet[name].attrs for name in names]
     seen = {}

@@ -92,7 +92,7 @@ def laws_of(fleet: xr.DataTree) -> tuple[str, ...]:
 
 
 def monomials_of(laws: Sequence[str]) -> dict[str, Mapping[str, float]]:
-    """Return the exponents of the laws' products, and of the laws' other coordinates, by name."""
+    """Return the parameters' exponents in each product and coordinate of some laws."""
     return {
         monomial.name: monomial.powers
         for law in laws_named(laws)
@@ -104,7 +104,7 @@ def monomials_of(laws: Sequence[str]) -> dict[str, Mapping[str, float]]:
 
 
 def rows_of(laws: Sequence[str], names: Sequence[str], parameters: Sequence[str]) -> Rows:
-    """Return the exponents of parameters in the named quantities, one row per quantity."""
+    """Return the parameters' exponents in named quantities, one row per quantity."""
     powers = monomials_of(laws)
     rows = [
         [powers.get(name, {name: 1}).get(parameter, 0) for parameter in parameters]
@@ -127,7 +127,7 @@ def _usual(fleet: xr.DataTree, parameters: Sequence[str]) -> list[str]:
 
 
 def _independent_of(fleet: xr.DataTree, powers: Rows, parameters: Sequence[str]) -> Iterator[str]:
-    """Yield further coordinates of the laws that are no product of powers of earlier ones."""
+    """Yield further coordinates of the laws that are independent of given ones."""
     for name in monomials_of(laws_of(fleet)):
         longer = np.concatenate([powers, rows_of(laws_of(fleet), [name], parameters)])
         if np.linalg.matrix_rank(longer) > np.linalg.matrix_rank(powers):
@@ -190,7 +190,7 @@ def _identifiable_of(law: type[Law]) -> list[str]:
 
 
 def units_of_fleet(fleet: xr.DataTree, pooled_coordinates: Pooled) -> UnitPosteriors:
-    r"""Return summaries and draws of every unit in the pooled coordinates, without weights yet.
+    r"""Return the posteriors of all units of a fleet in its pooled coordinates.
 
     A run's prior is uniform in the sampled parameters, so that over their logarithms its density is
     their product. A normal summary is freed from it in closed form, over the logarithms of all

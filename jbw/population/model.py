@@ -60,7 +60,7 @@ class UnitPosteriors(NamedTuple):
 def population_model(
     units: UnitPosteriors, design: CovariateDesign, prior: Prior, included: Any
 ) -> None:
-    """Define the NumPyro model, marginal over units; `included` is 1 for each unit that counts."""
+    """Define the NumPyro model of a population, marginal over its units."""
     means, factor = population_of_units(design, prior)
     log_density = log_likelihoods(units, means, factor)
     numpyro.factor("units", jnp.sum(jnp.asarray(included) * log_density))
@@ -69,7 +69,7 @@ def population_model(
 def population_of_units(
     design: CovariateDesign, prior: Prior
 ) -> tuple[Float[Array, "unit d"], Float[Array, "d d"]]:
-    """Return all units' means and the root of T; sample `line` (d, covariate), `tau` and `root`.
+    """Sample the parameters of a population in NumPyro; return its units' means and the root of T.
 
     `root` is the Cholesky root of the correlations; `u` is sampled where a coordinate saturates.
     """
@@ -91,7 +91,7 @@ def population_of_units(
 def log_likelihoods(
     units: UnitPosteriors, means: Float[Array, "unit d"], factor: Float[Array, "d d"]
 ) -> Float[Array, " unit"]:
-    """Return the log density of each unit's records, marginal over the unit, up to a constant."""
+    """Return the log density of each unit's records, given the population, up to a constant."""
     normal, weighed = np.flatnonzero(~units.weighed), np.flatnonzero(units.weighed)
     log_density = jnp.zeros(len(units.mean))
     if len(normal):
@@ -124,7 +124,7 @@ Sampler = Callable[[Key[Array, ""], Float[np.ndarray, " unit"]], dict[str, np.nd
 def sampler(
     units: UnitPosteriors, design: CovariateDesign, prior: Prior, lengths: tuple[int, int, int]
 ) -> Sampler:
-    """Return a function that draws the population, given a key and a mask of included units.
+    """Return a function that draws the parameters of a population by NUTS.
 
     It draws `line`, `tau`, `scatter` (T), `u` where a coordinate saturates, and divergences, with
     axes (chain, draw). The mask is 1 for an included unit, otherwise 0. The compiled code serves
@@ -142,7 +142,7 @@ def sampler(
 
 
 def draws_of(mcmc: MCMC, key: Key[Array, ""], *args: Any) -> dict[str, np.ndarray]:
-    """Draw from a population's model, with divergences, by name; axes are (chain, draw)."""
+    """Draw the parameters of a population by MCMC, with divergences; axes are (chain, draw)."""
     mcmc.run(key, *args, extra_fields=("diverging",))
     sites = {name: np.asarray(v) for name, v in mcmc.get_samples(group_by_chain=True).items()}
     diverging = np.asarray(mcmc.get_extra_fields(group_by_chain=True)["diverging"])
@@ -150,7 +150,7 @@ def draws_of(mcmc: MCMC, key: Key[Array, ""], *args: Any) -> dict[str, np.ndarra
 
 
 def named_draws(sites: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return draws of `line`, `tau`, `scatter` and `u` from the model's sites."""
+    """Return the draws of a population's parameters by their public names."""
     root = sites.get("root", np.ones((*sites["tau"].shape, 1)))
     factor = sites["tau"][..., :, None] * root
     named = {name: sites[name] for name in ("line", "tau", "u") if name in sites}

@@ -71,7 +71,7 @@ def one_stage(
     seed: int = 0,
     report: Callable[[str], Any] = logger.info,
 ) -> dict[str, np.ndarray]:
-    """Return draws of `line`, `tau` and `scatter` from all records at once, axes (chain, draw).
+    """Draw a population's parameters from all records of a small fleet in one stage.
 
     Args:
         studies: Results of `jbw.identify` for every unit, in the order of the fleet.
@@ -118,7 +118,7 @@ def measured_units(studies: Sequence[Study], population: Population) -> list[Mea
 
 
 def joint_model(units: Sequence[MeasuredUnit], population: Population) -> None:
-    """Define the NumPyro model: the population, and each unit's `z_k` in its posterior's scale."""
+    """Define the NumPyro model of a population together with the records of its units."""
     means, factor = population_of_units(population.design, population.prior)
     for k, unit in enumerate(units):
         flat = dist.ImproperUniform(dist.constraints.real_vector, (), (len(unit.names),))
@@ -166,7 +166,7 @@ def _measured_unit(study: Study, population: Population) -> MeasuredUnit:
 def _powers(
     population: Population, laws: Sequence[str], names: Sequence[str]
 ) -> Float[np.ndarray, "d parameter"]:
-    """Return the exponents of the sampled parameters or products in the pooled coordinates."""
+    """Return the exponents of sampled parameters in the pooled coordinates."""
     pooled = population.pooled
     sampled = rows_of(laws, names, pooled.parameters)
     powers = pooled.powers @ np.linalg.pinv(sampled)

@@ -208,7 +208,7 @@ def belonging(
     report: Callable[[str], Any],
     parts: Parts = unkept,
 ) -> Float[np.ndarray, " unit"]:
-    """Return for each unit the probability that a unit of the others' population is as far off."""
+    """Return each unit's p-value of belonging to the population of the other units."""
     log_density, far = left_out(units, design, prior, draws)
     probability, doubted = np.zeros(len(units.mean)), []
     for k, unit_log_density in enumerate(log_density.T):
@@ -229,7 +229,7 @@ def belonging(
 def left_out(
     units: UnitPosteriors, design: CovariateDesign, prior: Prior, draws: dict[str, np.ndarray]
 ) -> tuple[Float[np.ndarray, "draw unit"], Float[np.ndarray, "draw unit"]]:
-    """Return each unit's log density given the others, by draw of T, and its tail probability."""
+    """Return each unit's log density under the other units' population, and its tail P."""
     m, c = jnp.asarray(units.mean), jnp.asarray(units.cov)
     d = m.shape[1]
     before = jnp.asarray(precision_of(prior, design))
@@ -257,7 +257,7 @@ def left_out(
 def _design_rows(
     design: CovariateDesign, d: int, u: Array | None
 ) -> Float[Array, "unit d coefficient"]:
-    """Return the design matrix of every unit, which gives its coordinates from the line."""
+    """Return the matrix of every unit that turns the line's coefficients into its coordinates."""
     x = jnp.repeat(jnp.asarray(design.x)[:, None], d, axis=1)
     if u is not None:
         j = design.columns.index(TORQUE)
@@ -278,7 +278,7 @@ class Pooling(NamedTuple):
 def record_of(
     fleet: xr.DataTree, pooling: Pooling, belongs: Float[np.ndarray, " unit"]
 ) -> dict[str, Any]:
-    """Return all numbers of a population; `belongs` is the result of `belonging`."""
+    """Return all results of a population as plain values."""
     pooled, units, design, prior, draws = pooling
     root, names = fleet.to_dataset(), unit_names(fleet)
     torque = root["torque"].values.tolist()
@@ -304,7 +304,7 @@ def record_of(
 
 
 def own_over_scatter(pooled: Pooled, draws: Draws) -> Float[np.ndarray, "unit d"]:
-    """Return each unit's own standard deviation over the median variation between units."""
+    """Return the ratio of each unit's own standard deviation to the variation between units."""
     unit_sd = np.sqrt(np.diagonal(pooled.cov, axis1=1, axis2=2))
     return unit_sd / np.median(draws["tau"], axis=(0, 1))
 
@@ -318,7 +318,7 @@ def interval(values: np.ndarray) -> dict[str, float]:
 def _rows(
     fleet: xr.DataTree, pooled: Pooled, design: CovariateDesign, draws: Draws
 ) -> dict[str, dict[str, Any]]:
-    """Return one row per coordinate: mean, variation between units and between runs, exponents."""
+    """Return a population's table: mean, variation and exponents of each coordinate."""
     units, symbols = (json.loads(fleet.attrs[key]) for key in ("units", "symbols"))
     line, tau = draws["line"], draws["tau"]
     ratio = own_over_scatter(pooled, draws).max(axis=0)
@@ -345,7 +345,7 @@ def _rows(
 def _ratios(
     fleet: xr.DataTree, pooled: Pooled, design: CovariateDesign, prior: Prior, draws: Draws
 ) -> dict[str, dict[str, float]]:
-    """Return the torque exponents of ratios of two products, such as gamma/delta, by their text."""
+    """Return the torque exponents of ratios of two products, such as gamma/delta."""
     if TORQUE not in design.columns:
         return {}
     slope = draws["line"][..., design.columns.index(TORQUE)]
@@ -418,7 +418,7 @@ def status_of(record: Mapping[str, Any]) -> str:
 
 
 def statements(record: Record) -> list[str]:
-    """Return the sentences of a record: first its reliability, then its results."""
+    """Return the sentences on a population: first its reliability, then its results."""
     topics = (
         _few_units, _failed, _confounded, _without_logarithm, _trends, _ratio_trends, _runs, _odd,
         _stands, _weak, _saturates, _wrench,

@@ -60,7 +60,7 @@ class CovariateDesign(NamedTuple):
     saturates: Bool[np.ndarray, " d"] = np.zeros(0, bool)
 
     def at(self, torque: float | None) -> Float[np.ndarray, " covariate"]:
-        """Return the covariates of a unit at a torque, tightened for the first time."""
+        """Return the covariates of a unit with a given torque and its first tightening."""
         row = np.zeros(len(self.columns))
         row[0] = 1.0
         if TORQUE in self.columns:
@@ -123,7 +123,7 @@ def prior_of(
 def precision_of(
     prior: Prior, design: CovariateDesign
 ) -> Float[np.ndarray, "coefficient coefficient"]:
-    """Return the prior precision of the line's coefficients, coordinate by coordinate."""
+    """Return the prior precision of the coefficients of a population's line."""
     d, p = prior.sd.shape
     precision = np.diag(np.ravel(prior.sd) ** -2.0)
     if TORQUE in design.columns:

@@ -31,7 +31,7 @@ def saturating(ratio: Reals, u: Reals) -> Float[Array, "..."]:
 def expected(
     line: Reals, x: Reals, design: CovariateDesign, u: Reals | None
 ) -> Float[Array, "... unit d"]:
-    """Return the coordinates of units at their covariates, axes (..., unit, d).
+    """Return the population's expected coordinates of units at their covariates.
 
     Args:
         line: Coefficients, with axes (..., d, covariate).

@@ -57,7 +57,7 @@ class Unit(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """The verdict on the run."""
+        """The verdict on the unit's run."""
         return str(self.record["verdict"]["status"])
 
     @property
@@ -93,7 +93,7 @@ def units_of(runs: Sequence[Study | str | Path]) -> list[Unit]:
 
 
 def _names(folders: Sequence[Path | None], campaigns: Sequence[str]) -> list[str]:
-    """Return unique run names: folders, with parents if needed, or campaigns of runs in memory."""
+    """Return a unique name for each run, from its folder and parents, or its campaign."""
     names: list[str] = []
     for depth in range(1, DEEPEST + 1):
         names = [
@@ -171,7 +171,7 @@ def _gain(
 def _quantities(
     posterior: xr.Dataset, laws: Sequence[str]
 ) -> tuple[dict[str, NDArray[np.float64]], dict[str, Quantity]]:
-    """Return draws of oscillator and law parameters, products, other coordinates and the gain."""
+    """Return draws of a run's parameters, products and other coordinates, with their units."""
     by_name = {quantity.name: quantity for quantity in (*OSCILLATOR, *quantities_of(laws))}
     # The gain belongs to the source, not to the joint, and comes last.
     by_name[GAIN] = by_name.pop(GAIN)

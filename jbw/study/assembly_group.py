@@ -37,7 +37,7 @@ class ModelJoint(NamedTuple):
 
 
 class ModelJoints(NamedTuple):
-    """All joints of an assembled structure, with what an export to the program of its model needs.
+    """All joints of an assembled structure, with facts on its matrices that an export needs.
 
     Attributes:
         joints: The joints.
@@ -53,7 +53,7 @@ class ModelJoints(NamedTuple):
 
 
 def assembly_group(model: ReducedModel, modes_hz: Sequence[float] = ()) -> xr.Dataset:
-    """Return the degrees of freedom and stiffness of every joint, with the model's units.
+    """Return a result group of the degrees of freedom and stiffness of every joint of a model.
 
     Where positions of nodes are known, also return the positions, the pairs of nodes that the
     stiffness couples, and the motion of the nodes in the modes at some frequencies [Hz], with a
@@ -88,7 +88,7 @@ def assembly_group(model: ReducedModel, modes_hz: Sequence[float] = ()) -> xr.Da
 
 
 def _geometry(model: ReducedModel, modes_hz: Sequence[float]) -> dict[str, Any]:
-    """Return nodes, links and mode shapes for drawings; nothing where positions are not known."""
+    """Return the nodes, links and mode shapes of a structure for drawings, or nothing."""
     positions = model.matrices.positions
     if not positions:
         return {}

@@ -20,7 +20,7 @@ DPI = 80  # The bytes of the picture are stored in the notebook.
 
 
 def page_of(record: Mapping[str, Any], tree: xr.DataTree) -> str:
-    """Return the campaign's name, one table row per parameter and the backbone, as HTML."""
+    """Return a study's notebook cell as HTML: campaign, parameters and backbone."""
     title = f"<p>Study of {escape(str(record.get('campaign', '')))}</p>"
     return title + _parameters(record) + _picture(tree)
 

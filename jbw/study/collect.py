@@ -111,7 +111,7 @@ def collect(
 
 
 def _drawn_groups(measured: Measured, posteriors: Posteriors, truth: Mapping[str, float]) -> Groups:
-    """Return the groups of Step 2 and of every posterior; the joint posterior is at the root."""
+    """Return the result groups of Step 2 and of every posterior, the joint one at the root."""
     joint = posteriors.joint
     facts = joint.tree.attrs | run_attrs(measured.tests, joint, posteriors.free.data)
     groups: Groups = {"/": xr.Dataset(attrs=facts)}
@@ -149,7 +149,7 @@ def _tied_joints(order: Order, joint: JointPosterior, groups: Groups, attempts: 
 def run_attrs(
     tests: Sequence[Test], joint: JointPosterior, decays: Decays | None
 ) -> dict[str, Any]:
-    """Return the attributes that `basis_of` reads for predictions, in addition to the draws."""
+    """Return a run's attributes that predictions need in addition to the draws."""
     posterior = joint.draws
     omega_n = float(posterior["omega_n"].mean()) if "omega_n" in posterior else 1.0
     attrs = basis_attrs(tests, joint.fitted.data, joint.held, omega_n)
@@ -157,7 +157,7 @@ def run_attrs(
 
 
 def _with_truth(parts: Groups, truth: Mapping[str, float]) -> Groups:
-    """Return the groups of one posterior; draws get the true value as an attribute where known."""
+    """Return a posterior's groups, with the true value as an attribute of the draws where known."""
     groups = dict(parts)
     posterior = groups["posterior"].copy()
     for name in posterior.data_vars:
@@ -177,7 +177,7 @@ def _with_units(left_out: xr.Dataset, posterior: xr.Dataset) -> xr.Dataset:
 def _kernel_groups(
     tests: tuple[Test, ...], linear: LinearStep, third_order: KernelFit, steps: Mapping[str, Step]
 ) -> Groups:
-    """Return the groups of Step 3: the measured kernel with bands, a spectrum and conv(n)."""
+    """Return the result groups of Step 3: measured kernel with bands, a spectrum and conv(n)."""
     probing = probing_tests(tests, linear.natural_hz)
     groups: Groups = {"/verification/spectrum": _tone_spectrum(probing[len(probing) // 2])}
     posteriors = {}
@@ -190,7 +190,7 @@ def _kernel_groups(
 
 
 def _kernel_verification(fitted: KernelFit, posteriors: Mapping[str, xr.Dataset]) -> xr.Dataset:
-    """Return the kernel of every repeat, (repeat, freq), with the bands of both samplers."""
+    """Return the third-order kernel of every repeat with the bands of both samplers of Step 3."""
     data, omega = fitted.data, np.asarray(fitted.data.omega)
     shown = [k for k in fitted.kernels if np.any(np.isclose(k.omega, omega))]
     repeats = min(len(k.h3) for k in shown)
@@ -231,7 +231,7 @@ def _with_conv(step: Step, energy: np.ndarray, unit: str) -> xr.Dataset:
 
 
 def _conv_of_velocity(steps: Mapping[str, Step], sweeps: Sweeps) -> Groups:
-    """Return the running mean conv(n) of the velocity's energy for the draws of gamma (Step 4)."""
+    """Return the running mean of the simulated velocity's energy over draws of gamma (Step 4)."""
     test = sweeps.fitted[-1]
     whole = replace(test, records=test.records[:1], settle=0.0, band_hz=None)
     data = Records.of([whole], laws=DEFAULT_LAWS, substeps=SUBSTEPS)
@@ -306,7 +306,7 @@ def noise_of(posterior: xr.Dataset) -> dict[str, Float[np.ndarray, "chain draw"]
 def prior_draws(
     key: Key[Array, ""], box: Box, data: Dataset, attrs: Mapping[str, Mapping[str, Any]]
 ) -> xr.Dataset:
-    """Draw one chain from the prior, with derived quantities; the improper noise is left out."""
+    """Draw parameters from their prior, with derived quantities, but without the improper noise."""
     rng, shape = generator(key), (1, NUM_PRIOR)
     values = {
         name: rng.uniform(low, high, shape) for name, (low, high) in bounds_by_name(box).items()
@@ -321,7 +321,7 @@ def prior_draws(
 
 
 def coordinates(records: RecordTerms) -> dict[str, Any]:
-    """Return the coordinates of all records: their names and each one's test, run and repeat."""
+    """Return the xarray coordinates of all records: names, tests, runs and repeats."""
 
     def every(field: str) -> list[Any]:
         return [value for part in records.parts for value in getattr(part, field)]
@@ -364,7 +364,7 @@ def log_prior(posterior: xr.Dataset, box: Box, records: RecordTerms, data: Datas
 def _of_records(
     rows: Float[np.ndarray, "..."], coords: Mapping[str, Any], attrs: Mapping[str, str]
 ) -> xr.Dataset:
-    """Return a dataset of one number per record, by chain and draw if the numbers are drawn."""
+    """Return a dataset of one number per record, such as a likelihood, in ArviZ's form."""
     from arviz_base import dict_to_dataset  # Only this function needs the slow import.
 
     dataset = dict_to_dataset(

@@ -83,7 +83,7 @@ class FinishedRun(NamedTuple):
 
 @dataclass(frozen=True)
 class Difference:
-    """The result of `differences`: `record` in plain values, `backbones` with both bands."""
+    """The result of `differences`: plain values in `record`, and both runs' `backbones`."""
 
     record: dict[str, Any]
     backbones: xr.Dataset | None
@@ -121,7 +121,7 @@ def differences(first: Path, second: Path) -> Difference:
 
 
 def _model_adequacy(summary: Mapping[str, Any]) -> str:
-    """Return the status of the verdict on model adequacy; an empty text if not assessed."""
+    """Return the verdict's status on whether the model fits the data; empty if not assessed."""
     answers = (summary.get("verdict") or {}).get("answers") or {}
     return str((answers.get("law") or {}).get("status", ""))
 
@@ -163,7 +163,7 @@ def _require_comparable(first: FinishedRun, second: FinishedRun) -> None:
 
 
 def _shared(first: FinishedRun, second: FinishedRun) -> list[str]:
-    """Return the names of scalars that both runs drew, without noise; the gain if units agree."""
+    """Return the names of the parameters that two runs share, without noise."""
     drawn = [scalars(run.tree) for run in (first, second)]
     both = [name for name in drawn[0] if name in drawn[1] and not name.startswith(UNCOUNTED)]
     if INPUT in both and len({unit_of(run.basis.posterior[INPUT]) for run in (first, second)}) > 1:
@@ -172,7 +172,7 @@ def _shared(first: FinishedRun, second: FinishedRun) -> list[str]:
 
 
 def _parameters(first: FinishedRun, second: FinishedRun) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return one row per shared quantity, and the names of quantities that only one run drew."""
+    """Return one comparison row per shared parameter of two runs, and the unshared names."""
     drawn = [_drawn(run) for run in (first, second)]
     rows: list[dict[str, Any]] = []
     for name in _shared(first, second):
@@ -192,7 +192,7 @@ def _parameters(first: FinishedRun, second: FinishedRun) -> tuple[list[dict[str,
 
 
 def _drawn(run: FinishedRun) -> dict[str, np.ndarray]:
-    """Return evenly spaced draws of each scalar, widened by the variation between records."""
+    """Return evenly spaced draws of a run's parameters, widened by variation between records."""
     chosen = evenly_spaced(run.basis.posterior, NUM_DRAWS)
     drawn = {name: draws.ravel()[chosen] for name, draws in scalars(run.tree).items()}
     rng = np.random.default_rng(0)
@@ -228,7 +228,7 @@ def _is_of_prior(run: FinishedRun, name: str) -> bool:
 def _along_amplitude(
     first: FinishedRun, second: FinishedRun
 ) -> tuple[xr.Dataset | None, list[dict[str, Any]]]:
-    """Return bands and rows of both runs' frequency and damping at amplitudes that both fitted."""
+    """Return both runs' bands of frequency and damping at amplitudes that both fitted."""
     y_peak = min(run.basis.y_peak for run in (first, second))
     needed = set(parameter_names(first.basis.laws)) - {INPUT}
     drawn = [run.basis.thinned(NUM_CARRIED) for run in (first, second)]
@@ -260,7 +260,7 @@ def _along_amplitude(
 def _statements(
     record: Mapping[str, Any], first: FinishedRun, second: FinishedRun, unshared: Sequence[str]
 ) -> list[str]:
-    """Return the sentences on certain differences, on possible equality and on the limits of P."""
+    """Return all sentences on a comparison of two runs: differences, equality and limits."""
     rows, runs = record["parameters"], record["runs"]
     identified = [row for row in rows if not row["of_prior"]]
     sure = [row for row in identified if _is_sure(row)]
@@ -296,7 +296,7 @@ def _statements(
 
 
 def _homes(run: FinishedRun) -> dict[str, str]:
-    """Return for the joints of each law the joint and mode whose motion its parameters refer to.
+    """Return for each law of several joints the joint and mode whose motion defines its units.
 
     The laws are stated in metres of the motion with the largest energy share. The dictionary is
     empty where the mode shapes of the model are certain.
@@ -317,7 +317,7 @@ def _is_sure(row: Mapping[str, Any]) -> bool:
 
 
 def _differs(row: Mapping[str, Any]) -> str:
-    """Return the sentence on one quantity's difference, with its interval and any amplitude."""
+    """Return the sentence on the difference of one quantity between two runs, with its interval."""
     unit = "" if row["unit"] in ("", "1") else f" {row['unit']}"
     place = f" at {number(row['amplitude'])} m" if "amplitude" in row else ""
     difference = f"{interval(*row['difference'], sd=0.5)}{unit}"
@@ -339,7 +339,7 @@ def _scatter_words(runs: Sequence[FinishedRun]) -> str:
 
 
 def changed_joints(first: Draws, second: Draws, laws: Sequence[str]) -> list[dict[str, Any]]:
-    """Return one row per joint (or tied joints): chi-square, degrees of freedom, p, decision.
+    """Return which joints have changed between two runs: one row of a chi-square test per joint.
 
     Args:
         first: Draws of the first run's parameters, by parameter name.
@@ -369,7 +369,7 @@ def changed_joints(first: Draws, second: Draws, laws: Sequence[str]) -> list[dic
 
 
 def _distance(first: Draws, second: Draws, names: Sequence[str]) -> tuple[float, int]:
-    """Return the squared Mahalanobis distance between two means, and its degrees of freedom."""
+    """Return the squared Mahalanobis distance of two runs' means, and its degrees of freedom."""
     varying = [
         name
         for name in names
@@ -429,7 +429,7 @@ def _over(second: Monomial, first: Monomial) -> Monomial:
 
 
 def of_draws(ratio: Ratio, draws: Draws) -> Float[np.ndarray, " draw"] | None:
-    """Return the draws of a ratio; None if a parameter is missing or the first product may be 0."""
+    """Return the draws of a law's ratio of products; None if the denominator may be zero."""
     if not ratio.first.powers.keys() | ratio.ratio.powers.keys() <= draws.keys():
         return None
     low, _, high = np.quantile(ratio.first.of(draws), QUANTILES)

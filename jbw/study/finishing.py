@@ -69,7 +69,7 @@ def finished_study(
 def measured_groups(
     order: Order, prepared: PreparedTests, tree: xr.DataTree, wide: xr.Dataset | None
 ) -> dict[str, xr.Dataset]:
-    """Return the groups of a result, with instrument errors and model-free readings.
+    """Return a result's groups: posteriors with instrument errors, and readings of the records.
 
     `wide` is the main posterior with the stated instrument errors; None where none are stated.
     """
@@ -92,7 +92,7 @@ def about_instruments(order: Order, prepared: PreparedTests) -> str:
 
 
 def _with_instruments(recorded: xr.Dataset, wide: xr.Dataset) -> dict[str, xr.Dataset]:
-    """Return the posterior with instrument errors, and the one of the records without them."""
+    """Return the posterior with instrument errors, and the posterior without them."""
     widened = {n: wide[n].assign_attrs(x.attrs) for n, x in recorded.data_vars.items()}
     return {
         f"/{AS_RECORDED}": as_recorded(recorded, wide),
@@ -101,7 +101,7 @@ def _with_instruments(recorded: xr.Dataset, wide: xr.Dataset) -> dict[str, xr.Da
 
 
 def for_use(once: Once, campaign: Campaign, keep: Keep, report: Report) -> Study:
-    """Identify a campaign by `once`, first with some tests held out, then with all tests.
+    """Identify a campaign twice: first with some tests held out, then with all tests fitted.
 
     The posterior is that of all tests. The tests that the first fit held out determine whether the
     model is adequate, which the second fit can no longer show.
@@ -123,7 +123,7 @@ def held_out(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def with_held_out(final: Study, held: Study) -> Study:
-    """Return the study of all tests, with the answer on held-out tests from the earlier study."""
+    """Return the study that fits all tests, with the predictions that an earlier study held out."""
     verdict = adequate_as(held.verdict, final.verdict)
     before = {
         "verdict": held.record["verdict"]["status"],
@@ -140,7 +140,7 @@ def with_held_out(final: Study, held: Study) -> Study:
 
 
 def adequate_as(held: Verdict, final: Verdict) -> Verdict:
-    """Return the final posterior's verdict, with model adequacy also judged on held-out tests.
+    """Combine two verdicts: convergence of the final fit, model adequacy also on held-out tests.
 
     Findings of convergence and of identifiability are those of the final posterior. Of two findings
     on model adequacy the worse one counts; of equal ones, that on the held-out tests.

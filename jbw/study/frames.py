@@ -19,7 +19,7 @@ PARAMETERS = ("unit", "mean", "sd", "cv", "q005", "q995", "map", "kl", "ess_bulk
 
 
 def parameter_frame(record: Mapping[str, Any], step: str | None) -> "DataFrame":
-    """Return one row per parameter of a step; of the main step when `step` is None."""
+    """Return a data frame with one row per parameter of a step of the identification."""
     steps = record.get("steps") or {}
     name = record.get("main") if step is None else step
     if name not in steps:
@@ -32,7 +32,7 @@ def parameter_frame(record: Mapping[str, Any], step: str | None) -> "DataFrame":
 
 
 def backbone_frame(tree: xr.DataTree) -> "DataFrame":
-    """Return a backbone with one row per amplitude, and per mode if a run has several joints."""
+    """Return a backbone as a data frame, one row per amplitude (and mode of several joints)."""
     from pandas import Index, concat
 
     if node(tree, BACKBONES) is not None:
@@ -60,7 +60,7 @@ def backbone_frame(tree: xr.DataTree) -> "DataFrame":
 
 
 def _free(frame: "DataFrame", free: xr.DataTree) -> dict[str, np.ndarray]:
-    """Return the form-free bands at the amplitudes of a frame; NaN outside their own range."""
+    """Return the form-free law's bands at the amplitudes of a frame; NaN outside their range."""
     x, at = np.log(np.asarray(free["amplitude"], float)), np.log(frame.index.values)
     return {
         f"{column}_free{end and '_'}{end}": np.interp(
@@ -84,14 +84,14 @@ def _bands(amplitude: xr.DataArray, frequency: xr.DataArray, damping: xr.DataArr
 
 
 def prediction_frame(record: Mapping[str, Any]) -> "DataFrame":
-    """Return the errors and coverage of predictions, one row per predicted test."""
+    """Return a data frame of prediction errors and coverage, with one row per predicted test."""
     predicted = record.get("predictions") or {}
     columns = dict.fromkeys(key for row in predicted.values() for key in row)
     return _frame(predicted, columns, "test")
 
 
 def _frame(rows: Mapping[str, Any], columns: Iterable[str], of: str) -> "DataFrame":
-    """Return a data frame of records by name, without columns that no record has."""
+    """Return a data frame from rows by name, without columns that are empty in all rows."""
     from pandas import DataFrame, Index
 
     kept = [c for c in columns if any(row.get(c) is not None for row in rows.values())]

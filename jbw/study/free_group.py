@@ -30,7 +30,7 @@ SCATTERED = 2.0
 
 
 def fitted_tables(looked: Look, seen: Measured) -> list[RecordTable]:
-    """Return the tables of readings of all fitted records.
+    """Return the tables of frequency and damping readings of all fitted records.
 
     If some repeats of a test cannot be read, it has fewer tables than repeats; all are returned.
     """
@@ -48,7 +48,7 @@ def fitted_tables(looked: Look, seen: Measured) -> list[RecordTable]:
 def free_law_of(
     looked: Look, seen: Measured, seed: int, *, named: bool, particles: int = PARTICLES
 ) -> FreeLaw | None:
-    """Fit the law without a prescribed form to the model-free readings of the fitted records.
+    """Fit the law without a prescribed form to the frequency and damping readings of a campaign.
 
     Return None for several modes or joints, and where the readings do not suffice.
     """
@@ -62,7 +62,7 @@ def free_law_of(
 
 
 def gap_record(tests: Sequence[Test], seen: Measured) -> dict[str, Any] | None:
-    """Return how well sliders behind gaps fit and predict force loops; None without a loop.
+    """Return the errors with which sliders behind gaps fit and predict force loops, or None.
 
     Errors are relative to the rms of the force; a held-out loop also has the error that remains
     with a separate constant force.

@@ -155,7 +155,7 @@ def look(fitted: Fitted, *, with_profiles: bool, report: Report = logger.info) -
 
 
 def _of_data(fitted: Fitted) -> Fit:
-    """Return the fit without the last rows of residual and Jacobian, which stated priors add."""
+    """Return the fit without the rows of residual and Jacobian that stem from stated priors."""
     size = len(fitted.fit.residual) - len(fitted.data.stated.names)
     fit = fitted.fit
     return replace(fit, residual=fit.residual[:size], jacobian=fit.jacobian[:size])
@@ -188,7 +188,7 @@ def look_again(
 
 
 def reached(costs: NDArray[np.float64]) -> int:
-    """Count the starts that ended at the lowest cost, within 1 % of it or within its noise."""
+    """Count the starts of a fit that reached the lowest cost, within 1 % of it or its noise."""
     lowest = float(np.min(costs))
     return int(np.sum(costs <= lowest + max(REACHED * lowest, NOTHING)))
 
@@ -198,7 +198,7 @@ def _waterfall(costs: NDArray[np.float64]) -> str:
 
 
 def as_group(found: Identifiability) -> xr.Dataset:
-    """Return the group /identifiability of a result; NaN beyond the end of a shorter profile."""
+    """Return the group /identifiability of a run's result."""
     directions, names = found.information.directions, list(found.information.names)
     products = [product.name for product in found.products]
     texts, power, ratio, loadings = (
@@ -224,7 +224,7 @@ def as_group(found: Identifiability) -> xr.Dataset:
 
 
 def _meaning(column: str) -> str:
-    """Return the meaning of a column, by its name or by the part of it after the dimension."""
+    """Return the meaning of a column of the group /identifiability."""
     return identified.COLUMNS.get(column) or identified.COLUMNS[column.partition("_")[2]]
 
 

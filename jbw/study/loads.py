@@ -70,7 +70,7 @@ class Load:
 
 
 def load_on(basis: Basis, load: Load) -> Load:
-    """Return a load with its participation: as stated, as the run identified it, or 1.
+    """Return a load with its participation factor: stated, identified by the run, or 1.
 
     Raises:
         ConfigError: The stated participation is zero or infinite.
@@ -101,7 +101,7 @@ class LoadOptions(TypedDict, total=False):
 
 
 class Member(NamedTuple):
-    """The draws of one law as oscillators under a load.
+    """The draws of one law, as oscillators under a load.
 
     Attributes:
         motion: The oscillators of equivalent stiffness and loss.
@@ -131,7 +131,7 @@ class SeenResponse(NamedTuple):
 
     @property
     def attrs(self) -> dict[str, str]:
-        """The attributes of the variables of this response."""
+        """The unit and the name of the response as attributes of a variable."""
         return {"units": self.unit, "long_name": self.name}
 
 
@@ -162,7 +162,7 @@ def measured_of(basis: Basis, load: Load) -> SeenResponse:
 
 
 def members_of(basis: Basis, load: Load, draws: int, missed: AtAmplitude) -> list[Member]:
-    """Return the draws of every law of a run as oscillators, with the harmonics of the load.
+    """Return the draws of every law of a run, as oscillators with the harmonics of a load.
 
     Raises:
         ConfigError: There are too few draws.
@@ -191,7 +191,7 @@ def _require_one_mode(basis: Basis) -> None:
 
 
 class Prepared(NamedTuple):
-    """The members under one level of a load, with facts about the amplitude they reach.
+    """The draws under one level of a load, with facts about the amplitude that they reach.
 
     Attributes:
         members: The draws of every law.
@@ -209,7 +209,7 @@ class Prepared(NamedTuple):
 
     @property
     def facts(self) -> dict[str, Any]:
-        """The attributes of the prediction."""
+        """The reach, withholding and warnings of a prediction as attributes."""
         said = "\n".join(self.warnings)
         return {"reach": self.reach, "withheld": int(self.withheld), "warnings": said}
 
@@ -217,7 +217,7 @@ class Prepared(NamedTuple):
 def prepared(
     basis: Basis, load: Load, amplitude: Callable[[Member], Values], what: str
 ) -> Prepared:
-    """Return the draws of all laws with the model discrepancy at the amplitude of a load.
+    """Prepare the draws of all laws for one load, with the model discrepancy at its amplitude.
 
     Args:
         basis: The draws and settings from which the run predicts.
@@ -240,7 +240,7 @@ def prepared(
 
 
 def _harmonics(member: Member, y: float) -> int:
-    """Return 1 harmonic where the third one is small at an amplitude [m], else 8."""
+    """Return how many odd harmonics an amplitude [m] needs: 1 where the third is small, else 8."""
     motion = member.motion
     amplitude = np.full((len(motion.omega_n), 1), y)
     stiffness, _ = motion.values(amplitude, motion.omega_n)
@@ -251,7 +251,7 @@ def _harmonics(member: Member, y: float) -> int:
 def response_of(
     member: Member, load: Load, seen: SeenResponse, level: float, omega: Values, y: Complexes
 ) -> Complexes:
-    """Return the response [unit] from displacements y [m] whose phases are relative to the force.
+    """Return the response [unit] to a load, from the displacement relative to the force's phase.
 
     Under a force the modes outside the band add to the response. On a moving base the response is
     the absolute acceleration of the point. All arrays have the shape (draw, any).
@@ -272,12 +272,12 @@ def level_of(member: Member, level: float) -> Values:
 
 
 def peak_of(level: float) -> Callable[[Member], Values]:
-    """Return a function from a member to its draws' peak displacements at a level [m]."""
+    """Return a function that computes draws' peak displacements [m] at a level of the source."""
     return lambda member: peaks(member.motion, level_of(member, level)).y
 
 
 def bands(values: Sequence[Values], *, withheld: bool = False) -> Values:
-    """Return median and ends of the 99 % band over all members' draws; ends are NaN if withheld.
+    """Return the 99 % band (low, median, high) over all draws; its ends are NaN if withheld.
 
     Draws without a value are ignored, such as the jump of a curve that does not fold.
     """
@@ -293,7 +293,7 @@ def bands(values: Sequence[Values], *, withheld: bool = False) -> Values:
 def labelled(
     variables: Mapping[str, Any], coords: Mapping[str, Any], load: Load, seen: SeenResponse
 ) -> xr.Dataset:
-    """Return a dataset of a prediction's variables with the facts of its load as attributes."""
+    """Return a dataset of a predicted response, with the facts of its load as attributes."""
     facts = {
         "drive": load.drive, "source_unit": seen.source, "quantity": seen.name,
         "num_draws": load.draws, "harmonics": load.harmonics or 1, "band": messages.IN_BANDS,
@@ -304,7 +304,7 @@ def labelled(
 
 
 def checked_levels(values: Iterable[float]) -> list[float]:
-    """Return the levels as numbers; raise an error unless all are positive and finite."""
+    """Return the levels of a load as numbers; raise an error unless all are positive and finite."""
     levels = [float(value) for value in values]
     wrong = [value for value in levels if not 0.0 < value < np.inf]
     if wrong or not levels:
@@ -317,7 +317,7 @@ def checked_levels(values: Iterable[float]) -> list[float]:
 
 
 def checked_band(band_hz: tuple[float, float]) -> tuple[float, float]:
-    """Return a band [Hz]; raise an error unless it rises from a positive frequency."""
+    """Return a frequency band [Hz]; raise an error unless it rises from a positive frequency."""
     low, high = map(float, band_hz)
     if not 0.0 < low < high < np.inf:
         raise ConfigError(

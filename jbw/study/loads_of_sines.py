@@ -105,7 +105,7 @@ def response_curve_of(
 def _curve(
     member: Member, load: Load, seen: SeenResponse, level: float, peak: Peaks, freq_hz: Values
 ) -> dict[str, Values]:
-    """Return each draw's response along its curve and in slow sweeps over stated frequencies."""
+    """Return each draw's response curve, and its response in slow sweeps up and down."""
     omega = TAU * freq_hz
     curve = whole_curve(member.motion, peak, (float(omega[0]), float(omega[-1])))
     phasor = np.asarray(curve.y * np.exp(1j * curve.phase), complex)[:, 0]

@@ -81,7 +81,7 @@ PLATEAU = 3  # Fewest readings below an onset that show the structure to be line
 
 
 class ShownResponse(NamedTuple):
-    """The displacement per unit of the source against frequency."""
+    """The frequency response of displacement per unit of the source."""
 
     freq_hz: Float[np.ndarray, " line"]
     magnitude: Float[np.ndarray, " line"]
@@ -156,7 +156,7 @@ def _modes_hz(campaign: Campaign) -> tuple[float, ...]:
 
 
 def _of_first_mode(campaign: Campaign) -> Iterator[Test]:
-    """Yield the tests of a campaign; of several modes, decays only in the first mode's band."""
+    """Yield the tests of a campaign, free decays only in the band of the first mode."""
     structure = campaign.structure
     modes_hz = () if structure is None else structure.modes
     for test in campaign.tests:
@@ -212,7 +212,7 @@ def _seen(test: Test) -> list[str]:
 
 
 def _curves(tests: Sequence[Test]) -> dict[str, list[Test]]:
-    """Return the tests that are read together: all single tones of one level form one curve."""
+    """Group the tests that are read together: all single tones of one level form one curve."""
     groups_of_tests: dict[str, list[Test]] = {}
     for test in tests:
         if not test.traits.is_prescribed:
@@ -254,7 +254,7 @@ def _read(
 
 
 def _of_rows(rows: Sequence[Reading]) -> RecordRead:
-    """Return readings with independent errors as those of one record."""
+    """Return the table of a record's readings whose errors are independent."""
     y, hz, zeta, hz_sd, zeta_sd = (
         np.array([getattr(row, name) for row in rows], float)
         for name in ("y", "frequency_hz", "damping", "frequency_sd", "damping_sd")
@@ -264,7 +264,7 @@ def _of_rows(rows: Sequence[Reading]) -> RecordRead:
 
 
 def _of_reading(read: ModeReading) -> RecordRead:
-    """Return the readings of a decay or a sweep, in the order of increasing amplitude."""
+    """Return the table of a decay's or sweep's readings, in the order of increasing amplitude."""
     table = read.table()
     sds = (np.sqrt(np.diag(x)) for x in (table.hz_covariance, table.zeta_covariance))
     columns = table.y, table.hz, table.zeta, *sds
@@ -281,13 +281,13 @@ def _of_decays(test: Test) -> Iterator[RecordRead]:
 
 
 def _of_sweep(record: Record, test: Test) -> RecordRead | None:
-    """Return the readings of a swept record; None if its drive is no sweep or the fit is poor."""
+    """Read a swept record; return None if its drive is no sweep or the fit is poor."""
     read = examined_sweep(record, test.band_hz, test.delay).reading
     return None if read is None or read.residual > MISSED else _of_reading(read)
 
 
 def _holding(one: RecordRead) -> RecordRead | None:
-    """Return a record without readings that no oscillator can have; None if no reading is left."""
+    """Remove readings that no oscillator can have from a record; return None if none is left."""
     holds = np.array([row.holds for row in one.rows])
     if np.all(holds):
         return one
@@ -494,7 +494,7 @@ def statements(
 def _by_mode(
     by_test: Mapping[str, list[RecordTable]], modes_hz: Sequence[float]
 ) -> dict[float | None, list[tuple[str, RecordTable]]]:
-    """Return the tables of readings with their tests, by the nearest mode's frequency [Hz]."""
+    """Return the tables of readings with their tests, grouped by the nearest mode [Hz]."""
     groups: dict[float | None, list[tuple[str, RecordTable]]] = {
         _nearest(mode_hz, modes_hz): [] for mode_hz in modes_hz or (1.0,)
     }
@@ -512,7 +512,7 @@ def _nearest(frequency_hz: float, modes_hz: Sequence[float]) -> float | None:
 
 
 class Nonlinear(NamedTuple):
-    """The answer on whether frequency or damping depend on amplitude: sentences, likely laws."""
+    """The answer on whether frequency or damping depend on amplitude, with likely laws."""
 
     is_seen: bool
     sentences: list[str]
@@ -561,7 +561,7 @@ def nonlinear(tables: Sequence[RecordTable], labels: Sequence[str] = ()) -> Nonl
 
 
 def _change(what: str, seen: AmplitudeTrend) -> str:
-    """Return the clause on how one quantity changes with amplitude."""
+    """Return the clause on how frequency or damping changes with amplitude."""
     unit = "" if what == "frequency" else " of critical damping"
     if not seen.is_seen:
         return messages.no_change(what, seen.change, seen.change_sd, unit)
@@ -586,7 +586,7 @@ def _differing(hz: AmplitudeTrend, zeta: AmplitudeTrend, labels: Sequence[str]) 
 
 
 def _goes_with(offsets: np.ndarray, labels: Sequence[str]) -> str:
-    """Return "runs" or "order" if the records' offsets depend on it, else an empty text."""
+    """Return what the offsets of records vary with: "runs", "order" or an empty text."""
     count = len(offsets)
     groups = [offsets[[label == name for label in labels]] for name in dict.fromkeys(labels)]
     if 1 < len(groups) < count:
@@ -604,7 +604,7 @@ def _goes_with(offsets: np.ndarray, labels: Sequence[str]) -> str:
 
 
 def _between_ends(tables: Sequence[RecordTable], differ: list[str]) -> Nonlinear:
-    """Compare the last record with the first; one reading per record is too few for a test."""
+    """Compare the last record's readings with the first's, where trends cannot be tested."""
     y, frequency, damping = (
         [float(getattr(table, name)[0]) for table in tables] for name in ("y", "hz", "zeta")
     )
@@ -619,7 +619,7 @@ def _between_ends(tables: Sequence[RecordTable], differ: list[str]) -> Nonlinear
 
 
 def days(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the sentence on variation within and between days or assemblies at one level."""
+    """Return the sentence on variation of frequency and damping within and between days."""
     groups: dict[tuple[Any, ...], dict[tuple[Any, ...], list[Mapping[str, Any]]]] = {}
     for row in rows:
         day = row["assembly"], row["run"]

@@ -236,7 +236,7 @@ def _file_of(campaign: str | Path | Campaign) -> Path:
 
 
 def _folders(files: Sequence[Path], out: Path) -> dict[Path, Path]:
-    """Return the run folder of each campaign file, independent of the other campaigns."""
+    """Return the run folder of each campaign file; raise an error if two share one."""
     if not files:
         raise ConfigError("No campaign is given.", remedy="Give one campaign file or more.")
     names = [file.parent.name if file.stem == PLAIN else file.stem for file in files]
@@ -253,7 +253,7 @@ def _folders(files: Sequence[Path], out: Path) -> dict[Path, Path]:
 
 
 def _finished_before(task: Task) -> RunOutcome | None:
-    """Return the outcome of a run that is finished; None where there is work to do.
+    """Return the outcome of a campaign whose run is finished; None where there is work to do.
 
     A finished run has no manifest, except after a first answer (`quick`).
     """
@@ -309,7 +309,7 @@ def _require_asked(task: Task, campaign: str | None, seed: int | None) -> None:
 
 
 def _outcome_of(task: Task, future: Any) -> RunOutcome:
-    """Return the outcome of a future; a lost worker counts as a failed campaign."""
+    """Return the outcome of a campaign from its future; a lost worker is a failure."""
     try:
         return future.result()
     except BrokenProcessPool:

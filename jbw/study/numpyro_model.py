@@ -98,7 +98,7 @@ def model_of(fitted: Fitted, *, responses: bool = False) -> NumpyroModel:
 
 
 def _of_laws(theta: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
-    """Return the parameters and products of the laws that are not sampled, by name."""
+    """Return the laws' parameters and products that are not sampled themselves, by name."""
     every = {**data.held, **theta}
     values: dict[str, Any] = {}
     for law in laws_named(data.laws):

@@ -25,5 +25,5 @@ class Order:
     started: float
 
     def under(self, laws: Sequence[str]) -> "Order":
-        """Return the request with the identified laws, if its campaign states none."""
+        """Return the request with given laws, if its campaign states none."""
         return replace(self, campaign=with_laws(self.campaign, laws))

@@ -45,7 +45,7 @@ def first_answer(order: Order, prepared: PreparedTests, report: Report) -> Study
 
 
 def fit_tree(seen: Measured, posteriors: Posteriors) -> xr.DataTree:
-    """Return the result tree of a fit: approximate draws, data for predictions and the backbone."""
+    """Return the result tree of a fit without sampling: Gaussian draws and the backbone."""
     joint = posteriors.joint
     attrs = joint.tree.attrs | run_attrs(seen.tests, joint, posteriors.free.data)
     parts = {**groups_in(joint.tree), **posteriors.checks.groups}

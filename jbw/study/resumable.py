@@ -28,7 +28,7 @@ Say = Callable[[str], None]
 def carried_out(
     run: Run, say: Say, beside: Beside | None = None
 ) -> tuple[Mapping[str, Any], xr.DataTree]:
-    """Do the remaining work of a run, and return its summary and its result tree.
+    """Finish a run from its current state, and return its summary and its result tree.
 
     After a first answer only the result is written, and the run can be continued later. A second
     process, `beside`, draws some of the report's figures.

@@ -39,7 +39,7 @@ def save_loads(
 
 
 def plain_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return rows of plain values, with None for each number that is not finite."""
+    """Replace each number that is not finite by None in rows of plain values."""
     return [
         {key: None if isinstance(x, float) and not np.isfinite(x) else x for key, x in row.items()}
         for row in rows

@@ -115,7 +115,7 @@ def _names(folders: Sequence[Path]) -> list[str]:
 def _along(
     basis: Basis, amplitude: Float[np.ndarray, " place"]
 ) -> Float[np.ndarray, "what draw place"]:
-    """Return the draws of frequency [Hz] and damping ratio at each amplitude [m]."""
+    """Return a run's draws of frequency [Hz] and damping ratio at each amplitude [m]."""
     carried = carry(curves, basis.thinned(NUM_DRAWS), jnp.asarray(amplitude), basis.laws)
     return np.array([np.asarray(x) for x in carried[:2]])
 
@@ -145,7 +145,7 @@ def _trends(
     draws: Sequence[Float[np.ndarray, "what draw place"]],
     amplitude: Float[np.ndarray, " place"],
 ) -> list[dict[str, Any]]:
-    """Return the change of each quantity per doubling of torque; empty if torques do not differ."""
+    """Return the changes of frequency and damping per doubling of torque, over several runs."""
     torques = [run["torque"] for run in runs]
     if None in torques or len({*torques}) < 2:
         return []
@@ -165,7 +165,7 @@ def _trends(
 def _trend(
     doublings: Float[np.ndarray, " run"], draws: Sequence[Float[np.ndarray, " draw"]]
 ) -> dict[str, Any]:
-    """Return the slope with its 99 % interval, p of the residual variation, and the direction."""
+    """Return the slope of a quantity over runs per doubling of torque, with its 99 % interval."""
     count = min(map(len, draws))
     # Draws of runs with one seed correlate number by number; a random order removes that.
     rng = np.random.default_rng(0)

@@ -56,12 +56,12 @@ class Job:
 
     @property
     def num_kept(self) -> int:
-        """The number of stored parts."""
+        """The number of stored parts of the job."""
         return len(list((self.folder / JOB).glob(f"*{ENDING}")))
 
 
 def claim(folder: Path, asked: str = "") -> Path:
-    """Create a folder for results, or accept an empty one with room, before any work is done.
+    """Claim a new or empty output folder with room on its disk, before any work is done.
 
     Half-written files of a killed process do not count; `writing` removes them. The parts of a
     killed job do not count either if the same is `asked` for.

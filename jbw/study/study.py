@@ -85,7 +85,7 @@ class Study:
 
     @property
     def posterior(self) -> xr.DataTree:
-        """The main posterior, in ArviZ's groups at the root."""
+        """The main posterior of the study, in ArviZ's groups."""
         return self.tree
 
     @property
@@ -417,7 +417,7 @@ def require_same_inputs(campaign: Campaign, summary: Mapping[str, Any]) -> None:
 
 
 def inputs_of(campaign: Campaign) -> dict[str, str]:
-    """Return the SHA-256 of every input by its file, with the campaign file and the matrices."""
+    """Return the SHA-256 of every file and matrix that a campaign was read from."""
     read = {**input_hashes(campaign), str(campaign.path): hash_of(campaign.path)}
     if campaign.joints is None:
         return read

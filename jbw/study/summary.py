@@ -102,7 +102,7 @@ def _turning(tests: Iterable[Test]) -> dict[str, str]:
 
 
 def _assembly(campaign: Campaign) -> dict[str, Any]:
-    """Return assembly, torque, sequence and temperature, as far as the campaign states them."""
+    """Return the assembly, torque, sequence and temperature that a campaign states."""
     stated = campaign.assembly
     of_tests = {test.assembly for test in campaign.tests if test.assembly}
     name = stated.name or (of_tests.pop() if len(of_tests) == 1 else "")
@@ -142,7 +142,7 @@ def verdict_record(verdict: Verdict) -> dict[str, Any]:
 
 
 def fitted_and_held_out(seen: Measured) -> list[dict[str, Any]]:
-    """Return one row per test of the campaign, with the list of its fitted repeats."""
+    """Return one row per test of a campaign: its kind, level and fitted repeats."""
     used, repeats = entered(seen), fitted_repeats(seen)
     return [
         {
@@ -167,7 +167,7 @@ def _unit_of_source(test: Test) -> str:
 
 
 def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
-    """Return Step 2 as plain values like other steps: a Gaussian about the pooled mean."""
+    """Return the parameters of Step 2, the linear regime, as plain values."""
     std = np.sqrt(np.diag(step.pooled.covariance))
     units = units_of(step)
     parameters = {
@@ -234,7 +234,7 @@ def step_record(
     wide: xr.Dataset | None = None,
     stated: StatedDensities | None = None,
 ) -> dict[str, Any]:
-    """Return a posterior in plain values: parameters, statements, correlations, offsets of runs.
+    """Return a step's posterior as plain values: parameters, statements, correlations.
 
     `wide` is the posterior with the errors of the instruments, where they are stated; `stated` are
     the prior densities other than the box.
@@ -263,7 +263,7 @@ def step_record(
 
 
 def _predictions(tree: xr.DataTree) -> dict[str, Any]:
-    """Return coverage and errors of each test's prediction, next to a linear oscillator's error."""
+    """Return the coverage and errors of each test's prediction, and of a linear oscillator's."""
     predictions = {}
     for kind, name, test in verified(tree, "nrmse"):
         attrs = test.attrs
@@ -302,7 +302,7 @@ def _unscored(tree: xr.DataTree, data: Dataset | None) -> dict[str, str]:
 
 
 def _joints(tree: xr.DataTree) -> dict[str, Any]:
-    """Return the effect of each joint on every mode; empty for a single joint."""
+    """Return the effect of each joint on every mode of a run; empty for a single joint."""
     group = node(tree, JOINTS)
     if group is None:
         return {}

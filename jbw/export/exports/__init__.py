@@ -25,7 +25,7 @@ USUAL_OF_JOINTS = ("opensees",)  # the same for several joints
 
 
 def programs_named(names: Sequence[str]) -> tuple[Program, ...]:
-    """Return the programs with the given names.
+    """Return the simulation programs with the given names, to which a joint can be exported.
 
     Raises:
         ConfigError: A name is unknown; the message suggests the nearest name.

@@ -23,7 +23,7 @@ FORCE, DAMPING = 1, 2  # numbers of the tables of a single joint
 
 
 class JointTables(NamedTuple):
-    """One joint of several, with its tables.
+    """One of several joints in a Nastran file, with its tables.
 
     Attributes:
         nodes: Nodes of the joint.

@@ -26,7 +26,7 @@ JOINT_TAG = 1  # tag of the material that represents the whole joint
 
 
 class JointLines(NamedTuple):
-    """One joint of several, as OpenSees commands.
+    """One of several joints in an OpenSees file, as commands.
 
     Attributes:
         nodes: Nodes of the joint.
@@ -74,7 +74,7 @@ def _notes(result: Export, unit: str = "m") -> Iterator[str]:
 def opensees_lines(
     materials: Sequence[Material], tag: int = JOINT_TAG, first: int = JOINT_TAG + 1
 ) -> tuple[str, ...]:
-    """Return the commands that create materials with tags from `first`, combined in parallel."""
+    """Return the OpenSees commands that create materials and combine them in parallel."""
     tags = range(first, first + len(materials))
     lines = [
         _line(material.kind, own_tag, material.arguments)

@@ -39,12 +39,12 @@ def _any_law(result: Export) -> tuple[str, ...]:
 
 
 def no_code(folder: Path, result: JointsExport) -> Paths:
-    """Return no files: each draw changes all of the output."""
+    """Write no files: each draw changes all of the program's files."""
     return ()
 
 
 class OfJoints(NamedTuple):
-    """The functions by which a program takes several joints at their degrees of freedom.
+    """The functions that export several joints to a simulation program.
 
     Attributes:
         card: Function that writes into a folder what one draw of the parameters changes.
@@ -58,7 +58,7 @@ class OfJoints(NamedTuple):
 
 
 class Program(NamedTuple):
-    """A program to which the joint is exported; `jbw.export.exports` has the register.
+    """A simulation program to which a joint can be exported.
 
     Attributes:
         name: Name of the program for `--to`.
@@ -103,7 +103,7 @@ class Form(NamedTuple):
 
 
 def require_law(program: Program, result: Export) -> None:
-    """Raise an error if a program cannot take one of the joint's laws.
+    """Raise an error if a simulation program cannot represent one of the joint's laws.
 
     Raises:
         ConfigError: The program lacks a law; the message names programs that take it.
@@ -168,7 +168,7 @@ def _numbered(card: JointCard) -> Iterator[tuple[int, int, float]]:
 
 
 def require_nodes(result: JointsExport) -> None:
-    """Raise an error if joints are at nodes without numbers.
+    """Raise an error if joints are at nodes without numbers, which a program needs.
 
     Raises:
         ConfigError: A degree of freedom has no number.
@@ -177,7 +177,7 @@ def require_nodes(result: JointsExport) -> None:
 
 
 def require_joints(program: Program, result: JointsExport, takers: Iterable[str]) -> None:
-    """Raise an error if a program cannot take the joints of a run.
+    """Raise an error if a simulation program cannot represent the joints of a run.
 
     Args:
         program: The program.
@@ -199,7 +199,7 @@ def require_joints(program: Program, result: JointsExport, takers: Iterable[str]
 
 
 def takes_joints(program: Program, result: JointsExport) -> bool:
-    """Return whether a program can take the joints of a run."""
+    """Return whether a simulation program can represent the joints of a run."""
     try:
         require_joints(program, result, ())
     except ConfigError:
@@ -215,12 +215,12 @@ def family_of(law: str) -> str:
 
 
 def forms_of(folder: str, result: Export) -> tuple[Form, ...]:
-    """Return the templates of the joint's laws in a language, which is a folder of templates."""
+    """Return the templates of a joint's laws in the language of a simulation program."""
     return tuple(_form(folder, law, result) for law in result.laws)
 
 
 def without_form(folder: str) -> Callable[[Export], tuple[str, ...]]:
-    """Return a function that lists the joint's laws without a template in a language's folder."""
+    """Return a function that lists a joint's laws without a template in a language."""
     forms = {Path(name).stem for name in ENVIRONMENT.list_templates() if name.startswith(folder)}
     return lambda result: tuple(law for law in result.laws if family_of(law) not in forms)
 
@@ -234,7 +234,7 @@ def _form(folder: str, law: str, result: Export) -> Form:
 
 # -- texts -----------------------------------------------------------------------------------------
 def write_text(path: Path, template: str, result: Export, **more: Any) -> Path:
-    """Write a file of one joint from a template and return its path."""
+    """Write a file of one joint for a simulation program from a template."""
     return write_template(
         path,
         template,
@@ -247,7 +247,7 @@ def write_text(path: Path, template: str, result: Export, **more: Any) -> Path:
 
 
 def write_template(path: Path, template: str, **facts: Any) -> Path:
-    """Write a file from a template, given facts and jbw's version, and return its path."""
+    """Write a file for a simulation program from a template, with jbw's version."""
     text = ENVIRONMENT.get_template(template).render(version=__version__, **facts)
     path.write_text(text, encoding="utf-8")
     return path
