@@ -179,7 +179,7 @@ def smoothing(
 
 
 def _threshold(joint: BoucWen, y_peak: ArrayLike, y_open: ArrayLike | None) -> ArrayLike:
-    """Return the threshold y_0 for peak Y: the given value, checked, or the steady loop's."""
+    """Return the threshold y_0 of a loop with peak Y: the given value, or the steady loop's."""
     require_at_least("y_peak", y_peak, 0.0, open_end=True)
     if y_open is None:
         return steady_loop(joint, y_peak).y_open
@@ -319,7 +319,7 @@ def smoothed_force(
 
 
 def switch(v: Real[ArrayLike, "..."], width: Scalar = 0.0) -> Float[Array, "..."]:
-    """Return the sign of v, or tanh(v/width) where a width above zero is given."""
+    """Return the sign of the velocity v, or tanh(v/width) if a width above zero is given."""
     v, width = jnp.asarray(v, float), jnp.asarray(width, float)
     safe = jnp.where(width > 0.0, width, 1.0)
     return jnp.where(width > 0.0, jnp.tanh(v / safe), jnp.sign(v))
@@ -331,7 +331,7 @@ def smoothing_error(
     y_peak: Real[ArrayLike, "..."],
     y_open: Real[ArrayLike, "..."] | None = None,
 ) -> Float[Array, "..."]:
-    r"""Return the squared error of the unloading polynomial over the loop, which the fit minimises.
+    r"""Return the squared error of the smoothed unloading force, which the fit minimises.
 
     $$J = \int_{-Y}^{y_0} (Z_2 - F)^2\,dy + \int_{y_0}^{Y} (Z_1 - F)^2\,dy$$
 
@@ -366,7 +366,7 @@ def smoothing_error(
 
 
 def _least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
-    """Return the least-squares fit, as a projection on the Legendre polynomials P_0..P_3."""
+    """Fit the smoothed force by least squares, as a projection on Legendre polynomials P_0..P_3."""
     # The lag has a kink at the threshold, which splits the integration.
     s, weights = gauss_legendre_between(_NUM_NODES, -1.0, eta, 1.0)
     lost = weights * unloading_lag(s, *(x[..., None] for x in (eta, d, g)))
@@ -376,7 +376,7 @@ def _least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
 
 
 def _chebyshev(d: Array, g: Array, eta: Array) -> Coefficients:
-    """Return the Chebyshev fit: T_0..T_3 from the lag's cosine series in theta, s = cos(theta)."""
+    """Fit the smoothed force by a Chebyshev projection, T_0..T_3, of the lag."""
     theta, weights = gauss_legendre_between(_NUM_NODES, 0.0, jnp.arccos(eta), jnp.pi)
     lost = weights * unloading_lag(jnp.cos(theta), *(x[..., None] for x in (eta, d, g)))
     t_0, t_1, t_2, t_3 = (2.0 / jnp.pi * jnp.sum(lost * jnp.cos(n * theta), -1) for n in range(4))
@@ -384,7 +384,7 @@ def _chebyshev(d: Array, g: Array, eta: Array) -> Coefficients:
 
 
 def _taylor_least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
-    """Return the exact minimiser of Eq. (9) for paths truncated after the cubic term."""
+    """Return the coefficients that minimise Eq. (9) for paths truncated after the cubic term."""
     dg, dd_gg = d * g, d**2 + g**2
     c_0 = (
         (-eta + 3 * d * eta / 16 + g * eta**2 / 2 + dg / 48 - 3 * dg * eta**2 / 16)

@@ -307,7 +307,7 @@ class _Drive(eqx.Module):
         return None if u_0 is None else u_0(step / self.rate)
 
     def direction(self, step: Array, v: Array) -> Array:
-        """Return the switching signal: the velocity, or as printed the rate of the input."""
+        """Return the signal that switches the branches: velocity, or as printed the input rate."""
         if self.switching.variant == "corrected":
             return v
         _, slope = jax.jvp(self.force, (step,), (jnp.ones_like(step),))

@@ -130,7 +130,7 @@ def _linear_times_second(
 
 
 def _poles(system: PolynomialOscillator, count: int) -> list[Complex[Array, "..."]]:
-    """Return the two poles of the linear part, along each of `count` last axes."""
+    """Return the two poles of an oscillator's linear part, along each of `count` last axes."""
     decay = jnp.asarray(system.damping) / 2.0
     poles = -decay + 1j * jnp.array([1.0, -1.0]) * _damped(system)
     return [poles.reshape(2, *(1,) * (count - 1 - axis)) for axis in range(count)]
@@ -139,7 +139,7 @@ def _poles(system: PolynomialOscillator, count: int) -> list[Complex[Array, "...
 def _summed(
     system: PolynomialOscillator, terms: Complex[Array, "..."], count: int
 ) -> Float[Array, "..."]:
-    """Sum terms over the poles on the last axes, with their weights in h_1, +-1/(2j omega_d)."""
+    """Sum terms over the two poles of the linear part, with their weights in h_1."""
     weight = jnp.array([1.0, -1.0]) / (2j * _damped(system))
     for _ in range(count):
         terms = terms @ weight

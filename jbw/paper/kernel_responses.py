@@ -59,7 +59,7 @@ def tones(
 
 
 def multinomial(powers: Sequence[int]) -> int:
-    r"""Return the number of orders of a term's factors, $\eta!/(p!\,q!\,r!\,s!\,v!\,w!)$.
+    r"""Return in how many orders the factors of a term occur, $\eta!/(p!\,q!\,r!\,s!\,v!\,w!)$.
 
     Args:
         powers: The powers p, q, r, s, v, w, whose sum is eta; any number of them.
@@ -112,7 +112,7 @@ def repeated_kernel(
 
 
 class Terms(eqx.Module):
-    r"""The terms of one order of a response: $y_\eta(t) = \sum c\,e^{j\Omega t}$, with conjugates.
+    r"""The terms of one order of a response to tones: $y_\eta(t) = \sum c\,e^{j\Omega t}$.
 
     Attributes:
         exponents: The powers (p, q, r, s, v, w) of (A, A*, B, B*, C, C*) [-].
@@ -130,7 +130,7 @@ class Terms(eqx.Module):
 
 
 class Lines(eqx.Module):
-    r"""The lines of a response, $y(t) = \mathrm{Re}\sum Y\,e^{j\Omega t}$.
+    r"""The spectral lines of a response to tones, $y(t) = \mathrm{Re}\sum Y\,e^{j\Omega t}$.
 
     Attributes:
         combination: Multiples of the tones; the first nonzero one is positive [-].
@@ -149,7 +149,7 @@ def tone_terms(
     amplitude: Inexact[ArrayLike, " _tone"],
     order: int,
 ) -> Terms:
-    r"""Return the terms of one order in the response to a few tones.
+    r"""Return the terms of one order in the Volterra response to a few tones.
 
     $$y_\eta = \frac{1}{2^\eta}\sum_{p+q+r+s+v+w=\eta} \frac{\eta!}{p!\,q!\,r!\,s!\,v!\,w!}
       A^p \bar A^q B^r \bar B^s C^v \bar C^w\, H_\eta\, e^{j(N\omega_a+M\omega_b+L\omega_c)t}$$
@@ -189,7 +189,7 @@ def tone_terms(
 
 
 def _slots(num_tones: int, order: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return every choice of `order` factors of (A, A*, B, B*, ...), and the factors' powers."""
+    """Return every choice of `order` factors from the tones' amplitudes, and their powers."""
     slots = np.array(list(combinations_with_replacement(range(2 * num_tones), order)))
     return slots, (slots[:, :, None] == np.arange(2 * num_tones)).sum(axis=1)
 
@@ -213,7 +213,7 @@ def _coefficients(
     slots: Int[ArrayLike, "term order"],
     weight: Int[ArrayLike, " term"],
 ) -> Complex[Array, " term"]:
-    """Return the coefficients of the terms with given choices of factors (A, A*, B, B*, ...)."""
+    """Return the coefficients of the terms with given factors of the tones' amplitudes."""
     signed = jnp.stack([omega, -omega], axis=1).ravel()
     half = jnp.stack([amplitude, jnp.conj(amplitude)], axis=1).ravel() / 2.0
     return jnp.asarray(weight) * jnp.prod(half[slots], axis=1) * kernel(system, *signed[slots].T)
@@ -225,7 +225,7 @@ def tone_response(
     amplitude: Inexact[ArrayLike, " _tone"],
     max_order: int = 3,
 ) -> Lines:
-    r"""Return the steady response to one or more tones, up to a given order.
+    r"""Return the steady Volterra response to one or more tones, up to a given order.
 
     $$y(t) = y_1 + \dots + y_\eta = \mathrm{Re}\sum_{N,M,L} Y_{NML}\,
       e^{j(N\omega_a+M\omega_b+L\omega_c)t}$$
@@ -261,7 +261,7 @@ def tone_response(
 
 
 def merge_lines(lines: Lines, tolerance: float = 1e-9) -> Lines:
-    r"""Sum the lines at one frequency, such as those of tones at omega and 3 omega.
+    r"""Sum the lines of a response at one frequency, such as of tones at omega and 3 omega.
 
     Negative frequencies become positive by $\mathrm{Re}\,Y e^{j\Omega t} = \mathrm{Re}\,\bar Y
     e^{-j\Omega t}$. The function cannot run under `jit`, as the lines to sum depend on values.
@@ -293,7 +293,7 @@ def merge_lines(lines: Lines, tolerance: float = 1e-9) -> Lines:
 
 
 def synthesize(lines: Lines, t: Float[ArrayLike, "..."]) -> Float[Array, "..."]:
-    r"""Return the response in time from its lines, $y(t) = \mathrm{Re}\sum Y\,e^{j\Omega t}$.
+    r"""Return a response in time from its lines, $y(t) = \mathrm{Re}\sum Y\,e^{j\Omega t}$.
 
     Args:
         lines: Lines of the response.
@@ -313,7 +313,7 @@ Hold = Literal["first", "zero"]
 
 
 class VolterraResponse(eqx.Module):
-    """The parts of each order of a response; their sum is the response.
+    """The parts of each order of a Volterra response; their sum is the response.
 
     Attributes:
         t: Time, which is 0 at the first sample [s].
@@ -385,7 +385,7 @@ def _cascade(
     substeps: int,
     max_order: int,
 ) -> tuple[Float[Array, "order time"], Float[Array, "order time"]]:
-    """Return the displacement and velocity of each order at the samples."""
+    """Return each order's displacement and velocity at the samples, by a cascade of systems."""
     step = dt / substeps
     moments = impulse_moments(system.stiffness, system.damping, step, 4)
     y, v = _propagate(moments, _held(_refined(u, hold, substeps), hold))
@@ -398,14 +398,14 @@ def _cascade(
 
 
 def _held(f: Float[Array, " time"], hold: Hold) -> Float[Array, "step 4"]:
-    """Return each step's polynomial of an input that is held ("zero") or linear ("first")."""
+    """Return each step's polynomial for an input that is held ("zero") or linear ("first")."""
     slope = f[1:] - f[:-1] if hold == "first" else jnp.zeros_like(f[1:])
     none = jnp.zeros_like(slope)
     return jnp.stack([f[:-1], slope, none, none], axis=-1)
 
 
 def _hermite(f: Float[Array, " time"], rise: Float[Array, " time"]) -> Float[Array, "step 4"]:
-    """Return each step's cubic for an input known with its increase per step at each sample."""
+    """Return each step's cubic polynomial for an input known with its rate at each sample."""
     change, start, end = f[1:] - f[:-1], rise[:-1], rise[1:]
     return jnp.stack([f[:-1], start, 3 * change - 2 * start - end, start + end - 2 * change], -1)
 
@@ -413,7 +413,7 @@ def _hermite(f: Float[Array, " time"], rise: Float[Array, " time"]) -> Float[Arr
 def _propagate(
     moments: Moments, polynomials: Float[Array, "step 4"]
 ) -> tuple[Float[Array, " time"], Float[Array, " time"]]:
-    """Return displacement and velocity at the samples, from rest, under stepwise polynomials."""
+    """Return an oscillator's displacement and velocity, from rest, under stepwise polynomials."""
     push = polynomials @ moments.y, polynomials @ moments.v
 
     def advance(state: tuple, push: tuple) -> tuple:
@@ -526,7 +526,7 @@ def volterra_sums(
 def _sums(
     system: PolynomialOscillator, u: Float[Array, " time"], dt: Scalar, memory: int
 ) -> Float[Array, "order time"]:
-    """Return the three convolutions over the last `memory` samples of each instant."""
+    """Return the multiple convolutions over the last `memory` samples of each instant."""
     # The record starts at its first sample, where the trapezoid has only one side.
     padded = jnp.concatenate([jnp.zeros(memory - 1), u.at[0].divide(2.0)])
     past = dt * padded[jnp.arange(u.size)[:, None] + memory - 1 - jnp.arange(memory)]

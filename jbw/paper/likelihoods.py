@@ -43,7 +43,7 @@ class Repeats(eqx.Module):
 
 
 def repeats(measured: Inexact[ArrayLike, "repeat ..."]) -> Repeats:
-    """Return the sufficient statistics of repeats along the first axis.
+    """Return the sufficient statistics of repeated measurements along the first axis.
 
     Args:
         measured: Kernel of every repeat (complex), or response of every repeat (real).
@@ -63,7 +63,7 @@ def repeats(measured: Inexact[ArrayLike, "repeat ..."]) -> Repeats:
 def log_posterior(
     theta: Mapping[str, Scalar], prior: Prior, log_likelihood: Float[ArrayLike, "..."]
 ) -> Float[Array, ""]:
-    r"""Return the log posterior density, without the evidence as divisor.
+    r"""Return the unnormalised log posterior density of parameters.
 
     $$\log p(\theta | D) = \sum \log L(\theta) + \log\pi(\theta) + \mathrm{const}$$
 

@@ -116,7 +116,7 @@ def response_misfit(
     measured: Float[ArrayLike, "... time"],
     model: Float[ArrayLike, "... time"],
 ) -> Float[Array, "..."]:
-    r"""Return the velocity misfit that Step 4 minimises, over the measured standard deviation.
+    r"""Return the relative velocity misfit that Step 4 minimises.
 
     $$J = \sqrt{\frac{\sum_n (v_n - v_n(\theta))^2}{N\,\mathrm{var}(v)}}$$
 

@@ -69,7 +69,7 @@ def _partitions(items: tuple[int, ...], blocks: int) -> Iterator[tuple[tuple[int
 def leading_diagonals(
     system: PolynomialOscillator, omega: Float[ArrayLike, "..."], max_order: int = 5
 ) -> tuple[Complex[Array, "..."], ...]:
-    r"""Return the leading diagonals $H_n(\omega,\dots,\omega)$ of the kernels, from order 1.
+    r"""Return the leading diagonals $H_n(\omega,\dots,\omega)$ of the Volterra kernels.
 
     $$H_n = -H_1(n\omega)\Bigl[\rho\sum_{i+k=n} H_i H_k
       + \lambda_3\sum_{i+k+l=n} H_i H_k H_l\Bigr]$$
@@ -98,7 +98,7 @@ def cross_kernel(
     omega: Sequence[Float[ArrayLike, "..."]],
     inputs: Sequence[int],
 ) -> Complex[Array, "..."]:
-    r"""Return the symmetric kernel for inputs u (the excitation) and u_0 (the square wave).
+    r"""Return the symmetric Volterra kernel for inputs u (excitation) and u_0 (square wave).
 
     $$H_\eta^{(i_1\dots i_\eta)} = (-1)^{\#0}\,H_\eta$$
 

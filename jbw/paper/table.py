@@ -49,7 +49,7 @@ def equations() -> tuple[Equation, ...]:
 
 
 def rows_of(function: str, docstring: str) -> list[Equation]:
-    """Return the table rows for the equations to which a docstring refers."""
+    """Return the paper's equations to which a function's docstring refers."""
     import inspect
 
     section = _SECTION.search(inspect.cleandoc(docstring))

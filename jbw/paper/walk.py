@@ -130,7 +130,7 @@ def _walk(
 
 
 def coefficient_of_variation(draws: Float[ArrayLike, "... draw"]) -> Float[Array, "..."]:
-    r"""Return the standard deviation of draws relative to the modulus of their mean.
+    r"""Return the coefficient of variation of draws: sd over the modulus of the mean.
 
     Args:
         draws: Draws of a parameter.
@@ -146,7 +146,7 @@ def coefficient_of_variation(draws: Float[ArrayLike, "... draw"]) -> Float[Array
 
 
 def kl_normal(mean: Real, std: Real, lower: Real = 0.0, upper: Real = 1.0) -> Float[Array, "..."]:
-    r"""Return the divergence from the uniform prior of a normal distribution truncated to the box.
+    r"""Return the KL divergence of a normal, truncated to the prior's box, from the uniform prior.
 
     $$D = -\left[\ln(\sqrt{2\pi e}\,s\,C) + \frac{a\phi(a) - b\phi(b)}{2C}\right], \quad
       a = -\mu/s, \quad b = (1 - \mu)/s, \quad C = \Phi(b) - \Phi(a)$$
@@ -183,7 +183,7 @@ def kl_normal(mean: Real, std: Real, lower: Real = 0.0, upper: Real = 1.0) -> Fl
 
 
 def kl_draws(draws: Float[ArrayLike, " draw"], lower: float = 0.0, upper: float = 1.0) -> float:
-    r"""Return the divergence of draws from the uniform prior, from the spacings of ordered draws.
+    r"""Return the KL divergence of one parameter's draws from its uniform prior.
 
     $$D = -h(x), \qquad x = \frac{\theta - \theta_{min}}{\theta_{max} - \theta_{min}}$$
 
@@ -221,7 +221,7 @@ def kl_joint(
     lower: Float[ArrayLike, "..."] = 0.0,
     upper: Float[ArrayLike, "..."] = 1.0,
 ) -> float:
-    r"""Return the joint divergence of parameters from their uniform box, by a Gaussian copula.
+    r"""Return the joint KL divergence of several parameters' draws from their uniform priors.
 
     $$D = \sum_i D_i - \tfrac12 \log\det R$$
 

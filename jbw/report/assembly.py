@@ -66,7 +66,7 @@ def structure(tree: xr.DataTree, ax: Any = None) -> Panels:
 def view_of(
     position: Float[np.ndarray, "node 3"], deflection: Float[np.ndarray, "mode node 3"]
 ) -> View:
-    """Return a view along a direction in which a structure is flat and at rest, or isometric."""
+    """Return a view of a structure along a direction in which it is flat, or isometric."""
     extent = np.ptp(position, axis=0)
     is_moved = np.abs(deflection).max(axis=(0, 1)) > FLAT
     for along, seen in ((1, (0, 2)), (2, (0, 1)), (0, (1, 2))):

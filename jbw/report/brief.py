@@ -200,7 +200,7 @@ def _interval(low: float, middle: float, high: float) -> str:
 
 
 def _modes(tree: xr.DataTree) -> Cells:
-    """Return a table of all modes at small motion; without rows for a structure with one mode."""
+    """Return a table of all modes at small motion; empty for a structure with one mode."""
     group = node(tree, "posterior")
     drawn = {} if group is None else group.to_dataset().data_vars
     pairs = [("omega_n", "zeta"), *((f"omega_{k}", f"zeta_{k}") for k in range(2, 20))]
@@ -221,7 +221,7 @@ def _modes(tree: xr.DataTree) -> Cells:
 
 
 def _measured(summary: Summary, tree: xr.DataTree) -> Cells:
-    """Return a table of measurements; tests of equal kind and level share one line."""
+    """Return a table of the measured tests; tests of equal kind and level share one line."""
     read = {row["test"]: row for row in (summary.get("look") or {}).get("tests") or []}
     families: dict[tuple[str, float, bool], list[dict[str, Any]]] = {}
     every = every_test(summary, tree)
@@ -278,7 +278,7 @@ def _worst(rows: Sequence[Summary]) -> str:
 
 
 def _foot(figure: Figure, summary: Summary, tree: xr.DataTree) -> None:
-    """Draw the foot lines, which explain the results and identify the run."""
+    """Draw the last lines of the brief, which explain the results and identify the run."""
     created_at = (
         str(tree["posterior"].attrs.get("created_at", "")) if "posterior" in tree.children else ""
     )
@@ -294,7 +294,7 @@ def _foot(figure: Figure, summary: Summary, tree: xr.DataTree) -> None:
 def _table(
     figure: Figure, top: float, cells: Cells, most: int = 99, floor: float = MARGIN
 ) -> float:
-    """Draw a table with as many rows as fit, and a line that states how many rows are left out."""
+    """Draw a table on the brief, with as many rows as fit."""
     if not cells.rows:
         return top
     height = USUAL["size"] * POINT * LEADING
@@ -319,7 +319,7 @@ def _table(
 
 
 def _line(figure: Figure, top: float, text: str, indent: float = 0.0, **look: Any) -> float:
-    """Write one line, shortened to the page's width; return the position of the next line."""
+    """Write one line on the brief, shortened to the page's width; return the next position."""
     size = float(look.get("size", USUAL["size"]))
     shortened = _shortened(text, ROOM - indent, size, str(look.get("weight", "normal")))
     _put(figure, MARGIN + indent, top, shortened, **look)
@@ -327,14 +327,14 @@ def _line(figure: Figure, top: float, text: str, indent: float = 0.0, **look: An
 
 
 def _paragraph(figure: Figure, top: float, text: str, most: int, indent: float = 0.0) -> float:
-    """Write a text in at most `most` lines; return the position of the next line."""
+    """Write a text on the brief in at most `most` lines; return the next position."""
     for line in _broken(text, ROOM - indent, USUAL["size"], most):
         top = _line(figure, top, line, indent=indent)
     return top - 0.03
 
 
 def _put(figure: Figure, x: float, top: float, text: str, **look: Any) -> None:
-    """Write a text at a position [in] without interpreting dollar signs as formulas."""
+    """Write a text on a figure at a position [in], without interpreting dollar signs."""
     if text:
         figure.text(x / WIDTH, top / HEIGHT, text, va="top", parse_math=False, **{**USUAL, **look})
 
@@ -356,7 +356,7 @@ def _broken(text: str, width: float, size: float, most: int) -> list[str]:
 
 
 def _pieces(words: Sequence[str], width: float, size: float) -> Iterator[str]:
-    """Yield words, and parts of words that are longer than a line."""
+    """Yield words, with those longer than a line split into parts."""
     for word in words:
         while _width(word, size) > width:
             count = next(

@@ -108,7 +108,7 @@ def side_by_side_figure(record: Row, bands: xr.Dataset, ax: Any = None) -> Panel
 
 
 def _columns() -> tuple[Column, ...]:
-    """Return columns for the intervals of A, B and A - B, and for the probability P(A > B)."""
+    """Return the columns of a comparison of two runs: intervals of A, B and A - B, P(A > B)."""
     return (
         *(Column(run, partial(_interval, key=run.lower())) for run in RUNS),
         Column("A - B", partial(_interval, key="difference")),
@@ -123,7 +123,7 @@ def _interval(row: Row, key: str) -> str:
 
 
 def probability_text(row: Row) -> str:
-    """Format P(A > B) to three digits; `prior` where a run has only prior information."""
+    """Format the probability P(A > B) to three digits, or as `prior`."""
     if row.get("of_prior"):
         return "prior"
     value = row["probability"]
@@ -241,5 +241,5 @@ def watch_table(settings: Mapping[str, Any], entries: Any) -> Table:
 
 
 def _damping(reading: Mapping[str, Any]) -> float | None:
-    """Return the damping ratio of a reading at the first amplitude, in per cent."""
+    """Return the damping ratio of a watch's reading at the first amplitude, in per cent."""
     return 100 * float(np.exp(reading["values"][1])) if "values" in reading else None

@@ -54,7 +54,7 @@ def shown_text(name: object) -> str:
 
 
 def traces(ax: Axes) -> list[Trace]:
-    """Return the bands and lines of axes as plotly traces, grouped in the legend by colour."""
+    """Return the bands and lines of matplotlib axes as plotly traces."""
     drawn_traces = []
     artists: list[Any] = [*ax.collections, *ax.lines]
     for artist in artists:
@@ -88,7 +88,7 @@ def traces(ax: Axes) -> list[Trace]:
 
 
 def charts_of(tree: xr.DataTree) -> list[Chart]:
-    """Return all charts for which the result of a run has data."""
+    """Return all interactive charts for which the result of a run has data."""
     charts = []
     for draw in (_frfs, _curves, _records, _loops, _forced_loops, _groups, _backbone):
         try:
@@ -111,7 +111,7 @@ def _called(name: str, test: xr.Dataset) -> str:
 
 
 def _draw(ax: Axes, x: Any, model: Any, measured: Any, colour: str, name: str) -> None:
-    """Draw one of several tests, with all of its parts in one colour."""
+    """Draw one of several tests on an interactive chart, with all of its parts in one colour."""
     shade(ax, x, model[0], model[2], colour, "_band")
     ax.plot(x, model[1], color=colour, label="_median")
     ax.plot(x, measured, "o", color=colour, label=f"measured, {name}")
@@ -141,7 +141,7 @@ def _curves(tree: xr.DataTree) -> Drawn:
 
 
 def _records(tree: xr.DataTree) -> Drawn:
-    """Draw every record with its bands, around its largest response."""
+    """Draw every measured record with its predicted bands, around its largest response."""
     needed = ("measured", "model_band")
     for group, kind in (("sweep", "Sweep"), ("decay", "Free decay")):
         path = f"verification/{group}"
@@ -157,7 +157,7 @@ def _records(tree: xr.DataTree) -> Drawn:
 
 
 def _loops(tree: xr.DataTree) -> Drawn:
-    """Draw the loops of all levels less their secants, so that their areas are visible."""
+    """Draw the hysteresis loops of all levels less their secants, so that areas are visible."""
     needed = ("measured_y", "measured_force", "model_y", "model_force")
     for name, test in tests(tree, "validation/loops", *needed):
         ax = _blank(xlabel="displacement [mm]", ylabel=labels.LESS_SECANT)

@@ -12,7 +12,7 @@ Part = Literal["chosen", "rest", "all"]
 
 
 def selected(tests: Tests, part: Part) -> Tests:
-    """Return the chosen tests, the remaining ones, or all of them, in their order.
+    """Return the tests that a figure draws: the chosen ones, the remaining ones, or all.
 
     Raises:
         ConfigError: `part` has another value.

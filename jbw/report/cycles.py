@@ -15,7 +15,7 @@ Row = Mapping[str, Any]
 
 
 def motion_unit(largest: float, unit: str = "m") -> tuple[float, str]:
-    """Return factor and unit that show a displacement [m] or rotation [rad] above one."""
+    """Return the factor and the unit in which a displacement [m] or rotation [rad] exceeds one."""
     if unit != "rad":
         return length_unit(largest)
     return next((prefix for prefix in ANGLES if largest * prefix[0] >= 1.0), ANGLES[-1])

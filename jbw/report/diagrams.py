@@ -87,7 +87,7 @@ def oscillator(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _elements(ax: Axes, stiffness: str, *, hysteretic: bool) -> None:
-    """Draw a wall, the elements in parallel, the mass, its force and its motion."""
+    """Draw the oscillator: a wall, the elements in parallel, the mass, its force and motion."""
     ax.plot([WALL, WALL], [6.0, 10.4], **STROKE)
     for y in np.arange(6.2, 10.5, 0.5):
         ax.plot([WALL - 0.35, WALL], [y - 0.35, y], color=SOFT, lw=0.8)
@@ -232,7 +232,7 @@ def _sampled(tree: xr.DataTree, facts: xr.Dataset, step: str) -> list[StepOutcom
 
 
 def _main(tree: xr.DataTree, facts: xr.Dataset) -> list[StepOutcome]:
-    """Return the main posterior's estimates, two per line, with its mixing below."""
+    """Return the main posterior's estimates as texts, two per line, with its mixing below."""
     stored = parameters(branch(tree, "posterior"))
     shown = [
         parameter

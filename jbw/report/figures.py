@@ -162,7 +162,7 @@ class Beside(Protocol):
     """A second process that draws figures of a saved result."""
 
     def ask(self, result: Path, names: Sequence[str], files: "Files | None") -> bool:
-        """Ask for figures by name; return False if the process cannot draw them."""
+        """Ask the process for figures by name; return False if it cannot draw them."""
         ...
 
     def drawn(self) -> Mapping[str, Sequence[str]]:

@@ -8,7 +8,7 @@ FORMATS = ("png", "svg", "pdf")
 
 
 def formats_of(names: Iterable[str], source: str) -> tuple[str, ...]:
-    """Return the named formats, each once; `source` tells error messages where the names are given.
+    """Return the named file formats, each once; raise an error for an unknown one.
 
     Raises:
         ConfigError: A name is no format.

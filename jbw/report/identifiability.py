@@ -162,7 +162,7 @@ def quantities_table(summary: Row, quantities: Names) -> Table:
 
 
 def _waterfall(summary: Row) -> str:
-    """Return a sentence on the final costs of the fit's starts, once if all are equal."""
+    """Return a sentence on the final costs of the fit's starts."""
     costs = (summary.get("waterfall") or {}).get("costs") or []
     if len(costs) < 2:
         return ""
@@ -171,7 +171,7 @@ def _waterfall(summary: Row) -> str:
 
 
 def _shift(row: Row, quantities: Names) -> str:
-    """Return the shift of a mean with the box in sds, and the bound that causes it."""
+    """Return how far a parameter's mean follows its prior box [sd], and which bound moves it."""
     shift = row["box_sensitivity"]
     if shift is None or not shift.get("box"):
         return NOTHING
@@ -180,7 +180,7 @@ def _shift(row: Row, quantities: Names) -> str:
 
 
 def _interval(row: Row) -> str:
-    """Return the interval of a profile as text, with the word "open" for an open end."""
+    """Return the interval of a profile likelihood as text; an open end has no number."""
     profile = row["profiles"]
     if profile is None:
         return NOTHING

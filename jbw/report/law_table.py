@@ -10,7 +10,7 @@ from jbw.report.text import NOTHING
 
 
 def law_order(record: Mapping[str, Any]) -> list[str]:
-    """Return the names of the laws: the preferred law first, then the others by score."""
+    """Return the names of compared laws: the preferred law first, then the others by score."""
     worst = -float("inf")
 
     def rank(name: str) -> tuple[bool, float]:

@@ -110,7 +110,7 @@ def draw_loop(ax: Axes, test: xr.Dataset, slope: float) -> None:
 
 
 def closed(y: Curve, force: Curve) -> tuple[Ring, Ring]:
-    """Return a cycle whose first point is repeated at its end."""
+    """Return a closed cycle of a loop: its first point is repeated at its end."""
     return np.append(y, y[0]), np.append(force, force[0])
 
 
@@ -155,7 +155,7 @@ def verification_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def draw_forced_loop(ax: Axes, test: xr.Dataset) -> None:
-    """Draw a forced loop with its model; the band stretch by stretch between turning points."""
+    """Draw a prescribed loop: measured force, and the model's band between turning points."""
     y = MILLI * np.asarray(test["displacement"], float)
     low, median, high = quantiles(test, "model_force") / KILO
     for i, part in enumerate(monotone(y)):
@@ -168,7 +168,7 @@ def draw_forced_loop(ax: Axes, test: xr.Dataset) -> None:
 
 
 def monotone(y: Curve, least: float = 0.05) -> list[NDArray[np.intp]]:
-    """Return the stretches between turning points more than `least` of the range apart."""
+    """Return the stretches of a displacement between its main turning points."""
     turns = [find_peaks(sign * y, prominence=least * np.ptp(y))[0] for sign in (1.0, -1.0)]
     ends = [0, *np.sort(np.concatenate(turns)), y.size - 1]
     return [np.arange(a, b + 1) for a, b in pairwise(ends)]

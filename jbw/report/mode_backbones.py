@@ -85,7 +85,7 @@ def _draw_bands(column: Panels, of_mode: xr.Dataset) -> None:
 
 
 def _beside(of_mode: xr.Dataset, quantity: str) -> tuple[str, tuple[str, str]]:
-    """Return the name of the additional curve for a quantity, and the labels of both curves."""
+    """Return the name of the second curve of a mode's backbone, and the labels of both curves."""
     other = f"{quantity}_in_full_stick"
     if other in of_mode:
         return other, (labels.MEDIAN_FREE, labels.MEDIANS_STUCK)
@@ -93,7 +93,7 @@ def _beside(of_mode: xr.Dataset, quantity: str) -> tuple[str, tuple[str, str]]:
 
 
 def mode_columns(ax: Any, num_modes: int) -> tuple[Panels, list[Panels]]:
-    """Return all axes, and three axes per mode; beyond three modes in several lines."""
+    """Return the axes of a figure with three panels per mode, and the panels of each mode."""
     if ax is not None:
         axes = panels(ax, 3, num_modes, height=HEIGHT)
         return axes, list(axes.T)

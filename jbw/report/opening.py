@@ -35,7 +35,7 @@ ABSENT = "no_joint"  # finding that replaces the first sentence
 
 
 def opening(summary: Summary, tree: xr.DataTree) -> list[str]:
-    """Return the sentences on a run and its doubts; empty if summary or tree lacks them."""
+    """Return the opening sentences on a run: effect of the joint, errors, limits, next step."""
     steps = summary.get("steps") or {}
     if summary.get("main") not in steps or not summary.get("verdict"):
         return []

@@ -157,7 +157,7 @@ def _figures(summary: Mapping[str, Any], drawn: Mapping[str, DrawnFigure]) -> di
 
 
 def _groups(drawn: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the figures by group, in the order of the groups, without empty groups."""
+    """Return the page's figures by group, without empty groups."""
     groups = (
         {"id": f"figures-{name}", "title": title, "drawn": [
             figure for figure in drawn if figure["entry"].group == name]}
@@ -180,7 +180,7 @@ def _statements(part: Any, quantities: Names) -> list[str]:
 
 
 def _inputs(hashes: Mapping[str, str]) -> dict[str, Any]:
-    """Return the common folder of all input files, and the rest of the path and hash of each."""
+    """Return the common folder of a run's input files, with each file's path and hash."""
     paths = sorted(hashes)
     folders = {os.path.dirname(path) for path in paths}
     folder = os.path.commonpath(folders) if folders and "" not in folders else ""

@@ -150,7 +150,7 @@ def peaks_of(spectra: dict[str, ShownSpectrum]) -> list[Peak]:
 def _together(
     peaks: Sequence[tuple[float, float, str]],
 ) -> Iterator[list[tuple[float, float, str]]]:
-    """Yield groups of peaks that belong to one mode: each peak is close to the one before."""
+    """Yield groups of spectral peaks that belong to one mode."""
     mode: list[tuple[float, float, str]] = []
     for peak in sorted(peaks):
         if mode and peak[0] > (1 + APART) * mode[-1][0]:
@@ -173,7 +173,7 @@ def _band(before: float, centre: float, after: float) -> tuple[float, float]:
 
 
 def _powers(record: Record, *, is_driven: bool) -> tuple[Lines, Lines, Lines]:
-    """Return frequencies [Hz], and the powers of response and source there (1 without source)."""
+    """Return a record's frequencies [Hz], and its powers of response and source there."""
     freq = np.fft.rfftfreq(record.num_samples, 1 / record.fs)[1:]
     response = _power(record.channels[record.response])
     source = _power(record.channels[record.source]) if is_driven else np.ones_like(freq)
@@ -181,7 +181,7 @@ def _powers(record: Record, *, is_driven: bool) -> tuple[Lines, Lines, Lines]:
 
 
 def _power(samples: Float[np.ndarray, " time"]) -> Lines:
-    """Return squared spectral lines of samples minus their mean, each averaged over its neighbours.
+    """Return the power spectrum of samples, averaged over neighbouring lines.
 
     Missing samples are replaced by zero.
     """
@@ -200,7 +200,7 @@ def _of_curves(test: Test) -> ShownSpectrum:
 
 
 def shown(spectrum: ShownSpectrum) -> ShownSpectrum:
-    """Return the largest line of each stretch of a spectrum, so that no peak is lost."""
+    """Thin a spectrum for display: keep the largest line of each stretch."""
     width = -(-len(spectrum.size) // NUM_SHOWN)
     starts = range(0, len(spectrum.size), width)
     largest = [start + int(np.argmax(spectrum.size[start : start + width])) for start in starts]

@@ -103,7 +103,7 @@ def _densities(
 
 
 def _density(ax: Axes, posteriors: Sequence[tuple[ShownPosterior, PosteriorParameter]]) -> None:
-    """Draw one parameter: prior as 1, posteriors relative to it, 99 % intervals below."""
+    """Draw the densities of one parameter relative to its prior, with 99 % intervals below."""
     draws = np.concatenate([parameter.draws.reshape(-1) for _, parameter in posteriors])
     span = (float(np.nanmin(draws)), float(np.nanmax(draws)))
     low, high = next(
@@ -215,7 +215,7 @@ def _cloud(
 def marginal_density(
     draws: Float[np.ndarray, "..."], box: tuple[float, float] | None
 ) -> tuple[Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
-    """Return the kernel density sum phi((x - x_i) / h) / (n h) of draws, reflected at their box."""
+    """Return the kernel density of draws, reflected at the bounds of their prior box."""
     # h = 0.9 min(s, IQR / 1.34) n^(-1/5): Silverman, Density Estimation (1986), eq. (3.31).
     values = np.asarray(draws, float).reshape(-1)
     values = values[np.isfinite(values)]

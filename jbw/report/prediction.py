@@ -37,7 +37,7 @@ LOOKS = {
 
 
 def prediction(name: str, dataset: xr.Dataset) -> Panels:
-    """Draw the bands of `jbw.verification.predict` by the report's figure for such a test."""
+    """Draw the bands of a predicted test, by the report's figure for such a test."""
     if "axis" in dataset.attrs:
         apart = {name: dataset}
         if "unit" in dataset.coords:  # Groups in several units cannot share an axis.
@@ -59,7 +59,7 @@ def prediction(name: str, dataset: xr.Dataset) -> Panels:
 
 
 def _tree(group: str, datasets: dict[str, xr.Dataset]) -> xr.DataTree:
-    """Return a result tree that contains only the given datasets."""
+    """Return a result tree that contains only the given predictions."""
     safe = {name.replace("/", "\N{DIVISION SLASH}"): dataset for name, dataset in datasets.items()}
     return xr.DataTree.from_dict(
         {f"/verification/{group}/{n}": dataset for n, dataset in safe.items()}

@@ -32,7 +32,7 @@ Samples = Float[np.ndarray, " time"]
 def extremes(
     time: Samples, lower: Samples, upper: Samples, count: int | None = COLUMNS
 ) -> tuple[Float[np.ndarray, " bin"], Float[np.ndarray, " bin"], Float[np.ndarray, " bin"]]:
-    """Return minima of `lower` and maxima of `upper` in `count` stretches; unchanged for None."""
+    """Return the extremes of a band in `count` stretches of time, for drawing a long record."""
     if count is None:
         return time, lower, upper
     size = max(1, -(-time.size // count))
@@ -60,7 +60,7 @@ def draw_record(
     count: int | None = None,
     measured: str = "_measured",
 ) -> None:
-    """Draw a record and its bands minus the curve `less`, as extremes of `count` stretches."""
+    """Draw a record and its bands minus a curve, thinned to extremes if requested."""
     time = np.asarray(part["time"], float)
     for name, colour, label in bands_of(part):
         low, _, high = quantiles(part, name) - less

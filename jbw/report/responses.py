@@ -148,7 +148,7 @@ def _level_and_kind(test: xr.Dataset) -> str:
 
 
 def _family_of(family: list[xr.Dataset]) -> tuple[Curve, Float[np.ndarray, "3 freq"]]:
-    """Return frequencies [Hz] of the first test, with least, mean and largest of all repeats."""
+    """Return the least, mean and largest frequency response of tests of one kind and level."""
     freq = frequency(family[0])
     every = np.concatenate(
         [
@@ -275,7 +275,7 @@ def verification_groups(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def curve_columns(tests: Family) -> list[tuple[str, Family]]:
-    """Return tests of one quantity and kind together, with separate entries for each harmonic."""
+    """Group tests by quantity, kind and harmonic, for the columns of a figure."""
     groups: dict[tuple[str, str, str], Family] = {}
     for name, test in tests:
         for suffix in ("", "_3"):
@@ -439,7 +439,7 @@ def kernel_bands(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def relative_to_median(kernel: xr.Dataset, name: str) -> xr.Dataset:
-    """Return magnitudes relative to a sampler's median, and phases within half a turn of it."""
+    """Return kernel magnitudes relative to a sampler's median, and phases minus its median."""
     middle = kernel.isel(quantile=1, drop=True)
     magnitude, phase = middle[f"{name}_magnitude"], middle[f"{name}_phase"]
     relative = {}

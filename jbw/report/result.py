@@ -122,7 +122,7 @@ def node(tree: xr.DataTree, path: str) -> xr.DataTree | None:
 
 
 def branch(tree: xr.DataTree, path: str, *needed: str) -> xr.Dataset:
-    """Return the group at `path` as a dataset; raise a DataError if it or a variable is missing."""
+    """Return the group of a result at `path` as a dataset; raise a DataError if it is missing."""
     group = node(tree, path)
     if group is None:
         raise DataError(f"The result has no group /{path.strip('/')}.")
@@ -132,7 +132,7 @@ def branch(tree: xr.DataTree, path: str, *needed: str) -> xr.Dataset:
 
 
 def tests(tree: xr.DataTree, path: str, *needed: str) -> list[tuple[str, xr.Dataset]]:
-    """Return the tests under `path` with their names, by level; raise a DataError if none."""
+    """Return the tests of a result under `path`, by level; raise a DataError if none."""
     parent = node(tree, path)
     if parent is None or not parent.children:
         raise DataError(f"The result has no test under /{path.strip('/')}.")
@@ -246,7 +246,7 @@ def unit_of(values: xr.DataArray) -> str:
 
 
 def quantiles(group: xr.Dataset, name: str) -> Float[np.ndarray, "quantile ..."]:
-    """Return a band of a variable: lower end, median and upper end along the first axis."""
+    """Return a variable's band: lower end, median and upper end along the first axis."""
     return np.asarray(group[name].transpose("quantile", ...), float)
 
 

@@ -29,7 +29,7 @@ def comparison(record: Mapping[str, Any], ax: Any = None) -> Panels:
 
 
 def means(record: Mapping[str, Any], parameter: str, ax: Axes | None = None) -> Axes:
-    """Plot one parameter's mean by sampler +- 2 Monte Carlo errors, in reference deviations."""
+    """Plot one parameter's mean by sampler with Monte Carlo errors, relative to the reference."""
     here = _one_line_each(record, ax)
     truth = record["samplers"][record["reference"]]["parameters"][parameter]
     here.axvline(0.0, color=style.SOFT, lw=0.8)
@@ -90,7 +90,7 @@ def _one_line_each(record: Mapping[str, Any], ax: Axes | None) -> Axes:
 
 
 def _scaled(ax: Axes) -> None:
-    """Scale distances linearly near zero, compressed beyond, with ticks at round numbers."""
+    """Scale an axis linearly near zero and logarithmically beyond, with round ticks."""
     low, high = ax.get_xlim()
     reach = max(-low, high, NEAR)
     ax.set_xscale("symlog", linthresh=NEAR)

@@ -76,7 +76,7 @@ def panels(ax: Any, rows: int, columns: int, *, height: float, **layout: Any) ->
 def stacks(
     ax: Any, count: int, rows: int, *, height: float, **layout: Any
 ) -> tuple[Panels, list[Panels]]:
-    """Return all axes, and a stack of `rows` panels per test (`count`); `height` of a line [in]."""
+    """Return all axes of a figure, and one stack of `rows` panels for each of `count` tests."""
     # At most three stacks are side by side, but four are in two pairs; axes go row by row.
     columns = 2 if count == 4 else min(count, 3)
     lines = -(-count // columns)
@@ -94,7 +94,7 @@ def stacks(
 
 
 def finish(axes: Panels, ax: Any, below: str = "", ylabels: str | Sequence[str] = "") -> Panels:
-    """Label the lowest and the leftmost axes, place the legend and return the axes."""
+    """Label a figure's lowest and leftmost axes, place the legend and return the axes."""
     labels = [ylabels] * len(axes) if isinstance(ylabels, str) else ylabels
     for number, row in enumerate(axes):
         row[0].set_ylabel(labels[number % len(labels)] or row[0].get_ylabel())

@@ -33,7 +33,7 @@ class Column:
     only: str = ""  # "page" or "terminal" for a column that is not on both
 
     def cell(self, row: Any) -> Cell:
-        """Return the cell that the column shows for a row."""
+        """Return the cell that the column shows for a row of the table."""
         shown = self.show(row)
         return shown if isinstance(shown, Cell) else Cell(shown)
 
@@ -137,7 +137,7 @@ def print_table(screen: Any, shown: Table) -> None:
 
 
 def most_spared(shown: Table) -> int:
-    """Return the largest rank at which columns are dropped on a narrow screen."""
+    """Return the largest rank at which a table's columns are dropped on a narrow screen."""
     return max(column.spared for column in shown.columns)
 
 

@@ -55,7 +55,7 @@ def main_first(summary: Summary) -> list[tuple[str, Summary]]:
 
 
 def step_heading(name: str, summary: Summary) -> str:
-    """Return the heading of a step; it marks the main step."""
+    """Return the heading of a step of the identification; it marks the main step."""
     return step_name(name) + (" (main result)" if name == summary.get("main") else "")
 
 
@@ -95,7 +95,7 @@ def parameters_table(summary: Summary, quantities: Names, *, shown: bool = False
 
 
 def _as_shown(row: dict[str, Any]) -> dict[str, Any]:
-    """Return a parameter's numbers in the unit of the page."""
+    """Return a parameter's numbers in the unit that the page shows."""
     shown = shown_as(row["name"], str(row.get("unit") or ""))
     scaled = {key: shown.factor * row[key] for key in IN_UNIT if row.get(key) is not None}
     return {**row, **scaled, "unit": shown.unit, "suffix": shown.suffix}
@@ -200,7 +200,7 @@ def every_test(summary: Summary, tree: xr.DataTree | None = None) -> list[dict[s
 
 
 def tests_of_records(rows: Sequence[Summary]) -> dict[str, Summary]:
-    """Return for each record with a separate row, such as a free decay, the row of its test."""
+    """Return the test of each record that has a separate row, such as a free decay."""
     return {
         row["test"]: test
         for test in rows
@@ -248,7 +248,7 @@ def level_of(row: Summary) -> str:
 
 
 def _fitted(row: Summary) -> str:
-    """Return a note on partly fitted repeats, or on a test's distance beyond the fitted tests.
+    """Return a note on a test: partly fitted repeats, or its distance beyond the fitted tests.
 
     For a kind of test it names the parameters that only tests of this kind identify.
     """

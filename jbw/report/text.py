@@ -99,7 +99,7 @@ def number(value: Any, sd: Any = None, digits: int = 3) -> str:
 
 
 def interval(low: float, middle: float, high: float, sd: float = 0.2) -> str:
-    """Return a value and its interval in typed form; `sd` widths of the interval set the digits."""
+    """Return a value and its interval as typed text, with digits from the interval's width."""
     ends = [typed(number(x, sd * (high - low))) for x in (middle, low, high)]
     return f"{ends[0]} [{ends[1]}, {ends[2]}]"
 
@@ -113,7 +113,7 @@ def spread_text(draws: Any, unit: str) -> str:
 
 
 class ShownAs(NamedTuple):
-    """The displayed form of a parameter: times `factor`, in `unit`, its symbol with `suffix`."""
+    """The displayed form of a parameter: factor, unit and suffix of its symbol."""
 
     factor: float
     unit: str
@@ -121,7 +121,7 @@ class ShownAs(NamedTuple):
 
 
 def shown_as(name: str, unit: str) -> ShownAs:
-    """Return display factor and unit: ωₙ [rad/s] as ωₙ/2π in Hz, and damping ratios in per cent."""
+    """Return the displayed form of a parameter, such as Hz for rad/s and per cent for ratios."""
     if in_dialect(unit) == "rad/s":
         return ShownAs(1.0 / (2.0 * math.pi), "Hz", "/2π")
     is_ratio = unit in ("", "1") and re.match(r"zeta(_|\[|$)", name) is not None
@@ -129,7 +129,7 @@ def shown_as(name: str, unit: str) -> ShownAs:
 
 
 def length_unit(largest: float) -> tuple[float, str]:
-    """Return factor and unit that show a length [m] with digits before the point."""
+    """Return the factor and the unit in which a length [m] exceeds one."""
     return next((prefix for prefix in PREFIXES if largest * prefix[0] >= 1.0), PREFIXES[-1])
 
 

@@ -102,7 +102,7 @@ def combination(text: str, quantities: Names) -> str:
 
 
 def unseen_hysteresis(summary: Mapping[str, Any]) -> str | None:
-    """Return why a run shows no hysteresis; None where it shows it, or has no such finding."""
+    """Return the reason why a run shows no hysteresis, or None."""
     against = (summary.get("verdict") or {}).get("findings") or ()
     reasons = (row["reason"] for row in against
                if row["code"] == "no_hysteresis" and row["status"] != "ok")  # fmt: skip

@@ -29,7 +29,7 @@ Watch = Callable[[str, Any], None]
 
 
 class Interruption:
-    """The state of a stop request: whether it was made, and whether it waits for a saving."""
+    """The state of a request to stop a run, and whether the run waits for a saving to do so."""
 
     def __init__(self) -> None:
         self.asked = False
@@ -104,7 +104,7 @@ def unpack(content: bytes) -> Generation | None:
 
 
 class Checkpoint:
-    """The chains of one posterior in two files; the older one is written next.
+    """The checkpoint of one posterior's chains, in two files that are written in turn.
 
     An interruption may ask to stop after a saving. After every chunk of steps `watch` is called
     with the posterior's name and the progress of the chains.
@@ -124,7 +124,7 @@ class Checkpoint:
         self._saved, self._cost = perf_counter(), 0.0
 
     def load(self) -> dict[str, np.ndarray] | None:
-        """Return the last intact save, or None; warn of damaged files."""
+        """Return the arrays of the last intact checkpoint, or None; warn of damaged files."""
         contents = [path.read_bytes() for path in self._files if path.exists()]
         intact = sorted(
             filter(None, map(unpack, contents)), key=lambda generation: generation.number
@@ -142,18 +142,18 @@ class Checkpoint:
         return intact[-1].arrays
 
     def grown(self, so_far: Any) -> None:
-        """Pass on the progress of the chains."""
+        """Report the progress of the chains."""
         self._watch(self._name, so_far)
 
     def due(self) -> bool:
-        """Return whether to save: on a stop request, or when saving costs little of the time."""
+        """Return whether to save a checkpoint now: on a stop request, or if it is time."""
         self._interruption.waits = True
         if self._interruption.asked:
             return True
         return perf_counter() - self._saved > max(EVERY_S, self._cost / COST)
 
     def save(self, arrays: Mapping[str, np.ndarray], *, last: bool) -> None:
-        """Save plain arrays in place of the older generation, then stop if that was requested.
+        """Save a checkpoint in place of the older one, then stop the run if that was requested.
 
         Raises:
             KeyboardInterrupt: The run was asked to stop.

@@ -1,4 +1,4 @@
-"""Files that are written completely or not at all."""
+"""The writing of files, completely or not at all."""
 
 import hashlib
 import os

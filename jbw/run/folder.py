@@ -116,7 +116,7 @@ class Run:
 
     @property
     def campaign(self) -> Path:
-        """The path of the campaign file; that of the virtual rig is in the run's folder."""
+        """The path of the run's campaign file."""
         return self.folder / self.manifest.campaign
 
     def keep(self, name: str) -> Checkpoint:
@@ -124,7 +124,7 @@ class Run:
         return Checkpoint(self.folder / HIDDEN, name, self.interruption, self.watch)
 
     def note(self, manifest: Manifest) -> None:
-        """Replace the manifest by one with newly known facts."""
+        """Replace the run's manifest by one with newly known facts."""
         if manifest != self.manifest:
             write_manifest(self.folder / HIDDEN / MANIFEST, manifest)
         self.manifest = manifest
@@ -137,7 +137,7 @@ class Run:
         shutil.rmtree(self.folder / HIDDEN, ignore_errors=True)
 
     def discard(self) -> None:
-        """Remove all files of a run that began in this process and has no checkpoint yet."""
+        """Remove the folder of a run that began in this process and has no checkpoint yet."""
         if not self._fresh or list((self.folder / HIDDEN).glob("*.checkpoint")):
             return
         if [path.name for path in self.folder.iterdir()] == [HIDDEN]:

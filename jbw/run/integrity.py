@@ -14,12 +14,12 @@ MARK = "hashes"  # attribute of a posterior's file whose summary has hashes
 
 
 def sealed(summary: Mapping[str, Any], posterior: Path) -> dict[str, Any]:
-    """Return the summary with the hashes of its own content and of the posterior's file."""
+    """Return a run's summary with the SHA-256 of itself and of the posterior's file."""
     return {**summary, SEAL: {"summary": _digest(summary), posterior.name: hash_of(posterior)}}
 
 
 def unsealed(summary: Mapping[str, Any], posterior: Path) -> dict[str, Any]:
-    """Return the summary without its hashes, after checking both files against them.
+    """Check a run's summary and posterior by their SHA-256; return the summary without hashes.
 
     Runs of earlier versions have no hashes and are accepted.
 

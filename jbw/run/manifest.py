@@ -22,7 +22,7 @@ VERSIONED = ("jbw", "jax", "jaxlib", "numpyro", "blackjax", "diffrax", "optimist
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of packages that determine the draws; for jbw with its sources."""
+    """Return the versions of jbw and of all packages that determine the draws."""
     here = {name: version(name) for name in VERSIONED}
     return {**here, "jbw": f"{here['jbw']} (sources {sources_of('jbw')})"}
 
@@ -64,7 +64,7 @@ class Manifest:
 
 
 def write_manifest(path: Path, manifest: Manifest) -> None:
-    """Write a manifest with the hash of its content."""
+    """Write the manifest of a run, with the hash of its content."""
     content = {"format": FORMAT, **asdict(manifest)}
     text = json.dumps({"sha256": _digest(content), **content}, indent=1, ensure_ascii=False)
     write_whole(path, text.encode())
@@ -95,7 +95,7 @@ def _digest(content: Mapping[str, Any]) -> str:
 
 
 def with_inputs(manifest: Manifest, campaign: Path, inputs: Mapping[str, str]) -> Manifest:
-    """Return the manifest with the inputs of its campaign; raise an error if they have changed.
+    """Return a run's manifest with its campaign's inputs; raise an error if they have changed.
 
     Inputs are the SHA-256 of every data file, by its path.
     """

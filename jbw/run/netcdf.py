@@ -32,7 +32,7 @@ Scales = ChainMap[str, h5py.Dataset]  # dimension scales by name; those of outer
 
 
 def write_tree(path: Path, tree: xr.DataTree) -> None:
-    """Write a tree to a file, completely or not at all.
+    """Write a data tree to a NetCDF file, completely or not at all.
 
     Raises:
         OSError: The file cannot be written.
@@ -108,7 +108,7 @@ def _write_attributes(target: h5py.Group | h5py.Dataset, attrs: Mapping[Any, Any
 
 
 def read_tree(path: Path, *groups: str) -> xr.DataTree:
-    """Read a tree that `write_tree` or xarray wrote.
+    """Read a data tree from a NetCDF file that `write_tree` or xarray wrote.
 
     Args:
         path: The file.

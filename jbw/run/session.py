@@ -31,7 +31,7 @@ THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
 
 def prepare_process() -> None:
-    """Configure two host devices for parallel chains, float64, and a cache of compiled code.
+    """Configure JAX for every run: two host devices, float64, and a cache of compiled code.
 
     It must run before JAX starts. Compiled code is kept in the user's cache folder
     (`keep_compiled`); JAX_ENABLE_COMPILATION_CACHE=0 turns that off. Linear algebra has one thread
@@ -80,7 +80,7 @@ def give_back_after_compiling() -> None:
 
 
 def trimming(trim: Callable[[int], Any]) -> Callable[..., None]:
-    """Return a listener that calls `trim` with no margin after each long compilation."""
+    """Return a listener that gives freed memory back to the system after long compilations."""
 
     def after_compile(event: str, duration: float, **facts: str | int) -> None:
         if event == COMPILED and duration >= LONG_S:

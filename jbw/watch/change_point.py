@@ -31,7 +31,7 @@ FURTHEST = 2.0  # expected size of a change, in standard deviations of a reading
 
 
 class Belief(NamedTuple):
-    r"""The normal-inverse-Wishart belief about a run: mean, and covariance by $\nu$ and $\Psi$."""
+    r"""The normal-inverse-Wishart belief about readings since a change: mean, $\nu$ and $\Psi$."""
 
     mean: Float[np.ndarray, "*batch p"]
     kappa: Float[np.ndarray, "*runs"]  # number of readings that the knowledge of the mean equals
@@ -40,7 +40,7 @@ class Belief(NamedTuple):
 
 
 class RunLength(NamedTuple):
-    """The posterior of the present run's length after the last reading."""
+    """The posterior of the number of readings since the last change."""
 
     # Probability that the present run has r readings, r = 0..n. If a run began before the first
     # reading, the last entry is the probability that no change occurred at all.
@@ -65,7 +65,7 @@ def known_from(reference: ReferenceReadings) -> Belief:
 
 
 def after_change(reference: ReferenceReadings) -> Belief:
-    """Return the belief after a change: about the reference mean, `FURTHEST` times as wide."""
+    """Return the prior belief about readings after a change: around the reference, but wide."""
     return known_from(reference)._replace(kappa=np.array(1 / FURTHEST**2))
 
 
@@ -110,7 +110,7 @@ def run_length(
 def log_predictive(
     x: Float[np.ndarray, "*batch p"], belief: Belief
 ) -> Float[np.ndarray, "*batch length"]:
-    r"""Return the log density of a reading under each run: $t_{\nu - p + 1}$ about its mean."""
+    r"""Return the log predictive density of a reading under each belief: $t_{\nu - p + 1}$."""
     p = x.shape[-1]
     df = belief.nu - p + 1
     kappa = belief.kappa
@@ -123,7 +123,7 @@ def log_predictive(
 
 
 def updated(x: Float[np.ndarray, "*batch p"], belief: Belief) -> Belief:
-    """Return the belief about each run after one more reading."""
+    """Update the normal-inverse-Wishart belief about each run by one more reading."""
     kappa = belief.kappa
     away = x[..., None, :] - belief.mean
     mean = belief.mean + away / (kappa + 1)[..., None]
@@ -133,7 +133,7 @@ def updated(x: Float[np.ndarray, "*batch p"], belief: Belief) -> Belief:
 
 
 def _with_new_run(belief: Belief, prior: Belief) -> Belief:
-    """Return the beliefs about all runs, preceded by that about a run that begins now."""
+    """Return the beliefs about all runs of readings, after that about a run that begins now."""
     mean = np.broadcast_to(
         prior.mean[..., None, :], (*belief.mean.shape[:-2], 1, prior.mean.shape[-1])
     )

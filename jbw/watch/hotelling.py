@@ -86,7 +86,7 @@ def tail(squared: Float[np.ndarray, "*batch"], p: int, num: int) -> Float[np.nda
 
 
 def power(false_alarms: float, p: int, num: int, change: float) -> float:
-    r"""Return the probability that one reading after a change exceeds the threshold.
+    r"""Return the probability that Hotelling's test detects a change by one reading.
 
     With a change, $n_0 (n_0 - p) / (p (n_0 - 1)(n_0 + 1)) T^2$ is non-central F with $d^2 n_0 /
     (n_0 + 1)$.
@@ -102,7 +102,7 @@ def power(false_alarms: float, p: int, num: int, change: float) -> float:
 
 
 def excess_noise(covariance: Matrix, usual: Matrix) -> Matrix:
-    """Return the positive semidefinite part of a reading's covariance minus the references'."""
+    """Return the covariance by which a reading's noise exceeds the references' noise."""
     values, vectors = np.linalg.eigh(covariance - usual)
     return (vectors * np.maximum(values, 0.0)) @ vectors.T
 

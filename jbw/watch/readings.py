@@ -56,7 +56,7 @@ class RecordReading(NamedTuple):
 
 
 def names_of(amplitudes: Sequence[float], unit: str) -> list[str]:
-    """Return the name of each value of a reading, with its unit."""
+    """Return the name of each value of a watch's reading, with its unit."""
     first, *rest = [f"{a:g} {unit}" for a in amplitudes]
     names = [f"f({first}) [Hz]", f"ln zeta({first})"]
     return names + [n for a in rest for n in (f"f({a}) - f({first}) [Hz]", f"ln zeta({a})")]
@@ -84,7 +84,7 @@ def common_amplitude(test: Test) -> float:
 
 
 def reading(record: Record, test: Test, amplitudes: Sequence[float]) -> RecordReading:
-    """Read a record at given peak amplitudes of its response, with the settings of a test.
+    """Read frequency and damping of a free decay at given peak amplitudes of its response.
 
     Raises:
         DataError: The record cannot be compared: its response is another one, it does not pass the
@@ -139,7 +139,7 @@ def _table(record: Record, test: Test) -> ModeReading:
 
 
 def _compared(read: ModeReading) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
-    """Return frequencies (from the second on as differences) and ln zeta, with their covariance."""
+    """Return a reading's values, frequencies [Hz] and ln zeta, with their covariance."""
     size = len(read.hz)
     values = np.stack([read.hz, np.log(read.zeta)], axis=1).ravel()
     values[2::2] -= values[0]
@@ -151,7 +151,7 @@ def _compared(read: ModeReading) -> tuple[Float[np.ndarray, " p"], Float[np.ndar
 
 
 def _other_modes(record: Record, test: Test, amplitude: float, hz: float, zeta: float) -> float:
-    """Return the largest spectral line outside the band relative to that within it.
+    """Return the largest spectral line outside the mode's band, relative to that within it.
 
     It is that of the displacement, which makes the joint slip, while it falls by a sixth.
     """
@@ -220,7 +220,7 @@ def trend_of(
 
 
 def _require_known(fleet: xr.DataTree, amplitudes: Sequence[float], test: Test) -> None:
-    """Raise an error if some units of a fleet did not reach the displacement of the amplitudes."""
+    """Raise an error if some units of a fleet were not driven to the watched amplitudes."""
     peaks = [float(fleet[name].attrs.get("y_peak", np.nan)) for name in unit_names(fleet)]
     centre, order = _response_of(test)
     highest, reached_by_all = max(amplitudes) / centre**order, np.min(peaks)
@@ -241,7 +241,7 @@ def _readings_at(
     amplitudes: Sequence[float],
     test: Test,
 ) -> Float[np.ndarray, "draw p"]:
-    """Predict readings of new units at a torque [N m]; all torques share the same units."""
+    """Predict readings of new units at a torque [N m], from a population."""
     laws: Any = tuple(json.loads(fleet.attrs["laws"]))
     draws = new_units(population, fleet, torque)
     centre, order = _response_of(test)

@@ -65,7 +65,7 @@ class Particles(NamedTuple):
 
 
 class Update(NamedTuple):
-    """The particles after an update by one record, with its evidence and diagnostics."""
+    """The particles of a posterior after one more record, with evidence and diagnostics."""
 
     particles: Particles
     log_evidence: float  # log p(y_r | y_<r) [nats]
@@ -79,7 +79,7 @@ def particles_of(x: Float[np.ndarray, "particle d"], log_density: LogDensity) ->
 
 
 def take_in(rng: np.random.Generator, before: Particles, log_density: LogDensity) -> Update:
-    """Update particles by one record; `log_density` is that of the posterior with it [nats]."""
+    """Update the particles of a posterior by the likelihood of one more record."""
     density = log_density(before.x)
     log_weight = before.log_weight + density - before.log_density
     evidence = float(np.asarray(logsumexp(log_weight)))
@@ -94,7 +94,7 @@ def take_in(rng: np.random.Generator, before: Particles, log_density: LogDensity
 
 
 def evenly(rng: np.random.Generator, particles: Particles) -> Particles:
-    """Resample particles to equal weights; numbers of copies follow the weights to within one."""
+    """Resample particles to equal weights, systematically."""
     num = len(particles.x)
     ends = np.cumsum(np.exp(particles.log_weight))
     rows = np.searchsorted(ends / ends[-1], (rng.uniform() + np.arange(num)) / num)
@@ -203,7 +203,7 @@ def updated(
 
 
 def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
-    """Return a run's data, their single part with its weights, and the test of the records."""
+    """Return the data of a run's fitted decays, with their weights, and their test."""
     require_one_joint(campaign.joints, watch.CARRIED)
     gain = force_per_unit(campaign)
     accepted = usable(campaign.tests, campaign.settings, gain)
@@ -254,7 +254,7 @@ def _with_records(part: Decays, test: Test, records: Sequence[Record]) -> Decays
 def _density_of(
     data: Dataset, names: Sequence[str], bounds: Float[np.ndarray, "parameter two"]
 ) -> LogDensity:
-    """Return the log posterior density as a function of points, up to the run's constant."""
+    """Return a run's log posterior density as a function of points in its parameters."""
 
     def log_posterior(x: Float[np.ndarray, "particle d"]) -> Float[np.ndarray, " particle"]:
         inside = np.all((x >= bounds[:, 0]) & (x <= bounds[:, 1]), axis=1)
@@ -284,7 +284,7 @@ def _tree(
     updates: Sequence[Update],
     records: Sequence[Record],
 ) -> xr.DataTree:
-    """Return the updated draws as one chain with derived quantities, and each record's evidence."""
+    """Return the result of an update: draws as one chain, and each record's evidence."""
     posterior = xr.Dataset(
         {n: (("chain", "draw"), x[None], sampled[n].attrs) for n, x in draws.items()}
     )

@@ -153,7 +153,7 @@ def change_of(reference: ReferenceReadings, behind: Float[np.ndarray, "n p"], fi
 
 
 def _direction(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]) -> str:
-    """Return the direction of a change, such as looser, as far as the 99 % intervals show it.
+    """Return in which direction a joint has changed, such as looser, from 99 % intervals.
 
     Loosening lowers the frequency and raises the damping.
     """
@@ -167,7 +167,7 @@ def _direction(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]) -> s
 
 
 def sentence(statement: Statement, names: Sequence[str], num_reference: int) -> str:
-    """Return the sentence on a statement; `names` are those of the watched records."""
+    """Return the sentence on a watched reading: alarm, change and numbers."""
     numbers = watch.distances(
         statement.squared, statement.threshold, num_reference, statement.unchanged
     )
@@ -181,7 +181,7 @@ def sentence(statement: Statement, names: Sequence[str], num_reference: int) -> 
 
 
 def as_plain(statement: Statement) -> dict[str, Any]:
-    """Return a statement in plain values, as an entry of the log."""
+    """Return the statement on a reading as plain values for the log."""
     plain, change = statement._asdict(), statement.change
     if change is None:
         return plain
@@ -217,7 +217,7 @@ def torque_after(
 
 
 def words_of(change: TorqueChange) -> str:
-    """Return the clause on a change of torque for the end of a sentence."""
+    """Return the clause on an equivalent change of torque, for the end of a sentence."""
     after = change.after, change.low, change.high
     return watch.torque_change(
         change.before, after, within_fleet=change.inside, is_explained=change.explained

@@ -114,7 +114,7 @@ def watch(
 
 
 class _Keeper:
-    """The log of a watch while a call adds records to it."""
+    """The log of a watch, which grows while a call adds records to it."""
 
     def __init__(
         self, path: Path, settings: Entry, test: Test, say: Say, entries: Sequence[Entry],
@@ -174,7 +174,7 @@ def _stated(
 def _of_file(
     file: Path, table: TestSpec, spec: CampaignSpec, place: Path, keeper: _Keeper
 ) -> list[Entry]:
-    """Read the records of a file with the settings of the test, and return their log entries."""
+    """Read the records of a file for a watch, and return their log entries."""
     file_spec = table.model_copy(update={"files": (str(file.absolute()),), "exclude": ()})
     try:
         test = load_test(file_spec, place, per_unit=force_per_unit(spec), allow_outside=True)
@@ -193,7 +193,7 @@ def _of_file(
 
 
 def _identified(records: Sequence[Record]) -> list[tuple[str, Record]]:
-    """Return each record with the hash of its file and its place in it, so that it counts once."""
+    """Return each record with an identity, the hash of its file and its place in it."""
     count: dict[str, int] = {}
     identified = []
     for record in records:
@@ -204,7 +204,7 @@ def _identified(records: Sequence[Record]) -> list[tuple[str, Record]]:
 
 
 def _decay_test(spec: CampaignSpec, name: str | None) -> TestSpec:
-    """Return the test of free decays with the given name, or the only one."""
+    """Return the watched test of free decays: the one with the given name, or the only one."""
     decays = {test.name: test for test in spec.tests if KINDS[test.kind].is_free}
     if name is not None and name not in decays:
         raise ConfigError(
@@ -266,7 +266,7 @@ def _begun(test: Test, name: str, wishes: Wishes) -> Entry:
 
 
 def _comparable(test: Test, amplitudes: Sequence[float]) -> int:
-    """Return the number of the campaign's records that can be read at the amplitudes."""
+    """Count the campaign's records that can be read at the amplitudes of a watch."""
     count = 0
     for record in test.records:
         try:
@@ -278,7 +278,7 @@ def _comparable(test: Test, amplitudes: Sequence[float]) -> int:
 
 
 def _require_same(settings: Entry, wishes: Wishes) -> None:
-    """Raise an error if settings differ from those at the beginning of the watch."""
+    """Raise an error if requested settings differ from those at the beginning of a watch."""
     began = {
         "--amplitude": (wishes.amplitudes, tuple(settings["amplitudes"])),
         "--false-alarms": (wishes.false_alarms, settings["false_alarms"]),
@@ -313,7 +313,7 @@ def locked_log(folder: Path) -> Iterator[Path]:
 
 
 def read_log(path: Path) -> list[Entry]:
-    """Return every entry of a log, oldest first; an empty list if there is no log.
+    """Return every entry of a watch's log, oldest first; an empty list if there is no log.
 
     Raises:
         RunError: A line is no valid entry (`set_aside` removes an incomplete last line before).
@@ -339,7 +339,7 @@ def read_log(path: Path) -> list[Entry]:
 
 
 def set_aside(path: Path) -> str | None:
-    """Move a last line that a crash cut to `watch.torn`; return a warning, or None if complete."""
+    """Move an incomplete last line of a watch's log to `watch.torn`; return a warning, or None."""
     content = path.read_bytes() if path.exists() else b""
     complete, mark, torn = content.rpartition(b"\n")
     if not torn:
@@ -358,7 +358,7 @@ def set_aside(path: Path) -> str | None:
 
 
 def append(path: Path, entry: Mapping[str, Any]) -> None:
-    """Append an entry to the log by one write, which reaches the disk before this returns."""
+    """Append an entry to a watch's log by one write, which reaches the disk before this returns."""
     line = json.dumps(entry, ensure_ascii=False, allow_nan=False) + "\n"
     try:
         _append_bytes(path, line.encode())
