@@ -54,7 +54,10 @@ LINEAR = (
 
 @dataclass(frozen=True)
 class Export:
-    """The values of an exported joint, which `write_export` writes."""
+    """The values of an exported joint, which `write_export` writes.
+
+    Parameters are also stated in those other conventions that have the joint's law.
+    """
 
     about: tuple[str, ...]  # the run's verdict and the number of this draw, one line each
     joint: dict[str, float]  # parameters of the exported draw

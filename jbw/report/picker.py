@@ -200,7 +200,7 @@ def _of_curves(test: Test) -> ShownSpectrum:
 
 
 def shown(spectrum: ShownSpectrum) -> ShownSpectrum:
-    """Thin a spectrum for display: keep the largest line of each stretch."""
+    """Reduce a spectrum for display: keep the largest line of each stretch."""
     width = -(-len(spectrum.size) // NUM_SHOWN)
     starts = range(0, len(spectrum.size), width)
     largest = [start + int(np.argmax(spectrum.size[start : start + width])) for start in starts]
