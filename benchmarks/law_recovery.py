@@ -104,7 +104,10 @@ def made(truth: Truth, seed: int) -> tuple[Any, dict[str, float]]:
 
 
 def ranks(compared: LawComparison, law: str, truth: Mapping[str, float]) -> dict[str, list[float]]:
-    """Return the truth's relative rank among the true law's draws, and their sd over mean."""
+    """Return the truth's relative rank among the true law's draws, and their sd over mean.
+
+    Ranks are between 0 and 1.
+    """
     draws = scalars(compared.tree[f"laws/{law}"])
     found = {}
     for name in (name for name in truth if name in draws):

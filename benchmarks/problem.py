@@ -150,7 +150,10 @@ def indexed_tsit5_velocity(joint, u, fs, substeps: int):
 
 
 def newcomers_velocity(joint, t, u, substeps: int = 1):
-    """Return the velocity with a newcomer's diffrax: interpolated input, packed state [m/s]."""
+    """Return the velocity with a newcomer's diffrax: interpolated input, packed state [m/s].
+
+    The times of the output are requested by `ts`.
+    """
     held = diffrax.LinearInterpolation(t, u)
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(lambda t, x, _: jnp.stack(oscillate(joint, held.evaluate(t), x))),

@@ -41,6 +41,8 @@ Columns = Mapping[str, Sequence[Any] | NDArray[np.float64]]
 def chosen_programs(names: Sequence[str], result: Export) -> tuple[Program, ...]:
     """Return the simulation programs to write for: the named ones, or the usual ones for a joint.
 
+    Usual programs that cannot represent the joint are left out.
+
     Raises:
         ConfigError: A program is unknown, or cannot take the joint.
     """
@@ -90,6 +92,8 @@ def write_export(
 
 def chosen_programs_of_joints(names: Sequence[str], result: JointsExport) -> tuple[Program, ...]:
     """Return the simulation programs to write for: the named ones, or the usual ones for joints.
+
+    Usual programs that cannot represent the joints are left out.
 
     Raises:
         ConfigError: A program is unknown, or cannot take the joints.

@@ -139,7 +139,10 @@ def _poles(system: PolynomialOscillator, count: int) -> list[Complex[Array, "...
 def _summed(
     system: PolynomialOscillator, terms: Complex[Array, "..."], count: int
 ) -> Float[Array, "..."]:
-    """Sum terms over the two poles of the linear part, with their weights in h_1."""
+    """Sum terms over the two poles of the linear part, with their weights in h_1.
+
+    The poles are on the last axes, and the weights are +-1/(2j omega_d).
+    """
     weight = jnp.array([1.0, -1.0]) / (2j * _damped(system))
     for _ in range(count):
         terms = terms @ weight

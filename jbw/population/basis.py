@@ -145,7 +145,10 @@ def new_prediction(
 
 
 def _facts(population: Population, fleet: xr.DataTree, torque: float | None) -> dict[str, Any]:
-    """Return the attributes of new units from which tests are predicted."""
+    """Return the attributes of new units from which tests are predicted.
+
+    `basis_of` reads them; tests are those of all measured units, not of the new unit.
+    """
     names = unit_names(fleet)
     attrs = [fleet[name].attrs for name in names]
     seen = {}

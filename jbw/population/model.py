@@ -60,7 +60,10 @@ class UnitPosteriors(NamedTuple):
 def population_model(
     units: UnitPosteriors, design: CovariateDesign, prior: Prior, included: Any
 ) -> None:
-    """Define the NumPyro model of a population, marginal over its units."""
+    """Define the NumPyro model of a population, marginal over its units.
+
+    `included` is 1 for each unit that counts, otherwise 0.
+    """
     means, factor = population_of_units(design, prior)
     log_density = log_likelihoods(units, means, factor)
     numpyro.factor("units", jnp.sum(jnp.asarray(included) * log_density))
@@ -71,7 +74,8 @@ def population_of_units(
 ) -> tuple[Float[Array, "unit d"], Float[Array, "d d"]]:
     """Sample the parameters of a population in NumPyro; return its units' means and the root of T.
 
-    `root` is the Cholesky root of the correlations; `u` is sampled where a coordinate saturates.
+    The sites are `line` (d, covariate), `tau`, `root` (the Cholesky root of the correlations) and,
+    where a coordinate saturates, `u`.
     """
     middle, scale = jnp.asarray(prior.mean), jnp.asarray(prior.tau)
     spread = jnp.asarray(prior.sd) / scale[:, None]
@@ -150,7 +154,10 @@ def draws_of(mcmc: MCMC, key: Key[Array, ""], *args: Any) -> dict[str, np.ndarra
 
 
 def named_draws(sites: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the draws of a population's parameters by their public names."""
+    """Return the draws of a population's parameters by their public names.
+
+    They are `line`, `tau`, `scatter` and, where a coordinate saturates, `u`.
+    """
     root = sites.get("root", np.ones((*sites["tau"].shape, 1)))
     factor = sites["tau"][..., :, None] * root
     named = {name: sites[name] for name in ("line", "tau", "u") if name in sites}

@@ -73,6 +73,8 @@ def one_stage(
 ) -> dict[str, np.ndarray]:
     """Draw a population's parameters from all records of a small fleet in one stage.
 
+    The draws are `line`, `tau` and `scatter`, with axes (chain, draw).
+
     Args:
         studies: Results of `jbw.identify` for every unit, in the order of the fleet.
         population: The population from two stages, whose coordinates, covariates and priors are
@@ -118,7 +120,10 @@ def measured_units(studies: Sequence[Study], population: Population) -> list[Mea
 
 
 def joint_model(units: Sequence[MeasuredUnit], population: Population) -> None:
-    """Define the NumPyro model of a population together with the records of its units."""
+    """Define the NumPyro model of a population together with the records of its units.
+
+    `z_k` is a unit's parameters in the scale of its own posterior.
+    """
     means, factor = population_of_units(population.design, population.prior)
     for k, unit in enumerate(units):
         flat = dist.ImproperUniform(dist.constraints.real_vector, (), (len(unit.names),))

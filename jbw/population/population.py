@@ -278,7 +278,10 @@ class Pooling(NamedTuple):
 def record_of(
     fleet: xr.DataTree, pooling: Pooling, belongs: Float[np.ndarray, " unit"]
 ) -> dict[str, Any]:
-    """Return all results of a population as plain values."""
+    """Return all results of a population as plain values.
+
+    `belongs` is the result of `belonging`.
+    """
     pooled, units, design, prior, draws = pooling
     root, names = fleet.to_dataset(), unit_names(fleet)
     torque = root["torque"].values.tolist()

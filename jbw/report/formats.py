@@ -10,6 +10,8 @@ FORMATS = ("png", "svg", "pdf")
 def formats_of(names: Iterable[str], source: str) -> tuple[str, ...]:
     """Return the named file formats, each once; raise an error for an unknown one.
 
+    `source` tells error messages where the names are given.
+
     Raises:
         ConfigError: A name is no format.
     """

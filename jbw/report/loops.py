@@ -168,7 +168,10 @@ def draw_forced_loop(ax: Axes, test: xr.Dataset) -> None:
 
 
 def monotone(y: Curve, least: float = 0.05) -> list[NDArray[np.intp]]:
-    """Return the stretches of a displacement between its main turning points."""
+    """Return the stretches of a displacement between its main turning points.
+
+    Turning points that differ by less than `least` of the whole range are ignored.
+    """
     turns = [find_peaks(sign * y, prominence=least * np.ptp(y))[0] for sign in (1.0, -1.0)]
     ends = [0, *np.sort(np.concatenate(turns)), y.size - 1]
     return [np.arange(a, b + 1) for a, b in pairwise(ends)]

@@ -35,7 +35,10 @@ ABSENT = "no_joint"  # finding that replaces the first sentence
 
 
 def opening(summary: Summary, tree: xr.DataTree) -> list[str]:
-    """Return the opening sentences on a run: effect of the joint, errors, limits, next step."""
+    """Return the opening sentences on a run: effect of the joint, errors, limits, next step.
+
+    The list is empty if the summary or the tree lacks their data.
+    """
     steps = summary.get("steps") or {}
     if summary.get("main") not in steps or not summary.get("verdict"):
         return []

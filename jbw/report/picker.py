@@ -173,7 +173,10 @@ def _band(before: float, centre: float, after: float) -> tuple[float, float]:
 
 
 def _powers(record: Record, *, is_driven: bool) -> tuple[Lines, Lines, Lines]:
-    """Return a record's frequencies [Hz], and its powers of response and source there."""
+    """Return a record's frequencies [Hz], and its powers of response and source there.
+
+    Without a source its power is 1.
+    """
     freq = np.fft.rfftfreq(record.num_samples, 1 / record.fs)[1:]
     response = _power(record.channels[record.response])
     source = _power(record.channels[record.source]) if is_driven else np.ones_like(freq)

@@ -103,7 +103,10 @@ def _densities(
 
 
 def _density(ax: Axes, posteriors: Sequence[tuple[ShownPosterior, PosteriorParameter]]) -> None:
-    """Draw the densities of one parameter relative to its prior, with 99 % intervals below."""
+    """Draw the densities of one parameter relative to its prior, with 99 % intervals below.
+
+    The prior has the density 1.
+    """
     draws = np.concatenate([parameter.draws.reshape(-1) for _, parameter in posteriors])
     span = (float(np.nanmin(draws)), float(np.nanmax(draws)))
     low, high = next(

@@ -37,7 +37,10 @@ LOOKS = {
 
 
 def prediction(name: str, dataset: xr.Dataset) -> Panels:
-    """Draw the bands of a predicted test, by the report's figure for such a test."""
+    """Draw the bands of a predicted test, by the report's figure for such a test.
+
+    The bands are the result of `jbw.verification.predict`.
+    """
     if "axis" in dataset.attrs:
         apart = {name: dataset}
         if "unit" in dataset.coords:  # Groups in several units cannot share an axis.

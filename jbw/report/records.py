@@ -32,7 +32,10 @@ Samples = Float[np.ndarray, " time"]
 def extremes(
     time: Samples, lower: Samples, upper: Samples, count: int | None = COLUMNS
 ) -> tuple[Float[np.ndarray, " bin"], Float[np.ndarray, " bin"], Float[np.ndarray, " bin"]]:
-    """Return the extremes of a band in `count` stretches of time, for drawing a long record."""
+    """Return the extremes of a band in `count` stretches of time, for drawing a long record.
+
+    They are the minima of `lower` and the maxima of `upper`; with None nothing is thinned.
+    """
     if count is None:
         return time, lower, upper
     size = max(1, -(-time.size // count))
@@ -60,7 +63,10 @@ def draw_record(
     count: int | None = None,
     measured: str = "_measured",
 ) -> None:
-    """Draw a record and its bands minus a curve, thinned to extremes if requested."""
+    """Draw a record and its bands minus a curve, thinned to extremes if requested.
+
+    `less` is the subtracted curve; a record is thinned to extremes of `count` stretches.
+    """
     time = np.asarray(part["time"], float)
     for name, colour, label in bands_of(part):
         low, _, high = quantiles(part, name) - less

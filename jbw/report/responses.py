@@ -148,7 +148,10 @@ def _level_and_kind(test: xr.Dataset) -> str:
 
 
 def _family_of(family: list[xr.Dataset]) -> tuple[Curve, Float[np.ndarray, "3 freq"]]:
-    """Return the least, mean and largest frequency response of tests of one kind and level."""
+    """Return the least, mean and largest frequency response of tests of one kind and level.
+
+    They are stated at the frequencies of the first test [Hz].
+    """
     freq = frequency(family[0])
     every = np.concatenate(
         [

@@ -29,7 +29,10 @@ def comparison(record: Mapping[str, Any], ax: Any = None) -> Panels:
 
 
 def means(record: Mapping[str, Any], parameter: str, ax: Axes | None = None) -> Axes:
-    """Plot one parameter's mean by sampler with Monte Carlo errors, relative to the reference."""
+    """Plot one parameter's mean by sampler with Monte Carlo errors, relative to the reference.
+
+    Bars show +- 2 Monte Carlo errors, in standard deviations of the reference.
+    """
     here = _one_line_each(record, ax)
     truth = record["samplers"][record["reference"]]["parameters"][parameter]
     here.axvline(0.0, color=style.SOFT, lw=0.8)

@@ -76,7 +76,10 @@ def panels(ax: Any, rows: int, columns: int, *, height: float, **layout: Any) ->
 def stacks(
     ax: Any, count: int, rows: int, *, height: float, **layout: Any
 ) -> tuple[Panels, list[Panels]]:
-    """Return all axes of a figure, and one stack of `rows` panels for each of `count` tests."""
+    """Return all axes of a figure, and one stack of `rows` panels for each of `count` tests.
+
+    `height` is that of one line of stacks [in].
+    """
     # At most three stacks are side by side, but four are in two pairs; axes go row by row.
     columns = 2 if count == 4 else min(count, 3)
     lines = -(-count // columns)

@@ -113,7 +113,10 @@ def spread_text(draws: Any, unit: str) -> str:
 
 
 class ShownAs(NamedTuple):
-    """The displayed form of a parameter: factor, unit and suffix of its symbol."""
+    """The displayed form of a parameter: factor, unit and suffix of its symbol.
+
+    Values are multiplied by `factor`, and the symbol gets the `suffix`.
+    """
 
     factor: float
     unit: str
@@ -121,7 +124,10 @@ class ShownAs(NamedTuple):
 
 
 def shown_as(name: str, unit: str) -> ShownAs:
-    """Return the displayed form of a parameter, such as Hz for rad/s and per cent for ratios."""
+    """Return the displayed form of a parameter, such as Hz for rad/s and per cent for ratios.
+
+    ωₙ [rad/s] is shown as ωₙ/2π in Hz, and damping ratios in per cent.
+    """
     if in_dialect(unit) == "rad/s":
         return ShownAs(1.0 / (2.0 * math.pi), "Hz", "/2π")
     is_ratio = unit in ("", "1") and re.match(r"zeta(_|\[|$)", name) is not None

@@ -80,7 +80,10 @@ def give_back_after_compiling() -> None:
 
 
 def trimming(trim: Callable[[int], Any]) -> Callable[..., None]:
-    """Return a listener that gives freed memory back to the system after long compilations."""
+    """Return a listener that gives freed memory back to the system after long compilations.
+
+    It calls `trim` without a margin after each compilation of `LONG_S` or more.
+    """
 
     def after_compile(event: str, duration: float, **facts: str | int) -> None:
         if event == COMPILED and duration >= LONG_S:

@@ -149,7 +149,10 @@ def _tied_joints(order: Order, joint: JointPosterior, groups: Groups, attempts: 
 def run_attrs(
     tests: Sequence[Test], joint: JointPosterior, decays: Decays | None
 ) -> dict[str, Any]:
-    """Return a run's attributes that predictions need in addition to the draws."""
+    """Return a run's attributes that predictions need in addition to the draws.
+
+    `basis_of` reads them.
+    """
     posterior = joint.draws
     omega_n = float(posterior["omega_n"].mean()) if "omega_n" in posterior else 1.0
     attrs = basis_attrs(tests, joint.fitted.data, joint.held, omega_n)

@@ -429,7 +429,10 @@ def _over(second: Monomial, first: Monomial) -> Monomial:
 
 
 def of_draws(ratio: Ratio, draws: Draws) -> Float[np.ndarray, " draw"] | None:
-    """Return the draws of a law's ratio of products; None if the denominator may be zero."""
+    """Return the draws of a law's ratio of products; None if the denominator may be zero.
+
+    The result is also None if a parameter is missing.
+    """
     if not ratio.first.powers.keys() | ratio.ratio.powers.keys() <= draws.keys():
         return None
     low, _, high = np.quantile(ratio.first.of(draws), QUANTILES)

@@ -103,6 +103,8 @@ def _with_instruments(recorded: xr.Dataset, wide: xr.Dataset) -> dict[str, xr.Da
 def for_use(once: Once, campaign: Campaign, keep: Keep, report: Report) -> Study:
     """Identify a campaign twice: first with some tests held out, then with all tests fitted.
 
+    `once` makes one identification.
+
     The posterior is that of all tests. The tests that the first fit held out determine whether the
     model is adequate, which the second fit can no longer show.
     """

@@ -19,7 +19,10 @@ PARAMETERS = ("unit", "mean", "sd", "cv", "q005", "q995", "map", "kl", "ess_bulk
 
 
 def parameter_frame(record: Mapping[str, Any], step: str | None) -> "DataFrame":
-    """Return a data frame with one row per parameter of a step of the identification."""
+    """Return a data frame with one row per parameter of a step of the identification.
+
+    The main step is used when `step` is None.
+    """
     steps = record.get("steps") or {}
     name = record.get("main") if step is None else step
     if name not in steps:

@@ -198,7 +198,10 @@ def _waterfall(costs: NDArray[np.float64]) -> str:
 
 
 def as_group(found: Identifiability) -> xr.Dataset:
-    """Return the group /identifiability of a run's result."""
+    """Return the group /identifiability of a run's result.
+
+    Shorter profiles end with NaN.
+    """
     directions, names = found.information.directions, list(found.information.names)
     products = [product.name for product in found.products]
     texts, power, ratio, loadings = (

@@ -253,6 +253,8 @@ def response_of(
 ) -> Complexes:
     """Return the response [unit] to a load, from the displacement relative to the force's phase.
 
+    Displacements y are in m, with phases relative to the force.
+
     Under a force the modes outside the band add to the response. On a moving base the response is
     the absolute acceleration of the point. All arrays have the shape (draw, any).
     """

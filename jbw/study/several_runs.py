@@ -145,7 +145,10 @@ def _trends(
     draws: Sequence[Float[np.ndarray, "what draw place"]],
     amplitude: Float[np.ndarray, " place"],
 ) -> list[dict[str, Any]]:
-    """Return the changes of frequency and damping per doubling of torque, over several runs."""
+    """Return the changes of frequency and damping per doubling of torque, over several runs.
+
+    The list is empty if torques are missing or do not differ.
+    """
     torques = [run["torque"] for run in runs]
     if None in torques or len({*torques}) < 2:
         return []

@@ -263,7 +263,10 @@ def step_record(
 
 
 def _predictions(tree: xr.DataTree) -> dict[str, Any]:
-    """Return the coverage and errors of each test's prediction, and of a linear oscillator's."""
+    """Return the coverage and errors of each test's prediction, and of a linear oscillator's.
+
+    A number is None if it is unknown.
+    """
     predictions = {}
     for kind, name, test in verified(tree, "nrmse"):
         attrs = test.attrs

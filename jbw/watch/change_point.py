@@ -65,7 +65,10 @@ def known_from(reference: ReferenceReadings) -> Belief:
 
 
 def after_change(reference: ReferenceReadings) -> Belief:
-    """Return the prior belief about readings after a change: around the reference, but wide."""
+    """Return the prior belief about readings after a change: around the reference, but wide.
+
+    Its mean has a standard deviation of `FURTHEST` times that of a reading.
+    """
     return known_from(reference)._replace(kappa=np.array(1 / FURTHEST**2))
 
 

@@ -79,7 +79,10 @@ def particles_of(x: Float[np.ndarray, "particle d"], log_density: LogDensity) ->
 
 
 def take_in(rng: np.random.Generator, before: Particles, log_density: LogDensity) -> Update:
-    """Update the particles of a posterior by the likelihood of one more record."""
+    """Update the particles of a posterior by the likelihood of one more record.
+
+    `log_density` is that of the posterior with the record [nats].
+    """
     density = log_density(before.x)
     log_weight = before.log_weight + density - before.log_density
     evidence = float(np.asarray(logsumexp(log_weight)))

@@ -167,7 +167,10 @@ def _direction(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]) -> s
 
 
 def sentence(statement: Statement, names: Sequence[str], num_reference: int) -> str:
-    """Return the sentence on a watched reading: alarm, change and numbers."""
+    """Return the sentence on a watched reading: alarm, change and numbers.
+
+    `names` are those of the watched records.
+    """
     numbers = watch.distances(
         statement.squared, statement.threshold, num_reference, statement.unchanged
     )

@@ -89,6 +89,8 @@ def shrunken(
 class Scattered(NamedTuple):
     """The posterior of one coordinate with unknown variation: a mixture over tau, by population.
 
+    The leading axes are populations.
+
     Attributes:
         tau: Nodes of the quadrature.
         weight: Posterior probability of each node.

@@ -60,6 +60,8 @@ class OfJoints(NamedTuple):
 class Program(NamedTuple):
     """A simulation program to which a joint can be exported.
 
+    `jbw.export.exports` has the register of all programs.
+
     Attributes:
         name: Name of the program for `--to`.
         title: Displayed name of the program.
