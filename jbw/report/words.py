@@ -142,7 +142,7 @@ def identified_words(summary: Mapping[str, Any], quantities: Names) -> list[str]
         size = abs(summary["steps"][summary["main"]]["parameters"][name]["cv"])
         meaning = quantity(name, quantities).meaning.partition(",")[
             0
-        ]  # of a product without formula
+        ]  # The meaning of a product is shown without its formula.
         share = percent(size, digits=2).replace(" ", "\N{NO-BREAK SPACE}")
         facts_text = ", ".join(filter(None, (share, meaning)))
         groups.setdefault(grade, []).append(f"{symbol(name, quantities)} ({facts_text})")

@@ -348,7 +348,7 @@ def set_aside(path: Path) -> str | None:
     try:
         _append_bytes(
             torn_path, torn + b"\n"
-        )  # first kept, then cut: a crash between leaves it twice
+        )  # The line is saved before it is cut: after a crash in between it exists twice.
         with path.open("rb+") as stream:
             stream.truncate(len(complete) + len(mark))
             os.fsync(stream.fileno())
