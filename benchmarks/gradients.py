@@ -23,7 +23,7 @@ import jbw
 COLUMNS = {"route": "", "parameters": "d", "min, ms": ".3f", "median, ms": ".3f"}
 COLUMNS |= {"/ own forward": ".2f", "/ jbw, 1 step": ".2f", "error of J1": ".0e"}
 COLUMNS |= {"error of J2": ".0e", "compile, s": ".1f"}
-# step relative to a parameter, the best compromise between truncation and rounding
+# Step relative to a parameter, the best compromise between truncation and rounding.
 RELATIVE_STEP = 1e-5
 
 Velocity = Callable[[jax.Array], jax.Array]

@@ -30,7 +30,7 @@ REPEATS = (2, 4, 8, 16, 32, 64)
 LEVELS = (1, 2, 4, 8, 16)
 CHAINS = (1, 2, 4, 8, 16, 32, 64)
 NAMES = ("omega_n", "zeta", "alpha", "delta", "gamma")
-# number of samples in the records of the likelihoods
+# Number of samples in the records of the likelihoods.
 RECORD = 4096
 NOISE = 1e-3
 # A smaller change of slope is noise of the timing.

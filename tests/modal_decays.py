@@ -14,7 +14,7 @@ STATED = Structured(modes=HZ)
 OMEGA, ZETA = 2 * np.pi * np.array(HZ), np.array([2.5e-3, 3.0e-3])
 H, P = np.array([1.0, -0.8]), np.array([1.0, -1.3])
 ALPHA, DELTA, GAMMA = 0.2 * OMEGA[0] ** 2, 340.0, 90.0
-# true parameters by the names that a campaign gives them
+# True parameters by the names that a campaign gives them.
 TRUTH = {
     "omega_n": OMEGA[0], "zeta": ZETA[0], "alpha": ALPHA, "delta": DELTA, "gamma": GAMMA,
     "omega_2": OMEGA[1], "zeta_2": ZETA[1], "shape_2": 0.8, "coupling_2": 1.3 * 0.8**2,

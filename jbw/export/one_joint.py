@@ -44,7 +44,7 @@ NUM_AMPLITUDES = 100
 MARKS = tuple(f"q{1000 * q:03.0f}" for q in QUANTILES)
 NAMES = ("frequency", "damping", "force")  # quantities of the backbone
 COLUMNS = ("frequency_hz", "damping_ratio", "force_n")
-# the parts of the whole joint in addition to the parameters of its laws
+# The parts of the whole joint in addition to the parameters of its laws.
 LINEAR = (
     Quantity("mass", "m", "kg", "modal mass", 0.0),
     Quantity("spring", "k", "N/m", "stiffness of the spring beside the laws"),
@@ -73,7 +73,7 @@ class Export:
     products: dict[str, float]  # products of this draw, which weak motion determines
     mass: float  # modal mass [kg]
     y_max: float  # largest displacement [m]
-    # parameters of the whole joint; if empty, those of one mode's joint
+    # Parameters of the whole joint; if empty, those of one mode's joint.
     quantities: tuple[Quantity, ...] = ()
     force_unit: str = "N"
     motion_unit: str = "m"  # unit of the displacement across the joint

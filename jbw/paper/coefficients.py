@@ -238,7 +238,7 @@ def closed_loop_stiffness(
         alpha: Stiffness of the hysteretic part [1/s^2].
         delta: Softening of the hysteresis [1/m].
         y_peak: Largest displacement Y [m].
-        gamma: Opening of the loop [1/m]; 0, which the print takes, when left out.
+        gamma: Opening of the loop [1/m]; the default 0 is that of the printed equation.
 
     Returns:
         lambda_3 [1/(m^2 s^2)].

@@ -147,7 +147,7 @@ def third_harmonic(
             that `steady_loop` states.
 
     Reference:
-        Eq. (29), replaced: the third harmonic of the loop itself, which knows gamma.
+        Eq. (29), replaced: the third harmonic of the loop itself, which depends on gamma.
 
     Examples:
         The formula agrees with harmonic balance away from a third of the resonance:

@@ -16,7 +16,7 @@ from jbw.population.unit import GAIN
 
 STRUCTURE = ("omega_n", "zeta")
 NUM_KEPT = 400  # draws of a unit, evenly spaced among all of its draws
-# share of a unit's posterior beyond the bounds of its prior, above which it is not pooled
+# Share of a unit's posterior beyond the bounds of its prior, above which it is not pooled.
 CUT = 0.01
 # sd of a logarithm up to which a unit determines what the products of its law leave open
 KNOWN = 0.2

@@ -35,7 +35,7 @@ from jbw.study.study import Study
 
 logger = logging.getLogger("jbw")
 NUM_WARMUP, NUM_SAMPLES = 500, 1000
-# times the upper bound: the least value, since a bound of zero or less has no logarithm
+# Times the upper bound: the least value, since a bound of zero or less has no logarithm.
 LEAST = 1e-6
 
 

@@ -80,7 +80,7 @@ Draws = dict[str, np.ndarray]
 ODD = 0.01  # probability, to be divided by the number of units, below which a unit does not belong
 # A unit's own sd relative to the variation, above which its normal summary represents it.
 OWN = 2.0
-# correlation of torque and tightening number above which their effects cannot be separated
+# Correlation of torque and tightening number above which their effects cannot be separated.
 TOGETHER = 0.95
 Record = Mapping[str, Any]
 

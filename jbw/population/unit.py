@@ -35,19 +35,19 @@ class Unit(NamedTuple):
 
     name: str
     laws: tuple[str, ...]
-    # draws of each quantity in its unit, all chains in one row
+    # Draws of each quantity in its unit, all chains in one row.
     draws: Mapping[str, NDArray[np.float64]]
     quantities: Mapping[str, Quantity]  # unit, symbol and meaning of each of these names
-    # bounds of the uniform prior of each sampled parameter
+    # Bounds of the uniform prior of each sampled parameter.
     bounds: Mapping[str, tuple[float, float]]
     scatter: Mapping[str, float]  # sd over runs within the unit, relative to the mean
     record: Mapping[str, Any]  # its summary.json
     # Campaign, folder, source, largest fitted displacement y_peak [m], settings of predictions.
     origin: Mapping[str, Any]
-    # draws of the source's gain, or its fixed value; None where unknown
+    # Draws of the source's gain, or its fixed value; None where unknown.
     gain: NDArray[np.float64] | None
     noise: Mapping[str, float]  # noise of every group of data, by the group's label
-    # draws of the residual terms, which represent other modes
+    # Draws of the residual terms, which represent other modes.
     terms: Mapping[str, NDArray[np.float64]]
 
     @property

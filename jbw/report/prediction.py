@@ -24,7 +24,7 @@ from jbw.report.result import level_text, near_branch, quantiles, unit_of, unwra
 from jbw.report.style import Panels, finish, log_y, panels, plain, shade, title
 from jbw.report.text import axis_label
 
-# variables that a figure of the report needs, the group that it reads, and the figure
+# Variables that a figure of the report needs, the group that it reads, and the figure.
 FIGURES: tuple[tuple[set[str], str, Callable[..., Panels]], ...] = (
     ({"measured", "error_spectrum"}, "multisine", verification_multisine),
     ({"measured_force", "model_force"}, "loop", verification_loops),

@@ -11,7 +11,7 @@ from jbw.report.messages import opening
 from jbw.report.text import NOTHING, Names, number, percent, quantity, raised, symbol
 
 KINDS = {"ok": "good", "failed": "bad"}
-# names in sentences that belong to no parameter
+# Names in sentences that belong to no parameter.
 SPELLED = {
     **{f"lambda_{n}": f"λ{digit}" for n, digit in enumerate("₀₁₂₃")},
     **{"ess_bulk": "bulk ESS", "ess_tail": "tail ESS", "r_hat": "R-hat"},
@@ -19,7 +19,7 @@ SPELLED = {
 UNCOUNTED = "noise_std"
 TRUNCATED = "at_bound"  # finding on a parameter whose interval ends at a bound
 LINEAR_NAMES = frozenset(quantity.name for quantity in (*STUCK, *RESIDUAL_TERMS))
-# laws whose displayed name is not their own name
+# Laws whose displayed name is not their own name.
 LAWS = {"bouc_wen": "Bouc-Wen oscillator", "cubic": "cubic spring", "jenkins": "Jenkins array"}
 
 

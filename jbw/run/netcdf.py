@@ -18,7 +18,7 @@ from xarray.conventions import encode_cf_variable, encode_dataset_coordinates
 from jbw.run.files import put_whole
 
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."
-# prefix of a variable with the name of a dimension but other dimensions
+# Prefix of a variable with the name of a dimension but other dimensions.
 RENAMED = "_nc4_non_coord_"
 OF_LAYOUT = {
     "CLASS", "NAME", "REFERENCE_LIST", "DIMENSION_LIST", "_Netcdf4Dimid", "_Netcdf4Coordinates",

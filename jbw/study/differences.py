@@ -61,7 +61,7 @@ from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
 NUM_DRAWS = 1000  # of each run, which makes a million pairs
 NUM_CARRIED = 200  # draws of each run for the backbone
 GRID = np.linspace(0.05, 1.0, 20)  # times the largest displacement that both runs fitted
-# indices into GRID: 10 %, 25 %, 50 %, 75 % and 100 % of its largest displacement
+# Indices into GRID: 10 %, 25 %, 50 %, 75 % and 100 % of its largest displacement.
 TOLD = (1, 4, 9, 14, 19)
 SURE = 0.995  # one-sided probability, so that 0 is outside the 99 % interval of the difference
 INPUT = "gain"  # A property of the source and its unit, not of the joint.

@@ -13,7 +13,7 @@ from jbw.report.result import BACKBONE, FREE_LAW, branch, node
 if TYPE_CHECKING:  # The import takes half a second.
     from pandas import DataFrame
 
-# suffixes of the columns for the lower end, the median and the upper end of a 99 % band
+# Suffixes of the columns for the lower end, the median and the upper end of a 99 % band.
 ENDS = ("low", "", "high")
 PARAMETERS = ("unit", "mean", "sd", "cv", "q005", "q995", "map", "kl", "ess_bulk", "r_hat")
 

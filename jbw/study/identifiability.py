@@ -38,7 +38,7 @@ from jbw.observables.dataset import stacked
 from jbw.report.messages import identified
 
 logger = logging.getLogger("jbw")
-# relative to the best cost: a start that ends within this distance found the optimum
+# Relative to the best cost: a start that ends within this distance found the optimum.
 REACHED = 0.01
 NOTHING = 0.05  # of cost: a difference of chi-square of 0.1 prefers neither optimum
 Column = tuple[str | tuple[str, str], Any, str]  # dimensions, values, unit
@@ -49,7 +49,7 @@ class Identifiability:
     """The identifiability of parameters and products: how well the data constrain them."""
 
     fitted: Fitted  # the fit and the data to which it was fitted
-    # products of parameters that are examined together with the parameters
+    # Products of parameters that are examined together with the parameters.
     products: tuple[Product, ...]
     information: Information  # the spectrum of the information before sampling
     profiles: dict[str, Profile]  # the profile of every parameter, where profiles were requested

@@ -27,7 +27,7 @@ from jbw.verification.grade import judged
 from jbw.verification.verify import predicted_tests, prediction_findings
 
 logger = logging.getLogger("jbw")
-# keys from the seed: for the paper's steps and the joint posterior; parts of the latter's key
+# Keys from the seed: for the paper's steps and the joint posterior; parts of the latter's key.
 NUM_KEYS, NUM_PARTS = 16, 5
 
 

@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 logger = logging.getLogger("jbw")
-# ratio of the standard deviation of repeats to their mean, above which they are no repeats
+# Ratio of repeats' standard deviation to the rms of their mean, above which they are no repeats.
 CHANGED = 0.5
 # A record that cannot be read raises one of these; it is named, and the others are read.
 UNREADABLE = (DataError, ValueError, np.linalg.LinAlgError)
@@ -71,11 +71,12 @@ MEANING = {
     "frequency_sd": "standard deviation of frequency",
     "damping_sd": "standard deviation of damping",
 }  # fmt: skip
-# relative change of secant stiffness over equal cycles; smaller changes are a rig's own variation
+# Relative change of secant stiffness over equal cycles; smaller changes are a rig's own variation.
 WORN = 0.02
-# of half width and of damping; noise that leaves a resonance readable cannot change them so much
+# Of half width and of damping; noise that leaves a resonance readable cannot change them so much.
 CLEAR = 0.2
-RISES = 1e-3  # Chance that records' offsets correlate with their order, or with runs, by accident.
+# Chance below which records' offsets depend on their order, or on runs, and not by accident.
+RISES = 1e-3
 ORDERED = 4  # Fewest records for which a dependence on their order is tested.
 PLATEAU = 3  # Fewest readings below an onset that show the structure to be linear there.
 
@@ -192,7 +193,7 @@ def look_groups(looked: Look, fitted: Mapping[str, bool] | None = None) -> "dict
         if response is not None:
             attrs = {"units": response.unit, "long_name": "displacement over source"}
             variables["response"] = ("freq", response.magnitude, attrs)
-            # the coordinate of the response
+            # The coordinate of the response.
             variables["freq"] = ("freq", response.freq_hz, {"units": "Hz"})
         columns_read = {
             key: row[key] for key in ("test", "kind", "level", "drive") if row[key] is not None

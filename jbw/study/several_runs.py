@@ -7,7 +7,7 @@ $$b = \frac{\sum_i (x_i - \bar x)\,q_i}{\sum_i (x_i - \bar x)^2},$$
 
 which is the change per doubling of the torque where x is the binary logarithm. Where the chi-square
 of the residuals from the line is improbable, the runs vary independently of torque, and the
-interval of the slope also contains Student's interval from that variation.
+interval of the slope is widened, in quadrature, by Student's interval from that variation.
 """
 
 from collections.abc import Mapping, Sequence
@@ -81,7 +81,7 @@ def side_by_side(folders: Sequence[Path]) -> SideBySide:
         for name, i, basis in zip(names, order, bases, strict=True)
     ]
     draws = [_along(basis, amplitude) for basis in bases]
-    # axes: run, quantile, quantity, amplitude
+    # Axes: run, quantile, quantity, amplitude.
     bands = np.array([np.quantile(x, QUANTILES, axis=1) for x in draws])
     backbones = _dataset(bands, names, amplitude)
     record = {

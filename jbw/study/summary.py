@@ -41,7 +41,7 @@ ERRORS = (
     "nrmse_cubic", "extrapolation",
 )  # fmt: skip
 
-# steps with a prior that includes the densities stated by a campaign
+# Steps with a prior that includes the densities stated by a campaign.
 OF_ALL = ("joint", "decay")
 
 

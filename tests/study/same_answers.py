@@ -57,7 +57,7 @@ COLUMNS = {
     "_n_m": "N/m", "_ns_m": "N s/m", "_hz": "Hz", "damping_ratio": PURE, "force_n": "N", "_m": "m",
 }  # fmt: skip
 TABLES = ("backbone", "loop", "skeleton")  # of an export, whose columns end in their unit
-# numbers that are not compared, with the reason
+# Numbers that are not compared, with the reason.
 NOT_COMPARED = {
     "wall_time_s": "how long this machine took",
     **dict.fromkeys(("versions", "sources"), "of packages, not of the data"),

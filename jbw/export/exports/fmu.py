@@ -36,7 +36,7 @@ from jbw.report.messages import study as messages
 
 DESCRIPTION = messages.FMU
 COMPILERS = ("cc", "gcc", "clang")
-# folder of the binaries by version and system, with the suffix of shared libraries
+# Folder of the binaries by version and system, with the suffix of shared libraries.
 SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("win", ".dll")}
 MACHINES = {"x86_64": "x86_64", "amd64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
 BASE = {"kg": {"kg": 1}, "m": {"m": 1}, "s": {"s": 1}, "rad": {}, "1": {},

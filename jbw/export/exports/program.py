@@ -291,5 +291,5 @@ ENVIRONMENT.filters |= {
     "wrapped": wrapped,
     "modelica": in_modelica,
 }
-# nodes and weights on [0, 1] for the law whose force is an integral
+# Nodes and weights on [0, 1] for the law whose force is an integral.
 ENVIRONMENT.globals["legendre"] = tuple(zip(*(x.tolist() for x in UNIT_RULE), strict=True))
