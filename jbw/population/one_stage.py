@@ -35,7 +35,7 @@ from jbw.study.study import Study
 
 logger = logging.getLogger("jbw")
 NUM_WARMUP, NUM_SAMPLES = 500, 1000
-# Times the upper bound: the least value, since a bound of zero or less has no logarithm.
+# Smallest lower bound relative to the upper one, since zero has no logarithm.
 LEAST = 1e-6
 
 

@@ -17,7 +17,7 @@ ANYWHERE = 5.0  # sd of the mean logarithm of all units
 SCATTER = {"omega_n": 5e-3, "zeta": 0.3}
 SLOPE = {"omega_n": (0.0, 0.05), "zeta": (0.0, 0.5)}
 JOINT_SCATTER, JOINT_SLOPE = 0.5, (-1.0, 1.0)
-# For a law's own parameters, whose trends have either sign, depending on the load path.
+# Prior slope of a law's own parameters, whose trend has either sign, depending on the load path.
 PARAMETER_SLOPE = (0.0, 1.0)
 # sd of a slope on ln of the tightening number, relative to the variation between units
 BEDDING = 0.3

@@ -25,7 +25,7 @@ NUM_AMPLITUDES = 48
 # Bands extend from the smallest amplitude divided by this to the largest one times this.
 REACH = 3.0
 BEYOND = 1.25  # times the largest amplitude, where a sentence states the bands
-# Of the inflation of variances: readings then vary 1.4 times as much as their errors.
+# Inflation of variances above which readings vary 1.4 times as much as their errors state.
 SCATTERED = 2.0
 
 

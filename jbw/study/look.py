@@ -73,7 +73,7 @@ MEANING = {
 }  # fmt: skip
 # Relative change of secant stiffness over equal cycles; smaller changes are a rig's own variation.
 WORN = 0.02
-# Of half width and of damping; noise that leaves a resonance readable cannot change them so much.
+# Change relative to half width or damping, above what noise causes in a readable resonance.
 CLEAR = 0.2
 # Chance below which records' offsets depend on their order, or on runs, and not by accident.
 RISES = 1e-3
@@ -193,7 +193,7 @@ def look_groups(looked: Look, fitted: Mapping[str, bool] | None = None) -> "dict
         if response is not None:
             attrs = {"units": response.unit, "long_name": "displacement over source"}
             variables["response"] = ("freq", response.magnitude, attrs)
-            # The coordinate of the response.
+            # This is the coordinate of the response.
             variables["freq"] = ("freq", response.freq_hz, {"units": "Hz"})
         columns_read = {
             key: row[key] for key in ("test", "kind", "level", "drive") if row[key] is not None
