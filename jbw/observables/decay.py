@@ -131,7 +131,7 @@ class Decays(Envelopes):
             partial(first_values, self),
             amplitude_curve=curve,
             amplitude_readings=curve,
-            y_peak=float(self.y_start),
+            y_peak=max(begins),
             begins=dict(zip(self.groups.labels, begins, strict=True)),
         )
 

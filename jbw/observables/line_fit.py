@@ -28,6 +28,7 @@ from jbw.quantities import DEFAULT_LAWS
 
 MOST = 6.0  # rms: amplitudes beyond have a share of 1e-8
 NUM_NODES = 24
+LARGEST = float(np.sqrt(-2 * np.log(0.01)))  # rms: 99 % of the peaks of narrow-band noise are less
 MARGIN = 0.05  # of the joint's shift of a reading: a standard deviation for what is left out
 READ = ("omega_n", "zeta", "gain")
 LEAST_LINES = 2  # of an oscillator: three unknowns, two numbers a line
@@ -108,10 +109,10 @@ class LineReading(KnownReading):
         return whitened[None, :, 0], whitened[:, 1:].T[None], -jnp.sum(jnp.log(jnp.diag(root)))
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return what was read, and the rms displacement of the random motion [m]."""
+        """Return the readings, and the amplitude that 99 % of the motion's peaks stay below."""
         values = {name: float(x) for name, x in zip(READ, np.asarray(self.mean)[0], strict=True)}
         gain_std = float(np.sqrt(np.asarray(self.covariance)[2, 2]))
-        return Shown(lambda: values, gain_std=gain_std, y_peak=float(self.y_rms))
+        return Shown(lambda: values, gain_std=gain_std, y_peak=float(LARGEST * self.y_rms))
 
 
 def _equivalent(

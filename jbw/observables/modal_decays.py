@@ -171,6 +171,7 @@ class ModalDecays(Decays):
                 first_values=values,
                 amplitude_curve=curve,
                 amplitude_readings=curve,
+                y_peak=float(self.y_start),
                 peaks_of_modes=peaks,
             )
         )

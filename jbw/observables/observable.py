@@ -67,7 +67,7 @@ class Shown(NamedTuple):
         amplitude_readings: Frequency and damping, too coarse to start a fit from: a point a level.
         stiffness: Force over prescribed displacement [N/m]; None where it was not prescribed.
         gain_std: Standard deviation of the starting value of the gain; infinite if not known.
-        y_peak: Largest displacement [m], of noise its rms; 0 where it was not measured.
+        y_peak: Largest displacement [m], in noise that of 99 % of its peaks; 0 if not measured.
         begins: Displacement that each free decay begins with [m], by run.
         peaks_of_modes: Largest displacement [m] about each of several modes, where measured.
         axis: Name and unit of what values stand over in figures.

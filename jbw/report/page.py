@@ -20,6 +20,7 @@ from jbw.report.charts import CurvePoints, charts_of, decimated, shared_limit, s
 from jbw.report.cycles import cycles_table
 from jbw.report.figures import FIGURE_LIST, GROUPS, DrawnFigure, ReportFigure, draw_figures
 from jbw.report.identifiability import directions_table, quantities_table
+from jbw.report.load_section import LoadSection
 from jbw.report.messages import opening as messages
 from jbw.report.opening import lead, opening
 from jbw.report.result import laws_of, names_of
@@ -55,17 +56,25 @@ def write_page(
     tree: xr.DataTree,
     path: Path,
     drawn: Mapping[str, DrawnFigure] | None = None,
+    loads: LoadSection | None = None,
 ) -> None:
     """Write the report of a run to a file, completely or not at all."""
-    write_whole(path, render_page(summary, tree, drawn).encode())
+    write_whole(path, render_page(summary, tree, drawn, loads).encode())
 
 
 def render_page(
-    summary: Mapping[str, Any], tree: xr.DataTree, drawn: Mapping[str, DrawnFigure] | None = None
+    summary: Mapping[str, Any],
+    tree: xr.DataTree,
+    drawn: Mapping[str, DrawnFigure] | None = None,
+    loads: LoadSection | None = None,
 ) -> str:
     """Return the report of a run as HTML; every name that comes from a file is escaped.
 
-    Figures in `drawn`, by name, are used; others are drawn here.
+    Args:
+        summary: Summary of the run.
+        tree: Result tree of the run, with all groups.
+        drawn: Figures that have been drawn before, by name; others are drawn here.
+        loads: Predictions under other loads, if the run has any.
     """
     quantities, look = names_of(tree, summary), summary.get("look") or {}
     identifiability = summary.get("identifiability") or {}
@@ -82,6 +91,7 @@ def render_page(
         look={"statements": [], "seen": []} | look,
         **_figures(summary, drawn or draw_figures(tree)),
         predictions=tables.table_of_tests(summary, tree),
+        loads=loads,
         directions=directions_table(identifiability, quantities),
         quantities=quantities_table(identifiability, quantities),
         identified=identified_words(summary, quantities),

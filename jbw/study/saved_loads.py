@@ -1,6 +1,5 @@
 """The storage of predictions under other loads in a folder: numbers, CSV files and figures."""
 
-import re
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -9,18 +8,33 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from jbw.report.load_section import POSTERIOR
 from jbw.report.loads import load_figure
+from jbw.report.messages import loads as messages
 from jbw.run.netcdf import write_tree
 from jbw.study.store import Write, save_outputs, write_figure, write_json
 from jbw.verification.places import safe
 
 
 def save_loads(
-    folder: Path, found: Mapping[str, xr.Dataset], rows: Sequence[Mapping[str, Any]]
+    folder: Path,
+    found: Mapping[str, xr.Dataset],
+    rows: Sequence[Mapping[str, Any]],
+    posterior: str | None = None,
 ) -> None:
-    """Write loads.nc, loads.json, a CSV file per prediction and figures/, completely or not."""
-    tree = xr.DataTree.from_dict({f"/{safe(name)}": dataset for name, dataset in found.items()})
-    slugs = {name: re.sub(r"[^\w.-]+", "_", name) for name in found}
+    """Write loads.nc, loads.json, a CSV file per prediction and figures/, completely or not.
+
+    Args:
+        folder: The output folder.
+        found: Predictions by the names of their loads.
+        rows: Single numbers, for loads.json.
+        posterior: SHA-256 of the file of the posterior that predicts; a run's report shows
+            only predictions by its own posterior.
+    """
+    named = {f"/{safe(name)}": dataset.assign_attrs(load=name) for name, dataset in found.items()}
+    tree = xr.DataTree.from_dict(named)
+    tree.attrs = {} if posterior is None else {POSTERIOR: posterior}
+    slugs = {name: messages.slug_of(name) for name in found}
 
     def draw(figures: Path) -> None:
         figures.mkdir()

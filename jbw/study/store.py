@@ -16,6 +16,7 @@ import xarray as xr
 from jbw.errors import RunError
 from jbw.parts import ENDING, KeptParts, Parts, digest_of
 from jbw.report.figures import Beside, Files, draw_figures, figure_of
+from jbw.report.load_section import load_section
 from jbw.report.messages.run import REPEAT, going_on
 from jbw.report.page import write_page
 from jbw.report.prediction import prediction
@@ -163,7 +164,7 @@ def save_report(
             files = Files(part / "figures", formats) if formats else None
             process = None if beside is None else (beside, folder / "posterior.nc")
             drawn = draw_figures(tree, files, process)
-            write_page(summary, tree, part / "report.html", drawn)
+            write_page(summary, tree, part / "report.html", drawn, load_section(folder))
     except Exception as error:
         raise RunError(
             f"The report of {folder} failed: {type(error).__name__}: {error}",
