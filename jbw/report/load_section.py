@@ -1,4 +1,4 @@
-"""Predictions under other loads on the page of a run: their table and their figures."""
+"""The section of a run's page on predictions under other loads: table and figures."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,17 +16,17 @@ from jbw.report.text import NOTHING, number
 from jbw.run.files import hash_of
 from jbw.run.netcdf import read_tree
 
-FOLDER, FILE = "predictions", "loads.nc"  # where `jbw predict` writes
-POSTERIOR = "posterior_sha256"  # attribute: hash of the posterior that predicts
+FOLDER, FILE = "predictions", "loads.nc"  # place of the output of `jbw predict`
+POSTERIOR = "posterior_sha256"  # attribute: SHA-256 of the posterior that predicts
 
 
 class LoadSection(NamedTuple):
-    """Predictions under other loads, as the page of a run shows them.
+    """The predictions under other loads in the form that the page of a run shows.
 
     Attributes:
-        remark: A sentence on what the bands contain, or on why nothing is shown.
-        table: Single numbers with their 99 % intervals.
-        figures: One a prediction, each as the page's macro `picture` needs it.
+        remark: Sentence on what the bands contain, or on why nothing is shown.
+        table: Scalar results with their 99 % intervals.
+        figures: One figure per prediction, each as the page's macro `picture` needs it.
     """
 
     remark: str
@@ -35,9 +35,9 @@ class LoadSection(NamedTuple):
 
 
 def load_section(run: Path) -> LoadSection | None:
-    """Return the section on loads that were predicted with a run's posterior; None without any.
+    """Return the section on loads predicted with a run's posterior; None without predictions.
 
-    Predictions with an earlier posterior of the run are named, and not shown.
+    If an earlier posterior of the run made the predictions, the section names them only.
     """
     path = run / FOLDER / FILE
     if not path.is_file():
@@ -50,7 +50,8 @@ def load_section(run: Path) -> LoadSection | None:
         rows = [row for name, dataset in found.items() for row in load_rows(name, dataset)]
         figures = [_picture(name, dataset) for name, dataset in found.items()]
         remark = messages.contains(next(iter(found.values())).attrs)
-    except (OSError, KeyError, ValueError, StopIteration):  # damaged: the report itself is whole
+    # The predictions are damaged, but not the rest of the report.
+    except (OSError, KeyError, ValueError, StopIteration):
         return LoadSection(messages.unreadable_loads(str(run)), load_table([]))
     return LoadSection(remark, load_table(rows), figures)
 
@@ -63,7 +64,9 @@ def _picture(name: str, dataset: xr.Dataset) -> dict[str, Any]:
     slug = f"load_{messages.slug_of(name)}"
     figure = figure_of(load_figure(name, dataset))
     try:
-        drawn = Markup(svg(figure, slug))  # our own drawing of numbers, its texts are outlines
+        # The SVG is jbw's own drawing with texts as outlines, so that it is safe to insert
+        # unescaped.
+        drawn = Markup(svg(figure, slug))
     finally:
         plt.close(figure)
     entry = ReportFigure(slug, slug, load_figure, messages.heading(name), "")
@@ -71,7 +74,7 @@ def _picture(name: str, dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def load_rows(name: str, dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """Return the 99 % bands of all scalar results of a load, one row per quantity and level."""
+    """Return rows of a load's scalar results with 99 % bands, one per quantity and level."""
     rows = []
     for key, values in dataset.data_vars.items():
         if values.dims not in (("quantile",), ("quantile", "level")):
@@ -89,7 +92,7 @@ def load_rows(name: str, dataset: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def load_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Return the table of scalar results, one line for each quantity that has a value."""
+    """Return the table of scalar results, with one line for each quantity that has a value."""
     return table(
         "",
         [row for row in rows if row["median"] == row["median"]],

@@ -1,4 +1,4 @@
-"""The tests of a campaign before anything is fitted: usable, looked at, split."""
+"""The tests of a campaign before any fit: checked, read without a model, split."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -15,12 +15,13 @@ from jbw.study.look import Look, look_quietly
 
 
 class PreparedTests(NamedTuple):
-    """The tests of a campaign, before anything is fitted.
+    """The tests of a campaign before any fit.
 
     Attributes:
-        measured: Tests that are fitted and held out, Step 2, and what the model is made of.
-        look: What the records say without a model.
-        sentences: On every test that cannot be used, and on laws that readings proposed.
+        measured: Fitted and held-out tests, the linear regime (Step 2), and the ingredients of the
+            model.
+        look: Readings of the records without a model.
+        sentences: Sentences on tests that cannot be used, and on laws that the readings propose.
     """
 
     measured: Measured
@@ -29,10 +30,10 @@ class PreparedTests(NamedTuple):
 
 
 def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTests:
-    """Return the tests that can be used, a look at them without a model, and what each step takes.
+    """Return the usable tests, their readings without a model, and the data of each later step.
 
-    All of this comes before anything is sampled: what is wrong with a record then costs no result.
-    A campaign that states no law gets the best of those that its readings propose.
+    This precedes all sampling, so that an error in a record costs no result. A campaign that states
+    no law gets the best one of those that its readings propose.
     """
     gain = force_per_unit(campaign)
     several = campaign.joints is not None
