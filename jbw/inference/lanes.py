@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 LANES = 32  # points that one compiled call evaluates in parallel
+FIT_LANES = 16  # the same in a fit: enough for the differences of seven parameters on both sides
 # Event of background work, which is set once its result is no longer needed.
 _GIVEN_UP: ContextVar[Event | None] = ContextVar("given_up", default=None)
 

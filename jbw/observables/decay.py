@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.inference.groups.offsets import Estimate
+from jbw.inference.lanes import FIT_LANES
 from jbw.measurement.readings.statement import curve_of
 from jbw.measurement.resonances import AmplitudeCurve
 from jbw.observables.decay_drift import LeftOutDecay, left_out_decay
@@ -49,6 +50,8 @@ class Decays(Envelopes):
     several: ClassVar[bool | None] = False
     unread: ClassVar[Mapping[str, Any]] = {"centre_hz": 0.0, "readings": None}
 
+    solution: Complex[Array, " step"] | None = eqx.field(kw_only=True, default=None)
+
     @property
     def fraction(self) -> Float[Array, ""]:
         """The fraction of independent values among the values of a record that counts."""
@@ -56,8 +59,22 @@ class Decays(Envelopes):
 
     def matches(self, theta: Theta) -> Match:
         """Match each record to the joint's decay; fields have a leading axis of records."""
-        decay = decay_of(theta, self)
+        decay = decay_of(theta, self) if self.solution is None else self.solution
         return jax.vmap(lambda envelope: match(decay, envelope, self.step_s))(self.mean)
+
+    def solved(
+        self,
+        theta: Mapping[str, Float[np.ndarray, " point"]],
+        threads: int,
+        *,
+        writes: bool,
+        rows: Float[np.ndarray, "group row value"] | None = None,
+    ) -> Self | None:
+        """Return the decays with the simulated decay at points, from one program for all uses."""
+        only_simulated = replace(self, mean=None, groups=None, shift_std=None, **self.unread)
+        return replace(
+            self, laws=(), solution=_decays_of(jax.device_put(dict(theta)), only_simulated)
+        )
 
     def predict(self, theta: Theta) -> Complex[Array, "record step"]:
         """Predict each record's envelope at its best initial state and frequency shift."""
@@ -206,6 +223,13 @@ def decay_of(theta: Theta, data: Envelopes) -> Complex[Array, " step"]:
     return _logarithm(jax.lax.complex(parts[0], parts[1]), data)
 
 
+@eqx.filter_jit
+def _decays_of(
+    theta: Mapping[str, Float[Array, " point"]], data: Envelopes
+) -> Complex[Array, "point step"]:
+    return jax.vmap(lambda point: decay_of(point, data))(dict(theta))
+
+
 def _exponential(joint: Oscillator, data: Envelopes) -> Complex[Array, " step"]:
     r"""Return the filtered decay of a structure without a joint, in closed form.
 
@@ -234,6 +258,9 @@ def _logarithm(envelope: Complex[Array, " step"], data: Envelopes) -> Complex[Ar
 
 def matched(theta: Theta, data: Decays) -> Match:
     """Return every record matched at one point of the parameters, compiled."""
+    lanes = {name: np.full(FIT_LANES, float(value)) for name, value in theta.items()}
+    if (solved := data.solved(lanes, 1, writes=True)) is not None:
+        data = replace(solved, solution=solved.solution[0])
     return _matched(theta, alone(data))
 
 

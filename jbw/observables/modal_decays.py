@@ -135,6 +135,9 @@ class ModalDecays(Decays):
             bands_hz=tuple(bands_of(modes.hz, test)),
         )
 
+    def solved(self, *points: Any, **asked: Any) -> None:
+        """Return None: of several modes no part is solved by itself."""
+
     def matches(self, theta: Theta) -> Any:
         """Return every record at its best start, one after another; a leading axis of records."""
         structure = structure_of(theta, self.laws)

@@ -23,6 +23,7 @@ from jbw.inference.fit.fitting import (
     real,
 )
 from jbw.inference.lanes import (
+    FIT_LANES,
     Evaluate,
     Solved,
     at_points,
@@ -41,7 +42,6 @@ STEP = 1e-5  # difference in the search coordinate (0 to 1): error 1e-10, roundi
 WIDEST = 0.02
 SAME, SETTLED, MOST_WIDENINGS = 1.2, 1.02, 12  # ratios of standard errors; most rounds
 UNIFORM = 12.0  # precision of a uniform prior on the unit cube
-LANES = 16  # enough for the differences of seven parameters on both sides
 OUT_OF_REACH = 1e100  # residuals of this size are rejected, before their squares overflow
 NEAR_ZERO = 0.01  # share of the upper bound from which the search is logarithmic
 LOPSIDED = 0.5  # largest size of a negative lower bound over the upper bound
@@ -255,7 +255,7 @@ def rows_of(residual: Residual, box: Box, data: PyTree) -> Evaluate:
     """Return a function from search points to rows of residuals; NaN where out of reach."""
 
     def evaluate(points: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, "point value"]:
-        rows = at_points(_real_of, parameters_at(points, box), (residual, data), lanes=LANES)
+        rows = at_points(_real_of, parameters_at(points, box), (residual, data), lanes=FIT_LANES)
         return np.where(np.abs(rows) < OUT_OF_REACH, rows, np.nan)
 
     return evaluate
