@@ -49,9 +49,9 @@ class Structure(eqx.Module):
     For one joint, h and p are arrays with one number per mode and the laws are one tuple: then x, r
     and the laws' memories have no axis of joints. With h_1 = p_1 = 1 the laws have the meaning and
     the units that they have for mode 1 alone; that choice is the caller's. A field is an array with
-    one number per mode, or one number for one mode. For J joints, h has one row and the laws have
-    one tuple per joint. By reciprocity p is h transposed if the modal masses are one; this is
-    assumed where p is None. For a batch of structures use `jax.vmap`.
+    one number per mode, or one number for one mode. For several joints, h has one row per joint and
+    the laws are one tuple per joint. By reciprocity p is h transposed if the modal masses are one;
+    this is assumed where p is None. For a batch of structures use `jax.vmap`.
 
     Attributes:
         omega_n: Natural frequencies with stuck joints [rad/s]; 0 is allowed where a mode moves no
