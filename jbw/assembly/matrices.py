@@ -75,7 +75,7 @@ class MatrixModel:
 
     @property
     def massless(self) -> np.ndarray:
-        """The rows whose mass is zero throughout."""
+        """The numbers of the rows (degrees of freedom) without mass."""
         return np.flatnonzero(abs(self.mass).sum(axis=0) == 0)
 
     def __repr__(self) -> str:
@@ -189,7 +189,7 @@ def _sparse(matrix: Any) -> Sparse:
 
 
 def _symmetrised(name: str, matrix: Sparse, dofs: Sequence[Dof]) -> tuple[Sparse, str]:
-    """Return the symmetric part, and a sentence if that changed more than round-off."""
+    """Return a matrix's symmetric part, and a sentence if that changed more than round-off."""
     size = np.sqrt(np.abs(matrix.diagonal()))
     largest = max(float(size.max()), float(np.sqrt(abs(matrix).max())) if matrix.nnz else 0.0)
     size[size == 0.0] = largest or 1.0
@@ -298,7 +298,7 @@ def modal_damping(
 def _of_form(
     damping: Sparse, mass: Sparse, stiffness: Sparse, across: np.ndarray
 ) -> np.ndarray | None:
-    """Fit a, b and d_j by least squares; return None if the residual of C exceeds round-off."""
+    """Fit a damping matrix by mass, stiffness and dashpots; None if the residual is too large."""
     size = np.sqrt(np.abs(stiffness.diagonal()))
     scale = sp.diags_array(1 / np.where(size > 0, size, 1.0))
     weights = sp.csc_array(across)

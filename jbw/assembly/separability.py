@@ -48,7 +48,7 @@ class InseparablePair(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JointSeparability:
-    """The separability B of some modes and joints, and its consequences.
+    """The matrix B of modes and joints, which determines the joints that the modes can separate.
 
     Attributes:
         modes: Indices of the modes, the rows of B.
@@ -69,7 +69,7 @@ class JointSeparability:
 
     @property
     def over_largest(self) -> Float[np.ndarray, "mode joint"]:
-        """B with every row divided by its largest entry, for tables."""
+        """The separability matrix B with every row divided by its largest entry, for tables."""
         return self.participation / self.participation.max(axis=1, keepdims=True)
 
     def loss_shares(self, opening: Sequence[float] | np.ndarray) -> np.ndarray:

@@ -111,9 +111,10 @@ class ForcedCurve:
 
 
 def least_omega(loops: EquivalentLoops) -> Values:
-    """Return the frequency of least G [rad/s], where the curve of this amplitude peaks.
+    """Return the frequency [rad/s] at which a force response curve peaks at this amplitude.
 
-    It is NaN where the equivalent stiffness permits no resonance.
+    The function G has its minimum there. The frequency is NaN where the equivalent stiffness
+    permits no resonance.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         omega = np.sqrt(loops.stiffness)
@@ -216,7 +217,7 @@ def _needed(table: LoopTable) -> Values:
 
 
 def _crossing(needed: Values, level: Values) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
-    """Return the first node beyond a level's peak, and whether there is such a peak."""
+    """Return the first table node beyond a level's peak, and True if there is such a peak."""
     below = needed[:, None] < level[..., None]
     first = np.argmax(~below, axis=-1)
     found = below[..., 0] & ~below[..., -1] & np.isfinite(_at(needed, first))

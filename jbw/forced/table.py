@@ -27,9 +27,9 @@ class LoopTable:
         return np.exp(self.log_y)
 
     def loops(self, y: Values) -> EquivalentLoops:
-        """Return stiffness and loss by cubic interpolation, of shape (draw, *any).
+        """Return equivalent stiffness and loss at amplitudes y, by cubic interpolation.
 
-        They are NaN beyond the nodes.
+        The shape is (draw, *any); values are NaN beyond the nodes.
         """
         count = self.log_y.shape[1]
         shape, position = y.shape, np.log(y).reshape(y.shape[0], -1)

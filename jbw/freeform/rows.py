@@ -60,7 +60,7 @@ class ReadingRows(NamedTuple):
 
     @property
     def values(self) -> Reals:
-        """The stiffness and the loss, one after the other."""
+        """The stiffness and loss of all readings as one array, stiffness first."""
         return np.concatenate([self.stiffness, self.loss])
 
     @property

@@ -66,7 +66,7 @@ class Decays(Envelopes):
         return self.mean - self.matches(theta).residual
 
     def compared(self, values: Any) -> Float[Array, "record value"]:
-        """Return real parts, then imaginary parts, then 0 in place of the record's shift."""
+        """Return envelopes in compared form: real, then imaginary parts, then 0 for the shift."""
         return jnp.pad(super().compared(values), ((0, 0), (0, 1)))
 
     def misfit(self, theta: Theta) -> Float[Array, "record value"]:
@@ -257,7 +257,7 @@ class Beginning(NamedTuple):
     rate: Float[Array, ""]
 
     def moved(self, change: Float[Array, " own"]) -> Entry:
-        """Return the entry after a change of log amplitude, phase and shift."""
+        """Return the record's entry after given changes of log amplitude, phase and shift."""
         place, phase, shift = self.entry
         return Entry(place + change[0] / self.rate, phase + change[1], shift + change[2])
 

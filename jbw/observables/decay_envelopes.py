@@ -242,7 +242,7 @@ def _first_entry(
     steps: Float[Array, " sample"],
     step_s: float,
 ) -> Entry:
-    """Estimate the entry: place from the amplitude at a quarter, then shift and phase."""
+    """Estimate a record's entry: place from the amplitude at a quarter, then shift and phase."""
     quarter = len(envelope) // 4
     size = jnp.mean(jnp.log(jnp.abs(envelope[max(quarter - 3, 0) : quarter + 4])))
     grid = jnp.arange(len(decay), dtype=float)

@@ -24,7 +24,7 @@ def concrete(values: Any) -> Any:
 
 
 class SingleRecords(NamedTuple):
-    """The records of every group one by one; zero after a group's last.
+    """The single records of every group, in arrays with zeros after a group's last record.
 
     Attributes:
         mean: Mean of the repeats of each record, in the form of `Observable.mean`.

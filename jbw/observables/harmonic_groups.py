@@ -49,7 +49,7 @@ class MeasuredHarmonic(NamedTuple):
 
     @property
     def values(self) -> Complex[np.ndarray, " value"]:
-        """The mean of the repeats."""
+        """The mean of the measured values over the repeats."""
         return self.repeats.mean(axis=0)
 
 
@@ -171,7 +171,7 @@ def _points(repeats: list, omega: float, delay: float) -> NDArray[np.complex128]
 
 
 def _span(fs: float, start: float, stop: float) -> slice:
-    """Return the samples between two times [s]."""
+    """Return the slice of samples between two times [s]."""
     return slice(round(start * fs), round(stop * fs))
 
 

@@ -96,7 +96,10 @@ class LineReading(KnownReading):
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 read"], Float[Array, "1 own read"], Float[Array, ""]]:
-        """Return residual and directions in standard deviations, and minus their log product."""
+        """Return residual and directions over their standard deviations, and a log-density term.
+
+        The term is minus the logarithm of the product of the standard deviations.
+        """
         predicted = self.predict(theta)
         linear = jnp.stack([theta[name] for name in READ])
         # The covariance of effects that the average over amplitudes neglects is added to the line

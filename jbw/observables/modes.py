@@ -71,7 +71,7 @@ class Modes(NamedTuple):
 
     @property
     def held(self) -> dict[str, float]:
-        """The fixed parameters: signs, which start as positive, and measured shapes."""
+        """The fixed parameters of the modes: signs, which start positive, and measured shapes."""
         if self.meet != "common":
             return dict(self.numbers)
         signs = {names.sign: 1.0 for names in self.names}

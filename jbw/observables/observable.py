@@ -254,7 +254,7 @@ class Observable(eqx.Module):
 
 
 class KnownReading(Observable):
-    """Readings of known covariance that were made before, as one group: a prior density."""
+    """Readings with known covariance, made before the fit, as one group: a prior density."""
 
     def whitened(
         self, theta: Theta

@@ -27,7 +27,7 @@ def guesses(theta: Mapping[str, Array], data: Observable) -> Float[Array, " leve
 
 @eqx.filter_jit
 def _guesses(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"]:
-    """Return the counts of `guesses`, compiled."""
+    """Return how often each level's memory of reversals was too short, compiled."""
 
     def one(source: HeldInput) -> Array:
         return motion_under(theta, source, data.fs, **data.solving).guesses

@@ -1,4 +1,4 @@
-"""Compared samples: their lines in a band, and their prediction from the joint."""
+"""Record samples as they are compared: their lines in a band, and prediction from the joint."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

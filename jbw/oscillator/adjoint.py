@@ -70,7 +70,7 @@ def _states(substeps: int, every: int, stepping: Stepping, initial: State) -> Tr
 
 
 def packed(stepping: Stepping, state: State) -> State:
-    """Return a state in the layout of the time loop."""
+    """Return an oscillator's state in the layout of the time loop, with stacked reversals."""
     y, v, memory = state
     return y, v, pack_memories(stepping.step.laws, memory)
 
@@ -247,7 +247,7 @@ def _kinked(step: ExactStep, before: State, after: State, push: Push) -> Bool[Ar
 
 # -- the linear system -----------------------------------------------------------------------------
 def _right_hand_side(first: Carriers, stepping_dot: Pushed, num_states: int) -> _Tangents:
-    """Assemble the tangents of the initial state, of the step's constants and of the pushes."""
+    """Assemble the right-hand side of the tangents' linear system."""
     step, push = stepping_dot.step, stepping_dot.push
     # JAX transposes a linear solve only if its whole right-hand side depends on the transposed
     # input.
@@ -349,7 +349,7 @@ def _before(step: ExactStep, at: Any, x_bar: Carriers) -> tuple[Carriers, ExactS
 
 
 def _stepped(kinks: Kinks, start: State, step: ExactStep, x: Carriers, push: Push) -> Carriers:
-    """Return the carriers after a step that starts from given carriers."""
+    """Return the variables that carry tangents (carriers) after a step from given ones."""
     return _split(step.laws, advance(step, _joined(step.laws, start, x), push, kinks=kinks))
 
 

@@ -51,7 +51,7 @@ class MeasuredResponse(NamedTuple):
 
 
 class Motions(NamedTuple):
-    """The results of all lanes: responses, peaks, and sums over the compared samples.
+    """The results of all oscillators: responses, peaks, and sums over the compared samples.
 
     Attributes:
         response: Displacement [m], velocity [m/s] or acceleration [m/s^2] at the samples; None if
@@ -107,7 +107,7 @@ class _Span(NamedTuple):
 
 
 class MarchedRecord(NamedTuple):
-    """A record that is ready to be marched along, made by `record_of`."""
+    """A record in pieces that is ready for simulation by `march`, made by `record_of`."""
 
     pieces: tuple[_Piece, ...]
     num_intervals: int

@@ -53,7 +53,7 @@ class HeldInput(eqx.Module):
         return eqx.tree_at(lambda held: held.gain, self, factor * self.gain)
 
     def pieces(self, substeps: int) -> tuple[Float[Array, " substep"], ...]:
-        """Return the polynomials of all substeps, without the gain, one row per power."""
+        """Return the input's polynomials in all substeps, without the gain, a row per power."""
         parts = substep_matrices(self.polynomials.shape[-2], substeps)
         rows = jnp.einsum("ilj,jn->lni", parts, self.polynomials)
         return tuple(rows.reshape(len(rows), -1))

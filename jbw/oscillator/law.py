@@ -74,7 +74,7 @@ class Law(eqx.Module):
     # -- of the class of law -----------------------------------------------------------------------
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """Return the names of the parameters."""
+        """Return the names of the law's parameters."""
         return tuple(quantity.name for quantity in cls.table)
 
     @classmethod
@@ -104,7 +104,7 @@ class Law(eqx.Module):
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """Return a warning about bounds within which the law misbehaves, or None."""
+        """Return a warning if the law misbehaves within the prior bounds, else None."""
         return None
 
     # -- of one law --------------------------------------------------------------------------------
@@ -117,11 +117,11 @@ class Law(eqx.Module):
         raise NotImplementedError
 
     def rate(self, y: Scalar, v: Scalar, memory: Memory) -> Memory:
-        """Return the time derivative of the memory; rate-independent laws scale with velocity v."""
+        """Return the memory's time derivative; for rate-independent laws proportional to v."""
         return ()
 
     def stiffness(self) -> Scalar:
-        """Return the slope dF/dy at rest, which omega_n^2 includes [1/s^2]."""
+        """Return the law's stiffness: the slope dF/dy at rest, part of omega_n^2 [1/s^2]."""
         rest = jax.tree.map(lambda x: jnp.asarray(x, float), self.at_rest())
         return generic.slope(self, jnp.zeros(()), rest, jnp.ones(()))
 
@@ -133,7 +133,7 @@ class Law(eqx.Module):
         return generic.move_by_rates(self, y, memory, dy)
 
     def follow(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """Return the memory after one of many moves along a record.
+        """Return the law's memory after one of many moves along a record.
 
         This is `move`, unless a law has a cheaper method than its exact move.
         """
@@ -249,7 +249,7 @@ class Law(eqx.Module):
 
     # -- for other programs ------------------------------------------------------------------------
     def convert(self, omega_n: float, zeta: float, mass: float) -> Mapping[str, Conversion]:
-        """Return this law's oscillator, of a modal mass [kg], by conventions of other programs."""
+        """Return this law's oscillator, of a modal mass [kg], in other programs' conventions."""
         return {}
 
     # -- checks of the law ------------------------------------------------------------------------
@@ -261,7 +261,7 @@ class Law(eqx.Module):
         return generic.no_force(self)
 
     def memory_unit(self, omega_n: Scalar) -> Memory:
-        """Return the factors that convert the memory to velocities; zero for counters.
+        """Return the factors that convert the law's memory to velocities; zero for counters.
 
         By default every entry is a force [N/kg] and its factor is 1 / omega_n.
         """

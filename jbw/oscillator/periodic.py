@@ -56,7 +56,7 @@ State = Float[Array, "3"]
 def steady_period(
     period: Callable[[Any], Any], guess: Any, unit: Any, *, one_by_one: bool = False
 ) -> tuple[Any, Float[Array, ""]]:
-    """Return the trajectory over the period that ends in its own initial state.
+    """Return the periodic trajectory: the one over a period that ends in its initial state.
 
     States are pytrees of scalars, of one mode or several. A Newton step is accepted if it reduces
     the gap; otherwise one period is marched. Derivatives of the result come from the implicit

@@ -64,7 +64,10 @@ def on_one_device() -> bool:
 
 
 def _condition(rare: Callable[[Any], Any], depth: int) -> Callable[..., Any]:
-    """Build a condition on any lane, with `depth` lane axes; vmap adds an axis."""
+    """Build a condition that holds if any lane meets it, with `depth` axes of lanes.
+
+    vmap adds an axis.
+    """
     rare_of_lanes = rare
     for _ in range(depth):
         rare_of_lanes = jax.vmap(rare_of_lanes)

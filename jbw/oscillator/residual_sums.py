@@ -56,7 +56,7 @@ class Sums(NamedTuple):
 
 
 class _Task(eqx.Module):
-    """The arguments of the time loop."""
+    """The arguments of the time loop that sums a record's residual."""
 
     stepping: Stepping
     joint: Oscillator
@@ -137,7 +137,7 @@ def _at_rest(task: _Task) -> State:
 
 
 def response_of(joint: Oscillator, order: int, state: Any, u: Any) -> Any:
-    """Return the displacement, velocity or acceleration of a state, or of many along an axis."""
+    """Return displacement, velocity or acceleration (`order` 0, 1, 2) of one or many states."""
     y, v, memory = state
     if order < 2:
         return v if order else y

@@ -92,7 +92,7 @@ def stepping(oscillator: Oscillator, held: HeldInput, fs: Scalar, substeps: int)
 
 
 def weighted(weights: Iterable[Scalar], powers: Iterable[Any]) -> Any:
-    """Return the sum of products, written out.
+    """Return the sum of weights times powers, written out term by term.
 
     The time loop is one native call only if it contains no small dot products.
     """
@@ -140,7 +140,7 @@ class HysteresisExact(diffrax.AbstractSolver):
     )
 
     def order(self, terms) -> int:
-        """Return the global order of the method."""
+        """Return the global order of the solver."""
         return 4
 
     def init(self, terms, t0, t1, y0, args):

@@ -218,7 +218,7 @@ def remainders(
 def glided(
     laws: tuple[Law, ...], state: State, branches: tuple[Any, ...], y_1: Scalar, v_1: Scalar
 ) -> tuple[tuple[Memory, ...], Bool[Array, "..."]]:
-    """Return the memories after a step to (y_1, v_1) without kinks, and True if it met a kink."""
+    """Return the laws' memories after a step to (y_1, v_1) without kinks; True if it met one."""
     y, v, memory = state
     moves = [
         law.glide(y, law_memory, y_1 - y, at)

@@ -134,7 +134,7 @@ class BoucWenLaw(Law):
     def coordinate_bounds(
         cls, coordinates: str, bounds: Bounds, theta: Mapping[str, float], stated: Bounds
     ) -> Bounds:
-        """Return bounds of the products: four times the larger fitted product.
+        """Return prior bounds of the products, of four times the larger fitted product.
 
         The lower bound is 0 unless delta or gamma may be negative.
         """
@@ -167,11 +167,11 @@ class BoucWenLaw(Law):
         return memory
 
     def rate(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
-        """Return the time derivative of Z [N/kg/s]."""
+        """Return the time derivative of the hysteretic force Z [N/kg/s]."""
         return hysteresis_rate(self, v, memory)
 
     def move(self, y: Scalar, memory: Scalar, dy: Scalar) -> Scalar:
-        """Return Z after a monotone move; exact for nu = 1."""
+        """Return the hysteretic force Z after a monotone move; exact for nu = 1."""
         return hysteresis_map(self, memory, dy) if self.nu == 1.0 else super().move(y, memory, dy)
 
     @property
@@ -186,7 +186,7 @@ class BoucWenLaw(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Scalar, branch: Scalar
     ) -> tuple[Scalar, Scalar]:
-        """Return Z - alpha y and h times its continuous rate -c v Z."""
+        """Return the remainder Z - alpha y and h times its continuous rate -c v Z."""
         return memory - self.alpha * y, -h * branch * v * memory
 
     def bend(
@@ -275,14 +275,14 @@ class BoucWenLaw(Law):
         return steady_loop(self, y_peak).z_max if self.nu == 1.0 else super().at_tip(y_peak)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Return the equivalent stiffness and damping; in closed form for nu = 1."""
+        """Return the loop's equivalent stiffness and damping; in closed form for nu = 1."""
         if self.nu != 1.0:
             return super().loop(y_peak, omega)
         loop = steady_loop(self, y_peak)
         return Loop(loop.k_eq, loop.c_eq_omega)
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """Return this law by the conventions of Baber-Noori (OpenSees) and of the benchmark."""
+        """Return this law in the conventions of Baber-Noori (OpenSees) and of the benchmark."""
         nu = {"nu": self.nu, "restoring": None}
         return conversions(
             SimpleNamespace(omega_n=omega_n, zeta=zeta, **self.parameters(), **nu), mass

@@ -101,7 +101,10 @@ class BoucWenNu(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return bounds; softening and opening of order one at the largest motion (nu = 1)."""
+        """Return prior bounds; softening and opening may be of order one at largest motion.
+
+        This holds for nu = 1.
+        """
         share, part = FORCED_SHARE if scales.forced else SHARE, REFERENCE / scales.y_peak
         return {
             "nu_stiffness": (share[0] * scales.omega_n**2, share[1] * scales.omega_n**2),
@@ -196,7 +199,7 @@ class BoucWenNu(Law):
         return lost, lost * w / (self.nu + 1.0), lost**2 * w / (2.0 * self.nu + 1.0)
 
     def _stretched(self, w: Scalar, dy: Scalar) -> Scalar:
-        r"""Return w after a short monotone move, from the mean m and variance of $f = c|w|^\nu$.
+        r"""Return the stretch w after a short move, from mean m and variance of $f = c|w|^\nu$.
 
         $$w_1 = w + \frac{\Delta y}{\langle 1/(1 - f)\rangle}, \qquad
           \Bigl\langle\frac{1}{1 - f}\Bigr\rangle = \frac{1}{1 - m}

@@ -59,7 +59,9 @@ class Worn(NamedTuple):
 
 
 class BWBNPinching(Law):
-    r"""The law with pinching, but without degradation of strength and stiffness (OpenSees' `BWBN`).
+    r"""The Bouc-Wen law with pinching, but without degradation of strength or stiffness.
+
+    It is the law of OpenSees' material `BWBN`.
 
     $$\nu = \eta = 1$$
 
@@ -133,7 +135,7 @@ class BWBNPinching(Law):
         return Worn(0.0, 0.0)
 
     def memory_unit(self, omega_n: Scalar) -> Worn:
-        """Return the factors to velocities: omega_n for the stretch, 0 for the energy."""
+        """Return the memory's factors to velocities: omega_n for the stretch, 0 for the energy."""
         return Worn(omega_n, 0.0)
 
     def force(self, y: Scalar, v: Scalar, memory: Worn) -> Scalar:
@@ -302,7 +304,7 @@ class BWBNPinching(Law):
 
 
 class BWBN(BWBNPinching):
-    r"""The law with pinching and with degradation of strength and stiffness.
+    r"""The Bouc-Wen law with pinching and with degradation of strength and stiffness.
 
     $$\nu = 1 + \delta_\nu e, \qquad \eta = 1 + \delta_\eta e$$
 

@@ -55,7 +55,10 @@ class QuadraticDamping(Damper):
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: tuple[()], branch: tuple[()]
     ) -> Scalar:
-        """Return half of h^2 g'' a^2; the remaining term g' da/dt vanishes at a turning point."""
+        """Return half of h^2 times the second time derivative of the damper's force.
+
+        This is half of h^2 g'' a^2; the remaining term g' da/dt vanishes at a turning point.
+        """
         return h**2 * self.c * jnp.sign(v) * a**2
 
     @property
@@ -87,7 +90,7 @@ class QuadraticDamping(Damper):
         return 2.0 / jnp.pi * ((weights * force) @ exponentials(theta, q.shape[0]).conj())
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return the closed-form loop, $\mathrm{Im}\,\kappa = 8 c Y \omega^2 / (3\pi)$."""
+        r"""Return the equivalent damping, $\mathrm{Im}\,\kappa = 8 c Y \omega^2 / (3\pi)$."""
         damping = 8.0 / (3.0 * jnp.pi) * self.c * jnp.asarray(y_peak) * omega**2
         return Loop(jnp.zeros_like(damping), damping)  # pyright: ignore[reportArgumentType]
 
@@ -127,7 +130,7 @@ class CubicDamping(Damper):
         return odd_harmonics(self, jnp.asarray(1j * orders(q.shape[0])) * omega * q)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return the closed-form loop, $\mathrm{Im}\,\kappa = 3 c Y^2 \omega^3 / 4$."""
+        r"""Return the equivalent damping, $\mathrm{Im}\,\kappa = 3 c Y^2 \omega^3 / 4$."""
         damping = 0.75 * self.c * jnp.asarray(y_peak) ** 2 * omega**3
         return Loop(jnp.zeros_like(damping), damping)  # pyright: ignore[reportArgumentType]
 

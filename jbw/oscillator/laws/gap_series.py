@@ -142,7 +142,7 @@ class GapSeries(Law):
         return jnp.where(contact, slope * v, 0.0), jnp.where(contact, 0.0, v)
 
     def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """Return the exact memory after a monotone move of any length."""
+        """Return the law's exact memory after a monotone move of any length."""
         return moved(self, memory, dy).memory
 
     # -- through a time step -----------------------------------------------------------------------
@@ -229,7 +229,7 @@ class GapSeries(Law):
         return self.element.at_tip(beyond), jnp.minimum(jnp.asarray(y_peak, float), self.gap)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return the loop of y = Y cos(theta), with $\mathrm{Im}\,\kappa = E(Y - b)/(\pi Y^2)$."""
+        r"""Return equivalent stiffness and damping, $\mathrm{Im}\,\kappa = E(Y - b)/(\pi Y^2)$."""
         y_peak = jnp.asarray(y_peak, float)
         peak = jnp.where(y_peak > self.gap, y_peak, 1.0)
         acts = y_peak > self.gap
@@ -250,14 +250,14 @@ class GapSeries(Law):
         return Loop(jnp.where(acts, real, 0.0), jnp.where(acts, damping, 0.0))
 
     def _falling(self, travel: Scalar, tip: Memory) -> Scalar:
-        """Return the force after given travels down from a tip [N/kg]."""
+        """Return the joint's force [N/kg] after given travels downwards from a loop's tip."""
         column = GapSeries(*(jnp.asarray(x)[..., None] for x in self.parameters().values()))
         return moved(column, tip, -travel).memory[0]
 
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Return the odd harmonics, integrated over half a period between release and contact."""
+        """Return the law's odd harmonics, integrated over half a period at release and contact."""
         if max_turns > 2:
             return generic.harmonics_by_moves(self, q, max_turns, omega)
         fixed = stop_gradient(q)

@@ -45,7 +45,7 @@ class MasingPower(Masing):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return bounds of the stiffness loss at the largest motion, for a typical exponent."""
+        """Return prior bounds of the stiffness loss at the largest motion, for a usual exponent."""
         square, reach = scales.omega_n**2, scales.y_peak / REFERENCE
         low, high = (float(part * square * reach**-_USUAL_EXPONENT) for part in LOSS)
         return {"power_loss": (low, high), "power_exponent": EXPONENT}
@@ -121,7 +121,7 @@ class Iwan4(Masing):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return bounds: a share of the stiffness, and a loss like that of the power law."""
+        """Return prior bounds: a share of the stiffness, and a loss like the power law's."""
         share = FORCED_SHARE if scales.forced else SHARE
         low, high = MasingPower.prior(scales)["power_loss"]
         return {
@@ -201,7 +201,7 @@ class Iwan4(Masing):
         return (Threshold("macroslip", self.phi_max, "K_T, F_S and beta"),)
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the lag (a power below macroslip, K_T x - F_S beyond) and its slope."""
+        """Return the virgin curve's lag (a power below macroslip, K_T x - F_S beyond) and slope."""
         sticks = x < self.phi_max
         below = jnp.minimum(x, self.phi_max)
         secant = self.iwan_loss * power(below * PER_REFERENCE, 1.0 + self.iwan_chi)
@@ -217,7 +217,10 @@ class Iwan4(Masing):
         return secant * below**2 / (3.0 + self.iwan_chi) + (x - below) * slips
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Return the loop: in closed form below macroslip, by quadrature beyond."""
+        """Return the equivalent stiffness and damping.
+
+        They are in closed form below macroslip, and by quadrature beyond it.
+        """
         y_peak, q = jnp.asarray(y_peak, float), 1.0 + self.iwan_chi
         below, part = y_peak <= self.phi_max, y_peak / self.phi_max
         softening, damping = power_loop(q)
@@ -264,7 +267,7 @@ class MasingExponential(Masing):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return bounds: a share of the stiffness, and softening b Y around order one."""
+        """Return prior bounds: a share of the stiffness, and softening b Y around order one."""
         share = FORCED_SHARE if scales.forced else SHARE
         low, high = (float(part * scales.omega_n**2) for part in share)
         return {
@@ -277,7 +280,10 @@ class MasingExponential(Masing):
         return self.exponential_alpha
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
-        """Return alpha x s E_2(s), s = b x (no cancellation), and its slope alpha s E_1(s)."""
+        """Return the lag alpha x s E_2(s) with s = b x, and its slope alpha s E_1(s).
+
+        This form has no cancellation.
+        """
         s = jnp.asarray(self.exponential_b * x, float)
         alpha = self.exponential_alpha
         return alpha * x * s * exponential_remainder(2, s), alpha * s * exponential_remainder(1, s)

@@ -113,7 +113,7 @@ class Jenkins(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return bounds: an equal stiffness share per slider, the first slip, and slip ratios."""
+        """Return prior bounds: equal stiffness shares of sliders, first slip, and slip ratios."""
         count = len(cls.table) // 2
         share = FORCED_SHARE if scales.forced else SHARE
         low, high = (float(part * scales.omega_n**2 / count) for part in share)
@@ -150,7 +150,7 @@ class Jenkins(Law):
         return tuple(jnp.where(slip, 0.0, v) for slip in slips)
 
     def move(self, y: Scalar, memory: tuple[Scalar, ...], dy: Scalar) -> tuple[Scalar, ...]:
-        """Return the exact stretches after a monotone move."""
+        """Return the sliders' exact stretches after a monotone move."""
         return tuple(jnp.clip(x + dy, -phi, phi) for x, phi in zip(memory, self.phi, strict=True))
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
@@ -220,7 +220,7 @@ class Jenkins(Law):
     def shift(
         self, y: Scalar, memory: tuple[Scalar, ...], dy: Scalar, branch: tuple
     ) -> tuple[Scalar, ...]:
-        """Return the stretches after a small move, which shifts the stuck sliders only."""
+        """Return the sliders' stretches after a small move, which shifts only the stuck ones."""
         triples = zip(memory, self.phi, branch, strict=True)
         return tuple(jnp.where(slip, x, jnp.clip(x + dy, -phi, phi)) for x, phi, slip in triples)
 
@@ -235,7 +235,9 @@ class Jenkins(Law):
         return tuple(jnp.minimum(y_peak, phi) for phi in self.phi)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return the closed-form loop; c = arccos(1 - 2 phi/Y) for Y > phi, alpha elsewhere.
+        r"""Return the sliders' equivalent stiffness and damping, in closed form.
+
+        c = arccos(1 - 2 phi/Y) for Y > phi; elsewhere a slider's stiffness is alpha.
 
         $$\kappa = \frac{\alpha}{\pi}\left(c - \tfrac12 \sin 2c\right)
           + 4j\,\frac{\alpha\varphi (Y - \varphi)}{\pi Y^2}$$
@@ -277,7 +279,7 @@ class Jenkins(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Return the force [N/kg] at angles of a period; exact for two turning points a period."""
+        """Return the steady force [N/kg] at angles of a period; exact for two turns a period."""
         if max_turns > 2:
             return super().force_over_period(q, theta, max_turns, omega)
         peak = synthesis(q, crest(q))

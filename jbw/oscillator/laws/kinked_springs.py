@@ -107,7 +107,7 @@ class KinkedSpring(Spring):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Return the odd harmonics, integrated over half a period between the corners."""
+        """Return the spring's odd harmonics, integrated between its corners over half a period."""
         if max_turns > 2:
             return generic.harmonics_by_moves(self, q, max_turns, omega)
         fixed = stop_gradient(q)
@@ -138,7 +138,7 @@ class Quadratic(KinkedSpring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return bounds of either sign: at most 0.3 of the linear force at the largest motion."""
+        """Return prior bounds, up to 0.3 of the linear force at the largest motion, either sign."""
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak
         return {"quadratic": (-most, most)}
 
@@ -151,7 +151,7 @@ class Quadratic(KinkedSpring):
         return (Corner(0.0 * self.c, 0.0 * self.c, 4.0 * self.c),)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return the closed-form loop, $\kappa = 8 c Y / (3\pi)$."""
+        r"""Return the equivalent stiffness in closed form, $\kappa = 8 c Y / (3\pi)$."""
         stiffness = 8.0 / (3.0 * jnp.pi) * self.c * jnp.asarray(y_peak, float)
         return Loop(stiffness, jnp.zeros_like(stiffness))  # pyright: ignore[reportArgumentType]
 
@@ -178,7 +178,7 @@ class Stop(KinkedSpring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return bounds: a stiffness share of either sign, and gaps within the motion."""
+        """Return prior bounds: a stiffness share of either sign, and gaps within the motion."""
         least, most = (share * scales.omega_n**2 for share in STOP_SHARE)
         near, far = (share * scales.y_peak for share in STOP_GAP)
         return {"stop_stiffness": (least, most), "stop_gap": (near, far)}
@@ -202,7 +202,7 @@ class Stop(KinkedSpring):
         return Corner(self.gap, self.k, none), Corner(-self.gap, -self.k, none)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return the closed-form loop beyond the gap, with $c = \arccos(\delta/Y)$.
+        r"""Return the equivalent stiffness beyond the gap, with $c = \arccos(\delta/Y)$.
 
         $$\kappa = \frac{K}{\pi}\,(2c - \sin 2c)$$
         """

@@ -131,7 +131,7 @@ def _turn_slopes(
 
 
 def _along(moves: MoveSlopes, by_path: PathSlopes, by_quartic: Scalar) -> Slopes:
-    """Return the derivatives by the path, from those by the two moves along it."""
+    """Return derivatives by a step's path, from those by the two moves along it."""
     delta, gamma, z, first, second = moves
     more = first - second
     start, end, rise = (more * x for x in by_path)

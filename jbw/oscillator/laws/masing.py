@@ -83,7 +83,7 @@ class Masing(Law):
         raise NotImplementedError
 
     def lag_integral(self, x: Scalar) -> Scalar:
-        """Return the integral of the lag from 0 to x [J/kg]."""
+        """Return the integral of the virgin curve's lag from 0 to x [J/kg]."""
         raise NotImplementedError
 
     def kink(self) -> Kink | None:
@@ -129,7 +129,7 @@ class Masing(Law):
         return self.move(0.0 * y_peak, self.at_rest(), y_peak)
 
     def memory_unit(self, omega_n: Scalar) -> Branch:
-        """Return the factors to velocities: 1 / omega_n for forces, omega_n for displacements."""
+        """Return the memory's factors to velocities: 1/omega_n for forces, omega_n for lengths."""
         # Counters and dependent entries have a small weight; a power of two causes no rounding.
         small = 2.0**-10 + 0.0 * omega_n
         none = 0.0 * omega_n  # `missed` is a counter that keeps growing
@@ -145,7 +145,7 @@ class Masing(Law):
         return branch._replace(force=memory.force, slope=memory.slope, stack=stack)
 
     def unpacked(self, memory: Branch) -> Branch:
-        """Unpack the arrays of reversals into separate scalars."""
+        """Return the memory with its arrays of reversals unpacked into scalars."""
         y, f = (tuple(jnp.moveaxis(x, -1, 0)) for x in (memory.stack.y, memory.stack.f))
         return memory._replace(stack=memory.stack._replace(y=y, f=f))
 
@@ -200,7 +200,7 @@ class Masing(Law):
     def glide(
         self, y: Scalar, memory: Branch, dy: Scalar, branch: tuple
     ) -> tuple[Branch, Bool[Array, "..."]]:
-        """Return the memory along the branch; True if it turned, closed or met the kink."""
+        """Return the memory after a step on its branch; True if it turned, closed or met a kink."""
         sense, after = memory.sense, y + dy
         force, slope = self._on_branch(memory, after)
         met = (sense * dy <= 0.0) | closes(sense, after, memory.y, memory.closure)
@@ -228,7 +228,7 @@ class Masing(Law):
         return last, impulse_v, impulse_y
 
     def shift(self, y: Scalar, memory: Branch, dy: Scalar, branch: tuple) -> Branch:
-        """Return the memory after a small move of the force along its tangent."""
+        """Return the memory after a small move dy, with the force along its tangent."""
         return memory._replace(force=memory.force + (self.stiffness() + memory.slope) * dy)
 
     def _kinks(self, y: Scalar, path: StepPath, first: _Move):
@@ -255,7 +255,9 @@ class Masing(Law):
 
     # -- along a periodic motion -------------------------------------------------------------------
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return the loop from the lag, with x = Y sin^2(theta/2) on the way from Y to -Y.
+        r"""Return the loop's stiffness and damping from the lag, with x = Y sin^2(theta/2).
+
+        theta is the phase on the way from Y to -Y.
 
         $$\mathrm{Re}\,\kappa = K + \frac{4}{\pi Y}\int_0^\pi \ell(x) \cos\theta\,d\theta, \qquad
           \mathrm{Im}\,\kappa = \frac{4}{\pi Y^2}\left(Y \ell(Y) - 2\int_0^Y \ell\right)$$
@@ -265,7 +267,7 @@ class Masing(Law):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Return the odd harmonics, by quadrature if there are two turning points a period."""
+        """Return the remainder's odd harmonics, by quadrature for two turning points a period."""
         if max_turns > 2:
             return super().harmonics(q, max_turns, omega)
         return steady_harmonics(self, q)
@@ -277,7 +279,7 @@ class Masing(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Return the force [N/kg] at angles of a period; exact for two turning points a period."""
+        """Return the steady force [N/kg] at angles of a period; exact for two turns a period."""
         if max_turns > 2:
             return super().force_over_period(q, theta, max_turns, omega)
         return steady_force(self, q, theta)

@@ -31,7 +31,7 @@ def _power_jvp(primals, tangents):
 
 
 def power_loop(exponent: Scalar) -> tuple[Scalar, Scalar]:
-    """Return `power_losses` for any exponent; by NumPy if the exponent is a plain float."""
+    """Return a power law's stiffness loss and damping; by NumPy for a plain float exponent."""
     if isinstance(exponent, float):
         return power_losses(exponent)
     return power_losses(jnp.asarray(exponent, float), jnp, gammaln)

@@ -164,7 +164,7 @@ def _half_width_jvp(
 
 
 def _slope(x: Array, b: Array, g: Array) -> Array:
-    """Return the slope of the half-width's residual x - 1 - opening(x)."""
+    """Return the derivative by x of the residual of a loop's half-width, x - 1 - opening(x)."""
     relaxed = phi(b, x)
     return 1.0 - g * relaxed / (jnp.exp(-b * x) + 2.0 * g * relaxed)
 
@@ -199,7 +199,7 @@ def unloading_lag(
     delta: Float[Array, "..."],
     gamma: Float[Array, "..."],
 ) -> Float[Array, "..."]:
-    r"""Return the difference between the elastic line and the unloading branch.
+    r"""Return the difference between the elastic line and the Bouc-Wen loop's unloading branch.
 
     $$y - y_0 - Z/\alpha, \qquad Z = Z_1 \text{ for } y > y_0, \quad Z_2 \text{ for } y < y_0$$
 

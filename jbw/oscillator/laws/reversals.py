@@ -98,7 +98,7 @@ def branch_of(sense: Scalar, stack: Stack) -> Branch:
 
 
 def closes(sense: Scalar, y: Scalar, begin: Scalar, closure: Scalar) -> Bool[Array, "..."]:
-    """Return True if a motion to y closes a branch."""
+    """Return True if a motion to y closes a hysteresis branch."""
     rounding = _ROUNDING * (jnp.abs(y) + jnp.abs(begin))
     return jnp.asarray(sense * (y - closure) >= -rounding)
 
@@ -155,7 +155,7 @@ def _closing_place(y: Entries, count: Scalar) -> Scalar:
 
 
 def _mirrored(entries: Entries) -> Scalar:
-    """Return the mirror image of the second entry about the first [m].
+    """Return the mirror image of a stack's second entry about the first [m].
 
     The first branch after the virgin curve closes there.
     """
@@ -163,7 +163,7 @@ def _mirrored(entries: Entries) -> Scalar:
 
 
 def _at(entries: Entries, place: Scalar) -> Scalar:
-    """Return the entry at a place, or an arbitrary entry if the place is not used."""
+    """Return a stack's entry at a place, or an arbitrary entry if the place is not used."""
     if not isinstance(entries, tuple):
         place = jnp.asarray(place, jnp.int32)
         return jax.lax.dynamic_index_in_dim(entries, place, keepdims=False)
@@ -174,7 +174,7 @@ def _at(entries: Entries, place: Scalar) -> Scalar:
 
 
 def _replaced(entries: Entries, chosen: Callable[[Any], Any], value: Scalar) -> Entries:
-    """Return the entries with those at the chosen places replaced by a value."""
+    """Return a stack's entries with those at chosen places replaced by a value."""
     if not isinstance(entries, tuple):
         return jnp.where(chosen(jnp.arange(len(entries))), value, entries)
     return tuple(jnp.where(chosen(i), value, entry) for i, entry in enumerate(entries))

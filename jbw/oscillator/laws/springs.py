@@ -123,7 +123,7 @@ class Cubic(Spring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return bounds of either sign: at most 0.3 of the linear force at the largest motion."""
+        """Return prior bounds, up to 0.3 of the linear force at the largest motion, either sign."""
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak**2
         return {"cubic": (-most, most)}
 
@@ -152,7 +152,7 @@ class Quintic(Spring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return bounds of either sign: at most 0.3 of the linear force at the largest motion."""
+        """Return prior bounds, up to 0.3 of the linear force at the largest motion, either sign."""
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak**4
         return {"quintic": (-most, most)}
 
@@ -186,7 +186,7 @@ class Square(Spring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return bounds of either sign: at most 0.3 of the linear force at the largest motion."""
+        """Return prior bounds, up to 0.3 of the linear force at the largest motion, either sign."""
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak
         return {"square": (-most, most)}
 

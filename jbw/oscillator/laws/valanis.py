@@ -68,7 +68,7 @@ class Valanis(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return bounds: a share of omega_n^2, and slip far within to far beyond the motion."""
+        """Return prior bounds: a share of omega_n^2, and slip far within to far beyond motion."""
         low, high = (part * scales.omega_n**2 for part in SHARE)
         return {
             "valanis_stiffness": (low, high),

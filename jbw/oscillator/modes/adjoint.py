@@ -110,7 +110,7 @@ class StepSlopes(NamedTuple):
     offset: tuple
 
     def along(self, *arguments: Any) -> tuple:
-        """Return the change of the part for given changes of its arguments."""
+        """Return the change of a part of a joint's step for given changes of its arguments."""
         changes = jax.tree.leaves(arguments)
         return tuple(
             offset + sum(column[i] * x for column, x in zip(self.columns, changes, strict=True))

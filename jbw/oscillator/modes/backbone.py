@@ -279,14 +279,14 @@ class Units(NamedTuple):
 
 
 def _units(options: BackboneOptions, mode: Mode, structure: Structure) -> Units:
-    """Return the units: the one joint's displacement, or modal coordinate and joints' reach."""
+    """Return the units of the modal coordinate and of every joint's displacement in a backbone."""
     if options.is_one_joint:
         return Units(1.0 / structure.h[0, mode], jnp.ones(1))  # pyright: ignore
     return Units(1.0, jnp.max(jnp.abs(structure.h), axis=1))  # pyright: ignore[reportArgumentType]
 
 
 class BackboneMotion(NamedTuple):
-    """The motion at a point: q_m1 and q relative to the amplitude, x and r in the joints' units.
+    """The motion at a backbone point: q_m1 and q over the amplitude, x and r in joints' units.
 
     `residual_1` is the first harmonic of the mode's own balance, multiplied by d of the mode.
     """

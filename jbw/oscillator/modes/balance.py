@@ -49,7 +49,10 @@ def of_one_joint(harmonics: StructureHarmonics) -> StructureHarmonics:
 def dynamic_stiffness(
     structure: Structure, omega: Scalar, num_harmonics: int, zeta_eq: Scalar = 0.0
 ) -> Complex[Array, "mode harmonic"]:
-    r"""Return d_i at the odd harmonics; subtract damping $2\zeta_{eq}\omega$ from every mode."""
+    r"""Return the modes' dynamic stiffness d_i at the odd harmonics.
+
+    $2\zeta_{eq}\omega$ is subtracted from the damping of every mode.
+    """
     frequency = omega * orders(num_harmonics)
     omega_n, zeta = structure.omega_n[:, None], structure.zeta[:, None]  # pyright: ignore
     damping = 2.0 * (zeta * omega_n - zeta_eq * omega)

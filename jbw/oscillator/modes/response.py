@@ -256,7 +256,7 @@ def _stock(
 
 
 def _hermite(orders: tuple[int, int]) -> list[Polynomial]:
-    """Return polynomials with one end derivative on [0, 1] equal to 1 and all others 0.
+    """Return the Hermite polynomials on [0, 1]: one end derivative is 1, all others are 0.
 
     `orders` are the numbers of derivatives at the start and at the end.
     """
@@ -271,7 +271,10 @@ def _hermite(orders: tuple[int, int]) -> list[Polynomial]:
 
 
 def _weights() -> np.ndarray:
-    r"""Return the table $\int_0^1 R_k X_m' ds$ of a cubic (r, r') and a quintic (x, x', x'')."""
+    r"""Return the integrals $\int_0^1 R_k X_m' ds$ that give a step's work from its end values.
+
+    R_k and X_m are the Hermite polynomials of the cubic (r, r') and of the quintic (x, x', x'').
+    """
     r, x = _hermite((2, 2)), _hermite((3, 3))
     products = [[(polynomial * other.deriv()).integ() for other in x] for polynomial in r]
     table = np.array([[integral(1.0) - integral(0.0) for integral in row] for row in products])

@@ -109,7 +109,7 @@ class JointStep(eqx.Module):
 
     @property
     def kernel(self) -> JointKernel:
-        """The constants of the joint's own kernel."""
+        """The constants of the joint's own part (kernel) of a time step."""
         by_itself = self.by[self.place]
         return JointKernel(self.laws, self.dt, by_itself.bend_y, by_itself.bend_v)
 
@@ -157,7 +157,7 @@ class Begun(NamedTuple):
 
 
 class Remainder(NamedTuple):
-    """The remainder r of a joint's laws and h r' at the start of a step."""
+    """The remainder r of a joint's laws, and h times its rate r', at the start of a step."""
 
     r: Scalar
     rate: Scalar

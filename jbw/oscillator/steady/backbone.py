@@ -322,7 +322,7 @@ def tone_at_phase(
 def _imbalance(
     joint: Joint, omega: Scalar, y_peak: Scalar, x: Float[Array, " unknown"]
 ) -> Complex[Array, " harmonic"]:
-    """Return the balance residual divided by Y, for higher harmonics divided by Y."""
+    """Return the harmonic balance's residual over Y, for given higher harmonics over Y."""
     real, imaginary = jnp.split(x, 2)
     higher = jax.lax.complex(real, imaginary)
     q = jnp.asarray(y_peak * jnp.concatenate([jnp.ones(1, complex), higher]))

@@ -189,7 +189,7 @@ def balance(
 
 
 def _loaded(load: Scalar, law: Law) -> Law:
-    """Return the law in units of displacement of a part of the full load."""
+    """Return a law scaled to the displacement unit of a part of the full load."""
     return law.scaled(load, 1.0)
 
 
@@ -228,7 +228,7 @@ def tone_from(
 def newton(
     joint: Unit, omega: Scalar, start: Packed, max_turns: int
 ) -> tuple[Packed, Bool[Array, ""]]:
-    """Solve the residual by Newton's iteration from `start`, at full load."""
+    """Solve the harmonic balance by Newton's iteration from `start`, at full load."""
     packed, converged = newton_root(
         partial(residual, max_turns=max_turns), start, (joint, omega),
         tolerance=_TOLERANCE, max_steps=_MAX_NEWTON,
