@@ -231,7 +231,7 @@ class ControlledPoints(Observable):
     def _of_joint(
         self, theta: Theta, amplitude: Float[Array, "test point"], phase: Float[Array, "test point"]
     ) -> tuple[Float[Array, "test point"], Float[Array, "test point"]]:
-        r"""Return amplitude and phase of the joint's own motion, $Y e^{j\varphi} - R(\omega)gF$."""
+        r"""Return amplitude and phase of the joint's motion, $Y e^{j\varphi} - R(\omega) g F$."""
         terms = taken(theta, self.residuals)
         if not terms or self.unit_of_source == "":
             return amplitude, phase

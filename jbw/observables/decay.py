@@ -315,7 +315,10 @@ def num_begun(theta: Mapping[str, Any], data: Decays) -> int:
 def predicted_from_beginnings(
     theta: Theta, data: Decays, size: int
 ) -> tuple[Complex[Array, "record step"], tuple[Float[Array, " record"], Float[Array, " record"]]]:
-    """Predict each envelope from its beginning; return errors of log amplitude and shift, too."""
+    """Predict each envelope from its beginning; return errors of log amplitude and shift, too.
+
+    The shift is in rad/s.
+    """
     decay, steps = decay_of(theta, data), jnp.arange(data.mean.shape[1], dtype=float)
 
     def one(pair: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:

@@ -134,7 +134,7 @@ class BoucWenLaw(Law):
     def coordinate_bounds(
         cls, coordinates: str, bounds: Bounds, theta: Mapping[str, float], stated: Bounds
     ) -> Bounds:
-        """Return prior bounds of the products, of four times the larger fitted product.
+        """Return prior bounds of the products: up to four times the larger fitted product.
 
         The lower bound is 0 unless delta or gamma may be negative.
         """

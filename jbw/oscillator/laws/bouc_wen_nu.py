@@ -250,7 +250,10 @@ class BoucWenNu(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """Return the stretch after moves to and from a reversal, and its kink's impulses."""
+        """Return the stretch after moves to and from a reversal, and its kink's impulses.
+
+        The force's slope jumps by 2 alpha g |w|^nu at the kink.
+        """
         path = StepPath.through(ends, quartic)
         w_turn = self._stretched(memory, path.before)
         jump = self.nu_stiffness * (

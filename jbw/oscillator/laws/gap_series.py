@@ -229,7 +229,10 @@ class GapSeries(Law):
         return self.element.at_tip(beyond), jnp.minimum(jnp.asarray(y_peak, float), self.gap)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return equivalent stiffness and damping, $\mathrm{Im}\,\kappa = E(Y - b)/(\pi Y^2)$."""
+        r"""Return equivalent stiffness and damping, $\mathrm{Im}\,\kappa = E(Y - b)/(\pi Y^2)$.
+
+        The motion is y = Y cos(theta).
+        """
         y_peak = jnp.asarray(y_peak, float)
         peak = jnp.where(y_peak > self.gap, y_peak, 1.0)
         acts = y_peak > self.gap
