@@ -9,6 +9,7 @@ from jbw.identification.assemble import Measured, Report, measured_in
 from jbw.identification.proposed_laws import proposed
 from jbw.identification.usable import usable
 from jbw.observables.records import compile_beside
+from jbw.quantities import DEFAULT_LAWS
 from jbw.report.messages import stages
 from jbw.study.free_group import fitted_tables
 from jbw.study.look import Look, look_quietly
@@ -32,8 +33,9 @@ class PreparedTests(NamedTuple):
 def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTests:
     """Return the usable tests, their readings without a model, and the data of each later step.
 
-    This precedes all sampling, so that an error in a record costs no result. A campaign that states
-    no law gets the best one of those that its readings propose.
+    This precedes all sampling, so that an error in a record costs no result. If a
+    campaign states no law, and its readings propose another law before the default, it gets the
+    best one of those that they propose.
     """
     gain = force_per_unit(campaign)
     several = campaign.joints is not None
@@ -47,7 +49,7 @@ def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTest
     look = look_quietly(replace(campaign, tests=accepted.tests))
     measured = measured_in(campaign, report, accepted.tests, accepted.line_fit)
     read = look.record["laws"]
-    if campaign.states_laws or several or not read:
+    if campaign.states_laws or several or not read or read[0] in DEFAULT_LAWS:
         return PreparedTests(measured, look, accepted.left_out)
     measured, sentence = proposed(measured, fitted_tables(look, measured), read, seed, report)
     return PreparedTests(measured, look, (*accepted.left_out, sentence))
