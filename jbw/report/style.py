@@ -28,6 +28,7 @@ Panels = np.ndarray
 WIDTH = 7.2
 """Width of a figure [in]: two columns of a paper, one column of the page."""
 
+NARROW = 4.0  # ratio of the ends of an ordinate below which it is linear
 LETTERS = 120  # letters in a line of the legend, where a handle counts as seven
 
 RC: Any = {
@@ -134,7 +135,14 @@ def title(ax: Axes, text: str, size: float = 9.0) -> None:
 
 
 def log_y(ax: Axes) -> None:
-    """Make an ordinate logarithmic, with labels at 1, 2 and 5 where it spans few decades."""
+    """Make an ordinate logarithmic, with labels at 1, 2 and 5 where it spans few decades.
+
+    What is drawn so far stays linear if it spans less than a factor of four: labels of powers would
+    differ in the second digit alone.
+    """
+    low, high = ax.dataLim.intervaly
+    if 0 < low <= high < NARROW * low:
+        return
     ax.set_yscale("log")
     ax.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
     ax.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(2.0, 2.0)))
