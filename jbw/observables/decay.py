@@ -150,7 +150,7 @@ class Decays(Envelopes):
             partial(first_values, self),
             amplitude_curve=curve,
             amplitude_readings=curve,
-            y_peak=max(begins),
+            y_peak=float(self.y_read),
             begins=dict(zip(self.groups.labels, begins, strict=True)),
         )
 

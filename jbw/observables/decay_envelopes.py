@@ -46,6 +46,7 @@ class Envelopes(Observable):
             is that of the real part, and of the imaginary part.
         shift_std: Scatter of the records' natural frequencies that fits assume [rad/s].
         y_start: Displacement at which the simulated decay starts [m].
+        y_read: Largest displacement at which frequency and damping were read [m].
         taps: Filter of the band, for the model's samples.
         rotation: Rotation of the carrier between two values of the envelope, `step_s` [s] apart.
         stride: Number of the model's samples between two values.
@@ -58,6 +59,7 @@ class Envelopes(Observable):
 
     shift_std: Float[Array, ""]
     y_start: Float[Array, ""]
+    y_read: Float[Array, ""]
     taps: Complex[Array, " tap"]
     rotation: Complex[Array, ""]
     step_s: float = eqx.field(static=True)
@@ -99,6 +101,7 @@ class Envelopes(Observable):
             groups=_groups_of(test, envelope),
             shift_std=jax.device_put(1e-4 * 2 * np.pi * chosen.centre_hz),
             y_start=jax.device_put(y_start),
+            y_read=jax.device_put(_largest_read(test, y_start)),
             taps=jax.device_put(2 * taps / taps.sum() * np.exp(-1j * turn * n)),
             rotation=jax.device_put(np.exp(-1j * turn * chosen.step)),
             step_s=chosen.step_s,
@@ -110,6 +113,15 @@ class Envelopes(Observable):
             centre_hz=chosen.centre_hz,
             readings=partial(read_decays, test),
         )
+
+
+def _largest_read(test: Test, y_start: float) -> float:
+    """Return the largest displacement of the readings [m]; if there are none, that of the start."""
+    try:
+        readings = read_decays(test)
+    except DataError:
+        return y_start
+    return max(float(np.max(reading.y)) for reading in readings if reading is not None)
 
 
 def _groups_of(test: Test, envelope: Complex[np.ndarray, "record step"]) -> Groups:
