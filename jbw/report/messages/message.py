@@ -66,8 +66,9 @@ def page(message: Message) -> str:
 
 
 def percent(ratio: float, digits: str = ".2g") -> str:
-    """Return the message on a ratio in per cent: 0.0734 as "7.3 %"."""
-    return f"{100 * ratio:{digits}} %"
+    """Return a ratio in per cent, without a power of ten if it is large: 0.0734 as "7.3 %"."""
+    text = f"{100 * ratio:{digits}}"
+    return f"{100 * ratio:.0f} %" if "e+" in text else f"{text} %"
 
 
 def listed(names: Any) -> str:
