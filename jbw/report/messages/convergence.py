@@ -40,6 +40,7 @@ MESSAGES = (
         `substeps`.
         """,
         remedy="Run jbw check to find NaN in the records.",
+        passed="All draws of all parameters are finite.",
     ),
     Message(
         "frozen_chain",
@@ -53,6 +54,7 @@ MESSAGES = (
         Remedy: start from the fit (jbw does so by itself), or use another `sampler`.
         """,
         remedy='Sample from the whole prior. Put under [identify]: `sampler = "tempered_smc"`.',
+        passed="Every chain moves in every parameter.",
     ),
     Message(
         "r_hat",
@@ -211,6 +213,8 @@ MESSAGES = (
         'Put under [identify]: `sampler = "tempered_smc"`. '
         "If the model cannot be solved, use smaller time steps. "
         "Put under [identify]: `substeps = {substeps}`.",
+        passed="None of {size} trajectories of NUTS diverged or met a point where the model could "
+        "not be solved.",
     ),
     Message(
         "failed_solves",

@@ -64,8 +64,8 @@ def repeatability(count: int, test: str, error: float, scatter: float) -> str:
     """Return the sentence on a residual compared with the variation between repeats."""
     worst = "" if count == 1 else f" (the worst of {count} tests)"
     return (
-        f"The residual of {test}{worst} is {percent(error)}, the standard deviation between its "
-        f"repeats {percent(scatter)}; the residual must not be larger."
+        f"The residual of {test} is {percent(error)}, the standard deviation between its repeats "
+        f"{percent(scatter)}{worst}; the residual must not be larger than that."
     )
 
 
@@ -285,7 +285,7 @@ MESSAGES = (
         Remedy: compare laws by `jbw laws`; fit the levels that you want to predict.
         """,
         "Compare laws, or predict within the fitted amplitudes. {another_law}",
-        "The errors of predicted runs that were left out of the fit do not exceed noise.",
+        "Runs that are left out of the fit are predicted within the noise.",
     ),
     Message(
         "discrepancy.small",
@@ -295,14 +295,14 @@ MESSAGES = (
     ),
     Message(
         "discrepancy.no_repeats",
-        "The errors of predicted runs that were left out of the fit do not exceed the residual of "
-        "the fit, which counts as noise because no test has repeats.",
+        "Runs that are left out of the fit are predicted within the residual of the fit, which "
+        "counts as noise because no test has repeats.",
     ),
     Message(
         "law_replaced",
-        "The bands with the model discrepancy are widest on {test}: their standard deviation is "
-        "{ratio:.3g} times the error of the best linear oscillator; it must be less than "
-        "{limit:.3g} times: wider bands come from the discrepancy, not from the law.",
+        "The bands with the model discrepancy are widest on {test}: their standard deviation over "
+        "the error of the best linear oscillator is {ratio:.3g}; it must be less than {limit:.3g}. "
+        "Wider bands come from the discrepancy, not from the law.",
         """
         Check: where the error of the law on runs that were left out exceeds noise, the standard
         deviation of the bands of every held-out test over the error of the best linear
