@@ -100,6 +100,6 @@ def further_mode(hz: float, line: str) -> Words:
     """Return the message on one more mode in the band, and the line of a band without it."""
     return (
         f"another mode near {hz:.3g} Hz",
-        "State it by `modes` in [identify], restrict the `band` to one mode, or measure at a node "
-        f"of the other mode.{line}",
+        "State the other mode by `modes` in [identify], restrict the `band` to one mode, or "
+        f"measure at its node.{line}",
     )
