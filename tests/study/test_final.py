@@ -131,7 +131,7 @@ def test_the_report_tells_both(final):
     study = jbw.load_study(final)
     text = " ".join(opening(study.record, study.tree))
     assert "the held-out test" in text
-    assert "They are fitted now, for use." in text
+    assert "After this check the held-out tests were fitted too." in text
     headings = [str(section.heading) for section in table_of_tests(study.record).sections]
     assert headings == [
         "Fitted (3 tests)",
