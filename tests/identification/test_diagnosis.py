@@ -95,7 +95,7 @@ def test_damping_without_softening_is_told():
     noise = 1e-5 * rng.normal(size=Y.size)
     constant = AmplitudeCurve(Y, still, 0.003 + noise, sd, none + 1e-10 * np.eye(len(Y)))
     stuck = diagnosis_sentences(diagnose(constant))
-    assert stuck[1].endswith("as of sliders in full stick.")
+    assert stuck[1].endswith("as with fully stuck sliders.")
 
 
 def exactly(*columns):

@@ -281,7 +281,7 @@ def test_several_joints_are_told_by_mode_and_an_unidentified_one_damps_nothing()
     assert "frequency of mode 1 changes by -4 % [-4.1, -3.9]" in effect
     assert "damping ratio by 1 % [0.9, 1.1]" in effect
     assert effect.count("in the mode shape with fully stuck joints") == 1
-    assert damped == "Mode 2 is damped by bolt_2 (98 % of the joints' losses)."
+    assert damped == "Mode 2 is damped mainly by bolt_2 (98 % of the joints' losses)."
     assert unknown.startswith("Not identified separately: bolt_1;")
     assert joint_sentences({}) == []
 

@@ -89,7 +89,7 @@ def test_where_readings_are_too_few_to_tell_laws_apart_the_simplest_is_taken(tmp
     few = [cut_to(1, table) for table in fitted_tables(look(campaign), seen)]
     chosen, sentence = proposed(seen, few, ("cubic", "quintic"), 0, lambda _: None)
     assert chosen.laws == ("cubic",)
-    assert "jbw chooses cubic, " in sentence
+    assert "cubic is chosen, " in sentence
 
 
 def cut_to(count, table):

@@ -213,8 +213,8 @@ MESSAGES = (
         'Put under [identify]: `sampler = "tempered_smc"`. '
         "If the model cannot be solved, use smaller time steps. "
         "Put under [identify]: `substeps = {substeps}`.",
-        passed="None of {size} trajectories of NUTS diverged or met a point where the model could "
-        "not be solved.",
+        passed="All {size} trajectories of NUTS ended without a divergence, and the model could be "
+        "solved everywhere.",
     ),
     Message(
         "failed_solves",

@@ -13,12 +13,12 @@ def chosen_by_reading(law: str, margins: Sequence[tuple[str, float]]) -> str:
     """Return the message on the law that is chosen if the campaign states none, with margins."""
     others = ", ".join(f"{name} by {number(margin, '.2g')}" for name, margin in margins)
     reason = (
-        f", which fits the readings best: it is better than {others} (in 2 ln L - k ln n)"
+        f"it fits the readings best, better than {others} (in 2 ln L - k ln n)"
         if others
-        else ", the law that suits how its readings change with amplitude"
+        else "it suits how the readings change with amplitude"
     )
     return (
-        f"The campaign states no law; jbw chooses {law}{reason}. "
+        f"The campaign states no law; {law} is chosen, because {reason}. "
         f'Put under [joint]: `laws = ["{law}"]` to state it.'
     )
 
