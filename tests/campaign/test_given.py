@@ -114,4 +114,4 @@ def test_a_look_takes_one_campaign(tmp_path, capsys):
     taps(tmp_path / "a", "tap.csv")
     taps(tmp_path / "b", "tap.csv")
     assert run(["look", str(tmp_path / "a"), str(tmp_path / "b")]) == 2
-    assert "are two" in capsys.readouterr().err
+    assert "one campaign at a time" in capsys.readouterr().err

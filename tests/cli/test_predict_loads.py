@@ -72,7 +72,7 @@ def test_loads_that_were_finished_before_a_full_disk_are_not_predicted_again(
     pack = Mock(wraps=parts.pack)
     monkeypatch.setattr(parts, "pack", pack)
     assert run(["predict", str(folder), *arguments]) == 0
-    assert "Going on with 1 finished part" in capsys.readouterr().err
+    assert "Continuing with 1 saved part" in capsys.readouterr().err
     assert pack.call_count == 0
     assert (folder / "predictions" / "shock_time.csv").is_file()
     assert not list((folder / "predictions").glob(".*"))

@@ -89,7 +89,7 @@ def test_where_nothing_is_held_out_one_answer_is_all():
     study, places, said = answered(campaign_of())
     assert places == ["joint"]
     assert "held_out_answer" not in study.record
-    assert said == ["No test is held out: this is the answer of all tests."]
+    assert said == ["No test is held out: this result uses all tests."]
 
 
 def final_run(folder):
