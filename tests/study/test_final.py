@@ -135,7 +135,7 @@ def test_the_report_tells_both(final):
     headings = [str(section.heading) for section in table_of_tests(study.record).sections]
     assert headings == [
         "Fitted (3 tests)",
-        "Held out from the fit before (1 test)",
+        "Held out from the earlier fit (1 test)",
         "Each kind, predicted from the others",
     ]
     codes = {one.code for one in study.verdict.findings}

@@ -46,7 +46,7 @@ def unkept_code(folder: str, reason: str) -> str:
     """Return the warning that compiled code cannot be kept in a folder."""
     return (
         f"Compiled code cannot be kept in {folder}: {reason}. The results are the same, but every "
-        "command compiles again. Name a folder that jbw can write: "
+        "command compiles again. Name a folder with write permission: "
         "export JAX_COMPILATION_CACHE_DIR=FOLDER."
     )
 
