@@ -208,7 +208,7 @@ def test_units_weighed_anew_are_rid_of_what_their_runs_took_for_a_prior(tmp_path
     share = w.sum() ** 2 / (len(w) * np.sum(w**2))
     assert weighed.record["weighed"]["unit_3"] == pytest.approx(share, rel=1e-9)
     assert not plain.record["weighed"]
-    assert "16 of 16 units enter by reweighted draws" in " ".join(weighed.record["statements"])
+    assert "16 of 16 units are represented by re" in " ".join(weighed.record["statements"])
 
 
 def test_a_saturating_curve_is_an_exponential_of_slope_one():

@@ -153,7 +153,7 @@ def test_a_level_beyond_what_was_fitted_is_flagged():
     found = predict(basis_of(a_tree(same(SILENT), y_peak=known)), test)
     assert found.attrs["extrapolation"] == pytest.approx(2.0, rel=1e-9)  # a linear oscillator
     (said,) = warnings_of(found)
-    assert all(part in said for part in ("`strong`", "2 times", "add a test of that level"))
+    assert all(part in said for part in ("`strong`", "2 times", "Add a test of that level"))
     assert row_of(found)["beyond"]
 
 
