@@ -129,9 +129,9 @@ def test_a_random_profile_and_a_shock(folder, tmp_path, capsys):
         (["--response", "17:20", "--level", "x"], 2, "number"),
         (["--shock", "20g,11ms"], 2, "must be in V"),
         (["--response", "20:17", "--level", "1"], 2, "rise"),
-        (["--response", "17:20", "--level", "1", "--sweep", "10:20"], 2, "two commands"),
+        (["--response", "17:20", "--level", "1", "--sweep", "10:20"], 2, "separate commands"),
         (["--sweep", "10:20", "--level", "1", "--base"], 2, "needs a load"),
-        (["--notch", "5", "--level", "1"], 2, "needs both"),
+        (["--notch", "5", "--level", "1"], 2, "needs --response and --level"),
     ],
 )
 def test_options_that_cannot_be_meant(folder, capsys, arguments, code, text):

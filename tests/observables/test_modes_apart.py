@@ -120,7 +120,7 @@ def test_ratios_that_one_joint_would_share_are_compared(data):
     low, high = map(float, re.search(r"their ratio ([\d.]+) to ([\d.]+):", said).groups())
     ends = 0.5 * np.exp(0.01 * 2.576 * np.sqrt(2) * np.array([-1, 1]))
     assert (low, high) == pytest.approx(ends, rel=0.01)
-    assert "they may meet in one joint" in same_joint_sentences(posterior(4.0, 4.0), data)[0]
+    assert "the modes may share one joint" in same_joint_sentences(posterior(4.0, 4.0), data)[0]
     assert same_joint_sentences(posterior(4.0, 2.0), under(("bouc_wen",), data, "common")) == []
 
 
