@@ -59,7 +59,7 @@ def test_a_little_asymmetry_is_removed_and_said():
     model = three(stiffness=stiffness)
     assert model.stiffness[0, 1] == model.stiffness[1, 0]
     (note,) = model.notes
-    assert "symmetric part is taken" in note
+    assert "symmetric part is used" in note
     stiffness[0, 1] = STIFFNESS[0, 1] * (1 + 1e-12)  # round-off of an export
     assert three(stiffness=stiffness).notes == ()
 

@@ -38,7 +38,7 @@ def test_a_gap_wider_than_all_motion_is_told_of_the_posterior():
              "gap": 2e-3 + 1e-3 * EVEN}  # fmt: skip
     (said,) = threshold_sentences(theta, 1e-3, ("gap_series",))
     assert "contact at 2.5 mm [2, 3], 2.5 [2, 3] times the largest motion: not reached" in said
-    assert "only the prior determines all that is behind the gap" in said
+    assert "only the prior determines the parameters behind the gap" in said
     stop = {"stop_stiffness": 700.0, "stop_gap": 1e-3 + 1e-3 * EVEN}
     assert (
         "not reached, so that only the prior determines its stiffness"
