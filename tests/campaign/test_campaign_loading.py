@@ -141,7 +141,7 @@ def test_missing_campaign_file(tmp_path):
 def test_tone_too_near_half_the_rate(folder):
     error = refused(campaign_file(folder, "tones", "tones = [200.0]"))
     assert "Tone 200 Hz must lie below" in error.what
-    assert "Drop the tone" in error.remedy
+    assert "Leave the tone out" in error.remedy
 
 
 def test_band_above_half_the_rate(folder):

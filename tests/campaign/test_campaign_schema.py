@@ -123,7 +123,7 @@ WRITE = re.compile(r"Write line (\d+) as `([^`]+)`")
         ('"sweep_*.h5"', r"C:\data\x.csv", "line 7 has a word without quotes"),
         ("level = 0.2", "level = 0,2", "line 8 has a decimal comma"),
         ("[5.0, 40.0]", "[5,05, 40,0]", "line 11 has a decimal comma"),
-        ("level = 0.2", "level = .2", "line 8 has a number that begins or ends with its point"),
+        ("level = 0.2", "level = .2", "line 8 has a number that begins or ends with its decimal"),
         ('kind = "sweep"', "kind = sweep  # up", "line 6 has a word without quotes"),
         ('"mm/s"', "mm/s", "line 10 has a word without quotes"),
         ("level = 0.2", "level = 0.2\nremove_mean = True", "line 9 has a word without quotes"),
@@ -321,7 +321,7 @@ def test_one_torque_is_not_for_several_assemblies():
     test = head[head.index("[[test]]") :]
     two = head + "assembly = 'a'\n" + test + "assembly = 'b'\n[identify]" + rest
     assert parse(two).assembly.name == ""
-    assert "[assembly]: speaks of one assembly, but the campaign has 2: a, b" in refused(
+    assert "[assembly]: describes one assembly, but the campaign has 2: a, b" in refused(
         two + "[assembly]\ntorque = 8.0\n"
     )
 

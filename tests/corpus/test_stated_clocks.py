@@ -114,7 +114,7 @@ def test_a_pasted_rate_cures(tmp_path, t):
     cured = record_of(tmp_path, pasted(error))
     assert isinstance(cured, Record)
     assert cured.fs == proposed_rate(t)
-    assert "held out" in cured.provenance["resampled velocity"]
+    assert "held-out" in cured.provenance["resampled velocity"]
 
 
 def test_a_rate_beyond_what_was_measured(tmp_path):

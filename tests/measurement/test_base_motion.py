@@ -99,7 +99,7 @@ def test_a_force_beside_a_base_is_refused(tmp_path):
     table = HEAD.split("[[test]]")[1].format(role="acceleration", unit="m/s^2", more="")
     by_force = table.replace("base", "force").replace('"g"', '"N"')
     path.write_text(f"{path.read_text()}\n[[test]]{by_force}")
-    with pytest.raises(ConfigError, match="cannot stand beside tests driven by force"):
+    with pytest.raises(ConfigError, match="cannot be combined with tests driven by force"):
         load_campaign(path)
 
 
