@@ -762,11 +762,11 @@ def hardening(y):
     [
         (turned, "scale", "falls where the displacement rises"),
         # exp(-8 s * 8 / 400 s): from the second cycle to the ninth, of ten.
-        (degrading, "span", "from the second to number 9 the force falls by 13 %"),
+        (degrading, "span", "from cycle 2 to cycle 9 the force falls by 13 %"),
         # 2 mm, on a grid of gaps 0.06 mm apart, and what slips behind the contact.
-        (with_a_gap, "laws", "travels freely over 1.92 of 6 mm"),
+        (with_a_gap, "laws", "moves freely over 1.92 mm, at an amplitude of 6 mm"),
         # Twenty samples and a half.
-        (late, "delay", "s late against the displacement"),
+        (late, "delay", "The force lags the displacement by"),
         (
             drifting,
             "load_cell",
