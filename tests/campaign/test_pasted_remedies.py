@@ -800,7 +800,7 @@ def test_lines_of_a_curve_that_are_lost_are_masked(tmp_path):
     path.write_text(RATIO)
     (fault,) = faults(path)[:1]
     pasted(path, [fault.remedy])
-    assert all("are not finite, and masked" in doubt.what for doubt in faults(path))
+    assert all("are not finite; gaps" in doubt.what for doubt in faults(path))
 
 
 def test_a_curve_that_folds_is_told_its_kind(tmp_path):
