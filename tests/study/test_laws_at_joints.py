@@ -91,7 +91,7 @@ def test_bolts_that_differ_ask_for_laws_of_their_own():
     # Chi-square: what is left is the noise of the records, 1 % of the motion.
     assert rows[own]["error"] == pytest.approx(two_bolts.NOISE, rel=0.05)
     assert rows[tied]["error"] > 1.1 * two_bolts.NOISE
-    assert compared.record["statements"][0].startswith("Compared, as the campaign states them: ")
+    assert compared.record["statements"][0].startswith("Compared laws, as the campaign states")
     predicted = compared.predict(campaign.tests[0])
     assert predicted.attrs["nrmse"] == pytest.approx(two_bolts.NOISE, rel=0.2)
 

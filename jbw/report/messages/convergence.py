@@ -75,8 +75,8 @@ MESSAGES = (
     ),
     Message(
         "r_hat.one_chain",
-        "R-hat compares chains, and there is one chain.",
-        remedy="Put under [identify]: `num_chains = {num_chains}`.",
+        "R-hat cannot be computed: it compares chains, and there is only one chain.",
+        remedy="Sample several chains. Put under [identify]: `num_chains = {num_chains}`.",
     ),
     Message(
         "ess_bulk",
@@ -312,7 +312,7 @@ MESSAGES = (
 
         Remedy: set `substeps` in `[identify]` to twice its value.
         """,
-        remedy="Put under [identify]: `substeps = {substeps}`.",
+        remedy="Use smaller time steps. Put under [identify]: `substeps = {substeps}`.",
     ),
     Message(
         "series",

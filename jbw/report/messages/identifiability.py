@@ -47,7 +47,7 @@ MESSAGES = (
         lower limit is a valid result, and the data identify the products alpha*delta and
         alpha*gamma.
         """,
-        remedy="{line} If no wider bound is physical, check the model.",
+        remedy="Widen the prior. {line} If no wider bound is physical, check the model.",
         passed="No prior bound truncates a parameter.",
     ),
     Message(

@@ -132,8 +132,10 @@ def waterfall(total: int, near: int) -> str:
 def costs(shown: Sequence[str]) -> str:
     """Return the sentence on the final costs of the fit from all starts."""
     if len(set(shown)) == 1:
-        return f"All {len(shown)} starts of the fit ended at a cost of {shown[0]}."
-    return f"Final costs of the fit from its starts, lowest first: {', '.join(shown)}."
+        number = {1: "The only start", 2: "Both starts"}.get(len(shown), f"All {len(shown)} starts")
+        return f"{number} of the fit ended at a cost of {shown[0]}."
+    failed = " (none: the fit failed)" if "none" in shown else ""
+    return f"Final costs of the fit from its starts, lowest first{failed}: {', '.join(shown)}."
 
 
 COLUMNS: Mapping[str, str] = {

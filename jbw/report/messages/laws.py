@@ -30,8 +30,8 @@ def tried_at_joints(
     alike: Sequence[str], own: Sequence[str], num_changed: int, which: str, most: int
 ) -> str:
     """Return the message on which laws were tried where there are several joints."""
-    sentences = [f"Compared, the same law at all joints: {', '.join(alike)}."] if alike else []
-    sentences += [f"Compared, as the campaign states them: {', '.join(own)}."] if own else []
+    sentences = [f"Compared laws, each at all joints: {', '.join(alike)}."] if alike else []
+    sentences += [f"Compared laws, as the campaign states them: {', '.join(own)}."] if own else []
     changed = f"In addition {num_changed} combinations were compared, each with"
     sentences += {
         EVERY: [f"{changed} another law at one joint."],

@@ -91,7 +91,7 @@ MESSAGES = (
 
         Remedy: try other laws (`jbw laws`), or fit tests over the amplitudes that you need.
         """,
-        remedy="Hold out tests whose response is well above the noise, or try another law. "
+        remedy="Hold out tests whose response is well above the noise, or change the law. "
         "{another_law}",
     ),
     Message(
@@ -284,7 +284,7 @@ MESSAGES = (
 
         Remedy: compare laws by `jbw laws`; fit the levels that you want to predict.
         """,
-        "Compare laws, or predict within the fitted amplitudes. {another_law}",
+        "Predict only within the fitted amplitudes, or change the law. {another_law}",
         "Runs that are left out of the fit are predicted within the noise.",
     ),
     Message(
