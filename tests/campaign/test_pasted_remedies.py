@@ -418,7 +418,9 @@ def test_a_pasted_part_of_a_huge_channel_is_read(tmp_path, monkeypatch, rate):
     (fault,) = faults(path)
     assert "A channel of shape (4800,) takes" in fault.what
     if rate:  # the file knows no rate, by which samples would be seconds
-        assert fault.remedy == "Read at most 1200 samples of it at once, by the key `span`."
+        assert (
+            fault.remedy == "Read at most 1200 samples of the channel at once, by the key `span`."
+        )
         return
     (line,) = LINE.findall(fault.remedy)
     assert line == "span = [0.0, 2]"

@@ -7,7 +7,7 @@ from jbw.report.messages.message import FaultText, number
 AMPLITUDE_ALONE = FaultText(
     "The response is real and has no phase.",
     "Amplitude alone does not determine damping and stiffness separately.",
-    "Name the channel `phase`, or one that holds the complex response.",
+    "Name the channel `phase`, or one that contains the complex response.",
 )
 TWO_SOURCES = FaultText(
     "`input` and `force` were both recorded; `input` is taken as the source.",

@@ -114,7 +114,8 @@ def modes_explained(
 ) -> str:
     """Return the sentence on whether joints explain softening and losses: chi-square, dof and p."""
     rows = ". ".join(
-        f"{what}: chi-square {chi_square:.3g} with {degrees} degrees of freedom (p = {p:.2g})"
+        f"{what}: chi-square {chi_square:.3g} with {degrees} "
+        f"degree{'' if degrees == 1 else 's'} of freedom (p = {p:.2g})"
         for what, (chi_square, degrees, p) in zip(("Softening", "Losses"), tests, strict=True)
     )
     does = "explain" if is_explained else "do not explain"

@@ -4,7 +4,10 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 DOWNWARD, OF_SPECTRUM = "downward sweep, 99 % band", "natural frequency, Q = 10"
-IN_BANDS = "parameters, variation between runs and model discrepancy, but no measurement noise"
+IN_BANDS = (
+    "the uncertainty of the parameters, the variation between runs and the model discrepancy, but "
+    "no measurement noise"
+)
 HERTZ, NUMBER, METRE = {"units": "Hz"}, {"units": "1"}, {"units": "m"}
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 WITHOUT_GAPS = "Number the degrees of freedom without gaps, or reduce the model in its own program."
-AS_SPARSE = "Save it as a sparse matrix, or reduce the model in its own program."
+AS_SPARSE = "Save a sparse matrix instead, or reduce the model in its own program."
 ROWS_OF_DOFS = "Write a line `row,node,direction` for each row of the matrices, such as `1,17,x`."
 
 

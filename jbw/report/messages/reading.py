@@ -25,8 +25,8 @@ STATE_MASS = (
     "Controlled points determine the damping only if the modal mass is known: state "
     "`modal_mass` in [campaign]."
 )
-AS_HDF5 = "Save it as HDF5, which is read in parts."
-AS_V73 = "Save it with -v7.3, which is read in parts, or save fewer variables."
+AS_HDF5 = "Save the file as HDF5, which can be read in parts."
+AS_V73 = "Save the file with -v7.3, which can be read in parts, or save fewer variables."
 FEWER_SAMPLES = (
     "Read a part of the records, `span = [first, last]` in seconds under [[test]], or decimate "
     "them, `resample = RATE` in Hz at four times the end of the band or more."
@@ -82,7 +82,7 @@ def time_without_unit(name: str, first: Sequence[float], guess: str) -> FaultTex
     )
     listed = ", ".join(f"{x:.15g}" for x in first)
     return FaultText(
-        f"Column `{name}` holds whole numbers without a unit: {listed}, ...",
+        f"Column `{name}` contains whole numbers without a unit: {listed}, ...",
         "They may be counts of samples, or times in a small unit; the sampling rate depends on it.",
         f"{unit}; {count}.",
     )
@@ -114,7 +114,7 @@ def channel_takes(shape: tuple[int, ...]) -> str:
 def beginning(fs: float | None, most: float) -> str:
     """Return the remedy that reads only the start of a channel; `fs` is its rate [Hz], if known."""
     if not fs:
-        return f"Read at most {most:.0f} samples of it at once, by the key `span`."
+        return f"Read at most {most:.0f} samples of the channel at once, by the key `span`."
     return f"Put under [[test]]: `span = [0.0, {most / fs:.4g}]`, or another part that is as long."
 
 

@@ -16,7 +16,7 @@ OWN = "of this test, as fitted"
 ALIKE = "mean of the fitted tests of its kind"
 REPEATS = "scatter of the test's own repeats"
 UNKNOWN = "not known: band of the parameters alone"
-LEFT_OUT = "left out, as asked: band of the parameters alone"
+LEFT_OUT = "left out, as requested: band of the parameters alone"
 
 
 def comparison_of(test: str, quantity: str) -> str:
