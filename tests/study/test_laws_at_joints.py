@@ -32,9 +32,9 @@ def test_every_law_is_tried_at_all_joints_and_at_each():
         ("bouc_wen@bolt_1",),
     )
     assert sentence == (
-        "Compared with one law at all joints: jenkins + cubic, linear. Compared as the campaign "
-        "has them: bouc_wen@bolt_1 + bouc_wen@bolt_2, bouc_wen@bolt_1=bolt_2. Each law at one "
-        "joint, the others unchanged: 4 more."
+        "Compared laws, each at all joints: jenkins + cubic, linear. Compared laws, as the "
+        "campaign states them: bouc_wen@bolt_1 + bouc_wen@bolt_2, bouc_wen@bolt_1=bolt_2. In "
+        "addition 4 combinations were compared, each with another law at one joint."
     )
 
 
