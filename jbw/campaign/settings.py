@@ -270,13 +270,13 @@ def structure_errors(
         if test.traits.is_free and (structure.modal or test.point):
             what = "modal" if structure.modal else "points"
             yield (
-                f"[structure] {what}: free decays of several modes know one joint and one point "
-                f"alone, but test `{test.name}` is one; identify every mode in a band of its own."
+                f"[structure] {what}: free decays of several modes allow only one joint and one "
+                f"point, but test `{test.name}` is one; identify every mode in a separate band."
             )
         if not _knows_several(test.traits):
             named = f"test `{test.name}`" if test.name else "a test"
             yield (
-                f"[structure]: {named} is of kind `{test.kind}`, which knows one mode alone; leave "
+                f"[structure]: {named} is of kind `{test.kind}`, which models only one mode; leave "
                 f"it out of the file, or all modes but the first (several: {', '.join(several)})."
             )
 

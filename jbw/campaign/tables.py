@@ -262,7 +262,7 @@ def _needs(test: TestSpec) -> Iterator[str]:
     for table, names in ((table, getattr(test, table)) for table in per_role):
         for role in names:
             if role not in roles:
-                yield f"{table}: names role `{role}`, which channels does not."
+                yield f"{table}: names role `{role}`, which `channels` does not name."
     if roles.isdisjoint(RESPONSES):
         yield f"channels: needs a response, one of {', '.join(sorted(RESPONSES))}."
     ratios = [role for role, unit in test.units.items() if si_of(role, unit)[2]]
@@ -276,14 +276,14 @@ def _needs(test: TestSpec) -> Iterator[str]:
         yield f"channels: kind `{test.kind}` needs `input`, `force` or `base`."
     yield from _of_base(test, roles)
     if test.drive in FED and traits.is_driven and "input" not in roles:
-        yield f"drive: `{test.drive}` needs the channel `input`, what the shaker was fed."
+        yield f"drive: `{test.drive}` needs the channel `input`, which is fed to the shaker."
     if test.drive == "none" and traits.is_driven:
         yield f"drive: `none` is for free decays, but kind `{test.kind}` is driven."
     if lacking := [f"`{role}`" for role in traits.channels if role not in roles]:
         yield f"channels: kind `{test.kind}` needs {' and '.join(lacking)}."
     if "drive_point" in roles and not set(INPUTS) <= roles:
         lacking = " and ".join(f"`{role}`" for role in INPUTS if role not in roles)
-        yield f"channels: `drive_point` tells of the shaker beside {lacking} alone, which lacks."
+        yield f"channels: `drive_point` reads the shaker only with {lacking}, which is missing."
     forced = "displacement" in roles and roles & {"restoring_force", "force"}
     if traits.is_prescribed and not forced:
         yield f"channels: kind `{test.kind}` needs `displacement` and `restoring_force`."
@@ -305,7 +305,7 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
     if not is_curve and (roles - set(test.traits.channels)) & {"frequency", "phase"}:
         yield f"channels: `frequency` and `phase` belong to kind {curves}."
     if not is_curve and test.amplitudes != "peak":
-        yield f"amplitudes: for kind {curves} only; the samples of a record are what they are."
+        yield f"amplitudes: for kind {curves} only; samples of a record have no such meaning."
     if is_curve and test.remove_mean:
         yield f"remove_mean: for records in time, not for kind {curves}."
     if test.conjugate and not is_curve:
@@ -320,7 +320,7 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
     if abs(test.clock_ppm) > MOST_PPM:
         yield f"clock_ppm: must be at most {MOST_PPM:g} to either side, but is {test.clock_ppm:g}."
     if test.lines_hz and not test.traits.is_free:
-        yield f"lines_hz: for kind {free} only; what drives other records is steady itself."
+        yield f"lines_hz: for kind {free} only; the drive of other records is steady itself."
     prescribed = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_prescribed)
     if test.load_cell != "exact" and not test.traits.is_prescribed:
         yield f"load_cell: for kind {prescribed} only, whose force is what is measured."
@@ -336,7 +336,7 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
     if test.resample and test.band and 2 * test.band[1] > test.resample:
         yield (
             f"resample: must be at least twice the end of band, {test.band[1]:g} Hz, but is "
-            f"{test.resample:g}; nothing is left above half of it."
+            f"{test.resample:g}; nothing remains above half of it."
         )
     if test.point in test.points:
         yield f"points: must be others than `{test.point}`, which is the test's own `point`."
@@ -351,7 +351,7 @@ def _of_base(test: TestSpec, roles: set[str]) -> Iterator[str]:
     """Yield the errors of a test on a moving base: missing channels and forbidden keys."""
     if BASE not in roles:
         if test.drive == BASE:
-            yield "drive: `base` needs the channel `base`, the acceleration of what is clamped to."
+            yield "drive: `base` needs the channel `base`, the acceleration of the base."
         if test.relative_to_base:
             yield "relative_to_base: for tests with the channel `base` only."
         return
@@ -368,7 +368,7 @@ def _of_base(test: TestSpec, roles: set[str]) -> Iterator[str]:
             "relative to the base. Put under [[test]]: `relative_to_base = true`."
         )
     if test.delay:
-        yield "delay: not beside `base`, from which the response must not lag."
+        yield "delay: not allowed with `base`, which the response must not lag."
 
 
 def _of_controlled_tests(test: TestSpec) -> Iterator[str]:
@@ -383,10 +383,10 @@ def _of_controlled_tests(test: TestSpec) -> Iterator[str]:
         )
     for name in ("locked_phase", "phase_tolerance"):
         if name in test.model_fields_set and not test.traits.is_locked:
-            yield f"{name}: for kind {locked}; no phase is held in others."
+            yield f"{name}: for kind {locked}; other kinds have no held phase."
     for name in ("amplitude_std", "jumps"):
         if name in test.model_fields_set and not test.traits.is_controlled:
-            yield f"{name}: for kind {controlled}; others have no points that a controller holds."
+            yield f"{name}: for kind {controlled}; other kinds have no controlled points."
 
 
 def _curves() -> str:

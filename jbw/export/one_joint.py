@@ -47,8 +47,8 @@ COLUMNS = ("frequency_hz", "damping_ratio", "force_n")
 # Of the whole joint, beside the parameters of its laws.
 LINEAR = (
     Quantity("mass", "m", "kg", "modal mass", 0.0),
-    Quantity("spring", "k", "N/m", "stiffness of the spring beside the laws"),
-    Quantity("dashpot", "c", "N s/m", "coefficient of the dashpot beside the laws"),
+    Quantity("spring", "k", "N/m", "stiffness of the spring parallel to the laws"),
+    Quantity("dashpot", "c", "N s/m", "coefficient of the dashpot parallel to the laws"),
 )
 
 

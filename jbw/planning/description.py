@@ -96,10 +96,12 @@ class PlanTable(FileTable):
         None, "standard deviation of a sample of the response, in noise_unit"
     )
     noise_unit: Annotated[str, BeforeValidator(_motion_unit)] = key(
-        "m/s", "its unit, which says what is measured"
+        "m/s", "its unit, which states the measured quantity"
     )
     fs: Positive | None = key(None, "sampling frequency [Hz]")
-    wanted: tuple[str, ...] | None = key(None, "parameters to be known; by default the laws'")
+    wanted: tuple[str, ...] | None = key(
+        None, "parameters to determine; by default all of the laws"
+    )
     cv: Annotated[float, BeforeValidator(_fraction)] = key(
         0.05, "their wished coefficient of variation [-]"
     )

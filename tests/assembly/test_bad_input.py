@@ -267,7 +267,7 @@ def test_a_frequency_below_the_first_is_refused_and_the_remedy_cures():
 def test_joints_need_names_a_place_and_a_stiffness():
     with pytest.raises(ConfigError, match="At least one joint"):
         reduce(three(), [], to_hz=10.0, input="17:x", outputs={}, zeta=0.01)
-    with pytest.raises(ConfigError, match="`bolt` stands twice"):
+    with pytest.raises(ConfigError, match="`bolt` occurs twice"):
         reduced_three(
             places=[
                 Joint("bolt", {"17:x": 1.0}, stiffness=1.0),

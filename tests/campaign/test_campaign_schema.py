@@ -72,7 +72,7 @@ def test_good_file():
         ('"mm/s"', '"mm\\\\s"', "Did you mean `mm/s`?"),
         ('"mm/s"', '"V"', "`V` measures a voltage, but a velocity is needed"),
         ("[0.2]", "[0.3]", "no test has level 0.3; levels: 0.2"),
-        ("num_chains = 4", 'fit = ["s_2"]', "Tests are told by name in hold_out"),
+        ("num_chains = 4", 'fit = ["s_2"]', "State tests by name in hold_out"),
         ("[100.0, 130.0]", "[130.0, 100.0]", "prior: omega_n: must be [lower, upper]"),
         ("[100.0, 130.0]", "[100.0, nan]", "prior: omega_n: must be finite"),
         ("[100.0, 130.0]", "[100.0, 100.0]", "prior: omega_n: must be [lower, upper]"),

@@ -78,7 +78,7 @@ def test_a_mode_on_a_moving_base_is_read_as_it_is(tmp_path, role, unit, more):
     ("options", "said"),
     [
         ({"role": "velocity", "unit": "m/s"}, "the response must be `acceleration`, unless"),
-        ({"more": "delay = 0.01"}, "not beside `base`"),
+        ({"more": "delay = 0.01"}, "not allowed with `base`"),
         ({"more": 'drive = "force"'}, "leave out either"),
     ],
 )
