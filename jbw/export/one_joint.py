@@ -110,8 +110,8 @@ def export(
         )
     if has_further_modes(posterior):
         warnings.warn(
-            "The run has several modes; exported are the joint and the first of them, in whose "
-            "units it is. The others are in `posterior.nc`.",
+            "The run has several modes; the joint is exported with the first mode, in units of "
+            "that mode. The other modes are in `posterior.nc`.",
             stacklevel=2,
         )
     require_all(draws, laws)

@@ -52,7 +52,7 @@ def modes_of(
     if len(drives) > 1:
         raise ConfigError(
             f"[structure] needs tests of one drive, but they are driven by {' and '.join(drives)}.",
-            why="A shaker that moves along changes every mode.",
+            why="A shaker that moves with the structure changes every mode.",
             remedy="Leave the tests of one drive out of the campaign file.",
         )
     highest = max(modes.hz)
@@ -158,8 +158,8 @@ def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
             raise DataError(
                 f"[structure] driving_point: the mode at {hz:g} Hz must have a gain of the first "
                 f"mode's sign, but its gain is {ratio:.2g} times that.",
-                why="Where the source pushes, every mode has the square of its shape for a gain.",
-                remedy="Leave `driving_point` out, or turn the channel of the response round.",
+                why="At the drive point the gain of every mode is the square of its shape.",
+                remedy="Leave `driving_point` out, or reverse the sign of the response channel.",
             )
 
 

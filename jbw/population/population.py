@@ -154,7 +154,7 @@ def population_of(
         raise DataError(
             f"{len(failed)} of {num} runs failed: {', '.join(failed)}.",
             why="The result of a failed run must not be used.",
-            remedy="Mend them first (jbw explain), or pool them all the same with --all-verdicts.",
+            remedy="Repair them first (jbw explain), or pool them anyway with --all-verdicts.",
         )
     coordinates = pooled(fleet, parameters)
     design = covariates_in(fleet)

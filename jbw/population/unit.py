@@ -134,7 +134,8 @@ def _unit(name: str, folder: Path | None, record: Mapping[str, Any], tree: xr.Da
         if "prior" in meaning:
             raise DataError(
                 f"The run {name} took {meaning['prior']} for the prior of {quantity}.",
-                why="A population takes the priors of its runs out again, and knows uniform ones.",
+                why="A population removes the priors of its runs, which is possible only for "
+                "uniform priors.",
                 remedy=f"Identify its campaign with bounds for `{quantity}` in [identify.prior].",
             )
     bounds = {n: (float(a["lower"]), float(a["upper"])) for n, a in attrs.items() if "lower" in a}
@@ -225,7 +226,7 @@ def _require_own_records(units: Sequence[Unit]) -> None:
         if records and records in seen:
             raise DataError(
                 f"The runs {seen[records]} and {unit.name} are of the same records.",
-                why="One unit would count for two, and the scatter would come out too small.",
+                why="One unit would count as two, and the variation would be underestimated.",
                 remedy="Give one of them.",
             )
         seen[records] = unit.name

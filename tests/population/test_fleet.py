@@ -191,6 +191,6 @@ def test_the_command_says_what_is_wrong_with_a_table_of_covariates(tmp_path, cap
     table = tmp_path / "units.csv"
     table.write_text("unit,torque\nA,8\n")
     assert run(["collect", *runs, "--covariates", str(table)]) == 2
-    assert "units.csv, line 2: needs one run of its own" in capsys.readouterr().err
+    assert "units.csv, line 2: needs a different run" in capsys.readouterr().err
     assert run(["collect", str(tmp_path)]) == 3
     assert "holds no finished run" in capsys.readouterr().err
