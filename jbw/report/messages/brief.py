@@ -26,10 +26,10 @@ def levels(*, several_modes: bool) -> str:
 
 
 def more_findings(count: int) -> str:
-    """Return the message on how many findings have no room."""
+    """Return the message that counts the findings that do not fit on the page."""
     return f"{count} more findings: see report.html."
 
 
 def more_lines(count: int) -> str:
-    """Return the message on how many lines of a table have no room."""
+    """Return the message that counts the lines of a table that do not fit on the page."""
     return f"and {count} more lines: see report.html"

@@ -53,7 +53,7 @@ def mended(number: int, line: str, alike_lines: Sequence[int]) -> str:
 
 
 def table_again(number: int, table: str, other: int) -> tuple[str, str]:
-    """Return the message on a table that two lines open."""
+    """Return the message that two lines open the same table."""
     return (
         f"line {number} opens [{table}] again, after line {other}",
         f"Put its keys below line {other}, and remove line {number}.",
@@ -69,7 +69,7 @@ def key_again(number: int, key: str, other: int) -> tuple[str, str]:
 
 
 def in_one_table(other: int, number: int, key: str, line: str) -> tuple[str, str]:
-    """Return the message on a key whose table two lines state, and the line for both."""
+    """Return the message that two lines state one table, with the line that replaces both."""
     return (
         f"lines {other} and {number} both state `{key}`",
         f"Write line {other} as `{line}`, and remove line {number}.",
@@ -173,12 +173,12 @@ def no_test_of_kind(kind: str) -> str:
 
 
 def nothing_to_adapt(sampler: str) -> str:
-    """Return the message on a sampler without a warm-up."""
+    """Return the message that a sampler has no warm-up."""
     return f"sampler {sampler} has no warm-up"
 
 
 def no_coordinates(laws: str) -> str:
-    """Return the message on laws without other coordinates."""
+    """Return the message that no law of the joint offers other coordinates."""
     return f"no law of the joint ({laws}) offers other coordinates"
 
 
@@ -206,7 +206,7 @@ def unmoved(joint: str) -> FaultText:
 
 
 def exchanged(test: str, ratio: float, other: str, smaller: float) -> FaultText:
-    """Return the message on tests whose levels do not suit their drives."""
+    """Return the message that the levels of two tests contradict their drives."""
     return FaultText(
         f"The `level` of test `{test}` is {ratio:.3g} times that of `{other}`, but its drive is "
         f"{smaller:.3g} times smaller, and its response is smaller too.",
@@ -216,7 +216,7 @@ def exchanged(test: str, ratio: float, other: str, smaller: float) -> FaultText:
 
 
 def twice(first: str, relation: str, second: str, remedy: str) -> FaultText:
-    """Return the message on a record that two tests hold."""
+    """Return the message that two tests contain the same record."""
     return FaultText(
         f"{first} {relation} {second}.",
         "A record that is used twice makes intervals too narrow, and predicts itself.",
@@ -225,7 +225,7 @@ def twice(first: str, relation: str, second: str, remedy: str) -> FaultText:
 
 
 def shares(share: float) -> str:
-    """Return the message on what a record has in common with another, as a share of the shorter."""
+    """Return the message on the share of a record that another record contains too."""
     return f"shares {share:.0%} with"
 
 
@@ -235,7 +235,7 @@ def rest_or_leave_out(part_line: str, leaving_out: str) -> str:
 
 
 def several_assemblies(count: int, names: Sequence[str]) -> str:
-    """Return the message on a torque of one assembly for tests of several."""
+    """Return the message that one [assembly] is stated for tests of several assemblies."""
     return (
         f"[assembly]: describes one assembly, but the campaign has {count}: {', '.join(names)}; "
         "write a campaign file for each."
@@ -243,7 +243,7 @@ def several_assemblies(count: int, names: Sequence[str]) -> str:
 
 
 def name_of_several(name: str, count: int) -> str:
-    """Return the message on a name that several tests have."""
+    """Return the message that several tests have the same name."""
     return f"[[test]] name: {name!r} is given to {count} tests."
 
 
@@ -256,7 +256,7 @@ def mode_outside(hz: float, bands: str) -> str:
 
 
 def no_level(level: float, levels: str) -> str:
-    """Return the message on a level that no test has."""
+    """Return the message that `fit_levels` names a level that no test has."""
     return f"[identify] fit_levels: no test has level {level:g}; levels: {levels}."
 
 
@@ -274,17 +274,17 @@ def base_beside_others(others: str) -> str:
 
 
 def joint_twice(table: str, count: int) -> str:
-    """Return the message on a name that several joints have."""
+    """Return the message that several joints have the same name."""
     return f"{table} name: must be unique, but {count} joints have it."
 
 
 def no_place(table: str) -> str:
-    """Return the message on a joint beside matrices without a place."""
+    """Return the message that a joint of a model lacks its place."""
     return f"{table}: if there are matrices, a joint must have `across` or `weights`."
 
 
 def no_stiffness(table: str) -> str:
-    """Return the message on a joint beside matrices without its stiffness."""
+    """Return the message that a joint of a model lacks its stiffness."""
     return f"{table} stiffness: missing; state that of the stuck joint in SI [N/m, or N m/rad]."
 
 
@@ -302,7 +302,7 @@ def shape_of_modes(table: str, modes: int, count: int) -> str:
 
 
 def unknown_leader(key: str, leader: str, guess: str, joints: str) -> str:
-    """Return the message on a joint whose leader there is not."""
+    """Return the message that `same_as` names a joint that does not exist."""
     return f"{key}: must be the name of a joint, but is `{leader}`. {guess}Joints: {joints}."
 
 
@@ -315,7 +315,7 @@ def circle(key: str) -> str:
 
 
 def other_laws(key: str, joint: str, laws: str, leader: str, of_leader: str) -> str:
-    """Return the message on joints that share a law and state others."""
+    """Return the message that joints with a shared law state different laws."""
     return (
         f"{key}: joints that share a law must have the same laws, but `{joint}` has {laws} and "
         f"`{leader}` {of_leader}. Leave `laws` out of `{joint}`."

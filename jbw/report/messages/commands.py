@@ -84,12 +84,12 @@ def draw_posterior(folder: str) -> str:
 
 
 def or_export(folder: str) -> str:
-    """Return the message on what else a good result is for."""
+    """Return the message that names the command to export a good result."""
     return f", or to use the joint in other programs: jbw export {folder}"
 
 
 def or_plan(folder: str) -> str:
-    """Return the message on what else may be done after a result that fails."""
+    """Return the message that names the command to plan tests after a failed result."""
     return f", or to plan further tests: jbw plan {folder}"
 
 

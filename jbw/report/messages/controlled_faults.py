@@ -24,7 +24,7 @@ def few_points(least: int, count: int) -> FaultText:
 
 
 def put_scale(role: str) -> str:
-    """Return the message on the line that turns a response over."""
+    """Return the message with the line that reverses the sign of a response."""
     return f"Put under [[test]]: `scale = {{ {role} = -1.0 }}`."
 
 

@@ -59,7 +59,7 @@ def homes_differ(joints: str, first: str, second: str) -> str:
 
 
 def of_prior(names: Mapping[str, Sequence[str]]) -> str:
-    """Return the message on parameters of which a run holds its prior alone, with these runs."""
+    """Return the message on parameters that a run does not identify, with these runs."""
     shown = ", ".join(f"{name} ({' and '.join(runs)})" for name, runs in names.items())
     return f"Not compared, because the data of the runs in brackets do not identify it: {shown}."
 

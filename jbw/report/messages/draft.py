@@ -81,7 +81,7 @@ def check_roles(roles: Sequence[str]) -> str:
 
 
 def not_used(channels: str) -> str:
-    """Return the message on channels that are not drafted."""
+    """Return the message that names the unused channels."""
     return f"# not used: {channels}"
 
 
@@ -101,7 +101,7 @@ def about_shared(low: float, high: float) -> str:
 
 
 def more_groups(count: int) -> str:
-    """Return the message on groups of a file that are not drafted."""
+    """Return the message that counts the groups of a file that are not drafted."""
     return f"# {count} more groups like these are in the file.\n"
 
 
@@ -191,7 +191,7 @@ def kind(kind: str, kinds: str) -> str:
 
 
 def separate_files(files: str) -> str:
-    """Return the message on files of the response by themselves."""
+    """Return the message with the line for separate files of the response."""
     return f"# if the response is in separate files: files = {files}"
 
 
@@ -201,7 +201,7 @@ def slowest(rate: str) -> str:
 
 
 def doubtful(doubt: str) -> str:
-    """Return the message on a line of what a reader cannot use."""
+    """Return the message on data that the reader cannot use."""
     return f"# CHECK: {doubt}"
 
 
@@ -221,7 +221,7 @@ def assumed_time_unit(channel: str, unit: str) -> str:
 
 
 def counts_samples(channel: str) -> str:
-    """Return the message on a column that counts samples, beside which no rate is stated."""
+    """Return the message that a column counts samples and no rate is stated."""
     return f"{channel} counts samples, so that the sampling frequency fs must be given."
 
 
@@ -246,7 +246,7 @@ def sensitivity(sensors: str) -> str:
 
 
 def matrices(files: Sequence[str]) -> str:
-    """Return the message on files of a model's matrices beside records."""
+    """Return the message on files with matrices of a model next to the records."""
     return (
         f"{', '.join(files)}: matrices of a model. To identify its joints, fill in the tables "
         "[structure] and [[joint]], which the draft contains as a comment."

@@ -84,7 +84,7 @@ def first_point_amplitude(unit: str) -> str:
 
 
 def fold(mode: str, amplitude: str) -> str:
-    """Return the message on where the backbone of a mode ends."""
+    """Return the message on the amplitude at which the backbone of a mode ends."""
     return f"{mode}: folds over, or turns\ntoo often, at {amplitude}"
 
 

@@ -67,7 +67,7 @@ def follows_bound(name: str, shift: float, bound: str) -> str:
 
 
 def box_sensitivity(moves: Sequence[str]) -> str:
-    """Return the message on means that follow the prior's bounds, or that none does."""
+    """Return the message on means that depend on the bounds of the prior, if any."""
     if not moves:
         return STABLE
     return (
@@ -102,7 +102,7 @@ def profile_open(name: str, bounds: tuple[float, float], rise: float, *, flat: b
 
 
 def profile_refused(name: str, count: int) -> str:
-    """Return the message on how many points of a profile could not be solved."""
+    """Return the message on the points of a profile that could not be solved."""
     points = "1 point" if count == 1 else f"{count} points"
     return (
         f"The profile likelihood of {name} lacks {points}, at which the model could not be solved."
@@ -118,7 +118,7 @@ def better_fit(gain: float) -> str:
 
 
 def waterfall(total: int, near: int) -> str:
-    """Return the message on how many starts of the fit found its optimum."""
+    """Return the message on the number of starts of the fit that reached the optimum."""
     if total == 1:
         return ONE_START
     if near == 1:

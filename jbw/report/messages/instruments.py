@@ -20,7 +20,7 @@ BESIDE_MATRICES = (
 
 
 def with_shaker(drive: str) -> str:
-    """Return the message that every test is driven by one shaker, whose armature moves along."""
+    """Return the message that omega_n and zeta include the armature of the shaker."""
     return (
         f"Every test is driven by {drive}, so that omega_n and zeta are those of the structure "
         "together with the armature of its shaker."
@@ -51,7 +51,7 @@ def attachment(test: str, share: float, added: float, *, at_drive_point: bool) -
 
 
 def heavy(limit: float) -> str:
-    """Return the message on what to do where a shaker adds more than so much of the modal mass."""
+    """Return the message with the remedy for a shaker that adds too much to the modal mass."""
     return (
         f"An added mass of more than {percent(limit, '.0f')} matters: fit the tests of each drive "
         "separately, or move the shaker to where the mode moves less."
@@ -71,7 +71,7 @@ def shaker_reading(
     residual: tuple[float, float],
     moved: str,
 ) -> str:
-    """Return the message on what was read of a shaker.
+    """Return the message on the identified shaker.
 
     Its gain [N/V], the attachment's mass [kg], damping [N s/m] and stiffness [N/m], the residual
     of the force with and without the attachment, and how the modes move.

@@ -16,7 +16,7 @@ STUCK_SLIDER = "its stiffness (the data determine only its sum with other stuck 
 
 
 def stiffer_than_structure(held: str, stiffness: Any, limit: Any) -> str:
-    """Return the message that the joint's stiffness exceeds what is `held` [1/s^2]."""
+    """Return the message that the joint's stiffness exceeds the limit named by `held` [1/s^2]."""
     return (
         f"The joint is stiffer than the structure: its stiffness must not exceed {held}, but "
         f"{number(stiffness, '.4g')} > {number(limit, '.4g')} 1/s^2. Once the joint slips, nothing "
@@ -71,7 +71,7 @@ def unbounded(reason: str, parameters: Mapping[str, Any], remedy: str) -> str:
 def may_diverge(
     conditions: Sequence[str], broken: Sequence[str], parameters: Mapping[str, Any]
 ) -> str:
-    """Return the message on which of the conditions for a bounded z the parameters break."""
+    """Return the message on violated conditions for a bounded hysteretic force."""
     return (
         f"The joint is bounded for {' and '.join(conditions)}, but {_stated(parameters)} violate "
         f"{' and '.join(broken)}: the hysteretic force may diverge. Check the signs of the "
@@ -152,5 +152,5 @@ def step_of_mode(hz: float, angle: float, fs: float, substeps: int) -> str:
 
 
 def put_substeps(substeps: int) -> str:
-    """Return the message on how many substeps follow the highest mode."""
+    """Return the message with the number of substeps that resolves the highest mode."""
     return f"Put `substeps={substeps}`, sample the input faster, or leave the mode out."

@@ -45,12 +45,12 @@ def tried_at_joints(
 
 
 def best_by_predictions(law: str, num_sessions: int) -> str:
-    """Return the message on the best law, where sessions are enough to compare predictions."""
+    """Return the message on the best law by its predictions of held-out sessions."""
     return f"Best law: {law}, by the predictions of {num_sessions} held-out sessions."
 
 
 def best_by_evidence(law: str, num_sessions: int, needed: int) -> str:
-    """Return the message on the best law where they are too few."""
+    """Return the message on the best law if the sessions are too few to compare predictions."""
     there_are = f"there are {num_sessions}" if num_sessions != 1 else "there is 1"
     return (
         f"Best law: {law}, by the evidence alone, which depends on the priors. To compare "
@@ -147,7 +147,7 @@ def best_within(law: str, error: float) -> str:
 
 
 def best_beyond(law: str, error: float) -> str:
-    """Return the message on the law that predicts best what moves further than what was fitted."""
+    """Return the message on the law that best predicts tests beyond the fitted motion."""
     return f"Tests beyond the fitted motion: {law} predicts best (RMS error {percent(error)})."
 
 
@@ -201,7 +201,7 @@ def heading(count: int) -> str:
 
 
 def not_distinguished(laws: Sequence[str]) -> str:
-    """Return the message on the end of the page's first sentence."""
+    """Return the message that ends the page's first sentence: equivalent laws."""
     return f", but the data do not distinguish it from {', '.join(laws)}"
 
 

@@ -49,7 +49,7 @@ def not_read(tests: Sequence[str], why: str) -> str:
 
 
 def of_mode(hz: float, sentence: str) -> str:
-    """Return the message on a sentence about one of several modes."""
+    """Return the message that a sentence is about one of several modes."""
     return f"Mode near {hz:.4g} Hz: {sentence}"
 
 

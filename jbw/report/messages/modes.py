@@ -42,7 +42,7 @@ def compared(
 
 
 def still_mode(hz: float, ratio: str, low: float, high: float) -> str:
-    """Return the message on a mode that source or sensor do not see."""
+    """Return the message on a mode that the source or the sensor does not see."""
     return (
         f"The mode at {hz:g} Hz is not seen: {ratio} lies between {low:.2g} and {high:.2g}. The "
         "source or the sensor lies at a node of this mode. Leave the mode out of `modes`, or "
@@ -120,7 +120,7 @@ def moved_by_factor(mode: int, joint: str, factor: float, low: float, high: floa
 
 
 def identified(joints: str) -> str:
-    """Return the message on joints that are identified by themselves."""
+    """Return the message on joints that are identified separately."""
     return f"Joints that are identified separately: {joints}."
 
 

@@ -71,12 +71,12 @@ def repeats(test: str, numbers: Sequence[int]) -> str:
 
 
 def effect(least: float, most: float, unit: str, changes: str) -> str:
-    """Return the message on what the joint does between two amplitudes."""
+    """Return the message on the effect of the joint between two amplitudes."""
     return f"From {least:.2g} to {most:.2g} {unit} of motion the joint {changes}."
 
 
 def joints_effect(mode: int, frequency: str, damping: str) -> str:
-    """Return the message on what all joints together do to a mode at its largest motion."""
+    """Return the message on the effect of all joints on a mode at its largest motion."""
     return f"the frequency of mode {mode} changes by {frequency} and its damping ratio by {damping}"
 
 
@@ -100,7 +100,7 @@ def sentence(clauses: Sequence[str]) -> str:
 
 
 def damped_by(mode: int, joint: str, percent: str) -> str:
-    """Return the message on the joint that takes most of what all joints lose in a mode."""
+    """Return the message on the joint with the largest share of a mode's losses."""
     return f"mode {mode} is damped mainly by {joint} ({percent} % of the joints' losses)"
 
 

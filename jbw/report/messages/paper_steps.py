@@ -18,7 +18,7 @@ def held_parameters(names: str, times: str, far: str) -> str:
 
 
 def outside_interval(names: Sequence[str]) -> str:
-    """Return the message on parameters whose means of the two routes differ."""
+    """Return the message on parameters that the paper's steps find outside the joint interval."""
     return (
         f"The paper's steps give means of {', '.join(names)} outside the 99 % interval of the "
         "joint posterior. Use the joint posterior."

@@ -23,12 +23,12 @@ NATURAL_FREQUENCY = "the natural frequency"
 
 
 def drawn_from_ranges(num_joints: int) -> str:
-    """Return the message on what a plan before any test rests on."""
+    """Return the message that a plan is based on stated ranges."""
     return f"Plan for {num_joints} joints drawn from the stated ranges, which are the prior."
 
 
 def drawn_from_run(num_joints: int) -> str:
-    """Return the message on what a plan after a run rests on."""
+    """Return the message that a plan is based on the posterior of a run."""
     return f"Plan for {num_joints} draws of the run's posterior, which is the prior of new tests."
 
 
@@ -83,7 +83,7 @@ def title(cv: float, parameters: Sequence[str], num_joints: int) -> str:
 
 
 def most_per_second(test: str, level: float, unit: str) -> str:
-    """Return the message on the test that would add most where none is needed."""
+    """Return the message on the test with the largest information gain, if no test is needed."""
     return f"Largest information gain per second: {test}, {level:g} {unit}."
 
 
@@ -96,7 +96,7 @@ def recommended(tests: Sequence[str], cvs: Mapping[str, str], duration: str) -> 
 def not_reached(
     tests: Sequence[str], cvs: Mapping[str, str], duration: str, most: int
 ) -> list[str]:
-    """Return the message on the same where no combination reaches the wish."""
+    """Return the message on the best tests if no combination reaches the required accuracy."""
     heading = (
         f"No combination of at most {most} repeats reaches the required CV. The best one found:"
     )
@@ -104,7 +104,7 @@ def not_reached(
 
 
 def together(note: str) -> str:
-    """Return the message on what all recommended tests leave open."""
+    """Return the message on what the recommended tests do not determine."""
     return f"  Together, {note}."
 
 
@@ -127,7 +127,7 @@ def fleet_title(scatter: float) -> str:
 
 
 def told_by_run(key: str) -> str:
-    """Return the message on a key that a run leaves no place for."""
+    """Return the message that a key must be removed because the run states it."""
     return f"{key}: remove it, because the run states it."
 
 

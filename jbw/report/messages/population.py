@@ -86,7 +86,7 @@ def outliers(units: Sequence[str]) -> str:
 
 
 def weighed(count: int, num_units: int, least: float) -> str:
-    """Return the message on how many units enter by their draws."""
+    """Return the message on the number of units that are represented by draws."""
     return (
         f"{count} of {num_units} units are represented by reweighted draws; the effective sample "
         f"size is at least {percent(least, '.0f')} of the draws."
@@ -94,7 +94,7 @@ def weighed(count: int, num_units: int, least: float) -> str:
 
 
 def approximated(units: Sequence[str]) -> str:
-    """Return the message on units whose posteriors enter as normal ones."""
+    """Return the message on units that are represented by a normal approximation."""
     return f"The posterior of {listed(units)} is represented by a normal approximation."
 
 

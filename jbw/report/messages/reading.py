@@ -119,12 +119,12 @@ def beginning(fs: float | None, most: float) -> str:
 
 
 def against_file(unit: str, of_file: str) -> str:
-    """Return the message on the unit of a campaign beside that of a file."""
+    """Return the message on the unit that the campaign states instead of that of the file."""
     return f"{unit} as the campaign states, not `{of_file}` as the file states"
 
 
 def angle_of(role: str) -> str:
-    """Return the message on where a phase comes from."""
+    """Return the message on the channel from which a phase was computed."""
     return f"angle of the complex {role}"
 
 
@@ -142,7 +142,7 @@ def rests(start: float, end: float, share: float, keep: str) -> str:
 
 
 def oversampled(per_cycle: float, hz: float, ordinal: str, fs: float, every: int) -> str:
-    """Return the message on how many samples a cycle has, and how many are enough."""
+    """Return the message on a sampling frequency that is higher than necessary."""
     return (
         f"It has {per_cycle:.0f} samples per cycle of its strongest frequency, {hz:.4g} Hz: "
         f"low-pass it and export every {ordinal} sample ({fs:g} Hz); a fit then takes "

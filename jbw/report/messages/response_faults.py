@@ -85,7 +85,7 @@ def loop_turned(rises: float, work: float) -> FaultText:
 
 
 def undecaying(times: float) -> FaultText:
-    """Return the message on a decay whose end is as large as its beginning."""
+    """Return the message on a decay that does not decay."""
     return FaultText(
         f"The response of the last quarter is {times:.2g} times that of the first.",
         "A free decay falls; this record may be driven, or may begin before the impact.",
@@ -114,7 +114,7 @@ def already_moving(share: float) -> FaultText:
 
 
 def unlike_level(level: float, role: str, peak: float, rms: float, unit: str) -> FaultText:
-    """Return the message on a level beside peak and rms of the channel that it is of."""
+    """Return the message that `level` differs from the peak and the rms of its channel."""
     sizes = f"a peak of {peak:.3g} and an rms of {rms:.3g} {unit}".rstrip()
     return FaultText(
         f"`level` is {level:g}, but {role} has {sizes}.",

@@ -93,7 +93,7 @@ def later_round(what: str, number: int) -> str:
 
 
 def effective(size: float, needed: float) -> str:
-    """Return the message on how many effective draws there are, of how many."""
+    """Return the message on the effective draws so far, and the number needed."""
     return f"{size:,.0f} effective draws; at least {needed:,.0f} are needed"
 
 

@@ -72,7 +72,7 @@ def no_shaker(test: str, why: str) -> str:
 
 
 def identify_anew(folder: str) -> str:
-    """Return the message on what to do where a folder holds another result."""
+    """Return the message with the remedy for a folder that contains another result."""
     return f"To identify again, move {folder} away or choose another `out`."
 
 
@@ -89,7 +89,7 @@ def exported_draw(number: int, count: int, why: str, mass: float) -> str:
 
 
 def one_draw(number: int, mass: float) -> str:
-    """Return the message on the same of one of several exported draws."""
+    """Return the message on one of several exported draws, with the modal mass [kg]."""
     return f"Joint: draw number {number} (counted from 0); modal mass {mass:g} kg."
 
 
@@ -99,7 +99,7 @@ def exported_joints(number: int, count: int, why: str, system: str) -> str:
 
 
 def one_of_joints_draws(number: int, system: str) -> str:
-    """Return the message on the same of one of several exported draws."""
+    """Return the message on one of several exported draws of the joints, with its units."""
     return f"Joints: draw number {number} (counted from 0); units {system}."
 
 
@@ -176,7 +176,7 @@ def sliders(
 
 
 def without_form(program: str) -> str:
-    """Return the message on a program for which no file is written."""
+    """Return the message that no file is written for a program."""
     return f"No file is written for {program}, which cannot represent this joint."
 
 
@@ -191,7 +191,7 @@ def unfinished(folder: str) -> str:
 
 
 def further_units(torque: float | None, *, of_units: bool) -> str:
-    """Return the message on which units a prediction is for, and whose gain they have."""
+    """Return the message on the units of a prediction, and the gain that is used."""
     at = "" if torque is None else f" at {torque:.3g} N m"
     gain = "the gains of the measured units" if of_units else "the campaign's gain for its tests"
     return f"New units{at}, with {gain}"

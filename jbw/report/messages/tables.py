@@ -43,7 +43,7 @@ def rests_on(parameters: Sequence[str]) -> str:
 
 
 def beyond(reach: float) -> str:
-    """Return the message on how far a test lies beyond the fitted ones."""
+    """Return the message on the extrapolation of a test beyond the fitted displacement."""
     return f"reaches {reach:.2g} times the largest fitted displacement"
 
 

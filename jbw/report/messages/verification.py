@@ -35,7 +35,7 @@ def extrapolated(test: str, y: float, ratio: float, fitted: float) -> str:
 
 
 def away_from_mode(test: str, share: float) -> str:
-    """Return the message on the share of the input's power about the mode."""
+    """Return the message that a test hardly drives the identified mode."""
     return (
         f"Only {percent(share)} of the input power of test `{test}` lies within 25 % of the "
         "natural frequency. The test hardly moves the identified mode, and other modes may "
@@ -44,7 +44,7 @@ def away_from_mode(test: str, share: float) -> str:
 
 
 def without_terms(test: str, terms: str) -> str:
-    """Return the message on what a prediction lacks of a new unit."""
+    """Return the message on residual terms that a prediction of a new unit omits."""
     return (
         f"Test `{test}` is predicted without {terms}, which differ between the units of the "
         "population. Its bands do not include the response of other modes."
