@@ -1,14 +1,14 @@
 """Where does a command's time go: tracing, lowering, compiling or the rest, stage by stage?
 
-Every trace, lowering and compilation is recorded with its program, and the processor time of every
-stage that the command names. Seconds of tracing, lowering and compiling are those of the thread
-that does them: on a busy machine they are too long. Nothing that was compiled before is used.
+Every trace, lowering and compilation is recorded with its program, and the processor time with
+every stage that the command names. Seconds of tracing, lowering and compiling are wall times of the
+thread that does them, which are too long on a busy machine. No code compiled before is used.
 
     python benchmarks/account.py [--calls 7] [--json FILE] [--kept] [COMMAND ...]
 
 The command is `demo` unless another is given. With --kept, compiled code is kept and used as the
-command does it. Behind the stages stand the programs that took longest, and the processor time of
-one evaluation of the log likelihood, in batches as the sampler asks for it.
+command usually does. After the stages the programs that took longest are listed, and the processor
+time of one evaluation of the log likelihood, in batches like those of the sampler.
 """
 
 import os
@@ -30,12 +30,12 @@ STAGES = {
 }  # fmt: skip
 PROGRAMS = {"program": "", "number": "d", "compile, s": ".1f"}
 EVALUATION = {"evaluation": "", "min, CPU ms": ".2f", "median, CPU ms": ".2f"}
-LONGEST = 12  # programs that are shown
-POINTS = 64  # of the log likelihood that is timed
+LONGEST = 12  # number of listed programs
+POINTS = 64  # points of the log likelihood in a timed batch
 
 
 class Account:
-    """What was recorded so far: a stage begins where the command names it."""
+    """The record of a command's times, by stage; a stage begins where the command names it."""
 
     def __init__(self) -> None:
         self.stage = "imports"
@@ -47,7 +47,7 @@ class Account:
         self._since = 0.0
 
     def begin(self, stage: str) -> None:
-        """End the stage under way, and begin another."""
+        """End the present stage and begin another."""
         now = time.process_time()
         self.seconds[self.stage]["CPU"] += now - self._since
         self.stage, self._since = stage, now
@@ -55,7 +55,7 @@ class Account:
             self.order.append(stage)
 
     def record(self, event: str, duration: float, **about: Any) -> None:
-        """One event of JAX."""
+        """Record one event of JAX."""
         if (kind := EVENTS.get(event)) is None:
             return
         self.seconds[self.stage][kind] += duration
@@ -66,7 +66,7 @@ class Account:
             self.seconds[self.stage]["programs"] += 1
 
     def stages(self) -> list[tuple[Any, ...]]:
-        """A row a stage, and their sum."""
+        """Return one row per stage, and a row with their sum."""
         rows = [(stage[:60], self.seconds[stage]) for stage in self.order]
         whole = sum((counts for _, counts in rows), Counter())
         kinds = "trace", "lower", "compile", "CPU"
@@ -76,12 +76,12 @@ class Account:
         ]
 
     def programs(self) -> list[tuple[Any, ...]]:
-        """The programs that took longest to compile."""
+        """Return the programs that took longest to compile, with counts and seconds."""
         return [(name, self.compiled[name], s) for name, s in self.spent.most_common(LONGEST)]
 
 
 def listen(account: Account) -> None:
-    """Follow the stages of a command, what JAX compiles, and the first batch of a likelihood."""
+    """Record a command's stages, JAX's compilations, and the first batch of a likelihood."""
     import jax
 
     from jbw.cli import progress
@@ -103,7 +103,7 @@ def listen(account: Account) -> None:
 
 
 def evaluation(account: Account, calls: int) -> list[tuple[Any, ...]]:
-    """Processor time of one evaluation of the last log likelihood that was asked for."""
+    """Return the processor time of one evaluation of the last requested log likelihood."""
     import numpy as np
 
     from jbw.inference.lanes import at_points
@@ -112,7 +112,7 @@ def evaluation(account: Account, calls: int) -> list[tuple[Any, ...]]:
         return []
     function, theta, data = account.evaluation
     points = {name: np.resize(np.asarray(x), POINTS) for name, x in theta.items()}
-    at_points(function, points, data)  # compiled and warm
+    at_points(function, points, data)  # The code is now compiled and warm.
     spent = []
     for _ in range(calls):
         start = time.process_time()
@@ -134,7 +134,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with tempfile.TemporaryDirectory() as folder:
         if not chosen.kept:
             os.environ["JAX_COMPILATION_CACHE_DIR"] = os.path.join(folder, "compiled")
-        if chosen.command == ["demo"]:  # which writes into the folder where it runs
+        if chosen.command == ["demo"]:  # The demo writes into the folder where it runs.
             os.chdir(folder)
         run(account, chosen.command)
         tables = [
@@ -142,12 +142,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
             Table("Programs", PROGRAMS, account.programs()),
             Table("Evaluation", EVALUATION, evaluation(account, chosen.calls)),
         ]
-        os.chdir("/")  # out of a folder that is about to go
+        os.chdir("/")  # The temporary folder is about to be removed.
     show(tables, file=file)
 
 
 def run(account: Account, command: Sequence[str]) -> None:
-    """Run a command in this process, its own words on standard error."""
+    """Run a command in this process, with its output on standard error."""
     from contextlib import redirect_stdout
 
     from jbw.cli import main as jbw

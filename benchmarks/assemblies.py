@@ -1,12 +1,13 @@
 """What do several joints cost, beside one and beside SciPy?
 
-A chirp through `jbw.simulate` of three modes with one, two and three Bouc-Wen joints, and the
-gradient of half the sum of squares of the output's velocity by all parameters. A joint asks for as
-much as the others, and what the modes do is shared, so that the ratio should stay below that of
-the joints. All times are those of the processor.
+A chirp passes through `jbw.simulate` of three modes with one, two and three Bouc-Wen joints, with
+the gradient of half the sum of squares of the output's velocity by all parameters. Every joint
+costs the same, and the cost of the modes is shared, so that the ratio should stay below the number
+of joints. All times are processor times.
 
-Two joints also by `scipy.integrate.solve_ivp`, right-hand side in NumPy, over the golden chirp of
-1 s; errors are those of the modal displacements over their peak against the golden ones.
+Two joints are also integrated by `scipy.integrate.solve_ivp`, with the right-hand side in NumPy,
+over the golden chirp of 1 s. Errors are those of the modal displacements relative to the golden
+peaks.
 
     python benchmarks/assemblies.py [--calls 31] [--json FILE]
 """
@@ -40,7 +41,7 @@ LAWS = ((497.4, 340.21, 32.84), (900.0, 500.0, 120.0), (700.0, 420.0, 80.0))
 
 
 def structure(joints: int) -> jbw.Structure:
-    """Three modes at 18.8, 57 and 131 Hz with some joints."""
+    """Return three modes at 18.8, 57 and 131 Hz with a given number of joints."""
     modes = 2 * np.pi * np.array([18.8, 57.0, 131.0]), np.array([4e-3, 6e-3, 8e-3])
     laws = tuple((jbw.laws.BoucWenLaw(*numbers),) for numbers in LAWS[:joints])
     b = np.array([1.0, 0.7, -0.5])
@@ -49,7 +50,7 @@ def structure(joints: int) -> jbw.Structure:
 
 
 def chirp() -> jax.Array:
-    """5 to 145 Hz, through all modes."""
+    """Return a chirp from 5 to 145 Hz, through all modes."""
     t = np.arange(NUM) / FS
     return jnp.asarray(8.0 * np.sin(2 * np.pi * (5.0 * t + 17.5 * t**2)))
 
@@ -59,14 +60,14 @@ def loss(u: jax.Array, model: jbw.Structure) -> jax.Array:
 
 
 def ahead(function: Callable, model: jbw.Structure) -> tuple[Callable, float]:
-    """The compiled function, and the processor's seconds that took."""
+    """Return the compiled function, and the processor time of its compilation [s]."""
     start = time.process_time()
     run = jax.jit(function).lower(model).compile()
     return run, time.process_time() - start
 
 
 def joints_table(calls: int) -> tuple[Table, list[Target]]:
-    """One, two and three joints in turns."""
+    """Return the table of times with one, two and three joints, and the targets."""
     value = partial(loss, chirp())
     runs, compile_s = {}, {}
     for joints in (1, 2, 3):
@@ -95,7 +96,7 @@ def joints_table(calls: int) -> tuple[Table, list[Target]]:
 
 
 def golden_pair() -> tuple[dict[str, Any], np.ndarray, jbw.Structure]:
-    """The golden chirp through two Bouc-Wen joints: its numbers, input and structure."""
+    """Return the golden chirp through two Bouc-Wen joints: its values, input and structure."""
     golden = json.loads(GOLDEN.read_text())["transient"]
     case, t = golden["cases"][0], np.arange(golden["num_samples"]) / golden["fs"]
     drive, system = case["input"], case["system"]
@@ -110,7 +111,7 @@ def golden_pair() -> tuple[dict[str, Any], np.ndarray, jbw.Structure]:
 
 
 def by_scipy(system: dict[str, Any], u: np.ndarray, method: str, rtol: float) -> np.ndarray:
-    """Modal displacements at the samples by a plain integration, the input in straight lines."""
+    """Return the modal displacements at the samples by SciPy, from an interpolated input."""
     t = np.arange(len(u)) / FS
     omega, zeta, h, b = (np.array(system[name]) for name in ("omega", "zeta", "H", "b"))
     alpha, delta, gamma = (
@@ -130,7 +131,7 @@ def by_scipy(system: dict[str, Any], u: np.ndarray, method: str, rtol: float) ->
 
 
 def scipy_table(calls: int) -> Table:
-    """Two joints by jbw and by SciPy."""
+    """Return the table that compares two joints by jbw and by SciPy."""
     case, u, model = golden_pair()
 
     def moved(substeps: int) -> Callable[[], Any]:

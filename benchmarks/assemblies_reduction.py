@@ -1,10 +1,10 @@
 """What does it cost to reduce a finite-element model with joints, and how much memory?
 
-A portal frame of more and more beam elements, with two joints, reduced to its modes up to 400 Hz
-with residual modes. The number of kept modes stays the same, so that what grows is the sparse
-algebra alone; what comes after the reduction does not know the model's size. The first frequency
-shows the round-off of double precision: the condition number of a beam's stiffness grows as the
-fourth power of the number of elements, whatever is done with it.
+A portal frame of more and more beam elements, with two joints, is reduced to its modes up to 400 Hz
+with residual modes. The number of kept modes stays the same, so that only the cost of sparse
+algebra grows; later steps do not depend on the size of the model. The first frequency shows the
+round-off of double precision: the condition number of a beam's stiffness grows with the fourth
+power of the number of elements, whatever the method.
 
     python benchmarks/assemblies_reduction.py [--calls 3] [--json FILE]
 """
@@ -16,13 +16,13 @@ from timing import Table, options, show, take_turns
 
 import jbw
 
-ELEMENTS = (100, 400, 1100)  # of each of the three members, three degrees of freedom a node
+ELEMENTS = (100, 400, 1100)  # per each of three members, with three degrees of freedom per node
 COLUMNS = {"degrees of freedom": "d", "modes": "d", "first, Hz": ".6f", "reduction, s": ".2f"}
 COLUMNS |= {"of a process, GB": ".2f"}
 
 
 def tables(calls: int) -> list[Table]:
-    """Seconds of each size, in turns, and the most memory of the process so far."""
+    """Return the table of times by size, with the process's largest memory so far."""
     frames = {str(n): jbw.rig.portal_frame(elements=n) for n in ELEMENTS}
     times = take_turns({name: frame.reduced for name, frame in frames.items()}, calls)
     rows = []

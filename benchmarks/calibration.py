@@ -1,10 +1,10 @@
 """Do the steps' intervals hold the truth as often as they say?
 
-Simulation-based calibration of Steps 2, 3, 4 and of the joint posterior on short tests: the least
-p-value of uniform ranks over all quantities, the lowest and highest coverage of 99 % intervals, and
-the failures, which are never dropped. With --campaigns also whole campaigns of the virtual rig:
-mean and standard deviation of the truth's z-scores in the joint posterior, and the p-value of a
-Kolmogorov-Smirnov test against the standard normal.
+Simulation-based calibration of Steps 2, 3, 4 and of the joint posterior on short tests: the
+smallest p-value of uniform ranks over all quantities, the lowest and highest coverage of 99 %
+intervals, and the failures, which are never left out. With --campaigns also whole campaigns of the
+virtual rig: mean and standard deviation of the truth's z-scores in the joint posterior, and the
+p-value of a Kolmogorov-Smirnov test against the standard normal.
 
     python benchmarks/calibration.py [--calls 1] [--json FILE] [--out FOLDER] [--campaigns 50]
 """
@@ -45,7 +45,7 @@ COLUMNS = {
 
 
 def row_of(name: str, found: Any) -> tuple[Any, ...]:
-    """One calibration in a line."""
+    """Return the table row of one calibration."""
     record = found.record
     rows = record["quantities"]
     least = min(rows, key=lambda one: rows[one]["p_ecdf"])
@@ -59,7 +59,7 @@ def row_of(name: str, found: Any) -> tuple[Any, ...]:
 
 
 def ranks(calls: int, seed: int, only: list[str], out: Path | None) -> Table:
-    """Every step: 1000 replications, 200 of the joint posterior, times `calls`."""
+    """Return the calibrations of every step; replications are 1000 or 200 times `calls`."""
     rows = []
     for name, case in CASES.items():
         if only and case["step"] not in only:
@@ -76,7 +76,7 @@ def ranks(calls: int, seed: int, only: list[str], out: Path | None) -> Table:
 
 
 def scores(number: int) -> Table:
-    """Whole campaigns of the virtual rig."""
+    """Return the table of z-scores from whole campaigns of the virtual rig."""
     rows = []
     for name, case in CAMPAIGNS.items():
         found = score_campaigns(number, **case)

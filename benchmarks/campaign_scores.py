@@ -1,4 +1,4 @@
-"""Whole campaigns of the virtual rig, identified: z-scores of the truth in the joint posterior."""
+"""The identification of whole campaigns of the virtual rig, with z-scores of the truth."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,21 +22,23 @@ from jbw.observables.records import Records
 FITTED = ("sweep_0p05V", "sweep_0p20V")
 NOISE = "noise_0p005V"
 NUM_DRAWS = 500
-FORCE_NOISE = 0.2  # N, of the mixed campaign's loop: so that the loop does not know all by itself
+# N, noise of the mixed campaign's loop, so that the loop does not determine everything alone.
+FORCE_NOISE = 0.2
 
 Measured = tuple[Dataset, rig.RigCampaign]
 
 
 @dataclass(frozen=True)
 class Scores:
-    """What many campaigns say of the posterior's intervals.
+    """The agreement of posteriors with the truth over many campaigns.
 
     Attributes:
-        names: Parameters.
+        names: Names of the parameters.
         z: (posterior mean - truth) / posterior sd, shape (campaign, parameter).
-        p_values: Of a Kolmogorov-Smirnov test of each parameter's z against the standard normal.
+        p_values: P-values of a Kolmogorov-Smirnov test of each parameter's z against the standard
+            normal.
         khat: Pareto shape of the importance weights of each campaign.
-        chi_square: Chi-square of the fit over its degrees of freedom, each campaign.
+        chi_square: Chi-square of the fit per degree of freedom, for each campaign.
     """
 
     names: tuple[str, ...]
@@ -55,26 +57,28 @@ def score_campaigns(
     substeps: int = 2,
     report: Callable[[int], None] = lambda done: None,
 ) -> Scores:
-    """Measure campaigns with seeds 0, 1, 2, ... and identify each jointly.
+    """Measure campaigns with seeds 0, 1, 2, ... and identify each from all of its tests.
 
-    The posterior's mean and sd come from importance sampling of its Laplace approximation, whose
-    Pareto shape is returned: below 0.7 they are the posterior's own.
+    The posterior's mean and sd come from importance sampling of its Laplace approximation. The
+    Pareto shape of the weights is returned: below 0.7 the results are those of the posterior
+    itself.
 
     Args:
-        num_campaigns: Campaigns.
-        campaign: "sweeps", weak noise and two levels of sweeps; or "mixed", the rig's campaign of
-            noise, tones at three levels, stepped sine, sweeps, decays and a forced loop.
-        repeats: Repeats of each level of the sweeps, 24 by default; in a mixed campaign of each
+        num_campaigns: Number of campaigns.
+        campaign: "sweeps" for weak noise and sweeps of two levels; or "mixed" for the rig's
+            campaign of noise, tones at three levels, stepped sine, sweeps, decays and a forced
+            loop.
+        repeats: Repeats of each level of sweeps, 24 by default; in a mixed campaign repeats of each
             test, by default as planned.
         noise_ratio: Noise as a share of each record's rms; the laser's 50 um/s when None.
-        substeps: Steps of the solver between samples.
-        report: Called with the number of campaigns done.
+        substeps: Solver steps between samples.
+        report: A function that is called with the number of finished campaigns.
 
     Returns:
-        The z-scores and their test.
+        The z-scores and their tests.
 
     Raises:
-        ConfigError: For an unknown campaign.
+        ConfigError: The campaign is unknown.
     """
     if campaign not in CAMPAIGNS:
         known = ", ".join(f'"{name}"' for name in CAMPAIGNS)
@@ -92,7 +96,7 @@ def score_campaigns(
 
 
 def _sweeps(seed: int, repeats: int | None, noise_ratio: float | None, substeps: int) -> Measured:
-    """Weak noise, and sweeps of two levels."""
+    """Measure weak noise and sweeps of two levels; return data and campaign."""
     quiet = rig.measure(seed=seed, tests=[NOISE], repeats=2)
     swept = rig.measure(seed=seed, tests=FITTED, repeats=repeats or 24, noise_ratio=noise_ratio)
     linear = linear_step(quiet.tests[0])
@@ -100,7 +104,7 @@ def _sweeps(seed: int, repeats: int | None, noise_ratio: float | None, substeps:
 
 
 def _mixed(seed: int, repeats: int | None, noise_ratio: float | None, substeps: int) -> Measured:
-    """Every kind of test of the rig's mixed campaign."""
+    """Measure every kind of test of the rig's mixed campaign; return data and campaign."""
     campaign = rig.measure(
         "mixed", seed=seed, repeats=repeats, noise_ratio=noise_ratio, force_noise_std=FORCE_NOISE
     )
@@ -114,7 +118,7 @@ CAMPAIGNS = {"sweeps": _sweeps, "mixed": _mixed}
 def _identified(
     seed: int, data: Dataset, campaign: rig.RigCampaign
 ) -> tuple[dict[str, float], float, float]:
-    """z-scores of one campaign, k-hat, chi-square a degree of freedom."""
+    """Return the z-scores of one campaign, k-hat, and chi-square per degree of freedom."""
     prior = box_of(campaign.settings, data, told_by(data.parts))
     centre = {
         n: float(v) for n, v in zip(prior.names, (prior.lower + prior.upper) / 2, strict=True)

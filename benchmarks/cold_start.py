@@ -1,8 +1,8 @@
 """How long from the start of a process to the summary of Step 3, beside `import numpyro`?
 
-Each contender is a process of its own: the kernel at five tones read from a file, fitted, drawn
-from and summarised, once with nothing compiled before and once with the compiled code kept in a
-folder, as JAX_COMPILATION_CACHE_DIR names it.
+Each contender is a separate process: it reads the kernel at five tones from a file, fits, samples
+and summarises it, once without compiled code and once with compiled code in the folder that
+JAX_COMPILATION_CACHE_DIR names.
 
     python benchmarks/cold_start.py [--calls 3] [--json FILE]
 """
@@ -57,10 +57,10 @@ TARGETS = {"fit, walk in lanes, summary": 2.5, "fit, NUTS, summary": 5.5}
 
 
 def kernel_at_five_tones(relative: float = 0.01) -> dict[str, np.ndarray]:
-    """The kernel (31) at five tones as Step 3 reduces it, eight repeats.
+    """Return the kernel (31) at five tones as Step 3 reduces it, from eight repeats.
 
     Args:
-        relative: Noise of one repeat, over |H3|.
+        relative: Noise of one repeat relative to |H3|.
     """
     omega_n, zeta, alpha, delta = 2 * np.pi * 18.8, 0.00444, 497.4, 340.2
     omega = 2 * np.pi * np.array([5.0, 5.5, 6.0, 6.5, 6.75])
@@ -85,7 +85,7 @@ def kernel_at_five_tones(relative: float = 0.01) -> dict[str, np.ndarray]:
 
 
 def timed(code: str, data: Path, cache: Path | None) -> tuple[float, float | None]:
-    """Wall time of a process [s], and the effective draws that it prints."""
+    """Return the wall time of a process [s], and the effective draws that it prints."""
     env = {name: v for name, v in os.environ.items() if not name.startswith("JAX_")}
     if cache is not None:
         env |= {
@@ -107,7 +107,7 @@ def main() -> None:
         data, cache = Path(folder) / "kernel.npz", Path(folder) / "cache"
         np.savez(data, **kernel_at_five_tones())
         for code in CONTENDERS.values():
-            timed(code, data, cache)  # fills the cache
+            timed(code, data, cache)  # This run fills the cache.
         for _ in range(arguments.calls):
             for name, code in CONTENDERS.items():
                 for i, kept in enumerate((None, cache)):

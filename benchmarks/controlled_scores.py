@@ -2,9 +2,9 @@
 
     python benchmarks/controlled_scores.py [CAMPAIGN ...] [--campaigns 30] [--seeds 3]
 
-A campaign is one of `CAMPAIGNS`; seeds are counted in blocks, so that `--seeds 3` takes campaigns 0
-to 29, 1000 to 1029 and 2000 to 2029. Ends with 1 where a Kolmogorov-Smirnov test of any parameter's
-z-scores against the standard normal has p below 1e-4.
+A campaign is one of `CAMPAIGNS`. Seeds are counted in blocks, so that `--seeds 3` takes campaigns 0
+to 29, 1000 to 1029 and 2000 to 2029. The exit code is 1 if a Kolmogorov-Smirnov test of any
+parameter's z-scores against the standard normal has p below 1e-4.
 """
 
 import sys
@@ -28,13 +28,13 @@ from jbw.inference.generator import parts_of
 from jbw.inference.samplers.sampling import sample
 from jbw.observables.dataset import log_likelihood
 
-# A joint that softens by more than the width of its resonance: its S-curves fold twice.
+# This joint softens by more than the width of its resonance: its S-curves fold twice.
 FOLDED = jbw.BoucWen(rig.TRUTH.omega_n, 0.003, 3000.0, 340.21, 3.0)
 FOLDED_HZ, FOLDED_LEVELS = 18.2, tuple(np.geomspace(3e-4, 6e-3, 16).tolist())
-DISTORTION_DB = -40.0  # of the exciter
+DISTORTION_DB = -40.0  # distortion of the exciter [dB]
 NUM_DRAWS = 500
 LEAST_P = 1e-4
-BLOCK = 1000  # seeds apart
+BLOCK = 1000  # difference of seeds between blocks
 
 
 FOLDING = replace(
@@ -48,12 +48,13 @@ FOLDING = replace(
 
 
 class Design(NamedTuple):
-    """Which tests of which joint are identified together."""
+    """The joint, and the tests from which it is identified together."""
 
     preset: rig.Preset
     joint: jbw.BoucWen
     tests: tuple[str, ...]
-    knows_mass: bool  # whether the modal mass is stated, which points at one phase hardly tell
+    # Whether the modal mass is stated, which points at constant phase hardly determine.
+    knows_mass: bool
 
 
 CAMPAIGNS = {
@@ -70,15 +71,15 @@ CAMPAIGNS = {
 
 
 class Score(NamedTuple):
-    """One campaign: (posterior mean - truth) / posterior sd by parameter, and how it was drawn."""
+    """The z-scores of one campaign, (posterior mean - truth) / sd, and its sampling."""
 
     z: dict[str, float]
     khat: float
-    chi_square: float  # a degree of freedom
+    chi_square: float  # per degree of freedom
 
 
 def scored(design: Design, seed: int) -> Score:
-    """One campaign measured and identified, from the truth on: about its own fit drawn again."""
+    """Measure and identify one campaign; the fit starts at the truth, and sampling follows."""
     campaign = rig.measure(
         design.preset,
         seed=seed,
@@ -103,7 +104,7 @@ def scored(design: Design, seed: int) -> Score:
 
 
 def table_of(name: str, blocks: Sequence[Sequence[Score]]) -> Table:
-    """A row a block and parameter: mean, deviation and the test of its z-scores."""
+    """Return a table with one row per block and parameter: mean, sd and test of z-scores."""
     rows = []
     for number, block in enumerate(blocks):
         for parameter in block[0].z:
@@ -115,20 +116,21 @@ def table_of(name: str, blocks: Sequence[Sequence[Score]]) -> Table:
 
 
 def p_value(z: NDArray[np.float64]) -> float:
-    """Of Kolmogorov's and Smirnov's test against the standard normal."""
+    """Return the p-value of a Kolmogorov-Smirnov test against the standard normal."""
     return float(kstest(z, "norm").pvalue)
 
 
 def score_campaigns(
     name: str, campaigns: int, seeds: int, report: Callable[[str], None] = print
 ) -> list[list[Score]]:
-    """Campaigns of every block of seeds."""
+    """Return the scores of all campaigns in every block of seeds."""
     blocks = []
     for block in range(seeds):
         rows = []
         for seed in range(BLOCK * block, BLOCK * block + campaigns):
             rows.append(scored(CAMPAIGNS[name], seed))
-            forget_when_many()  # fifty campaigns with decays fill a process's mappings
+            # Fifty campaigns with decays exhaust the memory mappings of a process.
+            forget_when_many()
             shown = " ".join(f"{n} {z:+.2f}" for n, z in rows[-1].z.items())
             report(f"{name} {seed}: {shown}; k-hat {rows[-1].khat:.2f}, {rows[-1].chi_square:.2f}")
         blocks.append(rows)

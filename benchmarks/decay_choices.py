@@ -1,10 +1,10 @@
 """How far do band, settling time and choice of impacts move what decays say of a joint?
 
-Nine impacts on a bolted double beam, fitted by Bouc-Wen's law with three bands and three values of
-`settle`, all nine together and the three of each place of impact: alpha * gamma and alpha * delta
-with their 99 % intervals. Then three scatters of each product, over its mean: between the choices,
-between the places of one choice, and between the records fitted one by one beyond their own
-errors, as `jbw identify` reports it. Twenty minutes.
+Nine impacts on a bolted double beam are fitted by Bouc-Wen's law with three bands and three values
+of `settle`, all nine together and the three at each place of impact. Printed are alpha * gamma and
+alpha * delta with their 99 % intervals, then three standard deviations of each product relative to
+its mean: between the choices, between the places for one choice, and between records fitted one by
+one beyond their own errors, as `jbw identify` reports it. The run takes twenty minutes.
 
     JBW_DATA=FOLDER python benchmarks/decay_choices.py [--calls 5] [--json FILE]
 """
@@ -29,7 +29,7 @@ from jbw.identification.leaving_out import REACH, between_records
 from jbw.identification.prepare import prepare
 from jbw.inference.fit.fitting import Fit
 
-BANDS = ((95.0, 150.0), (85.0, 160.0), (105.0, 140.0))  # [Hz]; the other mode lies at 243 Hz
+BANDS = ((95.0, 150.0), (85.0, 160.0), (105.0, 140.0))  # [Hz]; the other mode is at 243 Hz
 SETTLES = (0.05, 0.15, 0.3)  # [s]
 CHOICES = (
     *((BANDS[0], settle) for settle in SETTLES),
@@ -38,7 +38,7 @@ CHOICES = (
 # Records 1 to 3, 4 to 6 and 7 to 9 are of blows at one place each.
 PLACES = {f"place {i + 1}": slice(3 * i, 3 * i + 3) for i in range(3)}
 SETS = {"all": slice(None), **PLACES}
-PRODUCTS = ("gamma", "delta")  # times alpha
+PRODUCTS = ("gamma", "delta")  # factors of alpha in the products
 TEST = """
 [campaign]
 name = "bolted double beam"
@@ -54,14 +54,14 @@ band = [95.0, 150.0]
 
 
 class Known(NamedTuple):
-    """A product of a fit and its standard deviation."""
+    """A product of a fit's parameters and its standard deviation."""
 
     value: float
     std: float
 
 
 class Row(NamedTuple):
-    """A choice, a set of records, what their fit knows, and the scatter of records."""
+    """A choice, a set of records, the products of their fit, and the variation between records."""
 
     band: tuple[float, float]  # [Hz]
     settle: float  # [s]
@@ -71,7 +71,7 @@ class Row(NamedTuple):
 
 
 def campaign() -> Campaign:
-    """The impacts; every record is fitted."""
+    """Return the campaign of impacts, with every record fitted."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "campaign.toml"
         path.write_text(TEST)
@@ -80,14 +80,14 @@ def campaign() -> Campaign:
 
 
 def chosen(taken: Campaign, band: tuple[float, float], settle: float, which: slice) -> Campaign:
-    """The campaign with another band, another start, and some of its records."""
+    """Return the campaign with another band, another start, and some of its records."""
     (test,) = taken.tests
     some = replace(test, band_hz=band, settle=settle, records=test.records[which])
     return replace(taken, tests=(some,))
 
 
 def known(fit: Fit, name: str) -> Known:
-    """Alpha times a parameter, and its standard deviation to first order."""
+    """Return alpha times a parameter, and its standard deviation to first order."""
     slope = np.array(
         [{"alpha": fit.theta[name], name: fit.theta["alpha"]}.get(each, 0.0) for each in fit.theta]
     )
@@ -96,9 +96,9 @@ def known(fit: Fit, name: str) -> Known:
 
 
 def rows(calls: int) -> Iterator[Row]:
-    """A choice and a set of records each, with both products; of the first their scatter too.
+    """Yield the fitted products of each choice and set of records; the first with record variation.
 
-    Fits after the first begin where that ended.
+    Later fits start at the optimum of the first.
     """
     taken, begun = campaign(), None
     for band, settle in CHOICES[:calls]:
@@ -114,7 +114,7 @@ def rows(calls: int) -> Iterator[Row]:
 
 
 def scatters(found: Sequence[Row], one: str) -> tuple[str, float, float, float, float]:
-    """Of a product its stated error, and scatters between choices, places and records, relative."""
+    """Return a product's stated relative error, and its sd between choices, places and records."""
     of_set = {
         name: np.array([row.known[one] for row in found if row.records == name]) for name in SETS
     }
@@ -132,7 +132,7 @@ def scatters(found: Sequence[Row], one: str) -> tuple[str, float, float, float, 
 
 
 def main() -> None:
-    """Print both tables."""
+    """Print the tables of products and of their variations."""
     asked = options(__doc__, calls=len(CHOICES)).parse_args()
     jbw.enable_x64()
     found = list(rows(asked.calls))

@@ -3,8 +3,8 @@
     python benchmarks/fleet.py [--json FILE]              # six campaigns of the rig, by executor
     python benchmarks/fleet.py --hundred [--json FILE]    # a hundred short ones; on Linux
 
-Executors run one after the other, each from nothing compiled; Dask's and submitit's where they are
-installed (`pip install "dask[distributed]" submitit`).
+Executors run one after the other, each without compiled code; Dask and submitit only if installed
+(`pip install "dask[distributed]" submitit`).
 """
 
 import os
@@ -31,26 +31,27 @@ from jbw.rig.generator import Sweep
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "study"))
 from damper_campaign import write_campaign
 
-TORQUES = (4.0, 8.0, 12.0)  # N m, two assemblies each
+TORQUES = (4.0, 8.0, 12.0)  # N m, with two assemblies each
 PLANS = tuple(
     rig.Plan(name, "sweep", Sweep(12.0, 26.0, volts, burst=6.0, fade=0.3, duration=8.0), repeats=2)
     for name, volts in (("weak", 0.05), ("strong", 0.20))
 )
 PRESET = replace(rig.MIXED, name="fleet", source="input", gain=15.0, plans=PLANS, input_range=1.0)
-# Points drawn at once take the least time; the kills come between campaigns and within them.
+# Sampling all points at once takes the least time; kills occur between and within campaigns.
 SHORT = """num_samples = 100
 num_chains = 2
 sampler = "importance"
 model_error = "none"
 offsets = "none"
 """
-MANY, PARENT_AT, WORKER_AT = 100, 30, 60  # campaigns; finished ones when something is killed
+# Number of campaigns, and of finished ones when a process is killed.
+MANY, PARENT_AT, WORKER_AT = 100, 30, 60
 WAYS = {"executor": "", "wall, s": ".0f", "/ one process": ".2f", "draws": ""}
 KILLS = {"pass": "", "wall, s": ".0f", "finished before": "d", "run": "d", "failed": "d"}
 
 
 def six_of_the_rig(folder: Path) -> list[Path]:
-    """Campaign files of three torques and two assemblies, by the rig's law of the torque."""
+    """Write campaign files of three torques and two assemblies, by the rig's law of the torque."""
     jbw.enable_x64()
     fleet = rig.measure_fleet(
         PRESET, torques=TORQUES, assemblies=2, seed=1,
@@ -61,7 +62,7 @@ def six_of_the_rig(folder: Path) -> list[Path]:
 
 @contextmanager
 def dask(folder: Path) -> Iterator[Any]:
-    """Two processes of a thread each."""
+    """Yield an executor of Dask with two processes of one thread each."""
     from distributed import Client, LocalCluster
 
     one_thread = {"n_workers": 2, "threads_per_worker": 1, "processes": True}
@@ -73,7 +74,7 @@ def dask(folder: Path) -> Iterator[Any]:
 
 
 def submitit(folder: Path) -> Any:
-    """A process a job, all at once: what a queue would hand out one by one."""
+    """Return an executor with one process per job, all at once, in place of a queue."""
     from submitit import AutoExecutor
 
     executor = AutoExecutor(folder, cluster="local")
@@ -82,7 +83,7 @@ def submitit(folder: Path) -> Any:
 
 
 def by_executor() -> Table:
-    """Six campaigns by each executor, and whether the draws are those of one process."""
+    """Return the times of six campaigns by each executor, and whether draws equal one process's."""
     ways: dict[str, Callable[[Path], Any]] = {"one process": lambda _: nullcontext()}
     ways |= {"two processes": lambda _: nullcontext()}
     ways |= {"Dask, two workers": dask, "submitit, local, six jobs at once": submitit}
@@ -117,7 +118,7 @@ def by_executor() -> Table:
 
 @contextmanager
 def nothing_compiled(folder: Path) -> Iterator[None]:
-    """An empty folder for compiled code, in the environment that workers inherit."""
+    """Set an empty folder for compiled code in the environment that workers inherit."""
     wanted = {
         "JAX_COMPILATION_CACHE_DIR": str(folder),
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
@@ -139,22 +140,23 @@ def told(sentence: str) -> None:
 
 
 def require_done(outcomes: Sequence[Any]) -> None:
-    """End with what went wrong, where a campaign failed."""
+    """End with the errors of failed campaigns, if any."""
     if failed := [f"{one.folder}: {one.error}" for one in outcomes if one.status != "done"]:
         sys.exit("\n".join(failed))
 
 
 def comparable(fleet: xr.DataTree) -> xr.DataTree:
-    """A fleet without the places of its runs."""
+    """Return a fleet without the paths of its runs."""
     for unit in fleet.coords["unit"].values:
         fleet[unit].attrs.clear()
     return fleet
 
 
 def killed_twice() -> Table:
-    """A hundred short campaigns: the whole is killed, then one worker, then all is gone on with.
+    """Run a hundred short campaigns: kill the parent, then one worker, then continue all.
 
-    Ends with an error where a finished run ran again, or a draw is not that of an undisturbed call.
+    It ends with an error if a finished run runs again, or a draw differs from an undisturbed
+    call's.
     """
     rows: list[Sequence[Any]] = []
     with tempfile.TemporaryDirectory() as name:
@@ -169,7 +171,7 @@ def killed_twice() -> Table:
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
         while any(Path(f"/proc/{worker}").exists() for worker in workers):
-            time.sleep(0.05)  # they leave with their parent
+            time.sleep(0.05)  # The workers end with their parent.
         before = finished(killed)
         rows.append(("killed as a whole", time.perf_counter() - start, 0, len(before), 0))
 
@@ -201,7 +203,7 @@ def killed_twice() -> Table:
 
 
 def short(folder: Path, number: int) -> Path:
-    """A campaign of prescribed loops, of its own amplitude, noise and torque."""
+    """Write a campaign of prescribed loops, with its own amplitude, noise and torque."""
     folder.mkdir()
     path = write_campaign(folder, 5e-3 * (1 + 0.003 * number), settings=SHORT, seed=number)
     torque = np.round(np.geomspace(2.0, 12.0, MANY)[number], 3)
@@ -210,7 +212,7 @@ def short(folder: Path, number: int) -> Path:
 
 
 def identify(files: Sequence[Path], out: Path) -> subprocess.Popen:
-    """The command as a user types it, under way."""
+    """Start the command as a user types it."""
     command = [sys.executable, "-c", "from jbw.cli import main; main()", "identify"]
     return subprocess.Popen(
         [*command, *map(str, files), "--workers", "2", "--out", str(out)],
@@ -219,7 +221,7 @@ def identify(files: Sequence[Path], out: Path) -> subprocess.Popen:
 
 
 def while_under_way(process: subprocess.Popen, out: Path, number: int) -> None:
-    """Wait until so many campaigns are finished."""
+    """Wait until `number` campaigns are finished."""
     while len(finished(out)) < number:
         if process.poll() is not None:
             sys.exit(f"The command ended with {process.returncode} before {number} were finished.")
@@ -227,12 +229,12 @@ def while_under_way(process: subprocess.Popen, out: Path, number: int) -> None:
 
 
 def finished(out: Path) -> dict[str, int]:
-    """Finished runs, and when their summary was written."""
+    """Return the finished runs, with the times at which their summaries were written."""
     return {path.parent.name: path.stat().st_mtime_ns for path in out.glob("*/summary.json")}
 
 
 def workers_of(process: subprocess.Popen) -> list[int]:
-    """Spawned workers of a process, by their command lines."""
+    """Return the spawned workers of a process, recognised by their command lines."""
     children: list[int] = []
     for task in Path(f"/proc/{process.pid}/task").iterdir():
         children += map(int, (task / "children").read_text().split())

@@ -2,13 +2,14 @@
 
     python benchmarks/free_law.py [--calls 20] [--seed 1000] [--kinds iwan4 linear] [--json FILE]
 
-Draws joints of six kinds. Each is read by five records of one mode, of different largest
-amplitudes, with errors of size and shape as those of decays; half of the sets have a frequency of
-each record's own (standard deviation 3e-5). Truths are closed forms, or integrals over sliders that
-this file makes by itself. Printed are, by kind, the share of 99 % bands that contain the truth
-inside of the readings, at 1.5 and 3 times the largest and at a third of the smallest amplitude, the
-median half width of the damping's band within the readings, how often the least damping lies below
-the truth, and the evidence against Masing's rule. `--calls` is the number of joints of a kind.
+Joints of six kinds are drawn at random. Each is read from five records of one mode, with different
+largest amplitudes and with errors of size and shape like those of decays; in half of the sets each
+record has a separate frequency (standard deviation 3e-5). True values are closed forms, or
+integrals over sliders that this file computes itself. Printed by kind are: the share of 99 % bands
+that contain the truth within the readings, at 1.5 and 3 times the largest and at a third of the
+smallest amplitude; the median half width of the damping's band within the readings; how often the
+least damping is below the truth; and the evidence against Masing's rule. `--calls` is the number of
+joints per kind.
 """
 
 import time
@@ -28,15 +29,15 @@ from jbw.measurement.readings.statement import RecordTable
 
 HZ = 100.0
 OMEGA_SQ = (2 * np.pi * HZ) ** 2
-OWN = 3e-5  # standard deviation between records' frequencies, of every second joint
+OWN = 3e-5  # standard deviation between the records' frequencies, for every second joint
 PLACES = "inside", "x1.5", "x3", "a third"
 COLUMNS = {
     "joint": "", **{f"{place} [%]": ".1f" for place in PLACES}, "half width [%]": ".2g",
     "bound below [%]": ".0f", "least": "+.1f", "median": "+.1f", "most [nats]": "+.1f",
     "CPU s": ".1f",
 }  # fmt: skip
-SLIDERS = 4000  # of a truth that is an integral
-POINTS = 12  # of a record
+SLIDERS = 4000  # number of sliders for a true value that is an integral
+POINTS = 12  # readings of a record
 Curve = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
@@ -105,7 +106,7 @@ def _bouc_wen(share: float, size: float, apart: float, zeta: float, top: float) 
         return np.where(gone < crossing, falling, beyond)
 
     low, high = 0.0, 1 / size
-    for _ in range(60):  # the loop closes: z at -top is minus z at top
+    for _ in range(60):  # The loop closes when z at -top is minus z at top.
         peak = (low + high) / 2
         low, high = (peak, high) if -unloading(peak)[-1] > peak else (low, peak)
     z = unloading(peak)
@@ -156,7 +157,7 @@ def drawn_tables(curve: Curve, rng: np.random.Generator, own: float) -> list[Rec
 
 
 def calibrated(kind: str, number: int, seed: int) -> list[Any]:
-    """Return a row: what bands of drawn joints of a kind contain, and Masing's test."""
+    """Return a table row on drawn joints of one kind: coverage of bands, and Masing's test."""
     held: dict[str, list[bool]] = {place: [] for place in PLACES}
     masing, below, width, started = [], [], [], time.process_time()
     for i in range(number):
@@ -194,7 +195,7 @@ def truth_at(curve: Curve, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print coverage of the bands, and Masing's test, by kind."""
+    """Print the coverage of the bands, and Masing's test, by kind."""
     parser = options(__doc__, calls=20)
     parser.add_argument("--seed", type=int, default=1000)
     parser.add_argument("--kinds", nargs="*", default=list(KINDS), choices=list(KINDS))

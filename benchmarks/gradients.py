@@ -1,8 +1,8 @@
 """What does each route to the gradient of a sweep cost, and how exact is it?
 
 The loss is half the sum of squares of velocity (J1) or of its difference from another joint's (J2),
-over the sweep of tests/golden.json; the error is the largest of the relative errors of the five
-golden derivatives (of the one taken, where only one is). All routes take turns in one process.
+over the sweep of tests/golden.json. The error is the largest relative error of the five golden
+derivatives (or of the only one, for one parameter). All routes take turns in one process.
 
     python benchmarks/gradients.py [--calls 31] [--json FILE]
 """
@@ -23,7 +23,7 @@ import jbw
 COLUMNS = {"route": "", "parameters": "d", "min, ms": ".3f", "median, ms": ".3f"}
 COLUMNS |= {"/ own forward": ".2f", "/ jbw, 1 step": ".2f", "error of J1": ".0e"}
 COLUMNS |= {"error of J2": ".0e", "compile, s": ".1f"}
-# Of one parameter: the best compromise of truncation and rounding.
+# Step relative to a parameter, the best compromise between truncation and rounding.
 RELATIVE_STEP = 1e-5
 
 Velocity = Callable[[jax.Array], jax.Array]
@@ -31,7 +31,7 @@ Loss = Callable[[jax.Array, jax.Array], jax.Array]
 
 
 class Route(NamedTuple):
-    """A way from a loss to its value and gradient, and the forward solve it belongs to."""
+    """A method for a loss and its gradient, and the forward solver that it uses."""
 
     name: str
     solver: str
@@ -56,7 +56,7 @@ def forward_all(loss: Loss):
 
 
 def forward_one(loss: Loss):
-    """The derivative by zeta alone."""
+    """Return a function for a loss and its derivative by zeta only."""
 
     def value_and_slope(theta, data):
         zeta = jnp.zeros(5).at[1].set(1.0)
@@ -91,7 +91,7 @@ ROUTES = (
 
 
 def solvers(u: jax.Array, fs: float) -> dict[str, Velocity]:
-    """Velocity as a function of the parameters, by each forward solve."""
+    """Return for each forward solver the velocity as a function of the parameters."""
 
     def exact(m):
         return lambda theta: jbw.simulate(joint_of(theta), u, fs, substeps=m).v
@@ -114,7 +114,7 @@ def squares(velocity: Velocity, theta: jax.Array, data: jax.Array) -> jax.Array:
 
 
 def error(found: Any, golden: Sequence[float]) -> float:
-    """Largest relative error; of zeta's derivative when there is only one."""
+    """Return the largest relative error; that of zeta's derivative if there is only one."""
     exact = np.asarray(golden) if np.size(found) == 5 else np.asarray(golden)[1]
     return float(np.max(np.abs(np.asarray(found) / exact - 1.0)))
 
@@ -141,7 +141,7 @@ def tables(calls: int) -> list[Table]:
 
 
 def summaries(rows: dict[str, tuple], times: dict[str, Times]) -> list[Table]:
-    """The table of routes, and the targets."""
+    """Return the table of routes, and the targets."""
     base = times["forward: jbw, 1 step"].least
     lines = []
     for name, (solver, parameters, first, second, seconds) in rows.items():

@@ -1,8 +1,8 @@
 """How does the cost grow with the record, the repeats, the levels and the chains?
 
-Straight lines in a log-log plot are expected: each table gives the measured points, the last one
-their slopes and where they bend. Repeats enter the likelihood by sufficient statistics, so beyond
-reducing them once they should cost nothing.
+Straight lines in a log-log plot are expected: each table states the measured points, the last one
+their slopes and where they bend. Repeats enter the likelihood by sufficient statistics, so that
+they should cost nothing after one reduction.
 
     python benchmarks/growth.py [--calls 31] [--json FILE]
 """
@@ -30,15 +30,15 @@ REPEATS = (2, 4, 8, 16, 32, 64)
 LEVELS = (1, 2, 4, 8, 16)
 CHAINS = (1, 2, 4, 8, 16, 32, 64)
 NAMES = ("omega_n", "zeta", "alpha", "delta", "gamma")
-# Samples in the records of the likelihoods.
+# Number of samples in the records of the likelihoods.
 RECORD = 4096
 NOISE = 1e-3
-# A change of slope below this is taken for noise of the timing.
+# A smaller change of slope is noise of the timing.
 BEND = 0.2
 
 
 class Line(NamedTuple):
-    """A line of log time over log size: its slope, and where it bends best, if it does."""
+    """A line of log time over log size: its slope, and its best bend if there is one."""
 
     slope: float
     bend: float | None
@@ -47,7 +47,7 @@ class Line(NamedTuple):
 
 
 def log_line(sizes: Sequence[int], seconds: Sequence[float]) -> Line:
-    """Straight or once broken line through the points, least squares in the logarithms."""
+    """Fit a straight line, or one with a single bend, to the logarithms by least squares."""
     x, y = np.log(np.asarray(sizes, float)), np.log(np.asarray(seconds))
     slope = float(np.polyfit(x, y, 1)[0])
     fits = []
@@ -62,7 +62,7 @@ def log_line(sizes: Sequence[int], seconds: Sequence[float]) -> Line:
 
 
 def noise(num: int, seed: int = 0) -> np.ndarray:
-    """Noise between 5 and 60 Hz, 2 N/kg rms, the same kind of motion however long."""
+    """Return noise between 5 and 60 Hz, 2 N/kg rms, so that motion is alike for any length."""
     spectrum = np.fft.rfft(np.random.default_rng(seed).normal(size=num))
     frequency = np.fft.rfftfreq(num, 1 / FS)
     u = np.fft.irfft(np.where((frequency > 5.0) & (frequency < 60.0), spectrum, 0.0), num)
@@ -74,13 +74,13 @@ def loss(joint, u):
 
 
 def theta_of(scale) -> dict[str, jax.Array]:
-    """The paper's parameters, zeta and what follows it scaled."""
+    """Return the paper's parameters, with zeta and the following ones scaled."""
     values = {name: jnp.asarray(p) * scale for name, p in zip(NAMES, PAPER, strict=True)}
     return values | {"omega_n": PAPER[0] * jnp.ones_like(scale), "gain": jnp.ones_like(scale)}
 
 
 def level(factor: float, num_repeats: int) -> Test:
-    """One level with so many repeats."""
+    """Return a test of one level with several repeats."""
     u = factor * noise(RECORD)
     v = np.asarray(jbw.simulate(joint(), jnp.asarray(u), FS, hold="band_limited").v)
     rng = np.random.default_rng(1)
@@ -93,7 +93,7 @@ def level(factor: float, num_repeats: int) -> Test:
 
 
 def log_likelihood(theta, data):
-    """Of all repeats, the noise of each level integrated out; constants left out."""
+    """Return the log likelihood of all repeats, marginal over the noise, up to a constant."""
     return -0.5 * RECORD * jnp.sum(jnp.log(data.squares(theta)))
 
 
@@ -151,14 +151,14 @@ def with_chains() -> dict[str, dict[int, Callable]]:
 
 
 def measured(runs: Mapping[str, Mapping[int, Callable]], calls: int) -> dict[str, dict[int, Times]]:
-    """Times by what is computed and by size."""
+    """Return the times by computation and size."""
     flat = {f"{what}|{n}": run for what, sizes in runs.items() for n, run in sizes.items()}
     times = take_turns(flat, calls, in_a_row=3)
     return {what: {n: times[f"{what}|{n}"] for n in sizes} for what, sizes in runs.items()}
 
 
 def points(title: str, size: str, times: Mapping[str, Mapping[int, Times]]) -> Table:
-    """Least times by size, and the cost of one unit of the size."""
+    """Return a table of least times by size, and of the cost per unit of size."""
     columns = {size: "d"}
     for what in times:
         columns |= {f"{what}, ms": ".3f", f"{what}, us a unit": ".2f"}
@@ -170,7 +170,7 @@ def points(title: str, size: str, times: Mapping[str, Mapping[int, Times]]) -> T
 
 
 def slopes(times: Mapping[str, Mapping[str, Mapping[int, Times]]]) -> Table:
-    """Slope of every line, and where it bends."""
+    """Return a table of the slope of every line, and of where it bends."""
     columns = {"grows": "", "cost of": "", "slope": ".2f", "bends at": ".3g"}
     columns |= {"slope before": ".2f", "slope after": ".2f"}
     rows = []
@@ -183,23 +183,24 @@ def slopes(times: Mapping[str, Mapping[str, Mapping[int, Times]]]) -> Table:
 
 
 def peak_mib() -> float:
-    """Largest memory of this process so far [MiB]."""
+    """Return the largest memory of this process so far [MiB]."""
     status = Path("/proc/self/status")
-    if status.exists():  # getrusage would count the process that started this one too
+    # Unlike this file, getrusage would include the process that started this one.
+    if status.exists():
         return int(re.findall(r"VmHWM:\s*(\d+) kB", status.read_text())[0]) / 2**10
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / 2**20 if sys.platform == "darwin" else peak / 2**10
 
 
 def print_peak(seconds: int) -> None:
-    """Memory of value and gradient of a long record, in a process of its own."""
+    """Print the memory of value and gradient of a long record, for a separate process."""
     run = compiled(jax.value_and_grad(loss), joint(), jnp.asarray(noise(int(seconds * FS))))
     jax.block_until_ready(run())
     print(peak_mib())
 
 
 def peaks() -> Table:
-    """Peak memory of fresh processes; that of the shortest record is Python and the compiler."""
+    """Return the peak memory of fresh processes; the shortest record's is Python and compiler."""
     rows = []
     for seconds in (SECONDS[0], SECONDS[-1]):
         command = [sys.executable, __file__, "--memory", str(seconds)]

@@ -1,12 +1,11 @@
 """Do the bands of measured structures hold records that no fit has seen?
 
 Each test of a campaign, or each record of its decays, is left out in turn; a single record is cut
-into four blocks. The rest is fitted, draws are those of the Gaussian about the fit, and the one
-that was left out is predicted, without the model discrepancy and with it. Bands of 99 % should hold
-95 to 100 % of the values, and their mean half width over 2.58 times the error should be 3 at most.
-A band that is withheld holds nothing.
-With --rig, the virtual rig makes sweeps of six levels by a law that is not the one fitted, or is;
-an inner level and the highest are left out.
+into four blocks. The rest is fitted, draws come from the Gaussian approximation at the optimum, and
+the left-out part is predicted, without the model discrepancy and with it. Bands of 99 % should
+contain 95 to 100 % of the values, and their mean half width divided by 2.58 times the error should
+be 3 at most. A withheld band contains nothing. With --rig, the virtual rig makes sweeps of six
+levels by the fitted law or by another one; an inner level and the highest one are left out.
 
     JBW_DATA=FOLDER python benchmarks/held_out_bands.py [--set "double beam"] [--json FILE]
     python benchmarks/held_out_bands.py --rig 5 [--first SEED] [--case "right law"] [--json FILE]
@@ -50,10 +49,11 @@ SETS = {
     "F-16, multisines": "f16_multisine",
     "Silverbox": "silverbox",
 }
-OMEGA_N, ZETA, SCATTER = 2 * np.pi * 18.8, 0.00444, 0.2  # of logarithms of the law's parameters
+# sd of the logarithms of the law's parameters.
+OMEGA_N, ZETA, SCATTER = 2 * np.pi * 18.8, 0.00444, 0.2
 BOUC_WEN = {"alpha": 2500.0, "delta": 340.0, "gamma": 90.0}
 IWAN = {"iwan_stiffness": 1500.0, "iwan_loss": 217.0, "iwan_chi": -0.3, "iwan_beta": 0.5}
-# True parameters, the laws that are fitted, and the least and largest level [V].
+# True parameters, the fitted laws, and the smallest and largest level [V].
 RIG = {
     "right law": (BOUC_WEN, ("bouc_wen",), (0.01, 0.08)),
     "Iwan under Bouc-Wen": (IWAN, ("bouc_wen",), (0.005, 0.04)),
@@ -66,9 +66,9 @@ TRUE = {
     "softening under cubic": ("bouc_wen",),
     "extra damping": ("bouc_wen", "quadratic_damping"),
 }
-LEFT_OUT = (2, 5)  # of six levels
+LEFT_OUT = (2, 5)  # indices of left-out levels among six
 NUM_BLOCKS = 4  # of a set with one record
-REACH = 2.576  # standard deviations of a 99 % band
+REACH = 2.576  # standard deviations from the centre of a 99 % band to its ends
 COLUMNS = {
     "set": "",
     "left out": "",
@@ -81,7 +81,7 @@ COLUMNS |= {"width before": ".2f", "width": ".2f", "missed": "", "time, s": ".0f
 
 
 def folds(campaign: Campaign) -> Iterator[tuple[Campaign, Test]]:
-    """The campaign without each of its tests, or records, and what was left out."""
+    """Yield a campaign without each of its tests (or records) in turn, and the left-out test."""
     tests = campaign.tests
     records_of_one = len(tests) == 1 and len(tests[0].records) > 1
     if records_of_one:
@@ -90,7 +90,7 @@ def folds(campaign: Campaign) -> Iterator[tuple[Campaign, Test]]:
         tests = tuple(blocks(tests[0]))
     for i, test in enumerate(tests):
         rest = tuple(other for j, other in enumerate(tests) if j != i)
-        if records_of_one:  # all in one test again
+        if records_of_one:  # All records are in one test again.
             rest = (replace(test, records=tuple(other.records[0] for other in rest)),)
         held = replace(test, name=f"{test.name}, {i + 1}")
         known = fitted_for_use(rest, campaign.settings)
@@ -98,7 +98,7 @@ def folds(campaign: Campaign) -> Iterator[tuple[Campaign, Test]]:
 
 
 def blocks(test: Test) -> Iterator[Test]:
-    """A record in four blocks, followed in time; a third of each lets its start be forgotten."""
+    """Yield four blocks of a record; the first third of each lets its initial state decay."""
     (record,) = test.records
     size = record.num_samples // NUM_BLOCKS
     for i in range(NUM_BLOCKS):
@@ -114,7 +114,7 @@ def blocks(test: Test) -> Iterator[Test]:
 
 
 def bases(campaign: Campaign) -> tuple[Basis, Basis]:
-    """What predicts by the fit of a campaign, without the model discrepancy and with it."""
+    """Return the basis of predictions from a campaign's fit, without and with model discrepancy."""
     seen = measured_in(campaign, lambda said: None, campaign.tests)
     found = fit_alone(seen, seed=0, report=lambda said: None)
     ready = found.joint.fitted
@@ -128,7 +128,7 @@ def bases(campaign: Campaign) -> tuple[Basis, Basis]:
 
 
 def noise_of(data: Dataset, sizes: Mapping[str, int]) -> dict[str, Any]:
-    """Noise of every group as the fit has it, as a posterior holds it."""
+    """Return the noise of every group of the fit, in the form of a posterior."""
     known, shape = {}, (sizes["chain"], sizes["draw"])
     for i, part in enumerate(data.parts):
         if part.dimension:
@@ -142,7 +142,7 @@ def noise_of(data: Dataset, sizes: Mapping[str, int]) -> dict[str, Any]:
 
 
 def rows(name: str) -> Iterator[dict[str, Any]]:
-    """What the bands of one set hold, a row for each that was left out."""
+    """Yield one row per left-out part of a set, with the coverage of its bands."""
     campaign = jbw.load_campaign(FOLDER / f"{SETS[name]}.toml", allow_outside=True)
     for rest, held in folds(campaign):
         started = perf_counter()
@@ -151,7 +151,7 @@ def rows(name: str) -> Iterator[dict[str, Any]]:
 
 
 def missed_by(basis: Basis) -> str:
-    """What the law misses more than noise of, as the verdict names it."""
+    """Return the names of quantities in which the law's error exceeds noise, as in the verdict."""
     discrepancy = basis.discrepancy
     assert discrepancy is not None
     both = zip(discrepancy.forced, discrepancy.decays, strict=True)
@@ -165,7 +165,7 @@ def missed_by(basis: Basis) -> str:
 
 
 def compared(before: Basis, after: Basis, held: Test) -> dict[str, Any]:
-    """What the bands of a test hold without the model discrepancy and with it."""
+    """Return the coverage of a test's bands without the model discrepancy and with it."""
     found: dict[str, Any] = {"missed": missed_by(after)}
     for suffix, basis in ((" before", before), ("", after)):
         attrs = predict(basis, held, Request(seed=1)).attrs
@@ -180,7 +180,7 @@ def compared(before: Basis, after: Basis, held: Test) -> dict[str, Any]:
 
 
 def made(case: str, seed: int) -> Campaign:
-    """A campaign of six levels of sweeps on the rig, of which the case tells what is fitted."""
+    """Return a campaign of six levels of sweeps on the rig; the case states the fitted laws."""
     truth, laws, levels = RIG[case]
     rng = np.random.default_rng(seed)
     theta = {name: x * np.exp(SCATTER * rng.standard_normal()) for name, x in truth.items()}
@@ -200,7 +200,7 @@ def made(case: str, seed: int) -> Campaign:
 
 
 def rig_rows(case: str, seed: int) -> Iterator[dict[str, Any]]:
-    """What the bands of two levels hold that no fit has seen, the inner one and the highest."""
+    """Yield the coverage of bands of two left-out levels, an inner one and the highest."""
     campaign, started = made(case, seed), perf_counter()
     held = [campaign.tests[i] for i in LEFT_OUT]
     tests = tuple(test for i, test in enumerate(campaign.tests) if i not in LEFT_OUT)

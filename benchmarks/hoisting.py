@@ -1,9 +1,9 @@
 """Does XLA still turn the time loop into one native call?
 
-A small loop is compiled whole and takes tens of nanoseconds a step; one that XLA runs kernel by
-kernel takes microseconds. XLA refuses as soon as anything in the loop is a custom call (LAPACK,
-callbacks, checks) or a scatter. The compiled program tells which it is, whatever the machine and
-its load; the times show what it costs. Exits with code 1 when a loop of `jbw.simulate` is left.
+A small loop that is compiled as a whole takes tens of nanoseconds per step; one that XLA runs
+kernel by kernel takes microseconds. XLA compiles no loop as a whole that contains a custom call
+(LAPACK, callbacks, checks) or a scatter. The compiled program shows which case it is, whatever the
+machine and its load; the times show the cost. The exit code is 1 if `jbw.simulate` has such a loop.
 
     python benchmarks/hoisting.py [--calls 31] [--json FILE] [--control]
 
@@ -31,7 +31,7 @@ from jbw.oscillator.solver import HysteresisExact, stepping
 
 NUM = 4096
 COLUMNS = {"loop": "", "ns a step": ".0f", "loops left": "d", "result": ""}
-# A computation of a compiled program begins with its name at the start of a line.
+# A computation in the text of a compiled program begins with its name at the start of a line.
 COMPUTATION = re.compile(r"^(ENTRY )?%(\S+) [^\n]*\{\n(.*?)^\}", re.MULTILINE | re.DOTALL)
 CALLED = re.compile(
     r"(?:to_apply|calls|body|condition|branch_computations|(?:true|false)_computation)="
@@ -41,10 +41,10 @@ NATIVE = 'xla_cpu_small_call="true"'
 
 
 class Spoiled(HysteresisExact):
-    """The same step with a custom call in it, LAPACK's factor of a 1 x 1 matrix."""
+    """The same step with a custom call, LAPACK's factorisation of a 1 x 1 matrix."""
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
-        """One substep."""
+        """Advance by one substep, with a custom call."""
         (y, v, z), *rest = super().step(terms, t0, t1, y0, args, solver_state, made_jump)
         factor = jnp.linalg.cholesky(jnp.reshape(1.0 + v**2, (1, 1)))[0, 0]
         return (y, v, z + 0.0 * factor), *rest
@@ -55,7 +55,7 @@ def forward(joint, u):
 
 
 def summed(joint, u):
-    """Sums over a residual, of which the loop writes no response."""
+    """Return sums over a residual; the loop stores no response."""
     empty = jnp.zeros((0, NUM))
     compared = Compared(u, empty, jnp.zeros(0), empty, order=1)
     source = held(u, "first", periodic=False)
@@ -63,13 +63,13 @@ def summed(joint, u):
 
 
 def batched(joint, u):
-    """The same of eight joints side by side."""
+    """Return the same sums for eight joints in parallel."""
     joints = jax.tree.map(lambda x: x * jnp.linspace(0.99, 1.01, 8), joint)
     return jax.vmap(lambda joint: summed(joint, u))(joints)
 
 
 def piece_of_march(joint, u):
-    """What the program that fits and draws share takes: lanes of joints along one record."""
+    """Return the arguments of the program for fits and sampling: lanes of joints on one record."""
     size, ones = batch.INTERVALS + 1, np.ones(batch.LANES)
     joints = jax.tree.map(lambda x: jnp.asarray(x) * ones, as_oscillator(joint))
     rows = input_polynomials(u, "first", periodic=False)
@@ -89,7 +89,7 @@ def gradient(joint, u):
 
 
 def control(joint, u):
-    """The loop of `forward` around the spoiled step."""
+    """Run the loop of `forward` around the step with a custom call."""
     steps = stepping(joint, held(u, "first", periodic=False), FS, 1)
     rest = jnp.zeros(())
     return diffrax.diffeqsolve(
@@ -108,7 +108,7 @@ def control(joint, u):
 
 
 def loops_left(program: str) -> int:
-    """How many loops of a compiled program are reached without a native call around them."""
+    """Count the loops of a compiled program that are reached without a native call around them."""
     found = COMPUTATION.findall(program)
     lines = {name: body.splitlines() for _, name, body in found}
     reached = [name for entry, name, _ in found if entry]
@@ -124,7 +124,8 @@ def measure(loops: dict[str, Callable], calls: int) -> Table:
     u = jnp.asarray(np.random.default_rng(0).normal(size=NUM))
     given = joint(), u
     lowered = {name: (jax.jit(f).lower(*given), given) for name, f in loops.items()}
-    piece = piece_of_march(*given)  # its program has compiler options, which an outer one refuses
+    # This program has compiler options, which an outer program would refuse.
+    piece = piece_of_march(*given)
     lowered["32 lanes of one program"] = batch._marched.lower(1, *piece), piece
     programs = {name: (program.compile(), takes) for name, (program, takes) in lowered.items()}
     runs = {name: partial(run, *takes) for name, (run, takes) in programs.items()}

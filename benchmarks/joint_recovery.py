@@ -1,28 +1,30 @@
 r"""Do the intervals of two bolts hold the truth, and does the evidence tell one law from two?
 
-Two lapped beams with two bolts: sweeps through modes 1 to 3 at two levels each, 1 % of noise, bolts
-whose laws are drawn anew for each data set. The second bolt's delta is a stated ratio of the
-first's, all else is equal. Records are simulated on a grid of twice as many steps as the fit's.
-With `--loosened` each is measured twice, the second time with a tenth less preload of the second
-bolt, and the bolt that has changed is named by both posteriors.
-With `--by-fit` no sampler runs: least squares from the truth, and what its covariance says.
-With `--intervals` the posterior alone is asked for: the fit that `jbw identify --quick` has, from
-readings of single modes, and weighted points of the sampler that draws, without the evidence, on a
-grid half as fine as else, which moves the log likelihood of draws by 0.07 nats.
-Every data set has the shapes of the first, whose programs serve them all.
+Two lapped beams have two bolts, with sweeps through modes 1 to 3 at two levels each, 1 % of noise,
+and laws of the bolts that are drawn again for each data set. The second bolt's delta is a given
+ratio of the first's; all other parameters are equal. Records are simulated on a grid of twice as
+many steps as the fit's.
 
-Intervals of one data set are dependent, and so a count of all of them scatters by more than the
-binomial test takes. What all parameters together say has a row of its own,
+With `--loosened` each data set is measured twice, the second time with a tenth less preload of the
+second bolt, and the two posteriors name the changed bolt. With `--by-fit` no sampler runs; the
+answers come from least squares that start at the truth, and from their covariance. With
+`--intervals` only the posterior is computed: the fit of `jbw identify --quick`, from readings of
+single modes, and weighted points of the sampler, without the evidence, on a grid half as fine as
+otherwise, which changes the log likelihood of draws by 0.07 nats. Every data set has the shapes of
+the first one, whose compiled programs serve all.
+
+Intervals of one data set are dependent, so that a count of all of them varies by more than the
+binomial test assumes. All parameters together have a separate row,
 
 $$2\,(\ln L_{max} - \ln L_{truth}) \sim \chi^2_p$$
 
-of p parameters where nothing but noise is between the records and the model.
+for p parameters, where records and model differ only by noise.
 
     python benchmarks/joint_recovery.py [--first 0] [--number 20] [--delta-ratio 1.3]
         [--intervals] [--loosened] [--by-fit] [--answers FILE] [--json FILE]
 
-What `--answers` names keeps every answer as it comes, a line each: data sets that it has are not
-measured again, and the tables are of all in it.
+The file named by `--answers` stores every answer at once, one per line: its data sets are not
+measured again, and the tables cover all of its answers.
 """
 
 import json
@@ -63,22 +65,23 @@ from jbw.rig.assemblies import lapped_beams
 from jbw.study.differences import changed_joints
 
 FS, DURATION, TO_HZ, ZETA, NOISE = 1024.0, 1.0, 320.0, 0.004, 0.01
-SUBSTEPS = 16  # of the fit: 0.6 rad of the fastest residual mode
-COARSE = 8  # of the fit where intervals alone are asked for
-ROUND, EFFECTIVE, MOST_ROUNDS = 256, 600.0, 24  # points, and of how many draws they are worth
-SCATTER = 0.2  # of the logarithm of each parameter of the laws from one data set to another
+SUBSTEPS = 16  # steps of the fit: 0.6 rad of the fastest residual mode
+COARSE = 8  # steps of the fit if only intervals are requested
+# Points per round, effective draws to reach, and largest number of rounds.
+ROUND, EFFECTIVE, MOST_ROUNDS = 256, 600.0, 24
+SCATTER = 0.2  # sd of the logarithm of each of the laws' parameters between data sets
 LABELS = ("bolt_1", "bolt_2")
 LAWS = tuple(f"bouc_wen@{label}" for label in LABELS)
-PRELOAD = 0.9  # of a loosened bolt: slip of as much less motion
+PRELOAD = 0.9  # preload of a loosened bolt: the same slip occurs at so much less motion
 MIDDLE = {"alpha": 7e6, "delta": 2.5e5, "gamma": 5e4}
-# Band [Hz] and forces [N] of the sweeps through each mode: slip from weak to strong.
+# Band [Hz] and forces [N] of the sweeps through each mode, from weak to strong slip.
 SWEEPS = {
     "first": ((25.0, 40.0), (0.3, 1.5)),
     "second": ((70.0, 105.0), (0.5, 2.5)),
     "third": ((270.0, 330.0), (1.0, 5.0)),
 }
-EVIDENCE_KEY, DRAWS_KEY = 300, 400  # of the seed
-NUM_DRAWS = 4000  # about a fit
+EVIDENCE_KEY, DRAWS_KEY = 300, 400  # added to the seed
+NUM_DRAWS = 4000  # draws from the Gaussian approximation at a fit
 CENTRAL = 0.99
 TAILS = (0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2)
 OF_DATA_SETS = {
@@ -104,12 +107,12 @@ EVIDENCE = {
 
 
 def reduced(bolts: Sequence[tuple[BoucWenLaw, ...]] = ((), ())) -> ReducedModel:
-    """Modes to 320 Hz and residual modes, with the laws of both bolts where they are given."""
+    """Return a model with modes to 320 Hz and residual modes, with the bolts' laws if given."""
     return lapped_beams().with_laws(*bolts).reduced(to_hz=TO_HZ, zeta=ZETA)
 
 
 def drawn_truth(rng: np.random.Generator, delta_ratio: float) -> dict[str, float]:
-    """Parameters of both bolts' laws by name."""
+    """Return random true parameters of both bolts' laws, by name."""
     first = {name: x * np.exp(SCATTER * rng.standard_normal()) for name, x in MIDDLE.items()}
     second = first | {"delta": delta_ratio * first["delta"]}
     return {
@@ -120,7 +123,7 @@ def drawn_truth(rng: np.random.Generator, delta_ratio: float) -> dict[str, float
 
 
 def sweep(band_hz: tuple[float, float], force: float) -> np.ndarray:
-    """A linear sweep with smooth ends, which leaves the last third to ring down."""
+    """Return a linear sweep with smooth ends; the response decays freely in its last third."""
     t = np.arange(int(DURATION * FS)) / FS
     window = np.clip(t / 0.1, 0, 1) * np.clip((DURATION - t) / 0.3, 0, 1)
     rate = (band_hz[1] - band_hz[0]) / (2 * DURATION)
@@ -129,7 +132,7 @@ def sweep(band_hz: tuple[float, float], force: float) -> np.ndarray:
 
 
 def loosened(truth: Mapping[str, float]) -> dict[str, float]:
-    """The second bolt with less preload."""
+    """Return the true parameters with less preload of the second bolt."""
     slip = {f"{name}@{LABELS[1]}": 1 / PRELOAD for name in ("delta", "gamma")}
     return {name: value * slip.get(name, 1.0) for name, value in truth.items()}
 
@@ -137,8 +140,8 @@ def loosened(truth: Mapping[str, float]) -> dict[str, float]:
 def made(
     seed: int, delta_ratio: float, *, is_loose: bool = False, substeps: int = SUBSTEPS
 ) -> tuple[Campaign, dict[str, float]]:
-    """A campaign in memory, and the truth by the names that it has for its parameters."""
-    # A generator of [seed, 0] is that of the seed: numbers of the noise are not those of the truth.
+    """Return a simulated campaign, and the true values of its parameters by name."""
+    # A generator of [seed, 0] equals that of the seed; noise must use other numbers than the truth.
     rng = np.random.default_rng([seed, 1 + is_loose])
     truth = drawn_truth(np.random.default_rng(seed), delta_ratio)
     truth = loosened(truth) if is_loose else truth
@@ -167,7 +170,7 @@ def made(
 
 
 def identified(seed: int, campaign: Campaign) -> tuple[Fitted, xr.DataTree]:
-    """The fit with own joints, and the posterior, as `jbw identify` has them."""
+    """Return the fit with separate joints and its posterior, as `jbw identify` computes them."""
     keys = jax.random.split(jax.random.key(seed), 3)
     seen = measured_in(campaign, lambda _: None)
     known = joint_readings(keys[0], seen).known
@@ -176,7 +179,7 @@ def identified(seed: int, campaign: Campaign) -> tuple[Fitted, xr.DataTree]:
 
 
 def weighed(seed: int, campaign: Campaign) -> tuple[Fitted, amis.WeighedPoints]:
-    """The quick fit with own joints, and weighted points of its posterior."""
+    """Return the quick fit with separate joints, and weighted points of its posterior."""
     keys = jax.random.split(jax.random.key(seed), 3)
     seen = measured_in(campaign, lambda _: None)
     known = joint_readings(keys[0], seen).known
@@ -190,15 +193,16 @@ def weighed(seed: int, campaign: Campaign) -> tuple[Fitted, amis.WeighedPoints]:
 
 
 def fitted(seed: int, campaign: Campaign, truth: Mapping[str, float]) -> Fitted:
-    """Least squares from the truth, with the weights that it leaves."""
+    """Return the least-squares fit that starts at the truth, with weights from its residuals."""
     data = assemble(measured_in(campaign, lambda _: None))
     return prepare(parts_of(jax.random.key(seed), 2), data, campaign.settings, truth)
 
 
 def compared(seed: int, delta_ratio: float, *, by_fit: bool = False) -> dict[str, Any]:
-    """Which bolts have changed by the posteriors of two data sets, one with a loosened bolt.
+    """Return which bolts have changed, from two data sets, one with a loosened bolt.
 
-    By fits, from the truth of the first, these are normal of their covariance.
+    With `by_fit` the posteriors are normal, from fits that start at the truth of the first data
+    set.
     """
     began, drawn, start = perf_counter(), [], made(seed, delta_ratio)[1]
     for is_loose in (False, True):
@@ -219,21 +223,21 @@ def compared(seed: int, delta_ratio: float, *, by_fit: bool = False) -> dict[str
 
 
 def gaussian_draws(seed: int, best: Fit) -> dict[str, np.ndarray]:
-    """Draws about a fit by its covariance, by name."""
+    """Return draws from the normal distribution of a fit, by parameter name."""
     rng, middle = np.random.default_rng([seed, DRAWS_KEY]), list(best.theta.values())
     draws = rng.multivariate_normal(middle, best.covariance, NUM_DRAWS, method="cholesky")
     return dict(zip(best.theta, draws.T, strict=True))
 
 
 def chi_square_of(truth: Mapping[str, float], ready: Fitted) -> float:
-    """Twice the log likelihood of the fit less that of the truth."""
+    """Return twice the log likelihood of the fit minus that of the truth."""
     points = {name: np.array([x, truth[name]]) for name, x in ready.fit.theta.items()}
     most, of_truth = at_points(dataset.log_likelihood, points, ready.data).sum(axis=1)
     return float(2 * (most - of_truth))
 
 
 def tried(seed: int, delta_ratio: float) -> dict[str, Any]:
-    """One data set's answer: z-scores, intervals that hold the truth, and the evidence."""
+    """Return one data set's answer: z-scores, intervals with the truth in them, evidence."""
     began, (campaign, truth) = perf_counter(), made(seed, delta_ratio)
     ready, tree = identified(seed, campaign)
     key = jax.random.fold_in(jax.random.key(seed), EVIDENCE_KEY)
@@ -256,9 +260,9 @@ def tried(seed: int, delta_ratio: float) -> dict[str, Any]:
 
 
 def tried_by_intervals(seed: int, delta_ratio: float) -> dict[str, Any]:
-    """The same by weighted points of the posterior: an interval holds what lies between its tails.
+    """Return one data set's answer from weighted posterior points, without the evidence.
 
-    Of a parameter that is larger than a share u of the weight, 0.005 < u < 0.995.
+    An interval contains the true value if a share u of the weight is below it, 0.005 < u < 0.995.
     """
     began, cpu = perf_counter(), process_time()
     campaign, truth = made(seed, delta_ratio, substeps=COARSE)
@@ -281,7 +285,7 @@ def tried_by_intervals(seed: int, delta_ratio: float) -> dict[str, Any]:
 
 
 def tried_by_fit(seed: int, delta_ratio: float) -> dict[str, Any]:
-    """The same of a data set by least squares from the truth, without draws or evidence."""
+    """Return one data set's answer from a least-squares fit, without draws or evidence."""
     began, (campaign, truth) = perf_counter(), made(seed, delta_ratio)
     ready = fitted(seed, campaign, truth)
     std = dict(zip(ready.fit.theta, np.sqrt(np.diag(ready.fit.covariance)), strict=True))
@@ -297,12 +301,12 @@ def tried_by_fit(seed: int, delta_ratio: float) -> dict[str, Any]:
 
 
 def preferred(answer: Mapping[str, Any]) -> str:
-    """Which the evidence prefers, one law for both bolts or a law for each."""
+    """Return which hypothesis the evidence prefers: one law for both bolts, or one for each."""
     return "tied" if answer["log_ratio"] > 0 else "own"
 
 
 def line(answer: Mapping[str, Any]) -> tuple[Any, ...]:
-    """One row of the table of data sets."""
+    """Return one row of the table of data sets."""
     is_told = "log_ratio" in answer
     evidence = (
         answer.get("khat"), answer.get("log_ratio"), preferred(answer) if is_told else None
@@ -317,13 +321,13 @@ def line(answer: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def row(name: str, within: Sequence[bool], z: Sequence[float]) -> tuple[Any, ...]:
-    """Coverage of one parameter, or of all, with the exact binomial test of 99 %."""
+    """Return the coverage of one parameter, or of all, with the exact binomial test of 99 %."""
     chance = stats.binomtest(sum(within), len(within), CENTRAL).pvalue
     return name, len(within), sum(within), float(np.mean(z)), float(np.std(z)), float(chance)
 
 
 def together(chi_squares: Sequence[float], num_parameters: int) -> tuple[Any, ...]:
-    """What all parameters together say, against a chi-square of as many degrees of freedom."""
+    """Return the test of all parameters together, against a chi-square distribution."""
     p = stats.chi2.sf(chi_squares, num_parameters)
     within = int(np.sum(p > 1 - CENTRAL))
     by_chance = stats.binomtest(within, len(p), CENTRAL).pvalue
@@ -333,7 +337,7 @@ def together(chi_squares: Sequence[float], num_parameters: int) -> tuple[Any, ..
 
 
 def tables(answers: Sequence[Mapping[str, Any]]) -> list[Table]:
-    """All tables: data sets, coverage, all parameters together, the evidence, every z-score."""
+    """Return all tables: data sets, coverage, all parameters together, evidence, z-scores."""
     names = list(answers[0]["z"])
     rows = [row(n, [a["within"][n] for a in answers], [a["z"][n] for a in answers]) for n in names]
     every = [a[key][n] for key in ("within", "z") for a in answers for n in names]
@@ -351,7 +355,7 @@ def tables(answers: Sequence[Mapping[str, Any]]) -> list[Table]:
 
 
 def evidence_tables(answers: Sequence[Mapping[str, Any]]) -> list[Table]:
-    """How often the evidence prefers one law for both bolts; nothing where it was not asked."""
+    """Return the table of how often the evidence prefers one law for both bolts; empty without."""
     if not answers:
         return []
     counts = [sum(preferred(a) == answer for a in answers) for answer in ("tied", "own")]
@@ -361,13 +365,13 @@ def evidence_tables(answers: Sequence[Mapping[str, Any]]) -> list[Table]:
 
 
 def changed_line(answer: Mapping[str, Any]) -> tuple[Any, ...]:
-    """One row of the table of pairs."""
+    """Return one row of the table of pairs of data sets."""
     named = " and ".join(answer["named"]) or "none"
     return answer["seed"], answer["wall"], named, *answer["chi_square"]
 
 
 def changed_tables(answers: Sequence[Mapping[str, Any]]) -> list[Table]:
-    """Every pair of data sets, and how often the loosened bolt was named."""
+    """Return the tables of pairs of data sets, and of how often the loosened bolt was named."""
     named = [answer["named"] for answer in answers]
     first, second = LABELS
     counts = (
@@ -381,7 +385,7 @@ def changed_tables(answers: Sequence[Mapping[str, Any]]) -> list[Table]:
 
 
 class Kind(NamedTuple):
-    """What is asked of a data set, a row of its answer, and the tables of all."""
+    """One kind of study: how a data set is answered, shown in a row, and tabulated."""
 
     answer_of: Callable[[int, float], dict[str, Any]]
     row_of: Callable[[Mapping[str, Any]], tuple[Any, ...]]
@@ -399,7 +403,7 @@ KINDS = {
 
 
 def kept(file: Path | None, asked: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Answers of a file to what is asked."""
+    """Return the stored answers of a file to the same request."""
     if file is None or not file.exists():
         return []
     answers = [json.loads(text) for text in file.read_text().splitlines()]

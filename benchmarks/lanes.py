@@ -1,8 +1,9 @@
 """What does a solve cost in lanes, with and without gradient, on one and on two devices?
 
-The standard sweep for 1 to 128 sets of parameters at once, one step a sample; the yardstick is RK4
-in C with 16 sets in the arithmetic units at once, with 4 steps at jbw's error, and with 1. All take
-turns in one process, which splits the processor into two devices of JAX.
+The standard sweep is solved for 1 to 128 sets of parameters at once, with one step per sample. The
+yardstick is RK4 in C with 16 sets in the arithmetic units at once, with 4 steps at jbw's error, and
+with 1. All contenders take turns in one process, which splits the processor into two devices of
+JAX.
 
     python benchmarks/lanes.py [--calls 31] [--json FILE]
 """
@@ -40,7 +41,7 @@ def value_and_gradient(joints, u):
 
 
 def shared(function: Callable, devices: int) -> Callable:
-    """The function with its lanes shared among so many devices."""
+    """Return the function with its lanes shared among several devices."""
     if devices == 1:
         return function
     mesh = Mesh(np.array(jax.devices()[:devices]), ("lane",))
@@ -50,7 +51,7 @@ def shared(function: Callable, devices: int) -> Callable:
 
 
 def contenders(kind: str, function: Callable) -> dict[str, Callable]:
-    """Calls by number of lanes and of devices; each device needs a lane at least."""
+    """Return compiled calls by number of lanes and devices; each device needs at least one lane."""
     u = jnp.asarray(U)
     return {
         label(kind, num, devices): compiled(shared(function, devices), lanes(num), u)
@@ -65,7 +66,7 @@ def label(kind: str, num: int, devices: int) -> str:
 
 
 def c_lanes() -> dict[str, Callable]:
-    """RK4 in C with 1 and with 4 steps a sample, 16 sets at once."""
+    """Return calls of RK4 in C with 1 and with 4 steps per sample, for 16 sets at once."""
     if yardstick.library() is None:
         return {}
     spread = 1.0 + 0.05 * np.linspace(-1.0, 1.0, yardstick.WIDTH)
@@ -78,7 +79,7 @@ def c_lanes() -> dict[str, Callable]:
 
 
 def per_lane(times: Mapping[str, Times], name: str, num: int) -> float | None:
-    """Nanoseconds a lane and sample; None where that was not measured."""
+    """Return the nanoseconds per lane and sample; None where not measured."""
     return 1e9 * times[name].least / (num * NUM) if name in times else None
 
 
@@ -94,7 +95,7 @@ def tables(calls: int) -> list[Table]:
 
 
 def summaries(times: Mapping[str, Times]) -> list[Table]:
-    """The table of lanes, and the targets."""
+    """Return the table of lanes, and the targets."""
     c_1, c_4 = (per_lane(times, f"C, {name}", yardstick.WIDTH) for name in ("1 step", "4 steps"))
     forward = {num: per_lane(times, label("forward", num, 1), num) for num in LANES}
     one, rk4 = forward[1], per_lane(times, SAME_SCHEME, 32)

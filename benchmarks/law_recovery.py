@@ -1,10 +1,10 @@
 """Does the posterior hold the truth, and the right law the weight, whatever law made the records?
 
-Campaigns of six sweeps from the virtual rig, which integrates every law by a code of its own, at
-parameters drawn anew for each campaign. Each is given to `jbw.compare_laws` with the law that made
-it and its rivals; a sweep is a run, and each is left out in turn. Where the truth's rank among the
-draws is a uniform number its z-score is standard normal. Results are appended to a file, a line a
-campaign; what is there stays.
+Campaigns of six sweeps come from the virtual rig, whose separate code integrates every law, with
+parameters drawn again for each campaign. `jbw.compare_laws` gets each campaign with the true law
+and its rivals; a sweep is a run, and each is left out in turn. Where the truth's rank among the
+draws is a uniform number its z-score is standard normal. Results are appended to a file, one line
+per campaign; earlier lines remain.
 
     python benchmarks/law_recovery.py --out FILE [--campaigns 50] [--only CASE] [--json FILE]
 """
@@ -29,11 +29,11 @@ from jbw.rig.generator import Sweep
 from jbw.rig.presets import Preset
 
 FS, OMEGA_N, ZETA, GAIN = 256.0, 2 * np.pi * 18.8, 0.00444, 15.0
-SCATTER = 0.2  # of the logarithm of each of the law's parameters from campaign to campaign
-NOISE = 0.01  # over the rms of each record
-NUM_LEVELS, REPEATS = 6, 2  # a level is a run; fewer than five runs give no weights
+SCATTER = 0.2  # sd of the logarithm of each of the law's parameters between campaigns
+NOISE = 0.01  # relative to the rms of each record
+NUM_LEVELS, REPEATS = 6, 2  # A level is a run; fewer than five runs give no weights.
 RIVALS = ("cubic", "bouc_wen", "iwan4")
-KNOWN = 0.25  # a parameter counts as identified where its deviation is less of its mean
+KNOWN = 0.25  # A parameter counts as identified if its sd relative to its mean is smaller.
 COLUMNS = {
     "true law": "", "campaigns": "d", "z-scores": "d", "mean z": ".2f", "sd of z": ".2f",
     "p of Kolmogorov": ".2f", "within 99 %": ".3f", "compared": "d", "best": "d",
@@ -43,12 +43,12 @@ COLUMNS = {
 
 @dataclass(frozen=True)
 class Truth:
-    """A law that makes records: where its parameters lie, and how hard the specimen is driven."""
+    """A law that generates records: its parameters, and the range of source levels."""
 
     law: str
     theta: Mapping[str, float]
-    range: tuple[float, float]  # of the peaks of the source [V], least and most
-    sure: tuple[str, ...] = ()  # parameters that do not scatter: exponents and ratios
+    range: tuple[float, float]  # smallest and largest peak of the source [V]
+    sure: tuple[str, ...] = ()  # parameters that do not vary: exponents and ratios
 
 
 IWAN = {"iwan_stiffness": 1500.0, "iwan_loss": 217.0, "iwan_chi": -0.3, "iwan_beta": 0.5}
@@ -77,7 +77,7 @@ TRUTHS = {
 
 
 def made(truth: Truth, seed: int) -> tuple[Any, dict[str, float]]:
-    """A campaign on the rig, and the values of its law's parameters by name."""
+    """Return a campaign on the rig, and the true values of its law's parameters by name."""
     rng = np.random.default_rng([seed, len(truth.law)])
     theta = {
         name: value * (1.0 if name in truth.sure else np.exp(SCATTER * rng.standard_normal()))
@@ -104,7 +104,10 @@ def made(truth: Truth, seed: int) -> tuple[Any, dict[str, float]]:
 
 
 def ranks(compared: LawComparison, law: str, truth: Mapping[str, float]) -> dict[str, list[float]]:
-    """The truth's rank among the true law's draws, within 0 and 1; their deviation over mean."""
+    """Return the truth's relative rank among the true law's draws, and their sd over mean.
+
+    Ranks are between 0 and 1.
+    """
     draws = scalars(compared.tree[f"laws/{law}"])
     found = {}
     for name in (name for name in truth if name in draws):
@@ -115,7 +118,7 @@ def ranks(compared: LawComparison, law: str, truth: Mapping[str, float]) -> dict
 
 
 def tried(name: str, seed: int, rivals: Sequence[str]) -> dict[str, Any]:
-    """One campaign's answer."""
+    """Return the answer of one campaign: ranks, scores and evidence of the laws."""
     truth = TRUTHS[name]
     campaign, theta = made(truth, seed)
     laws = list(dict.fromkeys([truth.law, *rivals]))
@@ -136,7 +139,7 @@ def tried(name: str, seed: int, rivals: Sequence[str]) -> dict[str, Any]:
 
 
 def row(name: str, lines: Sequence[Mapping[str, Any]]) -> tuple[Any, ...]:
-    """One row of the table: a law that made records."""
+    """Return one row of the table, for one true law."""
     law = TRUTHS[name].law
     known = [rank for one in lines for rank, sd in one["ranks"].values() if sd < KNOWN]
     z = stats.norm.ppf(known)

@@ -2,7 +2,7 @@
 
     python benchmarks/loads.py
 
-CPU seconds of this process after imports. The first call compiles.
+Times are CPU seconds of this process after imports. The first call compiles.
 """
 
 import os
@@ -44,7 +44,7 @@ LAWS = {
 
 
 def cost(what: Callable[[], Any], calls: int) -> list[float]:
-    """CPU seconds of the first call, and the mean of more."""
+    """Return the CPU seconds of the first call, and the mean of later ones."""
     seconds = []
     for _ in range(calls + 1):
         start = process_time()
@@ -54,7 +54,7 @@ def cost(what: Callable[[], Any], calls: int) -> list[float]:
 
 
 def table(calls: int) -> tuple[Table, Table]:
-    """A row for each law and kind of prediction, and what they must reach."""
+    """Return a row for each law and kind of prediction, and the targets."""
     rows = []
     for law, (theta, levels) in LAWS.items():
         for name, what in predictions(law, theta, np.array([levels])).items():
@@ -68,7 +68,7 @@ def table(calls: int) -> tuple[Table, Table]:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the table."""
+    """Print the table of costs."""
     chosen = options(__doc__, calls=3).parse_args(arguments)
     jbw.enable_x64()
     show(table(chosen.calls), file=chosen.json)
@@ -77,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def predictions(
     law: str, theta: dict[str, float], level: np.ndarray
 ) -> dict[str, Callable[[], Any]]:
-    """What is measured, of 100 draws of a law."""
+    """Return the timed predictions, for 100 draws of a law."""
     rng = np.random.default_rng(58)
     omega = 2 * np.pi * np.linspace(18.5, 20.5, 241)
     draws = {name: x * (1 + 0.01 * rng.standard_normal(100)) for name, x in theta.items()}

@@ -1,9 +1,9 @@
 """What do several modes with one joint cost, beside one mode?
 
-The standard sweep through `jbw.simulate` of a `BoucWen` and of a `Structure` with 1, 2, 3 and 5
-modes, and the gradient of half the sum of squares of the output's velocity by all parameters. The
-steady motion at 64 frequencies about the first mode, of 1 and of 5 modes: its unknowns are the
-joint's harmonics alone, so that modes should cost next to nothing.
+The standard sweep passes through `jbw.simulate` of a `BoucWen` and of a `Structure` with 1, 2, 3
+and 5 modes, with the gradient of half the sum of squares of the output's velocity by all
+parameters. The steady motion is computed at 64 frequencies about the first mode, with 1 and with 5
+modes: its unknowns are the joint's harmonics alone, so that modes should cost next to nothing.
 
     python benchmarks/modes.py [--calls 31] [--json FILE]
 """
@@ -27,7 +27,7 @@ HZ = np.array([18.8, 57.2, 131.0, 83.0, 101.0])
 
 
 def structure(joint: jbw.BoucWen, modes: int) -> jbw.Structure:
-    """The joint's mode, and some above it."""
+    """Return a structure with the joint's mode and some modes above it."""
     omega_n = jnp.asarray(2 * np.pi * HZ[:modes]).at[0].set(joint.omega_n)
     h, p = (
         jnp.asarray(x[:modes]) for x in ((1.0, -1.7, 2.3, 0.6, -0.9), (1.0, -1.1, 0.8, 0.5, -0.4))
@@ -42,7 +42,7 @@ def loss(u: jax.Array, fs: float, model: jbw.BoucWen | jbw.Structure) -> jax.Arr
 
 
 def steady_table(joint: jbw.BoucWen, calls: int) -> tuple[Table, Target]:
-    """The harmonic balance of 1 and of 5 modes in turns."""
+    """Return the table of the harmonic balance with 1 and with 5 modes, and the target."""
 
     def harmonics(model: jbw.Structure) -> jax.Array:
         return jbw.steady_state(model, TONES, AMPLITUDE, NUM_HARMONICS).x

@@ -2,10 +2,10 @@
 
     python benchmarks/mutations.py [WORD ...] [--calls 20] [--json FILE]
 
-Every mutation of `mutations.toml` is made alone in a copy of the package, and the tests beside it
-run against the copy.
-Ends with 1 where one survives, where its tests fail without it, or where the code that it changes
-is no longer there. Words choose mutations by what they say, `--calls` the first so many of them.
+Every mutation of `mutations.toml` is made separately in a copy of the package, and the tests that
+it names run against the copy. The exit code is 1 if a mutation survives, if its tests fail without
+it, or if the code that it changes no longer exists. Words choose mutations that contain them, and
+`--calls` the first ones.
 """
 
 import argparse
@@ -23,11 +23,11 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 FAILED = "fail"
-LIMIT_S = 900  # of a mutation: a test that does not end has noticed nothing
+LIMIT_S = 900  # per mutation: a test that does not end has noticed nothing
 
 
 class Mutation(NamedTuple):
-    """One change, and what must notice it."""
+    """One change of the code, and the tests that must notice it."""
 
     path: str  # below jbw
     old: str  # occurs once
@@ -36,7 +36,7 @@ class Mutation(NamedTuple):
 
 
 def read_mutations() -> tuple[Mutation, ...]:
-    """Return all mutations of the file beside this one."""
+    """Return all mutations of the file next to this one."""
     text = Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
     return tuple(
         Mutation(change["path"], old, new, " ".join(change["tests"]))
@@ -46,7 +46,7 @@ def read_mutations() -> tuple[Mutation, ...]:
 
 
 def survives(mutation: Mutation) -> str:
-    """Why a mutation was not noticed; empty where it was."""
+    """Return why a mutation was not noticed; an empty text where it was."""
     if ended := sound(mutation.tests):
         return f"without it its tests {ended}"
     with tempfile.TemporaryDirectory() as name:
@@ -67,12 +67,12 @@ def survives(mutation: Mutation) -> str:
 
 @cache
 def sound(tests: str) -> str:
-    """How tests end on the package as it is; empty where they pass."""
+    """Return how tests end on the unchanged package; an empty text where they pass."""
     return tested(ROOT, tests)
 
 
 def tested(folder: Path, tests: str) -> str:
-    """How tests end on the package of a folder; empty where they pass."""
+    """Return how tests end on the package of a folder; an empty text where they pass."""
     known = os.environ | {"PYTHONPATH": str(folder)}
     command = [sys.executable, "-m", "pytest", "-n0", "-x", "-q", "-p", "no:cacheprovider"]
     command += [f"tests/{each}" for each in tests.split()]
@@ -84,7 +84,7 @@ def tested(folder: Path, tests: str) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Try every mutation that is chosen; 1 where one survives."""
+    """Try every chosen mutation; return 1 if one survives."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

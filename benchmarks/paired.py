@@ -1,7 +1,7 @@
 """Did a change make the solver slower? The package of two trees, in turns in one process.
 
 The standard sweep, its gradient, 32 lanes of it with and without gradient, and the steady state at
-five tones, each compiled from both packages; a ratio over one is slower than before.
+five tones are compiled from the packages of both trees; a ratio above one is slower than before.
 
     python benchmarks/paired.py PATH_OF_THE_OLDER_TREE [--calls 31] [--json FILE]
 """
@@ -28,12 +28,12 @@ COLUMNS = {"what": "", "before, ms": ".3f", "now, ms": ".3f", "now / before": ".
 
 
 def package(tree: Path) -> ModuleType:
-    """The package as it stands in a tree, beside whichever was loaded before."""
+    """Import the package of a tree, next to one that was loaded before."""
     for name in [name for name in sys.modules if name.partition(".")[0] == "jbw"]:
         del sys.modules[name]
     sys.path.insert(0, str(tree))
     found = importlib.import_module("jbw")
-    _ = found.simulate, found.steady_state, found.BoucWen  # what is loaded when it is asked for
+    _ = found.simulate, found.steady_state, found.BoucWen  # These names are loaded on first use.
     sys.path.pop(0)
     if not Path(found.__file__).is_relative_to(tree):
         raise SystemExit(f"No package jbw in {tree}.")
@@ -41,7 +41,7 @@ def package(tree: Path) -> ModuleType:
 
 
 def contenders(jbw: ModuleType) -> dict[str, Callable[[], Any]]:
-    """Compiled calls of one package."""
+    """Return the compiled calls of one package."""
     joint = jbw.BoucWen(*(jnp.asarray(p, float) for p in PAPER))
     spread = 1.0 + 0.05 * jnp.linspace(-1.0, 1.0, LANES)
     joints = jbw.BoucWen(*(p * spread for p in PAPER))
@@ -65,7 +65,7 @@ def contenders(jbw: ModuleType) -> dict[str, Callable[[], Any]]:
 
 
 def main() -> None:
-    """Print the ratios."""
+    """Print the ratios of times, new to old."""
     jax.config.update("jax_enable_x64", True)
     parser = options(__doc__)
     parser.add_argument("tree", type=Path, help="the tree of the older package")

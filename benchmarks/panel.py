@@ -1,8 +1,8 @@
 """Does the posterior converge by itself, and does the verdict say what it should, on 40 campaigns?
 
-Each campaign is identified with the defaults, in a process of its own with nothing compiled. Most
-are made by `outside`, whose integrator shares nothing with jbw; those with steady tones by jbw's
-rig.
+Each campaign is identified with the defaults, in a separate process without compiled code. Most
+campaigns are made by `outside`, whose integrator shares nothing with jbw; those with steady tones
+are made by jbw's rig.
 """
 
 import json
@@ -39,12 +39,12 @@ COLUMNS = {
 
 @dataclass(frozen=True)
 class Outside:
-    """A campaign from the outside integrator."""
+    """A campaign from the outside integrator: its joint, tests and settings."""
 
     joint: Plant | None = None  # Bouc-Wen of `parameters` when None
     parameters: Mapping[str, float] = field(default_factory=lambda: JOINT)  # of the truth
     excitations: tuple[programmes.Excitation, ...] = (SWEEPS,)
-    noise: float = 0.002  # over the rms of the strongest sweep, or of the strongest test [-]
+    noise: float = 0.002  # relative to the rms of the strongest sweep, or of the strongest test [-]
     repeats: int = 4
     fs: float = FS
     delay: float = 0.0  # [s]
@@ -52,7 +52,7 @@ class Outside:
     right: bool = True  # whether the chosen laws can follow the truth
 
     def campaign(self) -> tuple[jbw.Campaign, dict[str, float]]:
-        """The campaign, and its truth by the names of a posterior."""
+        """Return the campaign, and the true values by the names of a posterior."""
         joint = self.joint or programmes.bouc_wen(**self.parameters)
         made = [
             test
@@ -66,7 +66,7 @@ class Outside:
         return jbw.Campaign("panel", Path(), tuple(made), laws=self.laws), truth
 
     def _rms(self, joint: Plant) -> float:
-        """Velocity of the strongest test, without noise [m/s]."""
+        """Return the rms velocity of the strongest test, without noise [m/s]."""
         (test,) = programmes.taken(
             joint, replace(self.excitations[0], levels=self.excitations[0].levels[-1:]),
             gain=GAIN, fs=self.fs, repeats=1, noise_std=0.0, seed=0,
@@ -76,13 +76,13 @@ class Outside:
 
 @dataclass(frozen=True)
 class Rig:
-    """A campaign from jbw's rig."""
+    """A campaign from jbw's rig: its options."""
 
-    options: Mapping[str, Any]  # of `jbw.rig.measure`
+    options: Mapping[str, Any]  # options of `jbw.rig.measure`
     right: bool = True
 
     def campaign(self) -> tuple[Any, dict[str, float]]:
-        """The campaign without its stated priors, and its truth by the names of a posterior."""
+        """Return the campaign without its stated priors, and the true values of its parameters."""
         made = jbw.rig.measure(**self.options)
         settings = made.settings.model_copy(update={"prior": {}, "fit": None})
         truth = {name: float(value) for name, value in made.truth["joint"].items()}
@@ -159,7 +159,7 @@ CAMPAIGNS: dict[str, Outside | Rig] = {
 
 
 def judged(name: str) -> dict[str, Any]:
-    """What the identification of a campaign came to."""
+    """Return the result of identifying a campaign: verdict, coverage, errors and time."""
     case = CAMPAIGNS[name]
     campaign, truth = case.campaign()
     started = perf_counter()
@@ -187,7 +187,7 @@ def judged(name: str) -> dict[str, Any]:
 
 
 def row(name: str, limit: float) -> tuple[Any, ...]:
-    """One row of the table, from a process of its own."""
+    """Return one row of the table, from a separate process."""
     command = [sys.executable, __file__, "--one", name]
     env = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
     law = "right" if CAMPAIGNS[name].right else "wrong"

@@ -2,10 +2,10 @@
 
     python benchmarks/populations.py [--units 3 5 10] [--number 100] [--json FILE]
 
-Populations of the model itself: scatters and correlations from their priors, units with errors of
-their own of 0.1 to 0.5 of the scatter's scale in each of four coordinates. All are sampled by the
-NUTS of `population_of`, of normal summaries; a unit that nobody measured is then drawn from the
-truth and found in its predicted distribution.
+Populations come from the model itself: variations and correlations from their priors, units whose
+own errors are 0.1 to 0.5 of the scale of variation in each of four coordinates. The NUTS of
+`population_of` samples all of them, from normal summaries; an unmeasured unit is then drawn from
+the truth, and its place in the predicted distribution is found.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -29,7 +29,7 @@ from jbw.population.prior import CovariateDesign, prior_of
 
 NAMES = ("omega_n", "zeta", "alpha_delta", "alpha_gamma")
 PRODUCTS = {"alpha_delta": "1/(m s^2)", "alpha_gamma": "1/(m s^2)"}
-OWN = (0.1, 0.5)  # a unit's own error, over the scale of the scatter
+OWN = (0.1, 0.5)  # a unit's own error relative to the scale of variation
 COVERAGE = {
     "units": "d", "populations": "d", "90 %": ".3f", "[99 %]": "", "99 %": ".3f", "[99 %] ": "",
     "divergent, %": ".3f", "most in one, %": ".2f", "R-hat > 1.01": "d",
@@ -38,14 +38,14 @@ Sampled = Callable[[Any, UnitPosteriors], tuple[dict[str, np.ndarray], np.ndarra
 
 
 class Truth(NamedTuple):
-    """A population, its units as they are seen, and one that nobody measured."""
+    """A population: its units as they are seen, and an unmeasured unit."""
 
     units: UnitPosteriors
     new: np.ndarray
 
 
 def made(rng: np.random.Generator, num: int, scale: np.ndarray) -> Truth:
-    """One population from its priors."""
+    """Return one population, drawn from its priors."""
     d, key = len(scale), jax.random.key(int(rng.integers(2**31)))
     tau = scale * np.abs(rng.standard_normal(d))
     root = np.asarray(dist.LKJCholesky(d, EVEN).sample(key)) * tau[:, None]
@@ -58,7 +58,7 @@ def made(rng: np.random.Generator, num: int, scale: np.ndarray) -> Truth:
 
 
 def sampler_of(num: int, accepted: float) -> Sampled:
-    """Draws of any population of so many units, and which diverged: compiled but once."""
+    """Return a function that draws any population with `num` units, compiled only once."""
     design = CovariateDesign(("mean",), np.ones((num, 1)), np.nan)
     before = prior_of(NAMES, PRODUCTS, np.zeros((num, len(NAMES))), design)
 
@@ -102,13 +102,13 @@ def sampler_of(num: int, accepted: float) -> Sampled:
 
 
 def places(drawn: dict[str, np.ndarray], new: np.ndarray) -> np.ndarray:
-    """Probability that a further unit lies below the new one, by coordinate."""
+    """Return the predicted probability that a unit is below the new one, by coordinate."""
     line, tau = (drawn[name].reshape(-1, len(new)) for name in ("line", "tau"))
     return ndtr((new - line) / tau).mean(axis=0)
 
 
 def populations(num: int, count: int, accepted: float, seed: int = 0) -> Iterator[tuple]:
-    """Places of new units, share of divergent draws and R-hat of one population after the other."""
+    """Yield places of new units, share of divergent draws and R-hat, one population at a time."""
     rng, drawn = np.random.default_rng(seed), sampler_of(num, accepted)
     one = CovariateDesign(("mean",), np.ones((1, 1)), np.nan)
     scale = prior_of(NAMES, PRODUCTS, np.zeros((1, len(NAMES))), one).tau
@@ -120,9 +120,9 @@ def populations(num: int, count: int, accepted: float, seed: int = 0) -> Iterato
 
 
 def held(below: np.ndarray, level: float) -> tuple[float, str]:
-    """Share of intervals that hold the new unit, and binomial 99 % limits.
+    """Return the share of intervals that contain the new unit, with binomial 99 % limits.
 
-    Coordinates of one population are not independent; the limits count populations alone.
+    Coordinates of one population are not independent; the limits count populations only.
     """
     inside = np.abs(below - 0.5) < level / 2
     share, count = inside.mean(), len(below)
@@ -132,7 +132,7 @@ def held(below: np.ndarray, level: float) -> tuple[float, str]:
 
 
 def coverage(units: Sequence[int], count: int, accepted: float) -> Table:
-    """A row a number of units."""
+    """Return a table of coverage, one row per number of units."""
     rows = []
     for num in units:
         below, diverging, r_hat = map(

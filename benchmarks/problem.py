@@ -1,4 +1,4 @@
-"""The standard sweep, which most benchmarks solve, and how diffrax solves it without jbw's step."""
+"""The standard sweep, which most benchmarks solve, and its solution by diffrax alone."""
 
 import json
 from collections.abc import Callable, Iterable
@@ -17,49 +17,49 @@ GOLDEN = Path(__file__).parent.parent / "tests" / "golden.json"
 PAPER = (2 * np.pi * 18.8, 0.00444, 497.4, 340.21, 32.84)
 FS, NUM = 1024.0, 16384
 TIME = np.arange(NUM) / FS
-# 0 to 40 Hz in 16 s; peak displacement 4.80 mm.
+# This sweep goes from 0 to 40 Hz in 16 s; the peak displacement is 4.80 mm.
 U = 2.053397886 * np.sin(np.pi * 2.5 * TIME**2)
 
 
 def joint() -> BoucWen:
-    """The paper's joint."""
+    """Return the paper's joint."""
     return joint_of(PAPER)
 
 
 def joint_of(values: Iterable[Any]) -> BoucWen:
-    """Joint with the parameters (omega_n, zeta, alpha, delta, gamma), which may be arrays."""
+    """Return a joint with parameters (omega_n, zeta, alpha, delta, gamma), which may be arrays."""
     omega_n, zeta, alpha, delta, gamma = (jnp.asarray(value, float) for value in values)
     return BoucWen(omega_n, zeta, alpha, delta, gamma)
 
 
 def lanes(num: int) -> BoucWen:
-    """`num` joints within 5 % of the paper's; for one, scalars, which take the quicker step."""
+    """Return `num` joints within 5 % of the paper's; a single one is scalar, with a faster step."""
     if num == 1:
         return joint()
     return joint_of(p * (1.0 + 0.05 * np.linspace(-1.0, 1.0, num)) for p in PAPER)
 
 
 def exact_velocity() -> np.ndarray:
-    """Velocity of the standard sweep, good to about 1e-10 [m/s]."""
+    """Return the velocity of the standard sweep, accurate to about 1e-10 [m/s]."""
     if yardstick.library() is None:
         return np.asarray(simulate(joint(), jnp.asarray(U), FS, substeps=64).v)
     return yardstick.reference(PAPER, U, FS)
 
 
 def relative_error(found: Any, exact: np.ndarray) -> float:
-    """Relative L2 error."""
+    """Return the relative L2 error."""
     return float(np.linalg.norm(np.asarray(found) - exact) / np.linalg.norm(exact))
 
 
 def golden_sweep() -> tuple[dict, np.ndarray]:
-    """The sweep of tests/golden.json under a first-order hold at A = 2, and its input [N/kg]."""
+    """Return the sweep of tests/golden.json, first-order hold at A = 2, and its input [N/kg]."""
     case = json.loads(GOLDEN.read_text())["sweep"]["cases"][0]
     t = np.arange(case["N"] + 1) / case["fs"]
     return case, case["A"] * np.sin(np.pi * case["rate_hz_per_s"] * t**2)
 
 
 def reference_line() -> str:
-    """How far the reference is from the event-located solution, at that one's samples."""
+    """Return a sentence on the reference's error against the event-located solution."""
     case, u = golden_sweep()
     if yardstick.library() is None:
         return "Reference: jbw with 64 steps a sample, for want of a C compiler."
@@ -69,21 +69,21 @@ def reference_line() -> str:
 
 
 class SampledRK4(diffrax.AbstractSolver):
-    """Classical RK4 from input sample to input sample; `args` are (joint, u, dt)."""
+    """The classical RK4 from input sample to input sample; `args` are (joint, u, dt)."""
 
     term_structure: ClassVar = diffrax.AbstractTerm
     interpolation_cls: ClassVar[Callable] = diffrax.LocalLinearInterpolation
 
     def order(self, terms):
-        """Order for a smooth field."""
+        """Return the order of convergence for a smooth field."""
         return 4
 
     def init(self, terms, t0, t1, y0, args):
-        """Index of the sample."""
+        """Return the initial solver state, the index of the sample."""
         return jnp.zeros((), jnp.int32)
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
-        """One sample."""
+        """Advance by one sample."""
         joint, u, dt = args
         u_0, u_1 = u[solver_state], u[solver_state + 1]
         middle = 0.5 * (u_0 + u_1)
@@ -100,16 +100,17 @@ class SampledRK4(diffrax.AbstractSolver):
         return y1, None, dict(y0=y0, y1=y1), solver_state + 1, diffrax.RESULTS.successful
 
     def func(self, terms, t0, y0, args):
-        """The vector field."""
+        """Return the vector field."""
         return terms.vf(t0, y0, args)
 
 
 def rk4_velocity(joint, u, fs, adjoint: diffrax.AbstractAdjoint | None = None):
-    """Velocity through diffrax, one RK4 step a sample [m/s]."""
+    """Return the velocity through diffrax with one RK4 step per sample [m/s]."""
     num = u.shape[0] - 1
     zero = jnp.zeros(())
     solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(lambda tau, state, args: state),  # unused: the solver knows its field
+        # This term is unused, as the solver contains its field.
+        diffrax.ODETerm(lambda tau, state, args: state),
         SampledRK4(),
         t0=0.0,
         t1=float(num),
@@ -125,7 +126,7 @@ def rk4_velocity(joint, u, fs, adjoint: diffrax.AbstractAdjoint | None = None):
 
 
 def indexed_tsit5_velocity(joint, u, fs, substeps: int):
-    """Velocity through diffrax's Tsit5, time in samples and the input found by index [m/s]."""
+    """Return the velocity by diffrax's Tsit5, with time in samples and input by index [m/s]."""
     num = u.shape[0] - 1
 
     def field(tau, state, args):
@@ -149,7 +150,10 @@ def indexed_tsit5_velocity(joint, u, fs, substeps: int):
 
 
 def newcomers_velocity(joint, t, u, substeps: int = 1):
-    """Velocity as a newcomer to diffrax writes it: interpolated input, packed state, `ts` [m/s]."""
+    """Return the velocity with a newcomer's diffrax: interpolated input, packed state [m/s].
+
+    The times of the output are requested by `ts`.
+    """
     held = diffrax.LinearInterpolation(t, u)
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(lambda t, x, _: jnp.stack(oscillate(joint, held.evaluate(t), x))),

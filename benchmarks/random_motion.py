@@ -50,7 +50,7 @@ def library():
 
 
 def force(rng, psd):
-    """A block of the force, which repeats itself: its last samples go on with its first."""
+    """Return a periodic block of the force, extended by its own samples at both ends."""
     freq = np.fft.rfftfreq(BLOCK, 1 / FS)
     inside = (freq >= BAND[0]) & (freq <= BAND[1])
     # A line of one-sided density G has the mean square G fs / N.
@@ -68,7 +68,7 @@ def monte_carlo(motion, law, psd, seed, blocks):
         sums = np.zeros(3)
         u = force(rng, psd)
         motion(number, np.array(parameters), k, c, u, BLOCK, 1 / FS, state, sums)
-        if block:  # the first is the transient
+        if block:  # The first block contains the transient.
             means.append(sums / BLOCK)
     means = np.array(means)
     mean, error = means.mean(0), means.std(0, ddof=1) / np.sqrt(blocks)
@@ -101,7 +101,7 @@ def main():
 
 
 def closed_form():
-    """Rms displacement of the linear joint in the band, by the trapezium rule."""
+    """Return the rms displacement of the linear joint in the band, by the trapezium rule."""
     zeta, (psd,) = LAWS["linear"][1], LAWS["linear"][4]
     freq = np.linspace(*BAND, 2**21)
     x = 2 * np.pi * freq

@@ -1,8 +1,8 @@
 """What does a law that remembers its reversals cost beside Bouc-Wen's exact step?
 
-The standard sweep through Iwan's law of four parameters, forward, with the gradient of its six
-parameters, and for 16 sets of parameters; and through the paper's Bouc-Wen joint. One step a
-sample; all take turns in one process.
+The standard sweep passes through Iwan's law of four parameters, forward, with the gradient of its
+six parameters, and for 16 sets of parameters; and through the paper's Bouc-Wen joint. There is one
+step per sample; all take turns in one process.
 
     python benchmarks/reversals.py [--calls 31] [--json FILE]
 """
@@ -50,7 +50,7 @@ def measure(calls: int) -> list[Table]:
 
 
 def summaries(times: Mapping[str, Times]) -> list[Table]:
-    """The table of solves, and the targets."""
+    """Return the table of solves, and the targets."""
     base, own = times[BOUC_WEN].least, times[IWAN].least
     rows = [
         (name, 1e3 * least, 1e3 * median, 1e9 * least / NUM, least / base)

@@ -1,11 +1,11 @@
 """Which sampler gives most effective draws a second on Step 3, Step 4 and the joint posterior?
 
-Three posteriors of one virtual rig with a poor laser: zeta, alpha and delta from the third-order
-kernel at five tones; gamma alone from two short sweeps; all six parameters from both sweeps and the
-noise. Every sampler draws from the same likelihood in the same box, with four chains; agreement is
-measured against quadrature where there is one. Further tables say what chains of 850 draws as
-published are worth, and how many times the published walk's effective draws a second, counted where
-it runs until it mixes, the others give.
+Three posteriors come from one virtual rig with a poor laser: zeta, alpha and delta from the
+third-order kernel at five tones; gamma alone from two short sweeps; all six parameters from both
+sweeps and the noise. Every sampler draws from the same likelihood in the same box, with four
+chains; agreement is measured against quadrature where there is one. Further tables show the
+effective draws in chains of 850 draws as published, and the other samplers' rates of effective
+draws relative to the published walk, which here runs until it mixes.
 
     python benchmarks/samplers.py [--calls 1] [--json FILE] [--steps third_order,opening,joint]
 """
@@ -33,13 +33,13 @@ from jbw.inference.samplers.sampling import sample
 from jbw.lab.samplers import compare, suited
 from jbw.rig.generator import Noise, Sweep
 
-LASER_NOISE = 1e-3  # [m/s]: a posterior that is not a point
+LASER_NOISE = 1e-3  # [m/s], so large that the posterior is not a point
 TONES = ("tone_5p00Hz", "tone_5p50Hz", "tone_6p00Hz", "tone_6p50Hz", "tone_6p75Hz")
 TESTS = ("noise_0p005V", *TONES, "sweep_0p05V", "sweep_0p20V")
 REPEATS = 4
-PUBLISHED = 64  # chains of 850 draws
-LONG = 400_000  # draws of each of four chains, for the published walk to mix
-REACH = {"nuts": 30.0, "random_walk": 100.0}  # times the published walk's rate
+PUBLISHED = 64  # number of chains of 850 draws
+LONG = 400_000  # draws of each of four chains, until the published walk mixes
+REACH = {"nuts": 30.0, "random_walk": 100.0}  # targets relative to the published walk's rate
 COLUMNS = {
     "sampler": "", "draws": "d", "ESS": ".4g", "ESS / s": ".4g", "ESS / s, cold": ".4g",
     "evaluations / ESS": ".3g", "log evidence": "", "furthest, MCSE": ".2g", "verdict": "",
@@ -47,21 +47,21 @@ COLUMNS = {
 
 
 def shortened(plan: Any) -> Any:
-    """Noise of 64 s, sweeps of 4 s and 4 s of decay."""
+    """Return a plan with noise of 64 s, sweeps of 4 s and 4 s of decay."""
     change = {Noise: {"duration": 64.0}, Sweep: {"burst": 4.0, "duration": 8.0}}
     excitation = replace(plan.excitation, **change.get(type(plan.excitation), {}))
     return replace(plan, excitation=excitation)
 
 
 def rig_campaign() -> rig.RigCampaign:
-    """The campaign of the virtual rig that all three posteriors come from."""
+    """Return the campaign of the virtual rig behind all three posteriors."""
     plans = tuple(shortened(plan) for plan in rig.LABORATORY.plans)
     preset = replace(rig.LABORATORY, name="samplers", plans=plans)
     return rig.measure(preset, tests=TESTS, repeats=REPEATS, noise_std=LASER_NOISE)
 
 
 def table_of(posterior: Posterior, calls: int) -> Table:
-    """All samplers on one posterior: the best of several comparisons, by the warm time."""
+    """Return the table of all samplers on one posterior, with the best of several warm times."""
     named = (*suited(posterior), "nested") if posterior.stepped else None
     records = [compare(posterior, samplers=named, seed=i).record for i in range(calls)]
     first = records[0]
@@ -91,7 +91,7 @@ def row_of(name: str, one: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def published(posteriors: Mapping[str, Posterior]) -> Table:
-    """Effective draws in one chain of 850 as published, over many chains."""
+    """Return the effective draws in one published chain of 850, over many chains."""
     rows = []
     for name, posterior in posteriors.items():
         if posterior.stepped:
@@ -111,11 +111,11 @@ def published(posteriors: Mapping[str, Posterior]) -> Table:
 
 
 def mixed(posterior: Posterior) -> float:
-    """Effective draws a second of the published walk, where it runs until it mixes."""
+    """Return the effective draws per second of the published walk, run until it mixes."""
     options = {"num_warmup": 20_000, "num_samples": LONG, "chain_method": "vectorized"}
     about = posterior.log_likelihood, posterior.box, posterior.data
     rates = []
-    for seed in range(2):  # the first call compiles
+    for seed in range(2):  # The first call compiles.
         started = perf_counter()
         tree = sample(jax.random.key(seed), *about, sampler="random_walk_paper", **options)
         elapsed = perf_counter() - started
@@ -126,7 +126,7 @@ def mixed(posterior: Posterior) -> float:
 
 
 def beside_published(table: Table, posterior: Posterior) -> Table:
-    """How many times the published walk's effective draws a second the others give on Step 3."""
+    """Return the samplers' rates of effective draws on Step 3 relative to the published walk."""
     least, rate = mixed(posterior), list(COLUMNS).index("ESS / s")
     found = {row[0]: row[rate] for row in table.rows}
     return targets(

@@ -1,9 +1,9 @@
 """How does the cost of an effective draw grow with the parameters and with the data?
 
-Two families whose posterior is known: a linear model of d parameters with correlated columns, a
-normal posterior; and Step 3, a thin ridge from wall to wall, with the noise of one repeat and of
-hundreds. Every sampler draws as `jbw compare` has it draw. An evaluation is one of the log
-likelihood; gradients count by the evaluations that they take, one each.
+There are two families with a known posterior: a linear model of d parameters with correlated
+columns, whose posterior is normal; and Step 3, a thin ridge from wall to wall, with the noise of
+one repeat and of hundreds. Every sampler has the settings of `jbw compare`. The unit of cost is one
+evaluation of the log likelihood; a gradient counts as one evaluation.
 
     python benchmarks/samplers_growth.py [--calls 1] [--json FILE]
 """
@@ -28,7 +28,7 @@ from jbw.inference.space.box import box
 from jbw.lab.samplers import compare
 
 DIMENSIONS = (2, 4, 8, 16)
-NOISES = (1e-1, 1e-2, 1e-3)  # of |H3|, one repeat
+NOISES = (1e-1, 1e-2, 1e-3)  # relative to |H3|, for one repeat
 SAMPLERS = ("nuts", "elliptical_slice", "random_walk", "tempered_smc", "nested")
 CORRELATION = 0.9  # between neighbouring columns of the linear model
 VALUES = 200
@@ -42,18 +42,18 @@ COLUMNS = {
 
 
 def linear(theta: dict[str, Any], data: Any) -> Any:
-    """Residual of a linear model, in units of the noise."""
+    """Return the residual of a linear model, in units of the noise."""
     design, values = data
     return design @ jnp.stack([theta[name] for name in sorted(theta)]) - values
 
 
 def linear_terms(theta: dict[str, Any], data: Any) -> Any:
-    """Log likelihood of the linear model, one term a value [nats]."""
+    """Return the log likelihood of the linear model, one term per value [nats]."""
     return -0.5 * linear(theta, data) ** 2
 
 
 def linear_posterior(d: int) -> Posterior:
-    """A linear model of d parameters whose columns resemble their neighbours."""
+    """Return the posterior of a linear model of d parameters with correlated columns."""
     rng = np.random.default_rng(d)
     index = np.arange(d)
     root = np.linalg.cholesky(CORRELATION ** np.abs(index[:, None] - index))
@@ -66,7 +66,7 @@ def linear_posterior(d: int) -> Posterior:
 
 
 def ridge_posterior(noise: float) -> Posterior:
-    """Step 3 with so much noise in one repeat of eight."""
+    """Return the posterior of Step 3 with a given noise in one repeat of eight."""
     data = kernel.KernelData(
         **{name: jnp.asarray(one) for name, one in kernel_at_five_tones(noise).items()}
     )
@@ -76,7 +76,7 @@ def ridge_posterior(noise: float) -> Posterior:
 
 
 def rows_of(family: str, posterior: Posterior) -> list[tuple[Any, ...]]:
-    """What each sampler costs on a posterior."""
+    """Return rows on the cost of each sampler for a posterior."""
     found = compare(posterior, samplers=SAMPLERS).record
     rows = []
     for name in SAMPLERS:

@@ -2,10 +2,10 @@
 
     python benchmarks/silence.py [FOLDER]
 
-Runs each command in a process of its own, in FOLDER or a temporary one, on the toy campaign of the
-tests, and looks at the processor time that it had used when each line came (`/proc`). A pipe stands
-in for a file: no line may be folded there. Times with compiled code kept need a second round in one
-FOLDER; JAX_ENABLE_COMPILATION_CACHE=0 keeps none.
+Each command runs in a separate process, in FOLDER or a temporary one, on the toy campaign of the
+tests; the processor time that it had used when each line came is read from `/proc`. Output goes to
+a pipe, as to a file, in which no line may be folded. Times with kept compiled code need a second
+round in one FOLDER; JAX_ENABLE_COMPILATION_CACHE=0 keeps none.
 """
 
 import os
@@ -23,18 +23,18 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "study"))
 TICK = os.sysconf("SC_CLK_TCK")
 COLUMNS = {"command": "", "first line": ".2f", "silence": ".2f", "all": ".1f", "exit": "d"}
-MOST_S = 5.0  # of silence that a command may have
+MOST_S = 5.0  # longest accepted silence of a command
 PROGRAM = "import sys; from jbw.cli import main; main(sys.argv[1:])"
 
 
 def cpu_of(pid: int) -> float:
-    """User and system time of a process so far [s]."""
+    """Return the user and system time of a process so far [s]."""
     fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / TICK
 
 
 def watched(arguments: list[str]) -> tuple[float, float, float, int]:
-    """First line, longest silence and all of a command [CPU s], and its exit code."""
+    """Return a command's first line, longest silence and total [CPU s], and its exit code."""
     code = [sys.executable, "-c", PROGRAM, *arguments]
     with subprocess.Popen(code, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, cwd=ROOT) as made:
         times = [0.0]
@@ -61,7 +61,7 @@ def watched(arguments: list[str]) -> tuple[float, float, float, int]:
 
 
 def commands(campaign: Path, folder: Path) -> dict[str, list[str]]:
-    """Every command that computes, in an order in which each finds what it needs."""
+    """Return every command that computes, in an order in which each finds its inputs."""
     run, first = str(folder / "run"), str(folder / "first")
     fleet, file = str(folder / "fleet.nc"), str(campaign)
     return {
@@ -84,13 +84,13 @@ def commands(campaign: Path, folder: Path) -> dict[str, list[str]]:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the table; ends with 1 where a command was silent for longer than it may be."""
+    """Print the table; end with 1 if a command was silent for too long."""
     from timing import Table, options, show
 
     parser = options(__doc__, calls=1)
     parser.add_argument("folder", nargs="?", help="where to work; a temporary one when left out")
     chosen = parser.parse_args(arguments)
-    toy = import_module("toy_campaign")  # of the tests
+    toy = import_module("toy_campaign")  # the toy campaign of the tests
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(chosen.folder or temporary)
         (folder / "records").mkdir(parents=True, exist_ok=True)

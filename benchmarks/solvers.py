@@ -1,8 +1,8 @@
 """What does each solver cost at which error?
 
-The standard sweep through C, numba, scipy, SUNDIALS, diffrax and jbw at several accuracies. The
-error is that of the velocity, relative L2, against C RK4 with 1024 steps a sample, which is itself
-compared with the event-located solution of tests/golden.json.
+The standard sweep is solved by C, numba, scipy, SUNDIALS, diffrax and jbw at several accuracies.
+The error is the relative L2 error of the velocity against C RK4 with 1024 steps per sample, which
+is itself compared with the event-located solution of tests/golden.json.
 
     python benchmarks/solvers.py [--calls 31] [--json FILE] [--plot FILE.svg]
 """
@@ -37,19 +37,19 @@ import jbw
 COLUMNS = {"solver": "", "setting": "", "error of v": ".1e", "min, ms": ".3f"}
 COLUMNS |= {"median, ms": ".3f", "/ C, 1 step": ".3g"}
 TOLERANCES = (1e-4, 1e-6, 1e-8)
-# Seconds a call, and far from the others: their ratios need no fine timing.
+# Their calls take seconds, far from the others: the ratios need no fine timing.
 SLOW_CALLS = 3
-# Okabe and Ito's colours, told apart by the colour-blind.
+# Okabe and Ito's colours differ for the colour-blind, too.
 COLOURS = ("#000000", "#D55E00", "#0072B2", "#009E73", "#E69F00", "#56B4E9", "#CC79A7", "#7F7F7F")
 MARKERS = "osD^vP*X<"
-# Labels stand above a line's first point unless a better place is known.
+# Labels are above a line's first point unless another place is given.
 BESIDE = (-1, (8, -4))
 PLACES = {"SUNDIALS CVODE": (-1, (-112, -4)), "scipy RK45": BESIDE, "scipy DOP853": BESIDE}
 PLACES |= {"C RK4": BESIDE, "jbw": BESIDE, "diffrax Tsit5, input by index": BESIDE}
 
 
 class Solver(NamedTuple):
-    """One row: a solver at one setting; `run` gives the velocity, or is None where it is absent."""
+    """One row of the table: a solver with one setting; `run` is None if it is absent."""
 
     family: str
     setting: str
@@ -58,7 +58,7 @@ class Solver(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Family and setting."""
+        """The family and the setting of the solver."""
         return f"{self.family}, {self.setting}"
 
 
@@ -97,7 +97,7 @@ def diffrax_tsit5() -> list[Solver]:
 
 
 def numba_rk4() -> list[Solver]:
-    """The C loop, written in Python and compiled by numba."""
+    """Return the C loop, written in Python and compiled by numba, as a solver."""
     if find_spec("numba") is None:
         return [Solver("numba RK4", steps(1), None)]
     import numba
@@ -133,7 +133,7 @@ def numba_rk4() -> list[Solver]:
 
 
 def field(t: float, x: np.ndarray) -> tuple[float, float, float]:
-    """Right-hand side in Python, the input interpolated."""
+    """Return the right-hand side in Python, with an interpolated input."""
     omega_n, zeta, alpha, delta, gamma = PAPER
     y, v, z = x.tolist()
     dv = np.interp(t, TIME, U) - 2 * zeta * omega_n * v - (omega_n**2 - alpha) * y - z
@@ -167,7 +167,7 @@ def sundials() -> list[Solver]:
         rate[:] = field(t, x)
 
     def run(rtol):
-        # The step limit is that between two samples.
+        # The step limit applies between two samples.
         solver = CVODE(rates, method="Adams", rtol=rtol, atol=1e-3 * rtol, max_num_steps=10_000)
         return lambda: solver.solve(TIME, np.zeros(3)).y[:, 1]
 
@@ -178,7 +178,7 @@ def sundials() -> list[Solver]:
 
 
 def measure(solvers: Sequence[Solver], calls: int) -> list[tuple]:
-    """Rows of the table; the slow solvers have their own, fewer turns."""
+    """Return the rows of the table; the slow solvers take fewer turns, among themselves."""
     exact = exact_velocity()
     unit = solvers[0]
     times = {}
@@ -200,7 +200,7 @@ def measure(solvers: Sequence[Solver], calls: int) -> list[tuple]:
 
 
 def plot(rows: Sequence[tuple], file: Path) -> None:
-    """Error against time, one line a solver, labelled where it ends."""
+    """Plot error against time, with one labelled line per solver."""
     import matplotlib as mpl
 
     mpl.use("Agg")

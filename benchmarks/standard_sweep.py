@@ -1,7 +1,7 @@
 """What does the standard sweep cost through diffrax, beside C and beside a newcomer's diffrax?
 
-A 16-s sweep at 1024 Hz, from rest, under a first-order hold; all contenders take turns in one
-process. Machines are shared: only the ratios of the least times mean anything.
+A 16-s sweep at 1024 Hz is solved from rest under a first-order hold; all contenders take turns in
+one process. Machines are shared, so that only the ratios of the least times mean anything.
 
     python benchmarks/standard_sweep.py [--calls 31] [--json FILE]
 """
@@ -55,7 +55,7 @@ def contenders():
 
 
 def ratio(times: dict[str, Times], over: str, under: str) -> float | None:
-    """Least time of one contender over another's; None where either is absent."""
+    """Return one contender's least time over another's; None where either is absent."""
     if over not in times or under not in times:
         return None
     return times[over].least / times[under].least

@@ -1,7 +1,7 @@
 """What does the periodic response at five probing tones cost, and how exact is it?
 
-The harmonic balance against integrating from rest until the transient has died, in C and through
-`simulate`, and against shooting. Each turn is three calls, of which the first finds the caches
+The harmonic balance is compared with integration from rest until the transient has died, in C and
+through `simulate`, and with shooting. Each turn is three calls, of which the first finds the caches
 cold.
 
     python benchmarks/steady_state.py [--calls 93] [--json FILE]
@@ -22,7 +22,7 @@ import jbw
 TONES = 2 * np.pi * np.array([5.0, 5.5, 6.0, 6.5, 6.75])
 AMPLITUDE = 9.0
 FS, NUM_SAMPLES = 1024, 65536
-# The last 32 s hold whole periods of every tone.
+# The last 32 s contain whole periods of every tone.
 LAST = 32 * FS
 C_ROUTE, BALANCE = "C RK4, 64 s from rest", "harmonic balance, 8 harmonics"
 COLUMNS = {"route": "", "min, ms": ".2f", "median, ms": ".2f", "/ C": ".3f"}
@@ -30,14 +30,14 @@ COLUMNS |= {"error of Y_1": ".0e", "error of Y_3": ".0e"}
 
 
 class Route(NamedTuple):
-    """A way to the periodic response, and Y_1 and Y_3 of what it returns."""
+    """A method for the periodic response, and how to get Y_1 and Y_3 from its result."""
 
     run: Callable[[], Any]
     harmonics: Callable[[Any], np.ndarray]
 
 
 def integrated_harmonics(y: Any) -> np.ndarray:
-    """Y_1 and Y_3 by Fourier's integral over the last whole periods."""
+    """Return Y_1 and Y_3 by Fourier's integral over the last whole periods."""
     t = np.arange(NUM_SAMPLES - LAST, NUM_SAMPLES) / FS
     orders = np.array([1, 3])
     basis = np.exp(-1j * TONES[:, None, None] * orders[:, None] * t)

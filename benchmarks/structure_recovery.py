@@ -1,10 +1,10 @@
 """Does the posterior of two modes with one joint hold the truth, a third mode beside them?
 
-Campaigns of six sweeps from the virtual rig: three about either mode, with a third mode above both
-bands that the campaign does not state, and a shaker whose armature moves along while its force is
-measured. Shapes and the joint's parameters are drawn anew for each campaign. The truth's rank among
-the draws is a uniform number where the posterior is right, its z-score standard normal. Results are
-appended to a file, a line a campaign; what is there stays.
+Campaigns of six sweeps come from the virtual rig: three about each of two modes, with a third mode
+above both bands that the campaign does not state, and a shaker whose armature moves along while its
+force is measured. Shapes and the joint's parameters are drawn again for each campaign. Where the
+posterior is right, the truth's rank among the draws is a uniform number and its z-score standard
+normal. Results are appended to a file, one line per campaign; earlier lines remain.
 
     python benchmarks/structure_recovery.py --out FILE [--campaigns 50] [--first SEED] [--json FILE]
 """
@@ -35,8 +35,8 @@ from jbw.rig.presets import Plan, Preset
 from jbw.rig.structure import Armature, Shapes, law_of_mode, modal_truth
 
 FS, NOISE, REPEATS = 512.0, 0.01, 2
-SCATTER = 0.2  # of logarithms of shapes and of the joint's parameters, from campaign to campaign
-HZ = np.array([18.8, 57.2, 131.0])  # the third is not stated
+SCATTER = 0.2  # sd of logarithms of shapes and of the joint's parameters between campaigns
+HZ = np.array([18.8, 57.2, 131.0])  # The campaign does not state the third one.
 BANDS = {"low": (14.0, 24.0, (0.8, 1.2, 2.0)), "high": (50.0, 64.0, (4.0, 7.0, 12.0))}
 ARMATURE = Armature(gain=1.0, mass=0.05, damping=1.0, stiffness=100.0)
 COLUMNS = {
@@ -46,7 +46,7 @@ COLUMNS = {
 
 
 def made(seed: int) -> tuple[Campaign, dict[str, float]]:
-    """A campaign on the rig, and the true values by the names that it has for them."""
+    """Return a campaign on the rig, and the true values of its parameters by name."""
     rng = np.random.default_rng(seed)
 
     def drawn(values: Sequence[float]) -> np.ndarray:
@@ -75,7 +75,7 @@ def made(seed: int) -> tuple[Campaign, dict[str, float]]:
 
 
 def truth(shapes: Shapes, joint: jbw.BoucWen) -> dict[str, float]:
-    """Parameters of two modes and their joint, by the shapes alone."""
+    """Return the true parameters of two modes and their joint, from the shapes alone."""
     modes = modal_truth(shapes)
     first, second = ({name: values[i] for name, values in modes.items()} for i in (0, 1))
     found = {"omega_n": first["omega_n"], "zeta": first["zeta"], "gain": first["b"]}
@@ -87,7 +87,7 @@ def truth(shapes: Shapes, joint: jbw.BoucWen) -> dict[str, float]:
 
 
 def tried(seed: int) -> dict[str, Any]:
-    """One campaign's answer: the truth's rank among the draws of each parameter."""
+    """Return the answer of one campaign: the truth's rank among the draws of each parameter."""
     campaign, true = made(seed)
     began, keys = perf_counter(), jax.random.split(jax.random.key(seed))
     ready = fit_joint(keys[0], measured_in(campaign, lambda _: None), lambda _: None)
@@ -102,7 +102,7 @@ def tried(seed: int) -> dict[str, Any]:
 
 
 def row(name: str, lines: Sequence[Mapping[str, Any]]) -> tuple[Any, ...]:
-    """One parameter's z-scores over the campaigns."""
+    """Return one parameter's z-scores over the campaigns, as a table row."""
     z = stats.norm.ppf([one["ranks"][name] for one in lines if name in one["ranks"]])
     inside = float(np.mean(np.abs(z) < stats.norm.ppf(0.995)))
     chance = float(stats.kstest(z, "norm").pvalue)

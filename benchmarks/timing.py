@@ -1,4 +1,4 @@
-"""How the benchmarks measure and print: contenders take turns, tables are Markdown."""
+"""The timing and printing of the benchmarks: contenders take turns, tables are in Markdown."""
 
 import argparse
 import json
@@ -17,14 +17,14 @@ Contenders = Mapping[str, Callable[[], Any]]
 
 
 class Times(NamedTuple):
-    """Seconds of one call: the least of all calls, and their median."""
+    """The times of one call [s]: the least of all calls, and their median."""
 
     least: float
     median: float
 
 
 class Table(NamedTuple):
-    """One table: its title, and of each column the heading and the format of its numbers."""
+    """One table: its title, its rows, and heading and number format of each column."""
 
     title: str
     columns: Mapping[str, str]
@@ -32,7 +32,7 @@ class Table(NamedTuple):
 
 
 class Target(NamedTuple):
-    """What a ratio must reach; `at_most` is False for those that must be large."""
+    """A ratio with the limit that it must reach; `at_most` is False for a lower limit."""
 
     name: str
     measured: float | None
@@ -42,14 +42,14 @@ class Target(NamedTuple):
 
 
 def options(description: str | None, calls: int = 31) -> argparse.ArgumentParser:
-    """The command line that all benchmarks share.
+    """Return the command-line parser that all benchmarks share.
 
     Args:
-        description: Docstring of the script; its first line is the question.
-        calls: Calls of each contender unless the user says otherwise.
+        description: Docstring of the script, whose first line is the question.
+        calls: Default number of calls of each contender.
 
     Returns:
-        The parser, to which a script may add its own options.
+        The parser, to which a script may add options.
     """
     parser = argparse.ArgumentParser(description=(description or "").split("\n")[0])
     parser.add_argument("--calls", type=int, default=calls, help="calls of each contender")
@@ -63,16 +63,16 @@ def take_turns(
     in_a_row: int = 1,
     clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, Times]:
-    """Time the contenders in alternation, so that a slow spell of the machine meets them all.
+    """Time the contenders in alternation, so that a slow period of the machine affects them all.
 
     Args:
-        contenders: Calls by name; what they return is waited for. Each is called once before.
-        calls: Timed calls of each, at least.
+        contenders: Calls by name, whose results are awaited. Each is called once before timing.
+        calls: Smallest number of timed calls of each contender.
         in_a_row: Calls in each turn, of which the first finds the caches cold.
-        clock: Seconds; `time.process_time` leaves out those in which others had the processor.
+        clock: Clock in seconds; `time.process_time` omits the time of other processes.
 
     Returns:
-        Least and median time of each.
+        Least and median time of each contender.
     """
     for run in contenders.values():
         jax.block_until_ready(run())
@@ -84,20 +84,20 @@ def take_turns(
 
 
 def ahead(function: Callable, *arguments: Any) -> tuple[Callable, float]:
-    """The function compiled for such arguments, and the seconds that took."""
+    """Return the function compiled for such arguments, and the compilation time [s]."""
     start = time.perf_counter()
     run = jax.jit(function).lower(*arguments).compile()
     return run, time.perf_counter() - start
 
 
 def compiled(function: Callable, *arguments: Any) -> Callable[[], Any]:
-    """The call function(*arguments), compiled ahead."""
+    """Return the call function(*arguments), compiled ahead."""
     run, _ = ahead(function, *arguments)
     return lambda: run(*arguments)
 
 
 def targets(entries: Sequence[Target]) -> Table:
-    """Measured ratios beside what they must reach."""
+    """Return a table of measured ratios next to their targets."""
     columns = {"target": "", "measured": ".3g", "reach": "g", "stretch": "g", "result": ""}
     rows = [(t.name, t.measured, t.reach, t.stretch, _result(t)) for t in entries]
     return Table("Targets", columns, rows)
@@ -119,7 +119,7 @@ def show(tables: Sequence[Table], packages: Sequence[str] = (), file: Path | Non
 
 
 def markdown(table: Table) -> str:
-    """The table as Markdown; None is an empty cell, and text is printed as it is."""
+    """Return a table as Markdown; None is an empty cell, and text is printed unchanged."""
     lines = [list(table.columns), ["---"] * len(table.columns)]
     for row in table.rows:
         pairs = zip(row, table.columns.values(), strict=True)
@@ -128,7 +128,7 @@ def markdown(table: Table) -> str:
 
 
 def machine(packages: Sequence[str] = ()) -> str:
-    """One line: processor, cores, and the versions that matter."""
+    """Return one line with processor, cores, and the versions that matter."""
     names = ("jax", "diffrax", "numpy", *packages)
     versions = [f"{name} {_version(name)}" for name in names]
     cores = f"{os.cpu_count()} cores"

@@ -1,11 +1,11 @@
 """How much of an F-16's sweeps over four modes and three points does one joint explain?
 
-Sine sweeps of four levels between 4.9 and 10.5 Hz, three accelerations, as a campaign with
-[structure] states them. The modes are linear; the joint acts on the first mode alone; or one joint
-acts on all. Where it meets all, the shapes at the joint begin as those of the relative motion
-between wing and payload, by what the points see of the linear modes, and are free then. Least
-squares with every lines' constants integrated out; the error of each point over its response,
-mean over levels. Half an hour to an hour.
+Sine sweeps of four levels between 4.9 and 10.5 Hz, with three accelerations, form a campaign with
+[structure]. Three models are compared: the modes are linear; the joint acts on the first mode
+alone; one joint acts on all modes. In the last one the shapes at the joint start at those of the
+relative motion between wing and payload, from the points' motion in the linear modes, and are then
+free. The fit is by least squares, marginal over the constants of all lines. Printed is the error of
+each point relative to its response, as mean over levels. The run takes half an hour to an hour.
 
     JBW_DATA=FOLDER python benchmarks/wide_band.py [--law bouc_wen --law cubic] [--json FILE]
 """
@@ -33,9 +33,10 @@ from jbw.observables.drives import told_by
 
 LEVELS = {1: 4.8, 3: 28.8, 5: 67.0, 7: 95.6}  # nominal force [N]
 POINTS = ("wing", "payload", "shaker")
-TOLERANCE = 1e-4  # of the cost and of the step: beyond, errors move by less than a thousandth
-LEAST_COUPLING = 0.05  # of a start
-NUM_SCREENED = 24  # points of the law's parameters that are looked at
+# Relative to cost and step: with a smaller one errors change by less than a thousandth.
+TOLERANCE = 1e-4
+LEAST_COUPLING = 0.05  # smallest coupling of a start
+NUM_SCREENED = 24  # number of points of the law's parameters that are screened
 COLUMNS = {"model": "", "mean, %": ".1f", **{f"{point}, %": ".1f" for point in POINTS}}
 COLUMNS |= {"worst level, %": ".1f", "parameters": "d", "time, s": ".0f"}
 HEAD = """
@@ -62,7 +63,7 @@ settle = 35.0
 
 
 def campaign(laws: Sequence[str]) -> Campaign:
-    """The sweeps, from the part in which they pass the band."""
+    """Return the campaign of sweeps, each from the part in which it passes the band."""
     text = HEAD + "".join(TEST.format(level=n, force=force) for n, force in LEVELS.items())
     with TemporaryDirectory() as folder:
         path = Path(folder) / "campaign.toml"
@@ -72,7 +73,7 @@ def campaign(laws: Sequence[str]) -> Campaign:
 
 
 def fitted(data: Dataset, taken: Campaign, start: Mapping[str, float]) -> Fit:
-    """Least squares from a start; where that has no law, from the likeliest of some points."""
+    """Return the least-squares fit from a start, or without a law there from the best points."""
     known = {**told_by(data.parts), **start}
     prior = box_of(taken.settings, data, known)
     middle = prepare.from_unit(np.full(len(prior.names), 0.5), prior)
@@ -89,12 +90,12 @@ def fitted(data: Dataset, taken: Campaign, start: Mapping[str, float]) -> Fit:
 
 
 def relative_motion(best: Mapping[str, float]) -> tuple[float, ...]:
-    """Payload's motion less the wing's in every mode, over the wing's."""
+    """Return the payload's motion minus the wing's in every mode, relative to the wing's."""
     return tuple(best[f"point_2_{mode}"] - 1.0 for mode in (1, 2, 3, 4))
 
 
 def row(name: str, best: Fit, data: Dataset, seconds: float) -> tuple[object, ...]:
-    """Errors of a fit by point, over levels."""
+    """Return a fit's errors by point, as means over levels, as a table row."""
     left = dataset.residual_by_label(best.residual, data)
     every = dataset.error_by_label(left, data)
     names = [f"level {n}" for n in LEVELS]
@@ -133,7 +134,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     free = replace(data, held={**data.held, **{n: np.asarray(x) for n, x in signs.items()}})
     shapes = {n: float(x) for n, x in own.held.items() if n.startswith("shape_")}
     begun = {**common.theta, **shapes}
-    # A coupling that ended at its bound, where it tells no slope, begins within.
+    # A coupling that ended at its bound, where it has no slope, starts inside.
     begun |= {n: max(x, LEAST_COUPLING) for n, x in begun.items() if n.startswith("coupling_")}
     done("one joint, shapes free", free, taken, begun)
     show([Table("F-16, 4.9 to 10.5 Hz", COLUMNS, rows)], file=chosen.json)

@@ -1,4 +1,4 @@
-"""The C loops that everything is measured against, compiled where a C compiler is found."""
+"""The C loops with which all solvers are compared, compiled where there is a C compiler."""
 
 import ctypes
 import shutil
@@ -21,7 +21,7 @@ _LONG, _DOUBLE, _INT = ctypes.c_long, ctypes.c_double, ctypes.c_int
 
 @cache
 def library() -> ctypes.CDLL | None:
-    """The compiled loops, or None without a compiler."""
+    """Return the compiled loops, or None without a compiler."""
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
         return None
@@ -36,14 +36,14 @@ def library() -> ctypes.CDLL | None:
 
 
 def rk4(parameters: Sequence[float], u: np.ndarray, fs: float, steps: int) -> np.ndarray:
-    """Velocity at the samples of u, `steps` RK4 steps a sample [m/s]."""
+    """Return the velocity at the samples of u, with `steps` RK4 steps per sample [m/s]."""
     v = np.empty(u.size)
     _loops().rk4(np.asarray(parameters, float), u, u.size, fs, steps, v)
     return v
 
 
 def rk4_lanes(parameters: np.ndarray, u: np.ndarray, fs: float, steps: int) -> np.ndarray:
-    """Velocity (time, WIDTH) of the WIDTH parameter sets (5, WIDTH) at once [m/s]."""
+    """Return the velocity (time, WIDTH) of the WIDTH parameter sets (5, WIDTH) at once [m/s]."""
     v = np.empty((u.size, WIDTH))
     _loops().rk4_lanes(parameters, u, u.size, fs, steps, v)
     return v
@@ -52,14 +52,14 @@ def rk4_lanes(parameters: np.ndarray, u: np.ndarray, fs: float, steps: int) -> n
 def rk4_tone(
     parameters: Sequence[float], omega: float, amplitude: float, num_samples: int, fs: float
 ) -> np.ndarray:
-    """Displacement from rest under a tone, one RK4 step a sample [m]."""
+    """Return the displacement from rest under a tone, with one RK4 step per sample [m]."""
     y = np.empty(num_samples)
     _loops().rk4_tone(np.asarray(parameters, float), omega, amplitude, num_samples, fs, y)
     return y
 
 
 def reference(parameters: Sequence[float], u: np.ndarray, fs: float) -> np.ndarray:
-    """Velocity good to about 1e-10: its error falls as 1/steps^2 and is 1e-7 at 16 steps."""
+    """Return a velocity accurate to about 1e-10: errors fall as 1/steps^2, 1e-7 at 16 steps."""
     return rk4(parameters, u, fs, REFERENCE_STEPS)
 
 

@@ -101,7 +101,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-# Public name to its home, read only when the name is first used.
+# Home module of each public name, read only when the name is first used.
 _HOME = {
     "Attachment": "oscillator.attachment",
     "BoucWen": "oscillator.oscillator",
@@ -186,7 +186,7 @@ _HOME = {
     "write_uff": "measurement.files.uff",
 }
 
-# Rooms that are public as a whole.
+# Packages and modules that are public as a whole.
 _ROOMS = {
     "conventions": "jbw.oscillator.conventions",
     "excitation": "jbw.oscillator.excitation",
@@ -203,7 +203,7 @@ __all__ = [*_HOME, *_ROOMS, "citation", "enable_x64"]  # pyright: ignore[reportU
 
 
 def enable_x64() -> None:
-    """Switch JAX to float64 for this process; jbw never does it by itself.
+    """Switch JAX to float64 for this process; jbw never does so on its own.
 
     Examples:
         >>> import jbw
@@ -221,8 +221,8 @@ def citation() -> str:
     """Return the citation of this version of jbw and of the paper whose method it implements.
 
     Returns:
-        The text of `CITATION.cff`, in the Citation File Format that Zenodo, Zotero and most forges
-        of software read.
+        The text of `CITATION.cff`, in the Citation File Format, which Zenodo, Zotero and most
+        software forges read.
 
     Examples:
         The second line is the title:
@@ -234,7 +234,7 @@ def citation() -> str:
     from pathlib import Path
 
     package = Path(__file__).parent
-    packed = package / "CITATION.cff"  # into the wheel; in a clone it lies beside the package
+    packed = package / "CITATION.cff"  # in the wheel; in a clone the file is next to the package
     file = packed if packed.is_file() else package.parent / "CITATION.cff"
     return file.read_text(encoding="utf-8")
 

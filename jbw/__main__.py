@@ -1,4 +1,4 @@
-"""`python -m jbw`: the command `jbw`, where scripts are not on the path."""
+"""The entry point of `python -m jbw`: the command `jbw`, if scripts are not on the path."""
 
 from jbw.cli import main
 

@@ -10,11 +10,11 @@ logger = logging.getLogger("jbw")
 
 
 class JbwError(Exception):
-    """Base of every deliberate error; its text is one line each for what, why and remedy.
+    """The base class of all deliberate errors; its text has one line each for what, why and remedy.
 
     Args:
-        what: The field, file, channel or sample, what must hold and what was found.
-        why: Why it matters, when that is not plain.
+        what: The field, file, channel or sample, the requirement and the value found.
+        why: Why it matters, if that is not obvious.
         remedy: What the caller can do about it.
 
     Examples:
@@ -41,16 +41,16 @@ class JbwError(Exception):
 
 
 def printable(text: str) -> str:
-    """Return text with control characters spelled out: a file must not steer a terminal.
+    """Return text with control characters spelled out, since a file must not control a terminal.
 
     Args:
-        text: What may quote a file; its line breaks stay.
+        text: Text that may quote a file; its line breaks are kept.
     """
     return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
 
 
 class ConfigError(JbwError, ValueError):
-    """A campaign file, an option or a prior that cannot be meant as written.
+    """The error for a campaign file, an option or a prior that is not valid as written.
 
     Examples:
         An option that cannot be meant is refused with what must hold and what was found:
@@ -66,7 +66,7 @@ class ConfigError(JbwError, ValueError):
 
 
 class DataError(JbwError, ValueError):
-    """A file, channel or record that cannot be used as it is.
+    """The error for a file, channel or record that cannot be used as it is.
 
     Examples:
         A missing file is refused with what its folder holds:
@@ -83,7 +83,7 @@ class DataError(JbwError, ValueError):
 
 
 class ModelError(JbwError, ValueError):
-    """Parameters or a model that the theory does not admit.
+    """The error for parameters or a model that the theory does not allow.
 
     Examples:
         The exponent of a Bouc-Wen law must be positive:
@@ -100,7 +100,7 @@ class ModelError(JbwError, ValueError):
 
 
 class RunError(JbwError, RuntimeError):
-    """A run's folder, disk or lock that prevents the work.
+    """The error for a run's folder, disk or lock that prevents the work.
 
     Examples:
         Results are never mixed with what a folder holds:
@@ -120,7 +120,7 @@ class RunError(JbwError, RuntimeError):
 
 @contextmanager
 def naming(name: str) -> Iterator[None]:
-    """Add a name to the start of errors raised inside, unless they have it already."""
+    """Add a name to the start of errors raised inside, unless they contain it already."""
     try:
         yield
     except JbwError as error:
@@ -131,7 +131,7 @@ def naming(name: str) -> Iterator[None]:
 
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
-    """Return the start of a remedy: the known name most like the requested one, if any."""
+    """Return the start of a remedy: the known name most similar to the requested one, if any."""
     lowered = {other.lower(): other for other in names}
     nearest = get_close_matches(name.lower(), list(lowered), n=1, cutoff=0.4)
     return f"Did you mean `{lowered[nearest[0]]}`? " if nearest else ""
@@ -144,11 +144,11 @@ def reason_of(error: Exception) -> str:
 
 
 class Attempts:
-    """Parts of a result that may fail: a failure is said and costs nothing else.
+    """The attempts to make parts of a result: a failure is reported and affects nothing else.
 
     Attributes:
         said: One sentence for every part that could not be made.
-        report: Called with each sentence at once, and with what is under way.
+        report: Function that is called with each sentence at once, and with progress.
     """
 
     def __init__(self, report: Callable[[str], Any] = logger.info) -> None:

@@ -1,4 +1,4 @@
-"""How much memory a process may take, and how much an identification of records takes."""
+"""The memory that a process may use, and the memory that an identification needs."""
 
 import os
 from collections.abc import Callable
@@ -9,27 +9,28 @@ from pathlib import Path
 from jbw.errors import DataError, RunError
 from jbw.report.messages.reading import FEWER_SAMPLES
 
-# Measured by the peak of whole processes, on sweeps of two channels. Up to the fit, of 0.5 to 20
-# million samples: 250 to 330 bytes a sample of one test. Records are held in float64; every test
-# keeps its mean with its polynomials and spectra, and one record at a time is filtered and
-# transformed. In the fit: 0.94 GB with its compiled programs, then 16 parameter sets side by side
-# of every sample that a solver follows: 520 bytes of one mode with one joint (0.1 and 0.4 million
-# samples), 2,700 of five modes with two joints (4,096 and 65,536 samples).
-MAX_BYTES = 4 * 2**30  # of one array that is read: stops decompression bombs and slips
+# The numbers are peaks of whole processes, measured on sweeps of two channels. Up to the fit, with
+# 0.5 to 20 million samples, they are 250 to 330 bytes per sample of one test. Records are kept in
+# float64; every test keeps its mean with its polynomials and spectra, and one record at a time is
+# filtered and transformed. The fit needs 0.94 GB with its compiled programs, plus memory for 16
+# parallel parameter sets of every sample that a solver follows: 520 bytes for one mode with one
+# joint (0.1 and 0.4 million samples), 2,700 for five modes with two joints (4,096 and 65,536
+# samples).
+MAX_BYTES = 4 * 2**30  # limit on one array that is read: stops decompression bombs and errors
 PROCESS, VALUE, OF_TEST, OF_LONGEST, FOLLOWED = 0.95e9, 8, 100, 200, 330
 CONTAINER = Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory/memory.limit_in_bytes")
 
 
 def require_readable(size: float, takes: str, remedy: str) -> None:
-    """Refuse an array or a file of more bytes than are read at once, before it is read.
+    """Raise a DataError for an array or file too large to be read at once, before it is read.
 
     Args:
-        size: Its bytes once unpacked.
+        size: Unpacked size in bytes.
         takes: Subject and verb of the sentence, for example "File `a.npz` unpacks to".
-        remedy: What to do.
+        remedy: Text that says what to do.
 
     Raises:
-        DataError: It has more than `MAX_BYTES`.
+        DataError: The size exceeds `MAX_BYTES`.
     """
     if size > MAX_BYTES:
         raise DataError(
@@ -43,33 +44,34 @@ def address_space() -> float:
     """Return the address space limit of this process [bytes]; infinite if unlimited."""
     try:
         import resource
-    except ImportError:  # no such limits on this system
+    except ImportError:  # the system has no such limits
         return float("inf")
     soft, _ = resource.getrlimit(resource.RLIMIT_AS)
     return float("inf") if soft == resource.RLIM_INFINITY else float(soft)
 
 
 def most_memory() -> float:
-    """Return the memory of the machine, its container or its address space [bytes]: the least."""
+    """Return the smallest memory limit: of the machine, container or address space [bytes]."""
     limits = [address_space()]
-    with suppress(AttributeError, OSError, ValueError):  # not of every system
+    with suppress(AttributeError, OSError, ValueError):  # not available on every system
         limits.append(float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")))
     for path in CONTAINER:
-        with suppress(OSError, ValueError):  # none, or "max"
+        with suppress(OSError, ValueError):  # the file is missing or says "max"
             limits.append(float(path.read_text()))
     return min(limits)
 
 
 @dataclass(frozen=True)
 class HeldRecords:
-    """Sizes of the records that are read so far.
+    """The sizes of the records that are read so far.
 
     Attributes:
-        values: Samples of all channels.
-        largest: Samples of the longest record of all.
-        longest: Samples of the longest record of the present test.
-        size: Modes and joints that a fit follows through every sample of the present test.
-        finished: Bytes that earlier tests keep, and that a fit takes beside them.
+        values: Number of samples of all channels.
+        largest: Number of samples of the longest record of all.
+        longest: Number of samples of the longest record of the present test.
+        size: Number of modes and joints that a fit follows through every sample of the present
+            test.
+        finished: Bytes for earlier tests, including those that a fit needs.
     """
 
     values: int = 0
@@ -79,11 +81,11 @@ class HeldRecords:
     finished: int = 0
 
     def begun(self, size: int) -> "HeldRecords":
-        """Return the same records at the beginning of a test of so many modes and joints."""
+        """Return these records at the start of a new test with `size` modes and joints."""
         return HeldRecords(self.values, self.largest, 0, size, self.of_tests)
 
     def beside(self, samples: int, channels: int) -> "HeldRecords":
-        """Return these records and one more of the present test."""
+        """Return these records plus one more record of the present test."""
         return replace(
             self,
             values=self.values + samples * channels,
@@ -93,12 +95,12 @@ class HeldRecords:
 
     @property
     def of_tests(self) -> int:
-        """Bytes that all tests keep, and that a fit takes beside them."""
+        """The bytes for all tests, including those that a fit needs."""
         return self.finished + (OF_TEST + FOLLOWED * self.size) * self.longest
 
     @property
     def needed(self) -> float:
-        """The memory that an identification of the records takes [bytes]."""
+        """The memory that an identification of the records needs [bytes]."""
         return PROCESS + VALUE * self.values + self.of_tests + OF_LONGEST * self.largest
 
 
@@ -108,14 +110,14 @@ Admit = Callable[[int, int, str], None]
 
 
 def require_memory(held: HeldRecords, last: str) -> None:
-    """Refuse records that an identification cannot hold.
+    """Raise a DataError if an identification of the records would exceed the memory.
 
     Args:
-        held: Records that are read so far, with the last one, which need not be read yet.
+        held: Sizes of all records up to the last, which need not be read yet.
         last: Name of the last record.
 
     Raises:
-        DataError: They need more than `most_memory`.
+        DataError: The records need more than `most_memory`.
     """
     needed, most = held.needed, most_memory()
     if needed > most:
@@ -127,16 +129,16 @@ def require_memory(held: HeldRecords, last: str) -> None:
 
 
 def admit_all(samples: int, channels: int, name: str) -> None:
-    """Refuse no record: what is only read is limited by `require_readable`."""
+    """Accept every record, because mere reading is limited by `require_readable`."""
 
 
 def admit_alone(samples: int, channels: int, name: str) -> None:
-    """Refuse a record that an identification of nothing else cannot hold."""
+    """Raise a DataError for a record that is too large for an identification of it alone."""
     require_memory(NO_RECORDS.beside(samples, channels), name)
 
 
 def out_of_memory(error: BaseException) -> RunError:
-    """Return the error of a process that got no more memory."""
+    """Return the error of a process that has run out of memory."""
     return RunError(
         f"The memory is exhausted, of which this process may take {most_memory() / 2**30:.1f} "
         f"GiB: {' '.join(str(error).split()) or 'no size is stated'}.",

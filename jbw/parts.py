@@ -1,8 +1,8 @@
-"""Parts of a long job, kept in files until its output is written, so that the same command goes on.
+"""Parts of a long job, stored in files until its output is written, so that it can be resumed.
 
-A part is one law, unit, replication, sampler, test or candidate. Its file holds plain values,
-arrays and labelled arrays with the SHA-256 of all that decides them: what was typed, the inputs,
-the sources and the seed. Nothing of it is code.
+A part is one law, unit, replication, sampler, test or candidate. Its file contains plain values,
+arrays and labelled arrays, marked with the SHA-256 of everything that determines them: the command,
+the inputs, the sources and the seed. It contains no code.
 """
 
 import hashlib
@@ -27,41 +27,41 @@ class Parts(Protocol):
     """A function that makes a part of a job, or loads it if it was made before."""
 
     def __call__[T](self, name: str, make: Callable[[], T], /, *kinds: type) -> T:
-        """Return what `make` returns.
+        """Return the part of the job that `make` returns.
 
         Args:
-            name: Of the part, one of its kind in the job.
-            make: Makes it, if need be.
-            kinds: Dataclasses and named tuples in it, which are made again of their fields.
+            name: Name of the part, unique in the job.
+            make: Function that makes the part if it is not stored.
+            kinds: Dataclasses and named tuples in the part, which are rebuilt from their fields.
         """
         ...
 
 
 def unkept[T](name: str, make: Callable[[], T], /, *kinds: type) -> T:
-    """Make a part and keep nothing."""
+    """Make a part without storing it."""
     return make()
 
 
 @dataclass(frozen=True)
 class KeptParts:
-    """Parts in a folder, each in a file of its own.
+    """Parts of a job stored in a folder, one file each.
 
     Attributes:
-        folder: The folder.
-        mark: Begins the names of files whose numbers the same decides.
+        folder: The folder of the files.
+        mark: Prefix of the names of files that the same inputs determine.
     """
 
     folder: Path
     mark: str
 
     def __call__[T](self, name: str, make: Callable[[], T], /, *kinds: type) -> T:
-        """Return the part of this name: as its file holds it, also where it was made just now.
+        """Return the part with this name as stored in its file, even if it was made just now.
 
         Raises:
             RunError: The file cannot be written.
         """
         path = self.folder / f"{self.mark}-{digest_of(name)}{ENDING}"
-        kept = unpack(path.read_bytes()) if path.exists() else None  # None of a damaged file
+        kept = unpack(path.read_bytes()) if path.exists() else None  # None for a damaged file
         if kept is None:
             content = pack(0, as_arrays(make(), *kinds))
             try:
@@ -80,14 +80,14 @@ def digest_of(text: str) -> str:
 
 
 def as_arrays(value: Any, *kinds: type) -> dict[str, np.ndarray]:
-    """Return a value as named arrays, of which "value" is JSON that names the others.
+    """Return a value as named arrays, of which "value" is JSON that refers to the others.
 
     Args:
-        value: Of None, numbers, text, lists, tuples, mappings, arrays, datasets and trees.
-        kinds: Dataclasses and named tuples in it.
+        value: Value made of None, numbers, text, lists, tuples, mappings, arrays, datasets, trees.
+        kinds: Dataclasses and named tuples in the value.
 
     Raises:
-        TypeError: Something else is in it.
+        TypeError: The value contains something else.
     """
     arrays: dict[str, np.ndarray] = {}
 
@@ -122,7 +122,7 @@ def as_arrays(value: Any, *kinds: type) -> dict[str, np.ndarray]:
 
 
 def from_arrays(arrays: Mapping[str, np.ndarray], *kinds: type) -> Any:
-    """Return the value that `as_arrays` took."""
+    """Return the value from which `as_arrays` made named arrays."""
     made: dict[str, Callable[[Any], Any]] = {
         **{kind.__name__: lambda told, kind=kind: kind(**value(told)) for kind in kinds},
         "tree": lambda told: xr.DataTree.from_dict(

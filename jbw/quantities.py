@@ -1,9 +1,9 @@
-"""The quantities that jbw speaks of: name, symbol, unit and meaning of each, in one table.
+"""The table of quantities that jbw uses: name, symbol, unit and meaning of each.
 
-Parameters of a law of the joint stand in that law's own table, in the same record. Units are in
-one dialect: `rad/s`, `N/kg`, `1/m`, `1/(m s^2)`: SI factors separated by spaces, powers by `^`, one
-stroke, a parenthesis below it where several factors stand there, `1` for a pure number. Runs of
-jbw up to 0.1 wrote `rad s-1` and `m^-2 s^6` as well; `in_dialect` reads them.
+The parameters of a law of the joint are in that law's own table, in the same form. Units have one
+dialect: `rad/s`, `N/kg`, `1/m`, `1/(m s^2)`: SI factors separated by spaces, powers by `^`, one
+stroke, a parenthesis below it if there are several factors, `1` for a pure number. Runs of jbw up
+to 0.1 also wrote `rad s-1` and `m^-2 s^6`; `in_dialect` reads them.
 """
 
 import re
@@ -14,17 +14,17 @@ from jbw.errors import ConfigError
 
 
 class Quantity(NamedTuple):
-    """One quantity.
+    """A quantity with its name, symbol, unit, meaning and range.
 
     Attributes:
         name: Name in campaigns, results and code, such as `omega_n`.
         symbol: Symbol for people, such as `ωₙ`.
         unit: SI unit; `1` for a pure number.
-        meaning: What it is, in a few words.
-        least: Lowest value that makes sense; None where there is none.
-        is_share: Whether it is a part of omega_n^2, or that over omega_n^2: it ends where nothing
-            but the joint holds.
-        is_open: Whether the least value itself makes no sense.
+        meaning: Description in a few words.
+        least: Lowest sensible value; None if there is none.
+        is_share: Whether it is a part of omega_n^2, or that part over omega_n^2; its upper limit
+            is the case in which only the joint provides stiffness.
+        is_open: Whether the lowest value itself is excluded.
     """
 
     name: str
@@ -37,12 +37,12 @@ class Quantity(NamedTuple):
 
     @property
     def attrs(self) -> dict[str, str]:
-        """Attributes of its variable in a dataset."""
+        """The attributes of the quantity's variable in a dataset."""
         return {"units": self.unit, "long_name": self.meaning, "symbol": self.symbol}
 
 
 def must_be(quantity: Quantity, value: float) -> str | None:
-    """Return the condition on a quantity in words where a value is below its least; or None."""
+    """Return the condition on a quantity in words if a value is below its lowest; else None."""
     least = quantity.least
     if least is None or value > least or (value == least and not quantity.is_open):
         return None
@@ -52,27 +52,27 @@ def must_be(quantity: Quantity, value: float) -> str | None:
 
 
 def attrs_of(quantities: Iterable[Quantity]) -> dict[str, dict[str, str]]:
-    """Return the attributes of variables by name."""
+    """Return the attributes of each quantity's variable, by name."""
     return {quantity.name: quantity.attrs for quantity in quantities}
 
 
-DEFAULT_LAWS = ("bouc_wen",)  # of a joint of which nothing else is said
-# Its parameters, by which a campaign file is checked without loading the laws.
+DEFAULT_LAWS = ("bouc_wen",)  # laws of a joint that states none
+# The parameters of the default law, for checking a campaign file without loading the laws.
 BOUC_WEN = (
     Quantity("alpha", "α", "1/s^2", "stiffness of the hysteretic part", 0.0, is_share=True),
     Quantity("delta", "δ", "1/m", "softening of the hysteresis"),
     Quantity("gamma", "γ", "1/m", "opening of the hysteresis loop"),
 )
 
-# Of the linear oscillator, whatever stands across the joint.
+# Parameters of the linear oscillator, whatever the law of the joint.
 OSCILLATOR = (
     Quantity("omega_n", "ωₙ", "rad/s", "natural frequency, full stick", 0.0, is_open=True),
     Quantity("zeta", "ζ", "1", "viscous damping ratio", 0.0),
     Quantity("gain", "gain", "N/kg/V", "force per unit mass and unit of input", 0.0),
 )
 
-# What feeds a shaker that is part of what moves: then these are of the structure with it, and have
-# names of their own beside those of the structure alone.
+# Signals that feed a shaker whose armature moves with the structure. The parameters are then those
+# of the structure with the shaker, and have other names than those of the structure alone.
 FED = {"voltage": ("ᵛ", "N/kg/V"), "current": ("ⁱ", "N/kg/A")}
 ATTACHED = tuple(
     quantity._replace(
@@ -84,10 +84,10 @@ ATTACHED = tuple(
     for quantity in OSCILLATOR
 )  # fmt: skip
 LINEAR = (*OSCILLATOR, *ATTACHED)
-GAINS = frozenset(row.name for row in LINEAR if row.name.startswith("gain"))  # of the sources
+GAINS = frozenset(row.name for row in LINEAR if row.name.startswith("gain"))  # gains of the sources
 
-# What other modes add to a response, per force and unit mass of the joint's own mode: those outside
-# of a band by two constants, linear ones within it as they are.
+# Contributions of other modes to a response, per force and unit mass of the joint's own mode: two
+# constants for modes outside a band, and linear neighbours within the band.
 CONSTANT_TERMS = (
     Quantity("residual_upper", "U", "s^2", "static response of the modes above the band"),
     Quantity("residual_lower", "L", "1", "response times omega^2 of the modes below the band"),
@@ -104,8 +104,8 @@ NEIGHBOURS = tuple(
 )
 RESIDUAL_TERMS = (*CONSTANT_TERMS, *(quantity for mode in NEIGHBOURS for quantity in mode))
 
-# Of modes that meet in the joint beside the first, in units of what that one does to it; the sign
-# is held.
+# Parameters of further modes that move the joint, relative to the effect of the first mode; the
+# sign is fixed.
 MODES = tuple(
     (
         Quantity(f"omega_{k}", f"ω{n}", "rad/s", f"natural frequency, mode {k}", 0.0, is_open=True),
@@ -123,7 +123,7 @@ MODES = tuple(
     )
     for k, n in enumerate("₂₃₄₅", 2)
 )  # fmt: skip
-# What further points see of every mode, over what the first point sees.
+# Responses of every mode at further points, over the response at the first point.
 POINTS = tuple(
     tuple(
         Quantity(
@@ -135,7 +135,7 @@ POINTS = tuple(
 )  # fmt: skip
 _SEEN = tuple(quantity for point in POINTS for quantity in point)
 MODAL = (*(quantity for mode in MODES for quantity in mode), *_SEEN)
-# Known while the joint sticks.
+# Parameters that are determined while the joint is stuck.
 STUCK = (*LINEAR, *(quantity for mode in MODES for quantity in mode[:3]), *_SEEN)
 
 # Responses in the order of the derivative of the displacement.
@@ -147,7 +147,7 @@ MOTION = (
 UNIT_OF = {quantity.name: quantity.unit for quantity in MOTION}
 LETTER_OF = {quantity.name: quantity.symbol for quantity in MOTION}
 
-# Of everything else that a result or a bench speaks of by this name.
+# All other quantities that results or the rig refer to by these names.
 OTHERS = (
     Quantity("input", "u", "V", "voltage of the source"),
     Quantity("force", "F", "N", "force of the source"),
@@ -170,16 +170,16 @@ Motion = Literal["displacement", "velocity", "acceleration"]
 
 
 def derivative_order(response: str) -> int:
-    """Return how often the displacement was differentiated to give a response: 0, 1 or 2.
+    """Return the order of differentiation from displacement to a response: 0, 1 or 2.
 
     Args:
-        response: displacement, velocity or acceleration.
+        response: Kind of response: displacement, velocity or acceleration.
 
     Returns:
         The order p; the response's spectrum is (j omega)^p times the displacement's.
 
     Raises:
-        ConfigError: Another word.
+        ConfigError: `response` is another word.
     """
     if response not in UNIT_OF:
         raise ConfigError(
@@ -194,17 +194,17 @@ def per(unit: str, source: str) -> str:
 
 
 def gain_unit(source: str) -> str:
-    """Return the unit of the gain of a source: force per unit modal mass over what drives it.
+    """Return the unit of the gain of a source: force per unit modal mass over the source's unit.
 
-    A source that is a force, in N, has one over the modal mass; a force per mass, the number 1.
+    For a force in N the gain is one over the modal mass; for a force per mass it is the number 1.
     """
     return {"N": "1/kg", "N/kg": "1"}.get(source) or per("N/kg", source)
 
 
 def in_dialect(unit: str) -> str:
-    """Return a unit in the one dialect, also where an old run wrote `m s-1` or `m^-2 s^6`."""
+    """Return a unit in jbw's dialect, converted if an old run wrote `m s-1` or `m^-2 s^6`."""
     stem, words, rest = unit.partition(" per ")
-    # What stands after a letter and a sign is a power; `m/s^2`, of today, has no such thing.
+    # A sign after a letter marks a power; the present form `m/s^2` has no such sign.
     if not re.search(r"[A-Za-z]\^?-\d", stem):
         return unit
     factors = re.findall(r"([A-Za-z]+)\^?(-?\d+)?", stem)
@@ -219,21 +219,21 @@ def _power(exponent: str) -> str:
 
 
 # -- of several joints -----------------------------------------------------------------------------
-AT, TIED = "@", "="  # between a name and the joint that it is of, and between joints of one law
+AT, TIED = "@", "="  # between a name and its joint; between joints that share a law
 
 
 def label(name: str) -> str:
-    """Return a joint's name as a part of a parameter's: `bolt 1` is `bolt_1`."""
+    """Return a joint's name in the form used in parameter names: `bolt 1` is `bolt_1`."""
     return re.sub(r"\W+", "_", name)
 
 
 def name_at(name: str, joint: str) -> str:
-    """Name of a law's parameter at a joint."""
+    """Return the name of a law's parameter at a joint, such as `alpha@bolt_1`."""
     return f"{name}{AT}{joint}"
 
 
 def law_name(law: str, joints: Iterable[str]) -> str:
-    """Name of a law that some joints share."""
+    """Return the name of a law with the joints that share it."""
     return name_at(law, TIED.join(joints))
 
 
@@ -244,13 +244,13 @@ def natural(name: str) -> list[tuple[int, int | str]]:
 
 
 def split(law: str) -> tuple[str, tuple[str, ...]]:
-    """Name of a law itself, and the joints that have it; none of a law of the only joint."""
+    """Return the name of a law and the joints that share it; no joints for the only joint's law."""
     plain, _, joints = law.partition(AT)
     return plain, tuple(joints.split(TIED)) if joints else ()
 
 
 def are_at_joints(laws: Iterable[Any]) -> bool:
-    """Return whether these are laws of several joints."""
+    """Return whether any of the laws belongs to one of several joints."""
     return any(isinstance(law, str) and AT in law for law in laws)
 
 
@@ -268,7 +268,7 @@ def motion_factor(mode: int, joint: str) -> Quantity:
 
 
 def motion_factors_in(names: Iterable[Any]) -> dict[str, Quantity]:
-    """Return the factors on motions of joints among names, by name."""
+    """Return the joint motion factors that occur among parameter names, by name."""
     stated = [re.fullmatch(rf"{MOTION_FACTOR}_(\d+){AT}(\w+)", str(name)) for name in names]
     found = (motion_factor(int(match[1]), match[2]) for match in stated if match)
     return {quantity.name: quantity for quantity in found}

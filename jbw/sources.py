@@ -1,6 +1,6 @@
-"""The code that made a number: a digest of the source files of jbw, or of packages in it.
+"""The digest of the source files of jbw, or of packages in it, that computed a number.
 
-Two commits of one version differ here, as does a copy that somebody changed.
+The digest differs between two commits of one version, and for a modified copy.
 """
 
 import hashlib
@@ -14,7 +14,7 @@ def sources_of(*packages: str) -> str:
     """Return the first 16 hexadecimal digits of SHA-256 over all Python files of packages.
 
     Args:
-        packages: Their names, for example "jbw.measurement"; files in folders below count too.
+        packages: Package names, for example "jbw.measurement"; files in subfolders count too.
     """
     digest = hashlib.sha256()
     for package in packages:

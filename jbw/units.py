@@ -1,4 +1,4 @@
-"""Units at the border: a small fixed table to SI, by quantity. Inside jbw everything is SI."""
+"""Conversion of units at input and output, from a fixed table to SI; inside jbw all is SI."""
 
 import re
 from collections.abc import Iterator
@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from jbw.errors import ConfigError, did_you_mean
 
 INCH = 0.0254  # exact, by the definition of 1959
-FOOT = 0.3048  # exact, twelve of them
+FOOT = 0.3048  # exact, twelve inches
 POUND_FORCE = 4.4482216152605  # exact, 0.45359237 kg times standard gravity
 GRAVITY = 9.80665  # exact, standard gravity
 
-# quantity -> unit -> factor to SI; the first unit of each quantity is its SI unit.
+# Factors to SI by quantity and unit; the first unit of each quantity is its SI unit.
 FACTORS: dict[str, dict[str, float]] = {
     "voltage": {"V": 1.0, "mV": 1e-3, "uV": 1e-6},
     "force": {
@@ -63,7 +63,7 @@ FACTORS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
     "frequency": {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "rad/s": 1 / (2 * pi), "RPM": 1 / 60},
     "angle": {"rad": 1.0, "deg": pi / 180},
-    # Of torsion, where metres are radians, newtons are newton metres, and masses are inertias.
+    # Quantities of torsion replace metres by radians, newtons by newton metres, masses by inertias.
     "rotation": {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": pi / 180},
     "angular velocity": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": pi / 180},
     "angular acceleration": {"rad/s^2": 1.0, "mrad/s^2": 1e-3, "deg/s^2": pi / 180},
@@ -79,14 +79,14 @@ FACTORS: dict[str, dict[str, float]] = {
 }
 TORSION = ("rotation", "angular velocity", "angular acceleration", "torque")
 
-TIME = r"^t(?:_(?:s|sec|ms|us))?$|\b(?:time|zeit)(?:\b|_)"  # in the name of a column of times
-# One spelling for the ways in which files write micro, powers and inverse seconds.
+TIME = r"^t(?:_(?:s|sec|ms|us))?$|\b(?:time|zeit)(?:\b|_)"  # matches the name of a column of times
+# Map the ways in which files write micro, powers and inverse seconds to one spelling.
 SUPERSCRIPT = re.compile("[⁻⁺¹²³⁴]+")
 _RAISED = str.maketrans("⁻⁺¹²³⁴", "-+1234")
 _SPELLING = str.maketrans(
     {"µ": "u", "μ": "u", "²": "^2", "°": "deg", "·": "*", "×": "*", "⋅": "*", "−": "-"}
 )
-# Words that recorders write, in lower case, to the symbol of the table.
+# Words that recorders write, in lower case, and the symbol of the table.
 WORDS = {
     "newton": "N", "newtons": "N", "kilonewton": "kN", "kilonewtons": "kN", "lbs": "lbf",
     "pounds": "lbf", "kips": "kip", "kp": "kgf", "dan": "daN",
@@ -108,15 +108,15 @@ WORDS = {
     "lbf-ft": "lbf ft", "in-lb": "lbf in", "in-lbf": "lbf in", "lbf-in": "lbf in",
     "lb-in": "lbf in",
 }  # fmt: skip
-# What is written in these letters alone, since others mean something else by their case.
+# Spellings that are matched exactly, because other upper or lower case means something else.
 SYMBOLS = {
     "G": "g", "gn": "g", "HZ": "Hz", "hz": "Hz", "Nm": "N m", "kNm": "kN m", "mNm": "mN m",
     "Nmm": "N mm", "Ncm": "N cm", "ms-1": "m/s", "ms^-1": "m/s", "ms-2": "m/s^2",
     "ms^-2": "m/s^2", "ms2": "m/s^2", "mms2": "mm/s^2", "mms": "mm/s", "mms-1": "mm/s",
     "mms^-1": "mm/s",
 }  # fmt: skip
-# SI dimensions of symbols that have prefixes or stand in compounds: metre, kilogram, second,
-# volt, ampere, radian.
+# SI factor and dimensions of symbols that take prefixes or occur in compounds, in powers of metre,
+# kilogram, second, volt, ampere and radian.
 _BASE: dict[str, tuple[float, tuple[int, ...]]] = {
     "m": (1.0, (1, 0, 0, 0, 0, 0)), "kg": (1.0, (0, 1, 0, 0, 0, 0)),
     "s": (1.0, (0, 0, 1, 0, 0, 0)), "V": (1.0, (0, 0, 0, 1, 0, 0)),
@@ -136,7 +136,7 @@ _DECIBEL = re.compile(
     r"dB\s*[,(]?\s*(?:reference|ref\.?|rel\.?|re\.?)[:=]?\s*([\d.]+(?:[eE][-+]?\d+)?)?\s*(\S.*?)\)?\s*",
     re.IGNORECASE,
 )
-LONGEST = 64  # letters of a unit; what is longer is none
+LONGEST = 64  # letters of a unit; a longer text is no unit
 
 
 def si_unit(quantity: str) -> str:
@@ -170,7 +170,7 @@ def _plain(unit: str) -> str:
 
 
 def _word(word: str) -> str:
-    """Return the symbol for a word in a compound, if it is a simple symbol."""
+    """Return the symbol for a word in a compound if there is one, else the word."""
     symbol = WORDS.get(word.lower(), "") if len(word) > 2 else SYMBOLS.get(word, "")
     return symbol if symbol and re.fullmatch("[A-Za-z]+", symbol) else word
 
@@ -182,7 +182,7 @@ def _in_table(unit: str) -> bool:
 def _same_in_table(unit: str) -> str:
     """Return the table's unit equal to a compound in dimensions and factor; empty if none.
 
-    `m/s/s` and `m s^-2` are `m/s^2`; what is per force or mass is a ratio, and no table has it.
+    `m/s/s` and `m s^-2` are `m/s^2`; a unit per force or mass is a ratio, which no table contains.
     """
     of_unit = measured(unit)
     if of_unit is None or any(p < 0 and _has_mass(s) for s, p in _factors(unit)):
@@ -207,7 +207,7 @@ def _is_same_unit(a: Measured, b: Measured) -> bool:
 
 @cache
 def measured(unit: str) -> Measured | None:
-    """Factor to SI of a compound of known symbols, and its powers; None where it is none.
+    """Return a compound unit's factor to SI and its powers of base units; None if it is unknown.
 
     Powers are of metre, kilogram, second, volt, ampere and radian: `g/N` is (9.80665, (0, -1, 0, 0,
     0, 0)), an accelerance.
@@ -277,10 +277,10 @@ def decibels(unit: str) -> tuple[float, str] | None:
 
 
 def titled(title: str) -> tuple[str, str]:
-    """Name and unit of a title such as `force [kN]` or `Time (ms)`; the unit is empty without one.
+    """Return name and unit of a title such as `force [kN]` or `Time (ms)`; unit "" if it has none.
 
-    `Force, N` and `Velocity / mm/s` have one as well. What stands behind a time is its unit
-    whatever it says: a wrong one would be a wrong rate.
+    `Force, N` and `Velocity / mm/s` also have a unit. The text after the name of a time is always
+    taken as its unit, because ignoring it would give a wrong rate.
     """
     match = re.fullmatch(r"\s*(.*?\S)\s*(?:\[([^\[\]]+)\]|\((.+)\)|\{([^{}]+)\})\s*", title)
     if not match:
@@ -301,16 +301,16 @@ def is_unit(text: str) -> bool:
 
 
 def is_voltage(unit: str) -> bool:
-    """Return whether a unit is one of voltage, as of a channel before its sensor's sensitivity."""
+    """Return whether a unit is one of voltage, as of a channel without its sensor's sensitivity."""
     return plain(unit) in FACTORS["voltage"]
 
 
 def quantity_of(unit: str, among: tuple[str, ...] = tuple(FACTORS)) -> str:
-    """Return the quantity that a unit measures, among the admitted quantities.
+    """Return the quantity that a unit measures, among the accepted quantities.
 
     Args:
         unit: Unit as the user wrote it.
-        among: Quantities that the place admits, such as ("voltage", "force per mass").
+        among: Quantities that are accepted, such as ("voltage", "force per mass").
 
     Returns:
         The quantity's name.
@@ -325,7 +325,7 @@ def quantity_of(unit: str, among: tuple[str, ...] = tuple(FACTORS)) -> str:
     for quantity in among:
         if _factor(written, quantity) is not None:
             return quantity
-    # Of torsion, the few who want it know.
+    # Torsion is not listed in the message, because only a few users need it.
     shown = [quantity for quantity in among if quantity not in TORSION] or among
     named = " or ".join(
         f"{'an' if quantity[0] in 'aeiou' else 'a'} {quantity}" for quantity in shown
@@ -345,36 +345,36 @@ def quantity_of(unit: str, among: tuple[str, ...] = tuple(FACTORS)) -> str:
 
 
 def to_si(values: ArrayLike, unit: str, quantity: str) -> NDArray[np.float64]:
-    """Return the values in SI, as float64.
+    """Return values converted to SI units, as float64.
 
     Args:
         values: Numbers in `unit`.
         unit: A unit of the table, such as `mm/s`.
-        quantity: What it measures, such as `velocity`.
+        quantity: Measured quantity, such as `velocity`.
 
     Returns:
         The same numbers in `si_unit(quantity)`.
 
     Raises:
-        ConfigError: Unknown unit, or a unit of another quantity.
+        ConfigError: The unit is unknown or measures another quantity.
     """
     quantity_of(unit, (quantity,))
     return np.asarray(values, dtype=np.float64) * factor_of(unit, quantity)
 
 
 def factor_of(unit: str, quantity: str) -> float:
-    """Factor to SI of a unit of a quantity; a ConfigError where it measures another."""
+    """Return the factor to SI of a unit; raise a ConfigError if it measures another quantity."""
     quantity_of(unit, (quantity,))
     return float(_factor(plain(unit), quantity) or 1.0)
 
 
 def _factor(written: str, quantity: str) -> float | None:
-    """Factor to SI by the table, or of a compound with the dimensions of the quantity."""
+    """Return the factor to SI from the table, or of a compound with the quantity's dimensions."""
     if written in FACTORS[quantity]:
         return FACTORS[quantity][written]
     of_unit, si = measured(written), measured(si_unit(quantity))
-    # A frequency has the dimensions of 1/s as other rates do, and N/kg those of an acceleration:
-    # there only the table tells.
+    # A frequency has the dimensions of 1/s like other rates, and N/kg those of an acceleration;
+    # only the table can decide there.
     by_table = quantity in ("frequency", "time") or (quantity == "acceleration" and "kg" in written)
     by_table = by_table or (quantity == "force per mass" and "kg" not in written)
     if by_table or of_unit is None or si is None or of_unit[1] != si[1]:

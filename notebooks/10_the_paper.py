@@ -12,11 +12,11 @@
 # %% [markdown]
 # # 10 The paper, from its first figure to its last
 #
-# *Every figure of Teloli et al. and Table 1 in order, from records of the virtual rig, whose
-# truth is known. Under each stands what the paper printed and what holds.*
+# *Every figure of Teloli et al. and Table 1 in order, from records of the virtual rig, whose true
+# parameters are known. The text below each compares the printed result with the correct one.*
 #
-# The mathematics is `jbw.paper`, one function an equation; the rest is the public interface of
-# jbw. The page "Every equation of the paper" lists who computes what.
+# The mathematics is in `jbw.paper`, with one function per equation; the rest is the public
+# interface of jbw. The page "Every equation of the paper" lists the function of each equation.
 
 # %%
 # %matplotlib inline
@@ -73,8 +73,9 @@ right.plot(response.t, 1e3 * response.y, lw=0.8)
 _ = right.set(xlabel="time [s]", ylabel="displacement [mm]")
 
 # %% [markdown]
-# The paper prints (3)-(6) as series and cuts them after the third order; the closed forms need no
-# series, and at the paper's largest 4.8 mm the cut one is wrong by 59 % of the force on path CD.
+# The paper prints (3)-(6) as series and cuts them after the third order. The closed forms need no
+# series. At the paper's largest amplitude, 4.8 mm, the error of the cut series is 59 % of the force
+# on path CD.
 #
 # ## Figure 2: the procedure
 
@@ -96,8 +97,8 @@ ax.set(xlim=(-0.5, 4.5), ylim=(-1, 1))
 ax.set_axis_off()
 
 # %% [markdown]
-# The paper holds each step's result at its mean in the next one; that makes the later intervals
-# too narrow, so that jbw draws all parameters from all tests together and keeps the steps for
+# The paper holds each step's result at its mean in the next one, which makes the later intervals
+# too narrow. jbw therefore draws all parameters from all tests together and keeps the steps for
 # comparison.
 #
 # ## Figure 3: the rig
@@ -117,9 +118,10 @@ ax.set(xlim=(-40, 540), ylim=(-50, 50))
 ax.set_axis_off()
 
 # %% [markdown]
-# Two aluminium beams, clamped at one end and bolted together, a shaker 85 mm from the clamp and a
-# laser at the free end; the overlap is drawn, not measured. What follows comes from a virtual
-# specimen with the parameters of Table 1, measured by a code that shares no solver with jbw's.
+# The rig consists of two aluminium beams, clamped at one end and bolted together, with a shaker 85
+# mm from the clamp and a laser at the free end. The overlap is drawn, not measured. All following
+# results come from a virtual specimen with the parameters of Table 1, simulated by code that shares
+# no solver with jbw.
 #
 # ## Figure 4: the peak falls with the level
 
@@ -148,8 +150,8 @@ for ax, title in ((left, "(a) sweeps"), (right, "(b) stepped sine, harmonic bala
     ax.legend(fontsize=8)
 
 # %% [markdown]
-# The paper shows the peak falling and moving down with the level, and so it does here: to first
-# order the frequency falls by alpha delta Y and the damping grows by alpha gamma Y.
+# In the paper the peak falls and moves down with the level, and so it does here. To first order the
+# frequency falls by alpha delta Y and the damping grows by alpha gamma Y.
 #
 # ## Figure 5: repeats
 
@@ -163,8 +165,8 @@ for ax, level, colour in zip(axes, LEVELS, COLOURS, strict=True):
     ax.set(xlabel="frequency [Hz]", ylabel="receptance [m/V]", title=level.replace("p", "."))
 
 # %% [markdown]
-# The paper's bands of 99 % over repeats hold assemblies that differ; the rig's repeats differ by
-# the laser's noise alone, so that its bands are narrow.
+# The paper's 99 % bands over repeats include assemblies that differ. The rig's repeats differ only
+# by the laser's noise, so its bands are narrow.
 #
 # ## Step 2: the linear joint
 
@@ -180,8 +182,8 @@ print(f"omega_n / 2 pi = {omega_n / (2 * np.pi):.3f} Hz (paper 18.80 Hz, truth 1
 print(f"zeta = {linear.zeta:.3%} (paper 0.39 % in Step 2 and 0.444 % in Step 3, truth 0.444 %)")
 
 # %% [markdown]
-# The paper gives two values of zeta, 0.39 % with a CV of 25 % and 0.444 %; a window that is long
-# against the decay and a smeared model read it to a few per cent.
+# The paper gives two values of zeta, 0.39 % with a CV of 25 % and 0.444 %. With a window that is
+# long compared with the decay, and a smeared model, zeta is accurate to a few per cent.
 #
 # ## Figure 6: the harmonics near a third of the resonance
 
@@ -213,8 +215,8 @@ for ax, n in zip(axes, (0, 1), strict=True):
 _ = axes[1].legend(fontsize=7)
 
 # %% [markdown]
-# The paper reads a "sub-harmonic" at omega_n/3; it is a superharmonic resonance of order 3, and
-# at its very top, 6.27 Hz, the Volterra series does not converge at this amplitude.
+# The paper reports a "sub-harmonic" at omega_n/3. It is a superharmonic resonance of order 3. At
+# its very top, 6.27 Hz, the Volterra series does not converge at this amplitude.
 #
 # ## Figure 7: Step 3 by the paper's walk, and by walks that mix
 
@@ -257,8 +259,9 @@ for ax, (name, bounds) in zip(axes, PRIOR.items(), strict=True):
 _ = axes[0].legend(fontsize=7)
 
 # %% [markdown]
-# The paper's narrow posteriors with a CV of 1 % are where 850 short steps happened to walk; (31)
-# knows alpha and delta only by lambda_3, and walks that mix spread over the box along that ridge.
+# The paper's narrow posteriors with a CV of 1 % show where 850 short steps happened to walk. (31)
+# determines alpha and delta only through lambda_3, and walks that mix spread over the box along
+# that ridge.
 #
 # ## Figure 8: the third-order kernel
 
@@ -282,9 +285,9 @@ energy = paper.kernel_energy(drawn, omega)
 print(f"conv(n) after all draws (40): {paper.convergence(energy)[-1]:.4g} rad s^11/m^4")
 
 # %% [markdown]
-# The paper compares its band with three realisations and finds agreement; without any noise (31)
-# differs from the true joint by up to 12 % and 8 degrees at the paper's probing frequencies and
-# 0.8 mm. H3 of a hysteretic joint is a describing function that changes with the amplitude, and the
+# The paper compares its band with three realisations and finds agreement. Even without noise, (31)
+# differs from the true joint by up to 12 % and 8 degrees at the paper's probing frequencies and 0.8
+# mm. H3 of a hysteretic joint is a describing function that changes with the amplitude, and the
 # phase that (31) lacks determines gamma.
 #
 # ## Figure 9: Step 4
@@ -336,10 +339,10 @@ print(f"R-hat of four walks from 19 to 39 1/m: {float(arviz_stats.rhat(walks)):.
 print(f"misfit (41) at the mean: {misfit:.2%}; the noise alone makes {sigma / v.std():.2%}")
 
 # %% [markdown]
-# The paper finds gamma with a CV of 10.2 % and says that it gained the most information; with the
-# other parameters held at their means gamma looks known far better than it is, and it carries
-# their errors. One parameter alone is as narrow as the published step is wide, so that here the
-# published walk mixes too.
+# The paper finds gamma with a CV of 10.2 % and says that it gained the most information. With the
+# other parameters held at their means, gamma appears far better determined than it is, and it
+# absorbs their errors. The posterior of one parameter alone is as narrow as the published step is
+# wide, so here the published walk also mixes.
 #
 # ## Figures 10 to 12: predictions with bands
 
@@ -388,9 +391,9 @@ for ax, level in zip(axes, ("0p05V", "0p05V", "0p20V"), strict=True):
     ax.legend(fontsize=7, loc="upper left")
 
 # %% [markdown]
-# The paper's bands hold its records at both levels; here the means of Steps 3 and 4 carry the bias
-# of (31) into every prediction, which at 0.20 V is many times what the laser's noise makes, while
-# the joint posterior of all tests leaves the noise alone.
+# The paper's bands contain its records at both levels. Here the means of Steps 3 and 4 carry the
+# bias of (31) into every prediction. At 0.20 V this bias is many times the laser's noise, while the
+# joint posterior of all tests leaves only the noise.
 
 # %%
 fig, axes = plt.subplots(1, 2, figsize=(10, 3.0), layout="constrained")
@@ -403,8 +406,8 @@ for ax, level in zip(axes, ("0p05V", "0p20V"), strict=True):
     ax.set(xlabel="frequency [Hz]", ylabel="|V| [m/s]", title=level.replace("p", "."))
 
 # %% [markdown]
-# In frequency the same: the paper shows 0.05 and 0.20 V inside its bands; what a closed cubic
-# loop misses shows at the resonance of the strong sweep first.
+# The same holds in frequency. The paper shows 0.05 and 0.20 V inside its bands. The error of a
+# closed cubic loop first shows at the resonance of the strong sweep.
 #
 # ## Figure 13: loops
 
@@ -437,9 +440,11 @@ for ax, level in zip(axes, ("0p02V", "0p05V", "0p10V"), strict=True):
     ax.set(xlabel="displacement [mm]", ylabel="k y + Z less its secant [N/kg]", title=title)
 
 # %% [markdown]
-# The paper calls its largest loop "almost closed"; that is true of k y + Z, whose secant alone is
-# some tens of N/kg here, and not of Z, whose threshold at 4.8 mm is a seventh of the
-# displacement. (At the lowest level most of what is seen is the laser's noise, differentiated.)
+# The paper calls its largest loop "almost closed". That is true of k y + Z, whose secant alone is
+# some tens of N/kg here. It is not true of Z, whose threshold at 4.8 mm is a seventh of the
+# displacement. (At the lowest level the figure shows mainly the laser's noise, differentiated.)
+#
+# ## Table 1, with the true values
 #
 # ## Table 1, with the truth beside it
 
@@ -467,6 +472,6 @@ needed = paper.kl_normal(340.21, 0.0098 * 340.21, *PRIOR["delta"])
 print(f"a CV of 0.98 % for delta needs {float(needed):.2f} nats; the paper prints 0.36")
 
 # %% [markdown]
-# The paper prints CVs of about 1 % beside 0.36 nats, which cannot both be; what its data know of
-# Step 3 is the product of alpha and delta, and the whole joint is known from all tests together:
-# `jbw demo --paper` does that beside the steps, with the same figures in its report.
+# The paper prints CVs of about 1 % and also 0.36 nats, which cannot both be true. Its data for Step
+# 3 determine the product of alpha and delta. All tests together determine the whole joint.
+# `jbw demo --paper` computes both, with the same figures in its report.

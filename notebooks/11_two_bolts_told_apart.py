@@ -12,11 +12,11 @@
 # %% [markdown]
 # # 11 Two bolts told apart
 #
-# *A model of finite elements knows where the bolts are. Which of them damps which mode?*
+# *A finite-element model states where the bolts are. Which of them damps which mode?*
 #
-# Two lapped beams are held together by two bolts. The matrices of the model hold the beams; each
-# bolt adds its stiffness in full stick, and slips by a law of its own. Sweeps at one point of the
-# structure, by a measured force, are all that is measured.
+# Two bolts hold two lapped beams together. The matrices of the model describe the beams. Each bolt
+# adds its stiffness when fully stuck, and slips by its own law. The only measurements are sweeps at
+# one point of the structure, with a measured force.
 
 # %%
 # %matplotlib inline
@@ -35,9 +35,9 @@ print(beams.model)
 # %% [markdown]
 # ## Before any test
 #
-# The model is reduced to its modes in full stick, with residual modes that keep the static
-# flexibility of the joints and of the input. The energy that a joint holds of a mode bounds what it
-# can do to it; the matrix B says which joints the swept modes tell apart.
+# The model is reduced to its modes with the joints fully stuck. Residual modes keep the static
+# flexibility of the joints and of the input. The energy share of a joint in a mode bounds its
+# effect on that mode. The matrix B shows which joints the swept modes separate.
 
 # %%
 reduced = beams.reduced(to_hz=400.0)
@@ -47,15 +47,15 @@ print(jbw.joint_separability(reduced, modes=(0,)))
 print(jbw.joint_separability(reduced, modes=(0, 1)))
 
 # %% [markdown]
-# The first mode moves both bolts alike: by itself it tells their sum. The second mode moves the
-# second bolt alone, though that holds only three per cent of its energy. Both modes have to be
-# swept.
+# The first mode moves both bolts equally: alone it determines their sum. The second mode moves only
+# the second bolt, although that bolt holds only three per cent of its energy. You must sweep both
+# modes.
 #
 # ## The measurement
 #
-# The structure is simulated with all modes to 1000 Hz, where the identification knows those to 400
-# Hz: the third mode, which no test drives, answers harmonics of the second. The bolts differ: the
-# second is stiffer and loses more. One per cent of noise is added.
+# The structure is simulated with all modes to 1000 Hz, whereas the identification uses those to 400
+# Hz. The third mode, which no test drives, responds to harmonics of the second. The bolts differ:
+# the second is stiffer and loses more energy. One per cent of noise is added.
 
 # %%
 FS, SECONDS = 1024.0, 1.0
@@ -89,8 +89,8 @@ for mode, ((start, stop), forces) in SWEEPS.items():
 # %% [markdown]
 # ## The campaign file
 #
-# Matrices, units, places of the input, of the laser and of the bolts, and the tests. The middle
-# level of each mode is held out.
+# The file states the matrices, the units, the places of the input, of the laser and of the bolts,
+# and the tests. The middle level of each mode is held out.
 
 # %%
 dofs = np.array([str(dof) for dof in beams.model.dofs], dtype=object)[:, None]
@@ -143,7 +143,7 @@ study = jbw.identify(campaign, seed=1)
 print(study)
 
 # %% [markdown]
-# Every parameter of each bolt, with what the rig was built with:
+# Every parameter of each bolt, with the true values of the rig:
 
 # %%
 posterior = study.tree["posterior"].to_dataset()
@@ -152,7 +152,7 @@ for name, value in truth.items():
     print(f"{name:>13}: {value:8.4g} in [{low:.4g}, {high:.4g}]: {low < value < high}")
 
 # %% [markdown]
-# Mode 2 is damped by bolt 2. A second look at the sweeps that no fit saw:
+# Mode 2 is damped by bolt 2. The next cell shows the held-out sweeps:
 
 # %%
 for name in campaign.settings.hold_out:
@@ -165,8 +165,8 @@ for name in campaign.settings.hold_out:
 # %% [markdown]
 # ## Backbones
 #
-# Frequency and damping of both modes against the modal amplitude, of the model with the bolts of
-# the posterior's mean, and which part of the joints' losses is the second bolt's.
+# The figure shows frequency and damping of both modes against the modal amplitude, for the model
+# with the posterior mean of the bolts. It also shows the second bolt's share of the losses.
 
 # %%
 import matplotlib.pyplot as plt
@@ -193,5 +193,5 @@ for ax, label in zip(
 plt.show()
 
 # %% [markdown]
-# Both modes soften as the bolts slip, and their damping grows many times in the first and by half
-# in the second. The first mode is damped by both bolts, the second by bolt 2 alone.
+# Both modes soften as the bolts slip. Their damping grows many times in the first mode and by half
+# in the second. Both bolts damp the first mode; bolt 2 alone damps the second.

@@ -13,12 +13,13 @@
 # # 1 The linear regime
 #
 # *What are the natural frequency and the damping of the structure while its joint sticks, and how
-# small must a vibration be for that question to have an answer?*
+# small must a vibration be for this question to have an answer?*
 #
-# The notebooks 1 to 4 follow the steps of the paper (Teloli et al., *Bayesian model identification
-# of higher-order frequency response functions for structures assembled by bolted joints*) on a
-# virtual test rig: the paper's cantilever with a known joint, recorded by a noisy laser. Step 1 is
-# the measuring itself; here comes Step 2. Records of your own enter by `jbw.load_campaign` instead.
+# Notebooks 1 to 4 follow the steps of the paper (Teloli et al., *Bayesian model identification of
+# higher-order frequency response functions for structures assembled by bolted joints*) on a virtual
+# test rig. The rig is the paper's cantilever with a known joint, recorded by a noisy laser. Step 1
+# is the measurement itself; this notebook shows Step 2. To use your own records, call
+# `jbw.load_campaign` instead.
 #
 # Per unit of modal mass the model is
 #
@@ -48,9 +49,9 @@ for test in campaign.tests:
 # %% [markdown]
 # ## The frequency response and its coherence
 #
-# The receptance is estimated by $H_1 = S_{uy}/S_{uu}$ over windows of 8 s, as a laboratory might
-# choose; the velocity is divided by $\mathrm{j}\omega$. Time goes as $\exp(+\mathrm{j}\omega t)$,
-# so the phase falls through $-90°$ at the resonance.
+# The receptance is estimated by $H_1 = S_{uy}/S_{uu}$ over windows of 8 s, a usual choice in a
+# laboratory. The velocity is divided by $\mathrm{j}\omega$. The time factor is
+# $\exp(+\mathrm{j}\omega t)$, so the phase falls through $-90°$ at the resonance.
 
 # %%
 noise = tests["noise_0p005V"]
@@ -73,10 +74,10 @@ for ax in (left, middle, right):
     ax.set(xlabel="frequency [Hz]")
 
 # %% [markdown]
-# One mode. The coherence is high around it, falls where the laser hears mostly itself, and dips at
-# the resonance. The dip is not the joint and not the laser: the window is too short for so narrow
-# a peak, and what leaks between the lines is not coherent. It is also what spoils the damping, as
-# the next cell shows.
+# The figure shows one mode. The coherence is high around it, falls where the laser records mainly
+# its own noise, and dips at the resonance. Neither the joint nor the laser causes the dip. The
+# window is too short for so narrow a peak, and the leakage between the lines is not coherent. The
+# leakage also makes the damping wrong, as the next cell shows.
 #
 # ## The line fit, and what the window does to it
 #
@@ -85,9 +86,9 @@ for ax in (left, middle, right):
 # $$H(\omega) = \frac{g}{\omega_n^2 - \omega^2 + 2\mathrm{j}\zeta\omega_n\omega} \tag{23}$$
 #
 # with the estimate by weighted least squares (38). Under random input a Hann window $w$ smears the
-# peak: $H_1$ tends to $\int H(\omega')\,|W(\omega-\omega')|^2\,\mathrm{d}\omega'$ however long one
-# averages. `line_fit` therefore compares the *smeared* model; `smear=False` compares (23) itself,
-# which is what a plain curve fit does.
+# peak: $H_1$ tends to $\int H(\omega')\,|W(\omega-\omega')|^2\,\mathrm{d}\omega'$, however long you
+# average. `line_fit` therefore compares the *smeared* model. `smear=False` compares (23) itself, as
+# a plain curve fit does.
 
 # %%
 windows = (4.0, 8.0, 16.0, 32.0, 64.0)
@@ -114,14 +115,15 @@ ax.minorticks_off()
 ax.legend()
 
 # %% [markdown]
-# The plain fit reads the window as damping: with 8 s about a third too much, with 4 s nearly twice,
-# and its 99 % bars do not know of it. The smeared fit is right with every window, and a short one
-# only widens its bars. So the window may be chosen for averages instead of resolution.
+# The plain fit reads the window as damping: about a third too much with 8 s, nearly twice with 4 s.
+# Its 99 % bars do not contain this error. The smeared fit is correct with every window; a short
+# window only widens its bars. You may therefore choose the window for many averages instead of high
+# resolution.
 #
 # ## Repeat by repeat
 #
-# The paper gives the coefficient of variation (CV) over repeats. `pool` adds what it should be
-# compared with: the scatter that the errors of the single fits promise (a ratio of variances).
+# The paper gives the coefficient of variation (CV) over repeats. `pool` also compares the variation
+# with the one expected from the errors of the single fits (a ratio of variances).
 
 # %%
 each = [
@@ -139,9 +141,9 @@ for i, name in enumerate(("omega_n", "zeta", "gain")):
     )
 
 # %% [markdown]
-# The repeats of one assembly scatter no more than their noise promises, p being the chance of such
-# a ratio or a larger one. Now the joint is taken apart and bolted together again before every
-# record, which moves $\omega_n$ by 0.18 %, the paper's figure.
+# The repeats of one assembly vary no more than their noise predicts; p is the probability of such a
+# ratio or a larger one. Now the joint is taken apart and bolted together again before every record,
+# which moves $\omega_n$ by 0.18 %, the value in the paper.
 
 # %%
 days = virtual_rig.measure(["noise_0p005V"], omega_n_cv=0.0018, seed=1)
@@ -159,9 +161,9 @@ print(f"scatter / promise  {pooled.scatter_ratio[0]:.2g} before, ", end="")
 print(f"{reassembled.scatter_ratio[0]:.2g} reassembled")
 
 # %% [markdown]
-# So large a ratio says that the assemblies differ, and by how much; a CV alone cannot tell that
-# from noise. A campaign file says `assembly = "..."` of each such test, and the identification
-# then lets every assembly have its own $\omega_n$ and $\zeta$.
+# Such a large ratio shows that the assemblies differ, and by how much. A CV alone cannot
+# distinguish this from noise. A campaign file states `assembly = "..."` for each such test, and the
+# identification then gives every assembly its own $\omega_n$ and $\zeta$.
 #
 # ## What "linear" means at 0.005 V
 #
@@ -170,8 +172,8 @@ print(f"{reassembled.scatter_ratio[0]:.2g} reassembled")
 # $$\frac{\Delta\omega}{\omega_n} = -\frac{2}{3\pi}\,\frac{\alpha\delta}{\omega_n^2}\,Y, \qquad
 #   \Delta\zeta = \frac{2}{3\pi}\,\frac{\alpha\gamma}{\omega_n^2}\,Y .$$
 #
-# `backbone` gives both without the series. A narrow-band random vibration of standard deviation
-# $\sigma$ is softened as a steady one of amplitude
+# `backbone` computes both without the series. A narrow-band random vibration of standard deviation
+# $\sigma$ softens the joint as much as a steady one of amplitude
 # $Y = \frac{3}{4}\sqrt{2\pi}\,\sigma = 1.88\,\sigma$ (statistical linearisation of a force that
 # grows as $y\,|y|$). Is the vibration at 0.005 V small enough?
 
@@ -212,10 +214,10 @@ for name, y in levels.items():
     )
 
 # %% [markdown]
-# The joint softens at both levels as the backbone says it should: by about 1 mHz at 0.005 V, ten
-# times as much at 0.05 V. Even the lower shift stands clear of its error. "Linear" is therefore a
-# statement about the length of the record and the laser, not about the joint: what Step 2 calls
-# $\omega_n$ is the frequency at some 30 micrometres, and its standard error does not contain the
-# difference. It does no harm in Step 3, where only $H_1(3\omega)$ is taken from here. The joint
-# posterior of notebook 3 does not use the approximation at all: it takes the noise records too with
-# the joint's own softening and damping at their amplitude.
+# The joint softens at both levels as the backbone predicts: by about 1 mHz at 0.005 V, and ten
+# times as much at 0.05 V. Even the smaller shift exceeds its error. "Linear" therefore describes
+# the length of the record and the laser, not the joint. Step 2 takes the frequency at about 30
+# micrometres as $\omega_n$, and its standard error does not contain the difference. This does no
+# harm in Step 3, which uses only $H_1(3\omega)$ from here. The joint posterior of notebook 3 does
+# not use the approximation. It also includes the noise records, with the softening and damping of
+# the joint at their amplitude.

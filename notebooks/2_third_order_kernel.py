@@ -12,8 +12,8 @@
 # %% [markdown]
 # # 2 The third-order kernel, and what it can say
 #
-# *A tone near a third of the resonance lets the joint's own third harmonic ring. Which parameters
-# of the joint does that harmonic tell?*
+# *A tone near a third of the resonance excites the joint's own third harmonic. Which parameters of
+# the joint does this harmonic determine?*
 #
 # Step 3 of the paper replaces the hysteresis loop by a cubic polynomial (7)-(13) and the oscillator
 # by a Volterra series. On the leading diagonal, with the loop nearly closed,
@@ -22,7 +22,7 @@
 # $$H_3(\omega) = -\lambda_3\,H_1(\omega)^3\,H_1(3\omega) \tag{28, 31}$$
 # $$\lambda_3 = \alpha\Bigl(\frac{\delta^2}{6} - \frac{35\,\delta}{96\,Y}\Bigr) \tag{25}$$
 #
-# with $Y$ the largest displacement of the test, and measured it is
+# where $Y$ is the largest displacement of the test. The measured kernel is
 #
 # $$H_3(\omega) = \frac{4\,Y(3\omega)}{A^3} \tag{29, 30}$$
 #
@@ -48,9 +48,9 @@ probing = [test for test in campaign.tests if test.name.startswith("tone")]
 # %% [markdown]
 # ## Harmonic filtering
 #
-# Sines of order 1 to 7 are fitted to the steady velocity by least squares; a velocity of order $n$
-# is divided by $\mathrm{j}n\omega$. The tone need not fall on a line of the Fourier transform, and
-# the fit gives the errors of the amplitudes beside them.
+# Sines of order 1 to 7 are fitted to the steady velocity by least squares. A velocity of order $n$
+# is divided by $\mathrm{j}n\omega$. The tone need not coincide with a line of the Fourier
+# transform, and the fit also gives the errors of the amplitudes.
 
 # %%
 record = tests["tone_6p00Hz"].records[0]
@@ -61,13 +61,13 @@ for order in range(1, 8):
     print(f"order {order}: {1e6 * amplitude:8.3f} +- {1e6 * error:.3f} um")
 
 # %% [markdown]
-# Orders 1 and 3 stand out; the even ones are noise, as they must be for a joint that is the same in
-# both directions. The third is about a hundredth of the first.
+# Orders 1 and 3 stand out. The even orders are noise, as expected for a joint that is equal in both
+# directions. The third order is about a hundredth of the first.
 #
 # ## The source's own third harmonic
 #
-# A generator or shaker that is 60 dB clean puts a third harmonic into the input which rivals the
-# joint's. Measured beside the response, it can be taken out:
+# If a generator or shaker is 60 dB clean, the third harmonic in its input is comparable with that
+# of the joint. If you also measure the input, you can remove it:
 #
 # $$H_3(\omega) = \frac{4\,[\,Y(3\omega) - H_1(3\omega)\,U(3\omega)\,]}{A^3} .$$
 
@@ -95,19 +95,19 @@ print(f"the source's part was {clean.source_ratio:.0%} of what is left")
 print(*clean.notes)
 
 # %% [markdown]
-# Left in, the source is read as the joint, and more than doubles the kernel. Taken out by the
-# receptance of Step 2, the kernel comes within ten percent of that of a clean source, but not
-# within its error: under the tone the joint is softer than in Step 2, by
-# $2\alpha\delta|Y_1|/\pi$ on average over a period, and this softer structure is what the
-# source's harmonic rings. The identification takes $\alpha\delta$ from the first kernel and the
-# source out once more, by the softer receptance: within two percent. The note says how much leans
-# on the correction; a cleaner source is better than any.
+# If the harmonic of the source is not removed, it is attributed to the joint and more than doubles
+# the kernel. Removed with the receptance of Step 2, the kernel comes within ten percent of that of
+# a clean source, but not within its error. Under the tone the joint is softer than in Step 2, by
+# $2\alpha\delta|Y_1|/\pi$ on average over a period, and the source excites this softer structure.
+# The identification takes $\alpha\delta$ from the first kernel and removes the source once more,
+# with the softer receptance. The result is within two percent. The note states how strongly the
+# result depends on the correction. A cleaner source is better than any correction.
 #
 # ## The printed kernel against the measured one
 #
-# How good is (31) at the *true* parameters? Beside it stand the same formula with a corrected
-# polynomial and a formula that keeps the exact loop (`third_harmonic`); all are compared with the
-# exact periodic response by harmonic balance (`steady_state`).
+# How good is (31) at the *true* parameters? The figure compares three formulas with the exact
+# periodic response by harmonic balance (`steady_state`): (31), the same formula with a corrected
+# polynomial, and a formula that keeps the exact loop (`third_harmonic`).
 
 # %%
 kernels = jbw.steps.measured_kernels(probing, linear)
@@ -145,18 +145,18 @@ for label, h3 in models.items():
     print(f"phase {phase.min():+.1f} to {phase.max():+.1f} deg")
 
 # %% [markdown]
-# The repeats scatter about one and zero: the exact response is what was measured. At the paper's
-# probing frequencies and 0.8 mm the exact kernel differs from the printed one by up to 12 % and 8
-# degrees (above, the printed one is divided by the exact one: 1.13 is one over 0.88). Correcting
-# the polynomial does not help: most of the phase is $\arctan(\gamma/\delta)$, the loop's opening,
-# which a closed loop does not have. `third_harmonic` keeps the loop and stays within half a
-# percent.
+# The repeats vary about one and zero, so the exact response agrees with the measurement. At the
+# paper's probing frequencies and 0.8 mm the exact kernel differs from the printed one by up to 12 %
+# and 8 degrees. (The figure divides the printed kernel by the exact one: 1.13 is one over 0.88.) A
+# corrected polynomial does not help. Most of the phase is $\arctan(\gamma/\delta)$, the opening of
+# the loop, which a closed loop does not have. `third_harmonic` keeps the loop and stays within half
+# a percent.
 #
-# ## What (31) can say of the parameters at all
+# ## What (31) can determine
 #
-# At one amplitude $\alpha$ and $\delta$ enter (31) through the single number $\lambda_3$. No number
-# of frequencies or repeats can tell them apart: the model is constant along a curve of the
-# $(\delta, \alpha)$ plane which is close to $\alpha\delta$ = constant.
+# At one amplitude $\alpha$ and $\delta$ enter (31) only through the number $\lambda_3$. No number
+# of frequencies or repeats can separate them: the model is constant along a curve of the
+# $(\delta, \alpha)$ plane that is close to $\alpha\delta$ = constant.
 
 # %%
 key_fit, key_draw = jax.random.split(jax.random.key(0))
@@ -175,10 +175,10 @@ for one, other in zip(alpha, delta, strict=True):
 # %% [markdown]
 # ## Step 3: the posterior
 #
-# The likelihood (36) of the repeats at the five frequencies, its noise integrated out but for the
-# paper's walk, the box as prior, and three samplers:
-# NUTS, the paper's random walk of 850 steps with its published step size, and the same walk tuned
-# and long. Four chains each, started all over the box.
+# The likelihood is (36) for the repeats at the five frequencies. Its noise is integrated out,
+# except for the paper's walk. The prior is the box. Three samplers are compared: NUTS, the paper's
+# random walk of 850 steps with its published step size, and the same walk, tuned and long. Each has
+# four chains, started all over the box.
 
 # %%
 steps = jbw.steps.third_order_steps(key_draw, step, campaign.settings)
@@ -221,21 +221,21 @@ print(f"zeta by NUTS {float(nuts['zeta'].mean()):.4%} +- {float(nuts['zeta'].std
 print(f"truth {joint.zeta:.4%}")
 
 # %% [markdown]
-# Along a curve close to the dashed one the data prefer nothing: the draws of NUTS lie on it from
-# one end of the box to the other, so that $\alpha$ and $\delta$ are about as wide as the prior
-# lets them be, while their product varies by three percent. NUTS and the tuned walk go along the
-# ridge by coordinates in which it is straight (`jbw.sampling.along_ridge`), and mix.
+# The data are indifferent along a curve close to the dashed one. The draws of NUTS lie on it from
+# one end of the box to the other. $\alpha$ and $\delta$ are therefore about as wide as the prior
+# allows, while their product varies by three percent. NUTS and the tuned walk move along the ridge
+# in coordinates in which it is straight (`jbw.sampling.along_ridge`), and mix.
 #
-# The four chains of the published walk, 850 steps of about $2.5\cdot10^{-3}$ of the box, have come
-# down to the ridge at four places and hardly moved along it. The CVs within one such chain are a
-# few percent (the paper reports about one), and they say how far a chain walks, not what the data
-# know: between the chains the parameters differ by several times as much. Their peaks in the
-# densities are the paper's "bimodality". One chain cannot show this; several from dispersed starts
-# do, and the verdict is about them.
+# The four chains of the published walk, 850 steps of about $2.5\cdot10^{-3}$ of the box, reached
+# the ridge at four places and hardly moved along it. The CVs within one such chain are a few
+# percent (the paper reports about one). They measure how far a chain walks, not what the data
+# determine: between the chains the parameters differ by several times as much. The peaks of the
+# chains in the densities are the paper's "bimodality". One chain cannot show this. Several chains
+# from dispersed starts can, and the verdict uses them.
 #
-# And the product is that of a wrong model: eight percent low, nearly three of its standard
-# deviations, as what (31) lacks in modulus and phase goes into the parameters. It would be many
-# more, had the noise been taken as known: integrated out, it counts what the model lacks as noise.
-# The chi-square says so plainly. Step 3 is a look at the joint, and a good one: it shows the third
-# harmonic and gives $\alpha\delta$ roughly. The parameters come from motions with $\delta Y$ of
-# the order of one, in notebook 3.
+# Moreover, the product belongs to a wrong model. It is eight percent low, nearly three of its
+# standard deviations, because the error of (31) in modulus and phase goes into the parameters. With
+# a known noise it would be many more: integrated out, the noise absorbs the error of the model. The
+# chi-square shows the misfit clearly. Step 3 is a good first look at the joint: it shows the third
+# harmonic and gives $\alpha\delta$ roughly. Notebook 3 determines the parameters, from motions with
+# $\delta Y$ of the order of one.

@@ -12,17 +12,17 @@
 # %% [markdown]
 # # 3 The opening of the loop, and all parameters together
 #
-# *Steps 2 and 3 hold a closed loop. What does a strong sweep say of its opening $\gamma$, and what
-# does it say when nothing is held?*
+# *Steps 2 and 3 assume a closed loop. What does a strong sweep determine about its opening
+# $\gamma$, and what if no parameter is held?*
 #
-# Step 4 of the paper takes the velocity $v(t)$ of sweeps up to strong hysteresis and infers
-# $\gamma$ alone, with the other parameters at the means of Steps 2 and 3 (a *cut*: the sweeps may
-# not correct them):
+# Step 4 of the paper takes the velocity $v(t)$ of sweeps up to strong hysteresis and infers only
+# $\gamma$. The other parameters are held at the means of Steps 2 and 3 (a *cut*: the sweeps may not
+# correct them):
 #
 # $$\log p(v \mid \gamma) = -N\log\sigma - \frac{1}{2\sigma^2}\sum_t |v(t) - \hat v(t; \gamma)|^2
 # \tag{37}$$
 #
-# The alternative costs no further measurement: the same sweeps and the noise records, with
+# The alternative needs no further measurement. It uses the same sweeps and the noise records, with
 # $\omega_n, \zeta, \alpha, \delta, \gamma$ and the gain all free. `jbw.identify` does both.
 
 # %%
@@ -41,10 +41,11 @@ campaign = virtual_rig.campaign()
 tests = {test.name: test for test in campaign.tests}
 
 # %% [markdown]
-# ## Before any sampling: what can the data know?
+# ## Before any sampling: what can the data determine?
 #
-# `jbw.identifiability` fits the joint and compares the information of the data with that of the
-# prior. First with the noise tests alone, whose vibration is small, then with the whole campaign.
+# `jbw.identifiability` fits the joint and compares the information in the data with that in the
+# prior. The first run uses only the noise tests, whose vibration is small; the second uses the
+# whole campaign.
 
 # %%
 noise = replace(campaign, tests=tuple(t for t in campaign.tests if t.kind == "noise"))
@@ -55,15 +56,15 @@ for label, some in (("noise alone", noise), ("whole campaign", campaign)):
         print("  ", sentence)
 
 # %% [markdown]
-# The noise tests know $\omega_n$, $\zeta$ and the gain, and of the joint nothing beyond the prior.
-# A small vibration shows the products $\alpha\delta$ and $\alpha\gamma$ at best, to leading order.
-# Strong sweeps ($\delta Y$ of the order of one) tell the factors apart.
+# The noise tests determine $\omega_n$, $\zeta$ and the gain, and add nothing to the prior of the
+# joint. A small vibration determines at best the products $\alpha\delta$ and $\alpha\gamma$, to
+# leading order. Strong sweeps ($\delta Y$ of the order of one) separate the factors.
 #
 # ## The run
 #
 # `virtual_rig.run()` calls `study = jbw.identify(campaign)` and `study.save(folder)` once, and
-# reads the saved `posterior.nc`: a tree of ArviZ's groups with the joint posterior at its root and
-# the paper's steps under `steps`.
+# reads the saved `posterior.nc`. This is a tree of ArviZ's groups with the joint posterior at its
+# root and the paper's steps under `steps`.
 
 # %%
 tree = virtual_rig.run().tree
@@ -85,9 +86,9 @@ for label, draws in (("gamma alone (cut)", cut), ("all together", joint)):
     print(f"{label:18s} {mean:7.4f} +- {std:.4f} 1/m, off by {off:.3f} = {off / std:.3g} std")
 
 # %% [markdown]
-# The cut lies many of its own standard deviations from the truth. It is as narrow as it is
-# *because* it is conditional: the errors of Step 3 are not in it, though they are larger, and
-# $\gamma$ alone has to make up for them. The next cell shows how little it can.
+# The result of the cut is many of its own standard deviations away from the truth. It is narrow
+# *because* it is conditional. It excludes the errors of Step 3, which are larger, and $\gamma$
+# alone has to compensate for them. The next cell shows how little it can.
 
 # %%
 sweep = tests["sweep_0p20V"].records[0]
@@ -124,11 +125,10 @@ lower.set(xlabel="time [s]", ylabel="left by the model [m/s]")
 lower.legend(loc="upper right")
 
 # %% [markdown]
-# What the cut leaves of the strongest sweep is several times the noise, and looks like the
-# response: its parameters are wrong together. With everything free nothing but the laser's noise is
-# left.
+# The residual of the cut in the strongest sweep is several times the noise and looks like the
+# response: its parameters are wrong together. With everything free, only the laser's noise remains.
 #
-# ## The joint posterior beside the paper's route
+# ## The joint posterior compared with the paper's route
 
 # %%
 jbw.plots.draw(tree, "routes")
@@ -140,9 +140,9 @@ jbw.plots.draw(tree, "ridge")
 jbw.plots.draw(tree, "trace_rank")
 
 # %% [markdown]
-# By the joint route every interval holds the truth, and the ridge of Step 3 has shrunk to a small
-# ellipse: $\alpha$ and $\delta$ still lean on each other, but within a percent or so. The chains
-# look alike and their ranks are even.
+# With the joint route every interval contains the truth, and the ridge of Step 3 has shrunk to a
+# small ellipse. $\alpha$ and $\delta$ are still correlated, but only within a percent or so. The
+# chains look alike and their ranks are even.
 #
 # ## After sampling
 
@@ -154,7 +154,7 @@ for name in ("zeta", "alpha", "delta", "gamma", "alpha_delta", "alpha_gamma"):
     print(f"{name:12s} CV {float(joint[name].std() / joint[name].mean()):.2%}")
 
 # %% [markdown]
-# The circles come from the derivatives of the fit, before a single draw was made; the dots are the
-# draws. They agree, so the posterior is about Gaussian, and `jbw.identifiability` alone would have
-# told within seconds what this campaign can know. The products are known better than their factors,
-# here too.
+# The circles come from the derivatives of the fit, before any draw was made; the dots are the
+# draws. They agree, so the posterior is nearly Gaussian. `jbw.identifiability` alone would have
+# shown within seconds what this campaign can determine. Here, too, the products are known better
+# than their factors.

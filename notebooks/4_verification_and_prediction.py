@@ -12,14 +12,14 @@
 # %% [markdown]
 # # 4 Verification, validation, prediction
 #
-# *Does the identified model give back what it was fitted to, what it was not fitted to, and what it
-# was never meant for? And what should be measured next?*
+# *Does the identified model reproduce the fitted tests, the held-out tests, and tests of another
+# kind? And what should be measured next?*
 #
-# Three words are kept apart. *Verification* compares responses (FRFs, sweeps) of the model with
-# those measured; *validation* compares the hysteresis loop, which nothing was fitted to directly;
-# *prediction* is about tests that the run has not seen. Bands are at 99 %: a *parameter band* holds
-# the uncertainty of the parameters alone, a *predictive band* the noise as well. Only the second
-# can hold 99 % of the measured samples.
+# This notebook distinguishes three words. *Verification* compares responses (FRFs, sweeps) of the
+# model with the measured ones. *Validation* compares the hysteresis loop, to which nothing was
+# fitted directly. *Prediction* concerns tests that the run has not seen. Bands are at 99 %. A
+# *parameter band* contains only the uncertainty of the parameters; a *predictive band* also
+# contains the noise. Only a predictive band can contain 99 % of the measured samples.
 
 # %%
 # %matplotlib inline
@@ -35,15 +35,15 @@ tree = study.tree
 # ## Frequency response functions
 #
 # Every draw is simulated under the measured input and passed through the same estimator with the
-# same window, so that whatever the window does to one it does to the other.
+# same window. The window therefore affects model and measurement equally.
 
 # %%
 jbw.plots.draw(tree, "figure_11")
 
 # %% [markdown]
-# The resonance moves down and broadens with the level, in the model as in the measurement. The
-# lowest row, magnitude over the model's median, is where differences would show; what is left there
-# is noise.
+# The resonance moves down and broadens with the level, in the model as in the measurement.
+# Differences would show in the lowest row, magnitude over the model's median; only noise remains
+# there.
 #
 # ## Sweeps, one level of which was held out
 #
@@ -63,15 +63,15 @@ for name, node in tree["verification/sweep"].children.items():
     )
 
 # %% [markdown]
-# The error is that of the median against the mean of the repeats, over the rms of the response: it
-# contains the noise of that mean. About 99 % of the samples of the level never fitted lie in the
-# band, as of the others, and the linear oscillator that fits best is off by ten times as much or
-# more. What is left less the median looks alike at all levels: it is the laser's noise.
+# The error is that of the median against the mean of the repeats, over the rms of the response; it
+# includes the noise of that mean. About 99 % of the samples lie in the band, for the held-out level
+# as for the others. The error of the best linear oscillator is at least ten times as large. The
+# residual of the median looks alike at all levels: it is the laser's noise.
 #
 # ## The hysteresis loop
 #
 # Under a tone near resonance the restoring force follows from the balance (1),
-# $F = u - \ddot y - 2\zeta\omega_n\dot y = k y + Z$, and the model's from its own $Z$.
+# $F = u - \ddot y - 2\zeta\omega_n\dot y = k y + Z$. That of the model follows from its own $Z$.
 
 # %%
 jbw.plots.draw(tree, "figure_13")
@@ -85,13 +85,13 @@ for name, node in tree["validation/loops"].children.items():
 # %% [markdown]
 # The area is the energy lost in the joint per cycle and unit mass. At first it grows with the cube
 # of the amplitude, as $\frac{4}{3}\alpha\gamma Y^3$, which makes it a sharp test of $\gamma$.
-# Nothing like it was fitted. The ripple on the measured loops at the lower level is noise: the
+# Nothing like it was fitted. The ripple on the measured loops at the lower level is noise; the
 # lower row is magnified a hundredfold.
 #
 # ## A test that the run has not seen
 #
-# A stepped sine at 0.05 V, measured now. `study.predict` takes any test; at the command line it is
-# `jbw predict RUN --campaign OTHER.toml`.
+# The test is a stepped sine at 0.05 V, measured now. `study.predict` takes any test. On the command
+# line it is `jbw predict RUN --campaign OTHER.toml`.
 
 # %%
 (stepped,) = virtual_rig.measure(["stepped_0p05V"], repeats=2).tests
@@ -118,14 +118,14 @@ for level in (0.05, 0.5):
 jbw.plots.prediction(planned.name, bands)
 
 # %% [markdown]
-# The band at 0.5 V is wider, yet still a fraction of a percent, and it means less: no record shows
-# that the joint follows (2) beyond what was fitted. The width of a band is about the parameters;
-# whether the law holds is not in it, so the reach is said beside it.
+# The band at 0.5 V is wider, though still a fraction of a percent, and it means less. No record
+# shows that the joint follows (2) beyond the fitted motion. The width of a band concerns the
+# parameters and not the validity of the law, so the reach is stated with it.
 #
 # ## What to measure next
 #
-# `jbw.plan_tests` looks for tests by the information that each would add, here on top of this run,
-# for a wish stricter than the run meets and within a limit of displacement.
+# `jbw.plan_tests` selects tests by the information that each would add. Here it starts from this
+# run, with a stricter requirement than the run meets and a limit of displacement.
 
 # %%
 wish = virtual_rig.folder() / "wish.toml"
@@ -155,5 +155,6 @@ print("recommended:", ", ".join(f"{t.repeats} x {t.test}, {t.level:.3g} V" for t
 print(f"in {chosen.seconds:.0f} s, wish met: {chosen.met}")
 
 # %% [markdown]
-# Each row is a candidate with the repeats that the wish would take. The plan counts noise alone: a
-# joint that changes from day to day is known less well, and for that only measuring again helps.
+# Each row is a candidate with the number of repeats that the requirement needs. The plan counts
+# only noise. A joint that changes from day to day is known less well, and only new measurements
+# help.

@@ -12,13 +12,14 @@
 # %% [markdown]
 # # 5 Real bolted joints: which law, and how sure
 #
-# *What do measurements of joints that no one has built from an equation ask for?*
+# *Which law fits measurements of real joints, which nobody built from an equation?*
 #
-# Two published measurements, each with its campaign file in `campaigns`: free decays of a double
-# beam with three bolts (Cenedese et al., *Phil. Trans. R. Soc. A* 380, 2022), and response curves
-# of the Brake-Reuss beam, two half-beams joined by three bolts (Chen et al., *Mech. Syst. Signal
-# Process.* 166, 2022). The data are not part of this repository: the campaign files say where they
-# are to be had. Set JBW_DATA to the folder that holds them; without it the cells below do nothing.
+# The notebook uses two published measurements, each with its campaign file in `campaigns`. The
+# first are free decays of a double beam with three bolts (Cenedese et al., *Phil. Trans. R. Soc. A*
+# 380, 2022). The second are response curves of the Brake-Reuss beam, two half-beams joined by three
+# bolts (Chen et al., *Mech. Syst. Signal Process.* 166, 2022). The data are not part of this
+# repository; the campaign files state where to get them. Set JBW_DATA to their folder. Without it
+# the cells below do nothing.
 
 # %%
 # %matplotlib inline
@@ -79,28 +80,29 @@ def identified(name, *shown):
 # %% [markdown]
 # ## Free decays of a double beam
 #
-# No force was measured: hammer impacts at three positions, three each, velocity of the tip by a
-# laser vibrometer. The records are filtered to the first mode near 122 Hz, and the model passes
-# through the same filter. The impacts at the third position are held out. Without a force there is
-# no gain; a decay tells frequency and damping against amplitude.
+# No force was measured. There are three hammer impacts at each of three positions, with the
+# velocity of the tip from a laser vibrometer. The records are filtered to the first mode near 122
+# Hz, and the model passes through the same filter. The impacts at the third position are held out.
+# Without a force there is no gain; a decay determines frequency and damping against amplitude.
 #
-# A line a record: the errors of the best linear oscillator, the best cubic one and the joint, over
-# the rms of the record, and the share of its values inside the 99 % bands. Of a record that was
-# held out the bands include what the law misses of impacts that are left out of the fit in turn:
-# of the stronger ones, the 99 % bands of the parameters and the noise alone hold a quarter.
+# The table has one line per record: the errors of the best linear oscillator, the best cubic one
+# and the joint, over the rms of the record, and the share of its values inside the 99 % bands. For
+# a held-out record the bands include the model discrepancy, from impacts that are left out of the
+# fit in turn. Without it, the 99 % bands of the parameters and the noise contain only a quarter of
+# the stronger impacts.
 
 # %%
 identified("bolted_double_beam", "amplitude", "decay")
 
 # %% [markdown]
 # Frequency falls and damping rises with the amplitude, both nearly along straight lines, as (2)
-# has it at small $\delta Y$: the slopes are $\alpha\delta$ and $\alpha\gamma$ over $\omega_n^2$.
-# These two, $\omega_n$ and $\zeta$ are what decays tell; $\alpha$, $\delta$ and $\gamma$ by
-# themselves follow the prior of the joint's share of the stiffness, and the run says so.
+# predicts at small $\delta Y$. The slopes are $\alpha\delta$ and $\alpha\gamma$ over $\omega_n^2$.
+# Decays determine these two, $\omega_n$ and $\zeta$. Separately, $\alpha$, $\delta$ and $\gamma$
+# follow the prior of the joint's share of the stiffness, and the run says so.
 #
-# Before any law, `jbw laws` reads the ratio of what damps to what softens off the decays
-# themselves, beside that of sliders: a Masing law has no freedom between the two, Bouc-Wen's has
-# it, as $\gamma/\delta$, and a Masing law with a spring beside it gains it.
+# Before it fits any law, `jbw laws` reads the ratio of damping to softening from the decays and
+# compares it with that of sliders. A Masing law fixes this ratio. Bouc-Wen leaves it free, as
+# $\gamma/\delta$. A Masing law with a parallel spring also leaves it free.
 
 # %%
 compared(
@@ -111,11 +113,13 @@ compared(
 # ## Response curves of the Brake-Reuss beam
 #
 # A controller held the acceleration at eight levels while the frequency was stepped through the
-# first bending mode near 80 Hz; the force varies along each curve. Laws side by side, alone and
-# with a cubic spring beside them. What the comparison says is printed below its table: how well
-# each law predicts a level that it has not seen, which are told apart by that and which are not,
-# whether macroslip was reached, what is left beside a line of each level's own, and what the
-# offsets of the levels do to the best law.
+# first bending mode near 80 Hz; the force varies along each curve. The laws are compared alone and
+# with a parallel cubic spring. The conclusions are printed below the table:
+#
+# * how well each law predicts a level that was left out, and which laws this separates;
+# * whether macroslip was reached;
+# * the residual compared with that of a separate line fit for each level;
+# * the effect of the offsets of the levels on the best law.
 
 # %%
 compared(
@@ -125,15 +129,15 @@ compared(
 )  # fmt: skip
 
 # %% [markdown]
-# How to read it: a law may be good in one use and not in another. *Left out* is within the fitted
-# levels, each predicted from the others; *highest* is the highest level, predicted from those
-# below; *kinds* is one kind of test, predicted from the others, where there are several.
-# `jbw predict` takes the weights of the use that it is asked for. The *log score* is the sum over
-# levels of what each predicts of one left out, with the standard error of its difference to the
-# best; laws within two of these are **not told apart**, whatever their rank. *Weight* is that of a
-# mixture that would have predicted best, no probability of truth. The log evidence rests on the
-# priors, and is printed under two widths.
+# A law may be good in one use and not in another. *Left out* is within the fitted levels, each
+# predicted from the others. *Highest* is the highest level, predicted from those below. *Kinds* is
+# one kind of test, predicted from the others, if there are several. `jbw predict` takes the weights
+# for the requested use. The *log score* is the sum over levels of the log probability of each
+# left-out level, with the standard error of its difference to the best. Laws within two of these
+# are **not told apart**, whatever their rank. *Weight* belongs to the mixture that would have
+# predicted best; it is not a probability of truth. The log evidence depends on the priors, and is
+# printed for two prior widths.
 #
-# A best law is not yet a good one. Where what it leaves is more than the mean of the repeats
-# scatters by, another mode or a rigid body may stand beside it, and no law of the joint mends that:
-# the verdict of a run says which.
+# The best law is not necessarily a good one. Its residual may exceed the variation of the mean of
+# the repeats. Another mode or a rigid body may then be present, and no law of the joint can remove
+# that. The verdict of a run shows which.

@@ -12,13 +12,13 @@
 # %% [markdown]
 # # 6 Samplers compared
 #
-# *Which sampler can be trusted with the posterior of Step 3, and what does each of them cost?*
+# *Which sampler can you trust with the posterior of Step 3, and what does each one cost?*
 #
-# The ridge of notebook 2 is a hard target: three parameters, two of which are tied to each other
-# along a curve that crosses the box. The paper walked over it with 850 random steps. Here seven
-# samplers of `jbw.sampling.sample` draw from the same likelihood (36) in the same box.
-# Two of them, tempering and nested sampling, explore the whole box by ways that have nothing in
-# common, and are each other's check.
+# The ridge of notebook 2 is a hard target: two of its three parameters are tied to each other along
+# a curve that crosses the box. The paper walked over it with 850 random steps. Here seven samplers
+# of `jbw.sampling.sample` draw from the same likelihood (36) in the same box. Two of them,
+# tempering and nested sampling, explore the whole box by entirely different methods, so each checks
+# the other.
 
 # %%
 # %matplotlib inline
@@ -39,11 +39,11 @@ step = jbw.steps.fit_kernel(jax.random.key(0), probing, linear, campaign.setting
 print(f"prior: {dict(campaign.settings['prior'])}")
 
 # %% [markdown]
-# A likelihood is a function of the parameters and the data which returns one term a record; any
-# other may take its place. Two samplers draw about the Gaussian of a fit, which is passed as
-# `start` and `covariance`. The published walk keeps its 850 steps of fixed size. The last one is
-# NUTS in other coordinates: along the direction that the fit knows least, from wall to wall of the
-# box, and across it.
+# A likelihood is a function of the parameters and the data which returns one term per record; you
+# can replace it by any other. Two samplers use the Gaussian approximation at the optimum, which is
+# passed as `start` and `covariance`. The published walk keeps its 850 steps of fixed size. The last
+# sampler is NUTS in other coordinates: from wall to wall of the box along the direction that the
+# fit determines least, and across it.
 
 # %%
 gaussian = {"start": step.fit.theta, "covariance": step.fit.covariance}
@@ -115,28 +115,30 @@ for ax in axes[:, 0]:
 # %% [markdown]
 # Each colour is a chain or a run; grey are the draws of nested sampling.
 #
-# *Chains.* The noise of every tone is integrated out, so that what (31) gets wrong counts as noise
-# where repeats are few, and the ridge is thick enough for chains in the box: NUTS and the tuned
-# walk have hundreds of effective draws, slices about the fit's Gaussian nearly so, with an R-hat
-# that says not yet. The published walk has five effective draws, about its four starting points.
+# *Chains.* The noise of every tone is integrated out. With few repeats the error of (31) therefore
+# counts as noise, and the ridge is thick enough for chains in the box. NUTS and the tuned walk have
+# hundreds of effective draws. Slices about the Gaussian of the fit have nearly as many, but an
+# R-hat that is still too high. The published walk has five effective draws, near its four starting
+# points.
 #
-# *About a Gaussian.* Importance sampling puts most of the weight on few draws and says so (`khat`,
-# `ess_weights`); its evidence is off by nats. It is the right tool for the joint posterior of
-# notebook 3, which is nearly Gaussian, and the wrong one here.
+# *About a Gaussian.* Importance sampling puts most of the weight on few draws and reports it
+# (`khat`, `ess_weights`). Its evidence is wrong by nats. It is the right tool for the joint
+# posterior of notebook 3, which is nearly Gaussian, and the wrong one here.
 #
-# *From the whole box.* Tempering and nested sampling move a cloud of points and do not care for
-# its shape: thousands of effective draws in seconds, the same means, and the same evidence within
-# a few tenths. They take many evaluations, which are cheap here, and not where each is an
-# integration in time.
+# *From the whole box.* Tempering and nested sampling move a cloud of points and do not depend on
+# its shape. They give thousands of effective draws in seconds, the same means, and the same
+# evidence within a few tenths. They need many evaluations, which are cheap here, but not if each is
+# an integration in time.
 #
-# *Along the ridge.* The same NUTS, in coordinates in which the ridge is straight and ends at walls.
-# It gains nothing on a thick ridge. Where the laser is good and the ridge thin, chains in the box
-# stick and these do not, which is why `jbw.identify` draws Step 3 this way; the joint posterior's
-# slices go the same way where a fit leaves a direction open.
+# *Along the ridge.* This is the same NUTS, in coordinates in which the ridge is straight and ends
+# at walls. It gains nothing on a thick ridge. If the laser is good and the ridge thin, chains in
+# the box get stuck and these do not. `jbw.identify` therefore draws Step 3 in this way. The slices
+# of the joint posterior do the same if a fit leaves a direction open.
 #
-# Where they converge they agree, and none passes the verdict: the posterior piles up at the bound
-# of the box, and only a product is determined. No sampler can mend that. What is missing is a test
-# that separates $\alpha$ from $\delta$.
+# Samplers that converge agree, and none passes the verdict: the posterior accumulates at the bound
+# of the box, and only a product is determined. No sampler can change that. What is missing is a
+# test that separates $\alpha$ from $\delta$.
 #
-# `jbw compare RUN --step third_order` does the same with the records of a run, for every parameter
-# and in Monte Carlo standard errors, and `--step joint` for the posterior of notebook 3.
+# `jbw compare RUN --step third_order` makes the same comparison for the records of a run, for every
+# parameter and in Monte Carlo standard errors. `--step joint` makes it for the posterior of
+# notebook 3.

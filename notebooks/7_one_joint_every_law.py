@@ -12,12 +12,12 @@
 # %% [markdown]
 # # 7 One joint under every law
 #
-# *Which law do measurements ask for, how surely, and what do they not tell?*
+# *Which law fits the measurements, how certain is the choice, and what do they not determine?*
 #
-# The virtual rig is built with Iwan's joint: a cloud of small sliders, of which a few slip at the
-# smallest motion and all at macroslip. It integrates three hundred of them by a code of its own;
-# nothing of the laws below went into the records. A controller holds the displacement at seven
-# levels and steps through the resonance, as laboratories do with a beam on a shaker.
+# The virtual rig is built with an Iwan joint: many small sliders, of which a few slip at the
+# smallest motion and all at macroslip. It integrates three hundred sliders with separate code; the
+# laws below were not used for the records. A controller holds the displacement at seven levels and
+# steps through the resonance, as laboratories do with a beam on a shaker.
 
 # %%
 # %matplotlib inline
@@ -46,9 +46,9 @@ measured = rig.measure(preset, joint=joint, force_noise_std=0.05)
 campaign = replace(measured, settings={"hold_out": [plans[-1].name]})
 
 # %% [markdown]
-# The highest level, beyond macroslip, is kept aside. First each law by itself: the loop at 2 mm and
-# the frequency against amplitude, each with numbers that resemble the others'. Every law is known
-# by its name, and has its closed forms or exact steps.
+# The highest level, beyond macroslip, is held out. The figure first shows each law alone: the loop
+# at 2 mm and the frequency against amplitude, with parameters that make the laws comparable. Each
+# law is selected by its name, and has closed forms or exact steps.
 
 # %%
 THETA = {
@@ -83,15 +83,15 @@ plt.show()
 # %% [markdown]
 # ## Before any law
 #
-# Frequency and damping against amplitude come out of the held curves without a law. Their exponents
-# and the ratio of what is damped to what softens sort the families: of sliders, whatever their
-# number, the ratio follows from the exponent.
+# Frequency and damping against amplitude follow from the held curves without a law. Their exponents
+# and the ratio of damping to softening sort the families of laws: for sliders, whatever their
+# number, the exponent determines the ratio.
 #
 # ## All laws on the same data
 #
-# Each is fitted to the same values with the same weights. Each run is left out in turn and
-# predicted from the others. A difference of log scores comes with its standard error, and laws
-# that are not told apart are said to be so: a rank is no answer.
+# Each law is fitted to the same values with the same weights. Each run is left out in turn and
+# predicted from the others. A difference of log scores has a standard error. If the data cannot
+# separate two laws, the table says so: a rank alone is no answer.
 
 # %%
 found = jbw.compare_laws(
@@ -107,11 +107,12 @@ for sentence in found.record["statements"]:
 jbw.plots.laws(found.tree)
 
 # %% [markdown]
-# The power law and Iwan's stand together: the levels that were fitted end just below macroslip, and
-# there the two are one. Bouc-Wen's exponent of one is told apart, and so is a single slider.
+# The data do not separate the power law and Iwan: the fitted levels end just below macroslip, where
+# the two are the same. They do exclude Bouc-Wen, whose exponent is one, and a single slider.
 #
-# Of Iwan's law the loss of stiffness and its exponent are what weak motion knows. The stiffness of
-# all sliders and beta would show beyond macroslip only, and are not known. The truth stands beside:
+# For the Iwan law, weak motion determines the loss of stiffness and its exponent. The stiffness of
+# all sliders and beta would show only beyond macroslip, and are not determined. The table also
+# gives the true values:
 
 # %%
 truth = measured.truth["joint"]
@@ -120,10 +121,10 @@ for name, row in found.record["laws"]["iwan4"]["parameters"].items():
     print(f"{name:16s} {row['mean']:9.4g} +- {row['sd']:.2g}   truth {known:.4g}")
 
 # %% [markdown]
-# ## The level that no law has seen
+# ## A level that no law has seen
 #
-# All laws predict it together, each by its weight. Beyond the largest motion that was fitted
-# nothing shows that a joint follows its law, and the prediction says how far beyond it is.
+# All laws predict it together, each by its weight. No test shows that a joint follows its law
+# beyond the largest fitted motion, and the prediction states how far beyond it reaches.
 
 # %%
 seen = {test.name: test for test in measured.tests}
@@ -135,7 +136,7 @@ for name in (plans[-2].name, plans[-1].name):
     )
 
 # %% [markdown]
-# The highest level slips as a whole, which nothing below it shows: the stack, most of it a power
-# that never slips, is wrong by a tenth, and says beforehand that half as much again as all that
-# was fitted is asked of it. Which law a joint follows is known where its motion shows it, and no
-# further.
+# At the highest level the joint slips as a whole, which no lower level shows. The mixture consists
+# mainly of a power law that never slips, and it is wrong by a tenth. It warns beforehand that the
+# requested motion is half as large again as all fitted motions. The data determine a law only for
+# motions that they contain.

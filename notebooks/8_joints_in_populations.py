@@ -12,14 +12,14 @@
 # %% [markdown]
 # # 8 Joints in populations
 #
-# *What do several assemblies at several torques tell about the next one?*
+# *What do several assemblies at several torques tell us about the next one?*
 #
-# The virtual rig takes a specimen apart and tightens it again: three torques, two assemblies, two
-# sweeps at each of two levels. Each assembly takes the torques in an order by chance, the second in
-# the reverse of the first: torques that rose with every tightening would hide bedding-in. Slip
-# limits grow with the preload, contact stiffness by its half power, every assembly differs from the
-# others, and the wrench is off by some per cent. The paper names this as its next step; here it is
-# measured, and compared with what the rig was built with.
+# The virtual rig takes a specimen apart and tightens it again, with three torques, two assemblies,
+# and two sweeps at each of two levels. The first assembly takes the torques in a random order, the
+# second in the reverse order. Torques that rose with every tightening would hide bedding-in. Slip
+# limits grow with the preload, and contact stiffness with its half power. Every assembly differs
+# from the others, and the wrench is off by some per cent. The paper names this study as its next
+# step. Here it is measured and compared with the truth of the rig.
 
 # %%
 # %matplotlib inline
@@ -51,9 +51,9 @@ for one in fleet:
     print(f"{one.name}: omega_n {truth['omega_n']:.2f} rad/s, alpha {truth['alpha']:.0f} 1/s^2")
 
 # %% [markdown]
-# Each tightening is a campaign in a folder of its own, with the torque in its `[assembly]` table.
-# `identify_many` takes them all, by two processes of their own; a campaign that fails stops no
-# other, and what is finished is not run again. (A script of your own starts processes only below
+# Each tightening is a campaign in a separate folder, with the torque in its `[assembly]` table.
+# `identify_many` identifies them all in two processes. A campaign that fails does not stop the
+# others, and finished campaigns are not repeated. (A script may start processes only below
 # `if __name__ == "__main__":`; a notebook may do so anywhere.)
 
 # %%
@@ -70,10 +70,10 @@ for outcome in outcomes:
     print(Path(outcome.folder).name, outcome.status, outcome.verdict)
 
 # %% [markdown]
-# `fleet_of` gathers the draws with their torques; `population_of` asks how the units scatter, and
-# how they go with torque: logarithms of frequency, damping, of the products that weak motion knows
-# and of the joint's share of the stiffness, which these sweeps know too, with the errors of every
-# unit.
+# `fleet_of` collects the draws with their torques. `population_of` estimates how the units vary and
+# how they depend on torque. It uses the logarithms of frequency, damping, and the products that
+# weak motion determines. It also uses the joint's share of the stiffness, which these sweeps
+# determine too. The errors of every unit are included.
 
 # %%
 units = jbw.fleet_of(outcome.folder for outcome in outcomes)
@@ -82,9 +82,9 @@ for sentence in found.record["statements"]:
     print(sentence)
 
 # %% [markdown]
-# Every line of the figure is one unit with its own 99 % interval; the band is where a further unit
-# is expected. The crosses are what the rig was built with. The width of the band is scatter between
-# assemblies, not error of measurement: more records of the same assemblies would not narrow it.
+# Each line in the figure is one unit with its own 99 % interval. The band shows where a new unit is
+# expected. The crosses are the truth of the rig. The width of the band is the variation between
+# assemblies, not the error of measurement: more records of the same assemblies would not narrow it.
 
 
 # %%
@@ -112,8 +112,8 @@ drawn.flat[0].figure
 # %% [markdown]
 # ## The next assembly, at a torque that nobody measured
 #
-# Predicted for 10 N m: the band of frequency and damping against amplitude holds the scatter
-# between assemblies and what six units leave open about it. Then the rig tightens a further
+# The prediction is for 10 N m. The band of frequency and damping against amplitude contains the
+# variation between assemblies and the uncertainty that six units leave. Then the rig tightens a new
 # specimen to 10 N m, once, and shows its true curve.
 
 # %%
@@ -139,8 +139,8 @@ figure.tight_layout()
 plt.show()
 
 # %% [markdown]
-# A test is predicted as well: the strong sweep of that specimen, by units of 10 N m that are drawn
-# from the population. The gain of its source is that of the units. From the command line it is
+# You can also predict a test: here the strong sweep of that specimen, from units at 10 N m that are
+# drawn from the population. The gain of the source is that of the units. On the command line it is
 # `jbw predict fleet-population --campaign new.toml`.
 
 # %%
@@ -149,8 +149,8 @@ bands = jbw.new_prediction(found, units, strong, NEW)
 print(f"{bands.attrs['coverage']:.0%} of the measured sweep inside the 99 % band of a new unit")
 
 # %% [markdown]
-# *What to see.* Each unit is known a hundred times better than units agree: the question is no
-# longer how well a joint was measured, but which joint one gets. The products fall with torque by
-# a power that six units know to a half or so. The wrench sets the torque: its error takes nothing
-# off that power and is part of the scatter. Two assemblies at each of three torques told this;
-# `jbw plan --population` says beforehand what another number of either would.
+# *What to see.* Each unit is known a hundred times better than the units agree. The question is no
+# longer how well a joint was measured, but which joint you get. The products fall with a power of
+# the torque that six units determine to about a half. The wrench sets the torque, so its error does
+# not bias that power and is part of the variation. Two assemblies at each of three torques gave
+# this result. `jbw plan --population` predicts the result for other numbers.

@@ -12,11 +12,11 @@
 # %% [markdown]
 # # 9 Two modes and a shaker
 #
-# *What does the shaker add to a structure, and do two modes meet in one joint?*
+# *What does the shaker add to a structure, and do two modes share one joint?*
 #
-# A structure of two modes is built on the virtual rig: each mode has a shape at the drive point, at
-# the joint and at the laser, and a shaker with an armature of its own pushes it. The rig integrates
-# all of it by code that shares nothing with what identifies it.
+# The virtual rig simulates a structure with two modes. Each mode has a shape at the drive point, at
+# the joint and at the laser, and a shaker with its own armature drives the structure. The rig
+# shares no code with the identification.
 
 # %%
 # %matplotlib inline
@@ -53,10 +53,10 @@ preset = rig.Preset(
 # %% [markdown]
 # ## The shaker
 #
-# Voltage, force and the drive point's motion were recorded together. Step 2 of the FRF by force
-# reads the structure alone; the force by the voltage and the motion reads the shaker; and from both
-# follows what a test that is driven by voltage would read. `jbw check` says this sentence of every
-# test that has the three channels.
+# Voltage, force and the motion of the drive point were recorded together. Step 2 with the FRF by
+# force gives the structure alone. The force, as a function of the voltage and the motion, gives the
+# shaker. Together they predict the result of a test driven by voltage. `jbw check` prints this
+# sentence for every test with the three channels.
 
 # %%
 noise = rig.measure(preset, joint=joint, tests=["noise"], fs=256.0, seed=1).tests[0]
@@ -66,15 +66,16 @@ for name, found in (("mass", read.shaker.mass), ("damping", read.shaker.damping)
     print(f"armature's {name}: {found:.4g}, built with {getattr(armature, name):g}")
 
 # %% [markdown]
-# The modes that a voltage drives lie elsewhere and are more damped than those of the structure: a
-# campaign of both says `drive` in its tests and shares one joint, not one frequency.
+# The modes driven by a voltage have other frequencies and more damping than those of the structure.
+# A campaign with both states `drive` in its tests; the tests then share one joint, but not one
+# frequency.
 #
 # ## Two modes, one joint
 #
-# Sweeps through both modes, three levels each, by the measured force. `[structure] modes` states
-# the modes; the first keeps the meaning of one mode alone, the second adds how far it moves the
-# joint (`shape_2`) and what the joint does to it (`coupling_2`). The middle level of each is left
-# out, to be predicted.
+# The sweeps pass through both modes at three levels each, with the measured force.
+# `[structure] modes` states the modes. The first keeps the meaning of a single mode. The second
+# adds its motion at the joint (`shape_2`) and the effect of the joint on it (`coupling_2`). The
+# middle level of each is held out, to be predicted.
 
 # %%
 swept = [plan.name for plan in plans[1:]]
@@ -85,7 +86,7 @@ study = jbw.identify(campaign, seed=1)
 print(study)
 
 # %% [markdown]
-# What the rig was built with, in the same parameters, beside the 99 % intervals:
+# The true parameters of the rig, with the 99 % intervals:
 
 # %%
 modes = rig.modal_truth(shapes)
@@ -101,11 +102,11 @@ for name, value in truth.items():
     print(f"{name:>10}: {value:10.5g} in [{low:.5g}, {high:.5g}]: {low < value < high}")
 
 # %% [markdown]
-# All lie inside. Were only the first mode swept, the second's `shape_2` would be known poorly: it
-# has to move the joint itself. And where no mode is driven beyond delta x = 0.3, the joint is known
-# by its products alone.
+# All intervals contain the truth. If only the first mode were swept, `shape_2` would be poorly
+# determined: the second mode must move the joint itself. If no mode is driven beyond delta x = 0.3,
+# the tests determine only the products of the joint.
 #
-# The levels that no fit saw:
+# The held-out levels:
 
 # %%
 for name in ("low_1", "high_1"):
@@ -116,12 +117,14 @@ for name in ("low_1", "high_1"):
     )
 
 # %% [markdown]
-# One per cent of noise over the root of two repeats is 0.71 %: the rest is predicted.
+# One per cent of noise over the root of two repeats is 0.71 %, so the prediction leaves little more
+# than noise.
 #
 # ## Backbones and shapes
 #
-# Frequency, damping and deflection of both modes against the joint's amplitude, of the posterior's
-# mean. The second mode softens too, by the same joint, and both change their shapes as it slips.
+# The figure shows frequency, damping and deflection of both modes against the amplitude of the
+# joint, for the posterior mean. The second mode softens too, through the same joint, and both modes
+# change their shapes as it slips.
 
 # %%
 names = [name for name in posterior if name in truth or name in ("gain", "gain_ratio_2")]
@@ -131,5 +134,5 @@ axes = jbw.draw_backbones(structure, np.linspace(0.0, 3e-3, 13))
 axes.flat[0].figure
 
 # %% [markdown]
-# A title says where one mode meets an odd multiple of another: there the curve is one of both, and
-# a test that is driven there shows it.
+# A title states where one mode meets an odd multiple of another. There the curve belongs to both
+# modes, and a test driven there shows it.

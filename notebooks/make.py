@@ -27,10 +27,10 @@ WIDEST = 900  # of a kept figure [px]
 PICTURES = "../docs/notebooks/thumbnails"  # as this folder sees them
 HEAD = """# Notebooks
 
-Made by `python notebooks/make.py`, this page too. Each opens here with what its cells showed; to
-run one, `pip install -e . jupyterlab && jupyter lab notebooks`. Notebook 5 needs data that are
-published elsewhere. The campaign files of measured structures are in [`campaigns`](campaigns); who
-comes from MATLAB begins with [this table](from_matlab.md).
+`python notebooks/make.py` generates the notebooks and this page. Each notebook opens here with its
+outputs. To run one, type `pip install -e . jupyterlab && jupyter lab notebooks`. Notebook 5 needs
+data that are published elsewhere. The campaign files of measured structures are in
+[`campaigns`](campaigns). If you come from MATLAB, begin with [this table](from_matlab.md).
 """
 THUMBNAIL = 360  # width [px]
 ESCAPE = "\x1b"

@@ -1,10 +1,10 @@
-"""What is compiled within a block of a test."""
+"""The recording of compilations within a block of a test."""
 
 import jax
 
 
 class Compiled(list):
-    """Names of the programs that are compiled within."""
+    """The names of the programs that are compiled within a `with` block."""
 
     def __enter__(self):
         jax.monitoring.register_event_duration_secs_listener(self.listen)

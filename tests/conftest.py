@@ -1,7 +1,7 @@
-"""Shared by all tests: float64, jaxtyping shapes checked by beartype, the golden numbers.
+"""Settings of all tests: float64, jaxtyping shapes checked by beartype, the golden numbers.
 
-Compiled code is kept in the user's cache folder, as the command does it: most of the tests' time is
-compiling. `JAX_ENABLE_COMPILATION_CACHE=0` turns that off.
+Compiled code is kept in the user's cache folder, as by the command: compiling takes most of the
+tests' time. `JAX_ENABLE_COMPILATION_CACHE=0` turns that off.
 """
 
 import gc
@@ -10,7 +10,7 @@ import os
 import time
 from pathlib import Path
 
-# Read when a worker imports NumPy: each has a core, and threads that wait for others turn idly.
+# It is read when a worker imports NumPy: each has one core, and waiting threads would spin.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import hypothesis
 import jax
@@ -20,21 +20,21 @@ from finished import forget
 from shapes import check_shapes
 
 if os.environ.get("JBW_CHECK_SHAPES") != "0":
-    check_shapes()  # before any test file imports jbw
+    check_shapes()  # This must precede any import of jbw by a test file.
 jax.config.update("jax_enable_x64", True)
-# The same examples in every run, so that a commit is judged by what it changes; the release tier
+# Examples are the same in every run, so that a commit is judged by its changes; the release tier
 # draws new ones (`pytest --hypothesis-profile=new`).
 hypothesis.settings.register_profile("repeated", derandomize=True, database=None)
 hypothesis.settings.register_profile("new", derandomize=False)
 hypothesis.settings.load_profile("repeated")
-# What JAX traces lives long, and looking through it for garbage takes a twentieth of the time.
+# The objects that JAX traces live long; searching them for garbage takes 5 % of the time.
 gc.set_threshold(100_000, 20, 20)
 from jbw.errors import Attempts  # noqa: E402
 from jbw.inference.compiled import forget_when_large, forget_when_many  # noqa: E402
 from jbw.run.session import keep_compiled  # noqa: E402
 
 KEPT = keep_compiled("tests")
-# Each test file compiles hundreds of small things anew, together as long as the few large ones.
+# Each test file compiles hundreds of small programs, which together take as long as the large ones.
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 MOST_MEMORY = 3e9  # [bytes]
@@ -51,7 +51,7 @@ LEFT_OUT = []  # sentences on parts of results that failed since the test began
 
 
 def attempted(self, what, build, otherwise, make=Attempts.make):
-    """What `Attempts.make` returns; a sentence that it says is noted."""
+    """Return the result of `Attempts.make`, and record any sentence that it reports."""
     before = len(self.said)
     made = make(self, what, build, otherwise)
     LEFT_OUT.extend(self.said[before:])
@@ -63,10 +63,10 @@ Attempts.make = attempted
 
 @pytest.fixture(autouse=True)
 def _nothing_is_left_out(request):
-    """Fail a test whose campaign is meant to work and loses a part of its result.
+    """Fail a test whose campaign should work but loses a part of its result.
 
-    `jbw.identify` says such a part in a sentence and goes on, so that a fault of jbw would hide
-    there. A test of what cannot be made has the mark `leaves_out`.
+    `jbw.identify` reports such a part in a sentence and continues, so that an error of jbw would
+    stay hidden. Tests of parts that cannot be computed have the mark `leaves_out`.
     """
     LEFT_OUT.clear()
     yield
@@ -76,9 +76,9 @@ def _nothing_is_left_out(request):
 
 @pytest.fixture(scope="module", autouse=True)
 def _compiled_code_does_not_pile_up():
-    """A process that runs out of mappings dies in the compiler, not in the test that filled it.
+    """Forget compiled code after each file, before a process exhausts its memory mappings.
 
-    What the next file shares comes back from the disk, where compiled code is kept.
+    Programs that the next file shares are read from the disk, where compiled code is kept.
     """
     yield
     forget_when_large(MOST_MEMORY)
@@ -86,11 +86,12 @@ def _compiled_code_does_not_pile_up():
 
 
 def pytest_sessionstart(session):
-    """Forget compiled code and finished runs that a fortnight did not make anew."""
+    """Remove compiled code and finished runs that no session used within a fortnight."""
     if hasattr(session.config, "workerinput"):
         return
     forget(FORTNIGHT)
-    # Of other processors and versions too, which a cache of several machines gathers.
+    # This includes code for other processors and versions, which a cache of several machines
+    # collects.
     for entry in KEPT.parent.glob("tests*/*") if KEPT is not None else ():
         if time.time() - entry.stat().st_mtime > FORTNIGHT:
             entry.unlink(missing_ok=True)
@@ -98,9 +99,9 @@ def pytest_sessionstart(session):
 
 @pytest.hookimpl(tryfirst=True)  # before -m selects
 def pytest_collection_modifyitems(items):
-    """Put long tests into the slow tier, whose warnings fail nothing.
+    """Put long tests into the slow tier, whose warnings fail no test.
 
-    Short chains and real records warn of what they are; what is asked of them is recovery.
+    Short chains and real records cause warnings; these tests check recovery.
     """
     table = measured()
     for item in items:
@@ -109,5 +110,5 @@ def pytest_collection_modifyitems(items):
         if is_long and not item.get_closest_marker("release"):
             item.add_marker(pytest.mark.slow)
         if item.get_closest_marker("slow") or item.get_closest_marker("release"):
-            # First in the list of marks, and so the first to give way to a test's own.
+            # It comes first in the list of marks, so that a test's own marks take precedence.
             item.add_marker(pytest.mark.filterwarnings("default"), append=False)

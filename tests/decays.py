@@ -16,7 +16,7 @@ TRUTH = {
     "opening": OPENING,
     "share": SHARE,
 }
-# Displacement [m], velocity [m/s]: strong and weak, at every phase.
+# Displacement [m] and velocity [m/s] after each impact: strong and weak, at every phase.
 STATES = ((2.0e-3, 0.0), (-1.0e-3, 0.16), (0.3e-3, -0.2), (-1.1e-3, -0.05))
 
 
@@ -24,7 +24,7 @@ STATES = ((2.0e-3, 0.0), (-1.0e-3, 0.16), (0.3e-3, -0.2), (-1.1e-3, -0.05))
 def free_velocity(
     y0: float, v0: float, duration: float = DURATION, shift: float = 0.0
 ) -> np.ndarray:
-    """Velocity of the joint after an impact that leaves (y0, v0) and an unstrained joint."""
+    """Return the velocity after an impact that leaves (y0, v0) and an unstrained joint."""
     omega_n = OMEGA_N * (1 + shift)
     alpha = SHARE * omega_n**2
     delta, gamma = SOFTENING / SHARE, OPENING / SHARE
@@ -43,7 +43,7 @@ def free_velocity(
 def decay_test(
     states=STATES, noise: float = 2e-4, second: float = 0.3, shifts=None, seed: int = 1
 ) -> Test:
-    """Records of the joint's mode, of a second mode near 47 Hz, and of white noise [m/s]."""
+    """Return a test of decays: the joint's mode, a second one near 47 Hz, white noise [m/s]."""
     rng = np.random.default_rng(seed)
     shifts = np.zeros(len(states)) if shifts is None else shifts
     records = []

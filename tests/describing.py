@@ -8,10 +8,10 @@ from scipy.optimize import brentq
 
 
 def describing_function(joint, y_peak):
-    """Fundamental of Bouc-Wen's steady force along Y cos(theta), over Y, by quadrature.
+    """Return the fundamental of Bouc-Wen's steady force along Y cos(theta), over Y, by quadrature.
 
-    With nu = 1 and on the way w down from Y, dz/dw = -alpha + t z while z > 0, t = delta - gamma,
-    and -alpha - s z behind, s = delta + gamma; the tip z(Y) = -z(-Y).
+    With nu = 1 and during unloading by w from Y, dz/dw = -alpha + t z while z > 0, t = delta -
+    gamma, and -alpha - s z afterwards, s = delta + gamma; the tip is z(Y) = -z(-Y).
     """
     rises, falls = joint.delta + joint.gamma, joint.delta - joint.gamma
 
@@ -19,13 +19,13 @@ def describing_function(joint, y_peak):
         return -np.log1p(-falls * tip / joint.alpha) / falls
 
     def down(y, tip):
-        """Force on the way down from z = tip at Y."""
+        """Return the force at y during unloading from z = tip at Y."""
         way, zero = y_peak - y, to_zero(tip)
         if way <= zero:
             return tip - (joint.alpha / falls - tip) * np.expm1(falls * way)
         return joint.alpha / rises * np.expm1(-rises * (way - zero))
 
-    most = min(joint.alpha * y_peak, joint.alpha / rises)  # stuck throughout, or saturated
+    most = min(joint.alpha * y_peak, joint.alpha / rises)  # fully stuck, or saturated
     tip = brentq(lambda z: down(-y_peak, z) + z, 0, most, xtol=1e-15 * most)
 
     def part(wave, theta):

@@ -1,4 +1,4 @@
-"""The one dialect of units, as a grammar; and as pint reads it, where pint is installed."""
+"""The notation of units in jbw as a grammar, and as pint reads it, where pint is installed."""
 
 import re
 from functools import cache
@@ -10,7 +10,7 @@ GRAMMAR = re.compile(rf"1|(1|{PRODUCT})?(/({FACTOR}|\(({PRODUCT}|{FACTOR}/{FACTO
 
 @cache
 def readable(unit):
-    """Whether a unit is in the dialect, by the grammar of its definition and by pint's."""
+    """Return whether a unit fits the grammar of jbw's notation, and pint's."""
     try:
         from pint import UnitRegistry
     except ImportError:
@@ -20,9 +20,9 @@ def readable(unit):
 
 
 def unreadable_units(tree):
-    """Units by path of the numbers of a result that have none, or one that is not in the dialect.
+    """Return the missing or invalid units of a result's numbers, by path.
 
-    Whole numbers count something. A noise whose groups differ has a unit for each.
+    Whole numbers are counts without unit. A noise whose groups differ has a unit for each group.
     """
     wrong = {}
     for node in tree.subtree:

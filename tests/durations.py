@@ -1,10 +1,10 @@
-"""CPU seconds of tests: `pytest --measure` writes them, the choice of tier and order reads them.
+"""CPU seconds of tests: `pytest --measure` writes them; tiers and order are chosen by them.
 
-`tests/durations.json` holds, by file, each test of at least `LEAST` seconds with nothing compiled
-before, and each that is marked: its call, its own fixtures, its share of those that several tests
-of its file ask for, and the processes that it starts. What a session makes once, as the toy run,
-counts for no test. A test above `LONG` belongs to the slow tier; one that is not in the table is
-taken for a quick one.
+For each file `tests/durations.json` stores the tests of at least `LEAST` seconds without compiled
+code, and marked tests. The seconds include a test's call, its own fixtures, its share of fixtures
+that several tests of the file use, and the processes that it starts; what a session makes once,
+such as the toy run, counts for no test. A test above `LONG` belongs to the slow tier; a test
+without an entry counts as quick.
 """
 
 import json
@@ -19,7 +19,8 @@ import pytest
 
 try:
     from resource import RUSAGE_CHILDREN, getrusage
-except ImportError:  # Windows has no such count: processes that a test starts are free there
+# Windows has no such count: processes that a test starts are not counted there.
+except ImportError:
     getrusage = None
 
 TABLE = Path(__file__).parent / "durations.json"
@@ -27,29 +28,29 @@ LEAST, LONG = 0.5, 1.0  # [s]
 
 
 def spent():
-    """CPU seconds of this process and of those that it has waited for."""
+    """Return the CPU seconds of this process and of the child processes that have ended."""
     children = getrusage(RUSAGE_CHILDREN) if getrusage else None
     return time.process_time() + (children.ru_utime + children.ru_stime if children else 0.0)
 
 
 def measured():
-    """CPU seconds by file and test."""
+    """Return the stored CPU seconds by file and test."""
     return json.loads(TABLE.read_text(encoding="utf-8")) if TABLE.exists() else {}
 
 
 def split(nodeid):
-    """File and name of a test."""
+    """Return file and name of a test."""
     path, _, name = nodeid.partition("::")
     return path, name
 
 
 def is_marked(item):
-    """Whether a test is slow by a mark of its own."""
+    """Return whether a test has a mark that makes it slow."""
     return any(item.get_closest_marker(name) for name in ("slow", "release"))
 
 
 def merged(table, seconds, whole):
-    """The table with what was measured, and without the rest of files that ran as a `whole`."""
+    """Return the table with new times, and without other entries of files that ran as a `whole`."""
     files = defaultdict(dict, {path: dict(r) for path, r in table.items() if path not in whole})
     for nodeid, value in seconds.items():
         path, name = split(nodeid)
@@ -62,7 +63,7 @@ def merged(table, seconds, whole):
 
 
 def without_the_gone(table, collected):
-    """The table without tests that are no more, of files whose tests are all known."""
+    """Return the table without tests that no longer exist, for files with all tests collected."""
     files = {split(nodeid)[0] for nodeid in collected}
     return {
         path: {name: value for name, value in rows.items() if f"{path}::{name}" in collected}
@@ -73,11 +74,11 @@ def without_the_gone(table, collected):
 
 
 class Meter:
-    """Counts the CPU seconds of each test of a session, and tells those that are long."""
+    """A counter of the CPU seconds of each test of a session, which reports long tests."""
 
     def __init__(self, config):
         self.config, self.writes = config, config.getoption("measure")
-        # A slow test stays slow where another of its tier pays for their program.
+        # A slow test stays slow if another test of its tier has compiled their common program.
         self.least = LONG + 0.1 if config.option.markexpr.startswith("slow") else LEAST
         self.seconds = {}  # by test
         self.fixtures, self.users = {}, defaultdict(list)  # by file and name of a shared fixture
@@ -86,9 +87,9 @@ class Meter:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_collection_modifyitems(self, items):
-        """Know which tests there are; run long files first, that none is alone at the end."""
+        """Record which tests exist; run long files first, so that none is alone at the end."""
         self.collected, table = {item.nodeid for item in items}, measured()
-        result = yield  # -m selects
+        result = yield  # -m selects tests here
         files = Counter()
         for item in items:
             path, name = split(item.nodeid)
@@ -97,12 +98,12 @@ class Meter:
         return result
 
     def own(self, began, before):
-        """CPU seconds since `began`, without those of shared fixtures made meanwhile."""
+        """Return the CPU seconds since `began`, without those of shared fixtures made since."""
         return spent() - began - (self.so_far - before)
 
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef, request):
-        """Count what several tests share by itself, and not for the first that asks for it."""
+        """Count a shared fixture separately, not for the first test that uses it."""
         began, before = spent(), self.so_far
         try:
             return (yield)
@@ -114,7 +115,7 @@ class Meter:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item):
-        """Count what a test does by itself, and which fixtures of its file it asks for."""
+        """Count the CPU seconds of a test, and record which fixtures of its file it uses."""
         began, before = spent(), self.so_far
         try:
             return (yield)
@@ -127,7 +128,7 @@ class Meter:
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_sessionfinish(self):
-        """Give each test its share; hand all to the process that shares out the tests."""
+        """Add to each test its share of fixtures; pass all times to the main process."""
         for key, seconds in self.fixtures.items():
             for nodeid in self.users[key]:
                 self.seconds[nodeid] += seconds / len(self.users[key])
@@ -138,18 +139,18 @@ class Meter:
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_testnodedown(self, node):
-        """Take the seconds of a process that ends."""
+        """Collect the times of a process that ends."""
         found = getattr(node, "workeroutput", {})
         self.seconds |= found.get("seconds", {})
         self.collected |= set(found.get("tests", ()))
         self.fast |= set(found.get("fast", ()))
 
     def pytest_terminal_summary(self, terminalreporter):
-        """Tell the files that take most; write the table, or tell which tests are long."""
+        """Report the files that take longest; write the table, or report which tests are long."""
         table, files = measured(), Counter()
         for nodeid, seconds in self.seconds.items():
             files[split(nodeid)[0]] += seconds
-        if not files:  # nothing ran
+        if not files:  # No test ran.
             return
         terminalreporter.section(f"{sum(files.values()):.0f} CPU seconds, most of them in")
         for path, seconds in files.most_common(10):
@@ -159,7 +160,7 @@ class Meter:
                 table = without_the_gone(table, self.collected)
             partly = {split(nodeid)[0] for nodeid in self.collected - set(self.seconds)}
             whole = {split(nodeid)[0] for nodeid in self.seconds} - partly
-            # A marked test stays in the table, however quick, and so is no unknown one.
+            # A marked test stays in the table even if it is quick, so that it is not unknown.
             lasting = {
                 nodeid: seconds if nodeid in self.fast else max(seconds, self.least)
                 for nodeid, seconds in self.seconds.items()
@@ -184,12 +185,12 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
-    if config.option.markexpr == "slow":  # what waits for a release waits for it there too
+    if config.option.markexpr == "slow":  # Tests that wait for a release do so here, too.
         config.option.markexpr = "slow and not release"
     if config.getoption("measure"):
-        folder = tempfile.TemporaryDirectory()  # nothing is compiled before
+        folder = tempfile.TemporaryDirectory()  # Nothing is compiled before.
         config.add_cleanup(folder.cleanup)
-        os.environ["JAX_COMPILATION_CACHE_DIR"] = folder.name  # of processes that tests start
-        if jax := sys.modules.get("jax"):  # which has read the environment
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = folder.name  # for processes that tests start
+        if jax := sys.modules.get("jax"):  # JAX has already read the environment.
             jax.config.update("jax_compilation_cache_dir", folder.name)
     config.pluginmanager.register(Meter(config), "meter")

@@ -1,7 +1,7 @@
-"""Finished runs that tests read: made once for a state of the source and kept in the user's cache.
+"""Finished runs for tests, made once per state of the source and kept in the user's cache.
 
-Processes of one session and tests of every tier share them. No test of a report, of ArviZ or of
-what a run holds needs a run of its own.
+Processes of one session and tests of every tier share them. Tests of a report, of ArviZ or of the
+content of a run thus need no separate run.
 """
 
 import hashlib
@@ -19,7 +19,7 @@ KEPT = platformdirs.user_cache_path("jbw") / "finished runs of the tests"
 
 
 def state():
-    """Hash of what a run depends on: jbw, the toy campaign, and what computes."""
+    """Return a hash of what a run depends on: jbw, the toy campaign, and installed packages."""
     installed = sorted(f"{each.name} {each.version}" for each in distributions())
     digest = hashlib.sha256("\n".join([sys.version, *installed]).encode())
     for path in sorted([*ROOT.glob("jbw/**/*.py"), *ROOT.glob("tests/study/toy_campaign.py")]):
@@ -29,7 +29,7 @@ def state():
 
 
 def finished(name, make):
-    """The folder that `make` filled with a run, by whichever process came first."""
+    """Return the folder that `make` filled with a run, in whichever process came first."""
     folder = KEPT / state() / name
     whole = folder / "whole"
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -43,7 +43,7 @@ def finished(name, make):
 
 
 def forget(seconds):
-    """Forget the runs of states that nobody has made for so long."""
+    """Remove the runs of states that no session used within some seconds."""
     for folder in KEPT.glob("*"):
         if time.time() - folder.stat().st_mtime > seconds:
             shutil.rmtree(folder, ignore_errors=True)

@@ -1,10 +1,11 @@
-"""All degrees of freedom of a structure in time, with joints read from OpenSees' commands.
+"""The motion of all degrees of freedom of a structure, with joints read from OpenSees' commands.
 
-Newmark's average acceleration, implicit in the stuck stiffness, and OpenSees' Bouc-Wen material
+The method is Newmark's average acceleration, implicit in the stuck stiffness, with OpenSees'
+Bouc-Wen material
 
     F = a k0 x + (1 - a) k0 z,   dz/dx = A - |z|^n (gamma + beta sgn(z dx))
 
-by Runge-Kutta steps of order four along x. Nothing of jbw integrates here.
+integrated by Runge-Kutta steps of order four along x. No code of jbw integrates here.
 """
 
 from functools import partial
@@ -16,12 +17,12 @@ import numpy as np
 import scipy.linalg
 import scipy.signal
 
-ITERATIONS = 6  # of the joints' forces in a step
+ITERATIONS = 6  # of the joints' forces in each step
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 
 
 class Read(NamedTuple):
-    """A joint of a file: motion by degree of freedom, and spring and material in parallel."""
+    """A joint read from a file: motion by degree of freedom, parallel spring and material."""
 
     weights: dict[str, float]
     spring: float
@@ -29,7 +30,7 @@ class Read(NamedTuple):
 
 
 def joints_read(text):
-    """Joints of OpenSees' commands, in the order of their elements."""
+    """Return the joints in OpenSees' commands, in the order of their elements."""
     commands = [line.split() for line in text.splitlines() if line and line[0] != "#"]
     constraints = {c[1]: c[2:] for c in commands if c[0] == "equationConstraint"}
     materials = {c[2]: (c[1], c[3:]) for c in commands if c[0] == "uniaxialMaterial"}
@@ -45,16 +46,16 @@ def joints_read(text):
         spring, bouc_wen = (materials[part] for part in parts)
         assert (spring[0], bouc_wen[0]) == ("Elastic", "BoucWen")
         numbers = tuple(map(float, bouc_wen[1]))
-        assert numbers[6:] == (0.0, 0.0, 0.0)  # nothing degrades
+        assert numbers[6:] == (0.0, 0.0, 0.0)  # This material does not degrade.
         found.append(Read(weights, float(spring[1][0]), numbers[:6]))
     return found
 
 
 def moved(rig, joints, u, fs, *, zeta, factor, modes=()):
-    """Velocity of the output and motion of the joints at the samples, in steps of 1/(fs factor).
+    """Return the output's velocity and the joints' motion, with steps of 1/(fs factor).
 
-    The input is band-limited between its samples; the damping ratio is that of every stuck mode,
-    but for the first ones, whose `modes`, (omega, zeta), take the place of those of the matrices.
+    The input is band-limited between its samples. The damping ratio is that of every stuck mode,
+    except for the first ones, whose `modes` (omega, zeta) replace those of the matrices.
     """
     names = [str(dof) for dof in rig.model.dofs]
     across = np.zeros((len(names), len(joints)))

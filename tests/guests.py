@@ -1,4 +1,4 @@
-"""A law, a kind of test, a sampler and a finding from outside, as anybody would write them."""
+"""A law, a kind of test, a sampler and a finding from outside of jbw, as users write them."""
 
 from typing import ClassVar, NamedTuple
 
@@ -56,7 +56,7 @@ class Bilinear(Law):
 
 
 class RingDown(Observable):
-    """Frequencies read at some amplitudes of a ring-down: a kind of test that jbw does not know."""
+    """Frequencies read at some amplitudes of a ring-down, a kind of test that jbw does not have."""
 
     kinds: ClassVar[tuple[str, ...]] = ("ring_down",)
     suffix: ClassVar[str] = "_ring_down"
@@ -95,10 +95,10 @@ class RingDown(Observable):
 
 
 def metropolis(problem, propose, ratio):
-    """Metropolis' rule on independent proposals.
+    """Return the kernel of Metropolis' rule with independent proposals.
 
-    `propose` draws one by a key, `ratio` is the log of the posterior over their density; both in
-    the whitened coordinate.
+    `propose` draws a proposal from a key, `ratio` is the log of the posterior over the proposal
+    density; both are in the whitened coordinate.
     """
 
     def step(state):
@@ -116,10 +116,10 @@ def metropolis(problem, propose, ratio):
 
 
 class AboutTheFit:
-    """Independent proposals, normal about the fit and wider than it."""
+    """A sampler of independent proposals, normal about the fit and wider than its covariance."""
 
     class Options(NamedTuple):
-        """Counts."""
+        """The counts of a run of the sampler."""
 
         num_warmup: int = 0
         num_samples: int = 1000
@@ -136,7 +136,7 @@ class AboutTheFit:
         )
 
 
-STOP = 2e-2  # of a bench [m]
+STOP = 2e-2  # place of the stop of a bench [m]
 BENCH_STOP = Message(
     "bench_stop",
     "The joint moves by {y_peak:.2g} m; the stop of the bench stands at {stop:g} m.",
@@ -151,7 +151,7 @@ BENCH_STOP = Message(
 
 
 def motion_before_the_stop(posterior: CheckedPosterior) -> Outcome:
-    """The largest displacement that was fitted, beside the place of the stop."""
+    """Return the finding that compares the largest fitted displacement with the stop's place."""
     y_peak = posterior.fitted.y_peak
     values = {"y_peak": y_peak, "stop": STOP}
     return Outcome(checked(BENCH_STOP.code, y_peak < STOP, values, y_peak, {"stop": STOP}))

@@ -1,4 +1,4 @@
-"""Models that OpenSees runs in a process of its own: it keeps its model, and speaks at its end."""
+"""Models that OpenSees runs in a separate process, as it keeps its model and prints at its end."""
 
 import json
 import subprocess
@@ -11,7 +11,7 @@ import pytest
 needs_opensees = pytest.mark.skipif(
     find_spec("openseespy") is None, reason="needs openseespy, which extra `test` has on Linux"
 )
-# What a script begins with: the commands' words as numbers, and what it is asked for.
+# Every script begins with the commands' words as numbers, and with its request.
 BEGIN = """
 import json, sys
 import openseespy.opensees as ops
@@ -30,12 +30,12 @@ ops.wipe()
 
 
 def commands_of(text):
-    """Lines of a file of commands that are no comments."""
+    """Return the lines of a file of commands, without comments."""
     return [line for line in text.splitlines() if line and line[0] != "#"]
 
 
 def ran(script, asked, timeout):
-    """What a script prints last, as an array."""
+    """Return the last printed line of a script, as an array."""
     done = subprocess.run(
         [sys.executable, "-c", BEGIN + script], input=json.dumps(asked),
         capture_output=True, text=True, timeout=timeout, check=False,

@@ -1,4 +1,4 @@
-"""Parameters at which every law of the register is tried, and one that the tests define."""
+"""Parameters with which tests use every law of the register, and one law of the tests."""
 
 import equinox as eqx
 import jax
@@ -41,26 +41,26 @@ THETA = {
     "bilinear": {"bilinear_k": 600.0, "bilinear_yield": 2e-3},
 }  # fmt: skip
 
-ODD = [name for name in THETA if name != "square"]  # that have steady responses
+ODD = [name for name in THETA if name != "square"]  # the laws that have a steady response
 
 
 def law_of(name, theta=None):
-    """The law of a name, at other parameters where they are given."""
+    """Return the law with a name, with other parameters where given."""
     kind = Bilinear if name == "bilinear" else law_named(name)
     return kind.of(THETA[name] if theta is None else theta)
 
 
 def as_arrays(tree):
-    """Numbers of a law or of arguments as arrays, which a program takes and does not hold."""
+    """Return the numbers of a law or of arguments as arrays, not as constants of a program."""
     return jax.tree.map(
         lambda x: jax.device_put(np.asarray(x, complex if np.iscomplexobj(x) else float)), tree
     )
 
 
 def compiled(function):
-    """A function of laws and numbers as one program a kind of law, whatever the numbers.
+    """Return a function of laws and numbers as one program per kind of law, whatever the numbers.
 
-    Eager JAX compiles a program for every operation, and one for every loop anew.
+    Eager JAX compiles a program for every operation, and another one for every loop.
     """
     program = eqx.filter_jit(function)
     return lambda *arguments: program(*as_arrays(arguments))

@@ -1,4 +1,4 @@
-"""Runs made up: posteriors as a run stores them, and records integrated without jbw."""
+"""Artificial runs: posteriors as a run stores them, and records integrated without jbw."""
 
 import json
 from typing import Any
@@ -21,7 +21,7 @@ Z = norm.ppf(0.995)
 
 
 def burst(level):
-    """A sweep through the resonance that begins and ends at rest, as a function of time."""
+    """Return a sweep through the resonance that begins and ends at rest, as a function of time."""
     span = SIZE / FS
 
     def u(t):
@@ -32,7 +32,7 @@ def burst(level):
 
 
 def integrated(u, joint, t):
-    """Displacement and velocity by DOP853 on Eqs. (1) and (2), the law at any nu, here 1."""
+    """Return displacement and velocity by DOP853 on Eqs. (1) and (2), with nu = 1."""
     nu = 1.0
     omega_n, zeta, alpha, delta, gamma = joint.values()
 
@@ -87,6 +87,6 @@ def same(joint, count=4, **more):
 
 
 def spread(relative=0.01, count=400):
-    """Draws of a linear oscillator whose gain alone is uncertain, by a Gaussian's quantiles."""
+    """Return draws of a linear oscillator with uncertain gain only, from a Gaussian's quantiles."""
     unit = norm.ppf((np.arange(count) + 0.5) / count)
     return {**same(SILENT, count), "gain": GAIN * (1 + relative * unit / unit.std())}

@@ -1,4 +1,4 @@
-"""Where the published measurements lie that some tests read, and skip without."""
+"""The folder of the published measurements that some tests read; without it they are skipped."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Free decays of two modes with one Bouc-Wen joint: DOP853 on the equations, no code of jbw's."""
+"""Free decays of two modes with one Bouc-Wen joint: DOP853 on the equations, without jbw."""
 
 from functools import cache
 
@@ -14,13 +14,13 @@ STATED = Structured(modes=HZ)
 OMEGA, ZETA = 2 * np.pi * np.array(HZ), np.array([2.5e-3, 3.0e-3])
 H, P = np.array([1.0, -0.8]), np.array([1.0, -1.3])
 ALPHA, DELTA, GAMMA = 0.2 * OMEGA[0] ** 2, 340.0, 90.0
-# Parameters by the names that a campaign has for them.
+# True parameters by the names that a campaign gives them.
 TRUTH = {
     "omega_n": OMEGA[0], "zeta": ZETA[0], "alpha": ALPHA, "delta": DELTA, "gamma": GAMMA,
     "omega_2": OMEGA[1], "zeta_2": ZETA[1], "shape_2": 0.8, "coupling_2": 1.3 * 0.8**2,
 }  # fmt: skip
 HELD = {"gain": 1.0, "gain_ratio_2": 1.0, "sign_2": -1.0}
-# (q_1, q_1', q_2, q_2') after each impact [m, m/s]: either mode louder, at several phases.
+# (q_1, q_1', q_2, q_2') after each impact [m, m/s]: either mode is louder, at several phases.
 STARTS = (
     (2.0e-3, 0.0, 0.4e-3, 0.1), (-0.8e-3, 0.16, -0.7e-3, 0.0),
     (0.3e-3, -0.2, 0.2e-3, -0.25), (-0.5e-3, -0.05, 0.1e-3, 0.02),
@@ -29,7 +29,7 @@ STARTS = (
 
 @cache
 def free_velocity(start, slips: bool = True, duration: float = DURATION) -> np.ndarray:
-    """Velocity q_1' + q_2' after an impact that leaves an unstrained joint."""
+    """Return the velocity q_1' + q_2' after an impact that leaves an unstrained joint."""
     alpha = ALPHA if slips else 0.0
 
     def rate(_, state):
@@ -48,7 +48,7 @@ def free_velocity(start, slips: bool = True, duration: float = DURATION) -> np.n
 
 
 def modal_decay_test(starts=STARTS, noise=2e-4, slips=True, settle=0.1, seed=1) -> Test:
-    """Records of both modes and of white noise [m/s]."""
+    """Return a test of decays with both modes and white noise [m/s]."""
     rng = np.random.default_rng(seed)
     records = []
     for start in starts:

@@ -1,4 +1,4 @@
-"""As much of a kind of data as what looks at its groups alone asks for."""
+"""A minimal kind of data for code that uses only its groups."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +8,7 @@ from jbw.observables.observable import Observable, Shown
 
 
 class Sized(Observable):
-    """Groups of one value, with a largest displacement."""
+    """Groups of one value each, with a largest displacement."""
 
     y_peak: float
 
@@ -17,7 +17,7 @@ class Sized(Observable):
 
 
 def part_of(sizes, runs=None, y_peak=0.0):
-    """Groups of responses of such sizes by label, each of a run of its own unless stated."""
+    """Return groups of responses of given sizes by label; unless stated, each is a separate run."""
     mean, names = np.array(list(sizes.values()), float), tuple(sizes)
     groups = repeated(list(mean[:, None, None]), np.ones(len(names)), names, runs or names)
     return Sized(y_peak, mean=jnp.asarray(mean[:, None]), groups=groups)

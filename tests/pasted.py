@@ -1,4 +1,4 @@
-"""Lines that findings tell to put into the campaign file, put into one and checked."""
+"""Campaign lines that remedies of findings propose, pasted into a campaign file and checked."""
 
 import re
 
@@ -15,12 +15,12 @@ PUT = re.compile(r"Put under \[([\w.\[\]]+?)\]: `([^`]+)`")
 
 
 def lines_of(action):
-    """Table and line of each that an action names."""
+    """Return table and line of each campaign line that a remedy names."""
     return PUT.findall(action)
 
 
 def pasted(action):
-    """The campaign with the lines of an action in it, as its schema reads them."""
+    """Return the campaign with a remedy's lines in it, as its schema reads them."""
     tables = dict(CAMPAIGN)
     for table, line in lines_of(action):
         tables[table] = f"{tables.get(table, '')}\n{line}".strip()

@@ -1,8 +1,8 @@
-"""Every remedy in the code that is a line of a campaign file, and the test that pastes it.
+"""Every remedy in the code that is a line of a campaign file, with the test that pastes it.
 
 Lines are found in the source as `Put under [table]: ...` within backquotes, as other backquoted
-`key = value`, and as calls of `put`. A line that stands in no row of `PASTED` fails
-`test_remedies.py`, and so does a row without its line or its test.
+`key = value`, and as calls of `put`. `test_remedies.py` fails for a line that is in no row of
+`PASTED`, and for a row without its line or its test.
 """
 
 import ast
@@ -13,9 +13,9 @@ from pathlib import Path
 PACKAGE = Path(__file__).parents[1] / "jbw"
 LINE = re.compile(r"`([\w.]+) = [^`]*`")
 COMMAND = re.compile(r"\bjbw ([a-z]+)((?: --?[a-z-]+| [A-Z]+(?:\.toml)?| \{\})*)")
-CALLS = {"put": 1, "put_bounds": None}  # argument that is the key
+CALLS = {"put": 1, "put_bounds": None}  # position of the argument that is the key
 TEXTS = (ast.Constant, ast.JoinedStr)  # nodes that may be a string
-# Sentences that quote what a test, a run or a call has, and ask for no line to be pasted.
+# These sentences quote a test, a run or a call, and propose no line to paste.
 QUOTES = {
     ("campaign/check.py", "band"),
     ("campaign/files.py", "files"),
@@ -150,7 +150,7 @@ PASTED = {
 
 
 def text_of(node: ast.AST) -> str:
-    """A string in the source, its placeholders as {}."""
+    """Return a string in the source, with {} for its placeholders."""
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
         return node.value
     if isinstance(node, ast.JoinedStr):
@@ -159,12 +159,12 @@ def text_of(node: ast.AST) -> str:
 
 
 def strings_of(tree: ast.AST) -> list[str]:
-    """Strings of a module but for docstrings and parts of others."""
+    """Return the strings of a module, without docstrings and parts of other strings."""
     found, waiting = [], [tree]
     while waiting:
         node = waiting.pop()
         if isinstance(node, TEXTS):
-            found.append(text_of(node))  # what stands within is part of it
+            found.append(text_of(node))  # The parts of the string are included.
             continue
         body = getattr(node, "body", None)
         first = body[0] if isinstance(body, list) and body else None
@@ -176,19 +176,19 @@ def strings_of(tree: ast.AST) -> list[str]:
 
 
 def modules():
-    """Path within the package and syntax tree of every file."""
+    """Yield the path within the package and the syntax tree of every file."""
     for path in sorted(PACKAGE.rglob("*.py")):
         yield path.relative_to(PACKAGE).as_posix(), ast.parse(path.read_text(encoding="utf-8"))
 
 
-@cache  # every process that collects the tests asks for the strings of the whole package
+@cache  # Every process that collects the tests needs the strings of the whole package.
 def strings() -> tuple[tuple[str, list[str]], ...]:
-    """Path within the package and strings of every file."""
+    """Return the path within the package and the strings of every file."""
     return tuple((name, strings_of(tree)) for name, tree in modules())
 
 
 def called_in(tree: ast.AST) -> set[str]:
-    """Keys of the lines that the calls of a module propose."""
+    """Return the keys of the lines that the calls of a module propose."""
     found = set()
     for node in ast.walk(tree):
         name = getattr(node.func, "id", "") if isinstance(node, ast.Call) else ""
@@ -199,14 +199,14 @@ def called_in(tree: ast.AST) -> set[str]:
 
 
 def lines():
-    """(file, key) of every remedy that is a line."""
+    """Return (file, key) of every remedy that is a line."""
     quoted = {(name, key) for name, texts in strings() for t in texts for key in LINE.findall(t)}
     called = {(name, key) for name, tree in modules() for key in called_in(tree)}
     return (quoted | called) - QUOTES
 
 
 def commands():
-    """(file, command, its options) of every `jbw ...` that a string of the code names."""
+    """Return (file, command, options) of every `jbw ...` that a string of the code names."""
     return {
         (name, command, options.strip())
         for name, texts in strings()
@@ -215,10 +215,10 @@ def commands():
     }
 
 
-# What a sentence proposes without backquotes: a key and a value that is whole, {} a channel's role.
+# Proposals of a sentence without backquotes: a key and a complete value; {} is a channel's role.
 TEXT, MAPPING = r"\"[^\"{}]*\"|'[^'{}]*'", r"\{ (?:\w+|\{\}) = (?:\"[^\"{}.]*\"|-?\d[\d.]*) \}"
 BARE = re.compile(rf"(?<![\w.])([a-z_]+) = ({TEXT}|true|{MAPPING})")
-# Drafts are whole campaign files, which their tests load; sentences of oscillators name arguments.
+# Drafts are whole campaign files, which their tests load; oscillators' sentences name arguments.
 NO_SENTENCES = (
     "report/messages/draft.py",
     "campaign/document.py",
@@ -229,7 +229,7 @@ NO_SENTENCES = (
 
 
 def bare_lines():
-    """(file, key, line) of every whole line that a sentence of the code names in plain words."""
+    """Return (file, key, line) of every whole line that a sentence of the code has unquoted."""
     return {
         (name, key, f"{key} = {value}".replace("{}", "velocity"))
         for name, texts in strings()

@@ -1,8 +1,8 @@
-"""Shapes in annotations checked while the tests run: beartype over jaxtyping, where a shape stands.
+"""Array shapes in annotations, checked while tests run: beartype over jaxtyping.
 
-Only annotations that name an array are checked, and of them shape and kind of number: whether it
-is NumPy's or JAX's, and every other type, is pyright's. What is defined inside a function is left
-as it is, for it would be checked anew at every call.
+Only annotations that contain an array are checked, for shape and kind of number. Pyright checks
+whether it is an array of NumPy or JAX, and every other type. Functions defined within functions are
+not checked, since that would be repeated at every call.
 """
 
 import ast
@@ -23,32 +23,34 @@ from beartype import BeartypeConf, beartype
 from jaxtyping import AbstractArray, Float, Key, Real, jaxtyped
 
 PACKAGE = "jbw"
-STATE = f"checked-{zlib.crc32(Path(__file__).read_bytes()):08x}"  # of what compiles the checks in
-beartyped = beartype(conf=BeartypeConf(is_pep484_tower=True))  # an int is a float, as for pyright
+# State of the code that compiles the checks in.
+STATE = f"checked-{zlib.crc32(Path(__file__).read_bytes()):08x}"
+# An int is accepted as a float, as by pyright.
+beartyped = beartype(conf=BeartypeConf(is_pep484_tower=True))
 
 
 def names_a_shape(annotation: Any) -> bool:
-    """Whether a shape stands in an annotation, at any depth."""
+    """Return whether an annotation contains a shape, at any depth."""
     if isinstance(annotation, type) and issubclass(annotation, AbstractArray):
         return True
     return any(names_a_shape(part) for part in get_args(annotation))
 
 
 def widened(annotation: Any) -> Any:
-    """The annotation with arrays of NumPy beside those of JAX; without a shape, anything."""
+    """Return an annotation with NumPy's arrays next to JAX's; without a shape, Any."""
     if not names_a_shape(annotation):
         return Any
     if isinstance(annotation, type) and issubclass(annotation, AbstractArray):
         if annotation.array_type not in (jax.Array, np.ndarray) or annotation.dtype is Key:
             return annotation
-        dtype = Real if annotation.dtype is Float else annotation.dtype  # whole numbers are real
+        dtype = Real if annotation.dtype is Float else annotation.dtype  # Whole numbers are real.
         dims = annotation.dim_str
         either = dtype[jax.Array, dims] | dtype[np.ndarray, dims]
         bare = all(one.startswith(("*", "...")) for one in dims.split())
-        return either | np.generic | complex if bare else either  # a scalar is of no dimension
+        return either | np.generic | complex if bare else either  # A scalar has no dimension.
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin in (Union, UnionType):
-        # A member without a shape stays what it is: as `Any` it would let everything pass.
+        # A member without a shape stays unchanged: as `Any` it would accept everything.
         members = [widened(one) if names_a_shape(one) else one for one in parts]
         return reduce(operator.or_, members)
     if origin in (tuple, list, dict, Mapping, Sequence):
@@ -57,7 +59,7 @@ def widened(annotation: Any) -> Any:
 
 
 def checked(made: Any) -> Any:
-    """A function, or a class by its fields, with its shapes checked at every call."""
+    """Return a function, or a class by its fields, with its shapes checked at every call."""
     if isinstance(made, type):
         if "__init__" in made.__dict__ and hasattr(made, "__dataclass_fields__"):
             made.__init__ = checked(made.__init__)
@@ -66,7 +68,7 @@ def checked(made: Any) -> Any:
     if not any(map(names_a_shape, annotations.values())) or hasattr(made, "__wrapped__"):
         return made
 
-    @cache  # of most functions, a session that runs a part of the tests calls none
+    @cache  # A session that runs a part of the tests calls none of most functions.
     def wrapped() -> Callable[..., Any]:
         widely = FunctionType(
             made.__code__, made.__globals__, made.__name__, made.__defaults__, made.__closure__
@@ -83,46 +85,47 @@ def checked(made: Any) -> Any:
 
 
 def apart(path: str) -> str:
-    """Where compiled code with these checks lies, of which code without them knows nothing."""
+    """Return the path of compiled code with these checks, unknown to code without them."""
     return f"{path.removesuffix('.pyc')}.{STATE}.pyc" if path.endswith(".pyc") else path
 
 
 class Checking(SourceFileLoader):
-    """Loads a module with `checked` as the innermost decorator of functions and methods."""
+    """A loader of modules with `checked` as the innermost decorator of functions and methods."""
 
     def source_to_code(self, data, path, *, _optimize=-1):
-        """Compiled source; what is defined inside a function is left as it is."""
+        """Return the compiled source, with decorators except on functions within functions."""
         tree = ast.parse(data, path)
         made = [node for node in tree.body if isinstance(node, ast.ClassDef | ast.FunctionDef)]
         for node in made:
             if isinstance(node, ast.ClassDef):
                 made += [one for one in node.body if isinstance(one, ast.FunctionDef)]
             name = ast.copy_location(ast.Name("shapes_checked_", ast.Load()), node)
-            # Fields are known after `dataclass`; of functions, `jit` must see the checked one.
+            # Fields are known only after `dataclass`; for functions, `jit` must see the checked
+            # one.
             node.decorator_list.insert(
                 0 if isinstance(node, ast.ClassDef) else len(node.decorator_list), name
             )
         return compile(tree, path, "exec", dont_inherit=True, optimize=_optimize)
 
     def get_data(self, path):
-        """Source, or compiled code with the checks in it."""
+        """Return the source, or compiled code with the checks in it."""
         return super().get_data(apart(path))
 
     def set_data(self, path, data, **options):
-        """Keep compiled code with the checks in it."""
+        """Save compiled code with the checks in it."""
         super().set_data(apart(path), data, **options)
 
     def exec_module(self, module):
-        """Execute the module with the decorator at hand."""
+        """Execute the module with the decorator in its namespace."""
         module.__dict__["shapes_checked_"] = checked
         super().exec_module(module)
 
 
 class Finder(MetaPathFinder):
-    """Finds the package's modules before others do."""
+    """A finder of the package's modules that precedes the usual finders."""
 
     def find_spec(self, fullname, path=None, target=None):
-        """Where a module of the package lies, to be loaded with checks."""
+        """Return the specification of a module of the package, with a checking loader."""
         if fullname.partition(".")[0] != PACKAGE:
             return None
         spec = PathFinder.find_spec(fullname, path, target)
@@ -132,5 +135,5 @@ class Finder(MetaPathFinder):
 
 
 def check_shapes() -> None:
-    """Check every module of the package that is imported from here on."""
+    """Check every module of the package that is imported from now on."""
     sys.meta_path.insert(0, Finder())

@@ -1,11 +1,11 @@
-r"""Periodic motion of a mode by scipy alone: shooting where negative damping holds the motion.
+r"""The periodic motion of a mode by scipy alone: shooting with negative damping that sustains it.
 
 $$\ddot q_i + 2(\zeta_i\omega_i - \zeta\omega)\dot q_i + \omega_i^2 q_i
   + \sum_j H_{ji}(Z_j - \alpha_j x_j) = 0, \qquad
   \dot Z_j = \alpha_j v_j - \gamma_j|v_j|Z_j - \delta_j v_j|Z_j|, \qquad x_j = \sum_i H_{ji} q_i$$
 
-Half a period from a state ends in its negative; omega and zeta are such that the mode's own
-coordinate has the first harmonic a, and no sine.
+The motion half a period after a state is its negative; omega and zeta are such that the mode's own
+coordinate has a first harmonic a without a sine.
 """
 
 from typing import NamedTuple
@@ -18,9 +18,9 @@ RTOL = 1e-10  # of the integration
 
 
 class Sustained(NamedTuple):
-    """A mode at an amplitude: by joint its loss a cycle over 4 pi E, and its share in the energy.
+    """A mode at an amplitude: each joint's loss per cycle over 4 pi E, and its share in the energy.
 
-    E is twice the mean kinetic energy, the largest one of harmonic motion.
+    E is twice the mean kinetic energy, which is the largest energy of harmonic motion.
     """
 
     omega: float
@@ -30,7 +30,7 @@ class Sustained(NamedTuple):
 
 
 class _Half(NamedTuple):
-    """Half a period: what is missing of a solution, and integrals over it."""
+    """Half a period of motion: the deviation from a solution, and integrals over it."""
 
     missing: np.ndarray
     lost: np.ndarray
@@ -39,7 +39,7 @@ class _Half(NamedTuple):
 
 
 def sustained(model, bolts, amplitudes, mode):
-    """A mode of a reduced model with Bouc-Wen bolts, at rising amplitudes."""
+    """Return a mode of a reduced model with Bouc-Wen bolts, at rising amplitudes."""
     start, motions = None, []
     for a in amplitudes:
         start = _first(model, mode) if start is None else start
@@ -61,7 +61,7 @@ def sustained(model, bolts, amplitudes, mode):
 
 
 def _first(model, mode):
-    """The linear motion of full stick, from its largest displacement on."""
+    """Return the linear motion with fully stuck joints, from its largest displacement."""
     num, moved = len(model.omega), np.abs(model.H)
     z = moved[:, mode] / moved.max(axis=1)
     rates = [1.0, model.zeta[mode]]
@@ -69,7 +69,7 @@ def _first(model, mode):
 
 
 def _half_period(model, bolts, a, mode, x):
-    """From scaled unknowns q/a, q'/(a w), Z/(alpha a H), w/w_mode and zeta."""
+    """Integrate half a period from scaled q/a, q'/(a w), Z/(alpha a H), w/w_mode and zeta."""
     num = len(model.omega)
     H, omega_n, zeta_n = model.H, np.asarray(model.omega), np.broadcast_to(model.zeta, num)
     alpha, delta, gamma = np.array(bolts).T

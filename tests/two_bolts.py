@@ -1,7 +1,7 @@
 """Two lapped beams with two bolts, swept through two modes: a short campaign with matrices.
 
 The truth is a structure of the same reduced model under the same input, on a grid of twice as many
-steps; noise is white. What reduction itself costs is shown in tests/assembly.
+steps; noise is white. The error of the reduction itself is tested in tests/assembly.
 """
 
 from dataclasses import replace
@@ -18,7 +18,7 @@ from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.rig.assemblies import lapped_beams
 
 FS, DURATION, TO_HZ, ZETA = 512.0, 1.0, 120.0, 0.004
-NOISE = 0.01  # over the motion
+NOISE = 0.01  # relative to the motion
 NAMES = ("bolt 1", "bolt 2")
 LABELS = ("bolt_1", "bolt_2")
 # alpha [N/m], delta and gamma [1/m]: delta times the bolts' motion reaches 0.3 to 2.
@@ -29,7 +29,7 @@ LAWS = tuple(f"bouc_wen@{label}" for label in LABELS)
 
 
 def truth(bolts=BOLTS):
-    """Parameters by the names that a campaign has for them."""
+    """Return the true parameters by the names that a campaign gives them."""
     named = {
         f"{name}@{label}": value
         for label, bolt in zip(LABELS, bolts, strict=True)
@@ -43,7 +43,7 @@ def truth(bolts=BOLTS):
 
 
 def reduced(bolts=None, factors=1.0):
-    """Modes to 120 Hz, with laws where bolts have numbers; factors on the bolts' motion in them."""
+    """Return modes to 120 Hz, with laws for given bolts; `factors` scale the bolts' motion."""
     rig = lapped_beams()
     laws = [()] * 2 if bolts is None else [BoucWenLaw(*numbers) for numbers in bolts]
     model = rig.with_laws(*laws).reduced(to_hz=TO_HZ, zeta=ZETA)
@@ -53,7 +53,7 @@ def reduced(bolts=None, factors=1.0):
 
 
 def sweep(band_hz, force):
-    """A linear sweep with smooth ends, which leaves the last third to ring down."""
+    """Return a linear sweep with smooth ends; the response decays freely in its last third."""
     t = np.arange(int(DURATION * FS)) / FS
     window = np.clip(t / 0.1, 0, 1) * np.clip((DURATION - t) / 0.3, 0, 1)
     rate = (band_hz[1] - band_hz[0]) / (2 * DURATION)
@@ -62,13 +62,13 @@ def sweep(band_hz, force):
 
 
 def slipping_motion(model, u):
-    """Velocity at the tip under a force, by steps in time."""
+    """Return the velocity at the tip under a force, by integration in time."""
     motion = jbw.simulate(model.structure(), u, FS, hold="band_limited", substeps=32)
     return np.asarray(motion.v)
 
 
 def stuck_motion(model, u):
-    """The same of joints in full stick, periodic, by the modes' frequency response."""
+    """Return the periodic velocity at the tip with fully stuck joints, by the modes' response."""
     omega = 2 * np.pi * np.fft.rfftfreq(len(u), 1 / FS)[:, None]
     compliance = 1 / (model.omega**2 - omega**2 + 2j * model.zeta * model.omega * omega)
     response = np.sum(model.b * model.c[0] * compliance, axis=1)
@@ -78,7 +78,7 @@ def stuck_motion(model, u):
 def records(
     names=tuple(SWEEPS), *, bolts=BOLTS, factors=1.0, noise_ratio=NOISE, seed=1, weaker=1.0
 ):
-    """Force and velocity at the tip by the name of the test."""
+    """Return level, force and velocity at the tip by test name."""
     model, rng = reduced(bolts, factors), np.random.default_rng(seed)
     found = {}
     for name in names:
@@ -92,7 +92,7 @@ def records(
 
 
 def impact_records(forces=(8.0, 20.0, 40.0), *, noise_ratio=0.01, seed=1):
-    """Velocities at the tip after smooth impacts of 14 ms at node 1."""
+    """Return records of the velocity at the tip after smooth impacts of 14 ms at node 1."""
     structure, rng = reduced(BOLTS).structure(), np.random.default_rng(seed)
     t = np.arange(int(2.5 * FS)) / FS
     pulse = np.where(t < 0.014, np.sin(np.pi * t / 0.014) ** 2, 0.0)
@@ -105,12 +105,12 @@ def impact_records(forces=(8.0, 20.0, 40.0), *, noise_ratio=0.01, seed=1):
 
 
 def impacts(**options):
-    """The same as a test of free decays of the first two modes."""
+    """Return the impacts as a test of free decays of the first two modes."""
     return Test("decay", impact_records(**options), "impacts", band_hz=(18.0, 130.0), settle=0.15)
 
 
 def campaign(names=tuple(SWEEPS), *, laws=LAWS, settings=None, uncertain=False, **options):
-    """The same as a campaign in memory."""
+    """Return the sweeps as a campaign in memory."""
     tests = []
     for name, (level, u, v) in records(names, **options).items():
         channels, units = {"force": u, "velocity": v}, {"force": "N", "velocity": "m/s"}
@@ -122,7 +122,7 @@ def campaign(names=tuple(SWEEPS), *, laws=LAWS, settings=None, uncertain=False, 
 
 
 def written(folder, names=tuple(SWEEPS), *, tie="", **options):
-    """The same as a campaign file with matrices and records; its path."""
+    """Write the sweeps as a campaign file with matrices and records; return its path."""
     rig = lapped_beams()
     dofs = np.array([str(dof) for dof in rig.model.dofs], dtype=object)[:, None]
     nodes = [[float(node), *where] for node, where in rig.model.positions.items()]

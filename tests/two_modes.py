@@ -1,6 +1,6 @@
-"""Two modes with one Bouc-Wen joint, swept on the rig, whose integration shares nothing with jbw's.
+"""Two modes with one Bouc-Wen joint, swept on the rig, whose integrator is independent of jbw.
 
-The source is the measured force, no armature beside it; the output is not where it pushes.
+The source is the measured force, without an armature; the output is not where the force acts.
 """
 
 from dataclasses import replace
@@ -18,15 +18,15 @@ SHAPES = Shapes(
     omega=2 * np.pi * np.array([18.8, 57.2]), zeta=np.array([0.006, 0.008]),
     drive=np.array([0.7, 0.9]), joint=np.array([1.0, -0.8]), output=np.array([1.0, 0.7]),
 )  # fmt: skip
-WING = np.array([0.4, -1.1])  # shapes at a further point
+WING = np.array([0.4, -1.1])  # shapes at a second point
 JOINT = jbw.BoucWen(omega_n=float(SHAPES.omega[0]), zeta=0.006, alpha=3e3, delta=340.0, gamma=90.0)
 FS, STATED = 256.0, Structured(modes=(18.8, 57.2))
-# delta times the joint's motion reaches 0.3 to 1 in either mode's sweeps.
+# delta times the joint's motion reaches 0.3 to 1 in the sweeps of each mode.
 LEVELS = {"low": (14.0, 24.0, (0.8, 1.2, 2.0)), "high": (50.0, 64.0, (4.0, 7.0, 12.0))}
 
 
 def truth():
-    """Parameters by the names that a campaign has for them, of the structure's shapes alone."""
+    """Return the true parameters by their names in a campaign, from the shapes alone."""
     modes = modal_truth(SHAPES)
     first, second = ({name: values[i] for name, values in modes.items()} for i in (0, 1))
     found = {"omega_n": first["omega_n"], "zeta": first["zeta"], "gain": first["b"]}
@@ -38,12 +38,12 @@ def truth():
 
 
 def truth_at_wing():
-    """What the further point sees of either mode over the first point, by the shapes alone."""
+    """Return the motion of the second point relative to the first in each mode, from the shapes."""
     return {f"point_2_{i + 1}": float(x) for i, x in enumerate(WING / SHAPES.output)}
 
 
 def swept(names, *, duration=4.0, seed=1, noise_ratio=0.01, shapes=SHAPES):
-    """Campaign of some of the sweeps, `low_0` to `high_2`, two repeats each."""
+    """Return a campaign with some of the sweeps, `low_0` to `high_2`, with two repeats each."""
     plans = tuple(
         Plan(f"{band}_{i}", "sweep", Sweep(*ends, level, burst=0.75 * duration, fade=0.2,
              duration=duration), 2, sources=("force",))
@@ -60,7 +60,7 @@ def swept(names, *, duration=4.0, seed=1, noise_ratio=0.01, shapes=SHAPES):
 
 
 def at_two_points(names, *, seed=1, duration=4.0):
-    """The same sweeps, the velocity measured at a further point too, by another laser."""
+    """Return the sweeps with the velocity also measured at a second point, by another laser."""
     first = swept(names, duration=duration, seed=seed)
     there = SHAPES._replace(output=WING)
     other = swept(names, duration=duration, seed=seed + 1000, shapes=there)

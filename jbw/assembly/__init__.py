@@ -1,1 +1,1 @@
-"""Matrices of a finite-element model, reduced to modes and joints."""
+"""Matrices of finite-element models, and their reduction to modes and joints."""

@@ -11,9 +11,9 @@ from jbw.report.messages import matrices as messages
 
 TRANSLATIONS = ("x", "y", "z")
 ROTATIONS = ("rx", "ry", "rz")
-SCALAR = "s"  # a coordinate of a superelement's mode, or a scalar point
-ROW = "row"  # the row's number, counted from 1, where there is no table
-# Directions as programs write them; numbers 1 to 6 as Abaqus and Nastran do, 0 of a scalar point.
+SCALAR = "s"  # a modal coordinate of a superelement, or a scalar point
+ROW = "row"  # the number of the row, counted from 1, if there is no table
+# Directions as programs write them: numbers 1 to 6 as in Abaqus and Nastran, 0 for a scalar point.
 _SPELLINGS = (
     {name: name for name in (*TRANSLATIONS, *ROTATIONS, SCALAR, ROW)}
     | {f"u{name}": name for name in TRANSLATIONS}
@@ -22,15 +22,15 @@ _SPELLINGS = (
     | {f"ur{name[1]}": name for name in ROTATIONS}
     | {str(i): name for i, name in enumerate((SCALAR, *TRANSLATIONS, *ROTATIONS))}
 )
-_LISTED = 5  # nearest nodes of a message
+_LISTED = 5  # number of nearest nodes that a message lists
 
-# "17:rx", "17:rx*0.0025", a sequence of them, which is their sum, or their factors by name.
+# One term "17:rx" or "17:rx*0.0025", a sequence of terms (their sum), or factors by name.
 Place = str | Sequence[str] | Mapping[str, float]
 Weights = Float[np.ndarray, " dof"]
 
 
 class Dof(NamedTuple):
-    """One degree of freedom."""
+    """A degree of freedom: a node and a direction."""
 
     node: str
     direction: str
@@ -40,10 +40,10 @@ class Dof(NamedTuple):
 
 
 def dof_of(node: object, direction: object) -> Dof:
-    """Return a degree of freedom as files state it, with numbers or names.
+    """Return a degree of freedom from a node and a direction, as numbers or names of a file.
 
     Raises:
-        DataError: No such direction.
+        DataError: There is no such direction.
     """
     spelling = str(direction).strip().lower()
     spelling = spelling.removesuffix(".0")
@@ -62,7 +62,7 @@ def numbered_rows(size: int) -> tuple[Dof, ...]:
 
 
 def require_distinct(dofs: Sequence[Dof]) -> None:
-    """Raise where two rows have one node and direction."""
+    """Raise if two rows have the same node and direction."""
     rows: dict[Dof, int] = {}
     for i, dof in enumerate(dofs):
         if dof in rows:
@@ -75,12 +75,12 @@ def require_distinct(dofs: Sequence[Dof]) -> None:
 
 
 def weights_at(place: Place, dofs: Sequence[Dof], what: str) -> Weights:
-    """Return the weights w of a place, whose motion is w^T q.
+    """Return the weights w of a place in the model, whose motion is w^T q.
 
     Args:
-        place: As `Place` says.
-        dofs: Of the model, one a row.
-        what: How messages name the place, such as "Joint `bolt 1`".
+        place: Terms of the place, in a form of `Place`.
+        dofs: Degree of freedom of every row of the model.
+        what: Name of the place in messages, such as "Joint `bolt 1`".
 
     Raises:
         ConfigError: A term cannot be read, or the model has no such degree of freedom.
@@ -98,8 +98,8 @@ def terms_of(place: Place, what: str) -> list[tuple[Dof, float]]:
     """Return the degrees of freedom of a place and their factors.
 
     Args:
-        place: As `Place` says.
-        what: How messages name the place.
+        place: Terms of the place, in a form of `Place`.
+        what: Name of the place in messages.
 
     Raises:
         ConfigError: A term cannot be read.
@@ -146,7 +146,7 @@ def _absent(dof: Dof, dofs: Sequence[Dof], what: str) -> ConfigError:
 
 
 def _nearest(node: str, dofs: Sequence[Dof]) -> list[str]:
-    """Return the nodes of the nearest numbers, or the first ones where nodes are no numbers."""
+    """Return the nodes with the nearest numbers, or the first nodes if names are no numbers."""
     nodes = list(dict.fromkeys(dof.node for dof in dofs))
     numbered = [name for name in nodes if name.lstrip("-").isdigit()]
     if node.lstrip("-").isdigit() and numbered:

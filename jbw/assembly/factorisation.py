@@ -10,13 +10,13 @@ import scipy.sparse.linalg
 from jbw.errors import ModelError
 
 DENSE_BELOW = 500  # degrees of freedom
-# A `scipy.sparse.csc_array`, whose stubs type checkers do not follow.
+# This is a `scipy.sparse.csc_array`, whose stubs type checkers do not follow.
 Sparse = Any
-Solve = Callable[[np.ndarray], np.ndarray]  # of one load or of several, a column each
+Solve = Callable[[np.ndarray], np.ndarray]  # of one load, or of several as columns
 
 
 def solver_of(matrix: Sparse) -> Solve:
-    """Return a solver for a positive definite matrix that is factored once.
+    """Return a solver for a positive definite matrix, which is factored only once.
 
     Raises:
         ModelError: The matrix is singular.
@@ -37,8 +37,8 @@ def solver_of(matrix: Sparse) -> Solve:
 def negative_pivots(matrix: Sparse) -> np.ndarray:
     """Return rows of negative pivots of L D L^T: as many as negative eigenvalues (Sylvester's law).
 
-    Where the elimination must leave the diagonal, the row is the largest component of the lowest
-    eigenvector instead, and there is none where its eigenvalue is positive.
+    If the elimination must leave the diagonal, the only row is that of the largest component of the
+    lowest eigenvector, and there is none if its eigenvalue is positive.
     """
     try:
         factor = _factored(matrix)
@@ -55,7 +55,7 @@ def negative_pivots(matrix: Sparse) -> np.ndarray:
 
 
 def _factored(matrix: Sparse) -> scipy.sparse.linalg.SuperLU:
-    """Factor the matrix along its diagonal in an order with little fill."""
+    """Factor a symmetric matrix along its diagonal, in an order with little fill-in."""
     return scipy.sparse.linalg.splu(
         matrix,
         permc_spec="MMD_AT_PLUS_A",

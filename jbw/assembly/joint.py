@@ -1,4 +1,4 @@
-"""A joint of an assembled structure: where it acts, its stuck stiffness and its laws."""
+"""Joints of an assembled structure: their places, stuck stiffnesses and laws."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,26 +11,26 @@ _ROUND_OFF = 1e-9
 
 @dataclass(frozen=True, init=False)
 class Joint:
-    r"""A scalar joint $F_j(x_j)$ with $x_j = w_j^Tq$.
+    r"""A scalar joint $F_j(x_j)$ with the relative motion $x_j = w_j^Tq$.
 
     Attributes:
-        name: Its name.
+        name: Name of the joint.
         weights: Factors w_j by degree of freedom, such as {"17:rx": 0.0025, "112:rx": 0.0025} [-,
             or m/rad].
-        stiffness: Stiffness k_j in full stick [N/m, or N m/rad].
-        laws: Laws across the joint in physical units; what k_j has beyond their stiffness of rest
-            stays linear. None where the joint is linear or its law is to be identified.
+        stiffness: Stiffness k_j of the fully stuck joint [N/m, or N m/rad].
+        laws: Laws across the joint in physical units; the part of k_j beyond their stiffness at
+            rest stays linear. Empty if the joint is linear or its law is to be identified.
 
     Args:
-        name: Its name.
-        weights: As above, or terms "node:direction*factor"; either this or `across`.
-        across: Two degrees of freedom: x_j is the second less the first.
-        stiffness: As above.
-        laws: As above.
+        name: Name of the joint.
+        weights: Factors as above, or terms "node:direction*factor"; either this or `across`.
+        across: Two degrees of freedom: x_j is the second minus the first.
+        stiffness: Stiffness as above.
+        laws: Laws as above.
 
     Raises:
         ConfigError: Both `weights` and `across` are given, or neither.
-        ModelError: The stiffness is not positive, or the laws take more than all of it.
+        ModelError: The stiffness is not positive, or the laws' stiffness exceeds it.
 
     Examples:
         The displacement of a joint across two degrees of freedom is the second less the first:

@@ -1,9 +1,8 @@
-r"""Units of a joint in a consistent system: its motion x_j, its force and its laws' parameters.
+r"""The units of a joint in a consistent system: its motion x_j, force and law parameters.
 
-The motion $x_j = w_j^Tq$ is a length, or an angle where it is the rotation of one node less that
-of another. In units of $\ell$ metres, $e$ joules and $\tau$ seconds, x_j is in units of
-$X = \ell$ of a length and $X = 1$ of an angle, and the joint's force, which does work on x_j, in
-units of $e/X$.
+The motion $x_j = w_j^Tq$ is a length, or an angle if it is the rotation of one node relative to
+another. In units of $\ell$ metres, $e$ joules and $\tau$ seconds, x_j is in units of $X = \ell$ for
+a length and $X = 1$ for an angle. The joint's force, which does work on x_j, is in units of $e/X$.
 """
 
 from collections.abc import Sequence
@@ -17,28 +16,28 @@ Terms = Sequence[tuple[Dof, float]]
 
 
 class JointUnits(NamedTuple):
-    """Units of one joint's motion and force."""
+    """The units of one joint's motion and force."""
 
     motion: float  # [m, or rad]
     force: float  # [N, or N m]
     time: float  # [s]
-    length: float  # of the system [m]
-    names: tuple[str, str, str]  # of force, motion and time
+    length: float  # of the system of units [m]
+    names: tuple[str, str, str]  # of units of force, motion and time
 
     def value(self, si: Any, unit: str, power_of_length: Any = 0.0) -> Any:
-        """Return a number in these units.
+        """Return a parameter's value in the units of this joint.
 
         Args:
-            si: The same in SI, where forces are in newtons and motions in metres.
-            unit: Its SI unit there, such as `N/m`.
-            power_of_length: Its power of length in addition to the unit.
+            si: Value in SI, where forces are in newtons and motions in metres.
+            unit: SI unit of that value, such as `N/m`.
+            power_of_length: Power of length of the value, in addition to that of its unit.
         """
         force, motion, time = _powers(unit)
         scale = self.force**force * self.motion ** (motion + power_of_length) * self.time**time
         return si / scale
 
     def unit(self, unit: str) -> str:
-        """Name in these units of a unit in newtons, metres and seconds: `N/m` is `N m/rad`."""
+        """Return the name of an SI unit in these units, such as `N m/rad` for `N/m`."""
         powers = zip(self.names, _powers(unit), strict=True)
         factors = [(name, power) for name, power in powers if power]
         above = " ".join(_raised(name, p) for name, p in factors if p > 0) or "1"
@@ -50,7 +49,7 @@ class JointUnits(NamedTuple):
 
 
 def joint_units(system: str, *, rotates: bool) -> JointUnits:
-    """Return the units of a joint that moves by a length, or that rotates."""
+    """Return the units of a joint that moves by a length or, with `rotates`, by an angle."""
     units = system_named(system)
     force, length, time = units.names
     if rotates:
@@ -61,7 +60,7 @@ def joint_units(system: str, *, rotates: bool) -> JointUnits:
 
 
 def rotates(terms: Terms) -> bool:
-    """Return whether a joint's motion is the rotation of nodes against each other, in radians."""
+    """Return True if a joint's motion is a relative rotation of nodes, in radians."""
     return all(dof.direction in ROTATIONS and abs(weight) == 1.0 for dof, weight in terms)
 
 

@@ -1,13 +1,13 @@
-r"""Mass, stiffness and damping of a model in SI, as a value that is checked once.
+r"""The mass, stiffness and damping of a model in SI, as a value that is checked once.
 
-Of the damping matrix in modes in full stick, dashpots across joints are read:
+Dashpots across joints are determined from the damping matrix in the modes with stuck joints:
 
 $$C = aM + bK_s + \sum_jd_jw_jw_j^T \quad\Rightarrow\quad
   \phi_i^TC\phi_k = (a + b\omega_i^2)\,\delta_{ik} + \sum_jd_jH_{ji}H_{jk}$$
 
-A matrix that a model states as $b$ times the stiffness of the structure with its joints cut,
-$C = bK$, has $d_j = -bk_j$. Of a matrix of this form a dashpot $d_j$ across each joint is exact; of
-any other one the part beside the diagonal is left out.
+A matrix that a model states as $b$ times the stiffness of the structure with its joints cut, $C =
+bK$, has $d_j = -bk_j$. For a matrix of this form, a dashpot $d_j$ across each joint is exact; for
+any other matrix the off-diagonal part is neglected.
 """
 
 import warnings
@@ -27,12 +27,13 @@ from jbw.errors import DataError, ModelError
 from jbw.report.messages import matrices as messages
 
 _ROUND_OFF, _ASYMMETRIC = 1e-10, 1e-6  # of sqrt(A_ii A_jj)
-_SEMIDEFINITE = 1e-12  # of the diagonal, added before the pivots of a mass matrix are counted
+# Part of the diagonal that is added before negative pivots of a mass matrix are counted.
+_SEMIDEFINITE = 1e-12
 _POWER_OF_TIME = {"K": 0, "C": 1, "M": 2}
-_FORM = 1e-8  # of the norm of C, each row over the root of K_s: what the form may leave
-_NONE = 1e-9  # of the largest modal damping: dashpots below are round-off
-_COUPLED = 0.1  # off-diagonal damping that is warned of
-_SAID = 1e-6  # that is said
+_FORM = 1e-8  # of the norm of C, with rows over the root of K_s: largest residual of the form
+_NONE = 1e-9  # of the largest modal damping: smaller dashpots are round-off
+_COUPLED = 0.1  # off-diagonal damping above which a warning is given
+_SAID = 1e-6  # off-diagonal damping above which a note is made
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,10 +44,10 @@ class MatrixModel:
         mass: M, symmetric [kg, kg m, kg m^2].
         stiffness: K, symmetric [N/m, N/rad, N m/rad].
         dofs: Node and direction of every row.
-        damping: C; None where the model has none.
-        units: System in which the matrices were given.
-        notes: What was changed or assumed, a sentence each.
-        positions: Where nodes lie [m]; None where that is not known.
+        damping: C; None if the model has none.
+        units: System of units in which the matrices were given.
+        notes: Sentences on changes and assumptions.
+        positions: Positions of the nodes [m]; None if unknown.
 
     Examples:
         Matrices in N, mm, t and s are kept in SI, so that 0.001 t is 1 kg and 10 N/mm is 1e4 N/m:
@@ -69,12 +70,12 @@ class MatrixModel:
 
     @property
     def num_dofs(self) -> int:
-        """Number of rows."""
+        """The number of rows, or degrees of freedom."""
         return len(self.dofs)
 
     @property
     def massless(self) -> np.ndarray:
-        """Rows whose mass is zero throughout."""
+        """The numbers of the rows (degrees of freedom) without mass."""
         return np.flatnonzero(abs(self.mass).sum(axis=0) == 0)
 
     def __repr__(self) -> str:
@@ -92,16 +93,16 @@ def matrix_model(
     damping: Any = None,
     nodes: Mapping[str, tuple[float, float, float]] | None = None,
 ) -> MatrixModel:
-    """Return a model of matrices, dense or sparse, with what `read_matrices` checks of files.
+    """Return a model from matrices, dense or sparse, with all checks that `read_matrices` makes.
 
     Args:
-        mass: M.
-        stiffness: K.
+        mass: Mass matrix M.
+        stiffness: Stiffness matrix K.
         units: A system of `jbw.assembly.units.SYSTEMS`, such as "SI" or "N-mm-t-s".
-        dofs: Node and direction of every row, as pairs or "node:direction"; rows counted from 1,
-            named "1:row", where there is no table.
-        damping: C, if any.
-        nodes: Where nodes lie, in the unit of length of the matrices; for pictures alone.
+        dofs: Node and direction of every row, as pairs or "node:direction"; without a table, rows
+            are counted from 1 and named "1:row".
+        damping: Damping matrix C, if any.
+        nodes: Positions of nodes, in the unit of length of the matrices; used only for pictures.
 
     Raises:
         ConfigError: The system of units is unknown, or needs a table of degrees of freedom.
@@ -160,7 +161,7 @@ def _row(dof: Dof | tuple[Any, Any] | str) -> Dof:
 
 
 def _square(name: str, matrix: Any) -> Sparse:
-    """Return a matrix as a sparse one of float64, checked for shape and finite numbers."""
+    """Return a matrix as a sparse float64 matrix, checked for shape and finite numbers."""
     stored = _sparse(matrix if sp.issparse(matrix) else np.atleast_2d(np.asarray(matrix)))
     if np.iscomplexobj(stored.data):
         raise DataError(
@@ -188,7 +189,7 @@ def _sparse(matrix: Any) -> Sparse:
 
 
 def _symmetrised(name: str, matrix: Sparse, dofs: Sequence[Dof]) -> tuple[Sparse, str]:
-    """Return the symmetric part, and a sentence where that changed more than round-off."""
+    """Return a matrix's symmetric part, and a sentence if that changed more than round-off."""
     size = np.sqrt(np.abs(matrix.diagonal()))
     largest = max(float(size.max()), float(np.sqrt(abs(matrix).max())) if matrix.nnz else 0.0)
     size[size == 0.0] = largest or 1.0
@@ -219,7 +220,7 @@ def _is_triangle(matrix: Sparse) -> bool:
 
 
 def _require_semidefinite_mass(mass: Sparse, dofs: Sequence[Dof]) -> None:
-    """Raise for a mass matrix with a negative direction; rows of zeros are massless degrees."""
+    """Raise if a mass matrix has a negative direction; rows of zeros are massless and allowed."""
     diagonal = mass.diagonal()
     carries = np.flatnonzero(abs(mass).sum(axis=0) > 0)
     if carries.size == 0:
@@ -240,14 +241,14 @@ def _require_semidefinite_mass(mass: Sparse, dofs: Sequence[Dof]) -> None:
 
 
 class ModalDamping(NamedTuple):
-    """Damping of the modes of unit modal mass.
+    """The damping of the modes of unit modal mass.
 
     Attributes:
-        zeta: Damping ratios of the kept modes, by the diagonal alone [-]; 0 of rigid-body modes.
-        mass_factor: a [1/s]; None where C has not the form above.
+        zeta: Damping ratios of the kept modes, from the diagonal alone [-]; 0 for rigid-body modes.
+        mass_factor: a [1/s]; None if C does not have the form above.
         stiffness_factor: b [s].
-        dashpots: d_j of every joint [N s/m]; zeros where C has not the form above.
-        notes: What was left out, a sentence each.
+        dashpots: d_j of every joint [N s/m]; zeros if C does not have the form above.
+        notes: Sentences on what was neglected.
     """
 
     zeta: Float[np.ndarray, " kept"]
@@ -265,10 +266,10 @@ def modal_damping(
     modes: StuckModes,
     names: Sequence[str],
 ) -> ModalDamping:
-    """Return the damping ratios by C's diagonal, and dashpots where they are all that is beside it.
+    """Return damping ratios from C's diagonal, and dashpots if they explain all off-diagonal terms.
 
     Raises:
-        ModelError: C gives energy to a mode.
+        ModelError: C supplies energy to a mode.
     """
     elastic = modes.omega > 0
     reduced = modes.shapes.T @ (damping @ modes.shapes)
@@ -297,7 +298,7 @@ def modal_damping(
 def _of_form(
     damping: Sparse, mass: Sparse, stiffness: Sparse, across: np.ndarray
 ) -> np.ndarray | None:
-    """Fit a, b and d_j by least squares; None where the residual of C exceeds round-off."""
+    """Fit a damping matrix by mass, stiffness and dashpots; None if the residual is too large."""
     size = np.sqrt(np.abs(stiffness.diagonal()))
     scale = sp.diags_array(1 / np.where(size > 0, size, 1.0))
     weights = sp.csc_array(across)
@@ -314,7 +315,7 @@ def _of_form(
 
 
 def _left_out(reduced: np.ndarray, diagonal: np.ndarray) -> tuple[str, ...]:
-    """Return the largest damping beside the diagonal, with a warning where it is large."""
+    """Return a note on the largest off-diagonal damping, if any; warn if it is large."""
     size = np.sqrt(np.where(diagonal > 0, diagonal, np.inf))
     coupling = np.abs(reduced) / np.outer(size, size)
     np.fill_diagonal(coupling, 0.0)

@@ -1,4 +1,4 @@
-r"""Reduction of a model with joints to its modes in full stick and its residual modes.
+r"""Reduction of a model with joints to modes with fully stuck joints, and residual modes.
 
 $$M\ddot q + C\dot q + K_sq + \sum_j w_jr_j = Bu, \quad x_j = w_j^Tq, \quad r_j = F_j(x_j) - k_jx_j,
   \quad K_s = K + \sum_jk_jw_jw_j^T$$
@@ -33,37 +33,38 @@ from jbw.assembly.stuck_modes import (
 from jbw.errors import ConfigError, ModelError
 from jbw.report.messages import matrices as messages
 
-_SLOWEST_RESIDUAL = 5.0  # times to_hz
-_STILL = 1e-9  # of the motion of its degrees of freedom: a joint that a mode does not move
-_PARALLEL = 1e-10  # 1 - |cos| of the weights of two joints
-_ROUND_OFF = 1e-6  # of energy shares beyond 1
+_SLOWEST_RESIDUAL = 5.0  # largest frequency of slowed residual modes, in multiples of to_hz
+# Motion of a joint, over that of its degrees of freedom, below which a mode does not move it.
+_STILL = 1e-9
+_PARALLEL = 1e-10  # 1 - |cos| between the weights of two joints at one place
+_ROUND_OFF = 1e-6  # tolerance of energy shares beyond 1
 _PLAUSIBLE_HZ = (1e-2, 1e5)
 _SHOWN = 5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReducedModel:
-    """Modes in full stick with residual modes, all of unit modal mass, in SI.
+    """The modes of the fully stuck structure and residual modes, of unit modal mass, in SI.
 
-    Kept modes come first; residual modes follow, with the same equations.
+    Kept modes come first; residual modes follow and obey the same equations.
 
     Attributes:
-        omega: Natural frequencies, joints in full stick [rad/s].
+        omega: Natural frequencies with fully stuck joints [rad/s].
         zeta: Damping ratios [-].
-        H: Motion of each joint by a unit of each mode [1/sqrt(kg), or rad/(m sqrt(kg))].
-        b: What the input does to each mode [1/sqrt(kg)].
-        c: What each output sees of the modes [1/sqrt(kg)].
-        joints: The joints, a row of H each.
-        outputs: Names of the outputs, a row of c each.
+        H: Motion of each joint per unit of each mode [1/sqrt(kg), or rad/(m sqrt(kg))].
+        b: Effect of the input on each mode [1/sqrt(kg)].
+        c: Motion of each output per unit of each mode [1/sqrt(kg)].
+        joints: Joints, one per row of H.
+        outputs: Names of the outputs, one per row of c.
         num_kept: Number of kept modes.
         residual_flexibility: R_JJ = W^T K_s^-1 W - H Lambda^-1 H^T of the kept modes [m/N].
         flexibility: W^T K_s^-1 W, without rigid-body modes [m/N].
-        notes: What was changed or assumed, a sentence each.
-        matrices: The model that was reduced.
-        shapes: Its kept modes [1/sqrt(kg)].
-        holds_joints: Whether its K holds the joints in full stick.
-        dashpots: Coefficient of a dashpot across each joint, whose part on the diagonal is in
-            `zeta` and whose coupling of modes `structure` has besides [N s/m].
+        notes: Sentences on changes and assumptions.
+        matrices: Model that was reduced.
+        shapes: Shapes of the kept modes [1/sqrt(kg)].
+        holds_joints: Whether its K contains the stiffness of the fully stuck joints.
+        dashpots: Coefficient of a dashpot across each joint [N s/m]. Its diagonal part is in
+            `zeta`; `structure` also contains its coupling of modes.
 
     Examples:
         The virtual lapped beams have two joints; five modes lie below 1000 Hz:
@@ -95,21 +96,21 @@ class ReducedModel:
 
     @property
     def stiffness(self) -> Float[np.ndarray, " joint"]:
-        """Stiffness of every joint in full stick [N/m]."""
+        """The stiffness of every fully stuck joint [N/m]."""
         return np.array([joint.stiffness for joint in self.joints])
 
     @property
     def frequencies_hz(self) -> Float[np.ndarray, " kept"]:
-        """Natural frequencies of the kept modes, joints in full stick [Hz]."""
+        """The natural frequencies of the kept modes with fully stuck joints [Hz]."""
         return self.omega[: self.num_kept] / (2 * np.pi)
 
     def frequencies_at(self, stiffness: Sequence[float] | np.ndarray) -> np.ndarray:
-        r"""Return the natural frequencies where the joints have other stiffnesses [Hz].
+        r"""Return the natural frequencies for other stiffnesses of the joints [Hz].
 
-        Eigenvalues of $\Lambda + H^T\,\mathrm{diag}(\kappa_j - k_j)\,H$.
+        These are the eigenvalues of $\Lambda + H^T\,\mathrm{diag}(\kappa_j - k_j)\,H$.
 
         Args:
-            stiffness: kappa_j of every joint [N/m]; zeros of joints that are free.
+            stiffness: Stiffness kappa_j of every joint [N/m]; zero for a free joint.
         """
         change = np.asarray(stiffness, float) - self.stiffness
         matrix = np.diag(self.omega**2) + (self.H.T * change) @ self.H
@@ -142,19 +143,19 @@ def reduce(
     holds_joints: bool = False,
     slow_residual_modes: bool = True,
 ) -> ReducedModel:
-    """Compute modes with joints in full stick, and residual modes of joints and input.
+    """Compute the modes with fully stuck joints, and residual modes of joints and input.
 
     Args:
         model: Matrices of the structure.
-        joints: Its joints.
+        joints: Joints of the structure.
         to_hz: Highest frequency of the kept modes [Hz].
-        input: Where the source pushes: "node:direction", or a weighted sum.
-        outputs: Name to place of every response.
-        zeta: Damping ratio of all modes, or one a kept mode, of which residual modes take the last;
-            None takes those of the model's damping matrix.
-        holds_joints: K holds the joints' stiffness already, and is not added to.
-        slow_residual_modes: Residual modes beyond 5 `to_hz` are slowed to it, which keeps their
-            static part and saves time steps.
+        input: Place where the source pushes: "node:direction", or a weighted sum.
+        outputs: Place of every response, by name.
+        zeta: Damping ratio of all modes, or one per kept mode, with the last for residual modes;
+            None takes the ratios from the model's damping matrix.
+        holds_joints: Whether K already contains the joints' stiffness, so that none is added.
+        slow_residual_modes: Whether residual modes beyond 5 `to_hz` are slowed to that frequency,
+            which keeps their static part and saves time steps.
 
     Returns:
         The modes.
@@ -162,7 +163,7 @@ def reduce(
     Raises:
         ConfigError: A place is not in the model, a joint does not move, two joints are at the same
             place, or damping is not stated.
-        ModelError: K is indefinite, or does not hold the joints although it should.
+        ModelError: K is indefinite, or does not contain the joints although it should.
 
     Examples:
         Oscillators of 1 kg and 2e4 N/m, joined by 1e4 N/m, have modes at sqrt(2e4) and sqrt(4e4):
@@ -219,9 +220,9 @@ def reduce(
 
 
 def structure_of_joints(reduced: ReducedModel) -> Any:
-    """Return the `jbw.Structure` of a reduced model: one joint as numbers a mode, several as rows.
+    """Return the `jbw.Structure` of a reduced model, in the form for one joint or for several.
 
-    Dashpots stand across the joints, and modes have what is left of the damping ratios.
+    Dashpots act across the joints, and modes have the rest of their damping ratios.
     """
     from jbw.oscillator.laws.dashpot import Dashpot  # load JAX
     from jbw.oscillator.modes.structure import Structure
@@ -265,7 +266,7 @@ def _residual_basis(
 
 
 def _stuck(stiffness: Sparse, joints: Sequence[Joint], across: np.ndarray) -> Sparse:
-    """Return the stiffness matrix K_s = K + sum k_j w_j w_j^T."""
+    """Return the stiffness matrix with stuck joints, K_s = K + sum k_j w_j w_j^T."""
     weights = sp.csc_array(across)
     springs = sp.diags_array(np.array([joint.stiffness for joint in joints]))
     return sp.csc_array(stiffness + weights @ springs @ weights.T)
@@ -311,9 +312,10 @@ def _damping(
 def _of_every_mode(
     damping: ModalDamping, omega: np.ndarray, H: np.ndarray
 ) -> Float[np.ndarray, " mode"]:
-    """Return the damping ratios of the kept modes and of residual ones, which take the last.
+    """Return the damping ratios of all modes; residual modes take the last kept mode's.
 
-    By a damping matrix of mass, stiffness and dashpots those of residual modes are known too.
+    If the damping matrix consists of mass, stiffness and dashpot terms, it gives those of residual
+    modes, too.
     """
     residual = omega[damping.zeta.size :]
     if damping.mass_factor is None:
@@ -344,7 +346,7 @@ def _require_names(joints: Sequence[Joint], to_hz: float) -> None:
 
 
 def _require_moving(joints: Sequence[Joint], across: np.ndarray) -> None:
-    """Raise for weights that cancel, and for two joints at one place."""
+    """Raise if the weights of a joint cancel, or if two joints are at the same place."""
     norms = np.linalg.norm(across, axis=0)
     for joint, norm in zip(joints, norms, strict=True):
         if norm == 0:
@@ -373,7 +375,7 @@ def _immovable(joint: Joint, reason: str) -> ConfigError:
 def _require_participation(
     joints: Sequence[Joint], across: np.ndarray, modes: StuckModes, dofs: Sequence[Dof]
 ) -> None:
-    """Raise for a joint that no kept mode moves, warn of one that a rigid-body mode moves."""
+    """Raise if no kept mode moves a joint; warn if a rigid-body mode moves one."""
     motion = across.T @ modes.shapes
     rotates = np.array([dof.direction in ("rx", "ry", "rz") for dof in dofs])
     reach = np.zeros(len(dofs))
@@ -393,7 +395,7 @@ def _require_participation(
 
 
 def _require_shares(joints: Sequence[Joint], across: np.ndarray, modes: StuckModes) -> None:
-    r"""Raise where the joints store more than all of a mode's strain energy."""
+    r"""Raise if the joints store more than the whole strain energy of a mode."""
     springs = np.array([joint.stiffness for joint in joints])
     energy = springs @ (across.T @ modes.shapes) ** 2
     floor = modes.omega[modes.omega > 0].min(initial=np.inf) ** 2
@@ -410,7 +412,7 @@ def _require_shares(joints: Sequence[Joint], across: np.ndarray, modes: StuckMod
 
 
 def _require_plausible(modes: StuckModes, units: str) -> None:
-    """Warn of a first elastic frequency that no bolted structure has."""
+    """Warn if the first elastic frequency is implausible for a bolted structure."""
     elastic = modes.omega[modes.omega > 0]
     if elastic.size == 0:
         return

@@ -1,13 +1,13 @@
-r"""The joints that given modes can tell apart, before any test.
+r"""The joints that given modes can separate, determined before any test.
 
-Weak motion of mode i at amplitude a tells two numbers alone, its softening and its losses:
+Small motion of mode i at amplitude a determines only two numbers, its softening and its losses:
 
 $$\omega^2 - \omega_i^2 = -c_q a^q \sum_j B_{ij}S_j, \qquad
   2\omega^2(\zeta - \zeta_i) = d_q a^q \sum_j B_{ij}O_j, \qquad B_{ij} = |H_{ji}|^{2+q}$$
 
 with $q = 1$, $S_j = \alpha_j\delta_j$ and $O_j = \alpha_j\gamma_j$ for Bouc-Wen laws, and
-$q = 1 + \chi$ for power laws. As many joints can be told apart as B has rank, and its condition
-number multiplies the noise.
+$q = 1 + \chi$ for power laws. The rank of B is the number of joints that can be separated, and its
+condition number multiplies the noise.
 """
 
 from collections.abc import Sequence
@@ -23,21 +23,21 @@ from jbw.report.messages import matrices as messages
 
 INSEPARABLE_DEGREES = 5.0  # between columns of B
 _SHOWN_DEGREES = 0.1
-_MOVES = 1e-9  # energy share, or square of the relative motion: less is round-off of a mode
+_MOVES = 1e-9  # energy share, or square of relative motion: less is round-off
 
 Likeness = Literal["same motion", "mirror images"]
 
 
 class InseparablePair(NamedTuple):
-    """Two joints whose columns of B are alike.
+    """A pair of joints with nearly parallel columns of B.
 
     Attributes:
         first: Index of the first joint.
         second: Index of the second joint.
         degrees: Angle between their columns of B.
-        likeness: "same motion": their motions are the same up to one factor in every mode, so that
-            no sensor elsewhere tells them apart. "mirror images": the signs differ between modes;
-            single modes tell their sum alone, and motion of several modes at once their difference.
+        likeness: "same motion": their motions are equal up to one factor in every mode, so that no
+            other sensor can separate them. "mirror images": the signs differ between modes; single
+            modes determine only their sum, and motion of several modes at once their difference.
     """
 
     first: int
@@ -48,16 +48,16 @@ class InseparablePair(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JointSeparability:
-    """B of some modes and joints, and what it tells.
+    """The matrix B of modes and joints, which determines the joints that the modes can separate.
 
     Attributes:
         modes: Indices of the modes, the rows of B.
         joints: Names of the joints, the columns of B.
         participation: B_ij = |H_ji|^(2+q).
         condition: Condition number of B with rows of unit length, each mode read with the same
-            relative error; infinite where there are fewer modes than joints.
-        angles: Angles between the columns of that [degrees].
-        inseparable: Pairs of joints that these modes do not tell apart.
+            relative error; infinite if there are fewer modes than joints.
+        angles: Angles between the columns of this matrix [degrees].
+        inseparable: Pairs of joints that these modes do not separate.
     """
 
     modes: tuple[int, ...]
@@ -69,14 +69,14 @@ class JointSeparability:
 
     @property
     def over_largest(self) -> Float[np.ndarray, "mode joint"]:
-        """B with every row over its largest entry, for tables."""
+        """The separability matrix B with every row divided by its largest entry, for tables."""
         return self.participation / self.participation.max(axis=1, keepdims=True)
 
     def loss_shares(self, opening: Sequence[float] | np.ndarray) -> np.ndarray:
-        """Share of each joint in the losses of every mode in weak motion.
+        """Return the share of each joint in the losses of every mode in small motion.
 
         Args:
-            opening: O_j of every joint, alpha_j gamma_j of Bouc-Wen laws.
+            opening: O_j of every joint, alpha_j gamma_j for Bouc-Wen laws.
         """
         losses = self.participation * np.asarray(opening, float)
         return losses / losses.sum(axis=1, keepdims=True)
@@ -99,10 +99,10 @@ class JointSeparability:
 
 
 def energy_shares(model: ReducedModel) -> Float[np.ndarray, "joint kept"]:
-    r"""Share of each joint in the strain energy of every kept mode, $k_jH_{ji}^2/\omega_i^2$.
+    r"""Return each joint's share of every kept mode's strain energy, $k_jH_{ji}^2/\omega_i^2$.
 
-    It does not depend on how modes and laws are scaled; over all joints it adds up to at most 1.
-    Rigid-body modes have none.
+    It does not depend on the scaling of modes and laws. The sum over all joints is at most 1, and
+    zero for rigid-body modes.
 
     Examples:
         A bolt of 1e4 N/m between two oscillators of 2e4 N/m holds no energy where they move alike,
@@ -132,15 +132,15 @@ def joint_separability(
     """Return B, its condition number, and the joints that some modes cannot separate.
 
     Args:
-        model: A reduced model, or the motion of every joint (row) by a unit of every mode.
-        modes: Indices of the modes that are swept, from 0; all that are kept and move a joint.
-        exponent: q, the power of the amplitude by which the joint softens: 1 for Bouc-Wen,
-            1 + chi for power laws.
-        groups: Number of a group for every joint: joints of one group share a law and have one
-            column of B, the sum of theirs. By default each joint is a group.
+        model: A reduced model, or the motion of every joint (row) per unit of every mode.
+        modes: Indices of the swept modes, from 0; by default all kept modes that move a joint.
+        exponent: Power q of the amplitude by which the joint softens: 1 for Bouc-Wen, 1 + chi for
+            power laws.
+        groups: Group number of every joint: joints of one group share a law and one column of B,
+            the sum of their columns. By default each joint is a group.
 
     Raises:
-        ConfigError: A mode is not among those of the model, or moves no joint.
+        ConfigError: A mode is not in the model, or moves no joint.
 
     Examples:
         Two modes of the virtual lapped beams separate the bolts: bolt 1 hardly moves in mode 2.
@@ -199,7 +199,7 @@ def _of_groups(
 def moving_modes(
     model: ReducedModel | Float[np.ndarray, "joint mode"],
 ) -> Bool[np.ndarray, " mode"]:
-    """Return the kept modes that move a joint beyond round-off, by energy share or motion."""
+    """Return True for kept modes that move a joint beyond round-off, by energy share or motion."""
     if isinstance(model, ReducedModel):
         return energy_shares(model).max(axis=0) > _MOVES
     H = np.atleast_2d(np.asarray(model, float))
@@ -215,10 +215,11 @@ def _condition(matrix: np.ndarray) -> float:
 
 
 def _angles(matrix: np.ndarray) -> np.ndarray:
-    """Return the angles between columns of a matrix, 90 degrees to a column of zeros."""
+    """Return the angles between a matrix's columns [degrees]; 90 for a column of zeros."""
     norms = np.linalg.norm(matrix, axis=0)
     unit = matrix / np.where(norms > 0, norms, 1.0)
-    # Of nearly parallel vectors by their difference: the arc cosine loses half of the digits.
+    # Small angles follow from differences of unit vectors: the arc cosine would lose half of the
+    # digits.
     apart = np.linalg.norm(unit[:, :, None] - unit[:, None, :], axis=0)
     angles = np.degrees(2 * np.arcsin(np.minimum(apart / 2, 1.0)))
     return np.where(np.outer(norms > 0, norms > 0), angles, 90.0)

@@ -1,9 +1,9 @@
-r"""Joints of one-mode readings by non-negative least squares, and the test of them.
+r"""Estimates of joints from single-mode readings by non-negative least squares, with their test.
 
 $$\min_{S \ge 0}\ (BS - s)^T\Sigma^{-1}(BS - s)$$
 
-where s_i is what a fit of mode i alone reads, with covariance Sigma. The minimum is chi-square with
-N - J degrees of freedom where these joints explain these modes.
+where s_i is the reading of a fit of mode i alone, with covariance Sigma. If these joints explain
+these modes, the minimum is distributed as chi-square with N - J degrees of freedom.
 
 Reference:
     Lawson and Hanson, Solving Least Squares Problems (1974), chapter 23.
@@ -20,7 +20,7 @@ from scipy.stats import chi2
 from jbw.assembly.separability import JointSeparability
 from jbw.errors import ConfigError
 
-BY_CHANCE = 0.01  # readings that other joints explain no worse: this share of tests errs
+BY_CHANCE = 0.01  # significance level: share of true explanations that the test rejects
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +28,11 @@ class JointStarts:
     """The estimates of all joints from readings of single modes.
 
     Attributes:
-        estimate: S_j or O_j of every joint, none negative.
-        standard_error: Of joints that are not at zero; nan of the others.
-        chi_square: Weighted sum of squares of what the joints do not explain.
-        degrees_of_freedom: Modes less joints.
-        p: Probability of a chi-square at least as large; nan without degrees of freedom.
+        estimate: S_j or O_j of every joint, not negative.
+        standard_error: Standard errors of joints that are not at zero; NaN for the others.
+        chi_square: Weighted sum of squares that the joints do not explain.
+        degrees_of_freedom: Number of modes minus number of joints.
+        p: Probability of a chi-square at least as large; NaN without degrees of freedom.
     """
 
     estimate: Float[np.ndarray, " joint"]
@@ -43,7 +43,7 @@ class JointStarts:
 
     @property
     def explains(self) -> bool | None:
-        """Whether these joints explain these modes; None where nothing is left to test."""
+        """Whether these joints explain these modes; None if there are no degrees of freedom."""
         return None if np.isnan(self.p) else self.p >= BY_CHANCE
 
 
@@ -55,10 +55,10 @@ def joint_starts(
     """Estimate non-negative S_j (or O_j) of every joint from readings of single modes.
 
     Args:
-        separability: B of the modes that were read.
-        readings: What the fit of each mode alone reads, alpha_i delta_i (or alpha_i gamma_i) of a
+        separability: Separability B of the modes that were read.
+        readings: Reading of the fit of each mode alone, alpha_i delta_i (or alpha_i gamma_i) for a
             mode of unit modal mass.
-        covariance: Of the readings.
+        covariance: Covariance of the readings.
 
     Raises:
         ConfigError: Shapes differ, there are fewer modes than joints, or the covariance is not
@@ -110,7 +110,7 @@ def joint_starts(
 
 
 def _errors(columns: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Return the standard errors of the joints that are not held at zero."""
+    """Return the standard errors of the joints that are not fixed at zero."""
     errors = np.full(free.size, np.nan)
     _, triangle = np.linalg.qr(columns[:, free])
     if np.all(np.abs(np.diag(triangle)) > 0):

@@ -1,14 +1,15 @@
-r"""Modes of the structure with all joints in full stick, and what they leave of a static load.
+r"""Modes of the structure with fully stuck joints, and the residual of a static load.
 
 $$K_s\phi_i = \omega_i^2 M\phi_i, \qquad \phi_i^T M\phi_j = \delta_{ij}$$
 
-By inverse iteration about a negative shift $\sigma$: $(K_s - \sigma M)$ is positive definite also
-where rigid-body modes make K_s singular, and where degrees of freedom have no mass. Massless
+They are found by inverse iteration about a negative shift $\sigma$: $(K_s - \sigma M)$ is positive
+definite even if rigid-body modes make K_s singular, or if degrees of freedom have no mass. Massless
 degrees of freedom follow statically, which is their exact condensation.
 
-What they leave is in residual attachment modes $\Psi$, made orthogonal: the solver takes them for
-further modes. With the generalised eigenvectors Y of $(\Psi^TK_s\Psi, \Psi^TM\Psi)$ the shapes
-$\Psi Y$ are orthogonal to each other and to the kept modes in M and in K_s.
+The residual is contained in residual attachment modes $\Psi$, made orthogonal so that the solver
+can treat them as additional modes. With the generalised eigenvectors Y of $(\Psi^TK_s\Psi,
+\Psi^TM\Psi)$ the shapes $\Psi Y$ are orthogonal to each other and to the kept modes in M and in
+K_s.
 
 Reference:
     Rubin, AIAA J. 13 (1975) 995.
@@ -26,22 +27,22 @@ from jbw.assembly.factorisation import DENSE_BELOW, Solve, Sparse, negative_pivo
 from jbw.errors import ConfigError, ModelError
 
 _SHIFT = 0.05  # of to_hz
-RIGID = 1e-4  # of to_hz: slower modes are those of a rigid body
-_BEYOND = 2  # modes beyond to_hz that are asked for, so that none below is missed
-_FIRST_GUESS = 12  # modes that are asked for first
+RIGID = 1e-4  # of to_hz: slower modes are rigid-body modes
+_BEYOND = 2  # requested modes beyond to_hz, so that none below is missed
+_FIRST_GUESS = 12  # number of modes that are requested first
 _SAME_FREQUENCY = 1e-6  # relative
 _MOST_SWEEPS = 50
-_TOLERANCE: Any = 1e-13  # of Lanczos; the stubs want an integer
-_DEPENDENT = 1e-10  # of the largest: columns and combinations below are left out
+_TOLERANCE: Any = 1e-13  # of Lanczos; the stubs require an integer
+_DEPENDENT = 1e-10  # of the largest: smaller columns and combinations are omitted
 
 
 class StuckModes(NamedTuple):
-    """Modes up to a frequency.
+    """The modes of the stuck structure up to a frequency.
 
     Attributes:
-        omega: Natural frequencies, ascending; 0 of a rigid-body mode [rad/s].
-        shapes: Mass-normalised shapes, a column each [1/sqrt(kg)].
-        solve: Solutions of (K_s - shift M) x = load.
+        omega: Natural frequencies, ascending; 0 for a rigid-body mode [rad/s].
+        shapes: Mass-normalised shapes, one per column [1/sqrt(kg)].
+        solve: Solver of (K_s - shift M) x = load.
         shift: Negative shift [rad^2/s^2].
     """
 
@@ -83,10 +84,10 @@ def stuck_modes(stiffness: Sparse, mass: Sparse, to_hz: float) -> StuckModes:
 def _lowest(
     shifted: Sparse, mass: Sparse, solve: Solve, limit: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return eigenvalues of (shifted, M) to a limit and some beyond, and mass-normalised shapes."""
+    """Return eigenvalues of (shifted, M) up to a limit and a few beyond, with shapes."""
     size = mass.shape[0]
     if size < DENSE_BELOW:
-        # M v = mu (K_s - shift M) v, mu = 1/eigenvalue; mu = 0 of massless degrees of freedom.
+        # M v = mu (K_s - shift M) v with mu = 1/eigenvalue; mu = 0 for massless degrees of freedom.
         reciprocals, vectors = scipy.linalg.eigh(mass.toarray(), shifted.toarray())
         order = np.argsort(-reciprocals)
         reciprocals, vectors = reciprocals[order], vectors[:, order]
@@ -110,7 +111,7 @@ def _lowest(
 
 
 def _require_positive(shifted: Sparse, stiffness: Sparse, mass: Sparse, shift: float) -> None:
-    """Raise where K_s has an eigenvalue below the shift."""
+    """Raise if K_s has an eigenvalue below the shift."""
     if negative_pivots(shifted).size == 0:
         return
     while negative_pivots(sp.csc_array(stiffness - shift * mass)).size:
@@ -136,7 +137,7 @@ def _indefinite(lowest: float) -> ModelError:
 
 
 def _require_all(stiffness: Sparse, mass: Sparse, eigenvalues: np.ndarray, limit: float) -> None:
-    """Raise where Lanczos has missed a mode, by Sylvester's count of eigenvalues below a limit."""
+    """Raise if Lanczos has missed a mode, by Sylvester's count of eigenvalues below a limit."""
     if mass.shape[0] < DENSE_BELOW:
         return
     below = int(np.sum(eigenvalues <= limit))
@@ -152,17 +153,18 @@ def _require_all(stiffness: Sparse, mass: Sparse, eigenvalues: np.ndarray, limit
 
 
 def _signed(shapes: np.ndarray) -> np.ndarray:
-    """Return shapes with a positive largest component; of equally large components, the first."""
+    """Return shapes with a positive largest component (the first of equally large components)."""
     sizes = np.abs(shapes)
     first = np.argmax(sizes >= (1 - _SAME_FREQUENCY) * sizes.max(axis=0), axis=0)
     return shapes * np.sign(shapes[first, np.arange(shapes.shape[1])])
 
 
 def rotated_clusters(modes: StuckModes, loads: Float[np.ndarray, "dof load"]) -> StuckModes:
-    """Return the modes of one frequency turned so that as few as possible move each load in turn.
+    """Return modes in which as few as possible of those with one frequency move each load in turn.
 
-    Of a pair, one mode alone moves the first load. Without this the participation factors of
-    coincident modes are arbitrary, and change with the last digit of the matrices.
+    Modes of equal frequency are rotated: in a pair, only one mode moves the first load. Otherwise
+    the participation factors of coincident modes are arbitrary, and change with the last digit of
+    the matrices.
     """
     shapes = modes.shapes.copy()
     begin = 0
@@ -190,8 +192,8 @@ def residual_shapes(
     $$\Psi = K_s^{-1}W - \Phi\Lambda^{-1}\Phi^TW$$
 
     by sweeps $x \leftarrow x + P(K_s-\sigma M)^{-1}(P^TW - K_sx)$, $P = I - \Phi\Phi^TM$, which
-    contract by $\sigma/(\omega^2-\sigma)$ of the first mode left out. Loads less what the kept
-    modes carry are in equilibrium, so that rigid-body modes need no other treatment.
+    contract by $\sigma/(\omega^2-\sigma)$ of the first omitted mode. Loads minus the part that the
+    kept modes carry are in equilibrium, so that rigid-body modes need no special treatment.
 
     Reference:
         Rubin, AIAA J. 13 (1975) 995.
@@ -212,12 +214,12 @@ def residual_shapes(
 
 
 class ResidualModes(NamedTuple):
-    """Residual modes of unit modal mass.
+    """The residual modes of unit modal mass.
 
     Attributes:
         omega: Frequencies, ascending [rad/s].
         combinations: Columns Y: shapes are Psi Y [1/sqrt(kg) per unit of Psi].
-        slowed: Those frequencies before they were lowered to the limit [rad/s].
+        slowed: Frequencies of slowed modes before they were lowered to the limit [rad/s].
     """
 
     omega: Float[np.ndarray, " residual"]
@@ -231,16 +233,16 @@ def residual_modes(
     whole: Float[np.ndarray, " load"],
     slowest_limit: float,
 ) -> ResidualModes:
-    r"""Return the residual modes of attachment modes Psi.
+    r"""Return the residual modes that belong to attachment modes Psi.
 
-    A mode beyond the limit is slowed, $\omega_p \to s\omega_p$, $h_p \to sh_p$, which keeps what it
-    adds statically, $h_p^2/\omega_p^2$.
+    A mode beyond the limit is slowed, $\omega_p \to s\omega_p$, $h_p \to sh_p$, which keeps its
+    static contribution, $h_p^2/\omega_p^2$.
 
     Args:
         flexibility: Psi^T K_s Psi, which is the residual flexibility W^T Psi.
         mass: Psi^T M Psi.
-        whole: Flexibility of each load, kept modes included [m/N]; what is round-off beside it is
-            left out.
+        whole: Flexibility of each load, including the kept modes [m/N]; flexibilities that are
+            round-off relative to it are omitted.
         slowest_limit: Frequency above which modes are slowed [rad/s].
     """
     size = flexibility.shape[0]
@@ -254,7 +256,7 @@ def residual_modes(
     shares, directions = np.linalg.eigh(scaled)
     independent = shares > _DEPENDENT * shares[-1]
     columns = scale[:, None] * directions[:, independent] / np.sqrt(shares[independent])
-    # Unit stiffness; the reduced mass is 1/omega^2.
+    # The columns have unit stiffness; the reduced mass is 1/omega^2.
     reciprocals, turn = scipy.linalg.eigh(columns.T @ mass[pick] @ columns)
     limited = np.maximum(reciprocals, slowest_limit**-2)
     omega = 1 / np.sqrt(limited)

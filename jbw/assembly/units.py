@@ -1,12 +1,12 @@
-r"""Consistent systems of units of finite-element matrices, and matrices in SI.
+r"""Consistent systems of units for finite-element matrices, and conversion of matrices to SI.
 
 A length unit of $\ell$ metres, a time unit of $\tau$ seconds and an energy unit of $e$ joules give
 
 $$K_{ij}^{SI} = \frac{e K_{ij}}{s_i s_j}, \qquad C_{ij}^{SI} = \frac{e\tau C_{ij}}{s_i s_j}, \qquad
   M_{ij}^{SI} = \frac{e\tau^2 M_{ij}}{s_i s_j}$$
 
-with $s_i = \ell$ of a translation and $s_i = 1$ of a rotation [rad] or of a scalar coordinate,
-whose unit is free.
+with $s_i = \ell$ for a translation, and $s_i = 1$ for a rotation [rad] or a scalar coordinate,
+whose unit is arbitrary.
 """
 
 from collections.abc import Sequence
@@ -22,12 +22,12 @@ from jbw.units import INCH, POUND_FORCE
 
 
 class ConsistentUnits(NamedTuple):
-    """A system in which force = mass x length / time^2 without a factor."""
+    """A system of units in which force = mass x length / time^2 without a factor."""
 
     length: float  # [m]
     time: float  # [s]
     energy: float  # force x length [J]
-    names: tuple[str, str, str]  # of force, length and time
+    names: tuple[str, str, str]  # of force, length and time units
 
 
 SYSTEMS = {
@@ -39,10 +39,10 @@ SYSTEMS = {
 
 
 def system_named(units: str) -> ConsistentUnits:
-    """Return the system of a name of `SYSTEMS`.
+    """Return the system of units of a name in `SYSTEMS`.
 
     Raises:
-        ConfigError: No such system.
+        ConfigError: There is no such system.
     """
     if units not in SYSTEMS:
         raise ConfigError(
@@ -56,10 +56,10 @@ def system_named(units: str) -> ConsistentUnits:
 def in_si(
     matrix: Sparse, dofs: Sequence[Dof], system: ConsistentUnits, power_of_time: int
 ) -> Sparse:
-    """Return a matrix in SI: `power_of_time` is 0 of stiffness, 1 of damping, 2 of mass.
+    """Return a matrix in SI; `power_of_time` is 0 for stiffness, 1 for damping, 2 for mass.
 
     Raises:
-        ConfigError: The matrix is not in SI, and which rows are rotations is unknown.
+        ConfigError: The matrix is not in SI, and it is unknown which rows are rotations.
     """
     if system == SYSTEMS["SI"]:
         return matrix

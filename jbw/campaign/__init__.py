@@ -1,1 +1,1 @@
-"""The campaign file: schema, loading, checking."""
+"""Loading and checking of campaign files, and their schema."""

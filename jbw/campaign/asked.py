@@ -1,9 +1,10 @@
-"""The questions to a person on what records do not show, one by one: `jbw init --ask`.
+"""Questions to the user about facts that records do not show, one by one: `jbw init --ask`.
 
-First the channels of a file none of which is named like a response, then the doubtful lines.
+The first questions are about the channels of files in which none is named like a response; the
+others are about doubtful lines.
 
-A line ends in `# CHECK: why` where the records do not say it. An answer takes the place of its
-value; none keeps it, and so does one that a campaign file cannot take, which is said.
+A line ends in `# CHECK: why` if the records do not determine it. An answer replaces its value. No
+answer keeps the value, and so does an invalid answer, which is reported.
 """
 
 import re
@@ -29,11 +30,12 @@ SAID = {
     "dwell": messages.ASK_DWELL,
     "resample": messages.ASK_RATE,
 }
-Ask = Callable[[str], str]  # a question to an answer; raises EOFError where nobody answers
+# Asks a question and returns the answer; raises EOFError if nobody answers.
+Ask = Callable[[str], str]
 Tell = Callable[[str], Any]
-# A file and the names of its channels to the channel of each role that a person states.
+# From a file and its channel names, return the channel of each role that the user states.
 Named = Callable[[Path, Collection[str]], Mapping[str, str]]
-MOST_LISTED = 12  # channels named in a question
+MOST_LISTED = 12  # channels listed in a question
 
 
 def channels_named_by(ask: Ask, tell: Tell) -> Named:
@@ -53,7 +55,7 @@ def channels_named_by(ask: Ask, tell: Tell) -> Named:
 
 
 def _channels_of(path: Path, channels: Collection[str], ask: Ask, tell: Tell) -> dict[str, str]:
-    """Ask for a file's channels; return role to channel, response first, or an empty dictionary."""
+    """Return the channel of each role from the user's answers, response first, or an empty dict."""
     roles: dict[str, str] = {}
     file = toml(path.name)
     with suppress(EOFError):
@@ -73,14 +75,14 @@ def _channels_of(path: Path, channels: Collection[str], ask: Ask, tell: Tell) ->
 
 
 def _one_of(names: Collection[str], question: str, default: str, ask: Ask, tell: Tell) -> str:
-    """Return an answer that is one of some names, or the default where it is empty."""
+    """Return the user's answer, one of the given names, or the default if it is empty."""
     while (answer := ask(question).strip()) and answer not in names:
         tell(f"`{answer}` is none of them. {did_you_mean(answer, names)}".rstrip())
     return answer or default
 
 
 def answered(text: str, ask: Ask, tell: Tell) -> str:
-    """Return the draft with a person's answers; as it is from where nobody answers any more."""
+    """Return the draft with the user's answers; lines after the last answer are unchanged."""
     lines = text.splitlines()
     files = ""
     for i, line in enumerate(lines):
@@ -97,7 +99,7 @@ def answered(text: str, ask: Ask, tell: Tell) -> str:
 
 
 def still_doubtful(text: str) -> Iterator[str]:
-    """Yield the lines of a draft that are still marked, each with its files."""
+    """Yield the lines of a draft that are still marked as doubtful, each with its files."""
     files = ""
     for line in text.splitlines():
         if line.startswith("files = "):
@@ -107,7 +109,7 @@ def still_doubtful(text: str) -> Iterator[str]:
 
 
 def _questions(line: str) -> list[tuple[str, Callable[[str, str], str]]]:
-    """Return the questions about a line, each with the function that turns an answer into it."""
+    """Return the questions about a line, each with a function of line and answer to a new line."""
     match = LINE.match(line)
     if match is None:
         return []
@@ -135,7 +137,7 @@ def _shown(value: Any) -> str:
 
 
 def _value(line: str, key: str, answer: str) -> str:
-    """Return the line with another value, no longer a comment and no longer doubtful."""
+    """Return the line with a new value, without its comment sign and its mark of doubt."""
     numbers = [part for part in re.split(r"[,;\s]+", answer.strip("[] ")) if part]
     try:
         values = [float(number) for number in numbers]
@@ -156,7 +158,7 @@ def _of(line: str, role: str, answer: str) -> str:
 
 
 def _taken(lines: list[str], i: int, line: str, tell: Tell) -> str:
-    """Return a new line, or the old one where the campaign file cannot take it."""
+    """Return a new line, or the old one if the campaign file would be invalid with the new one."""
     before, after = (
         _error("\n".join([*lines[:i], new_line, *lines[i + 1 :]])) for new_line in (lines[i], line)
     )

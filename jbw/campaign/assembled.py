@@ -18,7 +18,7 @@ FILES = ("mass", "stiffness", "damping", "dofs", "nodes")
 
 
 def place(value: Any) -> AnyPlace:
-    """Return a degree of freedom, a list of weighted ones, or a table of weights."""
+    """Return a degree of freedom, a list of weighted ones, or a table of weights, if valid."""
     if isinstance(value, Mapping) and value:
         stated: AnyPlace = {values.text(name): values.number(x) for name, x in value.items()}
     else:
@@ -84,7 +84,7 @@ Motions = Annotated[tuple[float, ...], BeforeValidator(values.numbers)]
 
 
 class AssembledStructure(FileTable):
-    """The [structure] table of a structure that is known by the matrices of a model."""
+    """The [structure] table of a structure that is given by the matrices of a model."""
 
     matrices: MatrixFiles = key(
         ...,
@@ -118,7 +118,7 @@ class AssembledStructure(FileTable):
 
 
 class JointTable(FileTable):
-    """A [[joint]] table: one of several joints."""
+    """A [[joint]] table: one of several joints of a structure."""
 
     name: values.Text = key(..., "its name", "bolt 1")
     across: Pair | None = key(
@@ -158,7 +158,7 @@ class JointTable(FileTable):
 def joint_errors(
     joints: Sequence[JointTable], structure: AssembledStructure | None, num_modes: int
 ) -> Iterator[str]:
-    """Yield one sentence per contradiction between joints, or between joints and the structure."""
+    """Yield a sentence on each contradiction between joints, or between joints and structure."""
     names = [joint.name for joint in joints]
     for joint in joints:
         where = f"[[joint]] `{joint.name}`"
@@ -217,19 +217,19 @@ def leader_of(joint: JointTable, by_name: Mapping[str, JointTable]) -> JointTabl
 
 
 def groups_of(joints: Sequence[JointTable]) -> list[int]:
-    """Return for every joint the index of the joint whose law it has."""
+    """Return for every joint the index of the joint whose law it uses."""
     by_name = {joint.name: joint for joint in joints}
     leaders = [leader_of(joint, by_name) or joint for joint in joints]
     return [[joint.name for joint in joints].index(leader.name) for leader in leaders]
 
 
 def laws_of_joint(joint: JointTable, joints: Sequence[JointTable]) -> tuple[str, ...]:
-    """Return the names of the laws of a joint, those of another where it shares them."""
+    """Return the names of a joint's laws, or of the laws of the joint with which it shares them."""
     return (leader_of(joint, {other.name: other for other in joints}) or joint).laws
 
 
 def laws_by_joint(joints: Sequence[JointTable]) -> tuple[str, ...]:
-    """Return the names of all laws with the joints that have them: those of a tie together."""
+    """Return the names of all laws, each with the joints that share it."""
     groups = groups_of(joints)
     shared = [
         (joints[leader], [t.name for t, g in zip(joints, groups, strict=True) if g == leader])

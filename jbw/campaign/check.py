@@ -1,6 +1,6 @@
-"""Whether records agree with what the campaign file says, its settings with its tests; in a table.
+"""Checks whether records agree with the campaign file and settings with tests, as a table.
 
-What is found stops nothing here: a campaign is looked at channel by channel to its end.
+Findings stop nothing here: every channel of the campaign is checked to the end.
 """
 
 import json
@@ -50,10 +50,10 @@ from jbw.report.messages import campaign_faults as messages
 from jbw.report.messages.message import FaultText
 from jbw.report.messages.remedies import EXCLUDE, OF_ONE_ROLE, exclude
 
-LARGEST_MOTION = 1.0  # [m]: joints on benches and in machines move by centimetres at most
-FEWEST_SAMPLES = 32  # by which a motion is judged
-OF_ONE_MODE = 0.3  # of a response: of one that a mode leaves more of, the gain means nothing
-# Settings that not every kind of test reads, and the traits of those that do.
+LARGEST_MOTION = 1.0  # [m]: joints on benches and in machines move by at most centimetres
+FEWEST_SAMPLES = 32  # fewest samples for judging a motion
+OF_ONE_MODE = 0.3  # relative residual of a mode above which its gain means nothing
+# Settings that only some kinds of test use, and the properties of these kinds.
 READ_BY: dict[str, Callable[[Kind], bool]] = {
     "fit_levels": lambda kind: kind.is_transient,
     "modes": lambda kind: kind.is_driven,
@@ -64,27 +64,27 @@ READ_BY: dict[str, Callable[[Kind], bool]] = {
 
 @dataclass(frozen=True)
 class Row:
-    """One channel of one test, or one setting."""
+    """One row of the table of a check: a channel of a test, or a setting."""
 
-    test: str  # the test's name; "[identify]" of a setting
+    test: str  # the test's name; "[identify]" for a setting
     channel: str  # its name or path in the file, or the setting's key
     role: str
-    unit: str  # in the file, as the campaign says
-    fs: float | None  # sampling frequency [Hz]; None when unknown or not a time record
-    repeats: int  # that could be read
+    unit: str  # unit in the file, as stated in the campaign
+    fs: float | None  # sampling frequency [Hz]; None if unknown or not a time record
+    repeats: int  # number of readable repeats
     status: str  # ok, warning or error
-    findings: tuple[Fault, ...]  # over all repeats
+    findings: tuple[Fault, ...]  # findings of all repeats
 
 
 @dataclass(frozen=True)
 class Check:
-    """A whole campaign, checked."""
+    """The result of checking a whole campaign."""
 
     campaign: str
     rows: tuple[Row, ...]
-    exit_code: int  # 0 when usable, 2 when the campaign file must change, 3 when the data must
-    seen: tuple[str, ...] = ()  # of nonlinearity, repeats and noise, a sentence each
-    joints: JointsCheck | None = None  # of several joints
+    exit_code: int  # 0 if usable, 2 if the campaign file must change, 3 if the data must change
+    seen: tuple[str, ...] = ()  # sentences on nonlinearity, repeats and noise
+    joints: JointsCheck | None = None  # check of several joints; None for one joint
 
     @property
     def status(self) -> str:
@@ -93,14 +93,14 @@ class Check:
 
 
 def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
-    """Look at every channel of every repeat of a campaign.
+    """Check every channel of every repeat of a campaign.
 
     Args:
         path: The campaign file.
-        allow_outside: Let `files` point out of the campaign file's folder.
+        allow_outside: Whether `files` may point outside the campaign file's folder.
 
     Raises:
-        ConfigError: The campaign file itself is against the schema.
+        ConfigError: The campaign file violates the schema.
     """
     path = Path(path)
     spec, folder = read_spec(path), path.resolve().parent
@@ -139,25 +139,27 @@ def _checked_joints(
 
 @dataclass
 class _CheckedTest:
-    """The results of the repeats of a test, read in turn so that none is held in memory."""
+    """The results for the repeats of a test, read one by one so that none stays in memory."""
 
     rows: list[Row] = field(default_factory=list)
-    codes: set[int] = field(default_factory=set)  # exit codes that its faults ask for
-    named: list[tuple[str, Fault]] = field(default_factory=list)  # faults by the repeat's name
-    failures: dict[tuple[str, ...], JbwError] = field(default_factory=dict)  # of repeats not read
-    first: list[Record] = field(default_factory=list)  # head of the first repeat
-    small_records: list[Record] = field(default_factory=list)  # all repeats, where they are few
+    codes: set[int] = field(default_factory=set)  # exit codes from its faults
+    # Faults with the name of the repeat.
+    named: list[tuple[str, Fault]] = field(default_factory=list)
+    # Errors of unreadable repeats.
+    failures: dict[tuple[str, ...], JbwError] = field(default_factory=dict)
+    first: list[Record] = field(default_factory=list)  # first repeat without its samples
+    small_records: list[Record] = field(default_factory=list)  # all repeats, if they fit in memory
     repeats: int = 0
-    held: int = 0  # samples of all repeats
+    held: int = 0  # total number of samples of all repeats
     sources: list[ResponseOrigin] = field(default_factory=list)
     levels: list[Level] = field(default_factory=list)
-    gains: list[tuple[str, float]] = field(default_factory=list)  # of the mode, by the repeat
-    provenances: list[Mapping[str, str]] = field(default_factory=list)  # of all repeats
+    gains: list[tuple[str, float]] = field(default_factory=list)  # gain of the mode for each repeat
+    provenances: list[Mapping[str, str]] = field(default_factory=list)  # provenances of all repeats
     proposed: list[str] = field(default_factory=list)
     seen: list[str] = field(default_factory=list)
 
     def take(self, record: Record, test: TestSpec, spec: CampaignSpec) -> None:
-        """Look at one repeat."""
+        """Add the faults and facts of one repeat to the results."""
         per_unit = gain_of(force_per_unit(spec), test.driven_by)
         of_one = has_one_mode(spec)
         faults = findings(
@@ -178,7 +180,7 @@ class _CheckedTest:
             return
         self.levels += level_of(record, test)
         self.proposed += [] if spoilt else long_records(test.name, test.traits, record)
-        # Its head alone, so that a huge campaign is never held in memory.
+        # Keep the record without samples, so that a huge campaign is never held in memory.
         empty = {role: x[:0].copy() for role, x in record.channels.items()}
         self.first = [replace(record, channels=empty)]
 
@@ -186,7 +188,7 @@ class _CheckedTest:
 def _checked_test(
     test: TestSpec, spec: CampaignSpec, folder: Path, *, allow_outside: bool
 ) -> _CheckedTest:
-    """Return every repeat of a test, and a row for every channel of it."""
+    """Return the results of all repeats of a test, with a row for each of its channels."""
     checked = _CheckedTest()
     for item in repeats_of(test, folder, allow_outside=allow_outside):
         if isinstance(item, Record):
@@ -204,7 +206,7 @@ def _checked_test(
     if checked.small_records and worst(faults) != "error":
         checked.seen += seen_in(test, checked.small_records)
     fs = checked.first[0].fs if checked.first and is_sampled(checked.first[0]) else None
-    # What could not be read is told once a test, in its first channel's row.
+    # Errors of unreadable files are reported once per test, in the row of its first channel.
     failed = [refusal("", failure.what, failure.why, failure.remedy) for failure in failures]
     for role, channel in test.channels.items():
         row_faults = sorted(
@@ -221,7 +223,7 @@ def _checked_test(
 
 
 def gain_read(record: Record, test: TestSpec) -> list[tuple[str, float]]:
-    """Return a repeat's name and the gain of its mode, of a sweep with a drive; else nothing."""
+    """Return a repeat's name and the gain of its mode, for a sweep with a drive; else nothing."""
     driven = any(role in record.channels for role in INPUTS)
     if not (test.traits.is_transient and driven):
         return []
@@ -232,7 +234,7 @@ def gain_read(record: Record, test: TestSpec) -> list[tuple[str, float]]:
 
 
 def _roles(first: Sequence[Record]) -> tuple[str, str]:
-    """Return the roles of response and drive of a test with a sweep."""
+    """Return the roles of response and drive of a test with a driven record; else empty texts."""
     driven = [one for one in first if any(role in one.channels for role in INPUTS)]
     return (driven[0].response, driven[0].source) if driven else ("", "")
 
@@ -240,8 +242,8 @@ def _roles(first: Sequence[Record]) -> tuple[str, str]:
 def beside_stated(fault: Fault, test: TestSpec) -> Fault:
     """Return a fault with roles of the file and a remedy merged into the test's stated keys.
 
-    A factor multiplies one that is stated: pasted over it, the line must not lose a calibration.
-    What the test leaves out already stays out.
+    A proposed factor is multiplied with the stated one, so that pasting the line does not lose a
+    calibration. Files that the test already excludes stay excluded.
     """
     in_file = {MINUS_BASE: BASE} if BASE in test.channels else {}
 
@@ -262,7 +264,7 @@ def beside_stated(fault: Fault, test: TestSpec) -> Fault:
 
 
 def _with(rows: Sequence[Row], faults: Sequence[tuple[str, Fault]]) -> Iterator[Row]:
-    """Yield the rows with faults of whole tests, each in the row of its channel."""
+    """Yield the rows, with faults of whole tests added to the row of their channel."""
     for row in rows:
         more = [fault for test, fault in faults if (test, fault.channel) == (row.test, row.role)]
         row_faults = (*more, *row.findings)
@@ -270,7 +272,7 @@ def _with(rows: Sequence[Row], faults: Sequence[tuple[str, Fault]]) -> Iterator[
 
 
 def as_json(check: Check) -> dict[str, Any]:
-    """Return the check as plain values, for scripts."""
+    """Return the check of a campaign as plain values, for scripts."""
     channels = [asdict(row) for row in check.rows]
     facts = {"campaign": check.campaign, "status": check.status, "channels": channels}
     joints = {} if check.joints is None else {"joints": check.joints.as_json()}
@@ -296,7 +298,7 @@ def unread(spec: CampaignSpec) -> Iterator[Fault]:
         from jbw.oscillator.laws import laws_named  # loads JAX
 
         others = {name for law in laws_named(spec.laws) for name in law.coordinates}
-        # The paper's coordinates are a choice only beside others.
+        # The paper's coordinates are a choice only if there are others.
         chosen = others if settings.coordinates == "paper" else settings.coordinates in others
         if not chosen:
             laws = ", ".join(spec.laws) or "none"
@@ -327,17 +329,17 @@ def findings(
     laws: Sequence[str] = (),
     of_one_mode: bool = True,
 ) -> tuple[Fault, ...]:
-    """Return everything found in a record, by itself, against its test, beside its first repeat.
+    """Return all findings on a record: by itself, against its test, and against its first repeat.
 
-    A line of a remedy is tried before it is told.
+    Each remedy is tried before it is proposed.
 
     Args:
-        record: In SI.
-        test: Its table.
-        first: The first repeat of its test; empty where the record is that.
-        per_unit: Force per modal mass for one unit of the input, when known.
-        laws: Those of the joint.
-        of_one_mode: Whether one mode is all that its records show, by the campaign.
+        record: Record in SI units.
+        test: Table of its test.
+        first: First repeat of its test; empty if the record is the first.
+        per_unit: Force per modal mass for one unit of the input, if known.
+        laws: Names of the laws of the joint.
+        of_one_mode: Whether the campaign says that records show only one mode.
     """
     facts = _contradicting(record, test, first)
     doubtful = partial(_doubtful, per_unit=per_unit, laws=laws, of_one_mode=of_one_mode)
@@ -350,14 +352,16 @@ def findings(
 
     if worst(facts) == "error":
         return tuple(facts)
-    # What files and campaign state is no guess: its remedies need no trial.
+    # Facts stated by the files and the campaign are certain, so that their remedies need no trial.
     return (*facts, *tried(doubtful(record, test, first), facts, record, test, look, _reading))
 
 
 def has_one_mode(spec: CampaignSpec) -> bool:
-    """Return whether one mode moves the joint: readings and faults by one mode are of no other."""
+    """Return whether the campaign states one mode in the band, as faults of one mode require."""
     several = spec.structure is not None and len(spec.structure.modes) > 1
-    return not several and spec.assembled is None
+    stated = spec.settings.modes
+    neighbours = stated - 1 if isinstance(stated, int) else len(stated[1:])
+    return not several and neighbours < 1 and spec.assembled is None
 
 
 def _contradicting(record: Record, test: TestSpec, first: Sequence[Record]) -> list[Fault]:
@@ -384,7 +388,7 @@ def _doubtful(
     laws: Sequence[str],
     of_one_mode: bool,
 ) -> list[Fault]:
-    """Return the doubts that a record raises by itself, with remedies that are still untried."""
+    """Return the doubts about a record on its own, with remedies that have not been tried yet."""
     faults = [*_of_metres(record, test), *_believable(record, test, per_unit, laws)]
     if of_one_mode and (examined := _examined(record, test)) is not None:
         faults += examined.faults
@@ -410,7 +414,7 @@ def _reading(record: Record, test: TestSpec) -> ModeReading | None:
 
 
 def _started_apart(record: Record, test: TestSpec) -> Iterator[Fault]:
-    """Yield the refusal of channels that the file says were started one after the other."""
+    """Yield an error if, according to the file, drive and response started at different times."""
     if not any(role in record.channels for role in INPUTS) or test.traits.is_curve:
         return
     starts = [
@@ -419,14 +423,14 @@ def _started_apart(record: Record, test: TestSpec) -> Iterator[Fault]:
     if None in starts:
         return
     drive, response = (float(str(text).split()[0]) for text in starts)
-    # Samples of a channel that was started later show what comes later: it leads.
+    # Samples of a channel that started later show later events, so that it leads.
     delay = drive - response
     if abs(delay - test.delay) > 0.5 / record.fs:
         yield refusal(record.response, *messages.started_apart(abs(delay), delay, later=delay < 0))
 
 
 def _of_metres(record: Record, test: TestSpec) -> Iterator[Fault]:
-    """Yield a doubt if the motion amounts to metres: its unit or sampling rate is likely wrong."""
+    """Yield a warning if the motion amounts to metres, as from a wrong unit or sampling rate."""
     response = record.response
     x = record.channels[response]
     if test.traits.is_curve or record.units[response].startswith("rad") or len(x) < FEWEST_SAMPLES:
@@ -439,13 +443,13 @@ def _of_metres(record: Record, test: TestSpec) -> Iterator[Fault]:
 
 
 def _of_two_sources(record: Record, test: TestSpec) -> Iterator[Fault]:
-    """Yield a doubt if a test records two sources but does not state which one drives it."""
+    """Yield a warning if a test records two sources but does not state which one drives it."""
     if test.traits.is_driven and test.drive is None and set(INPUTS) <= record.channels.keys():
         yield doubt("input", *messages.TWO_SOURCES)
 
 
 def _fits_test(record: Record, test: TestSpec) -> Iterator[FaultText]:
-    """Yield the contradictions between a record and the campaign file."""
+    """Yield the contradictions between a time record and the campaign file."""
     nyquist = record.fs / 2
     if test.band and test.band[1] > nyquist:
         yield messages.band_beyond(test.band[1], nyquist)
@@ -472,7 +476,7 @@ def _fits_curve(record: Record, test: TestSpec) -> Iterator[FaultText]:
 def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Fault]:
     """Yield doubts about a test's stated or missing keys, given its first record (`check` only).
 
-    A look reads decays without a band, and an identification leaves them out.
+    `jbw look` also reads decays without a band; an identification leaves them out.
     """
     if test.traits.is_free and test.band is None:
         yield from responses.bandless(record, test.settle)
@@ -492,7 +496,7 @@ def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Faul
 def _believable(
     record: Record, test: TestSpec, per_unit: float | None, laws: Sequence[str]
 ) -> Iterator[Fault]:
-    """Yield the doubts that need an estimate from the record, by the kind of its test."""
+    """Yield the doubts that require an estimate from the record, depending on the kind of test."""
     driven = any(role in record.channels for role in INPUTS)
     traits = test.traits
     if traits.is_broadband:
@@ -507,7 +511,7 @@ def _believable(
     elif traits.is_curve:
         phase = record.channels.get("phase", np.zeros(1))
         if in_degrees := list(responses.phase_in_degrees(phase)):
-            # A phase of another unit tells nothing of signs or of a backbone.
+            # A phase in a wrong unit says nothing about signs or a backbone.
             yield from in_degrees
         elif traits.is_controlled:
             yield from uncontrolled(

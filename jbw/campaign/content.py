@@ -12,18 +12,18 @@ from jbw.measurement.checks.responses import LOCKED
 from jbw.measurement.files.tree import Leaf, load
 from jbw.measurement.records import INPUTS, RESPONSES, si_of
 
-PARTS = 16  # of a record, each with a spectrum of its own
-LEAST = 64  # samples of a part
-ONE_LINE = 0.9  # of a part's power about its strongest line, of a tone
-NO_LINE = 0.35  # of it, below which there is no line: of noise
+PARTS = 16  # parts of a record, each with a separate spectrum
+LEAST = 64  # samples per part
+ONE_LINE = 0.9  # share of a part's power near its strongest line, above which it is a tone
+NO_LINE = 0.35  # share of a part's power near its strongest line, below which it is noise
 STEADY = 1.2  # largest over smallest part of a steady tone, after the first quarter
-FALLS = 0.5  # last quarter over the strongest, of a decay
-MOVES = 3  # lines that the strongest one moves by, at least, in a sweep
-FEWEST = 4  # points by which a table is told from another
-FOLLOWS = 0.9  # rank correlation of what goes together along a backbone
-GROWS = 2.0  # times the least amplitude or force, that the largest is at least
-SHIFTS = 0.3  # of the frequency at most along a backbone
-SAME = 1e-6  # of a frequency that stays as it is
+FALLS = 0.5  # rms of the last quarter over the strongest quarter of a decay
+MOVES = 3  # smallest shift of the strongest line in a sweep, in lines
+FEWEST = 4  # points of a table, at least
+FOLLOWS = 0.9  # rank correlation along a backbone
+GROWS = 2.0  # largest over smallest amplitude or force, at least
+SHIFTS = 0.3  # largest relative range of frequency along a backbone
+SAME = 1e-6  # relative change of a constant frequency, at most
 
 
 def course_of(x: Reals) -> Literal["tones", "noise", "sweep"] | None:
@@ -61,10 +61,11 @@ def falls(x: Reals) -> bool:
 
 
 def controlled_kind(roles: Mapping[str, Channel], series: Mapping[str, Leaf]) -> str:
-    """Return the kind of a controlled test, where frequencies and amplitudes say so; else nothing.
+    """Return the kind of a controlled test from its frequencies and amplitudes; "" if it is none.
 
-    A phase that stays makes a backbone, and so do a frequency and a force that go with the
-    amplitude; frequencies that stay, or go back, make points of S-curves and of folded curves.
+    A constant phase indicates a backbone, as do a frequency and a force that change with the
+    amplitude. Frequencies that are constant or go back indicate points of S-curves or of folded
+    curves.
     """
     response = next((role for role in RESPONSES if role in roles), "")
     source = next((role for role in INPUTS if role in roles), "")
@@ -97,7 +98,7 @@ def controlled_kind(roles: Mapping[str, Channel], series: Mapping[str, Leaf]) ->
 
 
 def _column(channel: Channel, series: Mapping[str, Leaf]) -> Reals | None:
-    """Return a column of finite real numbers; None where it is none."""
+    """Return a column of finite real numbers; None if it has other values or too many."""
     leaf = series.get(channel.path)
     if leaf is None or max(leaf.shape, default=0) > MOST_SAMPLES:
         return None

@@ -1,6 +1,6 @@
-"""TOML files against typed tables: all that is wrong is told at once, each in a sentence.
+"""Validation of TOML files against typed tables: all errors are reported at once, in sentences.
 
-What people write that is not TOML is told with the line as it should stand.
+Common slips that are not valid TOML are reported with the corrected line.
 """
 
 import json
@@ -23,15 +23,15 @@ from jbw.report.messages import campaign_faults as messages
 from jbw.report.messages.campaign_faults import SEE_TOML
 from jbw.report.messages.message import Template, written
 
-MOST_BYTES = 2**20  # of a file that somebody wrote: some thousand tests
-LISTED = 20  # keys or errors that are told one by one
-# What pydantic refuses itself, in our words; a check of ours brings its own.
+MOST_BYTES = 2**20  # largest size of a file written by a user: several thousand tests
+LISTED = 20  # keys or errors that are listed individually
+# Our words for errors that pydantic finds itself; our own checks bring their words.
 SENTENCES = {
     "bool_type": "must be true or false, but is {value!r}.",
     "greater_than": "must be positive, but is {value}.",
     "greater_than_equal": "must not be negative, but is {value}.",
 }
-# What word processors, mail programs and web pages make of quotes, minus signs and blanks.
+# What word processors, mail programs and web pages substitute for quotes, minus signs and blanks.
 DOUBLE, SINGLE = "“”„‟«»″", "\u2018\u2019\u201a\u201b\u2039\u203a\u2032"
 STRAIGHT = str.maketrans(
     dict.fromkeys(DOUBLE, '"') | dict.fromkeys(SINGLE, "'")
@@ -42,7 +42,7 @@ DOUBLE_QUOTED = re.compile(r'"[^"]*"')
 COMMA = re.compile(r"(?<![\w.,\"'])([-+]?\d+),(\d+)(?![\w.])")
 POINT = re.compile(r"(?<![\w.\"'])(\d*)\.(\d*)(?![\w.\"'])")
 BARE = re.compile(r"""(=\s*)([A-Za-z_/~*][^\s"'#{}\[\],=]*)(?=\s*(?:[,}\]#]|$))""")
-# A key, or a role in its table, and the value; the head of a table.
+# KEY matches a key, or a role in its table, and the value; HEAD matches the head of a table.
 KEY = re.compile(r"\s*([\w-]+)(?:\.([\w-]+))?\s*=\s*(.*\S)\s*")
 HEAD = re.compile(r"\s*\[\s*([\w.-]+)\s*\]\s*")
 WORDS_OF_TOML = {
@@ -59,15 +59,15 @@ WORDS_OF_TOML = {
 
 
 class FileTable(BaseModel):
-    """A table of a file: immutable, and it takes no key that it does not know.
+    """A table of a file: immutable, and without unknown keys.
 
-    Unpacked as a mapping (`{**table}`) it holds what was stated, without the defaults.
+    Unpacked as a mapping (`{**table}`) it contains only stated keys, without the defaults.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     def keys(self) -> Iterator[str]:
-        """Return the names of what was stated, so that `{**settings}` leaves the defaults open."""
+        """Return the names of the stated keys, so that `{**settings}` leaves the defaults open."""
         return (name for name in type(self).model_fields if name in self.model_fields_set)
 
     def __iter__(self) -> Iterator[str]:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -78,13 +78,13 @@ class FileTable(BaseModel):
 
 
 def key(default: Any, says: str, example: Any = None) -> Any:
-    """Return the field of a table's key: default (or factory, or `...`), meaning with unit."""
+    """Return the field of a table's key: default (or factory, or `...`), description, example."""
     default_field: dict[str, Any] = {"default_factory" if callable(default) else "default": default}
     return Field(**default_field, description=says, examples=None if example is None else [example])
 
 
 def unlike(name: str, names: Iterable[str]) -> str:
-    """Return the end of a refusal of a name: the nearest known one, and all of them."""
+    """Return the end of an error about an unknown name: the nearest known name, and all names."""
     names = list(names)
     nearest = get_close_matches(str(name), names, n=1, cutoff=0.5)
     return (f"; did you mean `{nearest[0]}`" if nearest else "") + f" (known: {', '.join(names)})"
@@ -94,7 +94,7 @@ def text_of(path: Path, what: str, remedy: str) -> str:
     """Return the text of a file that a user wrote; `what` and `remedy` are for its errors.
 
     Raises:
-        ConfigError: No such file, none that may be read, or not UTF-8.
+        ConfigError: The file does not exist, cannot be read, or is not UTF-8.
     """
     require_file(path, what, remedy)
     if (size := path.stat().st_size) > MOST_BYTES:
@@ -112,14 +112,14 @@ def text_of(path: Path, what: str, remedy: str) -> str:
 
 
 def document_of(source: str, file: str) -> dict[str, Any]:
-    """Return the document that the TOML text of a file holds.
+    """Return the document in the TOML text of a file.
 
     Raises:
-        ConfigError: Not TOML.
+        ConfigError: The text is not TOML.
     """
     try:
         return tomllib.loads(source)
-    except (ValueError, RecursionError) as error:  # not TOML, or a number of thousands of digits
+    except (ValueError, RecursionError) as error:  # not TOML, or a number with thousands of digits
         if isinstance(error, RecursionError):
             reason, remedy = "nested too deeply", SEE_TOML
         else:
@@ -139,9 +139,9 @@ def unknown_tables(document: Mapping[str, Any], tables: Collection[str]) -> list
 def checked[Found: FileTable](
     model: type[Found], table: Any, where: str, errors: list[str]
 ) -> Found | None:
-    """Validate a table and return its typed record; append errors and return None if it is wrong.
+    """Return the validated record of a table; append its errors and return None if it is invalid.
 
-    `where` is how messages name the table, such as `[identify]`.
+    `where` is the name of the table in messages, such as `[identify]`.
     """
     if not isinstance(table, Mapping):
         errors.append(f"{where}: must be a table, but is {table!r}.")
@@ -162,7 +162,7 @@ def checked[Found: FileTable](
 def _lines(model: type[FileTable], error: ErrorDetails) -> Iterator[str]:
     """Yield the lines on one error of a table, each with the key that it concerns."""
     key, *inner = [str(part) for part in error["loc"] if isinstance(part, str)] or [""]
-    # Of a whole table, some lines name their key themselves.
+    # For a whole table, some lines name their key themselves.
     names = f" {': '.join([key, *inner])}: " if key else ""
     for line in _sentence(model, key, error).splitlines():
         yield names + line if names else f" {line}" if re.match(r"\w+:", line) else f": {line}"
@@ -190,7 +190,7 @@ def _sentence(model: type[FileTable], key: str, error: ErrorDetails) -> str:
 
 
 def refuse(file: str, errors: Sequence[str]) -> None:
-    """Raise a ConfigError of all errors of a file; nothing where there are none."""
+    """Raise a ConfigError that lists all errors of a file; do nothing if there are none."""
     if errors:
         count = "an error" if len(errors) == 1 else f"{len(errors)} errors"
         shown = errors[: 5 * LISTED]
@@ -213,9 +213,9 @@ def _plain(node: Any) -> Any:
     if isinstance(plain.get("title"), str):
         del plain["title"]
     default = plain.get("default", 0)
-    if default in (None, {}, []) or default != default:  # NaN: nothing is stated
+    if default in (None, {}, []) or default != default:  # NaN means that nothing is stated
         del plain["default"]
-    # TOML has no null: an optional key is one that is left out.
+    # TOML has no null, so an optional key is simply absent.
     options = [option for option in plain.pop("anyOf", []) if option != {"type": "null"}]
     if len(options) == 1:
         return plain | options[0]
@@ -223,16 +223,17 @@ def _plain(node: Any) -> Any:
 
 
 def toml(value: Any) -> str:
-    """Return a value as TOML writes it."""
+    """Return a value in TOML notation."""
     if isinstance(value, Density):
         value = value.table()
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + " }"
-    return json.dumps(value, ensure_ascii=False)  # JSON's strings, numbers and lists are TOML
+    # Strings, numbers and lists of JSON are also valid TOML.
+    return json.dumps(value, ensure_ascii=False)
 
 
 def commented(table: type[FileTable], names: Iterable[str]) -> list[str]:
-    """Return the keys offered in a comment of a file, with an example and what they mean."""
+    """Return comment lines that offer keys of a table, each with an example and its meaning."""
     fields = {name: table.model_fields[name] for name in names}
     return [
         f"# {name} = {toml(field.examples[0]) if field.examples else '...'}  # {field.description}"
@@ -241,7 +242,7 @@ def commented(table: type[FileTable], names: Iterable[str]) -> list[str]:
 
 
 class Slip(NamedTuple):
-    """A slip of the pen: what is wrong with a line, and the line without it."""
+    """A common slip in a TOML line: its message, and a function that corrects the line."""
 
     says: Template
     cured: Callable[[str], str]
@@ -261,12 +262,12 @@ def _with_decimal_points(line: str) -> str:
 
 
 def _with_whole_numbers(line: str) -> str:
-    """Return the line whose numbers have digits on both sides of their points."""
+    """Return a TOML line with digits on both sides of every decimal point."""
     return POINT.sub(lambda match: f"{match[1] or 0}.{match[2] or 0}", line)
 
 
 def _with_quotes(line: str) -> str:
-    """Return the line whose bare words are in quotes, or are the constants that they mean."""
+    """Return a TOML line with bare words in quotes, or replaced by the constants they mean."""
 
     def quoted(match: re.Match[str]) -> str:
         value = WORDS_OF_TOML.get(match[2]) or '"{}"'.format(match[2].replace("\\", "/"))
@@ -287,7 +288,7 @@ SLIPS = (
 def slip_of(source: str, error: Exception) -> tuple[str, str] | None:
     """Return the error in a text that is not TOML, and its remedy; None if the cause is unknown.
 
-    A slip is the cause where the text without it is TOML up to a later line.
+    A slip counts as the cause if the corrected text is TOML up to a later line.
     """
     number, lines = _line_number(error, source), source.split("\n")
     if (twice := _stated_twice(number, lines)) is not None:
@@ -326,7 +327,7 @@ def _stated_twice(number: int, lines: list[str]) -> tuple[str, str] | None:
     other, first = same[-1]
     if first[2] == last[2]:
         return messages.key_again(number, last[1], other)
-    if first[2] and last[2]:  # two roles, each with a line of its own
+    if first[2] and last[2]:  # two roles, each with its own line
         return None
     role, item, table = (last[2], last[3], first[3]) if last[2] else (first[2], first[3], last[3])
     return _in_one_table(last[1], role, item, table, (other, number))
@@ -351,7 +352,7 @@ def _in_one_table(
 
 
 def _is_toml_to(number: int, lines: list[str]) -> bool:
-    """Return whether lines are TOML up to that of a number, itself included."""
+    """Return whether the lines are TOML up to and including a line number."""
     source = "\n".join(lines)
     try:
         tomllib.loads(source)

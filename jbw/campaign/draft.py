@@ -1,4 +1,4 @@
-"""A first campaign file from what lies in a folder, with comments and every guess marked."""
+"""Drafting of a first campaign file from the files in a folder, with every guess marked."""
 
 import re
 import tomllib
@@ -53,9 +53,9 @@ from jbw.report.messages import draft as messages
 from jbw.report.messages.reading import EXPORTS
 from jbw.units import decibels, plain
 
-LISTED = 12  # channels named in a comment
-MOST_GROUPS = 500  # names of files that are not repeats of one another
-BEGINNING = 1 << 14  # bytes of a file by which it is told whether it may hold a curve
+LISTED = 12  # channels listed in a comment
+MOST_GROUPS = 500  # names of files that are not repeats of each other
+BEGINNING = 1 << 14  # bytes of a file that decide whether it may contain a curve
 BAND = "\nband = ["
 CHANNELS = "\nchannels = "
 TORQUE = re.compile(
@@ -66,14 +66,15 @@ NEWTON_METRES = {
     "k": 0.0980665,
     "f": 1.3558179,
     "i": 0.1129848,
-}  # by a unit's first letter
+}  # keyed by the first letter of the unit
 SENSORS = "# sensitivity = "
-SAME_LINE = 1.25  # largest over smallest centre of bands about one line
-LEAST_HEIGHT = 0.02  # of a decay's strongest line, for another to be shown by it
+SAME_LINE = 1.25  # largest over smallest centre of bands that count as one line
+# Share of a decay's strongest line below which a line is not visible in the decay.
+LEAST_HEIGHT = 0.02
 FOLLOWING = 0.7  # correlation of force and displacement from which they are drafted as a loop
-MOST_LEVELLED = 100  # files of one name whose level is looked at
-FILES = "# files"  # a line that is written when the levels are known
-MOST_BLOCKS = 40  # tests drafted from one file
+MOST_LEVELLED = 100  # files of one name whose levels are read
+FILES = "# files"  # placeholder for a line that needs the levels
+MOST_BLOCKS = 40  # tests drafted from a single file
 # Keys of a test that are offered in a comment.
 OPTIONAL = ("level", "band", "delay", "assembly", "run", "exclude", "span")
 KIND_HINTS = dict(step="stepped", tone="tones", hammer="decay", impact="decay", tap="decay",
@@ -82,26 +83,26 @@ KIND_HINTS = dict(step="stepped", tone="tones", hammer="decay", impact="decay", 
 Assume = Callable[[str], None]
 NOBODY = Channel("...", "", "")
 Reach = tuple[float, float]  # lowest and highest frequency [Hz]
-FEW_COLUMNS = 16  # a table of more is no record of a few channels
+FEW_COLUMNS = 16  # a table with more columns is no record of a few channels
 
 
 @dataclass(frozen=True)
 class Looked:
-    """The content that one look into a file shows."""
+    """The content of a file that is visible on opening it."""
 
     leaves: Leaves  # all arrays
-    series: Leaves  # those that may be channels
-    fs: float | None  # of the whole file [Hz]
+    series: Leaves  # arrays that may be channels
+    fs: float | None  # sampling frequency of the whole file [Hz]; None if not stated
     recorder: str
-    doubts: tuple[str, ...] = ()  # what its reader cannot use
+    doubts: tuple[str, ...] = ()  # statements of the file that its reader cannot use
 
 
 @dataclass(frozen=True)
 class Draft:
-    """A campaign file not yet written."""
+    """A drafted campaign file that is not written yet."""
 
     text: str  # TOML
-    assumed: tuple[str, ...]  # what the records did not say, one line each
+    assumed: tuple[str, ...]  # assumptions where the records are silent, one line each
 
 
 def start_campaign(
@@ -110,20 +111,20 @@ def start_campaign(
     files: Sequence[Path] | None = None,
     mass: float | None = None,
 ) -> Draft:
-    """Look at the measurement files of a folder and draft its campaign file.
+    """Return a drafted campaign file for the measurement files of a folder.
 
     Files whose names differ only in their last number are repeats of one test.
 
     Args:
-        folder: Of the records.
-        named: Called with a file and its channels where none of these is named like a response;
-            returns the channel of each role.
-        files: Those of the folder to draft; all measurement files in it when None.
-        mass: Modal mass to be stated [kg].
+        folder: Folder of the records.
+        named: Function that is called with a file and its channels if none of them is named like a
+            response; it returns the channel of each role.
+        files: Files of the folder to draft; when None, all measurement files in it.
+        mass: Modal mass to state in the draft [kg].
 
     Raises:
-        ConfigError: A mass that is not positive.
-        DataError: No such folder, or no measurement file in it that can be read.
+        ConfigError: The mass is not positive.
+        DataError: The folder does not exist, or contains no readable measurement file.
     """
     folder = Path(folder)
     if mass is not None and not 0.0 < mass < float("inf"):
@@ -137,7 +138,7 @@ def start_campaign(
     if model and not visible:
         what, why, remedy = messages.matrices_alone(str(folder), [p.name for p in model.paths])
         raise DataError(what, why=why, remedy=remedy)
-    # File and what was assumed of it.
+    # Pairs of a file and an assumption about it.
     assumed = [(path.name, messages.to_export(EXPORTS[path.suffix.lower()]))
                for path in there if path.suffix.lower() in EXPORTS]  # fmt: skip
     groups = [sorted(repeats) for _, repeats in groupby(visible, key=_stem)]
@@ -174,7 +175,7 @@ def start_campaign(
 
 
 def _head(folder: Path, mass: float | None, torques: Collection[str]) -> list[str]:
-    """Return the lines of [campaign], and of [assembly] where all names have one torque."""
+    """Return the lines of [campaign], and of [assembly] if all file names have one torque."""
     name = f"name = {toml(folder.resolve().name or 'campaign')}"
     offered = commented(Head, ("modal_mass", "gain")[mass is not None :])
     stated = [] if mass is None else [f"modal_mass = {toml(mass)}"]
@@ -191,7 +192,7 @@ def _tests(
     assumed: list[tuple[str, str]],
     named: Named,
 ) -> list[str]:
-    """Return the [[test]] tables of all repeats, named, with their assemblies and bands."""
+    """Return the drafted [[test]] tables of all groups of files: named, with shared bands."""
     blocks: list[str] = []
     names: list[str] = []
     curves = _frequencies_of_curves(groups)
@@ -210,13 +211,13 @@ def _tests(
 
 
 def _torque_of(path: Path) -> str:
-    """Return a tightening torque in a file's name, as it is written there; empty without one."""
+    """Return a tightening torque in a file's name, as written there; empty if there is none."""
     found = TORQUE.search(path.stem)
     return found.group(0).strip("_ -") if found else ""
 
 
 def _in_newton_metres(torque: str) -> float:
-    """Return a torque as a file's name has it [N m]."""
+    """Return the torque in a file's name as a number [N m]."""
     (number, unit) = TORQUE.findall(torque)[0]
     value = float(re.sub("[,pP]", ".", number)) * NEWTON_METRES[unit[0].lower()]
     return float(f"{value:.6g}")
@@ -225,10 +226,10 @@ def _in_newton_metres(torque: str) -> float:
 def _bands_together(
     blocks: Sequence[str], folder: Path, assumed: list[tuple[str, str]]
 ) -> list[str]:
-    """Give all drafted decays of one mode the same band, about a line that each of them shows.
+    """Return the blocks with one band for all drafted decays of one mode, about a shared line.
 
-    A blow may move the suspension more than the joint: its line is the largest of one test, the
-    joint's stands out of every one.
+    An impact may move the suspension more than the joint, so that its line is the largest in one
+    test. The line of the joint stands out in every test.
     """
     sampled: dict[int, tuple[Path, Record]] = {}
     bands: dict[int, Reach] = {}
@@ -255,7 +256,7 @@ def _bands_together(
 def _shared_bands(bands: Mapping[int, Reach], records: Mapping[int, Record]) -> dict[int, Reach]:
     """Return one band for decays of one mode, about a line that all show if their lines differ.
 
-    Decays of one mode are fitted in one band, that of all of them: the narrowest of its ends.
+    All decays of one mode are fitted in one band, which is the intersection of their bands.
     """
     centres = [sum(band) / 2 for band in bands.values()]
     if len(centres) < 2:
@@ -277,7 +278,7 @@ def _shared_bands(bands: Mapping[int, Reach], records: Mapping[int, Record]) -> 
 
 
 def _name_of(path: Path, number: int, count: int) -> str:
-    """Name of a test by its file's."""
+    """Return the name of a drafted test, from the name of its file."""
     return f"{shared_name(path)} {number + 1}" if count > 1 else shared_name(path)
 
 
@@ -287,7 +288,7 @@ def shared_name(path: Path) -> str:
 
 
 def _named(blocks: Sequence[str], names: Sequence[str]) -> list[str]:
-    """Name drafted tests after their files if there are several; number equal names."""
+    """Return drafted tests, named after their files if there are several (duplicates numbered)."""
     is_test = [block.startswith("[[test]]\n") for block in blocks]
     if sum(is_test) < 2:
         return list(blocks)
@@ -305,14 +306,14 @@ def _named(blocks: Sequence[str], names: Sequence[str]) -> list[str]:
 
 
 def looked_at(contents: Contents) -> Looked:
-    """Return the channels of an open file, its rate and its recorder."""
+    """Return the arrays and channels of an open file, its rate and its recorder."""
     leaves = {name: item for name, item in names(contents.root) if isinstance(item, Leaf)}
     series = _series_in(leaves) if contents.series is None else dict(contents.series)
     return Looked(leaves, series, contents.fs, contents.recorder, contents.doubts)
 
 
 def _once(assumed: Sequence[tuple[str, str]]) -> Iterator[str]:
-    """Yield every assumption in one line with all the files that it concerns."""
+    """Yield each assumption as one line that lists all the files that it concerns."""
     files: dict[str, list[str]] = {}
     for name, what in assumed:
         files.setdefault(what, []).append(name)
@@ -323,7 +324,7 @@ def _once(assumed: Sequence[tuple[str, str]]) -> Iterator[str]:
 
 
 def measurement_files(folder: Path) -> list[Path]:
-    """Return the files of a folder that a reader knows by their suffix, but for hidden ones."""
+    """Return the files of a folder whose suffix a reader accepts, except hidden files."""
     try:
         named = [p for p in folder.iterdir() if p.suffix.lower() in READERS]
         return [p for p in named if not p.name.startswith(".") and p.is_file()]
@@ -335,7 +336,7 @@ def measurement_files(folder: Path) -> list[Path]:
 
 
 def write_campaign(draft: Draft, folder: str | Path, name: str = NAMED) -> Path:
-    """Write a draft as a campaign file; a ConfigError where there is one already."""
+    """Write a draft as a new campaign file; raise a ConfigError if the file exists."""
     path = Path(folder) / name
     try:
         with path.open("xb") as file:
@@ -343,7 +344,7 @@ def write_campaign(draft: Draft, folder: str | Path, name: str = NAMED) -> Path:
     except FileExistsError:
         raise already_written(path) from None
     except OSError as error:
-        path.unlink(missing_ok=True)  # what a full disk left of it
+        path.unlink(missing_ok=True)  # remove the part written before the disk was full
         raise RunError(
             f"`{path}` cannot be written: {error.strerror or error}.",
             remedy="Free some space, or make the folder writable; or keep the draft elsewhere: "
@@ -353,7 +354,7 @@ def write_campaign(draft: Draft, folder: str | Path, name: str = NAMED) -> Path:
 
 
 def already_written(path: Path) -> ConfigError:
-    """Return the refusal to write over a campaign file."""
+    """Return the error for a campaign file that exists already."""
     return ConfigError(
         f"`{path}` exists already, and is not overwritten.",
         remedy="See the draft with: jbw init --print FOLDER",
@@ -383,7 +384,7 @@ def _frequencies_of_curves(groups: Sequence[Sequence[Path]]) -> Reach | None:
 
 
 def _may_hold_a_curve(path: Path) -> bool:
-    """Return whether the beginning of a text speaks of frequencies; of other files nobody knows."""
+    """Return whether a file may contain a curve: a text must mention frequencies at its start."""
     with suppress(OSError), path.open("rb") as stream:
         head = stream.read(BEGINNING)
         is_text = READERS.get(path.suffix.lower(), "").endswith(".csv") and b"\0" not in head
@@ -394,7 +395,7 @@ def _may_hold_a_curve(path: Path) -> bool:
 def _blocks(
     files: Sequence[Path], assumed: list[tuple[str, str]], curves: Reach | None, named: Named
 ) -> list[str]:
-    """Return the [[test]] tables of some files, or a comment where they cannot be a test."""
+    """Return the [[test]] tables of a group of files, or a comment if they cannot be a test."""
     try:
         with opened(files[0]) as contents:
             looked = looked_at(contents)
@@ -476,7 +477,7 @@ def _block(
 
 
 def _channels(file: Path, series: Leaves, named: Named) -> dict[str, Channel]:
-    """Return channels by role, of no known response with the roles that the user names."""
+    """Return channels by role; if none is a known response, add the roles that the user names."""
     channels = channels_by_role(series)
     if not channels.keys().isdisjoint(RESPONSES):
         return channels
@@ -486,7 +487,7 @@ def _channels(file: Path, series: Leaves, named: Named) -> dict[str, Channel]:
 
 
 def _checks(channels: Mapping[str, Channel], assume: Assume) -> str:
-    """Return the comment on channels whose role or axis is a guess, and note each."""
+    """Return a draft's comment on channels whose role or axis is guessed, and note each guess."""
     guessed = [r for r, c in channels.items() if c.guessed or "ampl" in last_name(c.path)]
     for role in guessed:
         assume(messages.guessed_role(role, channels[role].path))
@@ -501,15 +502,15 @@ def _checks(channels: Mapping[str, Channel], assume: Assume) -> str:
 def _levels(
     files: Sequence[Path], roles: Mapping[str, str], lines: Sequence[str]
 ) -> list[tuple[list[Path], list[str]]]:
-    """Return the files by the level of their source, with its line; nothing where none can be told.
+    """Return groups of files by source level, each with its line; empty if levels are unclear.
 
-    Repeats of one level are alike; a programme doubles it, or halves it.
+    Repeats of one level are nearly equal, whereas a test programme doubles or halves the level.
     """
     source = next((role for role in SOURCES if role in roles), "")
     if not source or len(files) > MOST_LEVELLED:
         return []
     peaks: dict[Path, float] = {}
-    spread: dict[Path, float] = {}  # of a source that stands still none: it has no level
+    spread: dict[Path, float] = {}  # a constant source has zero deviation and no level
     with suppress(JbwError, ValueError, IndexError):
         for path in files:
             u = _first_record(path, roles, lines).channels[source]
@@ -528,10 +529,10 @@ def _levels(
 
 
 class DraftedClock(NamedTuple):
-    """The sampling of a test, as a draft states it."""
+    """The sampling of a test, as stated in a draft."""
 
-    is_known: bool  # the rate needs no word
-    unused: tuple[str, ...] = ()  # roles that are not drafted
+    is_known: bool  # whether the draft need not state the rate
+    unused: tuple[str, ...] = ()  # roles to omit from the draft
     columns: tuple[str, ...] = ()  # channels that are only clocks
     lines: tuple[str, ...] = ()
     assumed: tuple[str, ...] = ()
@@ -564,7 +565,7 @@ def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Dra
             lines.append(messages.mean_rate(toml(fs)))
             assumed.append(messages.coarse_times(channel.path, fs))
             return DraftedClock(True, ("time",), (channel.path,), tuple(lines), tuple(assumed))
-        if rates:  # beside channels of the table's own times, slower ones
+        if rates:  # channels on other clocks than the table's times, at slower rates
             lines.append(messages.slowest(toml(_round(min(rates)))))
         elif proposal := _uneven(clock, unit):
             lines.append(messages.resampled(toml(proposal)))
@@ -574,14 +575,14 @@ def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Dra
 
 
 def _of_times(channel: Channel, looked: Looked) -> tuple[str, float | None]:
-    """Return the unit of times, empty of counts, and their rate where they are coarse [Hz]."""
+    """Return the unit of times ("" for counts), and their rate if their digits are too few [Hz]."""
     printed = np.ravel(np.asarray(load(looked.series[channel.path])))
     unit = channel.unit or _unit_of_times(printed, looked.fs)[0]
     return unit, coarse_rate(printed, si_of("time", unit)[0]) if unit else None
 
 
 def _delay(leaves: Mapping[str, Leaf]) -> float:
-    """Start of the drive after that of the response by the file [s]; 0 where it does not say."""
+    """Return the start of the drive relative to the response [s]; 0 if the file does not say."""
     starts = [
         next((leaves[role].start_s for role in roles if role in leaves), None)
         for roles in (INPUTS, RESPONSES)
@@ -595,7 +596,7 @@ def _round(fs: float) -> float:
 
 
 def _uneven(leaf: Leaf, unit: str) -> float | None:
-    """Return a rate for resampling uneven times [Hz]; None if they are even or run backward."""
+    """Return a rate for resampling uneven times [Hz]; None if they are even or run backwards."""
     with suppress(JbwError):
         seconds = np.asarray(load(leaf), np.float64) * si_of("time", unit)[0]
         if len(seconds) > MOST_SAMPLES or not np.isfinite(seconds).all():
@@ -610,7 +611,7 @@ def _uneven(leaf: Leaf, unit: str) -> float | None:
 
 
 def _units(channels: Mapping[str, Channel], looked: Looked, assume: Assume) -> list[str]:
-    """Return the lines of units, and of sensors whose channels are in volts."""
+    """Return the draft lines of units, and of sensors whose channels are in volts."""
     units, guessed, sensors = {}, [], {}
     for role, channel in channels.items():
         if channel.unit:
@@ -634,7 +635,7 @@ def _units(channels: Mapping[str, Channel], looked: Looked, assume: Assume) -> l
 
 
 def _agrees(printed: NDArray[np.number], unit: str, fs: float | None) -> bool:
-    """Return whether times in a unit have the rate that their file states."""
+    """Return whether times in a given unit have the rate that their file states."""
     if fs is None or not unit:
         return False
     lasts = float(printed[-1] - printed[0]) * si_of("time", unit)[0]
@@ -642,7 +643,7 @@ def _agrees(printed: NDArray[np.number], unit: str, fs: float | None) -> bool:
 
 
 def _unit_of_times(printed: NDArray[np.number], fs: float | None) -> tuple[str, bool]:
-    """Return the unit of times that state none, and whether it is sure: by their file's rate."""
+    """Return the unit of times without a unit; it is certain if the file's rate confirms it."""
     by_rate = [(unit, True) for unit in SECONDS if _agrees(printed, unit, fs)]
     return by_rate[0] if by_rate else time_unit(printed)
 
@@ -656,12 +657,12 @@ def _band(
 ) -> str:
     """Return the band of a free decay, about the strongest line of its first record.
 
-    Where response curves lie beside it, of those among their frequencies: a hammer excites the
-    suspension as well, which moves further than the joint's mode.
+    If there are response curves, the line is searched within their frequencies: a hammer also
+    excites the suspension, which moves further than the joint's mode.
     """
     try:
         low, high = band_about_peak(_first_record(path, roles, lines), within=curves)
-    except (JbwError, ValueError, IndexError):  # for `jbw check` to say
+    except (JbwError, ValueError, IndexError):  # `jbw check` reports the cause
         assume(messages.NO_BAND)
         return messages.EXAMPLE_BAND
     assume(messages.about_strongest(low, high))
@@ -669,9 +670,9 @@ def _band(
 
 
 def _first_record(path: Path, roles: Mapping[str, str], lines: Sequence[str]) -> Record:
-    """Return the first record of a file, as the lines of its table have it so far."""
+    """Return the first record of a file, as described by the drafted lines of its table so far."""
     stated = tomllib.loads("\n".join(lines[1:]))
-    # The band of a sensor in volts is the same by any sensitivity.
+    # The band does not depend on the sensitivity of a sensor in volts.
     sensors = [role for line in lines if line.startswith(SENSORS)
                for role in tomllib.loads(line.lstrip("# "))["sensitivity"]]  # fmt: skip
     selection = Wanted(
@@ -702,16 +703,16 @@ def _sampling(leaves: Leaves, assume: Assume, counts: Sequence[str] = ()) -> str
 
 
 def _scalar_rate(leaves: Leaves) -> str:
-    """Return the path of a number that is called like a sampling frequency; empty without one."""
+    """Return the path of a number named like a sampling frequency; empty if there is none."""
     scalars = (n for n, leaf in leaves.items() if all(length == 1 for length in leaf.shape))
     return next((name for name in scalars if RATE.search(last_name(name))), "")
 
 
 def _skeleton(files: Sequence[Path], looked: Looked, channels: Mapping[str, Channel]) -> str:
-    """Draft a commented [[test]] table to be filled in by hand, with the units of the file."""
+    """Draft a commented [[test]] table to be completed by hand, with the units of the file."""
     leaves = looked.series or looked.leaves
     paths = {role: channel.path for role, channel in channels.items()}
-    # By the file's name alone: which of its channels drives is not known.
+    # Only the file's name decides, because the drive channel is not known.
     kind, is_sure = _kind_of(files[0], {**channels, "force": NOBODY, "restoring_force": NOBODY}, {})
     if "frequency" in paths and "force" not in paths and any(map(_is_complex, leaves.values())):
         kind, is_sure = "frf", True
@@ -762,12 +763,12 @@ def _pattern(files: Sequence[Path]) -> str | list[str]:
         return files[0].name
     pattern = f"{_stem(files[0])[0]}*{files[0].suffix}"
     also = {p for p in files[0].parent.glob(pattern) if p.is_file()}
-    # The pattern is only shorter to read; it must mean these files and no other.
+    # The pattern is only shorter to read; it must match these files and no others.
     return pattern if also == set(files) else [path.name for path in files]
 
 
 def _listed(series_names: Collection[str]) -> str:
-    # As TOML strings: a name from a file must not end the comment's line.
+    # Names are TOML strings, so that a name from a file cannot end the line of the comment.
     some = [toml(name) for name in list(series_names)[:LISTED]]
     more = len(series_names) - len(some)
     return (", ".join(some) or "nothing") + (f" and {more} more" if more else "")
@@ -787,7 +788,7 @@ def _series_in(leaves: Leaves) -> dict[str, Leaf]:
 
 
 def _records_in(series: Leaves) -> list[dict[str, Leaf]]:
-    """Group series by their struct or group in the file, if several groups have equal names."""
+    """Return the series grouped by their struct in the file if all groups have equal names."""
     groups: dict[str, dict[str, Leaf]] = {}
     for name, leaf in series.items():
         groups.setdefault(name.rpartition(".")[0], {})[name] = leaf
@@ -803,7 +804,7 @@ def _is_complex(leaf: Leaf) -> bool:
 def _kind_of(
     path: Path, roles: Mapping[str, Channel], series: Leaves, *, is_timed: bool = True
 ) -> tuple[str, bool]:
-    """Return the kind of a test by its file's name and channels, and whether these say so."""
+    """Return the kind of a test from its file's name and channels, and whether it is certain."""
     if kind := controlled_kind(roles, series):
         return kind, True
     if {"frequency", "phase"} <= set(roles):
@@ -821,7 +822,7 @@ def _kind_of(
     if not driven and {"restoring_force", "displacement"} <= set(roles):
         return "loop", True
     if driven and {"force", "displacement"} <= set(roles):
-        # A cyclic test needs no clock, a motion under a force does.
+        # A cyclic test needs no clock, whereas a forced motion does.
         clocked = is_timed or any(series[roles[r].path].fs for r in ("force", "displacement"))
         if not clocked or _follows(roles, series):
             return "loop", False
@@ -835,7 +836,7 @@ def _kind_of(
 
 
 def _samples_of(series: Leaves, path: str) -> NDArray[np.float64] | None:
-    """Return the samples of a channel that is one real series, and not too long to be looked at."""
+    """Return the samples of a channel if it is a single real series that is not too long."""
     leaf = series.get(path)
     if leaf is None or len(leaf.shape) != 1 or leaf.shape[0] > MOST_SAMPLES or _is_complex(leaf):
         return None
@@ -845,9 +846,10 @@ def _samples_of(series: Leaves, path: str) -> NDArray[np.float64] | None:
 
 
 def _follows(roles: Mapping[str, Channel], series: Leaves) -> bool:
-    """Return whether a force follows the displacement as along a loop and does not drive it.
+    """Return whether a force follows the displacement as along a loop, and does not drive it.
 
-    About a resonance they are a quarter of a period apart, far above it turned.
+    A driving force is a quarter period apart from the displacement near a resonance, and opposite
+    to it far above.
     """
     pair = [series[roles[role].path] for role in ("force", "displacement")]
     if pair[0].shape != pair[1].shape or max(pair[0].shape) > MOST_SAMPLES:
@@ -857,7 +859,7 @@ def _follows(roles: Mapping[str, Channel], series: Leaves) -> bool:
     if finite.sum() < 3 or not (np.ptp(force[finite]) and np.ptp(displacement[finite])):
         return False
     force, displacement = force[finite], displacement[finite]
-    # Along a fat loop they are a quarter of a period apart too, but rise and fall together.
+    # Along a wide loop they are also a quarter period apart, but rise and fall together.
     steps = np.diff(force) * np.diff(displacement)
     together = float(steps.sum() / max(float(np.abs(steps).sum()), 1e-300))
     return max(float(np.corrcoef(force, displacement)[0, 1]), together) > FOLLOWING

@@ -1,4 +1,4 @@
-"""The model of matrices that lies beside records, as tables of a campaign file."""
+"""Drafting of [structure] and [[joint]] tables from files of matrices next to the records."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,26 +13,26 @@ from jbw.measurement.files.read import opened
 from jbw.measurement.files.tree import names
 from jbw.report.messages import draft as messages
 
-HELD_TOGETHER = (".pch", ".dmig", ".op4")  # files of all matrices, and of nothing else
-HELD_WITH_NAMES = (".mat", ".npz")  # files of all matrices, or of records
+HELD_TOGETHER = (".pch", ".dmig", ".op4")  # files that contain all matrices and nothing else
+HELD_WITH_NAMES = (".mat", ".npz")  # files that contain all matrices, or records
 TEXTS = (".csv", ".txt", ".dat")
-# What a line of a table tells, by a word in each of its columns.
+# Column names by which a table is recognised, one word of each set.
 TABLES = {"dofs": ({"node"}, {"direction", "dof", "dir"}), "nodes": ({"node"}, {"x"}, {"y"}, {"z"})}
-BEGINNING = 256  # characters of a text that hold its header
+BEGINNING = 256  # characters of a text that contain its header
 
 
 class ModelFiles(NamedTuple):
-    """The files of a model."""
+    """The files of a structure's model."""
 
-    matrices: str | dict[str, str]  # as [structure] names them
+    matrices: str | dict[str, str]  # file or files in the form that [structure] uses
     paths: Sequence[Path]
 
 
 def model_files(files: Sequence[Path]) -> ModelFiles | None:
-    """Return the files of one model: one with mass and stiffness, or one each; None without.
+    """Return the files of one model, with mass and stiffness in one file or separate; else None.
 
-    Matrices in files of their own are told by the names of these files, and the tables of degrees
-    of freedom and of nodes beside them by their columns.
+    Matrices in separate files are recognised by the names of the files, and the tables of degrees
+    of freedom and of nodes next to them by their columns.
     """
     if (whole := next(filter(_holds_model, files), None)) is not None:
         return ModelFiles(whole.name, (whole,))
@@ -43,7 +43,7 @@ def model_files(files: Sequence[Path]) -> ModelFiles | None:
 
 
 def structure_lines(model: ModelFiles, folder: Path) -> Iterator[str]:
-    """Yield the commented tables [structure] and [[joint]]; only the places of joints stay open."""
+    """Yield the commented tables [structure] and [[joint]]; only the joints' places remain open."""
     stated = model.matrices
     source: str | Path | Mapping[str, Path]
     if isinstance(stated, str):
@@ -51,7 +51,7 @@ def structure_lines(model: ModelFiles, folder: Path) -> Iterator[str]:
     else:
         source = {role: folder / name for role, name in stated.items()}
     places: list[str] = []
-    with suppress(JbwError):  # for `jbw check` to say
+    with suppress(JbwError):  # `jbw check` reports the cause
         places = [str(dof) for dof in read_matrices(source, units="SI").dofs]
     first = places[0] if places else messages.EXAMPLE_PLACES[0]
     others = (place for place in reversed(places) if place.endswith(first[first.index(":") :]))
@@ -62,7 +62,7 @@ def structure_lines(model: ModelFiles, folder: Path) -> Iterator[str]:
 
 
 def _holds_model(path: Path) -> bool:
-    """Return whether a file holds mass and stiffness by their names."""
+    """Return whether a file contains both mass and stiffness, according to their names."""
     suffix = path.suffix.lower()
     if suffix in HELD_TOGETHER:
         return True
@@ -73,7 +73,7 @@ def _holds_model(path: Path) -> bool:
 
 
 def _role_of_file(path: Path) -> str:
-    """Return a file's role in a model by its name (`K.mtx`, `job_STIF1.mtx`) or its columns."""
+    """Return a file's role in a model from its name (`K.mtx`, `job_STIF1.mtx`) or its columns."""
     suffix = path.suffix.lower()
     if suffix in READERS and suffix not in HELD_TOGETHER:
         words = (word.rstrip("0123456789") for word in re.split(r"[\W_]+", path.stem))

@@ -1,7 +1,7 @@
-"""Records that a campaign holds twice: the same samples under two tests, or twice within one.
+"""Records that a campaign contains twice: the same samples in two tests, or twice in one test.
 
-Counted twice they would make every interval too narrow by the root of two, and a record would be
-predicted from itself. Links and copies are the same samples, and so is a part of a record.
+Counting samples twice would make every interval too narrow by the root of two, and a record would
+be predicted from itself. Links and copies contain the same samples, and so does a part of a record.
 """
 
 import hashlib
@@ -18,8 +18,8 @@ from jbw.measurement.spans import LEAST, exclude_line, is_by_file, of_all, put_l
 from jbw.report.messages import campaign_faults as messages
 from jbw.report.messages.remedies import LEAVE_OUT_BY_NUMBER
 
-# Of a record, in common with another: a fifth makes intervals too narrow by a tenth; beyond one
-# half it is the same record.
+# Share of a record in common with another: a fifth makes intervals too narrow by a tenth; above one
+# half it counts as the same record.
 DOUBTED, MOST_SHARED = 0.2, 0.5
 FORCES = ("restoring_force", "force")
 
@@ -29,10 +29,10 @@ class ResponseOrigin(NamedTuple):
 
     test: str
     record: str
-    role: str  # of what was measured: the response, along a prescribed displacement the force
-    digest: str  # of its samples
-    channel: tuple[str, str, str]  # checksum of the file, its channel, the repeat in the file
-    span_s: tuple[float, float]  # first and last second of it
+    role: str  # role of the measurement: the response, or the force for a prescribed displacement
+    digest: str  # digest of the samples
+    channel: tuple[str, str, str]  # checksum of the file, channel in it, repeat in it
+    span_s: tuple[float, float]  # first and last second that is used
     band_hz: tuple[float, float]
     tones_hz: tuple[float, ...]
     leaving_out: str = LEAVE_OUT_BY_NUMBER
@@ -43,13 +43,13 @@ def source_of(record: Record, test: TestSpec) -> ResponseOrigin:
     is_curve, role = test.traits.is_curve, record.response
     if (
         test.traits.is_prescribed
-    ):  # whose displacement may well be commanded twice, sample by sample
+    ):  # because the displacement may be commanded twice, sample by sample
         role = next((name for name in FORCES if name in record.channels), role)
     roles = sorted(record.channels) if is_curve else [role]
     samples = [np.ascontiguousarray(record.channels[name]) for name in roles]
     digest = hashlib.sha256()
     is_dead = not any(part.size and np.ptp(part) for part in samples)
-    if is_dead:  # as others are, and refused as such
+    if is_dead:  # other dead channels are equal, and each is refused anyway
         digest.update(f"{test.name}/{record.name}".encode())
     for part in samples:
         digest.update(part.data)
@@ -65,17 +65,17 @@ def source_of(record: Record, test: TestSpec) -> ResponseOrigin:
 
 
 class Repetition(NamedTuple):
-    """A record whose samples an earlier one of the campaign holds, all or in part."""
+    """A record whose samples are also in an earlier record of the campaign, in whole or in part."""
 
     source: ResponseOrigin
     other: ResponseOrigin
     severity: Callable[..., Fault]
-    relation: str  # of the second to the first, in words
-    is_part: bool  # by spans of one channel
+    relation: str  # relation of the second to the first record, in words
+    is_part: bool  # whether the overlap is one of spans of one channel
 
 
 def held_twice(sources: Sequence[ResponseOrigin]) -> Iterator[tuple[str, Fault]]:
-    """Yield the second test of every record that a campaign holds twice, and the refusal."""
+    """Yield test name and fault for every record that a campaign contains twice."""
     repetitions = list(_repetitions(sources))
     of_test: dict[str, list[ResponseOrigin]] = {}
     for source in sources:
@@ -114,7 +114,7 @@ def _remedy(repetitions: Sequence[Repetition], of_test: Sequence[ResponseOrigin]
     by_file = Counter(source.leaving_out for source in of_test)
     if any(is_by_file(x.source.leaving_out) and by_file[x.source.leaving_out] > 1
            for x in repetitions):  # fmt: skip
-        return messages.FILES_ONCE  # one name, which would leave both out
+        return messages.FILES_ONCE  # both records have one file name, which would exclude both
     return of_all([_of_one(repetition) for repetition in repetitions], len(of_test))
 
 
@@ -141,7 +141,7 @@ def _use_the_same(source: ResponseOrigin, other: ResponseOrigin) -> bool:
 
 
 def _shared(source: ResponseOrigin, other: ResponseOrigin) -> float:
-    """Share of the shorter of two parts of a record that the other holds as well."""
+    """Return the overlap of two parts of a record, over the length of the shorter part."""
     if not _use_the_same(source, other):
         return 0.0
     (first, last), (begin, end) = source.span_s, other.span_s

@@ -1,4 +1,4 @@
-"""The files that a test means, inside the campaign's folder, and its repeats as records."""
+"""The files of a test, inside the campaign's folder, and its repeats as records."""
 
 import fnmatch
 import os
@@ -21,7 +21,7 @@ from jbw.memory import Admit, admit_alone
 from jbw.quantities import natural
 
 DATA_FOLDER = "$JBW_DATA"
-Part = tuple[Path, Wanted]  # a file, and what to take from it
+Part = tuple[Path, Wanted]  # a file, and the selection to read from it
 
 
 def repeats_of(
@@ -29,12 +29,12 @@ def repeats_of(
 ) -> Iterator[Record | JbwError]:
     """Yield the repeats of a test in SI, without excluded ones, before checks of their samples.
 
-    What cannot be read comes as the error, in its place, so that the others can still be seen.
-    `admit` refuses a record by the size that its file states, before it is read.
+    An unreadable repeat is yielded as its error, in its place, so that the others can still be
+    checked. `admit` refuses a record from the size stated in its file, before it is read.
     """
     unused = set(test.exclude)
     number = num_repeats = 0
-    fs = float("nan")  # of the first repeat
+    fs = float("nan")  # sampling frequency of the first repeat
     try:
         sets = _file_sets(test, folder, allow_outside)
     except JbwError as error:
@@ -44,7 +44,7 @@ def repeats_of(
         files = [file.name for file, _ in parts]
         dropped = {x for x in test.exclude if isinstance(x, str) and fnmatch.filter(files, x)}
         unused -= dropped
-        if dropped:  # perhaps because it cannot be read
+        if dropped:  # perhaps excluded because it cannot be read
             number += 1
             continue
         read: Sequence[Record | JbwError]
@@ -74,16 +74,16 @@ def repeats_of(
 
 
 def _on_grid(record: Record, fs: float) -> Record:
-    """Return a record at the rate of another one where no sample tells the two rates apart.
+    """Return a record with another record's rate if the two differ by less than the samples show.
 
-    Times that are printed from other origins have mean rates that differ by their last digit.
+    Printed times with different origins have mean rates that differ in the last digit.
     """
     is_one = abs(record.fs - fs) * record.num_samples <= REGULARITY * fs
     return replace(record, fs=fs) if is_one else record
 
 
 def _as_stated(record: Record, test: TestSpec) -> Record:
-    """Set a record's drive and clock; start a decay at its blow if no `settle` is stated."""
+    """Return a record with stated drive and clock; a decay without `settle` starts at its blow."""
     record = on_one_clock(replace(record, drive=test.drive or ""), test.clock_ppm)
     if BASE in record.channels:
         return beside_base(record, is_relative=test.relative_to_base)
@@ -92,7 +92,7 @@ def _as_stated(record: Record, test: TestSpec) -> Record:
 
 
 def _file_sets(test: TestSpec, folder: Path, allow_outside: bool) -> list[list[Part]]:
-    """Return the files of each repeat; more than one where roles have files of their own."""
+    """Return the files of each repeat, with several files if roles are in separate files."""
     selection = Wanted(**{field.name: getattr(test, field.name) for field in fields(Wanted)})
     if not isinstance(test.files, Mapping):
         files = found_files(test.files, folder, allow_outside)
@@ -117,10 +117,10 @@ def _file_sets(test: TestSpec, folder: Path, allow_outside: bool) -> list[list[P
 
 
 def found_files(patterns: Iterable[str], folder: Path, allow_outside: bool = False) -> list[Path]:
-    """Return the files that the patterns name, each once, in the order of the patterns.
+    """Return the files that match the patterns, each once, in the order of the patterns.
 
-    A pattern is a file's name with * and ? relative to the campaign's folder; $JBW_DATA at its
-    beginning is the folder of that environment variable.
+    A pattern is a file name with * and ?, relative to the campaign's folder. $JBW_DATA at its
+    beginning stands for the folder in that environment variable.
     """
     files: list[Path] = []
     for written in patterns:
@@ -130,7 +130,7 @@ def found_files(patterns: Iterable[str], folder: Path, allow_outside: bool = Fal
                 remedy="Download the file first and name it here.",
             )
         pattern = _with_data_folder(written)
-        # First the pattern itself, so that nothing outside is even looked at; then the links.
+        # Check the pattern first, so that nothing outside is even accessed, and then the links.
         _stay_inside(folder / pattern, pattern, folder, allow_outside)
         for file in _matching(pattern, folder):
             _stay_inside(file, pattern, folder, allow_outside)
@@ -149,7 +149,7 @@ def _stay_inside(path: Path, pattern: str, folder: Path, allow_outside: bool) ->
 
 
 def _with_data_folder(pattern: str) -> str:
-    """Return the pattern with the data folder of this machine in the place of $JBW_DATA."""
+    """Return the pattern with $JBW_DATA replaced by the data folder of this machine."""
     if not pattern.startswith(DATA_FOLDER):
         return pattern
     folder = os.environ.get(DATA_FOLDER[1:])

@@ -1,4 +1,4 @@
-"""Force per modal mass for one unit of a source, as far as a campaign states it, by what drives."""
+"""Force per modal mass for one unit of each source, as far as a campaign states it."""
 
 from collections.abc import Collection, Mapping
 from typing import Any
@@ -6,16 +6,16 @@ from typing import Any
 from jbw.measurement.records import BASE, Test, drive_of
 from jbw.quantities import FED
 
-Gain = float | Mapping[str, float] | None  # one of all tests, or by drive
-WEIGHTLESS = {*FED, BASE}  # sources of whose gain a mass tells nothing
+Gain = float | Mapping[str, float] | None  # one value for all tests, or a value for each drive
+WEIGHTLESS = {*FED, BASE}  # sources whose gain does not follow from a mass
 
 
 def force_per_unit(campaign: Any) -> Gain:  # as checked, or with its records
     """Return force per modal mass for one unit of input [1/kg, or N/kg/V], None if not stated.
 
-    Where a measured force drives some tests and a shaker's feed others, the gains are by drive. A
-    mass does not determine the gain of a feed in volts or amperes, or that of a moving base, which
-    is the participation of the mode.
+    If a measured force drives some tests and a shaker's voltage or current others, the gains are
+    given by drive. A mass does not determine the gain of a voltage or current, nor that of a moving
+    base, which is the participation of the mode.
     """
     gain, mass = campaign.gain, campaign.modal_mass
     by_mass = None if mass is None else 1 / mass
@@ -35,5 +35,5 @@ def gain_of(gain: Gain, drive: str) -> float | None:
 
 
 def differ(drives: Collection[str]) -> bool:
-    """Return whether a measured force drives some tests, and a shaker's feed others."""
+    """Return whether a measured force drives some tests and a shaker's feed drives others."""
     return "force" in drives and not FED.keys().isdisjoint(drives)

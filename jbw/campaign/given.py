@@ -19,21 +19,21 @@ Tell = Callable[[str], None]
 
 
 def campaigns_of(given: Sequence[Path], tell: Tell, mass: float | None = None) -> list[Path]:
-    """Return the campaign files that paths stand for, in their order.
+    """Return the campaign files to which the given paths refer, in order.
 
-    A folder stands for the campaign file in it; where it holds records alone, their campaign is
-    drafted and written there. Records that are named are drafted into one campaign, which is
-    written beside them under the name that the first has, without its number where it has others.
+    A folder refers to the campaign file in it; if it contains only records, their campaign is
+    drafted and written there. Named records are drafted into one campaign, which is written next to
+    them. Its name is that of the first record, without its number if there are several.
 
     Args:
         given: Campaign files, folders or records.
-        tell: Called with a sentence for every file written and every guess in it.
-        mass: Modal mass that goes into what is drafted [kg].
+        tell: Function that is called with a sentence for every written file and every guess.
+        mass: Modal mass for the drafted campaign [kg].
 
     Raises:
-        ConfigError: A path that does not exist or may not be read, a folder of neither campaign nor
-            records, records of several folders, a campaign file of their name that holds others, or
-            a mass beside a campaign file.
+        ConfigError: A path does not exist or cannot be read; a folder has neither campaign nor
+            records; the records are in several folders; a campaign file of their name is for other
+            records; or a mass is given for an existing campaign file.
         DataError: No record can be read.
     """
     named = [path for path in given if not (is_campaign(path) or path.is_dir())]
@@ -50,7 +50,7 @@ def campaigns_of(given: Sequence[Path], tell: Tell, mass: float | None = None) -
 
 
 def _there(campaign: Path, mass: float | None) -> Path:
-    """Return a campaign file that is there already; refuse a modal mass, which it states itself."""
+    """Return an existing campaign file; raise a ConfigError if a modal mass is given as well."""
     if mass is not None:
         what, remedy = messages.mass_of_campaign(str(campaign), f"{mass:g}")
         raise ConfigError(what, remedy=remedy)
@@ -61,7 +61,8 @@ def _of_folder(folder: Path, tell: Tell, mass: float | None) -> Path:
     if (campaign := campaign_in(folder)) is not None:
         return _there(campaign, mass)
     if any(folder.glob("*.toml")) or not measurement_files(folder):
-        require_file(folder, *CAMPAIGN)  # which names one of several, or the command that drafts
+        # Raises an error that names one of several, or the command that drafts.
+        require_file(folder, *CAMPAIGN)
     return _written(start_campaign(folder, mass=mass), folder / NAMED, tell)
 
 
@@ -84,12 +85,12 @@ def _of_records(records: Sequence[Path], tell: Tell, mass: float | None) -> Path
 
 
 def _files_of(text: str) -> list[object]:
-    """Return what the tests of a campaign file name as their files, in any order."""
+    """Return the `files` entries of a campaign file's tests, sorted; empty if it is invalid."""
     try:
         tests = tomllib.loads(text).get("test", [])
         return sorted((test.get("files") for test in tests), key=str)
     except (tomllib.TOMLDecodeError, AttributeError, TypeError):
-        return []  # of a file that is none: no draft has no test
+        return []  # the file is invalid, and differs from any draft, which always has tests
 
 
 def _written(draft: Draft, path: Path, tell: Tell) -> Path:

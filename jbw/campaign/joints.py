@@ -1,4 +1,4 @@
-"""Several joints of a campaign before any test: modes in full stick, energy shares, and B."""
+"""Checks of several joints before any test: fully stuck modes, energy shares and matrix B."""
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -38,7 +38,8 @@ from jbw.report.messages import campaign_faults as messages
 
 STRUCTURE = "[structure]"
 MATRICES = "matrices"
-_UNMOVED = 1e-2  # of the joint that moves most: B is a millionth
+# Share of the largest joint motion below which a joint contributes a millionth to B or less.
+_UNMOVED = 1e-2
 
 
 @dataclass(frozen=True)
@@ -47,13 +48,13 @@ class JointsCheck:
 
     Attributes:
         joints: Names of the joints.
-        frequencies_hz: Of the modes, joints in full stick [Hz].
-        shares: Energy share of each joint in each mode; None of measured modes.
-        swept: Indices of the modes in the bands of the tests; all where no test has a band.
-        separability: B of the swept modes, joints that share a law in one column; None where
+        frequencies_hz: Natural frequencies with fully stuck joints [Hz].
+        shares: Energy share of each joint in each mode; None for measured modes.
+        swept: Indices of the modes in the bands of the tests; all modes if no test has a band.
+        separability: B of the swept modes, with one column for joints that share a law; None if the
             shapes are not stated.
-        notes: What was changed or assumed, a sentence each.
-        model: The reduced model; None of measured modes.
+        notes: Changes and assumptions, one sentence each.
+        model: The reduced model; None for measured modes.
     """
 
     joints: tuple[str, ...]
@@ -65,7 +66,7 @@ class JointsCheck:
     model: ReducedModel | None = None
 
     def as_json(self) -> dict[str, Any]:
-        """Return the check as plain values."""
+        """Return the check of joints as plain values for JSON."""
         separability = self.separability
         return {
             "joints": list(self.joints),
@@ -84,12 +85,12 @@ class JointsCheck:
 
 
 def reduced_model(spec: CampaignSpec, folder: Path, *, allow_outside: bool = False) -> ReducedModel:
-    """Return the modes and joints of a campaign whose structure is known by matrices.
+    """Return the modes and joints of a campaign whose structure is given by matrices.
 
     Args:
-        spec: The campaign file, checked.
-        folder: Its folder, where the files of matrices are.
-        allow_outside: Let them lie elsewhere.
+        spec: Checked campaign file.
+        folder: Folder of the campaign file, which contains the files of matrices.
+        allow_outside: Whether the files may be elsewhere.
 
     Raises:
         ConfigError: There are no matrices, or a place or joint is not in the model.
@@ -121,7 +122,7 @@ def reduced_model(spec: CampaignSpec, folder: Path, *, allow_outside: bool = Fal
 def _files(
     structure: AssembledStructure, folder: Path, allow_outside: bool
 ) -> Path | dict[str, Path]:
-    """Return the files of matrices within the campaign's folder."""
+    """Return the paths of the files of matrices, which must be in the campaign's folder."""
     stated = structure.matrices
     if isinstance(stated, Mapping):
         return {
@@ -131,10 +132,11 @@ def _files(
 
 
 class _Modes(NamedTuple):
-    """Modes of a structure, and the motion of its joints in them as far as it is known."""
+    """The modes of a structure, and the motion of its joints in them if it is known."""
 
     frequencies_hz: np.ndarray
-    motion: ReducedModel | np.ndarray | None = None  # as `joint_separability` takes it
+    # Model or motion matrix in the form that `joint_separability` takes.
+    motion: ReducedModel | np.ndarray | None = None
     shares: np.ndarray | None = None
     notes: tuple[str, ...] = ()
 
@@ -205,7 +207,7 @@ def _modes_of(spec: CampaignSpec, folder: Path, allow_outside: bool) -> _Modes:
 
 
 def _names_of_groups(joints: Sequence[JointTable]) -> tuple[str, ...]:
-    """Return the names of the joints, those that share a law as one."""
+    """Return the names of the joints; joints that share a law have one combined name."""
     groups = groups_of(joints)
     return tuple(
         " = ".join(table.name for table, g in zip(joints, groups, strict=True) if g == group)
@@ -225,10 +227,11 @@ def _swept(spec: CampaignSpec, frequencies_hz: np.ndarray) -> tuple[int, ...]:
 
 
 def _inseparable(separability: JointSeparability, joints: Sequence[JointTable]) -> Iterator[Fault]:
-    """Yield the joints with laws of their own that the swept modes do not tell apart.
+    """Yield a fault for each pair of joints with separate laws that the modes cannot separate.
 
-    Of one kind of law the posterior has a mode for each order of the joints: that is refused. Of
-    different kinds it is doubtful, and so it is of one mode, which tells the sum of all joints.
+    With one kind of law, the posterior has a mode for each order of the joints, which is refused.
+    With different kinds it is only a doubt, and also with a single mode, which determines the sum
+    of all joints.
     """
     is_sum = len(separability.modes) == 1
     leaders = [joints[group] for group in dict.fromkeys(groups_of(joints))]
@@ -245,7 +248,7 @@ def _inseparable(separability: JointSeparability, joints: Sequence[JointTable]) 
 
 
 def _too_few(separability: JointSeparability) -> Iterator[Fault]:
-    """Yield a doubt if there are fewer swept modes than laws (but more than one mode).
+    """Yield a warning if there are fewer swept modes than laws (but more than one mode).
 
     Two laws of one mode are reported as an inseparable pair instead.
     """
@@ -263,7 +266,7 @@ def _reason(pair: InseparablePair, separability: JointSeparability) -> str:
 
 
 def _unseen(motion: np.ndarray, names: Sequence[str]) -> Iterator[Fault]:
-    """Yield the joints that no swept mode moves: their laws keep their prior."""
+    """Yield a warning for each joint that no swept mode moves, whose laws keep their prior."""
     reach = (motion / motion.max(axis=0)).max(axis=1)
     for name, largest in zip(names, reach, strict=True):
         if largest < _UNMOVED:
@@ -272,12 +275,12 @@ def _unseen(motion: np.ndarray, names: Sequence[str]) -> Iterator[Fault]:
 
 @dataclass(frozen=True)
 class SeveralJoints:
-    """A structure with several joints, ready to be identified.
+    """A structure with several joints, ready for identification.
 
     Attributes:
-        model: Its modes and joints.
-        laws: Names of the joints' laws with the joints that share each.
-        uncertain: Whether the joints' motion in the modes is uncertain, and not the model's.
+        model: Modes and joints of the structure.
+        laws: Names of the laws, each with the joints that share it.
+        uncertain: Whether the joints' motion in the modes is uncertain, instead of the model's.
     """
 
     model: ReducedModel
@@ -288,11 +291,11 @@ class SeveralJoints:
 def several_joints(
     spec: CampaignSpec, folder: Path, *, allow_outside: bool = False
 ) -> SeveralJoints | None:
-    """Return the joints of a campaign with matrices; None of one joint.
+    """Return the joints of a campaign with matrices; None for a campaign without matrices.
 
     Raises:
-        ConfigError: As `reduced_model`; or the tests do not tell two joints of one kind of law
-            apart, or the campaign states what matrices tell.
+        ConfigError: As in `reduced_model`; or the tests cannot separate two joints with one kind
+            of law; or the campaign states facts that follow from the matrices.
     """
     if spec.assembled is None:
         return None
@@ -311,7 +314,7 @@ def several_joints(
 
 
 def _refuse_stated_twice(spec: CampaignSpec) -> None:
-    """Refuse what is not read beside matrices, rather than to pass over it."""
+    """Raise a ConfigError for stated keys that have no meaning in addition to matrices."""
     stated = {
         "gain": spec.gain is not None,
         "modal_mass": spec.modal_mass is not None,
@@ -333,10 +336,10 @@ def _refuse_stated_twice(spec: CampaignSpec) -> None:
 
 
 def refuse_unknown_shapes(spec: CampaignSpec) -> None:
-    """Raise for several joints of measured modes, which no command identifies yet.
+    """Raise a ConfigError for [[joint]] tables without matrices, which cannot be identified yet.
 
     Raises:
-        ConfigError: It has [[joint]] tables without matrices.
+        ConfigError: The campaign has [[joint]] tables without matrices.
     """
     if spec.assembled is not None or not spec.joints:
         return
@@ -361,10 +364,10 @@ def starts_of(
     """Return starting values of every law from readings of single modes, in the order of laws.
 
     Args:
-        joints: The joints and their laws, one law a joint.
-        modes_hz: Natural frequencies of the modes that were read, as the model has them [Hz].
-        readings: Of each of them, of unit modal mass.
-        std: Their standard errors.
+        joints: Joints and their laws, one law per joint.
+        modes_hz: Natural frequencies in the model of the modes that were read [Hz].
+        readings: Reading of each of these modes, for unit modal mass.
+        std: Standard errors of the readings.
 
     Raises:
         ConfigError: There are fewer modes than laws.
@@ -381,10 +384,10 @@ def starts_of(
 
 
 def require_one_joint(joints: SeveralJoints | None, what: str) -> None:
-    """Raise where a structure has several joints, of which something knows nothing yet.
+    """Raise a ConfigError if a structure has several joints and `what` supports only one.
 
     Raises:
-        ConfigError: There are several.
+        ConfigError: The structure has several joints.
     """
     if joints is not None:
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""From a campaign file to the tests and their records."""
+"""Loading of a campaign file with its tests and their records."""
 
 import warnings
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ from jbw.measurement.records import BASE, Record, Test
 from jbw.memory import NO_RECORDS, HeldRecords, require_memory
 from jbw.quantities import DEFAULT_LAWS
 
-# Keys of a test's table that its record takes as they are.
+# Keys of a test's table that its `Test` takes unchanged.
 SAME = (
     "name",
     "level",
@@ -42,12 +42,12 @@ SAME = (
 )
 
 
-SHOWN, LINE = 10, 100  # tests and characters of a campaign in a cell
+SHOWN, LINE = 10, 100  # tests and characters of a campaign shown in a notebook cell
 
 
 @dataclass(frozen=True, repr=False)
 class Campaign:
-    """Everything that was measured on one joint, in SI.
+    """A campaign: everything that was measured on one joint, in SI units.
 
     Examples:
         A campaign is built in memory from one impact and a known modal mass:
@@ -64,19 +64,20 @@ class Campaign:
     """
 
     name: str
-    folder: Path | None  # of the campaign file; None of a campaign in memory
-    tests: tuple[Test, ...]  # in the order of the file
-    gain: float | None = None  # force per modal mass for one volt [N/kg/V], when known
-    modal_mass: float | None = None  # [kg], when known
-    settings: Identify = field(default_factory=Identify)  # a mapping of its keys is taken too
-    path: Path = Path()  # of the campaign file
-    laws: tuple[str, ...] = DEFAULT_LAWS  # that stand beside each other across the joint
-    assembly: Assembly = field(default_factory=Assembly)  # torque and the like, as far as stated
-    # Modes that meet in the joint; None of one. A mapping of its keys is taken too.
+    folder: Path | None  # folder of the campaign file; None for a campaign in memory
+    tests: tuple[Test, ...]  # tests in the order of the file
+    gain: float | None = None  # force per modal mass for one volt [N/kg/V], if known
+    modal_mass: float | None = None  # [kg], if known
+    settings: Identify = field(default_factory=Identify)  # a mapping of its keys is also accepted
+    path: Path = Path()  # path of the campaign file
+    laws: tuple[str, ...] = DEFAULT_LAWS  # laws that act in parallel across the joint
+    # Torque and similar facts, as far as stated.
+    assembly: Assembly = field(default_factory=Assembly)
+    # Modes that move the joint; None for one mode. A mapping of its keys is also accepted.
     structure: Structured | None = None
-    instruments: Instruments = NOT_STATED  # what is known of clock and calibration
-    joints: SeveralJoints | None = None  # of a structure with several; None of one
-    states_laws: bool = True  # where it does not, its readings may propose others
+    instruments: Instruments = NOT_STATED  # known errors of clock and calibration
+    joints: SeveralJoints | None = None  # joints of a structure with several; None for one joint
+    states_laws: bool = True  # if it does not, its readings may propose other laws
 
     def __repr__(self) -> str:
         lines = [f"  {_line(test)}" for test in self.tests[:SHOWN]]
@@ -102,20 +103,20 @@ class Campaign:
 
 
 def _line(test: Test) -> str:
-    """Return a test in a line."""
+    """Return the description of a test in one line: name, kind, number of records, level."""
     level = "" if isnan(test.level) else f", level {test.level:g}"
     return f"{test.name}: {test.kind}, {len(test.records)} records{level}"
 
 
 def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
-    """Read and check a campaign file with all of its records.
+    """Return a campaign file with all of its records, after checking both.
 
     Args:
         path: The TOML file.
-        allow_outside: Let `files` point out of the campaign file's folder.
+        allow_outside: Whether `files` may point outside the campaign file's folder.
 
     Raises:
-        ConfigError: The campaign file is against the schema; all its errors at once.
+        ConfigError: The campaign file violates the schema; all errors are reported at once.
         DataError: A file or channel is missing, damaged, or fails a check.
 
     Examples:
@@ -161,7 +162,7 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
 
 
 def with_laws(campaign: Campaign, laws: Sequence[str] | None) -> Campaign:
-    """Return a campaign that states no laws with those that it was identified with."""
+    """Return a campaign with the laws of its identification if it states none itself."""
     if campaign.states_laws or laws is None:
         return campaign
     return replace(campaign, laws=tuple(laws))
@@ -170,7 +171,7 @@ def with_laws(campaign: Campaign, laws: Sequence[str] | None) -> Campaign:
 def load_with_doubts(
     path: Path, *, allow_outside: bool = False
 ) -> tuple[Campaign, list[warnings.WarningMessage]]:
-    """Load a campaign; return it with the warnings on doubtful records instead of issuing them."""
+    """Return a loaded campaign and the warnings on doubtful records, which are not issued."""
     with warnings.catch_warnings(record=True) as doubts:
         warnings.simplefilter("always")
         campaign = load_campaign(path, allow_outside=allow_outside)
@@ -187,16 +188,16 @@ def load_test(
     allow_outside: bool = False,
     held: HeldRecords = NO_RECORDS,
 ) -> Test:
-    """Load the records of one [[test]]: raise its first error, warn of what is doubtful.
+    """Return a test with its loaded records; raise its first error and warn of doubts.
 
     Args:
-        test: Its table.
-        folder: Of the campaign file.
-        per_unit: Force per modal mass for one unit of the input, where the campaign says; by drive.
-        laws: Those of the joint.
-        of_one_mode: Whether one mode is all that its records show, by the campaign.
-        allow_outside: Let `files` point out of the folder.
-        held: Sizes of the records of earlier tests, beside which these must find room.
+        test: Table of the test.
+        folder: Folder of the campaign file.
+        per_unit: Force per modal mass for one unit of the input, by drive; None if not stated.
+        laws: Names of the laws of the joint.
+        of_one_mode: Whether the campaign says that records show only one mode.
+        allow_outside: Whether `files` may point outside the folder.
+        held: Sizes of the records of earlier tests, which also need memory.
     """
 
     def admit(samples: int, channels: int, name: str) -> None:
@@ -230,7 +231,7 @@ def load_test(
 
 
 def _followed(test: TestSpec, spec: CampaignSpec, joints: SeveralJoints | None) -> int:
-    """Number of modes and joints that a fit follows through every sample of a test."""
+    """Return the number of modes and joints that a fit follows through every sample of a test."""
     if not kind_named(test.kind).is_transient:
         return 0
     if joints is not None:

@@ -1,4 +1,4 @@
-"""The roles of a file's channels, from their names and labels and the units that it states."""
+"""Assignment of roles to a file's channels, from their names, labels and units."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ from jbw.measurement.records import BASE, INPUTS, QUANTITIES, RESPONSES, ROLES, 
 from jbw.units import TORSION, is_voltage, plain, quantity_of, si_unit
 
 Leaves = Mapping[str, Leaf]
-# A channel's name to its role, most telling first.
+# Pattern of a channel's name and its role, most specific first.
 HINTS = (
     (r"^t(?:_(?:s|sec|ms|us))?$|time(?!r)|zeit", "time"),
     (r"restoring|friction", "restoring_force"),
@@ -29,14 +29,15 @@ HINTS = (
     (r"force|load|^f$|torque|moment|kraft|hammer", "force"),
     (r"input|shaker|volt|drive|source|(?<!s)amp|^u$|^v1$", "input"),
 )
-# Parts of the time of day, which are no clock of a record, nor metres by their unit `m`.
+# Parts of the time of day, which are neither a record's clock nor metres despite a unit `m`.
 OF_THE_DAY = r"\b(?:minutes?|hours?|seconds?|days?|minuten?|stunden?|sekunden?)\b"
-ELAPSED = r"elapsed|relative|since|verstrichen|vergangen"  # of times that are no date
+# Words in names of times that are not a date.
+ELAPSED = r"elapsed|relative|since|verstrichen|vergangen"
 AXES = re.compile(r"(?:^|(?<=[\W_\d])|(?<=[a-z](?=[XYZ])))[xyzXYZ](?![^\W_])")
 AXES_IN_SPACE = 3
-TURNED = r"angle|rotation|twist|torque|moment"  # in names of torsion
-STRONGER = 3.0  # times the first channel of a role, for another to be meant
-MOST_SAMPLES = 4_000_000  # of a channel that is looked at
+TURNED = r"angle|rotation|twist|torque|moment"  # words in names of quantities of torsion
+STRONGER = 3.0  # factor over the first channel of a role from which another channel is chosen
+MOST_SAMPLES = 4_000_000  # largest number of samples of a channel that is examined
 MOST_RADIANS = 7.0
 BY_QUANTITY = {
     "force": "force", "torque": "force", "acceleration": "acceleration",
@@ -47,26 +48,26 @@ BY_QUANTITY = {
 
 
 class Channel(NamedTuple):
-    """The assumed meaning of one channel."""
+    """The assumed meaning of one channel of a file."""
 
     path: str
-    unit: str  # as the file states it, or as its name does
-    default: str  # SI unit where nothing states one
-    guessed: bool = False  # by its unit alone
-    axes: tuple[str, ...] = ()  # all channels of its axes, where there are several
-    sensitivity: str = ""  # an example, where the channel is the voltage of a sensor
+    unit: str  # as stated by the file or by the channel's name
+    default: str  # SI unit if no unit is stated
+    guessed: bool = False  # whether only the unit suggests the role
+    axes: tuple[str, ...] = ()  # all channels of its axes, if there are several
+    sensitivity: str = ""  # example for a channel that is the voltage of a sensor
 
 
 def last_name(path: str) -> str:
-    """Return the last name of a path, without what follows in brackets."""
+    """Return the last name of a path in lower case, without brackets."""
     return re.split(r"[./]", re.sub(r"\[[^\]]*\]", "", path))[-1].lower()
 
 
 def channels_by_role(series: Leaves) -> dict[str, Channel]:
-    """Return the role to channel, by names, labels and units."""
+    """Return the channel of each role, from names, labels and units."""
     named: dict[str, list[Channel]] = {}
     rest: list[tuple[str, Leaf]] = []
-    # Three letters alone are axes of what nobody says.
+    # The names x, y and z together are axes of an unstated quantity.
     unknown = {"x", "y", "z"} if {"x", "y", "z"} <= {last_name(path) for path in series} else set()
     for path, leaf in series.items():
         if re.search(OF_THE_DAY, last_name(path)) or (last_name(path) in unknown and not leaf.unit):
@@ -83,10 +84,10 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
     for path, leaf in rest:
         role = _by_unit(leaf)
         others = [other_leaf for _, other_leaf in rest if _by_unit(other_leaf) == role]
-        # Of several voltages none is known to be the source's.
+        # If there are several voltages, none of them is known to be the source.
         is_new = role not in named or named[role][0].path in by_unit
         if role and is_new and not (role == "input" and len(others) > 1):
-            # A voltage may be anything; other units tell what is measured.
+            # A voltage may be anything, whereas other units determine the measured quantity.
             named.setdefault(role, []).append(Channel(path, leaf.unit, "", role == "input"))
             by_unit.add(path)
     roles = {
@@ -94,9 +95,9 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
         for role, many in named.items()
     }
     if BASE in roles and roles.keys().isdisjoint(RESPONSES):
-        roles["acceleration"] = roles.pop(BASE)  # alone it is the response
+        roles["acceleration"] = roles.pop(BASE)  # alone, it is the response
     elif not roles.keys().isdisjoint(INPUTS):
-        roles.pop(BASE, None)  # of a structure that a force moves
+        roles.pop(BASE, None)  # the structure is moved by a force, not by its base
     roles = _of_a_curve(roles, series)
     if "phase" in roles and not roles["phase"].unit:
         turned = _in_degrees(series[roles["phase"].path])
@@ -105,7 +106,7 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
         roles = _of_amplitudes(roles)
     unanswered = roles.keys().isdisjoint(RESPONSES)
     if unanswered and {"frequency", "phase", "force", "input"} <= set(roles):
-        # Beside a force and a phase, an amplitude is that of the response.
+        # Next to a force and a phase, an amplitude is that of the response.
         amplitude = roles.pop("input")
         role = next((r for r in RESPONSES if _fits(r, amplitude.unit)), "acceleration")
         roles[role] = amplitude._replace(default=si_unit(role))
@@ -115,9 +116,9 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
 def with_roles(
     channels: Mapping[str, Channel], stated: Mapping[str, str], series: Leaves
 ) -> dict[str, Channel]:
-    """Return channels by role, where roles that a user states replace the guessed roles.
+    """Return channels by role, with the guessed roles replaced by roles that a user states.
 
-    The unit of a channel is the file's where it is one of the role.
+    A channel keeps the unit in the file if that unit fits the role.
     """
     others = {role: c for role, c in channels.items() if c.path not in stated.values()}
     units = {role: series[path].unit for role, path in stated.items()}
@@ -132,7 +133,7 @@ def _si_of_role(role: str) -> str:
 
 
 def _of_amplitudes(roles: dict[str, Channel]) -> dict[str, Channel]:
-    """Turn an amplitude next to frequencies into the response whose unit it has."""
+    """Turn an amplitude next to frequencies into the response that its unit indicates."""
     amplitude = roles["input"]
     for role in RESPONSES:
         unit = amplitude.unit or _behind(last_name(amplitude.path), role)
@@ -144,7 +145,7 @@ def _of_amplitudes(roles: dict[str, Channel]) -> dict[str, Channel]:
 
 def _by_text(path: str, text: str, unit: str) -> tuple[str, Channel] | None:
     """Return the role and channel that a text suggests and its unit permits; None if unknown."""
-    if plain(text) in ("ms", "us", "ns"):  # a column called by its unit
+    if plain(text) in ("ms", "us", "ns"):  # the column is named by its unit
         return "time", Channel(path, plain(text), "s")
     by_name = [text] if text in ROLES else []
     by_name += [role for pattern, role in HINTS if re.search(pattern, text)]
@@ -169,7 +170,7 @@ def _fits(role: str, unit: str) -> bool:
 
 
 def _behind(text: str, role: str) -> str:
-    """Return a unit at the end of a name, such as that of `disp_mm` or `frequency_Hz`; or none."""
+    """Return the unit that ends a name such as `disp_mm` or `frequency_Hz`; else an empty text."""
     for mark in range(len(text)):
         if text[mark] != "_" or mark == 0:
             continue
@@ -182,7 +183,7 @@ def _behind(text: str, role: str) -> str:
 
 
 def _by_unit(leaf: Leaf) -> str:
-    """Return the role that the unit of a channel alone tells, or none."""
+    """Return the role that the unit of a channel indicates; empty if it indicates none."""
     with suppress(ConfigError):
         return BY_QUANTITY.get(quantity_of(leaf.unit), "") if leaf.unit else ""
     return ""
@@ -204,7 +205,7 @@ def _meant(channels: Sequence[Channel], series: Leaves) -> Channel:
 
 
 def _axes_of(channels: Sequence[Channel]) -> list[Channel]:
-    """Return the channels whose names differ from the first by the letter of an axis alone."""
+    """Return the channels whose names differ from the first only by the letter of an axis."""
     names = [channel.path.rpartition(".")[2] for channel in channels]
     bare = [AXES.sub("", name) for name in names]
     return [
@@ -214,7 +215,7 @@ def _axes_of(channels: Sequence[Channel]) -> list[Channel]:
 
 
 def _clock_of(channels: Sequence[Channel], series: Leaves) -> Channel:
-    """Return the clock of a record among columns of times: one that rises, that says it elapses."""
+    """Return the clock of a record: an increasing time column, preferably one of elapsed time."""
 
     def merits(channel: Channel) -> tuple[bool, bool, bool]:
         time = load(series[channel.path])
@@ -226,7 +227,7 @@ def _clock_of(channels: Sequence[Channel], series: Leaves) -> Channel:
 
 
 def strength(leaf: Leaf) -> float:
-    """Return the standard deviation of a channel; 0 of one that is too long, or no series."""
+    """Return the standard deviation of a channel; 0 if it is too long or not one-dimensional."""
     if int(np.prod(leaf.shape, dtype=float)) > MOST_SAMPLES or len(leaf.shape) != 1:
         return 0.0
     samples = load(leaf)
@@ -242,8 +243,8 @@ def _in_degrees(leaf: Leaf) -> bool:
 def _of_a_curve(roles: dict[str, Channel], series: Leaves) -> dict[str, Channel]:
     """Assign frequency, response and source of a complex curve; real rising values are frequency.
 
-    Where no name tells the response, the first complex channel is it by its unit, or the only one
-    by its phase; without a channel of the force it is per newton.
+    If no name indicates the response, it is the first complex channel with a unit of a response, or
+    the only complex channel, classified by its phase. Without a force channel it is per newton.
     """
     is_complex = [p for p, leaf in series.items() if _is_complex(leaf)]
     if not is_complex:
@@ -277,9 +278,9 @@ def _of_a_curve(roles: dict[str, Channel], series: Leaves) -> dict[str, Channel]
 
 
 def _by_phase(leaf: Leaf) -> str:
-    r"""Return the kind of response of a complex curve, by its phase $\arg \sum |H| H$ at the peak.
+    r"""Return a complex curve's kind of response, from its phase $\arg \sum |H| H$ at the peak.
 
-    A receptance is at -90 degrees there, a mobility at 0 and an accelerance at 90.
+    A receptance has a phase of -90 degrees there, a mobility 0 and an accelerance 90.
     """
     h = np.nan_to_num(np.ravel(load(leaf))) if leaf.shape[0] <= MOST_SAMPLES else np.zeros(1)
     quarters = round(float(np.angle(np.sum(np.abs(h) * h))) / (np.pi / 2))
@@ -291,7 +292,7 @@ def _is_complex(leaf: Leaf) -> bool:
 
 
 def rises(leaf: Leaf) -> bool:
-    """Return whether a channel only ever increases, from no negative number."""
+    """Return whether a channel is real, not negative and strictly increasing."""
     if len(leaf.shape) != 1 or leaf.shape[0] > MOST_SAMPLES:
         return False
     samples = load(leaf)

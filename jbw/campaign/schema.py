@@ -1,4 +1,4 @@
-"""The campaign file as typed tables; what is wrong is told all at once."""
+"""The campaign file as typed tables, validated with all errors reported at once."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -41,7 +41,7 @@ from jbw.report.messages import campaign_faults
 
 
 class CampaignFile(FileTable):
-    """The whole file, as its JSON Schema tells it to editors."""
+    """The whole campaign file, as its JSON Schema describes it to editors."""
 
     model_config = ConfigDict(title="Campaign file of jbw")
 
@@ -61,29 +61,29 @@ class CampaignFile(FileTable):
 
 @dataclass(frozen=True)
 class CampaignSpec:
-    """A campaign file, checked; no measurement file has been opened yet."""
+    """A validated campaign file, before any measurement file is opened."""
 
     name: str
-    tests: tuple[TestSpec, ...]  # each with a name
+    tests: tuple[TestSpec, ...]  # all with a name
     gain: float | None = None
     modal_mass: float | None = None
     settings: Identify = field(default_factory=Identify)
     laws: tuple[str, ...] = DEFAULT_LAWS
     assembly: Assembly = field(default_factory=Assembly)
     structure: Structured | None = None
-    instruments: Instruments = NOT_STATED  # what is known of clock and calibration
-    assembled: AssembledStructure | None = None  # where the structure is known by its matrices
-    joints: tuple[JointTable, ...] = ()  # of a structure with [[joint]] tables
-    states_laws: bool = True  # by name, or by a prior
+    instruments: Instruments = NOT_STATED  # known errors of clock and calibration
+    assembled: AssembledStructure | None = None  # if the structure is given by matrices
+    joints: tuple[JointTable, ...] = ()  # [[joint]] tables of the structure, if any
+    states_laws: bool = True  # whether laws are stated, by name or through a prior
 
 
 def read_spec(path: Path) -> CampaignSpec:
-    """Read and check a campaign file; a ConfigError of all that is wrong with it."""
+    """Return a validated campaign file; raise a ConfigError that lists all of its errors."""
     return parse(text_of(path, *CAMPAIGN), path.name)
 
 
 def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
-    """Check the TOML text of a campaign file, whose name is for messages; all errors at once."""
+    """Validate the TOML text of a campaign file, whose name is for messages; report all errors."""
     document = document_of(source, file)
     errors = unknown_tables(document, CampaignFile.model_fields)
     head = checked(Head, document.get("campaign", {}), "[campaign]", errors) or Head()
@@ -110,7 +110,7 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
         errors += structure_errors(structure, tests, () if assembled is None else assembled.points)
         roles = {role for test in tests for role in test.channels}
         errors += [campaign_faults.no_role(role) for role in head.gain_std if role not in roles]
-    # Laws that are stated are all there are, so that a prior on any other is refused.
+    # Stated laws are complete, so that a prior on any other law's parameter is refused.
     stated = "laws" in joint.model_fields_set
     laws = joint.laws if stated else laws_of(joint.laws, settings.prior)
     num_modes = 1 if structure is None else len(structure.modes)
@@ -140,7 +140,7 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
 
 
 def _joints(tables: Any, errors: list[str]) -> list[JointTable]:
-    """Return the [[joint]] tables; none where there is a [joint] table, or nothing."""
+    """Return the [[joint]] tables; an empty list for a [joint] table or none."""
     if not isinstance(tables, list):
         return []
     stated = [
@@ -152,7 +152,7 @@ def _joints(tables: Any, errors: list[str]) -> list[JointTable]:
 def _structures(
     table: Any, errors: list[str]
 ) -> tuple[Structured | None, AssembledStructure | None]:
-    """Return the [structure] table, of stated modes or of matrices."""
+    """Return the [structure] table as stated modes or as matrices; None for the other form."""
     if table is None:
         return None, None
     if isinstance(table, Mapping) and "matrices" in table:

@@ -27,17 +27,17 @@ from jbw.quantities import (
     must_be,
 )
 
-LIMIT = 0.05  # error of held-out tests up to which a law is predictive
-MOST_MODES = 1 + len(MODES)  # of a structure
-MOST_POINTS = len(POINTS)  # beside the first
-SPRING = "cubic"  # a prior on its parameter brings the law of this name, unless laws are stated
+LIMIT = 0.05  # largest error of held-out tests with which a law is predictive
+MOST_MODES = 1 + len(MODES)  # largest number of modes of a structure
+MOST_POINTS = len(POINTS)  # largest number of points in addition to the first
+SPRING = "cubic"  # a prior on its parameter adds the law of this name, unless laws are stated
 
 Prior = Mapping[str, tuple[float, float]]
 Sampler = Annotated[str, values.OneOf(lambda: ("auto", *SAMPLERS))]
 
 
 def _coordinates() -> tuple[str, ...]:
-    """Return the names of all coordinates, with those of laws if their register is loaded."""
+    """Return the names of all coordinates, including those of laws if their register is loaded."""
     register = sys.modules.get("jbw.oscillator.laws")
     laws = () if register is None else register.LAWS.values()
     named = dict.fromkeys(name for law in laws for name in law.coordinates)
@@ -55,7 +55,7 @@ References = Annotated[
 class Identify(FileTable):
     """The settings of what to fit, what to hold out and how to draw, with every default.
 
-    None stands for what the data or the sampler decide.
+    None means that the data or the sampler decide.
     """
 
     fit_levels: values.Levels | None = key(
@@ -156,10 +156,10 @@ class Identify(FileTable):
 
     @classmethod
     def of(cls, stated: "Identify | Mapping[str, Any]") -> "Identify":
-        """Return the record of what is stated, as a record or by its keys.
+        """Return the [identify] settings, given as a record or as a mapping of keys.
 
         Raises:
-            ConfigError: A key or a value that the [identify] table does not admit.
+            ConfigError: The [identify] table does not accept a key or value.
         """
         if isinstance(stated, cls):
             return stated
@@ -178,7 +178,7 @@ class Identify(FileTable):
 
 
 class Structured(FileTable):
-    """The [structure] table: modes that meet in the joint, and what is known of them there."""
+    """The [structure] table: modes that meet in the joint, and the known facts about them there."""
 
     modes: values.Frequencies = key(
         ...,
@@ -208,10 +208,10 @@ class Structured(FileTable):
 
     @classmethod
     def of(cls, stated: "Structured | Mapping[str, Any] | None") -> "Structured | None":
-        """Return the record of what is stated, as a record or by its keys; None of one mode.
+        """Return the [structure] settings, given as a record or a mapping; None for one mode.
 
         Raises:
-            ConfigError: A key or a value that the [structure] table does not admit.
+            ConfigError: The [structure] table does not accept a key or value.
         """
         if stated is None or isinstance(stated, cls):
             return stated
@@ -250,9 +250,9 @@ class Structured(FileTable):
 def structure_errors(
     structure: Structured | None, tests: Iterable[Any], points: Iterable[str] = ()
 ) -> Iterator[str]:
-    """Yield the tests of kinds that know one mode alone, or at unknown points; a sentence each.
+    """Yield an error for each test at an unknown point, or of a kind that supports only one mode.
 
-    `points` are those that a model's matrices have.
+    `points` are the points defined with a model's matrices.
     """
     points = tuple(points) if structure is None else structure.points
     for test in tests:
@@ -282,12 +282,12 @@ def structure_errors(
 
 
 def _knows_several(kind: Kind) -> bool:
-    """Return whether tests of a kind are followed in time, of several modes as of one."""
+    """Return whether tests of a kind are simulated in time, which supports several modes."""
     return kind.is_transient or kind.is_periodic or kind.is_free
 
 
 class JointLaws(FileTable):
-    """The [joint] table: which laws stand beside each other across the joint."""
+    """The [joint] table: the laws that act in parallel across the joint."""
 
     laws: values.Laws = key(
         DEFAULT_LAWS,
@@ -307,8 +307,8 @@ def law_errors(
 ) -> list[str]:
     """Return the errors in a campaign's laws and in the priors on parameters of laws and modes.
 
-    Laws may be wrong for the kinds of its tests, too. The register of laws loads JAX, so it is
-    asked only where [joint] or a prior needs it.
+    Laws may also be wrong for the kinds of tests. The register of laws loads JAX, so it is used
+    only if [joint] or a prior needs it.
     """
     quantities = {quantity.name: quantity for quantity in (*LINEAR, *RESIDUAL_TERMS)}
     quantities |= {
@@ -376,7 +376,8 @@ def _too_stiff(prior: Prior, quantities: Mapping[str, Quantity]) -> Iterator[str
     shares = {
         name: highest
         for name, (_, highest) in prior.items()
-        if quantities[name].is_share and AT not in name  # of several joints each has a stiffness
+        # With several joints, each joint has a stiffness.
+        if quantities[name].is_share and AT not in name
     }
     stiff = [(name, highest) for name, highest in shares.items() if highest >= least]
     if not stiff and sum(shares.values()) >= least:

@@ -1,4 +1,4 @@
-"""The tables of a campaign file that say what was measured, each checked by itself."""
+"""The tables of a campaign file that describe the measurements, each checked by itself."""
 
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
@@ -13,19 +13,20 @@ from jbw.measurement.kinds import Kind as Traits
 from jbw.measurement.records import BASE, BY_UNIT, INPUTS, RESPONSES, SOURCES, si_of
 from jbw.quantities import FED
 
-MOST_PPM = 1e4  # that a clock may be off by: more is another sampling rate
-NAN = float("nan")  # where nothing is stated of a number
+MOST_PPM = 1e4  # largest error of a clock: more is a different sampling rate
+NAN = float("nan")  # default of a number that is not stated
 
 
 class Instruments(NamedTuple):
     """Relative standard deviations of clock and calibration, as far as they are stated."""
 
     fs_std: float = 0.0
-    gain_std: Mapping[str, float] = MappingProxyType({})  # by role
+    # Standard deviation of each channel's calibration, by role.
+    gain_std: Mapping[str, float] = MappingProxyType({})
 
     @property
     def is_stated(self) -> bool:
-        """Whether anything is."""
+        """Whether any of the errors is stated."""
         return self.fs_std > 0 or bool(self.gain_std)
 
 
@@ -33,7 +34,7 @@ NOT_STATED = Instruments()
 
 
 class Head(FileTable):
-    """The [campaign] table."""
+    """The [campaign] table of a campaign file."""
 
     name: values.Text = key("campaign", "a short name", "beam")
     gain: values.Positive | None = key(None, "force per modal mass for one volt [N/kg/V]", 15.0)
@@ -58,13 +59,13 @@ class Head(FileTable):
     @property
     def instruments(self) -> "Instruments":
         """The stated errors of clock and calibration."""
-        # A base is kept as the force per mass on what stands on it.
+        # The channel of a base is stored as a force per mass, under the role `input`.
         by_role = {"input" if role == BASE else role: x for role, x in self.gain_std.items()}
         return Instruments(self.fs_std or 0.0, by_role)
 
 
 class Assembly(FileTable):
-    """The [assembly] table: what a fleet of campaigns needs of each beside its records."""
+    """The [assembly] table: facts on an assembly that a fleet of campaigns needs."""
 
     name: values.Text = key("", "name of the specimen or assembly", "beam 3")
     torque: values.Positive | None = key(None, "tightening torque [N m]", 8.0)
@@ -75,7 +76,7 @@ class Assembly(FileTable):
 
 
 class TestSpec(FileTable):
-    """One [[test]] table."""
+    """A [[test]] table of a campaign file."""
 
     __test__: ClassVar[bool] = False  # not a pytest class
 
@@ -232,12 +233,12 @@ class TestSpec(FileTable):
 
     @property
     def is_timed(self) -> bool:
-        """Whether its samples must have a time: a law that knows no rate needs none."""
+        """Whether the samples must have a time; a law independent of rate needs none."""
         return not self.traits.is_prescribed
 
     @property
     def driven_by(self) -> str:
-        """The drive, as far as the campaign file alone states it, in the words of `drive_of`."""
+        """The drive as far as only the campaign file states it, with the values of `drive_of`."""
         if self.drive or self.traits.is_prescribed:
             return self.drive or ""
         if self.traits.is_free:
@@ -256,7 +257,7 @@ class TestSpec(FileTable):
 
 
 def _needs(test: TestSpec) -> Iterator[str]:
-    """Yield the errors on keys and channels that a test's kind needs and its table lacks."""
+    """Yield errors on keys and channels that the test's kind requires but its table lacks."""
     roles, traits = set(test.channels), test.traits
     per_role = ("units", "scale", "sensitivity")
     for table, names in ((table, getattr(test, table)) for table in per_role):
@@ -271,7 +272,8 @@ def _needs(test: TestSpec) -> Iterator[str]:
         linear = [k for k in KINDS.values() if k.is_curve and not k.is_controlled]
         named = ", ".join(f"`{kind.name}`" for kind in linear)
         yield f"units: `{unit}` of `{ratios[0]}` is for kind {named} only."
-    needs_source = traits.is_driven and not traits.is_locked  # a frequency tells of the stiffness
+    # A backbone's frequency already shows the stiffness.
+    needs_source = traits.is_driven and not traits.is_locked
     if needs_source and roles.isdisjoint(SOURCES) and not ratios:
         yield f"channels: kind `{test.kind}` needs `input`, `force` or `base`."
     yield from _of_base(test, roles)
@@ -295,12 +297,12 @@ def _needs(test: TestSpec) -> Iterator[str]:
         yield f"tones: missing; kind `{test.kind}` needs the frequencies [Hz]."
     if traits.is_stepped and not test.dwell > 0:
         yield "dwell: missing; kind `stepped` needs the duration of each step [s]."
-    if test.settle >= test.dwell:  # never when dwell is not given: it is NaN then
+    if test.settle >= test.dwell:  # never true if dwell is not given, because it is NaN then
         yield f"settle: must be shorter than dwell ({test.dwell:g} s), but is {test.settle:g}."
 
 
 def _contradictions(test: TestSpec) -> Iterator[str]:
-    """Yield the keys that are given, but not meant for the test's kind or channels."""
+    """Yield errors on stated keys that do not apply to the test's kind or channels."""
     curves, is_curve, roles = _curves(), test.traits.is_curve, set(test.channels)
     if not is_curve and (roles - set(test.traits.channels)) & {"frequency", "phase"}:
         yield f"channels: `frequency` and `phase` belong to kind {curves}."
@@ -324,8 +326,8 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
     prescribed = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_prescribed)
     if test.load_cell != "exact" and not test.traits.is_prescribed:
         yield f"load_cell: for kind {prescribed} only, whose force is what is measured."
-    # A transform spreads one bad sample over all frequencies, a simulation needs all of its input:
-    # only a curve can leave lines out.
+    # A transform spreads one bad sample over all frequencies, and a simulation needs its whole
+    # input; only a curve can omit lines.
     if not is_curve and test.gaps == "mask":
         yield (
             f"gaps: kind `{test.kind}` needs every sample, only {curves} can mask; "
@@ -372,7 +374,7 @@ def _of_base(test: TestSpec, roles: set[str]) -> Iterator[str]:
 
 
 def _of_controlled_tests(test: TestSpec) -> Iterator[str]:
-    """Yield the keys of controlled tests that another kind states."""
+    """Yield errors on keys of controlled tests that a test of another kind states."""
     locked = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_locked)
     controlled = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_controlled)
     is_beside = test.traits.is_locked and test.locked_phase != -90
@@ -390,5 +392,5 @@ def _of_controlled_tests(test: TestSpec) -> Iterator[str]:
 
 
 def _curves() -> str:
-    """Return the kinds that are curves, as messages name them."""
+    """Return the names of the kinds that are curves, formatted for messages."""
     return ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_curve)

@@ -1,4 +1,4 @@
-"""The tests of a campaign file together: names, points of one motion, and what contradicts."""
+"""Checks of the tests of a campaign file as a whole: names, points and contradictions."""
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations
@@ -12,7 +12,7 @@ from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.records import BASE, INPUTS, RESPONSES, Record
 from jbw.report.messages import campaign_faults as messages
 
-APART = 1.5  # between two levels, and between two records: less is how a rig holds a level
+APART = 1.5  # ratio of two levels, and of two records: a smaller ratio may be imprecise control
 
 
 def named(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
@@ -27,7 +27,7 @@ def named(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
 
 
 def at_every_point(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
-    """Yield the tests, each followed by itself as further points saw it, in the same run."""
+    """Yield every test, followed by a copy in the same run for each additional response point."""
     for test in tests:
         if not test.points:
             yield test
@@ -42,7 +42,7 @@ def at_every_point(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
 
 
 def of_others(tests: Sequence[TestSpec], assembly: Assembly) -> Iterator[str]:
-    """Yield the tests of other assemblies than the one whose torque the campaign states."""
+    """Yield an error if tests belong to several assemblies but [assembly] describes only one."""
     names = {test.assembly for test in tests if test.assembly} | {assembly.name or None} - {None}
     if len(names) > 1 and list(assembly.keys()):
         yield messages.several_assemblies(len(names), sorted(map(str, names)))
@@ -57,7 +57,7 @@ def on_a_base(tests: Sequence[TestSpec]) -> Iterator[str]:
 
 
 def among(tests: Sequence[TestSpec], settings: Identify) -> Iterator[str]:
-    """Yield the names that several tests have, and levels to fit that none has."""
+    """Yield errors for duplicate test names, modes outside all bands, and levels without a test."""
     names = [test.name for test in tests if test.name]
     for name in sorted({name for name in names if names.count(name) > 1}):
         yield messages.name_of_several(name, names.count(name))
@@ -75,18 +75,18 @@ def among(tests: Sequence[TestSpec], settings: Identify) -> Iterator[str]:
 
 
 class Level(NamedTuple):
-    """The level of a test, and what its first record holds."""
+    """The level of a test, and the rms values of its first record."""
 
     test: str
-    alike: tuple[str, ...]  # kind and channels, among which levels are compared
-    role: str  # of the source
+    alike: tuple[str, ...]  # kind and channels; only levels with equal ones are compared
+    role: str  # role of the source
     level: float
     source_rms: float
     response_rms: float
 
 
 def level_of(record: Record, test: TestSpec) -> list[Level]:
-    """Return the level of a driven test, where it states one."""
+    """Return the level of a driven test with its rms values; empty if no level is stated."""
     driven = any(role in record.channels for role in INPUTS)
     if not (test.level > 0 and driven):
         return []

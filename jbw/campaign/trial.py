@@ -1,9 +1,9 @@
-"""Remedies tried before they are printed: the line is put into a copy, and the record looked at.
+"""Trials of remedies before they are printed: each line is applied to a copy of the record.
 
-A line is printed where what it is to cure is gone, the mode is the one that was fitted together
-with the cause, and nothing new has come, but for a doubt whose own line cures it in turn: a record
-may have two faults. Lines of keys that do not change a record in memory (units, laws, levels) are
-printed as they are.
+A line is printed if its fault is gone, the mode equals the one that was fitted together with the
+cause, and no new fault appears, except for a doubt that its own line remedies, since a record may
+have two faults. Lines of keys that do not change a record in memory (units, laws, levels) are
+printed untried.
 """
 
 import re
@@ -26,10 +26,12 @@ from jbw.measurement.steady_lines import without_lines
 from jbw.report.messages import remedies
 
 LINE = re.compile(r"`((\w+) = [^`]+)`")
-STATED = {"settle", "band", "delay", "load_cell"}  # keys that a record is looked at with, as it is
-OR = ", or "  # between the parts of a remedy
-# Between the damping ratios of two modes over one, and their frequencies over a half-power width:
-# cures of drawn faults leave less than 0.13, lines that are accepted and wrong 0.18 and more.
+# Keys under which an unchanged record is examined.
+STATED = {"settle", "band", "delay", "load_cell"}
+OR = ", or "  # separates the parts of a remedy
+# Largest difference of two modes: of damping ratios over one, of frequencies over a half-power
+# width. Remedies of simulated faults leave less than 0.13; wrong lines that are accepted, 0.18 or
+# more.
 ALIKE = 0.15
 
 Look = Callable[[Record, TestSpec], Sequence[Fault]]
@@ -45,15 +47,15 @@ def tried(
     look: Look,
     read: Read,
 ) -> tuple[Fault, ...]:
-    """Return faults of a record with only such lines in their remedies as cure them.
+    """Return the faults of a record, with only those lines in their remedies that cure them.
 
     Args:
-        faults: What the record itself shows.
-        stated: Other faults that `look` finds of it.
+        faults: Faults that the record itself shows.
+        stated: Other faults that `look` finds in the record.
         record: The record.
-        test: Its table.
-        look: Finds the faults of a record under a table.
-        read: Reads its mode.
+        test: Table of its test.
+        look: Function that returns the faults of a record under a table.
+        read: Function that returns the reading of the record's mode.
     """
     known = {_kind(fault) for fault in (*stated, *faults)}
 
@@ -82,9 +84,9 @@ def _cures(
     *,
     further: bool = True,
 ) -> bool:
-    """Return whether the first line of a remedy takes a fault away and brings no other.
+    """Return whether the first line of a remedy removes a fault without causing another.
 
-    A `further` one may come that a line of its own cures.
+    With `further`, a new fault is accepted if its own line cures it.
     """
     line = LINE.search(fault.remedy)
     if line is None or (line[2] not in STATED and line[2] not in CHANGES):
@@ -115,8 +117,8 @@ def _cures(
 def _leaves(reading: ModeReading | None, key: str, mode: tuple[float, float]) -> bool:
     """Return whether a corrected record has the mode [Hz, -] that was fitted with the cause.
 
-    A part of a record (`span`) has other amplitudes, at which a joint has another mode: any reading
-    is accepted.
+    A part of a record (`span`) has other amplitudes, at which a joint has another mode; any reading
+    is accepted then.
     """
     if reading is None or key == "span":
         return reading is not None
@@ -126,7 +128,7 @@ def _leaves(reading: ModeReading | None, key: str, mode: tuple[float, float]) ->
 
 
 def _of_parts(kept: Sequence[str], parts: Sequence[str]) -> str:
-    """Return a remedy of the parts that are kept; as it was where all are."""
+    """Return a remedy reduced to its kept parts; unchanged if all parts are kept."""
     if not kept:
         return remedies.NO_LINE
     remedy = OR.join(kept).removesuffix(".") + "." * parts[-1].endswith(".")
@@ -159,7 +161,7 @@ def _scaled(record: Record, factors: Mapping[str, float]) -> Record:
     return replace(record, channels=channels)
 
 
-# By the key of a campaign file: what it makes of a record that was read without it.
+# For each key of a campaign file: its effect on a record that was read without the key.
 CHANGES: Mapping[str, Change] = {
     "span": _cut,
     "window_s": _without_window,

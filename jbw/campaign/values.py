@@ -1,7 +1,7 @@
-"""Types of the values in campaign and plan files: each is checked in one plain sentence.
+"""Types of the values in campaign and plan files: each is checked with one plain sentence.
 
-A check stands before pydantic's own and says in words what it refuses; what it lets through is then
-made into the annotated type, which also tells the JSON Schema.
+A check comes before pydantic's own and states in words what it refuses. Accepted values are then
+converted to the annotated type, which also determines the JSON Schema.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -25,21 +25,21 @@ from jbw.measurement.kinds import KINDS
 from jbw.measurement.records import ROLES, SENSITIVITIES, sensitivity_of, si_of
 from jbw.report.messages.campaign_faults import decimal_points
 
-ALL = "all"  # of the repeats
-# What an escape in a path was written as, with a forward slash.
+ALL = "all"  # value for all repeats
+# Escapes that TOML read from a Windows path, and the text meant, with a forward slash.
 ESCAPES = {"\a": "/a", "\b": "/b", "\t": "/t", "\n": "/n", "\f": "/f", "\r": "/r", "\x1b": "/e"}
 Role = Literal[*ROLES]  # pyright: ignore[reportInvalidTypeForm]
 
 
 @dataclass(frozen=True)
 class OneOf:
-    """One of the names in a register, as it stands when a file is read."""
+    """A type for the names in a register, as it is when a file is read."""
 
-    known: Callable[[], Iterable[str]]  # called anew each time, for more may be registered
+    known: Callable[[], Iterable[str]]  # called each time, since more names may be registered
     otherwise: str = ""  # a sentence on what else may have been meant
 
     def check(self, value: Any) -> str:
-        """Return the name, if it is known."""
+        """Return the name if it is registered; raise a ValueError otherwise."""
         if text(value) not in (names := list(self.known())):
             raise ValueError(f"{value!r} is unknown{unlike(value, names)}.{self.otherwise}")
         return value
@@ -54,7 +54,7 @@ class OneOf:
 
 
 def text(value: Any) -> str:
-    """Return a string of printable characters, on one line."""
+    """Return the value if it is a string of printable characters on one line."""
     if not isinstance(value, str):
         raise ValueError(f"must be a string, but is {value!r}.")
     if not value.isprintable():
@@ -63,7 +63,7 @@ def text(value: Any) -> str:
 
 
 def number(value: Any) -> int | float:
-    """Return a finite number; true and false are none."""
+    """Return the value if it is a finite number; true and false are refused."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"must be a number, but is {value!r}.")
     try:
@@ -76,7 +76,7 @@ def number(value: Any) -> int | float:
 
 
 def whole(least: int) -> Callable[[Any], int]:
-    """Check for an integer from `least` on."""
+    """Return a function that checks for a whole number of at least `least`."""
 
     def check(value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, int) or value < least:
@@ -87,7 +87,7 @@ def whole(least: int) -> Callable[[Any], int]:
 
 
 def repeats(value: Any) -> int | str:
-    """Return a number of repeats, or all of them."""
+    """Return the value if it is a positive number of repeats or "all"."""
     if value == ALL:
         return ALL
     try:
@@ -99,7 +99,7 @@ def repeats(value: Any) -> int | str:
 
 
 def strings(value: Any) -> tuple[str, ...]:
-    """Return a string, or a list of at least one."""
+    """Return a string, or a list of at least one string, as a tuple."""
     items = value if isinstance(value, list | tuple) else [value]
     if not items or not all(isinstance(item, str) and item for item in items):
         raise ValueError(f"must be a string or a list of strings, but is {value!r}.")
@@ -107,14 +107,14 @@ def strings(value: Any) -> tuple[str, ...]:
 
 
 def numbers(value: Any) -> tuple[Any, ...]:
-    """Return a list of at least one number."""
+    """Return a list of at least one number as a tuple."""
     if not isinstance(value, list | tuple) or not value:
         raise ValueError(f"must be a list of numbers, but is {value!r}.")
     return tuple(number(item) for item in value)
 
 
 def bounds(value: Any) -> tuple[Any, Any]:
-    """Return two numbers, the second larger."""
+    """Return a pair of numbers if the second is larger."""
     pair = numbers(value)
     if len(pair) != 2 or pair[0] >= pair[1]:
         hint = ""
@@ -141,26 +141,26 @@ def prior(value: Any) -> tuple[float, float]:
 
 
 def unequal(value: Any) -> tuple[Any, ...]:
-    """Return the numbers, all different."""
+    """Return a list of numbers if all are different."""
     if len(set(numbers(value))) < len(value):
         raise ValueError(f"must not repeat a frequency, but is {list(value)}.")
     return tuple(value)
 
 
 def nonzero(value: Any) -> tuple[Any, ...]:
-    """Return the numbers other than zero."""
+    """Return a list of numbers if none is zero."""
     if 0 in numbers(value):
         raise ValueError(f"must not hold a 0, but is {list(value)}.")
     return tuple(value)
 
 
 def modes(value: Any) -> tuple[Any, ...] | int:
-    """Validate a number of modes, or a list of frequencies that are all different."""
+    """Return a number of modes, or a list of frequencies that are all different."""
     return whole(1)(value) if isinstance(value, int) else unequal(value)
 
 
 def lag(value: Any) -> float:
-    """Return a phase between half a turn behind and none [deg], as a driven motion has it."""
+    """Return a phase lag strictly between -180 and 0 [deg], as of a driven motion."""
     if not -180 < number(value) < 0:
         raise ValueError(
             f"must lie between -180 and 0, -90 at phase resonance, but is {value!r}; the "
@@ -188,7 +188,7 @@ def _excluded(value: Any) -> tuple[int | str, ...]:
 
 
 def _by_role(check: Callable[[str, Any], Any], example: Any) -> Callable[[Any], dict[str, Any]]:
-    """Check for a table by role; all that is wrong in one ValueError."""
+    """Return a function that checks a table by role and reports all errors in one ValueError."""
 
     def check_all(value: Any) -> dict[str, Any]:
         if not isinstance(value, Mapping) or not value:
@@ -213,7 +213,7 @@ def _by_role(check: Callable[[str, Any], Any], example: Any) -> Callable[[Any], 
 
 
 def named(value: Any) -> dict[str, str]:
-    """Return a table of channels by any names."""
+    """Return a table of channels with arbitrary names."""
     if not isinstance(value, Mapping) or not value:
         raise ValueError(f"must be a table such as {toml({'wing': 'acc_2'})}, but is {value!r}.")
     for name, item in value.items():
@@ -231,7 +231,7 @@ def _path(role: str, item: Any) -> str:
 def _unit(role: str, item: Any) -> str:
     if not isinstance(item, str):
         raise ValueError(f"role `{role}` needs a unit, but has {item!r}.")
-    si_of(role, item)  # also of a measured FRF, per unit of excitation
+    si_of(role, item)  # also for a measured FRF, per unit of excitation
     return item
 
 
@@ -258,14 +258,14 @@ def _spread(role: str, item: Any) -> float:
 
 
 def _files(value: Any) -> tuple[str, ...] | dict[str, tuple[str, ...]]:
-    """Validate file patterns, or a pattern per role if channels lie in several files."""
+    """Return file patterns, or a pattern per role if channels are in several files."""
     if isinstance(value, Mapping):
         return _by_role(lambda _, item: _patterns(item), "laser_*.h5")(value)
     return _patterns(value)
 
 
 def _patterns(value: Any) -> tuple[str, ...]:
-    """Validate names or patterns of files; refuse escapes from backslashes in double quotes."""
+    """Return names or patterns of files; refuse escapes from backslashes in double quotes."""
     for item in strings(value):
         if not item.isprintable():
             slashed = "".join(c if c.isprintable() else ESCAPES.get(c, "?") for c in item)
@@ -312,7 +312,7 @@ Modes = Annotated[
     BeforeValidator(modes, json_schema_input_type=Count | list[Positive]),
 ]
 Bounds = Annotated[tuple[float, float], BeforeValidator(bounds)]
-# A density is the pair of its bounds, and must stay what it is: no validator behind this one.
+# A density is the pair of its bounds and must not be converted, so no validator follows.
 Prior = Annotated[
     tuple[float, float],
     PlainValidator(

@@ -1,4 +1,4 @@
-"""A file that somebody wrote is there and may be read; known before anything heavy is loaded."""
+"""Checks that a file written by a user exists and can be read, without heavy imports."""
 
 import shlex
 from pathlib import Path
@@ -10,7 +10,7 @@ CAMPAIGN = "Campaign file", "Write one with: jbw init FOLDER"
 
 
 def is_campaign(path: Path) -> bool:
-    """Return whether a path is called as a campaign file is."""
+    """Return whether a path is named like a campaign file."""
     return path.suffix.lower() == ".toml" and not path.is_dir()
 
 
@@ -22,7 +22,7 @@ def campaign_in(folder: Path) -> Path | None:
 
 
 def require_file(path: Path, what: str, remedy: str) -> None:
-    """Refuse a path that is no file, or none that may be read; arguments as for `text_of`."""
+    """Raise a ConfigError unless a path is a readable file; arguments are as for `text_of`."""
     try:
         is_folder, is_file = path.is_dir(), path.is_file()
         if is_file:

@@ -1,4 +1,4 @@
-"""The command line: a group whose commands load when called, and a boundary for errors.
+"""The command line: a group whose commands load when called, and the handling of errors.
 
 Results go to stdout, progress and messages to stderr. Exit codes: 0 ok, 1 internal, 2 usage or
 configuration, 3 data, 4 finished but not trustworthy, 5 interrupted, 6 alarm of a watch.
@@ -24,8 +24,8 @@ from jbw.report.messages import commands as messages
 
 INTERRUPTED = 5
 
-# Headings of `jbw --help`, and of `jbw more`: command to the file of its function. Its line is read
-# without importing that.
+# Headings of `jbw --help` and of `jbw more`, with the module of each command's function. The help
+# line of a command is known without importing the module.
 FIRST = {
     "Begin": {"init": "check", "check": "check", "look": "look"},
     "Identify": {"identify": "identify", "report": "result", "predict": "predict"},
@@ -49,14 +49,13 @@ MORE = {
 COMMANDS = {
     name: file for group in (*FIRST.values(), *MORE.values()) for name, file in group.items()
 } | {"more": "about"}
-# Commands that take a campaign, and those that take a run: what to type after their failures.
-# What a system says of a place that takes no more bytes, or none.
+# Error numbers of a system for a place that is full or cannot be written.
 UNWRITABLE = tuple(
     getattr(errno, name)
     for name in ("ENOSPC", "EFBIG", "EDQUOT", "EROFS", "EACCES", "EPERM")
-    if hasattr(errno, name)  # not of every system
+    if hasattr(errno, name)  # not defined on every system
 )
-EXHAUSTED = "RESOURCE_EXHAUSTED"  # of XLA, which has an exception of its own
+EXHAUSTED = "RESOURCE_EXHAUSTED"  # word in errors of XLA, which have their own class
 OF_CAMPAIGNS = ("identify", "look", "identifiability", "compare", "laws", "predict")
 OF_RUNS = ("report", "predict", "export", "compare", "plan", "resume")
 
@@ -65,11 +64,11 @@ class LazyGroup(click.Group):
     """A group that imports a command's module only when the command is called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names of the commands, in the order of the work."""
+        """Return the names of the commands in the usual order of work."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return the command, imported now."""
+        """Return the command, imported when it is requested."""
         if cmd_name not in COMMANDS:
             return None
         return getattr(import_module(f"jbw.cli.{COMMANDS[cmd_name]}"), cmd_name)
@@ -77,21 +76,21 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Resolve the command in the arguments; fail with the nearest name if it is misspelt."""
+        """Return the command in the arguments; fail with the nearest name if it is misspelt."""
         if args[0] not in COMMANDS and not args[0].startswith("-"):
             nearest = get_close_matches(args[0], COMMANDS, n=1)
             ctx.fail(messages.no_command(args[0], nearest[0] if nearest else ""))
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the first commands by what they are for, from the table alone."""
+        """Write the help of the basic commands by purpose, without importing any command."""
         write_commands(formatter, FIRST)
         formatter.write_paragraph()
         formatter.write_text(messages.MORE)
 
 
 def write_commands(formatter: click.HelpFormatter, groups: Mapping[str, Iterable[str]]) -> None:
-    """Write a heading per group, and a line per command."""
+    """Write a heading per group of commands and a line per command."""
     widest = max(len(name) for names in groups.values() for name in names)
     for heading, names in groups.items():
         with formatter.section(heading):
@@ -107,7 +106,8 @@ def cli() -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command from the console and exit with its code, never with a bare traceback."""
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):  # a pipe may not know the letters of a file's name
+        # A pipe may not be able to encode the letters of a file's name.
+        if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     sys.exit(run(arguments))
 
@@ -115,7 +115,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code.
 
-    The command line is that without the program's name; the process's own when None.
+    `arguments` are the command line without the program's name; those of the process when None.
     """
     try:
         code: Any = cli.main(arguments, prog_name="jbw", standalone_mode=False)
@@ -128,10 +128,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except JbwError as error:
         _tell(error, sys.argv[1:] if arguments is None else arguments)
         return error.exit_code
-    except BrokenPipeError:  # the reader of stdout left, as `head` does
+    except BrokenPipeError:  # the reader of stdout stopped, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:  # of a disk or a folder, wherever something was written
+    except OSError as error:  # a disk or a folder failed, wherever something was written
         if error.errno not in UNWRITABLE or os.environ.get("JBW_TRACEBACK"):
             return _internal(error)
         place = f"{error.filename}" if error.filename else "A file"
@@ -141,7 +141,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         )
         _tell(unwritten, sys.argv[1:] if arguments is None else arguments)
         return unwritten.exit_code
-    except Exception as error:  # the boundary: anything else is a fault of jbw
+    except Exception as error:  # any other exception is a fault of jbw
         if not (isinstance(error, MemoryError) or EXHAUSTED in str(error)):
             return _internal(error)
         _tell(exhausted := out_of_memory(error), sys.argv[1:] if arguments is None else arguments)
@@ -162,7 +162,7 @@ def _tell(error: JbwError, arguments: Sequence[str]) -> None:
     """Print an error for people on stderr, and as JSON on stdout if `--json` was given."""
     following = next_command(arguments, str(error))
     if following and isinstance(error, RunError):
-        # The place is at fault, and not what was read: the same again, when there is room.
+        # The place is at fault, not the input, so the same command works once there is room.
         following = f"jbw {shlex.join(arguments)}, after the change"
     click.echo(f"Error: {error}", err=True)
     if following:

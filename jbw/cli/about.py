@@ -1,4 +1,4 @@
-"""The commands on jbw itself: documentation, explained words, JSON Schemas, completion."""
+"""The commands about jbw itself: documentation, explained words, JSON Schemas, completion."""
 
 import re
 import sys
@@ -21,7 +21,7 @@ PACKAGE = Path(__file__).parents[1]
 
 
 def parameters() -> dict[str, str]:
-    """Name of a parameter, of any law, to its meaning, symbol, unit and laws."""
+    """Return for every parameter, of any law, its meaning, symbol, unit and laws as text."""
     from jbw.oscillator.laws import LAWS, vocabulary  # loads JAX
     from jbw.quantities import BY_NAME
 
@@ -94,7 +94,7 @@ def explain(code: str | None, json_: bool) -> None:
 
 
 def in_one_line(page: str) -> str:
-    """Return what a finding's page says first: what the check looks at."""
+    """Return the first statement of a finding's page: what the check examines."""
     sentence = re.match(r"(?:Check: )?(.+?)(?:[.;:]\s|[.;:]?$)", " ".join(page.split()))
     return "" if sentence is None else sentence[1]
 
@@ -141,16 +141,16 @@ def completion(shell: str) -> None:
     from jbw.cli import cli
 
     shell_completion = get_completion_class(shell)
-    if shell_completion is None:  # Click knows all three
+    if shell_completion is None:  # never happens, because Click supports all three shells
         raise click.UsageError(f"Click completes nothing in {shell}.")
     click.echo(shell_completion(cli, {}, "jbw", "_JBW_COMPLETE").source())
 
 
 def first_page(package: Path) -> Path:
-    """Return the documentation's first page: packed into the wheel, or built in a clone beside it.
+    """Return the first page of the documentation, in the wheel or built in a clone.
 
     Raises:
-        RunError: Neither is there.
+        RunError: The documentation is in neither place.
     """
     clone = package.parent
     folders = [package / "site", *([clone / "site"] if (clone / "mkdocs.yml").is_file() else [])]

@@ -1,4 +1,4 @@
-"""Campaign files before any run: `jbw init` writes one, `jbw check` reads it channel by channel."""
+"""Commands before any run: `jbw init` drafts a campaign file, `jbw check` checks its channels."""
 
 from collections.abc import Iterator, Sequence
 from operator import attrgetter
@@ -14,7 +14,7 @@ from jbw.report.messages import commands, tables
 from jbw.report.messages.stages import drawing_records
 from jbw.report.table import Cell, Column, Table, table
 
-if TYPE_CHECKING:  # SciPy takes a second to load, which the help of a command does without
+if TYPE_CHECKING:  # loading SciPy takes a second, which the help of a command avoids
     from jbw.campaign.check import Check, Row
     from jbw.campaign.draft import Draft
     from jbw.campaign.joints import JointsCheck
@@ -56,7 +56,7 @@ def init(folder: Path, print_: bool, ask: bool, json_: bool) -> None:
 
 
 def require_unwritten(folder: Path, print_: bool) -> None:
-    """Refuse before the first question what would be refused after the last."""
+    """Raise the error for an existing campaign file before asking any questions."""
     from jbw.campaign.draft import already_written
     from jbw.campaign.written import NAMED
 
@@ -65,9 +65,9 @@ def require_unwritten(folder: Path, print_: bool) -> None:
 
 
 def asked_about(folder: Path) -> "Draft":
-    """Return the draft of a folder with a person's answers; doubtful is what is still marked in it.
+    """Return the draft of a folder with the user's answers, and the lines that are still doubtful.
 
-    Questions go to stderr, so that --print and --json stay what they are.
+    Questions go to stderr, so that the output of --print and --json is unchanged.
     """
     from jbw.campaign.asked import answered, channels_named_by, still_doubtful
     from jbw.campaign.draft import Draft, start_campaign
@@ -139,7 +139,7 @@ def _shakers(campaign: Path, allow_outside: bool) -> list[str]:
     tests = {test.name: test for test in read_spec(campaign).tests}
     if not any("drive_point" in test.channels for test in tests.values()):
         return []
-    from jbw.study.look import read_of_shaker  # loads what fits
+    from jbw.study.look import read_of_shaker  # loads the fitting code
 
     records = _first_records(campaign, allow_outside)
     return [
@@ -150,7 +150,7 @@ def _shakers(campaign: Path, allow_outside: bool) -> list[str]:
 
 
 def _first_records(campaign: Path, allow_outside: bool) -> "Iterator[tuple[str, Record]]":
-    """Yield each test's name and the first of its repeats that can be read."""
+    """Yield each test's name with its first readable repeat."""
     from jbw.campaign.files import repeats_of
     from jbw.campaign.schema import read_spec
     from jbw.measurement.records import Record
@@ -165,7 +165,7 @@ def _first_records(campaign: Path, allow_outside: bool) -> "Iterator[tuple[str, 
 
 
 def _lines(checked: "Check") -> Iterator[Table | str]:
-    """Yield the channels, a line each, and what was found of them."""
+    """Yield the table of channels, the tables of joints, and the lines of findings."""
     names = ("test", "channel", "role", "unit")
     columns = [Column(name, attrgetter(name), align="left") for name in names]
     columns += [
@@ -211,7 +211,7 @@ def _joints(joints: "JointsCheck") -> Iterator[Table | str]:
 
 
 def finding_lines(rows: "Sequence[Row]") -> Iterator[str]:
-    """Yield a line a finding with all tests that it concerns; why and remedy once where alike."""
+    """Yield a line per finding with all its tests; equal reasons and remedies are given once."""
     by_remedy: dict[tuple[str, str, str], dict[tuple[str, str], list[str]]] = {}
     for row in rows:
         for finding in row.findings:

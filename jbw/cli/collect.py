@@ -1,4 +1,4 @@
-"""The command that gathers finished runs: `jbw collect RUNS --out fleet.nc`."""
+"""The command that collects finished runs: `jbw collect RUNS --out fleet.nc`."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -93,7 +93,7 @@ def _runs_of(folder: Path, say: Any) -> list[Path]:
 
 
 def _rows(fleet: Any) -> Iterator[dict[str, Any]]:
-    """Yield a row a unit: covariates, verdict, draws."""
+    """Yield a table row per unit of a fleet: covariates, verdict, number of draws."""
     for name in fleet.coords["unit"].values.tolist():
         unit = fleet.dataset.sel(unit=name)
         numbers = {key: float(unit[key]) for key in ("torque", "sequence", "temperature", "ess")}
@@ -107,7 +107,7 @@ def _rows(fleet: Any) -> Iterator[dict[str, Any]]:
 
 
 def fleet_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Return a line a unit."""
+    """Return the table of a fleet with one line per unit."""
     return table(
         f"Fleet of {len(rows)} units",
         rows,

@@ -1,4 +1,4 @@
-"""The command that sets finished runs side by side: `jbw diff A B`, and more."""
+"""The command that compares two or more finished runs: `jbw diff A B`."""
 
 from pathlib import Path
 

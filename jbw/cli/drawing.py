@@ -16,10 +16,10 @@ PROGRAM = "import jbw.report.figures; jbw.report.figures.draw_when_asked()"
 
 
 class DrawingProcess:
-    """The process: it loads what it needs at once, and waits until it is asked.
+    """A process that draws figures: it loads its modules at once and waits for requests.
 
-    It ends with its input, and so with the command, however that ends. Where it cannot be started,
-    or fails, it brings nothing, and the command draws all by itself.
+    It ends when its input closes, and so with the command, however the command ends. If it cannot
+    be started or fails, it returns nothing, and the command draws all figures itself.
     """
 
     def __init__(self, *, wanted: bool = True) -> None:
@@ -41,12 +41,12 @@ class DrawingProcess:
         self._process.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
-            with suppress(OSError):  # what was not sent is sent in vain
+            with suppress(OSError):  # data that is not sent yet is not needed
                 if pipe is not None:
                     pipe.close()
 
     def ask(self, result: Path, names: Sequence[str], files: "Files | None") -> bool:
-        """Ask for figures of a saved result by name; False if in vain."""
+        """Ask for figures of a saved result by name; return False if the process has ended."""
         if self._process is None or self._process.stdin is None:
             return False
         folder, formats = (None, ()) if files is None else files
@@ -66,5 +66,5 @@ class DrawingProcess:
             return {}
         try:
             return json.loads(self._process.stdout.readline())
-        except ValueError:  # it has failed, and its answer is empty or cut
+        except ValueError:  # the process failed, and its answer is empty or incomplete
             return {}

@@ -197,7 +197,7 @@ def identify_several(
     campaigns: Sequence[Path], out: Path, workers: int | None, json_: bool, strict: bool,
     asked: Mapping[str, Any], *, brief: bool = False,
 ) -> int:  # fmt: skip
-    """Identify several campaigns in processes, `asked` of each, and tell what became of each."""
+    """Identify several campaigns in parallel with the options in `asked`; print each outcome."""
     try:
         with computing() as say:
             from jbw.study.many import identify_many
@@ -217,13 +217,13 @@ def identify_several(
     failed = [outcome.exit_code for outcome in outcomes if outcome.status == "failed"]
     if failed:
         return failed[0]
-    if asked.get("quick"):  # nothing is assessed yet
+    if asked.get("quick"):  # a quick run assesses nothing
         return NOT_TRUSTED if strict else 0
     return max(exit_code_of(outcome.verdict, strict=strict) for outcome in outcomes)
 
 
 def several_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Return a line a campaign."""
+    """Return the table of several campaigns with one line each."""
     done = sum(row["status"] == "done" for row in rows)
     return table(
         f"{done} of {len(rows)} campaigns are identified",
@@ -274,12 +274,12 @@ def run_to_end(
 ) -> int:  # fmt: skip
     """Execute a run to its end; if interrupted, print how to continue it.
 
-    `steps` prints the parameters of every step beside what is said shortly: the paper's Table 1.
-    `brief` writes brief.pdf into the run's folder, which a run that has one does anyway.
+    `steps` also prints the parameters of every step: the paper's Table 1. `brief` writes brief.pdf
+    into the run's folder, which is also written if the folder already has one.
 
     Returns:
-        Exit code: 0, 4 when the verdict of the main posterior is neither ok nor usable, or with
-        `strict` not ok, 5 when interrupted.
+        Exit code: 0; 4 if the verdict of the main posterior is neither ok nor usable, or with
+        `strict` not ok; 5 if interrupted.
     """
 
     def farewell() -> str:
@@ -303,7 +303,7 @@ def run_to_end(
         raise
     finally:
         run.close()
-    brief = brief or (run.folder / "brief.pdf").exists()  # that of an earlier answer is made anew
+    brief = brief or (run.folder / "brief.pdf").exists()  # a brief of an earlier answer is updated
     pages = f"\nBrief: {save_brief(run.folder)}" if brief else ""
     shown = _all_of(summary) if verbose else short_lines(summary, tree)
     if steps and not verbose:
@@ -320,7 +320,7 @@ def run_to_end(
 
 
 def ended(verdict: Mapping[str, Any], folder: Path, *, strict: bool = False) -> int:
-    """Say what to type after a run with this verdict, and return its exit code, 0 or 4."""
+    """Print the command to type after a run with this verdict; return the exit code, 0 or 4."""
     quoted = shlex.quote(str(folder))
     code = exit_code_of(verdict["status"], strict=strict)
     if code == 0:
@@ -340,7 +340,7 @@ def _all_of(summary: Mapping[str, Any]) -> Iterator[Table | Text | str]:
 
 
 def short_lines(summary: Mapping[str, Any], tree: Any) -> Iterator[Text | str]:
-    """Yield the law, the verdict, the parameters that are known, and the five sentences."""
+    """Yield the law, the verdict, the determined parameters, and the five sentences on a run."""
     from jbw.report.opening import known_parameters, opening, split_sentence
     from jbw.report.result import laws_of
     from jbw.report.words import law_words
@@ -356,7 +356,7 @@ def short_lines(summary: Mapping[str, Any], tree: Any) -> Iterator[Text | str]:
 
 
 def summary_lines(summary: Mapping[str, Any]) -> Iterator[Table | str]:
-    """Yield the paper's Table 1, the statements and the prediction errors."""
+    """Yield the paper's Table 1, the statements and the prediction errors of a run."""
     from jbw.report.tables import parameters_table, table_of_tests
 
     yield parameters_table(summary, {})

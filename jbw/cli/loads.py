@@ -12,8 +12,6 @@ from jbw.cli.printing import answer
 from jbw.cli.progress import working
 from jbw.errors import ConfigError
 from jbw.report.messages import loads as messages
-from jbw.report.table import Column, Table, table, words
-from jbw.report.text import NOTHING, number
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,12 +24,12 @@ Found = dict[str, "xr.Dataset"]
 
 
 class Quantities(click.ParamType):
-    """Numbers with commas between them, each with or without a unit, as (value, unit)."""
+    """A list of numbers separated by commas, each with or without a unit, as (value, unit)."""
 
     name = "value"
 
     def convert(self, value: Any, *of: Any) -> list[tuple[float, str]]:
-        """Return the numbers and units."""
+        """Return the numbers and units of an option's text."""
         if not isinstance(value, str):
             return value
         found = []
@@ -44,7 +42,7 @@ class Quantities(click.ParamType):
 
 
 def in_unit(quantity: tuple[float, str], unit: str, option: str) -> float:
-    """Return a value in a unit, from its own where it states one."""
+    """Return a value converted to a unit; a value without a unit is in that unit already."""
     from jbw.units import measured, plain
 
     value, stated = quantity
@@ -60,7 +58,7 @@ def in_unit(quantity: tuple[float, str], unit: str, option: str) -> float:
 
 
 def bare(quantities: tuple[list[tuple[float, str]], ...]) -> list[float]:
-    """Return levels of planned tests, which are in the run's own unit."""
+    """Return levels of planned tests as numbers; raise an error if one states a unit."""
     values = [quantity for some in quantities for quantity in some]
     for _, unit in values:
         if unit:
@@ -69,7 +67,7 @@ def bare(quantities: tuple[list[tuple[float, str]], ...]) -> list[float]:
 
 
 def require_alike(options: Mapping[str, Any], *, loads: bool, campaign: Path | None) -> None:
-    """Refuse tests and other loads in one command, and a moving base without a load."""
+    """Raise an error for tests together with other loads, and for a moving base without a load."""
     tests = any(options[name] for name in ("names", "sweep", "stepped", "tone")) or campaign
     if loads and tests:
         raise click.UsageError(messages.LOADS_OR_TESTS)
@@ -80,16 +78,17 @@ def require_alike(options: Mapping[str, Any], *, loads: bool, campaign: Path | N
 def predict_loads(
     folder: Path, basis: "Basis", inputs: Mapping[str, str], options: Mapping[str, Any], say: Any
 ) -> None:
-    """Predict the loads that the options ask for, save them, and print the answers.
+    """Predict the loads that the options request, save them, and print the results.
 
     Args:
-        folder: What predicts.
-        basis: The same as it was read.
-        inputs: File to SHA-256 of it.
-        options: Of the command.
-        say: Called with one sentence at every stage.
+        folder: Folder of the run, comparison of laws or population that predicts.
+        basis: Basis of predictions, as read from the folder.
+        inputs: SHA-256 of each input file, by name.
+        options: Options of the command.
+        say: Function that is called with one sentence at every stage.
     """
     from jbw.measurement.records import BASE
+    from jbw.report.load_section import load_rows, load_table
     from jbw.run.files import hash_of
     from jbw.study.loads import Load, load_on
     from jbw.study.saved_loads import save_loads
@@ -114,19 +113,21 @@ def predict_loads(
         warnings = [line for dataset in found.values() for line in warnings_of(dataset)]
         for sentence in dict.fromkeys(warnings):
             say(f"warning: {sentence}")
-        rows = [row for name, dataset in found.items() for row in rows_of(name, dataset)]
+        rows = [row for name, dataset in found.items() for row in load_rows(name, dataset)]
         say("Writing figures")
-        save_loads(job.folder, found, rows)
+        save_loads(job.folder, found, rows, inputs.get("posterior.nc"))
     says = [messages.contains(next(iter(found.values())).attrs)]
     place = f"Predictions: {job.folder / 'loads.nc'}"
+    if options["out"] is None and (folder / "report.html").is_file():
+        says.append(messages.in_report(str(folder)))
     record = {"run": str(folder), "loads": rows, "warnings": list(dict.fromkeys(warnings))}
-    answer(options["json_"], record, _table(rows), *says, saved=place)
+    answer(options["json_"], record, load_table(rows), *says, saved=place)
 
 
 def _loads(
     basis: "Basis", load: "Load", options: Mapping[str, Any]
 ) -> "Iterator[tuple[str, Callable[[], xr.Dataset]]]":
-    """Yield the name of every prediction, and what makes it."""
+    """Yield the name of every requested prediction, with the function that computes it."""
     from jbw.forced.profiles import read_profile
     from jbw.forced.shock import pulse_of
     from jbw.study.loads import measured_of
@@ -152,44 +153,3 @@ def _loads(
         yield "random", partial(random_of, basis, profile, options["duration"], load)
     if options["shock"] is not None:
         yield "shock", partial(shock_of, basis, pulse_of(options["shock"]), load)
-
-
-def rows_of(name: str, dataset: "xr.Dataset") -> list[dict[str, Any]]:
-    """Return the bands of single numbers, one row a quantity and level."""
-    rows = []
-    for key, values in dataset.data_vars.items():
-        if values.dims not in (("quantile",), ("quantile", "level")):
-            continue
-        columns = values.values.reshape(3, -1).T
-        levels = dataset["level"].values if "level" in values.dims else [None]
-        for level, (low, middle, high) in zip(levels, columns, strict=True):
-            rows.append({
-                "load": name, "level": None if level is None else float(level),
-                "level_unit": dataset.attrs["source_unit"], "quantity": str(key),
-                "low": float(low), "median": float(middle), "high": float(high),
-                "unit": values.attrs["units"],
-            })  # fmt: skip
-    return rows
-
-
-def _table(rows: list[dict[str, Any]]) -> Table:
-    """Return the table of answers, one line for each quantity that has a value."""
-    return table(
-        "",
-        [row for row in rows if row["median"] == row["median"]],
-        words("load", "load"),
-        Column("level", _level),
-        Column("quantity", lambda row: row["quantity"].replace("_", " "), align="left"),
-        Column("median [99 %]", _band),
-        words("unit", "unit"),
-    )
-
-
-def _level(row: Mapping[str, Any]) -> str:
-    return NOTHING if row["level"] is None else f"{row['level']:.6g} {row['level_unit']}"
-
-
-def _band(row: Mapping[str, Any]) -> str:
-    low, middle, high = (row[name] for name in ("low", "median", "high"))
-    low_text, text, high_text = (number(x, high - low) for x in (low, middle, high))
-    return f"{text} [{low_text}, {high_text}]"

@@ -1,4 +1,4 @@
-"""The command that reads records without a model: `jbw look CAMPAIGN`."""
+"""The command that reads records without a joint model: `jbw look CAMPAIGN`."""
 
 import warnings
 from collections.abc import Mapping
@@ -51,7 +51,7 @@ def look(
             remedy="Name it so, for example look.html.",
         )
     campaign = one_campaign(given)
-    with telling(STARTING) as say:  # nothing of it needs JAX
+    with telling(STARTING) as say:  # this command does not need JAX
         from jbw.campaign.check import check_campaign
         from jbw.campaign.load import load_with_doubts
         from jbw.run.session import limit_threads
@@ -63,7 +63,7 @@ def look(
         checked = check_campaign(campaign, allow_outside=allow_outside)
         loaded, doubts = load_with_doubts(campaign, allow_outside=allow_outside)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # readings that cannot be made are listed as unread
+            warnings.simplefilter("ignore")  # unsuccessful readings are listed as unread
             readings = look_at(loaded, report=say)
         if figure is not None:
             import xarray
@@ -84,15 +84,15 @@ def look(
     outputs = (("Figure", figure), ("Choose the band", html))
     saved = "\n".join(f"{what}: {path}" for what, path in outputs if path is not None)
     record = readings.record | {"doubts": [str(doubt.message) for doubt in doubts]}
-    # What the records were mishandled by changes the numbers below: it is said before them.
+    # Faults of the records change the numbers below, so they are printed first.
     doubted = finding_lines(checked.rows)
     answer(json_, record, *doubted, *tables, *record["statements"], *record["seen"], saved=saved)
-    # Of records none of which could be read, a fit says no more than a check.
+    # If no record could be read, a fit would say no more than a check.
     following("identify" if record["tests"] or loops else "check", campaign)
 
 
 def tests_table(record: Row) -> Table:
-    """Return a row a test, in the order of the motion."""
+    """Return the table of readings with one row per test, in order of the motion's amplitude."""
     factor, unit = length_unit(max((row["y"] for row in record["tests"]), default=1.0))
     return table(
         without_model(record["campaign"]),
@@ -111,7 +111,7 @@ def tests_table(record: Row) -> Table:
 
 
 def _with_scatter(row: Row, name: str, key: str, scale: float) -> str:
-    """Return a mean, with the standard deviation over records where there are several."""
+    """Return a mean as text, with the standard deviation over records if there are several."""
     sd = row[f"{name}_sd"]
     if not sd:
         return number(scale * row[key], digits=5 if name == "frequency" else 3)

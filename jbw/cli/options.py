@@ -1,4 +1,4 @@
-"""Options that several commands share, each said once."""
+"""Options that several commands share."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -36,10 +36,10 @@ figures_option = click.option(
 
 
 class CampaignPath(click.Path):
-    """A campaign file or its folder, refused before anything heavy is loaded where it is none."""
+    """A campaign file or its folder, checked for existence before anything heavy is loaded."""
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        """Return the campaign file, where one is there that may be read."""
+        """Return the path of the campaign file; raise a ConfigError if it cannot be read."""
         from jbw.campaign.written import CAMPAIGN, campaign_in, require_file
 
         path = Path(str(super().convert(value, param, ctx)))
@@ -59,13 +59,13 @@ run_argument = click.argument(
 
 
 def campaigns_given(given: Sequence[Path], mass: float | None = None) -> list[Path]:
-    """Return the campaign files that arguments stand for; what is drafted is said on stderr.
+    """Return the campaign files for the given arguments; announce drafted files on stderr.
 
-    A modal mass [kg] goes into a campaign that is drafted.
+    A modal mass [kg] becomes part of a drafted campaign.
     """
     from jbw.campaign.written import CAMPAIGN, is_campaign, require_file
 
-    if mass is None and all(map(is_campaign, given)):  # nothing has to be read of a record
+    if mass is None and all(map(is_campaign, given)):  # no record has to be read
         for path in given[:1]:
             require_file(path, *CAMPAIGN)
         return list(given)
@@ -75,10 +75,10 @@ def campaigns_given(given: Sequence[Path], mass: float | None = None) -> list[Pa
 
 
 def one_campaign(given: Sequence[Path]) -> Path:
-    """Return the one campaign file that arguments stand for.
+    """Return the single campaign file for the given arguments.
 
     Raises:
-        UsageError: They stand for several.
+        UsageError: The arguments stand for several campaigns.
     """
     campaign, *others = campaigns_given(given)
     if others:
@@ -87,7 +87,7 @@ def one_campaign(given: Sequence[Path]) -> Path:
 
 
 def figure_option(what: str, example: str) -> Option:
-    """Return the option `--figure FILE`, a picture in the format that its suffix names."""
+    """Return the option `--figure FILE` for a picture, whose suffix determines its format."""
 
     def picture(_: Any, __: Any, path: Path | None) -> Path | None:
         if path is not None and path.suffix not in PICTURES:

@@ -1,4 +1,4 @@
-"""The command `jbw plan`."""
+"""The command that plans tests: `jbw plan`."""
 
 from contextlib import nullcontext
 from dataclasses import asdict
@@ -90,7 +90,7 @@ def plan(
             numbers = partial(write_json, value=plain_values(asdict(planned)))
             save_outputs(job.folder, {"plan.json": numbers}, {})
     before = planning.before({name: _spread(cv) for name, cv in planned.before.items()})
-    # What stands against single tests, by their numbers.
+    # Objections to single tests, by the numbers of the tests.
     remarks = [f"  {i + 1}: {'; '.join(r.notes)}." for i, r in enumerate(planned.rows) if r.notes]
     recommended = _recommended(planned.combination, planned)
     answer(
@@ -125,7 +125,7 @@ def _plan_fleet(torques: str, scatter: float, json_: bool) -> None:
 
 
 def fleet_table(rows: "list[dict[str, float]]", scatter: float) -> Table:
-    """Return a line a design."""
+    """Return the table of fleet designs with one line per design."""
     return table(
         planning.fleet_title(scatter),
         rows,
@@ -136,7 +136,7 @@ def fleet_table(rows: "list[dict[str, float]]", scatter: float) -> Table:
 
 
 def plan_table(planned: "MeasurementPlan") -> Table:
-    """Return the candidates, a line each."""
+    """Return the table of candidate tests with one line each."""
     wish = planned.wish
 
     def cv(name: str) -> Column:
@@ -164,7 +164,7 @@ def plan_table(planned: "MeasurementPlan") -> Table:
 
 
 def _recommended(combination: "Combination", planned: "MeasurementPlan") -> list[str]:
-    """Return the combination in words: what to measure, what it tells, what it does not."""
+    """Return the recommended combination of tests in words, with the accuracies that it reaches."""
     wish = planned.wish
     if combination.met and not combination.tests:
         best = max(planned.rows, key=lambda row: row.information_gain / row.seconds_each)

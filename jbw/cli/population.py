@@ -1,4 +1,4 @@
-"""The command on a fleet: `jbw population fleet.nc`."""
+"""The command that pools a fleet of runs: `jbw population fleet.nc`."""
 
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from jbw.report.style import Panels
     from jbw.report.table import Table
 
-NUM_PLACES = 25  # of the figure's band
+NUM_PLACES = 25  # torques in the band of the figure
 
 
 @click.command()
@@ -99,7 +99,7 @@ def _drawn(
     bands: tuple[np.ndarray, np.ndarray],
     shown: "Table",
 ) -> tuple[str, "Panels"]:
-    """Return the page with the units side by side, and its figure."""
+    """Return the HTML page with the units side by side, and its figure."""
     from jbw.report.population import population_figure, population_sheet
     from jbw.report.sheet import render_sheet
 

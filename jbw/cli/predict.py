@@ -1,4 +1,4 @@
-"""The command `jbw predict DIR`."""
+"""The command that predicts tests and loads: `jbw predict DIR`."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 
 class FromTo(click.ParamType):
-    """Two frequencies with a colon between them."""
+    """A pair of frequencies with a colon between them."""
 
     name = "from:to"
 
     def convert(self, value: Any, *of: Any) -> tuple[float, float]:
-        """Convert a text `first:last` to two numbers."""
+        """Convert an option's text `first:last` to two frequencies [Hz]."""
         try:
             first, last = map(float, value.split(":"))
         except ValueError:
@@ -126,7 +126,7 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
         basis = basis_in(folder)
         if loads:
             return predict_loads(folder, basis, basis_inputs(folder), options, say)
-        # Planned tests are in the run's own unit, whatever the campaign says of its gain.
+        # Planned tests are in the run's own unit, whatever the campaign states about its gain.
         request = predicting.Request(options["draws"], not options["without_noise"])
         requests = [(test, request) for test in _planned(basis, options)]
         inputs = basis_inputs(folder)
@@ -171,7 +171,7 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
 
 
 def basis_inputs(folder: Path) -> dict[str, str]:
-    """Return file to SHA-256 of what a folder predicts with: pages and logs in it are no part."""
+    """Return the SHA-256 of each file on which a folder's predictions depend, by file name."""
     from jbw.run.files import hash_of
 
     files = sorted(path for path in folder.iterdir() if path.suffix in (".nc", ".json"))
@@ -198,7 +198,7 @@ def _of_population(torque: float | None, requests: Sequence[tuple[Any, Any]]) ->
 
 
 def _planned(basis: "Basis", options: Mapping[str, Any]) -> "Iterator[Test]":
-    """Yield the tests that nobody measured, at each level."""
+    """Yield the planned, unmeasured tests that the options request, at each level."""
     from jbw.verification import planned
 
     sweep, stepped, tone = (options[kind] for kind in ("sweep", "stepped", "tone"))
@@ -215,7 +215,7 @@ def _planned(basis: "Basis", options: Mapping[str, Any]) -> "Iterator[Test]":
 
 
 def prediction_table(rows: Sequence[dict[str, Any]]) -> Table:
-    """Return the predictions, a line a test."""
+    """Return the table of predictions with one line per test."""
     from jbw.report.tables import inside, level_of  # loads matplotlib
 
     return table(

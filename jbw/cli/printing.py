@@ -1,4 +1,4 @@
-"""How results look on stdout: tables, verdicts and JSON."""
+"""Printing of results on stdout: tables, verdicts and JSON."""
 
 import json
 import math
@@ -13,14 +13,14 @@ from rich.text import Text
 from jbw.errors import printable
 from jbw.report.table import MARKS, Table, print_table
 
-PIPE_WIDTH = 160  # columns, when stdout is no terminal and has no width of its own
-NOT_TRUSTED = 4  # exit code
+PIPE_WIDTH = 160  # columns if stdout is no terminal and so has no width
+NOT_TRUSTED = 4  # exit code of a run whose verdict is not trusted
 MINUTE, HOUR = 60, 3600
 STATUS = {"ok": MARKS["good"], "failed": MARKS["bad"]}
 
 
 def console() -> Console:
-    """Return a console on stdout, wide where it is no terminal; NO_COLOR is heeded by Rich."""
+    """Return a console on stdout, wide if stdout is no terminal; Rich respects NO_COLOR."""
     screen = Console(highlight=False)
     return screen if screen.is_terminal else Console(highlight=False, width=PIPE_WIDTH)
 
@@ -30,7 +30,7 @@ def show(*shown: Table | Text | str) -> None:
     screen = console()
     for content in shown:
         if not isinstance(content, Table):
-            # Text, not markup, and no control characters: names come from files.
+            # Names come from files, so print them as text without markup or control characters.
             text = Text(printable(content)) if isinstance(content, str) else content
             screen.print(text, soft_wrap=not screen.is_terminal)
         elif content.rows:
@@ -38,7 +38,7 @@ def show(*shown: Table | Text | str) -> None:
 
 
 def answer(json_: bool, record: Any, *shown: Table | Text | str, saved: str = "") -> None:
-    """Print a record as JSON, or else what people read of it and where it was saved."""
+    """Print a record as JSON, or else its tables and sentences and where it was saved."""
     if json_:
         show_json(record)
         return
@@ -48,13 +48,13 @@ def answer(json_: bool, record: Any, *shown: Table | Text | str, saved: str = ""
 
 
 def following(command: str, target: Any = None, also: str = "") -> None:
-    """Name on stderr the command that brings the user on, and what is said beside it."""
+    """Print on stderr the next command for the user, with an optional addition."""
     named = "" if target is None else f" {shlex.quote(str(target))}"
     click.echo(f"Next: jbw {command}{named}{also}", err=True)
 
 
 def show_json(record: Any) -> None:
-    """Print a record as JSON, with null for what JSON has no number for."""
+    """Print a record as JSON, with null for numbers that JSON cannot express."""
     click.echo(json.dumps(plain_values(record), indent=1, ensure_ascii=False))
 
 
@@ -77,7 +77,7 @@ def verdict_line(verdict: Mapping[str, Any]) -> Text:
 
 
 def verdict_lines(verdict: Mapping[str, Any], *, passed: bool = False) -> Iterator[Text | str]:
-    """Yield a verdict as a record holds it, and each finding against it; those passed, too."""
+    """Yield a verdict's lines: status, answers, failed findings; with `passed`, all findings."""
     status = verdict["status"]
     yield Text.assemble("Verdict: ", _status(status))
     for name, answered in verdict.get("answers", {}).items():
@@ -92,7 +92,7 @@ def verdict_lines(verdict: Mapping[str, Any], *, passed: bool = False) -> Iterat
 
 
 def exit_code_of(status: str, *, strict: bool = False) -> int:
-    """Exit code after a verdict: 0 for what can be used, 4 for all else, and for all but ok."""
+    """Return 0 if the status is ok or usable, else 4; with `strict`, 4 unless it is ok."""
     return 0 if status == "ok" or (status == "usable" and not strict) else NOT_TRUSTED
 
 

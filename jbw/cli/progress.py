@@ -1,6 +1,6 @@
-"""The shared parts of commands that compute: JAX, and progress by a line per stage and chain.
+"""Set-up of commands that compute: JAX, and progress as one line per stage and chain.
 
-What is under way within a stage comes as messages of the logger `jbw.progress`.
+Events within a stage arrive as messages of the logger `jbw.progress`.
 """
 
 import logging
@@ -30,11 +30,11 @@ from jbw.run.session import prepare_process as prepare_process
 if TYPE_CHECKING:
     from jbw.study.store import Job
 
-RESULT_ONLY = ("out", "json_")  # options that decide no number
-LOOK_S = 1.0  # between two looks at the chains at least, on a terminal
-PLAIN_S = 10.0  # between two lines on chains where there is none
-SILENT_S = 4.0  # of silence at most, less the time to the next look at it
-BEAT_S = 0.5  # between two looks at whether it is silent
+RESULT_ONLY = ("out", "json_")  # options that affect no number
+LOOK_S = 1.0  # shortest time between two updates of the chains on a terminal
+PLAIN_S = 10.0  # time between two lines on chains without a terminal
+SILENT_S = 4.0  # longest silence, less the time to the next check of it
+BEAT_S = 0.5  # time between two checks for silence
 STARTING = "Loading numerical libraries"
 STEPS = {
     "joint_": "joint posterior", "decay_": "posterior of free decays", "third_order_": "Step 3",
@@ -42,44 +42,44 @@ STEPS = {
 }  # fmt: skip
 WAYS = {"amis": "weighed points", "ridge": "along the ridge,", "valley": "along the valley,",
         "wide": "wider prior bounds,"}  # fmt: skip
-ESS = 400.0  # effective draws that a verdict asks for, as jbw.inference.posterior.verdict has it
-FEWEST = 8  # draws of a chain from where on their effective number is estimated
+ESS = 400.0  # effective draws that a verdict requires, as in jbw.inference.posterior.verdict
+FEWEST = 8  # draws of a chain from which their effective number is estimated
 
 
 class Teller:
-    """Tells stages, called with a sentence, and chains under way, on a console."""
+    """A printer of progress on a console: stages (called with a sentence) and running chains."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._rewrites = console.is_terminal and not console.is_dumb_terminal
         self._live: Live | None = None
-        self._chains: Table | None = None  # among the live lines
-        self._lock = threading.RLock()  # the heart beats in a thread of its own
+        self._chains: Table | None = None  # part of the live lines
+        self._lock = threading.RLock()  # the heart beat runs in a separate thread
         self._started = perf_counter()
         self._told = self._started
         self._said: set[str] = set()
         self._stage, self._since, self._within = "", self._started, ""
 
     def __call__(self, stage: str) -> None:
-        """Print one sentence with the seconds since the start: what is under way from now on."""
+        """Print one sentence, with the seconds since the start, as the stage that begins now."""
         self._stage, self._since, self._within = stage, perf_counter(), ""
         self.remark(stage)
 
     def within(self, what: str) -> None:
-        """Note what is under way within the stage, to be told where it takes long."""
+        """Note the current activity within the stage, which is printed if it takes long."""
         self._within = what
 
     def remark(self, sentence: str) -> None:
-        """Print one sentence beside what is under way."""
+        """Print one sentence without changing the current stage."""
         with self._lock:
             self.clear()
             self._told = perf_counter()
             self._print(self._line(sentence))
 
     def beat(self) -> None:
-        """Say what is under way, and for how long, where nothing was said for five seconds.
+        """Print the current stage and its duration if nothing was printed for five seconds.
 
-        On a terminal one line is written over, elsewhere each is a new one.
+        On a terminal the line is overwritten; elsewhere each line is new.
         """
         with self._lock:
             now = perf_counter()
@@ -101,7 +101,7 @@ class Teller:
         return Text(f"[{perf_counter() - self._started:5.1f} s] {sentence}")
 
     def _show(self, lines: RenderableType) -> None:
-        """Write live lines over those before them."""
+        """Replace the live lines by new ones."""
         if self._live is None:
             self._live = Live(
                 console=self._console, auto_refresh=False, transient=True, redirect_stdout=False
@@ -110,9 +110,9 @@ class Teller:
         self._live.update(lines, refresh=True)
 
     def chains(self, name: str, so_far: Any) -> None:
-        """Tell how far the chains of a posterior are, no oftener than anybody can read.
+        """Print the progress of a posterior's chains, no more often than is readable.
 
-        `so_far` is what is known of them, a `jbw.inference.samplers.chunked_run.SoFar`.
+        `so_far` is the state of the chains, a `jbw.inference.samplers.chunked_run.SoFar`.
         """
         last = so_far.done >= so_far.total
         every = LOOK_S if self._rewrites else PLAIN_S
@@ -131,7 +131,7 @@ class Teller:
                 self._show(self._chains)
 
     def clear(self) -> None:
-        """Take the live lines away."""
+        """Remove the live lines from the terminal."""
         with self._lock:
             if self._live is not None:
                 self._live.stop()
@@ -139,14 +139,14 @@ class Teller:
 
 
 class _Within(logging.Handler):
-    """Hands messages of the logger `jbw.progress` to a teller."""
+    """A log handler that passes messages of the logger `jbw.progress` to a teller."""
 
     def __init__(self, say: Teller) -> None:
         super().__init__(logging.INFO)
         self._say = say
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Note what is under way."""
+        """Note a log message as the current activity."""
         self._say.within(record.getMessage())
 
 
@@ -154,7 +154,7 @@ class _Within(logging.Handler):
 def telling(first: str = "") -> Iterator[Teller]:
     """Yield a teller that prints on stderr, breaks long silences and shows warnings.
 
-    `first` is said at once, before anything is imported.
+    `first` is printed at once, before anything is imported.
     """
     say = Teller(Console(stderr=True, highlight=False))
     if first:
@@ -190,7 +190,7 @@ def telling(first: str = "") -> Iterator[Teller]:
 
 @contextmanager
 def computing() -> Iterator[Teller]:
-    """Yield a teller after setting up JAX. Import modules that need JAX within it."""
+    """Yield a teller after setting up JAX; modules that need JAX are imported within it."""
     with telling(STARTING) as say:
         if (limit := address_space()) < RESERVED:
             say.remark(stages.little_address_space(limit / 2**30, RESERVED / 2**30))
@@ -200,7 +200,7 @@ def computing() -> Iterator[Teller]:
 
 @contextmanager
 def working(say: Teller, folder: Path) -> "Iterator[Job]":
-    """Hold the output folder of the command under way; its parts are kept there until it ends."""
+    """Yield the claimed output folder of the running command; its parts are kept if interrupted."""
     from jbw.study.store import claimed
 
     context = click.get_current_context()
@@ -228,7 +228,7 @@ def called(name: str) -> str:
 
 
 def chain_table(name: str, so_far: Any) -> Table:
-    """Return one line a chain: steps, draws, effective draws so far, divergences, time left."""
+    """Return one line per chain: steps, draws, effective draws so far, divergences, time left."""
     table = Table.grid(padding=(0, 2))
     table.title, table.title_justify = called(name), "left"
     sizes = effective(so_far.draws)
@@ -249,10 +249,10 @@ def chain_table(name: str, so_far: Any) -> Table:
 
 
 def chain_sentence(name: str, so_far: Any) -> str:
-    """Return the same in one line for all chains."""
+    """Return one line for all chains: steps, effective draws, divergences and time left."""
     sizes = effective(so_far.draws)
     if so_far.in_rounds and sizes is not None:
-        # Groups of points are independent of one another: what they are worth adds up.
+        # Groups of points are independent of each other, so that their effective draws add up.
         worth = stages.effective(sum(sizes), ESS)
         return f"{called(name)}: round {so_far.done} of {so_far.total} at most, {worth}"
     parts = [f"{called(name)}: {so_far.done} of {so_far.total} steps"]
@@ -268,7 +268,7 @@ def chain_sentence(name: str, so_far: Any) -> str:
 
 
 def effective(draws: dict[str, np.ndarray]) -> list[float] | None:
-    """Return effective draws per chain of the worst parameter so far; None before any."""
+    """Return the effective number of draws of each chain for the worst parameter, or None."""
     from jbw.inference.posterior.summary import diagnose
 
     if not draws or next(iter(draws.values())).shape[1] < FEWEST:

@@ -50,6 +50,7 @@ def report(
     from jbw.cli.progress import telling
 
     with DrawingProcess(wanted=out is None) as beside, telling(f"Reading {folder}") as say:
+        from jbw.report.load_section import load_section
         from jbw.report.page import campaign_name, write_interactive, write_page
         from jbw.report.result import read_result
         from jbw.study.store import save_report
@@ -60,7 +61,7 @@ def report(
         if out is None:
             save_report(folder, tree, summary, beside, figures)
         else:
-            write_page(summary, tree, out)
+            write_page(summary, tree, out, loads=load_section(folder))
         written = {"report": str(page)}
         if figures:
             written["figures"] = str(folder / "figures")
@@ -73,7 +74,7 @@ def report(
 
 
 def _write_brief(folder: Path, out: Path | None, json_: bool, *, interactive: bool) -> None:
-    """Write the page of PDF of the finished run in a folder."""
+    """Write the one-page PDF of the finished run in a folder."""
     if interactive:
         raise click.UsageError(
             "Options --brief and --interactive write different pages: give only one of them."
@@ -88,7 +89,7 @@ def _write_brief(folder: Path, out: Path | None, json_: bool, *, interactive: bo
 
 
 def save_brief(folder: Path, out: Path | None = None) -> Path:
-    """Write the brief of a finished run, beside its report by default, and return its path."""
+    """Write the one-page PDF of a finished run, by default next to its report; return its path."""
     from jbw.report.brief import write_brief
     from jbw.report.result import read_result
     from jbw.run.files import write_whole
@@ -147,7 +148,7 @@ def export(
         from jbw.report.result import read_result
         from jbw.study.store import claim
 
-        programs_named(names)  # a slip of the pen is told before anything is computed
+        programs_named(names)  # report a misspelt name before anything is computed
         say(f"Reading {folder}")
         summary, tree = read_result(folder)
         say(stages.COMPUTING_JOINT)

@@ -110,7 +110,7 @@ def comparison_lines(record: Mapping[str, Any]) -> tuple[Table | str, ...]:
 
 
 def _number(heading: str, key: str, digits: int = 3) -> Column:
-    """Return a column of so many digits, of whole numbers where they are large."""
+    """Return a column of numbers with the given number of digits; large ones as whole numbers."""
 
     def shown(row: Mapping[str, Any]) -> str:
         value = row.get(key)
@@ -133,7 +133,7 @@ def _verdict(row: Mapping[str, Any]) -> str:
 
 
 def _distance(key: str, row: Mapping[str, Any]) -> str:
-    """Return a value with its distance from the reference."""
+    """Return a value as text, with its distance from the reference in standard errors."""
     shown = NOTHING if row[key] is None else f"{row[key]:.6g}"
     z = row.get(f"z_{key}")
     return shown if z is None else f"{shown} ({z:+.1f})"
@@ -189,7 +189,7 @@ def sbc(
 
 
 def calibration_table(record: Mapping[str, Any]) -> Table:
-    """Return the calibration, a line a quantity."""
+    """Return the table of a calibration with one line per quantity."""
     columns = [
         Column(heading, lambda row, key=key, form=form: format(row[key], form))
         for heading, key, form in (

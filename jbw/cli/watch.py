@@ -1,4 +1,4 @@
-"""The command that watches a joint: `jbw watch RUN --add RECORD`."""
+"""The command that monitors a joint: `jbw watch RUN --add RECORD`."""
 
 from functools import partial
 from pathlib import Path
@@ -97,7 +97,7 @@ def watch(
         if several and watched.settings["reference"] < FEW:
             say(messages.several_amplitudes(FEW))
     stated = [reading for reading in watched.added if "statement" in reading]
-    # One statement: of the last alarm, or where there is none of the last record.
+    # Show one statement: that of the last alarm, or without an alarm that of the last record.
     last = ([reading for reading in stated if reading["alarm"]] or stated)[-1:]
     shown = watched.added or watched.readings
     record = {"settings": watched.settings, "added": watched.added, "count": len(watched.readings)}

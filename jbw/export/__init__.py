@@ -1,1 +1,1 @@
-"""A joint for other programs: one draw of a posterior, between the bands of all."""
+"""The export of a joint to other programs: one draw of a posterior, with the bands of all draws."""

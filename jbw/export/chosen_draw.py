@@ -1,4 +1,4 @@
-"""The choice of the posterior draw that stands for the joint in programs that take one joint."""
+"""The choice of the posterior draw that represents the joint in programs that take one joint."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -15,19 +15,19 @@ from jbw.verification.bands import band, within
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Draws, Laws, count_of
 
-NUM_TRIED = 64  # of the draws of highest density, for a backbone within its bands
-ROUNDING = 1e-12  # relative, of a band of no width
+NUM_TRIED = 64  # draws of highest density that are tried for a backbone within its bands
+ROUNDING = 1e-12  # relative tolerance for a band of zero width
 
 Bands = Mapping[str, NDArray[np.float64]]
 
 
 class ProductDraws(NamedTuple):
-    """A product of the parameters, which weak motion knows, at one draw.
+    """A product of the parameters, which weak motion determines, at every draw.
 
     Attributes:
-        name: Its name, such as `alpha_delta`.
-        unit: Its unit.
-        values: Of every draw.
+        name: Name of the product, such as `alpha_delta`.
+        unit: Unit of the product.
+        values: Values of the product at every draw.
     """
 
     name: str
@@ -36,7 +36,7 @@ class ProductDraws(NamedTuple):
 
 
 def products_of(draws: Draws, laws: Laws) -> list[ProductDraws]:
-    """Return the products of all laws at every draw."""
+    """Return the products of the parameters of all laws, at every draw."""
     products = (product for law in laws_named(laws) for product in law.products)
     return [
         ProductDraws(product.name, product.quantity.unit, np.asarray(product.of(draws)))
@@ -45,10 +45,10 @@ def products_of(draws: Draws, laws: Laws) -> list[ProductDraws]:
 
 
 def density_of(tree: xr.DataTree) -> NDArray[np.float64]:
-    """Log density of every draw of the main posterior [nats], chain after chain.
+    """Return the log density of every draw of the main posterior [nats], chain after chain.
 
     Raises:
-        DataError: The run left none.
+        DataError: The run stored no density.
     """
     stats = tree.children.get("sample_stats")
     if stats is None or "lp" not in stats.data_vars:
@@ -67,19 +67,20 @@ def best_draw(
     bands: Bands,
     laws: Laws,
 ) -> int:
-    """Number of the draw of highest density that is like the others in what the data know.
+    """Return the number of the most probable draw that is typical in what the data determine.
 
-    Means along a ridge are no joint at all: the mean of alpha times that of delta is not the mean
-    of alpha delta. A draw is one. Where a parameter ends at its bound, the draw of highest density
-    may lie there, at the edge of all others; it is therefore the highest among those whose products
-    and backbone lie within the 99 % intervals, and the highest of all where there is none.
+    The means along a ridge are no joint at all: the mean of alpha times that of delta is not the
+    mean of alpha delta. A draw is a joint. Where a parameter ends at its bound, the draw of highest
+    density may be an extreme one at that bound. The chosen draw is therefore the most probable one
+    among those whose products and backbone lie within the 99 % intervals, or among all draws if
+    there is none.
 
     Args:
-        draws: Every draw by name.
-        density: Log density of each [nats].
-        amplitude: Of the backbone [m].
-        bands: Its 99 % bands by name, `frequency` [Hz] and `damping`.
-        laws: Of the joint.
+        draws: Values of every draw, by parameter name.
+        density: Log density of each draw [nats].
+        amplitude: Amplitudes of the backbone [m].
+        bands: 99 % bands of the backbone by name, `frequency` [Hz] and `damping`.
+        laws: Laws of the joint.
     """
     candidates = np.isfinite(density)
     for product in products_of(draws, laws):
@@ -93,7 +94,7 @@ def best_draw(
 def backbone_within(
     draws: Draws, amplitude: Float[np.ndarray, " amplitude"], bands: Bands, laws: Laws
 ) -> NDArray[np.bool_]:
-    """Return which draws have a backbone within the bands at every amplitude."""
+    """Return for each draw whether its backbone is within the bands at every amplitude."""
     frequency, damping, _ = carry(curves, draws, amplitude, laws)
     inside = np.ones(count_of(draws), bool)
     for values, edges in ((frequency, bands["frequency"]), (damping, bands["damping"])):
@@ -104,12 +105,12 @@ def backbone_within(
 
 
 def picked(draws: Draws, numbers: NDArray[np.intp] | list[int]) -> Draws:
-    """Return the draws with the given numbers."""
+    """Return the draws of a posterior with the given numbers."""
     return {name: values[numbers] for name, values in draws.items()}
 
 
 def stated_draw(draws: Draws, number: int) -> int:
-    """Return a number that was asked for.
+    """Return the number of a requested draw; raise an error if there is no such draw.
 
     Raises:
         ConfigError: There is no such draw.

@@ -1,4 +1,4 @@
-"""The export of a run, of one joint or of several: tables, programs' files and cards of draws."""
+"""The files of a run's export, of one joint or of several: tables, program files, draws."""
 
 import csv
 import json
@@ -39,10 +39,12 @@ Columns = Mapping[str, Sequence[Any] | NDArray[np.float64]]
 
 
 def chosen_programs(names: Sequence[str], result: Export) -> tuple[Program, ...]:
-    """Return the programs of some names; of none the usual ones, as far as they take the joint.
+    """Return the simulation programs to write for: the named ones, or the usual ones for a joint.
+
+    Usual programs that cannot represent the joint are left out.
 
     Raises:
-        ConfigError: One is not known, or cannot take the joint.
+        ConfigError: A program is unknown, or cannot take the joint.
     """
     if not names:
         usual = (PROGRAMS[name] for name in USUAL)
@@ -61,8 +63,8 @@ def write_export(
 ) -> tuple[Path, ...]:
     """Write parameters.csv, backbone.csv, loop.csv, jbw.mat and programs' files; return the files.
 
-    Texts begin with lines of comment which say the run's verdict and which joint this is; so does
-    `about` of jbw.mat. Draws get a folder each, draws/0001 on, and a manifest.
+    Text files begin with comment lines on the run's verdict and on the exported joint; so does
+    `about` in jbw.mat. Each draw gets a folder, from draws/0001 on, and an entry in a manifest.
     """
     from scipy.io import savemat
 
@@ -89,10 +91,12 @@ def write_export(
 
 
 def chosen_programs_of_joints(names: Sequence[str], result: JointsExport) -> tuple[Program, ...]:
-    """Return the programs of some names; of none the usual ones, as far as they take the joints.
+    """Return the simulation programs to write for: the named ones, or the usual ones for joints.
+
+    Usual programs that cannot represent the joints are left out.
 
     Raises:
-        ConfigError: One is not known, or cannot take the joints.
+        ConfigError: A program is unknown, or cannot take the joints.
     """
     takers = [name for name, program in PROGRAMS.items() if program.joints is not None]
     if not names:
@@ -112,8 +116,8 @@ def write_joints(
 ) -> tuple[Path, ...]:
     """Write the tables of several joints, jbw.mat and programs' files; return the files.
 
-    A file has all joints, one after the other, but FMUs, which have a folder a joint. Draws get a
-    folder each, draws/0001 on, and a manifest.
+    A file contains all joints, one after the other, except FMUs, which have one folder per joint.
+    Each draw gets a folder, from draws/0001 on, and an entry in a manifest.
     """
     from scipy.io import savemat
 
@@ -151,12 +155,12 @@ def write_joints(
 
 
 def _as_fields(by_name: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the same by names that MATLAB takes: `alpha@bolt_1` is `alpha_at_bolt_1`."""
+    """Rename entries for MATLAB: `alpha@bolt_1` becomes `alpha_at_bolt_1`."""
     return {name.replace(AT, "_at_"): value for name, value in by_name.items()}
 
 
 def notes_on(programs: Iterable[Program]) -> tuple[str, ...]:
-    """Return the notes on the written files."""
+    """Return the notes on the files of an export, such as on a missing compiler."""
     compiled = any(program.name.startswith("fmi") for program in programs)
     if not compiled or compiler() is not None:
         return ()
@@ -164,14 +168,14 @@ def notes_on(programs: Iterable[Program]) -> tuple[str, ...]:
 
 
 def _values_of_joint(draw: Export) -> dict[str, Any]:
-    """Return the parameters and products of a draw of one joint."""
+    """Return the parameters and products of one draw of a single joint."""
     parameters = {parameter.name: parameter.value for parameter in parameters_of(draw)}
     of_mode = {name: draw.joint[name] for name in ("omega_n", "zeta")}
     return {"parameters": parameters | of_mode, "products": draw.products}
 
 
 def _values_of_joints(draw: JointsExport) -> dict[str, Any]:
-    """Return the parameters of a draw, those of the modes and of each joint."""
+    """Return one draw's parameters of the modes and of each joint."""
     return {
         "modes": {q.name: draw.joint[q.name] for q in modal_quantities(draw)},
         "joints": {
@@ -186,7 +190,7 @@ def _draw_rows[Exported](
     cards: Sequence[Callable[[Path, Exported], Paths]],
     values_of: Callable[[Exported], dict[str, Any]],
 ) -> list[dict[str, Any]]:
-    """Write a card of every program for each draw; what each draw is, for the manifest."""
+    """Write every program's parameter file for each draw; return entries for the manifest."""
     rows = []
     for i, (number, draw) in enumerate(draws, start=1):
         draw_folder = folder / "draws" / f"{i:04d}"
@@ -211,7 +215,7 @@ def _write_manifest(
     units: Mapping[str, Any],
     rows: Sequence[Mapping[str, Any]],
 ) -> Path:
-    """Write manifest.json, which says what each draw is."""
+    """Write manifest.json, which lists the exported draws with their files and values."""
     manifest = {
         "about": result.about,
         "laws": result.laws,
@@ -229,7 +233,7 @@ def _write_tables(
     result: Export | JointsExport,
     tables: Mapping[str, tuple[str, Columns]],
 ) -> list[Path]:
-    """Write parameters.csv, and each table under its name with what it is."""
+    """Write parameters.csv, and each table with a description in its head."""
     header = list(result.parameters[0])
     rows = [row.values() for row in result.parameters]
     paths = [_write_rows(folder / "parameters.csv", result.about, header, rows)]
@@ -251,13 +255,13 @@ def _write_rows(
 
 
 class RunExport(NamedTuple):
-    """The content of an export, and the function that writes it.
+    """The content of a run's export, and the function that writes it.
 
     Attributes:
-        about: The run's verdict and what is exported, a line each.
-        programs: Whose files are written.
-        notes: What must be said of them.
-        write: Writes all of it into a folder and returns the files.
+        about: The run's verdict and the exported joint, one line each.
+        programs: Programs whose files are written.
+        notes: Notes on these files.
+        write: Function that writes all of it into a folder and returns the files.
     """
 
     about: tuple[str, ...]
@@ -280,18 +284,18 @@ def export_of_run(
     """Return the export of a run's joint, or of all its joints.
 
     Args:
-        tree: The run's result.
-        summary: Its summary.
-        names: Programs; none takes the usual ones.
+        tree: Result of the run.
+        summary: Summary of the run.
+        names: Names of programs; by default the usual ones.
         fmu: Whether FMUs are written as well.
-        count: How many draws get cards of their own; none by default.
-        mass: Modal mass [kg] of one joint.
-        y_max: Largest displacement [m] of one joint.
+        count: Number of draws with separate cards; none by default.
+        mass: Modal mass [kg] of a single joint.
+        y_max: Largest displacement [m] of a single joint.
         draw: Number of the draw.
 
     Raises:
-        ConfigError: A program is not known or cannot take the joint, or an option has no meaning.
-        DataError: The run lacks what an export needs.
+        ConfigError: A program is unknown or cannot take the joint, or an option does not apply.
+        DataError: The run lacks something that an export needs.
     """
     if are_at_joints(laws_of_run(tree)):
         refuse_options_of_one_joint(mass=mass, y_max=y_max)
@@ -319,6 +323,5 @@ def export_of_run(
 def _with_fmus(
     chosen: Callable[[Sequence[str]], tuple[Program, ...]], names: Sequence[str], *, fmu: bool
 ) -> tuple[Program, ...]:
-    """Return the chosen programs, and FMUs where they are asked for."""
     programs = chosen(names)
     return tuple(dict.fromkeys((*programs, *chosen(FMUS)))) if fmu else programs

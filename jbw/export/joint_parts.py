@@ -1,4 +1,4 @@
-"""The parts of one joint draw for other programs: linear parts, curves, loops, materials."""
+"""The parts of one draw of a joint for other programs: linear parts, curves, loops, materials."""
 
 from collections.abc import Mapping
 
@@ -16,16 +16,16 @@ from jbw.oscillator.steady.backbone import backbone
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Draws, Laws
 
-PARTS = (0.25, 0.5, 1.0)  # of the largest displacement: the loops
-NUM_PHASES = 100  # of half a loop
-REACH = 2.0  # of sliders that stand for a law, in largest displacements
-NUM_POINTS = 19  # of a skeleton beside its origin: Ansys takes twenty in all
+PARTS = (0.25, 0.5, 1.0)  # times the largest displacement: amplitudes of the loops
+NUM_PHASES = 100  # points of half a loop
+REACH = 2.0  # range of the sliders that represent a law, in largest displacements
+NUM_POINTS = 19  # points of a skeleton curve without its origin: Ansys takes twenty in all
 
 Table = dict[str, NDArray[np.float64]]
 
 
 def linear_parts(theta: Mapping[str, float], laws: Laws, mass: float) -> dict[str, float]:
-    """Return modal mass [kg], and spring [N/m] and dashpot [N s/m] parallel to the laws."""
+    """Return the linear parts of a joint: modal mass [kg], spring [N/m] and dashpot [N s/m]."""
     joint = oscillator_of(theta, laws)
     dashpot = 2.0 * mass * theta["zeta"] * theta["omega_n"]
     return {"mass": mass, "spring": mass * float(joint.k), "dashpot": dashpot}
@@ -33,11 +33,11 @@ def linear_parts(theta: Mapping[str, float], laws: Laws, mass: float) -> dict[st
 
 # -- curves ----------------------------------------------------------------------------------------
 def skeletons(draws: Draws, y_max: float, laws: Laws, mass: float) -> list[Table]:
-    """Return each draw's forces and equivalent elements at even steps to the largest displacement.
+    """Return each draw's force-displacement curve, with an equivalent spring and dashpot.
 
-    `tip_force_n` is at the tips of steady loops, `virgin_force_n` on the way there from rest, both
-    of spring and laws without dampers; `stiffness_n_m` and `damping_ns_m` are a spring and a
-    dashpot that resonate and lose as the whole does at that amplitude.
+    `tip_force_n` is at the tips of steady loops, `virgin_force_n` on the first loading from rest;
+    both are of spring and laws without dampers. `stiffness_n_m` and `damping_ns_m` are a spring and
+    a dashpot with the resonance and the loss of the whole joint at that amplitude.
     """
     y = y_max * np.arange(1, NUM_POINTS + 1) / NUM_POINTS
     columns = carry(_skeleton, draws, jnp.asarray(y), laws)
@@ -72,7 +72,7 @@ def static_loops(one: Draws, y_max: float, laws: Laws, mass: float) -> Table:
     half = peaks[:, None] * np.cos(np.linspace(0.0, np.pi, NUM_PHASES + 1)[:-1])
     down = carry(_force_unloading, one, jnp.asarray(peaks), jnp.asarray(half), laws)[0]
     even = carry(_even_force, one, jnp.asarray(half), laws)[0]
-    # The way up is the way down turned about the origin, but for what is even; its end closes it.
+    # Loading is unloading turned about the origin, except for even forces; its end closes the loop.
     y = np.concatenate([half, -half, half[:, :1]], axis=1)
     force = np.concatenate([down, 2.0 * even - down, down[:, :1]], axis=1)
     around = np.repeat(peaks, y.shape[1])
@@ -82,7 +82,7 @@ def static_loops(one: Draws, y_max: float, laws: Laws, mass: float) -> Table:
 def _force_unloading(
     theta: Mapping[str, jax.Array], peaks: jax.Array, y: jax.Array, laws: Laws
 ) -> jax.Array:
-    """Return the force of the spring and all laws on the way down from each peak [N/kg]."""
+    """Return the force of the spring and all laws during unloading from each peak [N/kg]."""
     joint = oscillator_of(theta, laws).undamaged
     return joint.k * y + jax.vmap(joint.force_unloading)(peaks, y)  # pyright: ignore[reportReturnType]
 
@@ -97,9 +97,9 @@ def _even_force(theta: Mapping[str, jax.Array], y: jax.Array, laws: Laws) -> jax
 def materials_of(
     theta: Mapping[str, float], laws: Laws, mass: float, y_max: float
 ) -> tuple[Material, ...]:
-    """Return the spring and every law's force as materials of OpenSees, or none where one has none.
+    """Return the spring and every law as OpenSees materials; empty if a law has none.
 
-    Laws of Masing's kind are sliders up to `REACH` times the largest displacement.
+    Masing laws are represented by sliders up to `REACH` times the largest displacement.
     """
     joint = oscillator_of(theta, laws)
     if not joint.laws:
@@ -120,14 +120,14 @@ def materials_of(
 
 
 def _in_parallel(sliders: Sliders, mass: float) -> tuple[Material, ...]:
-    """Return the materials of the sliders and of the spring that does not slip."""
+    """Return OpenSees materials for a law's sliders and its spring that does not slip."""
     pairs = zip(sliders.stiffness, sliders.slip, strict=True)
     slipping = (Material("ElasticPP", (mass * float(k), float(slip))) for k, slip in pairs)
     return Material("Elastic", (mass * sliders.spring,)), *slipping
 
 
 def error_of_sliders(law: Masing, y_max: float) -> float:
-    """Return the largest error of what cycles of a tenth to the whole largest displacement lose."""
+    """Return the sliders' largest relative error of the loss of cycles from 10 % of `y_max`."""
     peaks = y_max * np.linspace(0.1, 1.0, 10)
     exact = np.pi * peaks**2 * np.asarray(jax.vmap(lambda y: law.loop(y).damping)(peaks))
     return float(np.max(np.abs(lost_by(sliders_of(law, REACH * y_max), peaks) / exact - 1.0)))

@@ -1,4 +1,4 @@
-"""A run's joint for other programs: one draw of its posterior, between the bands of all."""
+"""The export of a run's single joint: one draw of its posterior, with the bands of all draws."""
 
 import warnings
 from collections.abc import Iterable, Mapping
@@ -39,12 +39,12 @@ from jbw.verification.predictive_basis import (
     parameter_names,
 )
 
-NUM_DRAWS = 1000  # carried along the backbone
+NUM_DRAWS = 1000  # draws of the backbone
 NUM_AMPLITUDES = 100
 MARKS = tuple(f"q{1000 * q:03.0f}" for q in QUANTILES)
-NAMES = ("frequency", "damping", "force")  # of the backbone
+NAMES = ("frequency", "damping", "force")  # quantities of the backbone
 COLUMNS = ("frequency_hz", "damping_ratio", "force_n")
-# Of the whole joint, beside the parameters of its laws.
+# The parts of the whole joint in addition to the parameters of its laws.
 LINEAR = (
     Quantity("mass", "m", "kg", "modal mass", 0.0),
     Quantity("spring", "k", "N/m", "stiffness of the spring parallel to the laws"),
@@ -54,25 +54,29 @@ LINEAR = (
 
 @dataclass(frozen=True)
 class Export:
-    """The values that `write_export` writes; other conventions only where they have the law."""
+    """The values of an exported joint, which `write_export` writes.
 
-    about: tuple[str, ...]  # the run's verdict and which draw this is, a line each
-    joint: dict[str, float]  # parameters of the draw that is exported
-    parameters: list[dict[str, Any]]  # rows convention, parameter, unit, value, sd and quantiles
-    backbone: Table  # amplitude; frequency, damping and force of the draw, with bands of all
-    loop: Table  # largest displacement, displacement and static force of the draw
+    Parameters are also stated in those other conventions that have the joint's law.
+    """
+
+    about: tuple[str, ...]  # the run's verdict and the number of this draw, one line each
+    joint: dict[str, float]  # parameters of the exported draw
+    # Rows with convention, parameter, unit, value, sd and quantiles.
+    parameters: list[dict[str, Any]]
+    backbone: Table  # amplitude; frequency, damping and force of this draw, with bands of all draws
+    loop: Table  # largest displacement, displacement and static force of this draw
     draws: Draws
-    materials: tuple[Material, ...]  # of OpenSees, in parallel; none where one force has none
+    materials: tuple[Material, ...]  # OpenSees materials, in parallel; empty if a law has none
     laws: Laws
-    linear: dict[str, float]  # `LINEAR`: mass, and spring and dashpot beside the laws
-    skeleton: Table  # displacement; force of spring and laws at it, equivalent spring and dashpot
-    products: dict[str, float]  # what weak motion knows, of the draw
+    linear: dict[str, float]  # `LINEAR`: mass, and spring and dashpot parallel to the laws
+    skeleton: Table  # displacement; force of spring and laws, equivalent spring and dashpot
+    products: dict[str, float]  # products of this draw, which weak motion determines
     mass: float  # modal mass [kg]
     y_max: float  # largest displacement [m]
-    # Of the whole joint's parameters; those of one mode's joint where there are none.
+    # Parameters of the whole joint; if empty, those of one mode's joint.
     quantities: tuple[Quantity, ...] = ()
     force_unit: str = "N"
-    motion_unit: str = "m"  # of the displacement across the joint
+    motion_unit: str = "m"  # unit of the displacement across the joint
 
 
 def export(
@@ -85,15 +89,15 @@ def export(
 ) -> Export:
     """Return one joint of a run in several conventions, with its backbone and its static loops.
 
-    It is the draw of highest posterior density among those that are like the others in what the
-    data know (`best_draw`), or the one that is asked for; means along a ridge are no joint.
+    It is the requested draw, or by default the draw of highest posterior density among those that
+    are typical in what the data determine (`best_draw`); means along a ridge are no joint.
 
     Args:
-        tree: The run's result.
-        mass: Modal mass [kg]; 1 leaves forces per kilogram.
-        y_max: Largest displacement [m]; by default the largest that was fitted.
-        draw: Number of a draw, from 0 on, chain after chain.
-        summary: The run's summary, for its verdict.
+        tree: Result of the run.
+        mass: Modal mass [kg]; 1 gives forces per kilogram.
+        y_max: Largest displacement [m]; by default the largest fitted displacement.
+        draw: Number of a draw, counted from 0, chain after chain.
+        summary: Summary of the run, for its verdict.
 
     Raises:
         DataError: The posterior lacks a parameter, or the density of its draws.
@@ -156,12 +160,12 @@ def export(
 def export_draws(tree: xr.DataTree, result: Export, count: int) -> tuple[tuple[int, Export], ...]:
     """Return evenly spaced draws of the posterior as separate exports, with their numbers.
 
-    They weigh the same: the posterior is their mean.
+    All have equal weight: their average represents the posterior.
 
     Args:
-        tree: The run's result.
-        result: Its export.
-        count: How many draws.
+        tree: Result of the run.
+        result: Export of the run.
+        count: Number of draws.
 
     Raises:
         ConfigError: `count` is not from 1 to the number of draws.
@@ -177,7 +181,7 @@ def export_draws(tree: xr.DataTree, result: Export, count: int) -> tuple[tuple[i
 
 
 def _of_draw(result: Export, draw: Draws, number: int, skeleton: Table) -> Export:
-    """Return an export with the facts of another draw in place of its draw."""
+    """Return an export in which another draw represents the joint."""
     theta = {name: float(values[0]) for name, values in draw.items()}
     laws, mass = result.laws, result.mass
     return replace(
@@ -192,7 +196,7 @@ def _of_draw(result: Export, draw: Draws, number: int, skeleton: Table) -> Expor
 
 
 def every_draw(basis: Basis) -> Draws:
-    """Return all draws of the main posterior and held parameters, without the source's gain."""
+    """Return all draws of the main posterior, with fixed parameters, without the source's gain."""
     sizes = basis.posterior.sizes
     draws = basis.thinned(max(2, sizes["chain"] * sizes["draw"]))
     draws.pop("gain", None)
@@ -200,7 +204,7 @@ def every_draw(basis: Basis) -> Draws:
 
 
 def evenly_numbered(total: int, count: int) -> list[int]:
-    """Return the numbers of so many draws of a posterior, each in the middle of its share.
+    """Return the numbers of `count` evenly spaced draws of a posterior.
 
     Raises:
         ConfigError: `count` is not from 1 to the number of draws.
@@ -213,10 +217,10 @@ def evenly_numbered(total: int, count: int) -> list[int]:
 
 
 def require_all(draws: Draws, laws: Laws) -> None:
-    """Raise for a posterior that lacks a parameter of the oscillator.
+    """Raise an error if a posterior lacks a parameter of the oscillator.
 
     Raises:
-        DataError: It lacks one.
+        DataError: The posterior lacks a parameter.
     """
     needed = [name for name in parameter_names(laws) if name != "gain"]
     missing = [name for name in needed if name not in draws]
@@ -240,7 +244,7 @@ def _require_positive(**arguments: float) -> None:
 
 # -- what it is ------------------------------------------------------------------------------------
 def verdict_of(summary: Mapping[str, Any]) -> Iterable[str]:
-    """Yield the run's verdict and the first reason for it."""
+    """Yield the line on the run's verdict and the first reason for it."""
     verdict = summary.get("verdict") or {}
     status = verdict.get("status", "not assessed")
     findings = [row for row in verdict.get("findings", ()) if row["status"] == status]
@@ -249,7 +253,7 @@ def verdict_of(summary: Mapping[str, Any]) -> Iterable[str]:
     else:
         why = findings[0]["reason"] if findings else messages.NO_VERDICT
     words = messages.verdict_of(str(summary.get("campaign", "")), status, why)
-    # One line of comment, which nothing that comes from a file may end.
+    # Text from a file must not end this comment line.
     yield printable(" ".join(words.replace(" :", ":").split()))
 
 
@@ -293,14 +297,14 @@ def _parameters(
 def parameter_row(
     convention: str, name: str, unit: str, value: float, values: NDArray[np.float64]
 ) -> dict[str, Any]:
-    """Return an exported parameter with standard deviation and quantiles of all draws."""
+    """Return a table row: an exported parameter with sd and quantiles of all draws."""
     facts = {"value": value, "sd": float(np.std(values))}
     facts |= dict(zip(MARKS, map(float, band(values)), strict=True))
     return {"convention": convention, "parameter": name, "unit": unit, **facts}
 
 
 def _converted(theta: Mapping[str, float], laws: Laws, mass: float) -> Mapping[str, Conversion]:
-    """Return the oscillator in other conventions, which know one law alone."""
+    """Return the exported oscillator's parameters in other conventions, for a single law."""
     joint = oscillator_of(theta, laws)
     if len(joint.laws) != 1:
         return {}
@@ -314,9 +318,9 @@ def backbone_table(
     laws: Laws,
     mass: float = 1.0,
 ) -> Table:
-    """Return the frequency, equivalent damping and force [N] in resonance, of one draw and of all.
+    """Return a table of the backbone: frequency, damping and force [N] of one draw, with bands.
 
-    As far as there are bands.
+    Quantities without bands are left out.
     """
     table = {"amplitude_m": amplitude}
     curve_by_name = dict(zip(NAMES, carry(curves, exported, amplitude, laws), strict=True))

@@ -1,9 +1,9 @@
-r"""Several joints of a run for the program whose matrices they were identified with.
+r"""The export of several joints to the program whose matrices they were identified with.
 
-A joint is what acts across its motion $x_j = w_j^Tq$, in physical units: the laws, and a spring
-that has the rest of the stiffness in full stick, $k_j - \sum_lK_l$. Its force $F_j$ acts on the
+A joint acts across its motion $x_j = w_j^Tq$, in physical units: it consists of the laws and a
+spring with the rest of the fully stuck stiffness, $k_j - \sum_lK_l$. Its force $F_j$ acts on the
 degrees of freedom as $w_jF_j$. With the joint as an oscillator of unit mass with $\omega_n^2 = k_j$
-and without damping, everything that is written of one joint holds for it.
+and without damping, the formulas for the export of one joint hold for it.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -42,21 +42,21 @@ from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, Draws, Laws, basis_of, count_of
 
 SI = "SI"
-UNIT_MASS = 1.0  # laws of several joints are in newtons, not per modal mass
+UNIT_MASS = 1.0  # Laws of several joints are in newtons, not per modal mass.
 FACTOR = LINEAR[0]._replace(unit="1", meaning=messages.LAW_FACTOR)
-BACKBONE_NAMES = NAMES[:2]  # frequency and damping: a force belongs to one place of the structure
+BACKBONE_NAMES = NAMES[:2]  # Force is left out, as it belongs to one place of the structure.
 
 
 class JointCard(NamedTuple):
-    """One joint of one draw.
+    """One joint of one exported draw.
 
     Attributes:
-        name: As parameters bear it, such as `bolt_1`.
+        name: Name of the joint, as in its parameters, such as `bolt_1`.
         terms: Degrees of freedom and their factors, in the units of the model.
-        units: Of its motion and force in the system of the model.
-        hz: Frequency of the mode that moved it most, at which dashpots lose what it does [Hz].
+        units: Units of its motion and force in the system of the model.
+        hz: Frequency of the mode that moved it most [Hz], at which dashpots have the joint's loss.
         joint: The joint in the units of the model.
-        in_si: The same in SI.
+        in_si: The joint in SI.
     """
 
     name: str
@@ -69,18 +69,19 @@ class JointCard(NamedTuple):
 
 @dataclass(frozen=True)
 class JointsExport:
-    """Several joints as `write_joints` writes them.
+    """The export of several joints, which `write_joints` writes.
 
     Attributes:
-        about: The run's verdict, which draw this is and what each joint is, a line each.
-        parameters: Rows joint, parameter, unit, value, sd and quantiles.
+        about: The run's verdict, the number of this draw and a description of each joint, one line
+            each.
+        parameters: Rows with joint, parameter, unit, value, sd and quantiles.
         backbone: Frequency and damping of the first mode against the motion of the first point.
         loops: Steady loops of every joint under slow motion, in SI.
-        draws: Parameters of many draws by name.
-        joint: Parameters of this draw by name.
-        cards: The joints that have laws.
+        draws: Parameters of many draws, by name.
+        joint: Parameters of this draw, by name.
+        cards: Joints that have laws.
         laws: Names of all laws with their joints.
-        assembly: Where they act.
+        assembly: Degrees of freedom of all joints.
     """
 
     about: tuple[str, ...]
@@ -100,12 +101,12 @@ def export_joints(
     """Export all joints of a run at the draw of highest posterior density, or a given draw.
 
     Args:
-        tree: The run's result.
-        draw: Number of a draw, from 0 on, chain after chain.
-        summary: The run's summary, for its verdict.
+        tree: Result of the run.
+        draw: Number of a draw, counted from 0, chain after chain.
+        summary: Summary of the run, for its verdict.
 
     Raises:
-        DataError: The run does not hold the joints' degrees of freedom, a parameter or the density.
+        DataError: The run lacks the joints' degrees of freedom, a parameter or the density.
         ConfigError: There is no such draw.
     """
     basis, assembly = basis_of(tree), assembly_of(tree)
@@ -186,10 +187,10 @@ def export_joints_draws(
 
 
 def refuse_options_of_one_joint(**options: Any) -> None:
-    """Raise for options that have a meaning for one joint alone.
+    """Raise an error if an option is given that applies to a single joint only.
 
     Raises:
-        ConfigError: One is stated.
+        ConfigError: An option is given.
     """
     for name, value in options.items():
         if value is not None:
@@ -206,7 +207,7 @@ def refuse_options_of_one_joint(**options: Any) -> None:
 def _cards(
     draws: Draws, basis: Basis, assembly: ModelJoints, tree: xr.DataTree
 ) -> list[tuple[JointCard, ...]]:
-    """Return the joints that have laws, of every draw."""
+    """Return the exported joints that have laws, for every draw."""
     count = count_of(draws)
     per_joint = []
     for model_joint in assembly.joints:
@@ -232,9 +233,9 @@ def _cards_of_joint(
 
 
 def _largest_motion(draws: Draws, name: str, tree: xr.DataTree) -> tuple[float, float]:
-    """Return a joint's largest measured motion, and the frequency of its mode.
+    """Return a joint's largest measured motion, and the frequency of the mode that caused it.
 
-    By the draw that moves it most, where shapes are uncertain.
+    Where mode shapes are uncertain, the draw with the largest motion counts.
     """
     modes = tree["joints"].to_dataset()
     shapes = [np.max(np.abs(motion_in(draws, int(i), name))) for i in modes["mode"].values]
@@ -246,7 +247,7 @@ def _largest_motion(draws: Draws, name: str, tree: xr.DataTree) -> tuple[float, 
 def _exports(
     draws: Draws, model_joint: ModelJoint, names: Laws, units: JointUnits, reach: float, hz: float
 ) -> list[Export]:
-    """Return a joint of every draw as that of an oscillator of unit mass, in some units."""
+    """Return one joint's exports at every draw, as oscillators of unit mass in given units."""
     laws = tuple(split(name)[0] for name in names)
     plain, quantities = _plain(draws, model_joint, names, units)
     peak = float(units.value(reach, "m"))
@@ -281,7 +282,7 @@ def _exports(
 def _plain(
     draws: Draws, model_joint: ModelJoint, names: Laws, units: JointUnits
 ) -> tuple[Draws, tuple[Quantity, ...]]:
-    """Return a joint's law parameters by plain names in given units, and their table."""
+    """Return a joint's law parameters in given units by names without the joint; their table."""
     count = count_of(draws)
     values: Draws = {
         "omega_n": np.full(count, np.sqrt(units.value(model_joint.stiffness, "N/m"))),
@@ -303,16 +304,16 @@ def _plain(
 
 
 def _losing_at(skeleton: Table, hz: float, time: float) -> Table:
-    """Return a skeleton whose dashpot loses at `hz` what it lost at that of its own stiffness.
+    """Return a force-displacement table whose dashpot has the joint's loss at a given frequency.
 
-    Its numbers are in a system whose unit of time has `time` seconds.
+    The values of the table are in a system whose unit of time has `time` seconds.
     """
     own, omega = np.sqrt(skeleton["stiffness_n_m"]), 2.0 * np.pi * hz * time
     return {**skeleton, "damping_ns_m": skeleton["damping_ns_m"] * own / omega}
 
 
 def modal_quantities(result: JointsExport) -> tuple[Quantity, ...]:
-    """Return the frequency and damping ratio of every mode that the tests drove."""
+    """Return the frequency and the damping ratio of every mode that the tests drove."""
     return _modal(result.joint)
 
 
@@ -323,7 +324,7 @@ def _modal(theta: Mapping[str, Any]) -> tuple[Quantity, ...]:
 
 # -- words and tables ------------------------------------------------------------------------------
 def _modes(draw: Draws, tree: xr.DataTree) -> Iterable[str]:
-    """Yield each mode's frequency in full stick and joint motion relative to the matrices."""
+    """Yield sentences that compare each mode's fully stuck frequency with that of the matrices."""
     model_hz = tree["joints"].to_dataset()["frequency_hz"].values
     pairs = zip(_modal(draw)[::2], _modal(draw)[1::2], model_hz, strict=True)
     for i, (omega, zeta, hz) in enumerate(pairs, start=1):
@@ -334,7 +335,7 @@ def _modes(draw: Draws, tree: xr.DataTree) -> Iterable[str]:
 
 
 def _places(assembly: ModelJoints, cards: Sequence[JointCard]) -> Iterable[str]:
-    """Yield each joint's motion and stiffness, and a note for a joint without a law."""
+    """Yield a sentence on each joint's motion and stiffness; note joints without a law."""
     by_name = {card.name: card for card in cards}
     for model_joint in assembly.joints:
         units = joint_units(assembly.units, rotates=rotates(model_joint.terms))
@@ -353,7 +354,7 @@ def _places(assembly: ModelJoints, cards: Sequence[JointCard]) -> Iterable[str]:
 def _parameters(
     draws: Draws, number: int, assembly: ModelJoints, laws: Laws
 ) -> Iterable[dict[str, Any]]:
-    """Yield rows of the modes, then of each joint's laws in SI and in the model's units."""
+    """Yield the table rows of an export: the modes, then each joint's laws in both units."""
     for quantity in (*_modal(draws), *motion_factors_in(draws).values()):
         values = draws[quantity.name]
         row = parameter_row(SI, quantity.name, quantity.unit, float(values[number]), values)
@@ -373,7 +374,7 @@ def _parameters(
 
 
 def _loops(cards: Sequence[JointCard]) -> Mapping[str, Sequence[Any]]:
-    """Return steady loops of all joints in SI, one below the other."""
+    """Return the steady loops of all joints in SI, one below the other in one table."""
     names = ("joint", "motion_peak", "motion", "force")
     columns: dict[str, list[Any]] = {name: [] for name in names}
     for card in cards:

@@ -1,7 +1,7 @@
 """Forced response of a known joint: curves by amplitude, base motion, random vibration, shock.
 
-Functions take draws of a joint at once, `equivalent_motion(joint)` of an oscillator whose leaves
-have the shape (draw,), and force amplitudes per unit modal mass of the shape (draw, level).
+Functions take many draws of a joint at once: `equivalent_motion(joint)` of an oscillator whose
+leaves have the shape (draw,), and force amplitudes per unit modal mass of the shape (draw, level).
 
 Examples:
     The resonance moves from 118.1 to 117.3 rad/s as the force grows from 0.01 to 0.5 N/kg:

@@ -1,16 +1,16 @@
-r"""Force response curves with the amplitude as their parameter: peaks, widths and jumps.
+r"""Force response curves with the amplitude as parameter: peaks, widths and jumps.
 
-Under the force amplitude A per unit mass, the frequencies at which the amplitude is Y are roots of
+Under a force amplitude A per unit mass, the frequencies with the amplitude Y are the roots of
 
 $$G(x) = (K - x)^2 + (c\,\omega + D)^2 = (A/Y)^2, \qquad x = \omega^2$$
 
-G is least at $x_m = K - c^2/2 - cD/(2\omega_m)$, and there the curve of amplitude Y has its peak.
-About it
+G has its minimum at $x_m = K - c^2/2 - cD/(2\omega_m)$, where the curve of amplitude Y has its
+peak. About this point
 
 $$G(x) = G(x_m) + (x - x_m)^2 \left[1 - \frac{cD}{\omega_m(\omega + \omega_m)^2}\right]$$
 
 holds exactly, so that both roots follow without a singular step where they meet. Peaks and folds
-are searched in a table of the loops, then corrected by loops at those points themselves.
+are searched in a table of the loops, then corrected with the loops at these points themselves.
 """
 
 from dataclasses import dataclass
@@ -23,14 +23,15 @@ from jbw.forced.equivalent import EquivalentLoops, EquivalentMotion, Values
 from jbw.forced.roots import bracketed_root
 from jbw.forced.table import LoopTable, tabulated
 
-COARSE, FINE = 16, 96  # nodes of the tables that a peak is searched in
-POINTS = 160  # of half a curve
-ROUNDS = 4  # of the iteration for a frequency; each gains a factor of about zeta^2
-MOST_ROUNDS = 12  # of corrections by the loops themselves
-CLOSE, FLAT = 1e-11, 1e-6  # changes of level or frequency, and slope at a fold, that end them
-MOST_EXTENSIONS = 6  # of the coarse table, each by a factor of 4
+COARSE, FINE = 16, 96  # nodes of the tables in which a peak is searched
+POINTS = 160  # per half of a curve
+ROUNDS = 4  # iterations for a frequency; each gains a factor of about zeta^2
+MOST_ROUNDS = 12  # largest number of corrections by the loops themselves
+CLOSE, FLAT = 1e-11, 1e-6  # changes of level or frequency, and slope at a fold, that end iterations
+MOST_EXTENSIONS = 6  # of the coarse table, by a factor of 4 each
 HALF = np.arccosh(np.sqrt(2.0))  # place of the half-power amplitude, Y_peak / cosh(t)
-SURE = 1e-6  # of the tangent of a fold's place
+# Relative step in place for the tangent at a fold.
+SURE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +42,9 @@ class Peaks:
         level: Force amplitude A [N/kg].
         y: Displacement amplitude [m].
         omega: Frequency [rad/s].
-        isolated: Whether the curve has a branch that is not connected to the main one, at larger
-            amplitudes: a second motion, which a slow sweep from rest never meets.
-        table: EquivalentLoops of every draw up to the peaks and a little beyond.
+        isolated: Whether the curve has a branch at larger amplitudes that is not connected to the
+            main branch: a second motion, which a slow sweep from rest never reaches.
+        table: Equivalent loops of every draw up to the peaks and a little beyond.
     """
 
     level: Values
@@ -55,14 +56,15 @@ class Peaks:
 
 @dataclass(frozen=True, eq=False)
 class Resonance:
-    """Peaks, widths and jumps of force response curves, of shape (draw, level).
+    """The peaks, widths and jumps of force response curves, of shape (draw, level).
 
     Attributes:
         peak: The highest points.
         half_power: Frequencies below and above the peak at Y_peak / sqrt 2, of shape (draw, level,
-            2) [rad/s]; NaN where the curve folds between them.
-        jump_up: Frequency at which a slow sweep jumps to a larger amplitude [rad/s]; NaN without.
-        jump_down: Frequency at which a slow sweep jumps to a smaller one [rad/s]; NaN without.
+            2) [rad/s]; NaN if the curve folds between them.
+        jump_up: Frequency at which a slow sweep jumps to a larger amplitude [rad/s]; NaN if none.
+        jump_down: Frequency at which a slow sweep jumps to a smaller amplitude [rad/s]; NaN if
+            none.
         y_up: Amplitude at which the jump up begins [m].
         y_down: Amplitude at which the jump down begins [m].
     """
@@ -76,25 +78,25 @@ class Resonance:
 
     @property
     def width(self) -> Values:
-        """Half-power width [rad/s]; NaN where the curve folds."""
+        """The half-power width [rad/s]; NaN if the curve folds."""
         return self.half_power[..., 1] - self.half_power[..., 0]
 
     @property
     def quality(self) -> Values:
-        """Q, the peak frequency over the half-power width; NaN where the curve folds."""
+        """The quality factor Q, peak frequency over half-power width; NaN if the curve folds."""
         return self.peak.omega / self.width
 
 
 @dataclass(frozen=True, eq=False)
 class ForcedCurve:
-    """Points along force response curves from low to high frequency, of shape (draw, *any).
+    """The points along force response curves, from low to high frequency, (draw, *any).
 
     Attributes:
         y: Displacement amplitude [m].
-        omega: Frequency [rad/s]; 0 where the amplitude is below the static one.
-        phase: Phase of the displacement to the force [rad], from 0 to -pi.
-        rise: Slope of the force that holds the point by its amplitude, dA/dY Y/A at a fixed
-            frequency: positive where the motion is stable, zero at a fold.
+        omega: Frequency [rad/s]; 0 if the amplitude is below the static amplitude.
+        phase: Phase of the displacement relative to the force [rad], from 0 to -pi.
+        rise: Slope dA/dY Y/A at a fixed frequency of the force that holds the point, by its
+            amplitude: positive where the motion is stable, zero at a fold.
     """
 
     y: Values
@@ -104,14 +106,15 @@ class ForcedCurve:
 
     @property
     def stable(self) -> NDArray[np.bool_]:
-        """Whether a small disturbance decays."""
+        """Whether a small disturbance of the motion decays at each point."""
         return self.rise > 0.0
 
 
 def least_omega(loops: EquivalentLoops) -> Values:
-    """Return the frequency of least G [rad/s], where the curve of this amplitude peaks.
+    """Return the frequency [rad/s] at which a force response curve peaks at this amplitude.
 
-    NaN where the equivalent stiffness leaves no resonance.
+    The function G has its minimum there. The frequency is NaN where the equivalent stiffness
+    permits no resonance.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         omega = np.sqrt(loops.stiffness)
@@ -122,7 +125,7 @@ def least_omega(loops: EquivalentLoops) -> Values:
 
 
 def force_ratio(loops: EquivalentLoops, omega: Values) -> NDArray[np.complex128]:
-    """Return the force amplitude over the displacement amplitude, F_1 / Y [1/s^2], complex."""
+    """Return the complex ratio of force to displacement amplitude, F_1 / Y [1/s^2]."""
     return loops.stiffness - omega**2 + 1j * (loops.viscous * omega + loops.loss)
 
 
@@ -132,7 +135,7 @@ def peak_level(loops: EquivalentLoops, y: Values) -> Values:
 
 
 def curve_points(loops: EquivalentLoops, level: Values, y: Values, side: Values) -> ForcedCurve:
-    r"""Return points of curves at amplitudes y, on a side of their peak.
+    r"""Return points of force response curves at amplitudes y, on one side of the peak.
 
     The slope of the force at a fixed frequency is
 
@@ -142,7 +145,7 @@ def curve_points(loops: EquivalentLoops, level: Values, y: Values, side: Values)
     Args:
         loops: Equivalent stiffness and loss at y.
         level: Force amplitudes A [N/kg].
-        y: Displacement amplitudes [m], at most those of the peaks.
+        y: Displacement amplitudes [m], not larger than those of the peaks.
         side: -1 below the peak, +1 above it.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -164,14 +167,14 @@ def peaks(motion: EquivalentMotion, level: Values) -> Peaks:
     """Return the highest point of the main branch at each force amplitude.
 
     Args:
-        motion: The joint.
+        motion: The draws of the joint.
         level: Force amplitudes A of shape (draw, level) [N/kg].
 
     Raises:
-        ModelError: A curve has no peak: the damping is too heavy, or the stiffness is lost.
+        ModelError: A curve has no peak: the damping is too heavy, or the joint loses its stiffness.
     """
     level = np.broadcast_to(level, (len(motion.omega_n), np.shape(level)[-1]))
-    # Below, no curve of a joint that is damped by less than a half of critical has its peak.
+    # Below this amplitude, no curve has its peak unless the damping exceeds half of critical.
     low = 0.5 * np.min(level, axis=1, keepdims=True) / motion.omega_n**2
     highest = np.max(level, axis=1, keepdims=True)
     span = 64.0
@@ -196,7 +199,7 @@ def peaks(motion: EquivalentMotion, level: Values) -> Peaks:
 def _corrected(
     motion: EquivalentMotion, level: Values, y: Values, omega: Values
 ) -> tuple[Values, Values]:
-    """Return amplitude and frequency of the peaks by the loops themselves, from close guesses."""
+    """Return amplitude and frequency of the peaks from the loops themselves and close guesses."""
     for _ in range(MOST_ROUNDS):
         loops = motion.loops(y, omega)
         before, omega = omega, least_omega(loops)
@@ -209,12 +212,12 @@ def _corrected(
 
 
 def _needed(table: LoopTable) -> Values:
-    """Return the level of every node's peak, of shape (draw, node) [N/kg]."""
+    """Return the force level of the peak at every node, of shape (draw, node) [N/kg]."""
     return peak_level(table.loops(table.y), table.y)
 
 
 def _crossing(needed: Values, level: Values) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
-    """Return the first node that a level does not reach, and whether it lies past a peak."""
+    """Return the first table node beyond a level's peak, and True if there is such a peak."""
     below = needed[:, None] < level[..., None]
     first = np.argmax(~below, axis=-1)
     found = below[..., 0] & ~below[..., -1] & np.isfinite(_at(needed, first))
@@ -222,7 +225,7 @@ def _crossing(needed: Values, level: Values) -> tuple[NDArray[np.int_], NDArray[
 
 
 def _at(values: NDArray, index: NDArray) -> NDArray:
-    """Return values of the last axis at indices (draw, level)."""
+    """Return the values of a last axis at indices of shape (draw, level)."""
     if values.ndim == index.ndim:
         return np.take_along_axis(values, index, -1)
     return np.take_along_axis(values, index[..., None], -1)[..., 0]
@@ -239,7 +242,7 @@ def _require_peak(found: NDArray[np.bool_], level: Values) -> None:
 
 
 def along(peak: Peaks, place: Values) -> ForcedCurve:
-    """Return points by the table at places t of Y = Y_peak / cosh t, of shape (draw, level, t)."""
+    """Return curve points by the table at places t of Y = Y_peak / cosh t, (draw, level, t)."""
     y, level = (x.reshape(*x.shape, *(1,) * (place.ndim - x.ndim)) for x in (peak.y, peak.level))
     y = y / np.cosh(place)
     return curve_points(peak.table.loops(y), level, y, np.sign(place))
@@ -257,7 +260,7 @@ def resonance(motion: EquivalentMotion, level: Values) -> Resonance:
     """Return peak, half-power width and jumps of force response curves.
 
     Args:
-        motion: The joint.
+        motion: The draws of the joint.
         level: Force amplitudes A of shape (draw, level) [N/kg].
 
     Raises:
@@ -279,14 +282,14 @@ def resonance(motion: EquivalentMotion, level: Values) -> Resonance:
 
 
 def exact_points(motion: EquivalentMotion, peak: Peaks, place: Values) -> ForcedCurve:
-    """Return points by the loops themselves at places t of Y = Y_peak / cosh t.
+    """Return curve points by the loops themselves at places t of Y = Y_peak / cosh t.
 
-    With several harmonics a frequency is good to 5e-7 for 0 < |t| < 1e-4, where both sides of a
-    peak meet, and to roundoff elsewhere.
+    With several harmonics a frequency is accurate to 5e-7 for 0 < |t| < 1e-4, where both sides of a
+    peak meet, and to round-off elsewhere.
     """
     point = along(peak, place)
     level = peak.level.reshape(*peak.level.shape, *(1,) * (place.ndim - peak.level.ndim))
-    # Where the loops depend on the frequency, each round has that of the one before.
+    # If the loops depend on the frequency, each round uses the frequency of the previous one.
     depends = motion.num_harmonics > 1 or motion.feels_rate
     for _ in range(MOST_ROUNDS if depends else 1):
         before = point.omega
@@ -300,7 +303,7 @@ def exact_points(motion: EquivalentMotion, peak: Peaks, place: Values) -> Forced
 def _fold(
     motion: EquivalentMotion, peak: Peaks, place: Values, rise: Values, *, last: bool
 ) -> ForcedCurve:
-    """Return the first fold along the curve, or the last one; NaN where there is none."""
+    """Return the first or the last fold along each curve; NaN if there is none."""
     changes = np.signbit(rise[..., 1:]) != np.signbit(rise[..., :-1])
     count = changes.shape[-1]
     index = count - 1 - np.argmax(changes[..., ::-1], -1) if last else np.argmax(changes, -1)

@@ -1,12 +1,12 @@
-r"""Energy, action and period of a joint against its amplitude, from the midline of its loop.
+r"""The energy, action and period of a joint against its amplitude, from the midline of its loop.
 
 At the amplitude Y the midline of the steady loop is a conservative force m(y), and
 
 $$E = \int_0^Y m\,dy, \qquad J = \oint v\,dy, \qquad T = \oint \frac{dy}{v}, \qquad
   v = \sqrt{2\int_y^Y m\,dy}$$
 
-With y = Y cos(theta) every integrand is smooth, and Gauss-Legendre's rule has it to roundoff where
-the law is smooth.
+With y = Y cos(theta) every integrand is smooth, and the Gauss-Legendre rule is accurate to
+round-off where the law is smooth.
 """
 
 from functools import cache, partial
@@ -21,11 +21,11 @@ from numpy.polynomial import legendre
 from jbw.forced.equivalent import EquivalentMotion, Values
 from jbw.oscillator.oscillator import Oscillator
 
-PHASES = 24  # of a quarter of a cycle
+PHASES = 24  # per quarter of a cycle
 
 
 class Cycles(NamedTuple):
-    """One free cycle at each amplitude, without its losses, of shape (draw, amplitude).
+    """The free cycle at each amplitude, without its losses, of shape (draw, amplitude).
 
     Attributes:
         energy: E per unit mass [m^2/s^2].
@@ -42,7 +42,7 @@ class Cycles(NamedTuple):
 
 
 class Rule(NamedTuple):
-    """Gauss-Legendre's rule on [0, 1], with its cumulative integrals and its derivatives.
+    """The Gauss-Legendre rule on [0, 1], with its cumulative integrals and its derivatives.
 
     Attributes:
         nodes: Nodes x.
@@ -59,7 +59,7 @@ class Rule(NamedTuple):
 
 @cache
 def rule(count: int) -> Rule:
-    """Return Gauss-Legendre's rule of so many nodes on [0, 1]."""
+    """Return the Gauss-Legendre rule with `count` nodes on [0, 1]."""
     nodes, weights = legendre.leggauss(count)
     to_series = np.linalg.inv(legendre.legvander(nodes, count - 1))
     series = np.eye(count)
@@ -93,7 +93,7 @@ def cycles(motion: EquivalentMotion, y: Values) -> Cycles:
 def _midlines(
     joint: Oscillator, y: Float[Array, " lane"], angle: Float[Array, " phase"]
 ) -> Float[Array, "lane phase"]:
-    """Return the midline of the loop of each amplitude, at y cos(angle)."""
+    """Return the midline of the loop of each amplitude, at displacements y cos(angle)."""
 
     def midline(joint: Oscillator, y: Array) -> Array:
         to = y * jnp.cos(angle)

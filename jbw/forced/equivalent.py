@@ -1,6 +1,6 @@
-r"""Equivalent stiffness and loss of a joint against its amplitude, of many draws at once.
+r"""The equivalent stiffness and loss of a joint against its amplitude, for many draws at once.
 
-At the displacement amplitude Y the fundamental force per unit mass that holds the motion is
+At the displacement amplitude Y, the fundamental force per unit mass that sustains the motion is
 
 $$\frac{F_1}{Y} = K(Y) - \omega^2 + j\,(c\,\omega + D(Y)), \qquad c = 2\zeta\omega_n$$
 
@@ -27,21 +27,22 @@ from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import crest, orders, synthesis
 
 Values = NDArray[np.float64]
-LANES = 128  # amplitudes in one compiled call, whatever the number of draws
-STEP = 1e-4  # of amplitude or frequency, for slopes by differences
-CONDENSED, MOST_STEPS = 1e-13, 60  # change of a harmonic over Y that ends its iteration
+LANES = 128  # amplitudes per compiled call, whatever the number of draws
+STEP = 1e-4  # of amplitude or frequency, for slopes by finite differences
+# Change of a harmonic over Y that ends its iteration, and the largest number of its steps.
+CONDENSED, MOST_STEPS = 1e-13, 60
 
 
 class EquivalentLoops(NamedTuple):
-    """Equivalent stiffness and loss at amplitudes, with their slopes.
+    """The equivalent stiffness and loss at amplitudes, with their slopes.
 
-    The loss is linear in the frequency about the one where it was evaluated, D + c omega, so that
-    a force of the speed is viscous damping at its amplitude.
+    The loss is linearised in the frequency about that of the evaluation, D + c omega, so that a
+    velocity-dependent force acts as viscous damping at its amplitude.
 
     Attributes:
         stiffness: K [1/s^2].
         loss: D [1/s^2].
-        viscous: c, with the damper of the mode in it [1/s].
+        viscous: c, including the damper of the mode [1/s].
         stiffness_by_y: dK/dY [1/(m s^2)].
         loss_by_y: dD/dY [1/(m s^2)].
         viscous_by_y: dc/dY [1/(m s)].
@@ -57,11 +58,11 @@ class EquivalentLoops(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class EquivalentMotion:
-    """Draws of a joint as oscillators of equivalent stiffness and loss.
+    """Draws of a joint, described as oscillators of equivalent stiffness and loss.
 
     Attributes:
         joint: The oscillator, whose leaves have the shape (draw,).
-        num_harmonics: Odd harmonics that are balanced.
+        num_harmonics: Number of odd harmonics that are balanced.
     """
 
     joint: Oscillator
@@ -69,38 +70,38 @@ class EquivalentMotion:
 
     @property
     def omega_n(self) -> Values:
-        """Natural frequency in the low-amplitude limit, of shape (draw, 1) [rad/s]."""
+        """The natural frequency in the low-amplitude limit, of shape (draw, 1) [rad/s]."""
         return np.asarray(self.joint.omega_n, float)[:, None]
 
     @property
     def viscous(self) -> Values:
-        """Viscous damping c = 2 zeta omega_n, of shape (draw, 1) [1/s]."""
+        """The viscous damping c = 2 zeta omega_n, of shape (draw, 1) [1/s]."""
         return 2.0 * np.asarray(self.joint.zeta, float)[:, None] * self.omega_n
 
     @property
     def feels_rate(self) -> bool:
-        """Whether a force depends on the size of the velocity."""
+        """Whether a law's force depends on the size of the velocity."""
         return any(law.feels_rate for law in self.joint.laws)
 
     def values(self, y: Values, omega: Values) -> tuple[Values, Values]:
-        """Return K and D [1/s^2] at amplitudes y [m] and frequencies omega [rad/s].
+        """Return stiffness K and loss D [1/s^2] at amplitudes y [m] and frequencies omega [rad/s].
 
-        All have the shape (draw, *any). NaN where y is not positive, or where the higher harmonics
-        do not converge.
+        All have the shape (draw, *any). They are NaN where y is not positive, or where the higher
+        harmonics do not converge.
         """
         return self._at_points(_loops, y, omega, self.num_harmonics)
 
     def shapes(self, y: Values, omega: Values) -> tuple[Values, Values]:
         """Return the largest displacement over Y, and the third harmonic over Y.
 
-        Both are those of as many harmonics as are balanced, of at least two.
+        Both are computed with the balanced number of harmonics, but at least two.
         """
         return self._at_points(_shapes, y, omega, max(self.num_harmonics, 2))
 
     def _at_points(
         self, function: Callable[..., Array], y: Values, omega: Values, num_harmonics: int
     ) -> tuple[Values, Values]:
-        """Return both results of a compiled function of lanes, whose number is always the same."""
+        """Return both results of a compiled function that takes a fixed number of lanes."""
         draw = np.repeat(np.arange(y.shape[0]), y.size // y.shape[0])
         omega = np.broadcast_to(omega, y.shape)
         function = partial(function, num_harmonics=num_harmonics)
@@ -110,15 +111,15 @@ class EquivalentMotion:
     def by_lanes(
         self, function: Callable[..., Array], draw: NDArray[np.intp], *points: Values
     ) -> Values:
-        """Return a compiled function of joints and points, whose number is always the same.
+        """Return a compiled function's rows at many points, in calls of a fixed number of lanes.
 
         Args:
-            function: Takes a joint and points of as many lanes each; returns a row for each lane.
+            function: Takes a joint and points of equally many lanes; returns a row for each lane.
             draw: Draw of the joint at each point.
             points: Arguments at each point. The first must be positive.
 
         Returns:
-            A row for each point; NaN where an argument is not finite or the first is not positive.
+            One row per point; NaN where an argument is not finite or the first is not positive.
         """
         known = np.flatnonzero(np.all(np.isfinite(points), 0) & (points[0] > 0))
         rows = []
@@ -136,8 +137,8 @@ class EquivalentMotion:
     def loops(self, y: Values, omega: Values) -> EquivalentLoops:
         """Return stiffness, loss and slopes about amplitudes y [m] and frequencies omega [rad/s].
 
-        Slopes are central differences. Their step of 1e-4 leaves 1e-8 of a slope; a fold's
-        frequency depends on it in the second order alone.
+        Slopes are central differences with a step of 1e-4 and errors of 1e-8. The frequency of a
+        fold depends on these errors only to second order.
         """
         steps = 1.0 + STEP * np.array([0.0, 1.0, -1.0])
         amplitudes, frequency = y[..., None] * steps, np.broadcast_to(omega, y.shape)[..., None]
@@ -162,7 +163,7 @@ def equivalent_motion(joint: Joint, num_harmonics: int = 1) -> EquivalentMotion:
 
     Args:
         joint: A `BoucWen` or an `Oscillator`, of scalars or arrays of one shape (draw,).
-        num_harmonics: Odd harmonics that are balanced; 1 takes the steady loop alone.
+        num_harmonics: Number of balanced odd harmonics; 1 uses the steady loop alone.
 
     Raises:
         ConfigError: `num_harmonics` is below 1, or JAX runs in float32.
@@ -223,18 +224,19 @@ def condensed(
     $$q_n \leftarrow -\frac{r_n(Y, q_3, q_5, \dots)}{\omega_n^2 - n^2\omega^2
       + 2j n\zeta\omega_n\omega}$$
 
-    with r_n of the laws' forces less their stiffness at rest. Near the resonance the inertia of the
-    third harmonic is eight times the stiffness, so that each step gains a digit or more.
+    with r_n of the laws' forces minus those of their stiffness at rest. Near the resonance the
+    inertia of the third harmonic is eight times the stiffness, so that each step gains a digit or
+    more.
 
     Args:
         joint: The oscillator, scalars.
         y: Amplitude Y of the displacement's fundamental [m].
         omega: Frequency [rad/s].
-        num_harmonics: Odd harmonics that are balanced, at least 2.
+        num_harmonics: Number of balanced odd harmonics, at least 2.
 
     Returns:
-        The laws' part r_1 / Y of the fundamental's stiffness [1/s^2], and the higher harmonics over
-        Y; NaN where 60 steps do not reach 1e-13.
+        The laws' part r_1 / Y of the fundamental's stiffness [1/s^2], and the higher harmonics
+        divided by Y; NaN where 60 steps do not reach 1e-13.
     """
     n = orders(num_harmonics)[1:]
     inertia = joint.omega_n**2 - (n * omega) ** 2 + 2j * joint.zeta * joint.omega_n * n * omega

@@ -1,4 +1,4 @@
-r"""Profiles of random vibration tests: breakpoints, slopes, units, straight on log-log axes.
+r"""Profiles of random vibration tests: breakpoints, slopes and units, linear on log-log axes.
 
 A slope of s dB/oct is a density that grows as $f^{\,s / (10 \log_{10} 2)}$.
 """
@@ -21,12 +21,12 @@ EXAMPLE = "frequency [Hz], density [g^2/Hz]"
 
 @dataclass(frozen=True, eq=False)
 class RandomProfile:
-    """A one-sided spectral density by its breakpoints, straight on log-log axes.
+    """A one-sided spectral density, given by its breakpoints and linear on log-log axes.
 
     Attributes:
         freq_hz: Breakpoints in rising order [Hz].
-        density: Density there, in `unit`.
-        unit: Its unit, such as `g^2/Hz`.
+        density: Density at each breakpoint, in `unit`.
+        unit: Unit of the density, such as `g^2/Hz`.
 
     Examples:
         A flat density of 0.04 g^2/Hz over 100 Hz has the rms sqrt(0.04 * 100):
@@ -44,11 +44,11 @@ class RandomProfile:
 
     @property
     def rms(self) -> float:
-        """Overall rms of the profile, in the root of the unit times Hz."""
+        """The overall rms of the profile, in the root of (unit of the density times Hz)."""
         log_f, log_g = np.log(self.freq_hz), np.log(self.density)
         power = np.diff(log_g) / np.diff(log_f) + 1.0
         rise = power * np.diff(log_f)
-        # The integral of f^(power - 1) from one breakpoint to the next, at power 0 a logarithm.
+        # The integral of f^(power - 1) between two breakpoints becomes a logarithm at power 0.
         part = np.where(
             np.abs(rise) < 1e-8, 1.0 + 0.5 * rise, np.expm1(rise) / np.where(rise, rise, 1.0)
         )
@@ -56,7 +56,7 @@ class RandomProfile:
         return float(np.sqrt(np.sum(areas)))
 
     def at(self, freq_hz: Values) -> Values:
-        """Return the density at frequencies; zero outside of the profile."""
+        """Return the density at given frequencies; zero outside the profile."""
         with np.errstate(divide="ignore", invalid="ignore"):
             log_f = np.log(freq_hz)
         inside = (freq_hz >= self.freq_hz[0]) & (freq_hz <= self.freq_hz[-1])
@@ -65,10 +65,10 @@ class RandomProfile:
         )
 
     def in_unit(self, source: str) -> "RandomProfile":
-        """Return the profile per a source in another unit, such as `m/s^2` or `N`.
+        """Return the profile converted to a source in another unit, such as `m/s^2` or `N`.
 
         Raises:
-            ConfigError: The unit measures something else.
+            ConfigError: The unit belongs to another quantity.
         """
         have, want = measured(plain(self.unit)), measured(f"({source})^2/Hz")
         if have is None or want is None or have[1] != want[1]:
@@ -82,7 +82,7 @@ class RandomProfile:
 
 
 def profile_of(rows: Iterable[tuple[str, str]], unit: str) -> RandomProfile:
-    """Return the profile of rows as test houses write them.
+    """Return the profile that rows of text state, in the notation of test houses.
 
     Args:
         rows: Frequency and density, both as text. A frequency is one number or a range such as
@@ -90,7 +90,7 @@ def profile_of(rows: Iterable[tuple[str, str]], unit: str) -> RandomProfile:
         unit: Unit of the densities.
 
     Raises:
-        ConfigError: A row cannot be read, or the densities do not follow from the rows.
+        ConfigError: A row cannot be read, or the rows do not determine the densities.
 
     Examples:
         A slope of +3 dB/oct over two octaves raises the density by a factor of about four:
@@ -116,7 +116,7 @@ def profile_of(rows: Iterable[tuple[str, str]], unit: str) -> RandomProfile:
                 f"a slope, but is `{freq}, {value}`.",
                 remedy="Write rows such as `20, 0.01`, `20-80, +3 dB/oct` or `80-350, 0.04`.",
             )
-    # Known densities are carried along slopes until none is left.
+    # Known densities are extended along slopes until no slope is left.
     for _ in slopes:
         for low, high, slope in slopes:
             gain = (high / low) ** (slope / OCTAVE)
@@ -142,11 +142,11 @@ def _is_positive(value: str) -> bool:
 
 
 def read_profile(path: str | Path, unit: str = "") -> RandomProfile:
-    """Return the profile of a CSV file of two columns, frequency and density.
+    """Return the profile from a CSV file with two columns, frequency and density.
 
     Args:
         path: The file. Its header names the units, as in `frequency [Hz], density [g^2/Hz]`.
-        unit: Unit of the density where the file has no header.
+        unit: Unit of the density if the file has no header.
 
     Raises:
         ConfigError: A row cannot be read, or no unit is stated.
@@ -190,7 +190,7 @@ def read_profile(path: str | Path, unit: str = "") -> RandomProfile:
 
 
 def _header_unit(header: list[str]) -> str:
-    """Return the unit per Hz that the second title states; empty where it states none."""
+    """Return the density's unit from the title of the second column; empty if it states none."""
     title = header[1] if len(header) > 1 else ""
     brackets = re.search(r"\[(.+)\]", title) or re.search(r"\((.+)\)\s*$", title)
     written = (brackets[1] if brackets else title).strip().replace("²", "^2")

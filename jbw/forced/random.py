@@ -1,12 +1,14 @@
-r"""Random vibration of a lightly damped joint by averaging of its energy.
+r"""Random vibration of a lightly damped joint, by averaging of its energy.
 
-Under a force of one-sided density G, per unit mass squared, the energy level has the density
+Under a force of one-sided density G, per unit mass squared, the energy E has the probability
+density
 
 $$p(E) \propto T(E)\,\exp\!\left(-\int_0^E \frac{4 B T}{G J}\,de\right), \qquad
   B T = c J + \pi D Y^2$$
 
-with period T, action J and the losses of the viscous damper and of the loop over one cycle; G is
-taken at the frequency 1/T of the level. Without a loop it is exact: p(y) ~ exp(-4 c V(y)/G).
+with period T, action J, and the losses of the viscous damper and of the loop over one cycle. G is
+taken at the frequency 1/T of each energy level. Without a loop the result is exact: p(y) ~ exp(-4 c
+V(y)/G).
 
 Reference: J. B. Roberts and P. D. Spanos, Random Vibration and Statistical Linearization (1990).
 """
@@ -21,24 +23,25 @@ from jbw.errors import ModelError
 from jbw.forced.energy import Cycles, cycles, rule
 from jbw.forced.equivalent import EquivalentMotion, Values, wide
 
-NODES, COARSE = 48, 24  # amplitudes, and of the search for the largest of them
+NODES, COARSE = 48, 24  # amplitudes of the result, and of the search for the largest amplitude
 FARTHEST = 30.0  # exponent of the density at the largest amplitude
 LEAST = 1e-3  # of the density at the mode, so that no level is divided by zero
-WIDTHS, UNEVEN = 4.0, 4.0  # half widths about the mode within which the density varies so much
-HEAVY = 0.05  # damping ratio above which energy is not a slow variable
+# Half widths about the mode within which the density may vary by at most this factor.
+WIDTHS, UNEVEN = 4.0, 4.0
+HEAVY = 0.05  # damping ratio above which the energy is not a slow variable
 
 Density = Callable[[Values], Values]
 
 
 @dataclass(frozen=True, eq=False)
 class RandomResponse:
-    """Stationary random motion, by amplitude levels, of shape (draw, level).
+    """The stationary random motion, by amplitude levels, of shape (draw, level).
 
     Attributes:
         y: Amplitudes [m].
-        weight: Probability of each level; the sum of a draw is 1.
-        cycles: The cycle at each level.
-        loss: Losses over the action at each level, c + pi D Y^2 / J [1/s].
+        weight: Probability of each level; the sum over a draw is 1.
+        cycles: Free cycle at each level.
+        loss: Losses divided by the action at each level, c + pi D Y^2 / J [1/s].
         force_density: Density of the force per unit mass, at frequencies (draw, any) in Hz.
     """
 
@@ -51,26 +54,26 @@ class RandomResponse:
     def rms(self, order: int = 0) -> Values:
         """Return the rms of displacement (0), velocity (1) or acceleration (2) of each draw.
 
-        In the unit of that quantity. The part far below the resonance is that of a flat spectrum.
+        The unit is that of the quantity. Far below the resonance the spectrum is taken as flat.
         """
         return np.sqrt(np.sum(self.weight * self.cycles.mean_squares[order], -1))
 
     @property
     def frequency_hz(self) -> Values:
-        """Mean rate of upward crossings of zero, the equivalent frequency [Hz]."""
+        """The equivalent frequency, the mean rate of upward zero crossings [Hz]."""
         return np.sum(self.weight / self.cycles.period, -1)
 
     @property
     def damping(self) -> Values:
-        """Equivalent damping ratio: lost power over that of a viscous damper [-]."""
+        """The equivalent damping ratio, from the lost power as if by a viscous damper [-]."""
         power = np.sum(self.weight * self.loss * self.cycles.mean_squares[1], -1)
         return power / self.rms(1) ** 2 / (4.0 * np.pi * self.frequency_hz)
 
     def spectrum(self, freq_hz: Values, order: int = 0) -> Values:
         """Return the one-sided spectral density of the relative motion, of shape (draw, frequency).
 
-        Linear spectra of each level's frequency and damping, each with the mean square of its
-        level, are superposed by the probability of the levels.
+        The spectra of linear oscillators with each level's frequency and damping, scaled to the
+        mean square of the level, are summed with the levels' probabilities.
 
         Args:
             freq_hz: Frequencies [Hz].
@@ -85,9 +88,9 @@ class RandomResponse:
     def base_spectrum(
         self, freq_hz: Values, participation: float = 1.0, shape: float = 1.0
     ) -> Values:
-        """Return the one-sided density of a point's absolute acceleration, per that of the base.
+        """Return the one-sided density of a point's absolute acceleration under base motion.
 
-        The force per unit mass is -p a_b: the density of a_b is that of the force over p^2.
+        The force per unit mass is -p a_b: the density of a_b is that of the force divided by p^2.
         """
         share, receptance = self._linear(freq_hz)
         gain = 1.0 + participation * shape * self._x(freq_hz) ** 2 * receptance
@@ -109,16 +112,16 @@ class RandomResponse:
     def exceeded(self) -> Values:
         """Return the rate at which peaks exceed each amplitude, of shape (draw, level) [1/s].
 
-        Over that of all peaks it is the distribution of the peaks.
+        Divided by the rate of all peaks, it is the exceedance distribution of the peaks.
         """
         levels, rate = rule(self.y.shape[1]), self.weight / self.cycles.period
         return np.sum(rate, -1, keepdims=True) - (rate / levels.weights) @ levels.integral.T
 
     def largest(self, duration: float) -> Values:
-        """Return the median of the largest displacement within a duration [s] of each draw [m].
+        """Return the median of each draw's largest displacement [m] within a duration [s].
 
-        Peaks of either sign above it are taken as independent, exp(-2 rate duration) = 1/2, which
-        errs on the side of larger peaks where the band is narrow.
+        Peaks of either sign above it are assumed independent, exp(-2 rate duration) = 1/2. For a
+        narrow band this assumption overestimates the peaks.
         """
         target = np.log(np.log(2.0) / (2.0 * duration))
         rates = np.log(np.maximum(self.exceeded(), 1e-300))
@@ -128,12 +131,13 @@ class RandomResponse:
 
 
 def random_response(motion: EquivalentMotion, density: Density, share: Values) -> RandomResponse:
-    """Return the stationary motion under a random force.
+    """Return the stationary motion of a joint under a random force.
 
     Args:
-        motion: The joint, whose first harmonic is taken.
-        density: One-sided density by frequency in Hz, of the source squared per Hz.
-        share: Force per unit mass and unit of the source, of shape (draw, 1).
+        motion: The draws of the joint, of which only the first harmonic is used.
+        density: One-sided density as a function of frequency in Hz, in the source's unit squared
+            per Hz.
+        share: Force per unit mass and per unit of the source, of shape (draw, 1).
 
     Raises:
         ModelError: The profile has no power at the mode, or the damping is above 5 %.
@@ -144,18 +148,18 @@ def random_response(motion: EquivalentMotion, density: Density, share: Values) -
         return density(freq_hz) * wide(share, freq_hz) ** 2
 
     def at_levels(freq_hz: Values) -> Values:
-        # Levels that the profile does not drive are cut off steeply; `_require_broad` looks there.
+        # Levels that the profile does not drive are cut off steeply; `_require_broad` checks them.
         return np.maximum(force_density(freq_hz), LEAST * at_rest)
 
     at_rest = force_density(motion.omega_n / (2.0 * np.pi))
     _require_power(at_rest, motion.omega_n)
     viscous = np.maximum(motion.viscous, 1e-4 * motion.omega_n)
-    scale = np.sqrt(at_rest / (4.0 * viscous)) / motion.omega_n  # rms of the joint fully stuck
+    scale = np.sqrt(at_rest / (4.0 * viscous)) / motion.omega_n  # rms of the fully stuck joint
     coarse = scale * np.geomspace(1e-3, 100.0, COARSE)
     cycle, loss = _losses(single, coarse)
     steps = np.diff(cycle.energy, prepend=0.0)
     exponent = np.cumsum(4.0 * loss / at_levels(1.0 / cycle.period) * steps, -1)
-    # NaN where the joint has no free cycle, so that no motion is kept there.
+    # NaN means that the joint has no free cycle at that amplitude; no motion is kept there.
     beyond = np.argmax(~(exponent < FARTHEST), -1)
     beyond = np.where(exponent[:, -1] < FARTHEST, COARSE - 1, beyond)
     nodes, weights, integral, derivative = rule(NODES)
@@ -174,7 +178,7 @@ def random_response(motion: EquivalentMotion, density: Density, share: Values) -
 
 
 def _losses(motion: EquivalentMotion, y: Values) -> tuple[Cycles, Values]:
-    """Return the cycles at amplitudes, and the losses over their action, c + pi D Y^2 / J [1/s]."""
+    """Return cycles at amplitudes, and their losses over the action, c + pi D Y^2 / J [1/s]."""
     cycle = cycles(motion, y)
     _, loss = motion.values(y, 2.0 * np.pi / cycle.period)
     return cycle, motion.viscous + np.pi * loss * y**2 / cycle.action

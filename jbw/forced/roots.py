@@ -11,16 +11,16 @@ Values = NDArray[np.float64]
 def bracketed_root(
     function: Callable[[Values], Values], lower: Values, upper: Values, rounds: int = 60
 ) -> Values:
-    """Return the root of each function between two ends of unlike sign, by Chandrupatla's rule.
+    """Return the root of each function between two ends of opposite sign, by Chandrupatla's rule.
 
-    The rule takes inverse quadratic interpolation where it is safe, and halves the bracket
-    elsewhere. It stops where every bracket is as narrow as a few units of roundoff.
+    The rule uses inverse quadratic interpolation where it is safe, and halves the bracket
+    elsewhere. It stops when every bracket is as narrow as a few units of round-off.
 
     Args:
-        function: Values at one point of every bracket, elementwise.
+        function: Function that is evaluated elementwise, at one point of every bracket.
         lower: Lower ends; NaN where there is no bracket.
         upper: Upper ends, of the same shape.
-        rounds: Evaluations at most.
+        rounds: Largest number of evaluations.
 
     Returns:
         The roots; NaN where an end is NaN or both ends have the same sign.

@@ -12,10 +12,11 @@ from jbw.forced.equivalent import EquivalentMotion, Values
 from jbw.oscillator.response import simulate
 from jbw.units import measured, plain
 
-SAMPLES = 400  # of a pulse: straight lines between them miss 5e-6 of a half-sine's area
-PER_CYCLE = 64  # samples of the mode's cycle at least
-CYCLES = 24  # of the mode after the pulse: an oscillator of Q = 10 in tune has built up to 5e-4
-RAMP = 0.1  # of a trapezoid's duration, its rise and its fall
+SAMPLES = 400  # of a pulse: straight lines between them lose 5e-6 of a half-sine's area
+PER_CYCLE = 64  # least number of samples per cycle of the mode
+# Cycles of the mode after the pulse: an oscillator of Q = 10 in tune has built up to 5e-4.
+CYCLES = 24
+RAMP = 0.1  # duration of a trapezoid's rise, and of its fall, over that of the pulse
 
 SHAPES: dict[str, Callable[[Values], Values]] = {
     "half-sine": lambda x: np.sin(np.pi * x),
@@ -26,7 +27,7 @@ SHAPES: dict[str, Callable[[Values], Values]] = {
 
 @dataclass(frozen=True, eq=False)
 class Pulse:
-    """A shock as samples from rest.
+    """A shock as samples that start from rest.
 
     Attributes:
         samples: Values in `unit`, the first at t = 0.
@@ -50,20 +51,20 @@ class Pulse:
 
     @property
     def duration(self) -> float:
-        """Duration [s]."""
+        """The duration of the pulse [s]."""
         return (len(self.samples) - 1) / self.fs
 
 
 def classical_pulse(
     peak: float, duration: float, unit: str, shape: str = "half-sine", fs: float = 0.0
 ) -> Pulse:
-    """Return a half-sine, a terminal-peak sawtooth or a trapezoid.
+    """Return a half-sine pulse, a terminal-peak sawtooth or a trapezoid.
 
     Args:
         peak: Largest value, in `unit`.
         duration: Duration [s].
         unit: Unit of the source.
-        shape: `half-sine`, `sawtooth` or `trapezoid`, whose ramps are 10 % of it each.
+        shape: `half-sine`, `sawtooth` or `trapezoid`, whose ramps are 10 % of the duration each.
         fs: Least sampling rate [Hz].
 
     Raises:
@@ -82,16 +83,16 @@ def classical_pulse(
         )
     count = max(SAMPLES, int(np.ceil(duration * fs)))
     samples = peak * SHAPES[shape](np.linspace(0.0, 1.0, count + 1))
-    # A jump to zero at the end has the mean of both sides there, which keeps the area.
+    # At a jump to zero at the end, the sample is the mean of both sides, which keeps the area.
     samples[-1] *= 0.5
     return Pulse(samples, count / duration, unit)
 
 
 def pulse_of(text: str, fs: float = 0.0) -> Pulse:
-    """Return the pulse that a text such as `20g,11ms` or `50 m/s^2, 6 ms, sawtooth` states.
+    """Return the pulse stated by a text such as `20g,11ms` or `50 m/s^2, 6 ms, sawtooth`.
 
     Raises:
-        ConfigError: The text states no peak with a unit and no duration.
+        ConfigError: The text does not state a peak with a unit and a duration.
     """
     parts = [part.strip() for part in text.split(",")]
     match = [re.fullmatch(r"([-+.\deE]+?)\s*([A-Za-z].*)", part) for part in parts[:2]]
@@ -123,7 +124,7 @@ def _number(text: str, whole: str) -> float:
 
 @dataclass(frozen=True, eq=False)
 class ShockResponse:
-    """Motion of every draw during and after a shock.
+    """The motion of every draw during and after a shock.
 
     Attributes:
         t: Time [s].
@@ -143,12 +144,12 @@ class ShockResponse:
 
 
 def shock_response(motion: EquivalentMotion, pulse: Pulse, share: Values) -> ShockResponse:
-    """Return the motion from rest under a shock, and some cycles of the mode after it.
+    """Return the motion from rest during a shock, and for some cycles of the mode after it.
 
     Args:
         motion: The joint.
-        pulse: The shock; a record that is sampled too coarsely is interpolated by straight lines.
-        share: Force per unit mass and unit of the source, of shape (draw, 1).
+        pulse: The shock; a record that is sampled too coarsely is interpolated linearly.
+        share: Force per unit mass and per unit of the source, of shape (draw, 1).
     """
     frequency = float(np.max(motion.omega_n)) / (2.0 * np.pi)
     finer = max(1, int(np.ceil(PER_CYCLE * frequency / pulse.fs)))
@@ -169,17 +170,17 @@ def shock_spectrum(
 ) -> Values:
     r"""Return the maximax absolute acceleration of oscillators on a moving base.
 
-    By the ramp-invariant filter, exact for an acceleration that is straight between its samples:
+    The ramp-invariant filter is used, exact for an acceleration that is linear between its samples:
 
     $$H(z) = \frac{1 - \sigma + 2 e^{-A}(\sigma' - \cos B) z^{-1} + (e^{-2A} - \sigma) z^{-2}}
       {1 - 2 e^{-A}\cos B\,z^{-1} + e^{-2A} z^{-2}}$$
 
     with $A = \omega / (2 Q f_s)$, $B = (\omega/f_s)\sqrt{1 - 1/4Q^2}$, $\sigma' = \sin B / B$ and
-    $\sigma = e^{-A}\sigma'$. The record is followed by one cycle of each oscillator.
+    $\sigma = e^{-A}\sigma'$. The record is extended by one cycle of each oscillator.
 
     Args:
         acceleration: Acceleration of the base on its last axis [m/s^2].
-        fs: Sampling rate [Hz]; ten times the highest frequency leaves 5 % of a peak.
+        fs: Sampling rate [Hz]; ten times the highest frequency causes errors of 5 % of a peak.
         freq_hz: Natural frequencies [Hz].
         quality: Q of the oscillators, above 1/2; infinite without damping.
 

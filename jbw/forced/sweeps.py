@@ -1,4 +1,4 @@
-"""Slow sweeps along a curve at stated frequencies, and the level that holds an amplitude."""
+"""Slow sweeps along a curve at given frequencies, and the level that holds an amplitude."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,23 +7,24 @@ from jbw.forced.curves import ForcedCurve, Peaks, along, places
 from jbw.forced.equivalent import EquivalentMotion, Values, wide
 from jbw.forced.roots import bracketed_root
 
-ROUNDS = 8  # of the search within a cell of the curve, which leave 1e-7 of the amplitude
+ROUNDS = 8  # of the search within a cell of the curve; the error is 1e-7 of the amplitude
 Complexes = NDArray[np.complex128]
 
 
 def whole_curve(motion: EquivalentMotion, peak: Peaks, band: tuple[float, float]) -> ForcedCurve:
-    """Return points along the curves across a band [rad/s], of shape (draw, level, point)."""
+    """Return points along force response curves across a band [rad/s], (draw, level, point)."""
     return along(peak, places(motion, peak, band))
 
 
 def swept(motion: EquivalentMotion, peak: Peaks, omega: Values, *, upward: bool) -> Complexes:
-    """Return the displacement over the phase of the force in a slow sweep [m], complex.
+    """Return the complex displacement [m] in a slow sweep, with its phase relative to the force.
 
-    An upward sweep stays on its branch until that ends: at each frequency it has the first point of
-    the curve, from its low end, that reaches the frequency. A downward sweep has the last one.
+    An upward sweep stays on its branch until the branch ends: at each frequency it takes the first
+    point of the curve, from its low end, that reaches the frequency. A downward sweep takes the
+    last one.
 
     Args:
-        motion: The joint.
+        motion: The draws of the joint.
         peak: Peaks of the curves, of shape (draw, level).
         omega: Frequencies in rising order [rad/s].
         upward: Whether the frequency rises.
@@ -46,15 +47,16 @@ def swept(motion: EquivalentMotion, peak: Peaks, omega: Values, *, upward: bool)
 
 
 def held_ratio(motion: EquivalentMotion, y: Values, omega: Values) -> Complexes:
-    """Return the force amplitude over the displacement amplitude y at omega [1/s^2], complex."""
+    """Return the complex ratio of force to displacement amplitude y at omega [1/s^2]."""
     stiffness, loss = motion.values(y, omega)
     return stiffness - omega**2 + 1j * (wide(motion.viscous, y) * omega + loss)
 
 
 def level_that_holds(motion: EquivalentMotion, y: Values, omega: Values) -> Values:
-    """Return the force amplitude that holds the displacement amplitude y at omega [N/kg].
+    """Return the force amplitude [N/kg] that holds the displacement amplitude y at omega.
 
-    Response control, or notching: where a sweep's level is larger, it is lowered to this one.
+    This is response control, or notching: where a sweep's level is larger, it is lowered to this
+    one.
     """
     return y * np.abs(held_ratio(motion, y, omega))
 
@@ -62,12 +64,12 @@ def level_that_holds(motion: EquivalentMotion, y: Values, omega: Values) -> Valu
 def base_gain(
     ratio: Complexes, omega: Values, participation: float = 1.0, shape: float = 1.0
 ) -> Complexes:
-    r"""Return the absolute acceleration of a point over that of the base.
+    r"""Return the absolute acceleration of a point relative to that of the base.
 
     $$\frac{a}{a_b} = 1 + \frac{p\,s\,\omega^2}{F_1/Z}$$
 
-    Damper and joint act on the motion z relative to the base, which -p a_b drives: the curves are
-    those of the force amplitude p a_b.
+    Damper and joint act on the motion z relative to the base, which -p a_b drives. The curves are
+    therefore those of the force amplitude p a_b.
 
     Args:
         ratio: Force amplitude over relative displacement amplitude, complex [1/s^2].

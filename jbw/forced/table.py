@@ -1,4 +1,4 @@
-"""Equivalent stiffness and loss between a few amplitudes, for searches without the law."""
+"""Tables of equivalent stiffness and loss by amplitude, for searches without the law."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,12 @@ from jbw.forced.equivalent import EquivalentLoops, EquivalentMotion, Values, wid
 
 @dataclass(frozen=True, eq=False)
 class LoopTable:
-    """Stiffness and loss of every draw at amplitudes in equal ratios, cubic between them.
+    """The stiffness and loss of every draw at amplitudes in equal ratios, cubic in between.
 
     Attributes:
         log_y: Logarithms of the amplitudes, of shape (draw, node).
-        parts: K, D and c there, of shape (3, draw, node).
-        slopes: Their slopes by the logarithm of the amplitude.
+        parts: K, D and c at these amplitudes, of shape (3, draw, node).
+        slopes: Derivatives of `parts` by the logarithm of the amplitude.
     """
 
     log_y: Values
@@ -23,13 +23,13 @@ class LoopTable:
 
     @property
     def y(self) -> Values:
-        """Amplitudes at the nodes, of shape (draw, node) [m]."""
+        """The amplitudes at the nodes, of shape (draw, node) [m]."""
         return np.exp(self.log_y)
 
     def loops(self, y: Values) -> EquivalentLoops:
-        """Return stiffness and loss by cubic interpolation, of shape (draw, *any).
+        """Return equivalent stiffness and loss at amplitudes y, by cubic interpolation.
 
-        NaN beyond the nodes.
+        The shape is (draw, *any); values are NaN beyond the nodes.
         """
         count = self.log_y.shape[1]
         shape, position = y.shape, np.log(y).reshape(y.shape[0], -1)
@@ -41,7 +41,7 @@ class LoopTable:
         values = [np.take_along_axis(self.parts, (cell + i)[None], 2) for i in range(2)]
         slopes = [np.take_along_axis(self.slopes, (cell + i)[None], 2) * step for i in range(2)]
         rise = values[1] - values[0]
-        # Hermite's cubic through both values and slopes.
+        # This is Hermite's cubic through both values and both slopes.
         third, second = slopes[0] + slopes[1] - 2.0 * rise, 3.0 * rise - 2.0 * slopes[0] - slopes[1]
         parts = values[0] + u * (slopes[0] + u * (second + u * third))
         by_y = (slopes[0] + u * (2.0 * second + 3.0 * u * third)) / (step * np.exp(position))
@@ -49,15 +49,15 @@ class LoopTable:
 
 
 def tabulated(motion: EquivalentMotion, low: Values, high: Values, num_nodes: int) -> LoopTable:
-    """Return the table of a joint between two amplitudes.
+    """Return the table of a joint's equivalent stiffness and loss between two amplitudes.
 
-    What depends on the frequency as well is taken in resonance at each amplitude.
+    Quantities that also depend on the frequency are evaluated in resonance at each amplitude.
 
     Args:
-        motion: The joint.
+        motion: The draws of the joint.
         low: Smallest amplitudes of shape (draw, 1) [m].
         high: Largest amplitudes of shape (draw, 1) [m].
-        num_nodes: Amplitudes of each draw.
+        num_nodes: Number of amplitudes for each draw.
     """
     log_y = np.log(low) + (np.log(high) - np.log(low)) * np.linspace(0.0, 1.0, num_nodes)
     y, omega = np.exp(log_y), wide(motion.omega_n, log_y)

@@ -1,1 +1,1 @@
-"""A joint without a form: parallel sliders of any strengths, from frequency and damping alone."""
+"""A joint's law without an assumed form: parallel sliders, from frequency and damping alone."""

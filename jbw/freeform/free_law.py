@@ -1,13 +1,13 @@
-r"""The law without a form: evidence by readings, bands, Masing's rule and the least damping.
+r"""The law without an assumed form: evidence from readings, bands, Masing's rule, least damping.
 
-Laws without a form differ by the springs beside the sliders, and by whether damping is bound to the
-stiffness. Bands are of all of them whose evidence is within 5 nats of the most, in equal parts.
-Masing's rule is tested by
+Laws without a form differ in the springs parallel to the sliders, and in whether damping is tied to
+the stiffness. Bands combine, in equal parts, all of these laws whose evidence is within 5 nats of
+the largest. Masing's rule is tested by
 
 $$B = \log \sum_k Z_{loose, k} - \log \sum_k Z_{free, k}$$
 
-over the same springs k, and called at 5 nats. The least damping at an amplitude is that of any
-strengths w >= 0, without a prior, whose squares are within 6.63 of the least (99 %).
+over the same springs k; a decision needs 5 nats. The least damping at an amplitude is that of any
+strengths w >= 0, without a prior, whose sum of squares is within 6.63 of the least (99 %).
 
 Reference:
     Lawson and Hanson (1974), Solving Least Squares Problems, for non-negative least squares.
@@ -28,29 +28,29 @@ from jbw.freeform.tempering import PARTICLES, Tempered, temper
 from jbw.measurement.readings.statement import RecordTable
 
 QUANTILES = 0.005, 0.5, 0.995
-CALLED = 5.0  # nats from which Masing's rule is said to hold or to be broken
-INSIDE = 6.63  # of the squares: the 99 % interval of one quantity
-SPRINGS = (), ("cubic",), ("cubic", "quintic")  # beside the sliders
+CALLED = 5.0  # nats of evidence required to say that Masing's rule holds, or is broken
+INSIDE = 6.63  # increase of the sum of squares: the 99 % interval of one quantity
+SPRINGS = (), ("cubic",), ("cubic", "quintic")  # in parallel to the sliders
 SPRINGS_OF_NAMED = (), ("cubic",)
 WITHOUT_FORM = "free", "loose"
 NAMED = "linear", "power", "iwan4"
-NAMES = {"power": "masing_power"}  # of laws, where they are not those of the prior
-PENALTY = 1e5  # of a bound's constraint, over its readings
-WIDER, HALVINGS, FIRST_TRY = 1.7, 30, 0.05  # steps that bracket a bound, and halve it
+NAMES = {"power": "masing_power"}  # names of laws that differ from those of the prior
+PENALTY = 1e5  # weight of a bound's constraint, relative to its readings
+WIDER, HALVINGS, FIRST_TRY = 1.7, 30, 0.05  # steps that bracket a bound, and halvings between them
 MOST_TRIES = 60
 
 Bands = Float[np.ndarray, "quantile amplitude"]
 
 
 class FreeLawKey(NamedTuple):
-    """A prior of strengths with its springs."""
+    """A law without a form: a prior of strengths with its springs."""
 
     prior: str
     terms: tuple[str, ...]
 
     @property
     def name(self) -> str:
-        """Its name as of a law of jbw."""
+        """The name of this combination as a law of jbw."""
         return " + ".join([NAMES.get(self.prior, self.prior), *self.terms])
 
 
@@ -60,9 +60,9 @@ class FreeLaw:
 
     Attributes:
         rows: The readings.
-        log_evidence: Of every law by its name [nats].
-        masing: Evidence against Masing's rule [nats]; positive where damping is not bound.
-        posteriors: Of the laws without a form, with their draws.
+        log_evidence: Logarithm of the evidence of every law, by name [nats].
+        masing: Evidence against Masing's rule [nats]; positive if damping is not tied to stiffness.
+        posteriors: Posteriors of the laws without a form, with their draws.
     """
 
     rows: ReadingRows
@@ -72,19 +72,19 @@ class FreeLaw:
 
     @property
     def rule(self) -> str:
-        """Masing's rule: "holds", "broken", or "open" where readings do not decide."""
+        """The state of Masing's rule: "holds", "broken", or "open" if readings do not decide."""
         if self.masing >= CALLED:
             return "broken"
         return "holds" if self.masing <= -CALLED else "open"
 
     @property
     def scatter(self) -> float:
-        """Median of the relative standard deviation between the records' frequencies."""
+        """The median relative standard deviation between the records' frequencies."""
         best = max(self.posteriors.values(), key=lambda found: found[1].log_evidence)
         return float(np.exp(np.median(best[1].theta[:, -1])))
 
     def bands(self, amplitude: ArrayLike, seed: int = 0) -> tuple[Bands, Bands]:
-        """Return the bands of frequency [Hz] and damping ratio at amplitudes [m]."""
+        """Return the bands of frequency [Hz] and damping ratio at given amplitudes [m]."""
         rng = np.random.default_rng(seed)
         logs = np.array([drawn.log_evidence for _, drawn in self.posteriors.values()])
         weights = (logs > logs.max() - CALLED) / np.sum(logs > logs.max() - CALLED)
@@ -98,7 +98,7 @@ class FreeLaw:
         return np.quantile(hz, QUANTILES, axis=0), np.quantile(zeta, QUANTILES, axis=0)
 
     def least_damping(self, amplitude: ArrayLike) -> Reals:
-        """Return the least damping ratio under every law of Masing's kind at amplitudes [m]."""
+        """Return the least damping ratio of any Masing law at given amplitudes [m]."""
         _, _, hz_high = self.bands(amplitude)[0]
         omega_sq = (2 * np.pi * hz_high) ** 2 / self.rows.unit
         return least_loss(self.rows, amplitude, omega_sq) / (2 * omega_sq)
@@ -114,10 +114,10 @@ def free_law(
     """Find the law of a joint without a form from readings of frequency and damping.
 
     Args:
-        tables: Readings, one table a record.
-        named: Whether the evidence of named laws by the same readings is found too.
-        seed: Of the random numbers.
-        num_particles: Of every law; eight times as many draws are kept.
+        tables: Readings, one table per record.
+        named: Whether to compute the evidence of named laws from the same readings, too.
+        seed: Seed of the random numbers.
+        num_particles: Number of particles for every law; eight times as many draws are kept.
 
     Raises:
         DataError: Fewer than four amplitudes, or a reading that is not finite and positive.
@@ -146,8 +146,8 @@ def free_law(
 def least_loss(rows: ReadingRows, amplitude: ArrayLike, omega_sq: Reals) -> Reals:
     """Return the least 2 zeta omega^2, over the readings' unit, of any sliders at amplitudes [m].
 
-    Springs may stand beside them. The bound is that of a quadratic program in w >= 0, found
-    by bisection of the squares with the loss held.
+    Springs may act in parallel. The bound is that of a quadratic program in w >= 0, found by
+    bisection of the sum of squares with the loss fixed.
     """
     posterior = posterior_of(rows, "free", SPRINGS[-1])
     made = np.column_stack([posterior.by_stiffness + posterior.by_loss, posterior.by_viscous])
@@ -159,7 +159,7 @@ def least_loss(rows: ReadingRows, amplitude: ArrayLike, omega_sq: Reals) -> Real
 
 
 def _least(made: np.ndarray, readings: Reals, loss: Reals, best: Reals, squares: float) -> float:
-    """Return the least loss whose squares are no more than given."""
+    """Return the least loss whose sum of squares does not exceed a limit."""
 
     def is_inside(value: float) -> bool:
         rows = np.vstack([made, PENALTY * loss])

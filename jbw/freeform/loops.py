@@ -1,7 +1,7 @@
-r"""Force loops without a form: sliders behind gaps, non-negative least squares.
+r"""Force loops without an assumed form: sliders behind gaps, by non-negative least squares.
 
-A slider of half width d behind a gap g holds the play p of half width g + d and has the force of
-the dead zone of both,
+A slider of half width d behind a gap g has the play p of half width g + d, and the force of the
+dead zone of both,
 
 $$f(y) = \mathrm{dz}(y - p, g), \qquad \mathrm{dz}(e, g) = \mathrm{sign}(e)\,\max(|e| - g, 0)$$
 
@@ -27,25 +27,25 @@ from jbw.freeform.sliders import Reals
 from jbw.measurement.curves import ForcedLoop
 from jbw.measurement.readings.loop import slider_columns
 
-YIELDS, GAPS = 16, 12  # half widths and gaps of the grid; one more gap is none
-SMALLEST = 1e-3  # of the largest motion: half width
-LARGEST = 1.0  # of the largest motion: half width, and gap
-SMALLEST_GAP = 1e-2  # of the largest motion
+YIELDS, GAPS = 16, 12  # half widths and gaps of the grid, in addition to no gap
+SMALLEST = 1e-3  # half width, over the largest motion
+LARGEST = 1.0  # half width and gap, over the largest motion
+SMALLEST_GAP = 1e-2  # over the largest motion
 MOST_SAMPLES = 2000  # of all loops together: a loop is as smooth as its motion
 FEWEST = 8  # samples of a loop
 
 
 @dataclass(frozen=True)
 class GapSliders:
-    """Sliders behind gaps.
+    """Sliders behind gaps, parallel to an elastic spring.
 
     Attributes:
-        half_widths: Of every slider [m].
-        gaps: In front of every slider [m].
-        strengths: Of every slider [N/m], none negative.
-        stiffness: Of the elastic spring beside them [N/m].
+        half_widths: Half width of every slider [m].
+        gaps: Gap in front of every slider [m].
+        strengths: Strength of every slider [N/m], none negative.
+        stiffness: Stiffness of the parallel elastic spring [N/m].
         offset: Mean of the loops' constant forces [N].
-        error: Root mean square of the residual over that of the force, of all loops.
+        error: Root mean square of the residual over that of the force, for all loops.
     """
 
     half_widths: Reals
@@ -56,16 +56,16 @@ class GapSliders:
     error: float
 
     def force(self, y: ArrayLike) -> Reals:
-        """Return the force along a motion [m] from rest in the middle of the gaps [N]."""
+        """Return the force [N] along a motion [m] from rest in the middle of the gaps."""
         motion = np.asarray(y, float)
         used = self.strengths > 0
         columns = slider_columns(motion, self.half_widths[used], self.gaps[used])
         return self.offset + self.stiffness * motion + columns @ self.strengths[used]
 
     def errors(self, loop: ForcedLoop) -> tuple[float, float]:
-        """Return the error of a loop over the rms of its force, and with a force of its own.
+        """Return a loop's relative rms error of the force, without and with its own offset.
 
-        The second one allows for a constant force of the loop, as an amplifier's zero adds.
+        The offset is a constant force of the loop, as from the zero error of an amplifier.
         """
         force = np.asarray(loop.force, float)
         residual = self.force(loop.displacement) - force
@@ -74,19 +74,20 @@ class GapSliders:
 
     @property
     def mean_gap(self) -> float:
-        """Mean of the gaps, weighted with the sliders' largest forces [m]."""
+        """The mean of the gaps, weighted with the sliders' largest forces [m]."""
         weights = self.strengths * self.half_widths
         return float(weights @ self.gaps / weights.sum()) if weights.sum() > 0 else 0.0
 
 
 def gap_sliders(loops: Sequence[ForcedLoop]) -> GapSliders:
-    """Fit sliders behind gaps to force loops; each loop may have a constant force of its own.
+    """Fit sliders behind gaps to force loops, with a separate constant force for each loop.
 
     Args:
         loops: Displacement and force along the motion, each from rest.
 
     Raises:
-        DataError: No loop, a loop of fewer than eight samples, without motion, or not finite.
+        DataError: There is no loop, or a loop has fewer than eight samples, no motion, or values
+            that are not finite.
     """
     for loop in loops:
         _require(loop)

@@ -1,16 +1,15 @@
-r"""The posterior of strengths given readings; linear coefficients are integrated out.
+r"""The posterior of slider strengths given readings; linear coefficients are integrated out.
 
-Readings are linear in omega_n^2 and in the coefficients of springs and dampers,
+Readings are linear in omega_n^2, in the strengths w and in the coefficients of springs and dampers,
 
 $$r = L b + G w + c\,\omega, \qquad b = (\omega_n^2, b_3, b_5, c_2)$$
 
-with $\tfrac34 b_3 Y^2$ and $\tfrac58 b_5 Y^4$ in omega^2 and $\tfrac{8}{3\pi} c_2 \omega^2 Y$ in
-2 zeta omega^2. omega_n^2 has a flat prior; the change that any other term makes at the largest
-amplitude is normal; its standard deviation is twice the change of the readings. One QR of the
-whitened columns leaves the likelihood of w. The relative frequency offset of each record,
-N(0, tau^2), is integrated out as well: with U S V^T the whitened columns of the records and e the
-residual,
-
+with $\tfrac34 b_3 Y^2$ and $\tfrac58 b_5 Y^4$ in omega^2 and $\tfrac{8}{3\pi} c_2 \omega^2 Y$ in 2
+zeta omega^2. omega_n^2 has a flat prior. The change of the readings by any other term at the
+largest amplitude has a normal prior, whose standard deviation is twice the change of the readings.
+A QR factorisation of the whitened columns gives the likelihood of w. The relative frequency offset
+of each record, N(0, tau^2), is integrated out as well: with U S V^T the whitened columns of the
+records and e the residual,
 $$-2 \ln L = e^T e - \sum_k \frac{\tau^2 s_k^2}{1 + \tau^2 s_k^2} (U_k^T e)^2
   + \sum_k \ln(1 + \tau^2 s_k^2), \qquad \log \tau \sim N(\log 2\cdot 10^{-5}, 2.3)$$
 """
@@ -28,33 +27,36 @@ from jbw.freeform.sliders import Matrix, Reals, SliderGrid
 
 SPRINGS = {"quadratic": 1, "cubic": 2, "quintic": 4}  # powers of the amplitude in omega^2
 DAMPERS = {"quadratic_damping": 1}  # power of the amplitude in 2 zeta omega^2
-TERM = 2.0  # of the readings' change: standard deviation of a term's at the largest amplitude
-EXHAUSTED = 1e3  # nats per share by which strengths exceed the stiffness
-STEP = 1e-6  # of a parameter, for slopes where there are few
+# Standard deviation of a term's effect at the largest amplitude, over the readings' change.
+TERM = 2.0
+# Penalty [nats] per share by which strengths exceed the stiffness.
+EXHAUSTED = 1e3
+STEP = 1e-6  # of a parameter, for slopes of priors with few parameters
 RowColumns = Float[np.ndarray, "_ _"]
-SCATTER = np.log(2e-5), 2.3  # ln of the relative scatter between records' frequencies: a decade
+# Prior of ln of the relative scatter between records' frequencies: a decade.
+SCATTER = np.log(2e-5), 2.3
 
 
 @dataclass(frozen=True)
 class StrengthPosterior:
-    """Likelihood and prior of the strengths for given readings.
+    """The likelihood and prior of the slider strengths for given readings.
 
-    Parameters are those of the strengths and, the last one, ln of the scatter between records.
+    The parameters are those of the strengths, followed by ln of the scatter between records.
 
     Attributes:
         rows: The readings.
-        grid: Of half widths.
-        prior: Of the strengths.
-        terms: Names of springs and dampers beside the sliders.
+        grid: Grid of the sliders' half widths.
+        prior: Prior of the strengths.
+        terms: Names of springs and dampers in addition to the sliders.
         white: Rows that whiten readings and the terms' priors.
-        basis: Orthonormal columns of what is linear.
-        factor: R of the same, so that basis factor are the whitened columns.
+        basis: Orthonormal columns of the linear terms.
+        factor: R of these terms: basis times factor are the whitened columns.
         by_stiffness, by_loss, by_viscous: Whitened columns of strengths and viscous damping,
-            orthogonal to what is linear.
-        own, own_sizes: U and S of the records' own frequencies, projected alike.
-        records: The columns of the same, whitened and projected.
-        readings: Whitened and projected.
-        constant: Of the log likelihood [nats].
+            orthogonal to the linear terms.
+        own, own_sizes: U and S of the records' own frequencies, projected in the same way.
+        records: Columns of the records' own frequencies, whitened and projected.
+        readings: Readings, whitened and projected.
+        constant: Constant of the log likelihood [nats].
     """
 
     rows: ReadingRows
@@ -74,26 +76,26 @@ class StrengthPosterior:
     constant: float
 
     def left(self, w: SliderStrengths) -> Float[np.ndarray, "particle row"]:
-        """Return the whitened residual of strengths, what is linear projected out."""
+        """Return the whitened residual for given strengths, with linear terms projected out."""
         made = w.of_stiffness @ self.by_stiffness.T + w.of_loss @ self.by_loss.T
         return self.readings - made - w.viscous[:, None] * self.by_viscous
 
     @property
     def mean(self) -> Reals:
-        """Means of the parameters' Gaussian prior."""
+        """The means of the parameters' Gaussian prior."""
         return np.append(self.prior.mean, SCATTER[0])
 
     @property
     def sd(self) -> Reals:
-        """Standard deviations of the parameters' Gaussian prior."""
+        """The standard deviations of the parameters' Gaussian prior."""
         return np.append(self.prior.sd, SCATTER[1])
 
     def log_likelihood(self, theta: Particles) -> Float[np.ndarray, " particle"]:
-        """Return the log likelihood of parameters [nats]."""
+        """Return the log likelihood at given parameters [nats]."""
         return self._value(theta)[0]
 
     def _value(self, theta: Particles) -> tuple[Reals, SliderStrengths, RowColumns, RowColumns]:
-        """Return it with the strengths, the residual over its covariance, and the sizes' shares."""
+        """Return log likelihood, strengths, residual over its covariance, and slopes by scatter."""
         w = self.prior.strengths(theta[:, :-1])
         left = self.left(w)
         variance = np.exp(2 * theta[:, -1:]) * self.own_sizes**2
@@ -101,12 +103,12 @@ class StrengthPosterior:
         solved = left - (variance / (1 + variance) * along) @ self.own.T
         excess = np.maximum(w.of_stiffness.sum(axis=1) - 1.0, 0.0)
         squares = np.sum(left * solved, axis=1) + np.log1p(variance).sum(axis=1)
-        # d/d ln tau of -squares/2
+        # This is the derivative of -squares/2 by ln tau.
         by_scatter = variance / (1 + variance) * (along**2 / (1 + variance) - 1)
         return self.constant - 0.5 * squares - EXHAUSTED * excess, w, solved, by_scatter
 
     def with_slopes(self, theta: Particles) -> tuple[Reals, Particles]:
-        """Return the log likelihood and its slopes by the parameters."""
+        """Return the log likelihood [nats] and its slopes by the parameters."""
         value, w, solved, by_scatter = self._value(theta)
         if self.prior.slopes is None:
             steps = STEP * np.eye(theta.shape[1])
@@ -125,9 +127,9 @@ class StrengthPosterior:
     def curves(
         self, theta: Particles, amplitude: ArrayLike, rng: np.random.Generator
     ) -> tuple[Matrix, Matrix]:
-        """Return frequency [Hz] and damping ratio of each draw at amplitudes [m].
+        """Return frequency [Hz] and damping ratio of each draw at given amplitudes [m].
 
-        Linear coefficients are drawn from their Gaussian given the strengths.
+        Linear coefficients are drawn from their Gaussian, given the strengths.
         """
         y, w = np.asarray(amplitude, float), self.prior.strengths(theta[:, :-1])
         columns = StrengthPosterior.columns(self.rows, self.grid)
@@ -158,7 +160,7 @@ class StrengthPosterior:
 
     @staticmethod
     def columns(rows: ReadingRows, grid: SliderGrid) -> tuple[RowColumns, RowColumns, RowColumns]:
-        """Return what strengths of stiffness and loss and the viscous damping make of readings."""
+        """Return the readings' columns for strengths of stiffness, of loss, and viscous damping."""
         none = np.zeros((len(rows.y), len(grid.log_d)))
         return (
             np.vstack([-grid.softening(rows.y), none]),
@@ -170,12 +172,12 @@ class StrengthPosterior:
 def posterior_of(
     rows: ReadingRows, prior: str = "free", terms: Sequence[str] = ()
 ) -> StrengthPosterior:
-    """Return the posterior of a law's strengths for readings.
+    """Return the posterior of a law's slider strengths for given readings.
 
     Args:
         rows: The readings.
-        prior: "free", "loose" (not of Masing's rule), "power", "iwan4" or "linear".
-        terms: Of "cubic", "quintic" and "quadratic_damping".
+        prior: "free", "loose" (without Masing's rule), "power", "iwan4" or "linear".
+        terms: Any of "cubic", "quintic" and "quadratic_damping".
 
     Raises:
         ConfigError: An unknown prior or term.
@@ -217,7 +219,7 @@ def posterior_of(
 
 
 def _term_columns(terms: Sequence[str], ratio: Reals) -> tuple[RowColumns, RowColumns]:
-    """Return what each term makes of omega^2, and of 2 zeta, at ratios to the largest amplitude."""
+    """Return each term's columns for omega^2 and 2 zeta, at ratios to the largest amplitude."""
     springs = [ratio ** SPRINGS[name] if name in SPRINGS else 0 * ratio for name in terms]
     dampers = [ratio ** DAMPERS[name] if name in DAMPERS else 0 * ratio for name in terms]
     shape = len(ratio), len(terms)

@@ -1,11 +1,11 @@
-r"""Priors of the strengths: rough and without a form, loose of Masing's rule, or a named shape.
+r"""Priors of slider strengths: rough without a form, without Masing's rule, or a named shape.
 
 $$\log w_i = m + s (x_i - x_0) + \sigma (K^{1/2} \xi)_i, \qquad x = \log d, \quad
   K = e^{-|x_i - x_j| / 2.3}$$
 
 m ~ N(log 0.003, 3), s ~ N(0, 1.5), log sigma ~ N(log 1.2, 0.5), xi ~ N(0, 1), and the viscous
 damping log c ~ N(log 0.002, 2), all in units of omega_n. Under Masing's rule the same strengths
-make stiffness and loss. A loose law has strengths of the loss of its own,
+give stiffness and loss. A loose law has separate strengths for the loss,
 
 $$w_i\, e^{0.5 a + 0.4 (K^{1/2} \eta)_i}, \qquad a, \eta \sim N(0, 1)$$
 """
@@ -21,9 +21,10 @@ from jbw.freeform.sliders import ABOVE, Reals, SliderGrid
 LEVEL, SLOPE, VISCOUS = (np.log(3e-3), 3.0), (0.0, 1.5), (np.log(2e-3), 2.0)
 ROUGHNESS = (np.log(1.2), 0.5)
 LENGTH = 2.3  # of the correlation, in ln of the half width: one decade
-FREE_LEVEL, FREE_SHAPE = 0.5, 0.4  # of the loss that is not bound to the stiffness
-CUT, SHARE = 1.5, (0.0, 1.5)  # of Iwan's law: largest half width and its share, in ln
-NUGGET = 1e-3  # of the correlation
+FREE_LEVEL, FREE_SHAPE = 0.5, 0.4  # spread of a loss that is not tied to the stiffness
+# Priors of ln of Iwan's largest half width (spread), and of its share (mean, spread).
+CUT, SHARE = 1.5, (0.0, 1.5)
+NUGGET = 1e-3  # added to the diagonal of the correlation
 BOUNDS = -40.0, 5.0  # of ln of a strength
 
 Particles = Float[np.ndarray, "particle parameter"]
@@ -31,7 +32,7 @@ Strengths = Float[np.ndarray, "particle bin"]
 
 
 class SliderStrengths(NamedTuple):
-    """Strengths of every bin that make the stiffness, and the loss; and the viscous damping."""
+    """The strengths of every bin for the stiffness and for the loss, and the viscous damping."""
 
     of_stiffness: Strengths
     of_loss: Strengths
@@ -39,15 +40,16 @@ class SliderStrengths(NamedTuple):
 
 
 class StrengthPrior(NamedTuple):
-    """A prior of strengths.
+    """A prior of slider strengths.
 
     Attributes:
-        name: Of the law.
-        mean: Of the Gaussian of every parameter.
-        sd: Standard deviation of each.
-        strengths: Of parameters.
-        slopes: The slope of a function by the parameters, from its slopes by ln of the strengths
-            of the stiffness, of the loss, and of the viscous damping; None of few parameters.
+        name: Name of the law.
+        mean: Mean of every parameter's Gaussian.
+        sd: Standard deviation of every parameter's Gaussian.
+        strengths: Function from parameters to strengths.
+        slopes: Function that returns a quantity's slopes by the parameters, from its slopes by ln
+            of the strengths of the stiffness, of the loss, and of the viscous damping; None for few
+            parameters.
     """
 
     name: str
@@ -78,7 +80,7 @@ def power_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
 
 
 def iwan_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
-    """Return the prior of a power up to a largest half width, where sliders of one width stand."""
+    """Return the prior of a power up to a largest half width, with extra sliders of that width."""
     x_largest = float(grid.log_d[-1] + grid.width / 2 - np.log(ABOVE))
 
     def strengths(theta: Particles) -> SliderStrengths:
@@ -96,7 +98,7 @@ def iwan_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
 
 
 def masing_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
-    """Return the prior without a form, under Masing's rule."""
+    """Return the prior of strengths without a form, under Masing's rule."""
     num, from_middle, root = len(grid.log_d), grid.log_d - x_middle, _root(grid)
 
     def strengths(theta: Particles) -> SliderStrengths:
@@ -112,7 +114,7 @@ def masing_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
 
 
 def loose_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
-    """Return the prior without a form, damping not bound to the stiffness."""
+    """Return the prior of strengths without a form, with damping not tied to the stiffness."""
     num, from_middle, root = len(grid.log_d), grid.log_d - x_middle, _root(grid)
     bound = masing_prior(grid, x_middle)
 

@@ -1,11 +1,13 @@
 r"""Readings as rows of a linear problem: omega^2 and 2 zeta omega^2, with their covariance.
 
-A record's rows share an error, its own frequency: over the mean of omega^2, the stiffness has
+The rows of a record share an error, the record's own frequency. Relative to the mean of omega^2,
+the stiffness has
 
 $$C_i' = C_i + (2 \tau)^2\, 1 1^T$$
 
-where $\tau$ is the relative scatter between records at equal amplitude. Errors are widened where
-the best sliders, frequency and damping apart, miss more than the errors with the likeliest $\tau$.
+where $\tau$ is the relative scatter between records at equal amplitude. Errors are widened if the
+residual of the best sliders, fitted to frequency and damping separately, exceeds the errors with
+the likeliest $\tau$.
 """
 
 from collections.abc import Sequence
@@ -20,28 +22,30 @@ from jbw.errors import DataError
 from jbw.freeform.sliders import Reals, SliderGrid, grid_for
 from jbw.measurement.readings.statement import RecordTable
 
-ROWS = 4  # of a record: its table is that smooth
-FEWEST = 4  # amplitudes: two coefficients of frequency and two of damping
-FLOOR_HZ, FLOOR_ZETA = 1e-6, 3e-3  # relative, of readings that state no error
-SCATTERS = np.concatenate([[0.0], np.geomspace(1e-7, 1e-2, 61)])  # of frequency that are tried
-ROUNDS = 4  # of law and scatter in turn
+ROWS = 4  # per record: its table is smooth enough
+FEWEST = 4  # amplitudes: two coefficients each of frequency and damping
+FLOOR_HZ, FLOOR_ZETA = 1e-6, 3e-3  # relative, for readings without a stated error
+# Trial values of the scatter of frequencies.
+SCATTERS = np.concatenate([[0.0], np.geomspace(1e-7, 1e-2, 61)])
+ROUNDS = 4  # rounds that alternate between law and scatter
 
 Square = Float[np.ndarray, "row row"]
 
 
 class ReadingRows(NamedTuple):
-    """Rows of all records, in units of the mean of omega^2.
+    """The rows of all records, in units of the mean of omega^2.
 
     Attributes:
         y: Amplitude of the displacement [m].
-        omega: Over the root of `unit`.
+        omega: Frequency over the root of `unit`.
         stiffness: omega^2 over `unit`.
         loss: 2 zeta omega^2 over `unit`.
-        covariance: Of stiffness and loss, one after the other, without the records' offsets.
-        own: What a relative change of each record's frequency makes of stiffness and loss.
+        covariance: Covariance of stiffness and loss, one after the other, without records' offsets.
+        own: Change of stiffness and loss by a relative change of each record's frequency.
         unit: The mean of omega^2 [rad^2/s^2].
-        scatter: Likeliest relative standard deviation between the frequencies of records.
-        inflation: Factor of the covariance: what no law of the amplitude follows, over the errors.
+        scatter: Likeliest relative standard deviation between the records' frequencies.
+        inflation: Factor of the covariance: squares that no law of the amplitude explains, over the
+            errors.
     """
 
     y: Reals
@@ -56,12 +60,12 @@ class ReadingRows(NamedTuple):
 
     @property
     def values(self) -> Reals:
-        """Stiffness and loss, one after the other."""
+        """The stiffness and loss of all readings as one array, stiffness first."""
         return np.concatenate([self.stiffness, self.loss])
 
     @property
     def with_scatter(self) -> Square:
-        """The covariance with the records' own frequencies in it."""
+        """The covariance that includes the records' own frequencies."""
         return self.covariance + self.scatter**2 * self.own @ self.own.T
 
     @property
@@ -71,7 +75,7 @@ class ReadingRows(NamedTuple):
 
 
 def rows_of(tables: Sequence[RecordTable]) -> ReadingRows:
-    """Return the rows of tables of readings, with the scatter between records in their covariance.
+    """Return the rows of reading tables; the scatter between records is in their covariance.
 
     Raises:
         DataError: Fewer than four amplitudes, or readings that are not finite and positive.
@@ -124,7 +128,7 @@ def _rows(tables: Sequence[RecordTable]) -> ReadingRows:
     y, hz, zeta = (np.concatenate(column) for column in zip(*columns, strict=True))
     omega = 2 * np.pi * hz
     unit = float(np.mean(omega**2))
-    by_hz = 4 * np.pi * omega / unit  # of omega^2
+    by_hz = 4 * np.pi * omega / unit  # change of omega^2
     jacobian = np.block([
         [np.diag(by_hz), np.zeros((len(y), len(y)))],
         [np.diag(2 * zeta * by_hz), np.diag(2 * omega**2 / unit)],
@@ -138,10 +142,10 @@ def _rows(tables: Sequence[RecordTable]) -> ReadingRows:
 
 
 def _left_by_any_law(rows: ReadingRows) -> tuple[Reals, float]:
-    """Return what the best sliders miss, frequency and damping apart, and the degrees of freedom.
+    """Return the residual of the best sliders, and its degrees of freedom.
 
-    Each quantity has strengths of its own and a cubic spring, so that no law of the amplitude
-    alone does much better.
+    Frequency and damping are fitted separately, each with its own strengths and a cubic spring, so
+    that no law of the amplitude alone fits much better.
     """
     grid, num = rows.grid, len(rows.y)
     softening, loss = grid.softening(rows.y), grid.loss(rows.y)
@@ -155,7 +159,7 @@ def _left_by_any_law(rows: ReadingRows) -> tuple[Reals, float]:
 
 
 def _scatter(rows: ReadingRows, residual: Reals) -> float:
-    """Return the likeliest scatter of the records' frequencies for a residual of the law."""
+    """Return the likeliest scatter of the records' frequencies, for a residual of the law."""
 
     def penalty(scatter: float) -> float:
         covariance = rows._replace(scatter=scatter).with_scatter

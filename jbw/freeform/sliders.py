@@ -1,6 +1,6 @@
-r"""Elasto-plastic sliders in parallel: the force, its first harmonic and the grid of half widths.
+r"""Parallel elasto-plastic sliders: force, first harmonic, and the grid of their half widths.
 
-A slider of strength w holds the play p of half width d, $p' = \mathrm{clip}(p, y - d, y + d)$, and
+A slider of strength w has the play p of half width d, $p' = \mathrm{clip}(p, y - d, y + d)$, and
 
 $$f = \omega_n^2 y - \sum_i w_i p_i$$
 
@@ -26,34 +26,36 @@ from jaxtyping import ArrayLike, Float
 Reals = Float[np.ndarray, " _"]
 Matrix = Float[np.ndarray, "amplitude bin"]
 
-PER_DECADE = 16  # bins: with 6 a decade a law of Masing's kind can seem to break Masing's rule
-FINE = 8  # sliders of equal strength in a bin, so that curves are smooth in the amplitude
-# Of the smallest and the largest amplitude: ends of the grid. Sliders below a quarter of the
-# smallest slip in every reading; without them bands at a third of it contained 75 % of the truths.
+# Bins per decade: with 6, a Masing law can seem to break Masing's rule.
+PER_DECADE = 16
+FINE = 8  # equal sliders in a bin, so that curves are smooth in the amplitude
+# Ends of the grid, over the smallest and the largest amplitude. Sliders below a quarter of the
+# smallest amplitude slip in every reading; without them, bands at a third of it contained 75 % of
+# the truths.
 BELOW, ABOVE = 1 / 20, 6.0
 
 
 def stiffness_share(amplitude: ArrayLike, half_width: ArrayLike) -> np.ndarray:
-    r"""Return the first harmonic's stiffness $\kappa$ of a slider of unit strength."""
+    r"""Return the first-harmonic stiffness $\kappa$ of a slider of unit strength."""
     x = np.clip(np.asarray(half_width) / np.asarray(amplitude), 0.0, 1.0)
     turn = np.arccos(1 - 2 * x)
     return (turn - np.sin(turn) * np.cos(turn)) / np.pi
 
 
 def loss_share(amplitude: ArrayLike, half_width: ArrayLike) -> np.ndarray:
-    r"""Return the energy per cycle of a slider of unit strength, over $\pi Y^2$."""
+    r"""Return the energy loss per cycle of a slider of unit strength, divided by $\pi Y^2$."""
     x = np.clip(np.asarray(half_width) / np.asarray(amplitude), 0.0, 1.0)
     return 4 / np.pi * x * (1 - x)
 
 
 def play_force(y: Reals, strengths: Reals, half_widths: Reals, stiffness: float) -> Reals:
-    """Return the force along a motion from rest, exact between samples joined by straight lines.
+    """Return the sliders' force along a motion from rest, exact for linear motion between samples.
 
     Args:
         y: Displacement [m].
-        strengths: w of every slider [N/kg/m].
-        half_widths: d of every slider [m].
-        stiffness: omega_n^2, of the fully stuck joint [N/kg/m].
+        strengths: Strength w of every slider [N/kg/m].
+        half_widths: Half width d of every slider [m].
+        stiffness: Stiffness omega_n^2 of the fully stuck joint [N/kg/m].
     """
     play, force = np.zeros_like(half_widths), np.empty(len(y))
     for k, position in enumerate(y):
@@ -64,11 +66,11 @@ def play_force(y: Reals, strengths: Reals, half_widths: Reals, stiffness: float)
 
 @dataclass(frozen=True)
 class SliderGrid:
-    """Bins of half width, equal in their logarithm.
+    """A grid of bins of the half width, equal in its logarithm.
 
     Attributes:
-        log_d: Middle of every bin, ln of the half width [m].
-        width: Of a bin, in ln of the half width.
+        log_d: Middle of every bin, as ln of the half width [m].
+        width: Width of a bin, in ln of the half width.
     """
 
     log_d: Reals
@@ -76,16 +78,16 @@ class SliderGrid:
 
     @property
     def half_widths(self) -> Float[np.ndarray, "bin slider"]:
-        """Half widths of the equal sliders of every bin [m]."""
+        """The half widths of the equal sliders in every bin [m]."""
         within = self.width * ((np.arange(FINE) + 0.5) / FINE - 0.5)
         return np.exp(self.log_d[:, None] + within)
 
     def softening(self, amplitude: ArrayLike) -> Matrix:
-        """Return by how much omega^2 falls at each amplitude, per strength of a bin."""
+        """Return the decrease of omega^2 at each amplitude, per strength of a bin."""
         return 1.0 - self._mean(stiffness_share, amplitude)
 
     def loss(self, amplitude: ArrayLike) -> Matrix:
-        """Return by how much 2 zeta omega^2 rises at each amplitude, per strength of a bin."""
+        """Return the increase of 2 zeta omega^2 at each amplitude, per strength of a bin."""
         return self._mean(loss_share, amplitude)
 
     def _mean(self, share: Callable[..., np.ndarray], amplitude: ArrayLike) -> Matrix:
@@ -93,7 +95,7 @@ class SliderGrid:
 
 
 def grid_for(smallest: float, largest: float, per_decade: int = PER_DECADE) -> SliderGrid:
-    """Return the grid for amplitudes of a motion [m]: from a twentieth to six times of them."""
+    """Return the slider grid for amplitudes of a motion [m]: from 1/20 to six times of these."""
     low, high = np.log(BELOW * smallest), np.log(ABOVE * largest)
     count = max(4, int(np.ceil((high - low) / np.log(10) * per_decade)))
     edges = np.linspace(low, high, count + 1)

@@ -1,11 +1,11 @@
-r"""Tempered sequential Monte Carlo with Hamiltonian moves, many particles at once in NumPy.
+r"""Tempered sequential Monte Carlo with Hamiltonian moves, for many particles at once in NumPy.
 
 $$p_\beta(\theta) \propto p(\theta)\, e^{\beta \ell(\theta)}, \qquad
   \log \hat Z = \sum_t \log \frac1N \sum_i e^{(\beta_t - \beta_{t-1}) \ell_i}$$
 
-Between temperatures all particles take Hamiltonian trajectories in coordinates whitened by their
-covariance. `jbw.inference.samplers.tempering` does this for a likelihood in JAX by random walks;
-for forty to a hundred parameters with slopes in closed form, trajectories need a tenth of its
+Between temperatures all particles take Hamiltonian trajectories, in coordinates whitened by their
+covariance. `jbw.inference.samplers.tempering` uses random walks instead, for a likelihood in JAX.
+For forty to a hundred parameters with slopes in closed form, trajectories need a tenth of its
 evaluations.
 
 Reference:
@@ -23,33 +23,33 @@ from jbw.freeform.prior import Particles
 from jbw.freeform.sliders import Reals
 
 PARTICLES = 500
-KEPT = 8  # moves on the posterior of which every particle is kept
-TARGET_ESS = 0.5  # share of particles that a step of the temperature leaves effective
+KEPT = 8  # moves on the posterior after which every particle is kept as a draw
+TARGET_ESS = 0.5  # share of particles that remain effective after a step of the temperature
 MOVES = 2  # trajectories at every temperature
-STEPS = 8  # of a trajectory
-JITTER = 0.2  # of a step's size
+STEPS = 8  # per trajectory
+JITTER = 0.2  # relative variation of a step's size
 TARGET_ACCEPT = 0.8
-GAIN = 0.5  # of the step's adaptation
+GAIN = 0.5  # gain of the step size's adaptation
 FIRST_STEP = 0.3  # in units of the particles' standard deviations
-NUGGET = 1e-6  # of the prior's variance: particles that coincide have no covariance
+NUGGET = 1e-6  # of the prior's variance: coinciding particles have no covariance
 MOST_TEMPERATURES = 500
 BISECTIONS = 50
-IMPOSSIBLE = -1e30  # log likelihood of parameters that have none [nats]
-# Standard deviations of the prior, and of momenta: a trajectory that diverges ends there, and the
-# energy refuses it.
+IMPOSSIBLE = -1e30  # log likelihood of impossible parameters [nats]
+# Limits of positions (in standard deviations of the prior) and of momenta: a diverging trajectory
+# ends there, and its energy causes its rejection.
 FARTHEST, FASTEST = 1e3, 1e6
 
 Density = Callable[[Particles], tuple[Reals, Particles]]
 
 
 class Tempered(NamedTuple):
-    """Result of a run.
+    """The result of a tempering run.
 
     Attributes:
         theta: Draws of the posterior.
-        log_evidence: [nats].
-        acceptance: Of the last moves.
-        temperatures: Number of them.
+        log_evidence: Logarithm of the evidence [nats].
+        acceptance: Share of accepted trajectories in the last moves.
+        temperatures: Number of temperatures.
     """
 
     theta: Particles
@@ -59,7 +59,7 @@ class Tempered(NamedTuple):
 
 
 class _Swarm(NamedTuple):
-    """Particles in units of the prior, with log likelihoods and their slopes."""
+    """Particles in units of the prior, with their log likelihoods and slopes."""
 
     z: Particles
     log_likelihood: Reals
@@ -76,14 +76,14 @@ def temper(
     rng: np.random.Generator,
     num_particles: int = PARTICLES,
 ) -> Tempered:
-    """Draw from a posterior of Gaussian prior, with its evidence.
+    """Draw from a posterior with a Gaussian prior, and return its evidence.
 
     Args:
-        log_likelihood: Values and slopes of rows of parameters.
-        mean: Of the prior.
+        log_likelihood: Function that returns values and slopes at rows of parameters.
+        mean: Means of the prior.
         sd: Standard deviations of the prior.
-        rng: Source of random numbers.
-        num_particles: Particles that are carried; eight times as many draws are returned.
+        rng: Random number generator.
+        num_particles: Number of particles; eight times as many draws are returned.
     """
 
     def density(z: Particles) -> _Swarm:
@@ -91,7 +91,8 @@ def temper(
         slopes = np.nan_to_num(slopes * sd, posinf=0.0, neginf=0.0)
         return _Swarm(z, np.where(np.isfinite(value), value, IMPOSSIBLE), slopes)
 
-    with np.errstate(all="ignore"):  # far out of the prior strengths overflow: impossible
+    # Far outside the prior, strengths overflow: such parameters are impossible.
+    with np.errstate(all="ignore"):
         return _tempered(density, mean, sd, rng, num_particles)
 
 
@@ -123,7 +124,7 @@ def _tempered(
 
 
 def _rise(log_likelihood: Reals, most: float) -> float:
-    """Return by how much the inverse temperature rises."""
+    """Return the rise of the inverse temperature that keeps enough effective particles."""
     above = log_likelihood - log_likelihood.max()
 
     def share(rise: float) -> float:
@@ -140,7 +141,7 @@ def _rise(log_likelihood: Reals, most: float) -> float:
 
 
 def _resampled(swarm: _Swarm, weights: Reals, rng: np.random.Generator) -> _Swarm:
-    """Return particles drawn by their weights, systematically."""
+    """Return particles resampled by their weights, systematically."""
     places = (np.arange(len(weights)) + rng.random()) / len(weights)
     chosen = np.searchsorted(np.cumsum(weights) / weights.sum(), places)
     return swarm[np.minimum(chosen, len(weights) - 1)]

@@ -1,1 +1,1 @@
-"""The procedure of the paper, step by step, and the joint posterior."""
+"""The steps of the paper's procedure and the fit of the joint posterior."""

@@ -1,4 +1,4 @@
-"""The checks that the verdict needs in addition to the chains: solver error, coloured residuals."""
+"""Checks of a fit for the verdict: solver error, residual correlation, misfit, repeatability."""
 
 from collections.abc import Mapping, Sequence
 
@@ -20,11 +20,11 @@ from jbw.observables.noise import num_known, repeatability
 from jbw.report.messages import residuals as messages
 from jbw.report.messages.remedies import OTHER_LAWS, beside_other_laws
 
-SHIFT = 0.1  # of a posterior standard deviation: what the solver may move a posterior mean
+SHIFT = 0.1  # most shift of a posterior mean by solver error, in posterior standard deviations
 NUM_DRAWS = 32
-CLOSE = 0.05  # of every test: a law that leaves no more may be used within it
-OF_MISFIT = ("coloured_residual", "repeatability", "chi_square")  # findings that this may qualify
-MOST_BEYOND = 1.5  # times the fitted error: what tests that were not fitted may be missed by
+CLOSE = 0.05  # largest relative error of any test at which a law is still rated usable
+OF_MISFIT = ("coloured_residual", "repeatability", "chi_square")  # findings that CLOSE amends
+MOST_BEYOND = 1.5  # largest error of tests that were not fitted, over that of fitted ones
 TINY = np.finfo(float).tiny
 
 
@@ -43,12 +43,12 @@ def solver_finding(posterior: xr.Dataset, data: Dataset) -> Finding | None:
 
 
 def substeps_of(data: Dataset) -> int:
-    """Return the most steps of the solver between two samples."""
+    """Return the largest number of solver steps per sample among a dataset's observables."""
     return max((part.substeps or 1 for part in data.parts), default=1)
 
 
 def another_law(laws: Sequence[str]) -> str:
-    """Return the line to paste that adds a cubic spring; if the laws have one, name other laws."""
+    """Return a campaign file's line that adds a cubic spring; suggest other laws if it has one."""
     if SPRING in laws:
         return OTHER_LAWS
     return beside_other_laws(put("joint", "laws", [*laws, SPRING]))
@@ -57,7 +57,7 @@ def another_law(laws: Sequence[str]) -> str:
 def solver_change(
     theta: Mapping[str, Float[np.ndarray, "..."]], data: Dataset
 ) -> NDArray[np.float64] | None:
-    """Return draws' change of log likelihood with half the solver step; None without a solver."""
+    """Return each draw's change of log likelihood if the solver step is halved, or None."""
     finer = halved(data)
     if finer is None:
         return None
@@ -81,16 +81,17 @@ def residual_finding(
     error: Mapping[str, float],
     laws: Sequence[str] = (),
 ) -> Finding | None:
-    """Return the largest lag-one correlation of what a fit leaves of a group of 16 values or more.
+    """Check whether a fit's residuals are correlated (lag-one) in groups of 16 samples or more.
 
-    By label: the `residuals`, the fraction of values `counted`, the relative `error`; `laws` are
-    those fitted.
+    All mappings are by the label of the group: its values of `residuals`, the fraction of its
+    values that is `counted`, and its relative `error`. `laws` are the fitted laws.
     """
     long = {label: row for label, row in residuals.items() if len(row) >= 2 * LEAST_VALUES}
     lag_one = {label: correlation_at_one(row) for label, row in long.items()}
     if not lag_one:
         return None
-    # By what white noise of so many values reaches; one that cannot be had is the worst of all.
+    # Correlations are compared with what white noise of the same length reaches. A correlation that
+    # cannot be computed counts as the worst.
     ratio = {label: abs(value) / coloured_from(long[label]) for label, value in lag_one.items()}
     worst = max(ratio, key=lambda label: np.nan_to_num(ratio[label], nan=np.inf))
     coloured = sum(not value < 1 for value in ratio.values())
@@ -119,9 +120,9 @@ def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
 
 
 def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
-    """Return chi-square and degrees of freedom of a fit over groups with noise from repeats."""
+    """Return chi-square and degrees of freedom of a fit, over groups whose noise is known."""
     sizes = num_known(data)
-    if sum(sizes.values()) <= len(first.x):  # as many parameters explain any data
+    if sum(sizes.values()) <= len(first.x):  # so many parameters would explain any data
         return None
     rows = by_label(first.residual, data)
     total = sum(float(np.sum(rows[label] ** 2)) for label in sizes)
@@ -131,8 +132,8 @@ def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
 def within_misfit(error: Mapping[str, float]) -> Amendment | None:
     """Return the amendment that rates a small misfit usable; None where the misfit is large.
 
-    A law that leaves more than noise of long or precise records, but a few per cent of each, is
-    wrong in what it leaves and right in the rest; the intervals have this in them.
+    Long or precise records show residuals beyond noise even where these are only a few per cent of
+    the record. Such a law is wrong only in that small part, and the intervals include it.
     """
     worst = max(error, key=lambda label: np.nan_to_num(error[label], nan=np.inf), default=None)
     if worst is None or not error[worst] <= CLOSE:
@@ -146,17 +147,18 @@ def within_unseen(
     unseen: Sequence[float],
     which: str,
 ) -> Amendment | None:
-    """Return the amendment that quotes errors of unseen tests where findings call the law usable.
+    """Return the amendment that quotes the errors of tests that were not fitted.
 
-    Errors are relative to the rms of their tests. Where they exceed the fitted ones by a factor of
-    1.5 in rms, what was usable within the fitted error is not.
+    It applies where findings rate the law usable. Errors are relative to the rms of their tests. If
+    their rms exceeds that of the fitted errors by more than a factor of 1.5, the amendment rates
+    the law failed.
 
     Args:
-        codes: Codes of the findings that quote them.
-        fitted: Errors of the tests as they were fitted.
-        unseen: Errors of tests as predicted by a fit without them; None follows where there are
-            none.
-        which: What these tests are, for the sentence: "held-out tests".
+        codes: Codes of the findings that quote the errors.
+        fitted: Relative errors of the tests when they are fitted.
+        unseen: Relative errors of tests predicted by a fit without them; without any, the result is
+            None.
+        which: Name of these tests in the sentence, such as "held-out tests".
     """
     if not len(fitted) or not len(unseen):
         return None
@@ -169,9 +171,9 @@ def within_unseen(
 
 
 def repeatability_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
-    """Compare the fit error of the worst group with the scatter of that group's repeats.
+    """Compare the worst group's fit error with the scatter of its repeats.
 
-    A law that leaves more than they scatter predicts a record worse than its neighbour does.
+    If the error exceeds the scatter, another repeat predicts a record better than the law does.
     """
     scatter = repeatability(data)
     ratio = {label: error[label] / max(x, TINY) for label, x in scatter.items()}

@@ -1,12 +1,12 @@
-r"""Predict each kind of test from the others: does one joint make decays, sweeps and loops alike?
+r"""Prediction of each kind of test (decays, sweeps, loops) from a fit to the other kinds.
 
-A law that is wrong may follow sweeps by parameters of which a decay knows nothing. So the fit is
-repeated without all tests of one kind, and these are predicted by it,
+A wrong law may fit sweeps with parameters that a decay does not constrain. So the fit is repeated
+without all tests of one kind, which it then predicts with the relative error
 
 $$e_k = \frac{\lVert d_k - m_k(\hat\theta_{-k}) \rVert}{\lVert d_k \rVert}$$
 
-Parameters that the other tests do not identify are named: a large error then says as much of the
-tests as of the law.
+The result names parameters that the other tests do not determine. A large error may then be due to
+the lack of tests as well as to the law.
 """
 
 from typing import Any
@@ -32,7 +32,7 @@ WORDS = {
 
 
 def kinds_of(data: Dataset) -> dict[str, tuple[str, ...]]:
-    """Return the labels of the groups of each kind of test of which a fit leaves a residual."""
+    """Return the labels of the fitted groups of data, by kind of test."""
     labels: dict[str, list[str]] = {}
     for part in measured_parts(data):
         labels.setdefault(_kind_of(part), []).extend(part.groups.labels)
@@ -44,7 +44,7 @@ def _kind_of(part: Observable) -> str:
 
 
 def across_kinds(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
-    """Predict each kind of test from the others and return its error; None below two kinds."""
+    """Predict each kind of test from the others and return the errors; None for a single kind."""
     kinds = kinds_of(data)
     if len(kinds) < 2:
         return None
@@ -70,7 +70,7 @@ def across_kinds(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
 
 
 def across_kinds_sentence(predicted: xr.Dataset) -> str:
-    """Return how well each kind of test is predicted from the others, in words."""
+    """Return the sentence on how well each kind of test is predicted from the others."""
     kinds = across_kinds_record(predicted)
     errors = {kind: (row["error"], row["fitted"]) for kind, row in kinds.items()}
     identified = {kind: row["rests_on"] for kind, row in kinds.items()}
@@ -79,7 +79,7 @@ def across_kinds_sentence(predicted: xr.Dataset) -> str:
 
 
 def across_kinds_record(predicted: xr.Dataset) -> dict[str, dict[str, Any]]:
-    """Return the same in plain values, by kind."""
+    """Return the prediction error of each kind of test from the other kinds, as plain values."""
     needed = identified_alone(predicted["wider"])
     return {
         str(kind): {

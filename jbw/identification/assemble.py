@@ -1,4 +1,4 @@
-"""From the tests of a campaign to the dataset of the joint posterior, by the register of kinds."""
+"""The assembly of a campaign's tests into the dataset of the joint posterior."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -36,22 +36,22 @@ Report = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Measured:
-    """A campaign's tests, split before anything is fitted."""
+    """A campaign's tests, split into fitted and held-out ones, with the result of Step 2."""
 
     tests: tuple[Test, ...]
-    chosen: tuple[Test, ...]  # those that `fit` and `hold_out` leave
+    chosen: tuple[Test, ...]  # after `fit` and `hold_out` are applied
     settings: Identify
     laws: tuple[str, ...]
-    gain: Gain  # that the campaign states [N/kg per unit of the input]
-    linear: LinearStep | None  # Step 2, when there was a noise test
-    sweeps: Sweeps | None  # when there were any
-    decays: DecaySplit | None  # when any may be fitted
-    modes: Modes | None = None  # that meet in the joint; None of one mode
-    joints: SeveralJoints | None = None  # of a structure with several
+    gain: Gain  # stated in the campaign [N/kg per unit of the input]
+    linear: LinearStep | None  # Step 2; None without a noise test
+    sweeps: Sweeps | None  # None if there are none
+    decays: DecaySplit | None  # None if none can be fitted
+    modes: Modes | None = None  # modes coupled by the joint; None for one mode
+    joints: SeveralJoints | None = None  # None if the structure has one joint
 
     @property
     def probing(self) -> tuple[Test, ...]:
-        """Tests with one tone that probes the third-order kernel, for Step 3."""
+        """The tests with one tone that probes the third-order kernel, for Step 3."""
         linear = self.linear
         if linear is None:
             return ()
@@ -60,7 +60,7 @@ class Measured:
 
     @property
     def swept(self) -> list[Test]:
-        """Sweeps to fit, with the repeats to fit."""
+        """The sweeps to fit, each without held-out repeats."""
         sweeps = () if self.sweeps is None else self.sweeps.fitted
         return [test for test in sweeps if test.name in _names(self.chosen)]
 
@@ -76,12 +76,18 @@ def measured(
     line_fit: TriedStep | None = None,
     report: Report = logger.info,
 ) -> Measured:
-    """Step 2, where there is a noise test, and what is fitted and held out.
+    """Split a campaign's tests into fitted and held-out ones; perform Step 2 on a noise test.
 
-    `laws` are those of a campaign that names none when None, `structure` its modes where several
-    meet in the joint, `gain` is what the campaign states [N/kg per unit of the input], by drive
-    where there are several, `joints` those of a structure with several, `line_fit` Step 2 where it
-    was tried before, and `report` is called with one sentence at every stage.
+    Args:
+        tests: Tests of the campaign.
+        settings: The campaign's [identify] settings.
+        laws: Names of the joint's laws; None for the default laws.
+        structure: Modes of the structure, where the joint couples several.
+        gain: Gain that the campaign states [N/kg per unit of the input], by drive where there are
+            several.
+        joints: Joints of a structure with several joints.
+        line_fit: Step 2, where it was tried before.
+        report: Function that is called with one sentence at every stage.
 
     Raises:
         ConfigError: If `hold_out` names no test, settings do not fit the tests, or tests of one
@@ -99,7 +105,7 @@ def measured(
     chosen = selection.fitted(tests, settings)
     require_one_unit(chosen)
     noise, linear = selection.linear_test(tests), None
-    if noise is not None and modes is None:  # several modes are fitted in time, from first values
+    if noise is not None and modes is None:  # several modes are fitted in time
         report(messages.line_fit(noise.name))
         if line_fit is not None and line_fit.step.test.name == noise.name:
             linear = line_fit.taken_up()
@@ -117,7 +123,7 @@ def measured_in(
     tests: Sequence[Test] | None = None,
     line_fit: TriedStep | None = None,
 ) -> Measured:
-    """Return Step 2 and the fitted and held-out tests of a campaign, or of given tests alone."""
+    """Perform Step 2 and split a campaign's or the given tests into fitted and held-out ones."""
     return measured(
         campaign.tests if tests is None else tests, campaign.settings, laws=campaign.laws,
         structure=campaign.structure, gain=force_per_unit(campaign), joints=campaign.joints,
@@ -126,12 +132,13 @@ def measured_in(
 
 
 def assemble(seen: Measured) -> Dataset:
-    """Assemble everything that a campaign fits into one dataset, without offsets of the runs.
+    """Assemble all fitted tests of a campaign into one dataset, without offsets between runs.
 
-    Fitted are all tests but those held out: tones near the resonance (they validate), levels and
-    repeats of sweeps beside `fit_levels` and `fit_repeats`, tests named by `hold_out`, and kinds
-    not among `fit`, where that is given. A multisine of several periods is fitted in time, as
-    steady motion; noise enters by its line fit.
+    All tests are fitted except held-out ones. Held out are tones near the resonance (they
+    validate), levels and repeats of sweeps that are not among `fit_levels` and `fit_repeats`,
+    tests named by `hold_out`, and kinds that are not among `fit`, where that is given. A multisine
+    of several periods is fitted in time, as steady motion. A noise test enters as the result of
+    its line fit (Step 2).
 
     Raises:
         DataError: If nothing is left to fit.
@@ -139,7 +146,7 @@ def assemble(seen: Measured) -> Dataset:
     linear, gain = seen.linear, seen.gain
     parts: list[Observable] = []
     if linear is not None and linear.test.name in _names(seen.chosen):
-        if not linear.test.traits.is_periodic:  # random motion enters by its line fit alone
+        if not linear.test.traits.is_periodic:  # random motion enters as its line fit
             linear_gain = gain_of(gain, drive_of(linear.test))
             parts.append(reading_of(linear, linear_gain, seen.laws))
     parts += _reduced(_reducible(seen), seen)
@@ -166,15 +173,15 @@ def assemble(seen: Measured) -> Dataset:
 
 
 def _held(parts: Sequence[Observable], gain: Gain, tests: Sequence[Test]) -> dict[str, float]:
-    """Return the held parameters: stated gains, and parameters that no part constrains."""
+    """Return the fixed parameters: stated gains, and parameters that no test constrains."""
     others, first_parts = attached(parts), parts_of("", parts)
     informed = informed_by(first_parts)
     first = next((part.drive for part in first_parts if part.drive), "")
     stated_gain = gain_of(gain, "force" if others and first not in FED else first)
     held = {} if stated_gain is None else {"gain": stated_gain}
-    if "gain" not in informed:  # nothing tells the modal mass: per kilogram
+    if "gain" not in informed:  # no test determines the modal mass
         held = {"gain": stated_gain or 1.0}
-    if "zeta" not in informed:  # nothing moves freely, and nothing is damped
+    if "zeta" not in informed:  # no test determines the damping
         held["zeta"] = 0.0
     stated = {named("gain", drive): gain_of(gain, drive) for drive in others}
     loops = any(test.traits.is_prescribed for test in tests)
@@ -189,7 +196,7 @@ def _held(parts: Sequence[Observable], gain: Gain, tests: Sequence[Test]) -> dic
 
 
 def _require_labels(parts: Sequence[Observable]) -> None:
-    """Refuse groups of one name: tones of one level, but of two drives."""
+    """Raise a DataError if tones of one level, and thus one label, have different drives."""
     labels = [label for part in parts for label in part.groups.labels]
     twice = [label for part in parts for label in part.groups.labels if labels.count(label) > 1]
     if twice and attached(parts):
@@ -211,7 +218,7 @@ def entered(seen: Measured) -> dict[str, bool]:
 
 
 def fitted_repeats(seen: Measured) -> dict[str, list[int]]:
-    """Return the repeats of each test that a fit takes, counted from one: of most kinds all."""
+    """Return the numbers, from one, of the repeats of each test that are fitted."""
     sweeps = () if seen.sweeps is None else seen.sweeps.fitted
     chosen = [id(record) for test in sweeps for record in test.records]
     if seen.decays is not None:
@@ -227,7 +234,7 @@ def fitted_repeats(seen: Measured) -> dict[str, list[int]]:
 
 
 def _reduced(tests: Sequence[Test], seen: Measured) -> list[Observable]:
-    """Return the tests by the register of kinds, and by what drives them."""
+    """Return the observables (data with their model) of given tests, by kind of test and drive."""
     parts: list[Observable] = []
     if worn := never_steady(seen.laws, {test.kind for test in tests}):
         raise ConfigError(f"Argument `laws`: {worn}")
@@ -248,7 +255,7 @@ def _names(tests: Sequence[Test]) -> set[str]:
 
 
 def _reducible(seen: Measured) -> list[Test]:
-    """Return the chosen tests with the repeats to fit alone; without those that validate."""
+    """Return the tests to fit without held-out repeats and without tests for validation."""
     chosen, linear = seen.chosen, seen.linear
     validating = () if linear is None else selection.loop_tests(chosen, linear.natural_hz)
     split = [test for test in chosen if test.traits.is_transient or test.traits.is_free]
@@ -262,7 +269,7 @@ def _reducible(seen: Measured) -> list[Test]:
 def reading_of(
     linear: LinearStep, gain: float | None = None, laws: tuple[str, ...] = DEFAULT_LAWS
 ) -> LineReading:
-    """Step 2 as an observable; its gain in the campaign's units where those are known."""
+    """Return the line fit of Step 2 as an observable, with its gain in the campaign's units."""
     scale = np.array([1.0, 1.0, gain or 1.0])
     covariance = linear.pooled.covariance * np.outer(scale, scale)
     run = run_of(linear.test)

@@ -1,4 +1,4 @@
-"""Several joints of a reduced model: which modes the tests drive, and bounds of the laws."""
+"""Campaigns on a reduced model with several joints: driven modes, checks, bounds of the laws."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -23,14 +23,14 @@ from jbw.oscillator.modes.assembled import STIFFNESS, held_numbers, motion_name,
 from jbw.quantities import FED, label, name_at, split
 
 ASSEMBLED = "assembled"
-FEWEST = 3  # loud lines within 7 % of a mode: by fewer a source does not drive it
+FEWEST = 3  # loud spectral lines within 7 % of a mode from which a source drives it
 
 
 def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Identify) -> Modes:
-    """Return a reduced model's modes as a campaign's tests see them, driven modes first.
+    """Return a reduced model's modes as the tests drive and measure them, driven modes first.
 
     Raises:
-        ConfigError: Tests, laws or settings of which several joints know nothing.
+        ConfigError: Tests, laws or settings are not supported for several joints.
         DataError: The tests drive no mode of the model, or too many.
     """
     reduced = joints.model
@@ -81,7 +81,7 @@ def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Iden
 
 
 def _require_first_point(first: str, tests: Sequence[Test]) -> None:
-    """Refuse tests that all state a point: at the first one a gain is read."""
+    """Raise a ConfigError if no test is at the first point, where the gain is determined."""
     if all(test.point for test in tests):
         raise ConfigError(
             f"[structure] points: a test must be measured at `{first}`, the first one, but all "
@@ -91,10 +91,10 @@ def _require_first_point(first: str, tests: Sequence[Test]) -> None:
 
 
 def require_known_laws(laws: Sequence[str]) -> None:
-    """Refuse laws that several joints do not identify.
+    """Raise a ConfigError for laws that cannot be identified for several joints.
 
     Raises:
-        ConfigError: One is a damper, or changes with every cycle.
+        ConfigError: A law is a damper, or changes with every cycle.
     """
     for name in laws:
         plain, joints = split(name)
@@ -126,7 +126,7 @@ def _require_kinds(tests: Sequence[Test]) -> None:
 
 
 def _require_bands(tests: Sequence[Test], driven_hz: Float[np.ndarray, " mode"]) -> None:
-    """Refuse free decays whose band lacks a mode that is fitted: all of them ring at once."""
+    """Raise a ConfigError if a free decay's band lacks a fitted mode: all of them ring at once."""
     low_hz, high_hz = driven_hz.min(), driven_hz.max()
     for test in tests:
         if not test.traits.is_free or test.band_hz is None:
@@ -142,7 +142,7 @@ def _require_bands(tests: Sequence[Test], driven_hz: Float[np.ndarray, " mode"])
 
 
 def _require_sources(tests: Sequence[Test]) -> None:
-    """Refuse sources of several kinds, and forces per modal mass, which matrices do not know."""
+    """Raise a ConfigError for several kinds of source, or for a force per modal mass."""
     tests = [test for test in tests if not test.traits.is_free]
     drives = sorted({drive_of(test) for test in tests})
     if len(drives) > 1:
@@ -162,7 +162,7 @@ def _require_sources(tests: Sequence[Test]) -> None:
 
 
 def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
-    """Return the model's elastic modes that the tests' sources drive, a clearly seen mode first."""
+    """Return indices of the driven elastic modes; the first is well measured by the sensor."""
     frequencies = reduced.frequencies_hz
     elastic = [i for i, hz in enumerate(frequencies) if hz > 0]
     windows = Modes(tuple(float(frequencies[i]) for i in elastic)).windows_hz
@@ -193,7 +193,7 @@ def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
 
 
 def _moves(test: Test, window_hz: tuple[float, float]) -> bool:
-    """Return whether a mode moves in a test: its source passes through it, or its band holds it."""
+    """Return whether a test moves a mode: its source excites it, or a decay's band contains it."""
     if not test.traits.is_free:
         return passes(test, window_hz)
     if test.band_hz is None:
@@ -203,7 +203,7 @@ def _moves(test: Test, window_hz: tuple[float, float]) -> bool:
 
 
 def passes(test: Test, window_hz: tuple[float, float]) -> bool:
-    """Return whether a test's source has loud lines within a window, in the test's band."""
+    """Return whether a test's source has loud spectral lines within a window and its band."""
     record = test.records[0]
     hz = np.fft.rfftfreq(record.num_samples, 1 / record.fs)
     size = np.abs(np.fft.rfft(record.channels[record.source]))
@@ -214,7 +214,7 @@ def passes(test: Test, window_hz: tuple[float, float]) -> bool:
 
 
 def known_gain(modes: Modes | None, tests: Sequence[Test]) -> float | None:
-    """Return the model's gain of the first mode under a measured force [1/kg]; None otherwise."""
+    """Return the model's gain of the first mode [1/kg] if the force is measured; else None."""
     driven = [test for test in tests if not test.traits.is_free]
     if modes is None or modes.meet != ASSEMBLED or not driven or drive_of(driven[0]) in FED:
         return None
@@ -223,10 +223,10 @@ def known_gain(modes: Modes | None, tests: Sequence[Test]) -> float | None:
 
 
 def with_steps(parts: Sequence, modes: Modes | None, settings: Identify) -> list:
-    """Return the records whose steps follow the fastest residual mode, by at most a radian each.
+    """Return observables whose solver steps resolve the fastest residual mode (1 rad per step).
 
     Raises:
-        ConfigError: `substeps` are stated, and too few: the motion would be unstable.
+        ConfigError: The stated `substeps` are too few: the motion would be unstable.
     """
     if modes is None or modes.meet != ASSEMBLED:
         return list(parts)
@@ -248,12 +248,12 @@ def with_steps(parts: Sequence, modes: Modes | None, settings: Identify) -> list
 def joint_bounds(
     modes: Modes, data: Dataset, stated: Mapping[str, tuple[float, float]], zeta: float
 ) -> Bounds:
-    """Return wide bounds of the laws at every joint and of the factors on the joint's motion.
+    """Return wide prior bounds of every joint's laws and of the factors on its mode shapes.
 
-    Those of the laws are by the joint's stiffness in full stick and its largest motion.
+    Bounds of the laws follow from the joint's stiffness when fully stuck and its largest motion.
 
     Raises:
-        ConfigError: Bounds that a campaign states leave the joint stiffer than in full stick.
+        ConfigError: Bounds that a campaign states allow a joint stiffer than when fully stuck.
     """
     numbers = dict(modes.numbers)
     bounds: Bounds = {}
@@ -279,14 +279,14 @@ def joint_bounds(
 
 
 def _largest_motion(modes: Modes, data: Dataset, joint: str) -> float:
-    """Return the largest motion of a joint in the modes that the first point sees [m, or rad]."""
+    """Return a joint's largest motion in the modes that the first point measures [m, or rad]."""
     numbers, amplitudes = dict(modes.numbers), largest_amplitudes(modes, data)
     motion = [numbers[motion_name(i, joint)] for i in range(1, len(amplitudes) + 1)]
     return float(np.nanmax(np.abs(motion) * amplitudes))
 
 
 def largest_amplitudes(modes: Modes, data: Dataset) -> Float[np.ndarray, " mode"]:
-    """Return each driven mode's largest amplitude; NaN if hardly seen at the first point."""
+    """Return each driven mode's largest modal amplitude; NaN if the first point hardly sees it."""
     numbers, shares = dict(modes.numbers), np.abs(gain_shares(modes))
     peaks_of_parts = (part.shown().peaks_of_modes for part in data.parts)
     peaks = np.max([largest for largest in peaks_of_parts if largest], axis=0)

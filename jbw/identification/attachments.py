@@ -1,8 +1,9 @@
-r"""Drives side by side in a campaign: what is refused, what their shaker foretells, what is said.
+r"""The effect of a shaker's attachment on a structure that several drives excite.
 
-The attachment is read where voltage, force and drive point were measured, on the test of the least
-voltage: omega_n and zeta of a fit are those of weak motion. What it foretells has a standard
-deviation of 30 % of the change; of 60 % where the drive point is the very response that is fitted.
+The attachment is determined from a test with measured voltage, force and drive point. Of several,
+the test with the least voltage is used: omega_n and zeta of a fit are those of weak motion. The
+predicted change has a standard deviation of 30 % of itself; 60 % where the drive point is also the
+response that is fitted.
 """
 
 import warnings
@@ -24,14 +25,14 @@ from jbw.quantities import FED
 from jbw.report.messages import instruments as messages
 
 Own = Float[np.ndarray, " own"]
-SHARE, SHARE_OF_RESPONSE = 0.3, 0.6  # of a change foretold: its standard deviation
-LEAST_OMEGA, LEAST_ZETA = 2e-4, 0.02  # of omega_n and of zeta: at least
-MOST_MODES = (1, 2, 3)  # in the band of the joint's own
-HEAVY = 0.03  # of the modal mass: an armature that changes the joint's share of the stiffness
+SHARE, SHARE_OF_RESPONSE = 0.3, 0.6  # standard deviation over the predicted change
+LEAST_OMEGA, LEAST_ZETA = 2e-4, 0.02  # least relative standard deviations of omega_n and zeta
+MOST_MODES = (1, 2, 3)  # numbers of modes in the band, tried in this order
+HEAVY = 0.03  # armature over modal mass from which the joint's share of the stiffness changes
 
 
 def require_one_unit(tests: Iterable[Test]) -> None:
-    """Refuse tests of one drive with sources in different units: one gain cannot serve both."""
+    """Raise a ConfigError if sources of one drive differ in unit: they share one gain."""
     first_units: dict[str, tuple[str, str]] = {}
     for test in tests:
         drive = drive_of(test)
@@ -51,9 +52,10 @@ def require_one_unit(tests: Iterable[Test]) -> None:
 
 
 def foretold(tests: Sequence[Test], parts: Sequence[Observable]) -> list[Observable]:
-    """Predict the change of omega_n and zeta by each named drive's shaker; warn if it is not read.
+    """Predict how each drive's shaker changes omega_n and zeta; warn if this cannot be determined.
 
-    Beside a structure alone only, whose modes the force tells.
+    This needs tests of the structure without a shaker's feed as input as well: they determine its
+    own omega_n and zeta.
     """
     predictions: list[Observable] = []
     for drive in attached(parts):
@@ -77,7 +79,7 @@ def foretold(tests: Sequence[Test], parts: Sequence[Observable]) -> list[Observa
 
 
 def _read(test: Test) -> ShakerReading | None:
-    """Read the shaker with as few modes in the band as possible; if that fails, warn."""
+    """Identify the shaker with as few modes in the band as possible; warn if this fails."""
     reason = ""
     for modes in MOST_MODES:
         try:
@@ -89,12 +91,12 @@ def _read(test: Test) -> ShakerReading | None:
 
 
 def _feeds(test: Test, drive: str) -> bool:
-    """Return whether what a test records of its shaker's feed is this drive's."""
+    """Return whether a test's recorded shaker feed (voltage or current) is the given drive."""
     return BY_UNIT.get(test.records[0].units.get("input", ""), drive) == drive
 
 
 def _is_response(record: Record) -> bool:
-    """Return whether the drive point's channel is that of the response."""
+    """Return whether the drive point and the measured response are the same channel."""
     response = record.channels[record.response]
     return record.response == "acceleration" and bool(
         np.array_equal(response, record.channels["drive_point"])
@@ -102,14 +104,14 @@ def _is_response(record: Record) -> bool:
 
 
 def _nearest(reading: ShakerReading, parts: Sequence[Observable]) -> int:
-    """Number of the mode that is the joint's own: nearest to where the data have it."""
+    """Return the index of the mode that is nearest to the joint's own mode in the data."""
     frequencies = (part.shown().first_values().get("omega_n") for part in parts)
     omega = next(filter(None, frequencies), reading.modes.omega[0])
     return int(np.argmin(np.abs(reading.modes.omega - omega)))
 
 
 def _change(reading: ShakerReading, mode: int, share: float) -> tuple[Own, Own]:
-    """Change of omega_n and zeta of a mode, and its standard deviation."""
+    """Return the predicted change of a mode's omega_n and zeta, and its standard deviation."""
     omega, zeta = reading.modes.omega[mode], reading.modes.zeta[mode]
     mean = np.array([reading.omega[mode] - omega, reading.zeta[mode] - zeta])
     least = np.array([LEAST_OMEGA * omega, LEAST_ZETA * zeta])
@@ -117,14 +119,14 @@ def _change(reading: ShakerReading, mode: int, share: float) -> tuple[Own, Own]:
 
 
 def _sentence(test: Test, reading: ShakerReading, mode: int, share: float) -> str:
-    """Return how far the attachment is to be trusted, and how heavy it is."""
+    """Return the sentence on the predicted attachment of a shaker: its accuracy and mass."""
     added = reading.shaker.mass * reading.modes.residues[mode, 0]
     sentence = messages.attachment(test.name, share, added, at_drive_point=share > SHARE)
     return f"{sentence} {messages.heavy(HEAVY)}" if abs(added) > HEAVY else sentence
 
 
 def drive_sentences(theta: Mapping[str, Any], data: Dataset) -> list[str]:
-    """Return the sentences that say which omega_n and zeta include a moving shaker."""
+    """Return sentences that say which omega_n and zeta include a moving shaker."""
     drives = {part.drive for part in data.parts if part.drive}
     if len(drives) == 1 and drives <= set(FED):
         return [messages.with_shaker(drives.pop())]

@@ -1,9 +1,9 @@
-r"""Misfits that name their cause: what the law leaves, tried against what usually goes wrong.
+r"""Causes of misfit: common measurement errors that would explain the residual of a fit.
 
-A suspect changes the data by columns D about the fit, beside the parameters' own J: a delay,
-another clock, a sign or a unit, an offset, clipping, the response of modes beyond the band or of
-one more mode within it, runs that have a frequency each. One Gauss-Newton step with both, and one
-without, say how much of the misfit it would explain:
+A suspect is a possible error that changes the data by columns D near the fit, in addition to the
+parameters' own J: a delay, a wrong clock, a sign or a unit, an offset, clipping, the response of
+modes outside the band or of one more mode within it, runs with separate natural frequencies. One
+Gauss-Newton step with D, and one without, show how much of the misfit it would explain:
 
 $$\min_{\Delta\theta, c} |r + J\,\Delta\theta - D\,c|^2, \qquad
   1 - \frac{|r + J\,\Delta\theta - D\,c|^2}{|r + J\,\Delta\theta|^2}$$
@@ -30,12 +30,12 @@ from jbw.observables.spectra import Row, Spectrum, real_rows
 from jbw.report.messages import causes as messages
 from jbw.report.messages.causes import Words
 
-DRIVEN = 0.1  # of the largest: lines of the input within which another mode is looked for
-NUM_MODES, MODE_ZETAS = 96, (0.003, 0.01, 0.03)  # frequencies and dampings of another mode tried
-APART = 0.05  # of the natural frequency: a mode nearer than that is the joint's own
-FACTOR = "factor"  # kind of those that are a group's own
-TURNED = 0.2  # about -1: a factor that is a sign
-CLOSE = 0.03  # about a ratio of units: a factor that is a unit
+DRIVEN = 0.1  # input lines above this share of the largest are searched for another mode
+NUM_MODES, MODE_ZETAS = 96, (0.003, 0.01, 0.03)  # trial modes: number of frequencies, dampings
+APART = 0.05  # relative distance in frequency from which a mode is not the joint's own
+FACTOR = "factor"  # kind of the suspects that concern the gain of one group
+TURNED = 0.2  # distance from -1 within which a factor is a reversed sign
+CLOSE = 0.03  # relative distance within which a factor is a ratio of units
 UNITS = {
     1e-3: "thousandths", 1e3: "thousands", 1e-6: "millionths", 1e6: "millions",
     9.80665: "units of g", 1 / 9.80665: "units of g", 2 * np.pi: "rad/s for Hz",
@@ -43,40 +43,40 @@ UNITS = {
     0.0254: "inches", 1 / 0.0254: "inches",
 }  # fmt: skip
 
-TEST = "[test]"  # table of the lines that a remedy names
+TEST = "[test]"  # table of the campaign file in which a remedy puts its line
 
-Columns = Mapping[str, Float[np.ndarray, "value column"]]  # by the groups' labels
+Columns = Mapping[str, Float[np.ndarray, "value column"]]  # by label of the group
 Spectra = Mapping[str, Spectrum]
-Slopes = Mapping[str, Mapping[str, Row]]  # of what is left, by parameter and by label
-MOSTLY = 0.5  # of the misfit: a cause that explains more of it is a finding
+Slopes = Mapping[str, Mapping[str, Row]]  # of residuals, by parameter and by label
+MOSTLY = 0.5  # explained share of the misfit from which a cause is a finding
 WORTH_SAYING = 0.1
 MOST_SAID = 3
-LEAST_LINES = 6  # near a resonance, from which the gain of a group alone is read
-FAR_OFF = 3.0  # times another gain: a wrong unit or sign and no joint's softening
-BY_CHANCE = 2.0  # standard deviations of repeats that noise leaves of the mean of a short group
+LEAST_LINES = 6  # lines near a resonance that the separate gain of one group needs
+FAR_OFF = 3.0  # ratio of gains from which a unit or sign is wrong; softening does not reach it
+BY_CHANCE = 2.0  # largest error of a short group that noise explains, in sd of its repeats
 
 
 class Suspect(NamedTuple):
-    """Its kind, of which the best is told, columns, and words by the coefficients found of them."""
+    """A possible cause of misfit: its kind, derivative columns, and text for given coefficients."""
 
     kind: str
     columns: Columns
     words: Callable[[NDArray[np.float64]], Words]
-    mode: tuple[float, float] | None = None  # omega [rad/s] and zeta of the mode that it is
+    mode: tuple[float, float] | None = None  # omega [rad/s] and zeta if it is a mode
 
 
 def three(x: float) -> float:
-    """Return a number of three digits."""
+    """Return a number rounded to three significant digits."""
     return float(f"{x:.3g}")
 
 
 def as_columns(*rows: Row) -> NDArray[np.float64]:
-    """Return the rows as columns, of complex ones the real parts above the imaginary parts."""
+    """Return rows as columns of a real array; imaginary parts follow below the real parts."""
     return real_rows(np.stack(rows, axis=1))
 
 
 def suspects(spectra: Spectra, slopes: Slopes, omega_n: float) -> Iterator[Suspect]:
-    """Yield all that is tried of groups."""
+    """Yield all suspected measurement errors to test on the spectra of the data groups."""
     yield _delay(spectra)
     yield from _clock(spectra)
     yield from (_factor(label, spectrum) for label, spectrum in spectra.items())
@@ -88,7 +88,7 @@ def suspects(spectra: Spectra, slopes: Slopes, omega_n: float) -> Iterator[Suspe
 
 
 def _delay(spectra: Spectra) -> Suspect:
-    r"""Return all responses late by tau: $-j\omega X$."""
+    r"""Return the suspected error of a delay tau of all responses: $-j\omega X$."""
 
     def words(coefficients: NDArray[np.float64]) -> Words:
         (tau,) = coefficients
@@ -99,7 +99,7 @@ def _delay(spectra: Spectra) -> Suspect:
 
 
 def _clock(spectra: Spectra) -> Iterator[Suspect]:
-    r"""Yield all responses by a clock that is fast by a part: $-t\,\dot x$ for each unit of it."""
+    r"""Yield the suspected error of a fast response clock: $-t\,\dot x$ per relative rate."""
     columns = {n: as_columns(-s.stretched) for n, s in spectra.items() if s.stretched is not None}
 
     def words(coefficients: NDArray[np.float64]) -> Words:
@@ -111,7 +111,7 @@ def _clock(spectra: Spectra) -> Iterator[Suspect]:
 
 
 def _factor(label: str, spectrum: Spectrum) -> Suspect:
-    """Return one group's response times a factor: its sign, its unit, another gain."""
+    """Return the suspected error of one group's gain: wrong sign, unit or factor."""
     columns = {label: as_columns(spectrum.values - spectrum.residual)}
     return Suspect(
         f"{FACTOR} of {label}",
@@ -121,7 +121,7 @@ def _factor(label: str, spectrum: Spectrum) -> Suspect:
 
 
 def factor_words(label: str, factor: float, source: str = "input") -> Words:
-    """Return the words for a group whose response-to-input ratio is `factor` times the others'."""
+    """Return the text and remedy for a group whose gain is `factor` times that of other groups."""
     if abs(factor + 1) < TURNED:
         return messages.turned(label, put(TEST, f"scale.{source}", -1.0))
     size = abs(factor)
@@ -131,7 +131,7 @@ def factor_words(label: str, factor: float, source: str = "input") -> Words:
 
 
 def _in_time(spectra: Spectra) -> Iterator[Suspect]:
-    """Yield the samples with a constant offset each record, or cut off at the largest one."""
+    """Yield the suspected errors of sampled records: a constant offset, or clipping."""
     sampled = {
         label: spectrum
         for label, spectrum in spectra.items()
@@ -160,7 +160,7 @@ def _in_time(spectra: Spectra) -> Iterator[Suspect]:
 
 
 def _residual_term(spectra: Spectra) -> Suspect:
-    r"""Return the term of modes outside the band: displacement $X = (R - M / \omega^2)\,U$."""
+    r"""Return the suspected effect of modes outside the band: $X = (R - M / \omega^2)\,U$."""
     columns = {}
     for label, spectrum in spectra.items():
         stiff = spectrum.factor * spectrum.source
@@ -179,7 +179,7 @@ def _residual_term(spectra: Spectra) -> Suspect:
 
 
 def _own_frequency(spectra: Spectra, slopes: Slopes, omega_n: float) -> Suspect:
-    """Return every group with changes of its own of what runs may differ in."""
+    """Return the suspected error that each group has its own natural frequency and damping."""
     columns, wide = {}, len(spectra) * len(slopes)
     for place, label in enumerate(spectra):
         group_columns = as_columns(*(-slope[label] for slope in slopes.values()))
@@ -195,14 +195,14 @@ def _own_frequency(spectra: Spectra, slopes: Slopes, omega_n: float) -> Suspect:
 
 
 def modes_anywhere(spectra: Spectra, omega_n: float) -> Iterator[Suspect]:
-    """Yield one more mode anywhere in what is driven, but for the joint's own place."""
+    """Yield suspected further modes at all driven frequencies away from the joint's mode."""
     lines = [s.omega[np.abs(s.source) > DRIVEN * np.abs(s.source).max()] for s in spectra.values()]
     driven = np.concatenate([line[line > 0] for line in lines])
     if not len(driven):
         return
     frequencies = np.geomspace(driven.min(), driven.max(), NUM_MODES)
     for omega in frequencies[np.abs(frequencies / omega_n - 1) > APART]:
-        # The band as far as between both, which leaves the joint's own.
+        # The remedy's band ends midway between both modes and keeps the joint's own.
         middle = np.sqrt(omega * omega_n)
         ends = (driven.min(), middle) if omega > omega_n else (middle, driven.max())
         band = [three(end / (2 * np.pi)) for end in ends]
@@ -210,7 +210,7 @@ def modes_anywhere(spectra: Spectra, omega_n: float) -> Iterator[Suspect]:
 
 
 def modes_at(spectra: Spectra, places: Iterable[float], remedy: str = "") -> Iterator[Suspect]:
-    """Yield one more mode at any of some frequencies [rad/s], of any of the usual dampings."""
+    """Yield suspected further modes at given frequencies [rad/s], each with usual dampings."""
     for omega in places:
         yield from (_mode(spectra, float(omega), zeta, remedy) for zeta in MODE_ZETAS)
 
@@ -231,7 +231,7 @@ def _mode(spectra: Spectra, omega: float, zeta: float, remedy: str) -> Suspect:
 
 
 class Cause(NamedTuple):
-    """A possible cause of the misfit, the share that it would explain, and what to do."""
+    """A possible cause of the misfit, the share that it would explain, and its remedy."""
 
     text: str
     explained: float
@@ -240,14 +240,15 @@ class Cause(NamedTuple):
 
 
 class Linearised(NamedTuple):
-    """A fit's residual about its optimum, each group tried in units of the root mean square left.
+    """The residual of a fit near its optimum, each group scaled by its rms residual.
 
     Attributes:
-        places: Rows of each group that is tried.
-        weight: Of each of them.
+        places: Rows of each tried group, by label.
+        weight: Inverse rms residual of each tried group, by label.
         residual: Residual of all groups, without its part along `basis`.
         basis: Orthonormal directions of the parameters.
-        counted: Of every row, what makes it relative to its group's size; zero unless missed.
+        counted: Factor of each row that makes its residual relative to the size of its group; zero
+            for groups without misfit.
     """
 
     places: Mapping[str, slice]
@@ -258,14 +259,14 @@ class Linearised(NamedTuple):
 
 
 def causes(best: Fit, data: Dataset) -> list[Cause]:
-    """Return likely causes of a fit's misfit, the largest share first; empty if none is seen."""
+    """Return likely causes of a fit's misfit, largest explained share first; may be empty."""
     spectra = _spectra(best, data)
     missed = _missed(spectra, data)
     if not missed:
         return []
     linearised = _linearised(best, data, spectra, missed)
     columns = zip(best.theta, best.jacobian.T, strict=True)
-    # Of drives side by side a row knows one of them.
+    # Each row depends on the offset of one drive only, so columns of several drives can be added.
     of_offset: dict[str, Any] = {}
     for name, x in columns:
         of_offset[plain(name)] = of_offset.get(plain(name), 0.0) + x
@@ -275,19 +276,21 @@ def causes(best: Fit, data: Dataset) -> list[Cause]:
         (suspect.kind, _tried(suspect, linearised))
         for suspect in suspects(spectra, slopes, theta["omega_n"])
     ]
-    if apart := _apart(spectra, missed):  # which a step from a fit near none would only guess
+    if apart := _apart(spectra, missed):  # a step from a fit far from all groups is unreliable
         tried = [(kind, cause) for kind, cause in tried if not kind.startswith(FACTOR)]
     tried += [(cause.text, cause) for cause in [*apart, *_swapped(spectra, missed, theta)]]
-    # Of a kind the best: of another mode's frequencies, for one.
+    # Only the best cause of each kind is kept, such as the best frequency of another mode.
     tried.sort(key=lambda pair: pair[1].explained)
     best_of_kind = {kind: cause for kind, cause in tried if cause.explained > WORTH_SAYING}
     return sorted(best_of_kind.values(), key=lambda cause: -cause.explained)
 
 
 def other_mode(best: Fit, data: Dataset, places: Iterable[float] = ()) -> Cause | None:
-    """Return the mode that would explain most of a misfit, at some frequencies [rad/s] or anywhere.
+    """Return the further mode that explains most of a misfit, near given frequencies or anywhere.
 
-    None where no misfit is seen of what responses there are.
+    `places` are the given frequencies [rad/s].
+
+    None if no group with a spectrum has a misfit.
     """
     spectra = _spectra(best, data)
     missed = _missed(spectra, data)
@@ -301,7 +304,7 @@ def other_mode(best: Fit, data: Dataset, places: Iterable[float] = ()) -> Cause 
 
 
 def _spectra(best: Fit, data: Dataset) -> dict[str, Spectrum]:
-    """Return the spectra of every group whose misfit can be tried, by label."""
+    """Return the spectra of all groups whose misfit can be tested for causes, by label."""
     residuals = residual_by_label(best.residual, data)
     return {
         label: spectrum._replace(source_role="force" if part.drive == "force" else "input")
@@ -311,7 +314,7 @@ def _spectra(best: Fit, data: Dataset) -> dict[str, Spectrum]:
 
 
 def cause_finding(found: Sequence[Cause]) -> Finding | None:
-    """Return the first of causes, where it explains most of the misfit."""
+    """Return the finding on the first cause if it explains most of the misfit; else None."""
     if not found or found[0].explained < MOSTLY:
         return None
     first = found[0]
@@ -325,7 +328,7 @@ def causes_sentence(found: Sequence[Cause]) -> str:
 
 
 def _missed(spectra: Spectra, data: Dataset) -> list[str]:
-    """Return groups with residuals beyond noise: coloured, or large if the group has few values."""
+    """Return labels of groups with residuals beyond noise: correlated, or large in short groups."""
     scatter = repeatability(data)
     labels = []
     for label, spectrum in spectra.items():
@@ -341,7 +344,7 @@ def _missed(spectra: Spectra, data: Dataset) -> list[str]:
 
 
 def _linearised(best: Fit, data: Dataset, spectra: Spectra, missed: Sequence[str]) -> Linearised:
-    """Linearise all groups about the optimum: suspected groups first, then others as fitted."""
+    """Linearise the residuals of all groups near the optimum; groups without spectrum come last."""
     slopes = [residual_by_label(column, data) for column in best.jacobian.T]
     fitted, slope = by_label(best.residual, data), by_label(best.jacobian, data)
     slices, weight, rows, columns, counted, end = {}, {}, [], [], [], 0
@@ -364,7 +367,7 @@ def _linearised(best: Fit, data: Dataset, spectra: Spectra, missed: Sequence[str
 
 
 def _tried(suspect: Suspect, linearised: Linearised) -> Cause:
-    """Return one step along a suspect's columns, and what it explains."""
+    """Return a suspected error as a cause, with the share of the misfit that it explains."""
     wide = next(iter(suspect.columns.values())).shape[1]
     columns = np.zeros((len(linearised.residual), wide))
     for label, group_columns in suspect.columns.items():
@@ -392,7 +395,8 @@ def _apart(spectra: Spectra, missed: Sequence[str]) -> list[Cause]:
     missed = [label for label in missed if label in single_fits]
     if len(single_fits) < 2 or not missed:
         return []
-    # Beside the median of the others, by sign and size; of two, which is wrong cannot be told.
+    # Compare each gain with the median of the others, by sign and size. If there are only two, it
+    # cannot be determined which is wrong.
     ratios = {
         label: gain / np.median([other for n, (other, _) in single_fits.items() if n != label])
         for label, (gain, _) in single_fits.items()
@@ -438,7 +442,7 @@ def stiffness(mode: Mapping[str, float], omega: NDArray[np.float64]) -> NDArray[
 
 
 def _swapped(spectra: Spectra, missed: Sequence[str], theta: Mapping[str, float]) -> list[Cause]:
-    """Return the groups whose input is what the mode makes of their response."""
+    """Return the cause that input and response are swapped, for each group with a misfit."""
     swaps = []
     for label in missed:
         spectrum = spectra[label]

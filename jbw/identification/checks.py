@@ -1,7 +1,7 @@
-"""The checks of a joint posterior: findings, sentences, and arrays to keep with its draws.
+"""The checks of a joint posterior: findings, sentences, and arrays to keep with the draws.
 
-A check is a function of what the checks read, `CheckedPosterior`, and leaves an `Outcome`. One that
-fails is left out, and the finding on incomplete checks says so.
+A check is a function that takes a `CheckedPosterior` and returns an `Outcome`. A check that fails
+with an error is omitted, and the finding on incomplete checks names it.
 """
 
 import logging
@@ -89,26 +89,26 @@ STUCK = {"frozen_chain", "r_hat"}  # findings of a sampler that does not fit the
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of one check."""
+    """The outcome of one check of a posterior: its finding, sentences and arrays."""
 
-    finding: Finding | None = None  # None where nothing speaks for the posterior or against it
+    finding: Finding | None = None  # None if the check does not apply
     statements: Sequence[str] = ()  # sentences for the reader
-    groups: Mapping[str, xr.Dataset] = field(default_factory=dict)  # to keep beside the draws
+    groups: Mapping[str, xr.Dataset] = field(default_factory=dict)  # stored with the draws
 
 
 @dataclass(frozen=True)
 class Checks:
     """The results of all checks of a posterior."""
 
-    findings: tuple[Finding, ...]  # of the chains, the fit and the posterior
-    amendments: tuple[Amendment | None, ...]  # what the errors of the fit say of findings
-    statements: tuple[str, ...]  # what the fit, the sampler and the checks say, a sentence each
-    groups: Mapping[str, xr.Dataset]  # labelled arrays to keep beside the draws, by name
+    findings: tuple[Finding, ...]  # on the chains, the fit and the posterior
+    amendments: tuple[Amendment | None, ...]  # changes of findings due to fit errors
+    statements: tuple[str, ...]  # of the fit, the sampler and the checks
+    groups: Mapping[str, xr.Dataset]  # labelled arrays stored with the draws, by name
     wall_s: float
 
     @property
     def sees_no_joint(self) -> bool:
-        """Whether the posterior is of a structure in which no joint is seen."""
+        """Whether the checks find no effect of a joint in the structure."""
         return any(row.code == "no_joint" and row.status != "ok" for row in self.findings)
 
 
@@ -122,41 +122,42 @@ class CheckedPosterior:
 
     @property
     def data(self) -> Dataset:
-        """The fitted data."""
+        """The dataset that was fitted."""
         return self.fitted.data
 
     @cached_property
     def residuals(self) -> dict[str, np.ndarray]:
-        """Residuals of the fit by group of data."""
+        """The residuals of the fit by group of data."""
         return dataset.residual_by_label(self.fitted.fit.residual, self.data)
 
     @cached_property
     def error(self) -> dict[str, Any]:
-        """Error of the fit by group of data, over the rms of the group."""
+        """The error of the fit in each group of data, relative to the group's rms."""
         return dataset.error_by_label(self.residuals, self.data)
 
     @cached_property
     def theta(self) -> Mapping[str, Any]:
-        """Parameters of the fit."""
+        """The parameters at the optimum of the fit."""
         return dataset.as_arrays(self.fitted.fit.theta, self.data)
 
     @cached_property
     def without_each_run(self) -> Any:
-        """The fit again without each run."""
+        """The fits repeated without each run in turn."""
         return fits_without_each_run(self.fitted.fit, self.fitted.box, self.data)
 
 
 Check = Callable[[CheckedPosterior], Outcome]
-FURTHER: dict[str, Check] = {}  # from outside of jbw, by what they check
+FURTHER: dict[str, Check] = {}  # checks registered from outside of jbw, by what they check
 
 
 def register(what: str, check: Check) -> Check:
     """Register a check from outside of jbw that runs on every joint posterior.
 
     Args:
-        what: What it checks, as "the stop of the bench": for progress, and where the check fails.
-        check: Of what the checks read; where it leaves a finding, the entry of its code is
-            registered by `jbw.report.messages.findings.register`.
+        what: What it checks, such as "the stop of the bench". It is printed as progress, and where
+            the check fails.
+        check: The check. If it returns a finding, the entry of its code is registered by
+            `jbw.report.messages.findings.register`.
     """
     FURTHER[what] = check
     return check
@@ -193,7 +194,7 @@ def groups_of(outcomes: Iterable[Outcome]) -> dict[str, xr.Dataset]:
 def amendments_of(
     checked: CheckedPosterior, groups: Mapping[str, xr.Dataset], attempts: Attempts
 ) -> tuple[Amendment | None, ...]:
-    """Return amendments of findings by fit errors, errors of left-out runs, and the response."""
+    """Return amendments of findings due to fit errors, held-out errors and the joint's effect."""
     of_unseen, ready, data = None, checked.fitted, checked.data
     if (left_out := groups.get("leave_one_out")) is not None:
         errors = left_out["fitted"].values.tolist(), left_out["error"].values.tolist()
@@ -239,29 +240,29 @@ def posterior_checks(checked: CheckedPosterior) -> list[Outcome]:
 
 
 def residual_of_fit(checked: CheckedPosterior) -> Outcome:
-    """Return whether the residuals are white."""
+    """Check whether the residuals of the fit are white."""
     counted, data = noise.fractions_counted(checked.data), checked.data
     return Outcome(accuracy.residual_finding(checked.residuals, counted, checked.error, data.laws))
 
 
 def shape_of_fit(checked: CheckedPosterior) -> Outcome:
-    """Return whether the fit follows the groups whose observable says what is too much."""
+    """Check fit errors against the limit that an observable states for its groups."""
     return Outcome(accuracy.shape_finding(checked.error, checked.data))
 
 
 def repeats_of_tests(checked: CheckedPosterior) -> Outcome:
-    """Return whether the fit misses a test by more than its repeats scatter."""
+    """Check whether the error of the fit exceeds the scatter between repeats of a test."""
     return Outcome(accuracy.repeatability_finding(checked.error, checked.data))
 
 
 def solver_steps(checked: CheckedPosterior) -> Outcome:
-    """Return whether the solver's steps are fine enough."""
+    """Check whether the solver's time steps are fine enough."""
     sampled = checked.draws[list(checked.fitted.box.names)]
     return Outcome(accuracy.solver_finding(sampled, checked.data))
 
 
 def response_bands(checked: CheckedPosterior) -> Outcome:
-    """Return whether chains agree on frequency and damping against amplitude."""
+    """Check whether the chains agree on frequency and damping against amplitude."""
     data, y_peak = checked.data, checked.fitted.y_peak
     return Outcome(response_finding(checked.draws, data.held, y_peak, data.laws))
 
@@ -273,7 +274,7 @@ def lack_of_fit(checked: CheckedPosterior) -> Outcome:
 
 
 def offsets_of_runs(checked: CheckedPosterior) -> Outcome:
-    """Return the offsets of omega_n and zeta from run to run, where there are any."""
+    """Return the offsets of omega_n and zeta between runs; an empty outcome without any."""
     runs = runs_dataset(checked.key, checked.draws, checked.fitted.box.names, checked.data)
     return Outcome() if runs is None else Outcome(None, (runs_sentence(runs),), {"runs": runs})
 
@@ -289,34 +290,34 @@ def effects_of_joints(checked: CheckedPosterior) -> Outcome:
 
 
 def of_tests(checked: CheckedPosterior) -> Outcome:
-    """Return the statements of each kind of test on its fit."""
+    """Return the statements of every kind of test on its fit."""
     theta, parts = checked.theta, checked.data.parts
     return Outcome(statements=[x for part in parts for x in part.statements(of_part(theta, part))])
 
 
 def of_drives(checked: CheckedPosterior) -> Outcome:
-    """Return the statements on drives with a separate frequency and damping."""
+    """Return the statements on drives that have a separate natural frequency and damping."""
     return Outcome(statements=tuple(drive_sentences(checked.theta, checked.data)))
 
 
 def participation(checked: CheckedPosterior) -> Outcome:
-    """Return how much of the joint's motion every mode has."""
+    """Return the statements on how strongly each mode moves the joint."""
     return Outcome(statements=tuple(participation_sentences(checked.draws, checked.data.modes)))
 
 
 def one_joint(checked: CheckedPosterior) -> Outcome:
-    """Return whether modes have one joint in common."""
+    """Return the statements on whether several modes share one joint."""
     ready = checked.fitted
     return Outcome(statements=tuple(one_joint_sentences(ready.fit, ready.box, ready.data)))
 
 
 def difference_of_joints(checked: CheckedPosterior) -> Outcome:
-    """Return how far the joints of uncoupled modes differ."""
+    """Return the statements on how far the joints of uncoupled modes differ."""
     return Outcome(statements=tuple(same_joint_sentences(checked.draws, checked.data)))
 
 
 def joint_of_each_mode(checked: CheckedPosterior) -> Outcome:
-    """Return whether each mode fits better with a joint of its own."""
+    """Return the statements on whether each mode fits better with a separate joint."""
     sentences = own_joint_sentences(checked.key, checked.fitted.fit, checked.data)
     return Outcome(statements=tuple(sentences))
 
@@ -335,7 +336,7 @@ def thresholds_reached(checked: CheckedPosterior) -> Outcome:
 
 
 def each_test_left_out(checked: CheckedPosterior) -> Outcome:
-    """Return every run as predicted by a fit without it."""
+    """Check how well each run is predicted by a fit to the other runs."""
     ready = checked.fitted
     left_out = leave_one_out(ready.fit, ready.box, ready.data, checked.without_each_run)
     if left_out is None:
@@ -345,7 +346,7 @@ def each_test_left_out(checked: CheckedPosterior) -> Outcome:
 
 
 def left_beyond_noise(checked: CheckedPosterior) -> Outcome:
-    """Return the model discrepancy: what the law misses of tests beyond their noise."""
+    """Return the model discrepancy: the part of the residual that noise does not explain."""
     ready = checked.fitted
     missed = model_discrepancy(ready.fit, ready.box, ready.data, checked.without_each_run)
     finding = discrepancy_finding(missed, ready.data.laws)
@@ -353,7 +354,7 @@ def left_beyond_noise(checked: CheckedPosterior) -> Outcome:
 
 
 def each_kind_left_out(checked: CheckedPosterior) -> Outcome:
-    """Return every kind of test as predicted by a fit to the others."""
+    """Check how well each kind of test is predicted by a fit to the other kinds."""
     ready = checked.fitted
     if (predicted := across_kinds(ready.fit, ready.box, ready.data)) is None:
         return Outcome(statements=tuple(map(one_kind, kinds_of(ready.data))))
@@ -361,7 +362,7 @@ def each_kind_left_out(checked: CheckedPosterior) -> Outcome:
 
 
 def each_record_alone(checked: CheckedPosterior) -> Outcome:
-    """Return whether fits to single records agree."""
+    """Check whether fits to single records agree."""
     ready = checked.fitted
     if (between := between_records(ready.fit, ready.box, ready.data)) is None:
         return Outcome()
@@ -398,7 +399,7 @@ OF_OTHER_TESTS: dict[str, Check] = {
 
 
 def effect_checks(added: Effects, *, misses: bool) -> dict[str, Check]:
-    """Return the checks of hysteresis (or of drag in its place) and of whether a joint is seen."""
+    """Return the checks for hysteresis (or drag in its place) and whether a joint is detected."""
 
     def hysteresis(checked: CheckedPosterior) -> Outcome:
         return Outcome(seen_hysteresis(added, checked.fitted, misses=misses))
@@ -419,7 +420,7 @@ def seen_hysteresis(added: Effects, ready: Fitted, *, misses: bool) -> Finding |
 
 
 def seen_drag(added: Effects, ready: Fitted, *, misses: bool) -> Finding | None:
-    """Check whether drag fits as well as hysteresis laws; None if these soften as slip does."""
+    """Return the finding on whether drag fits as well as hysteresis; None if it is no candidate."""
     best, data, y_peak = ready.fit, ready.data, ready.y_peak
     zeta = {**data.held, **best.theta}["zeta"]
     if data.modes is not None or not may_be_drag(added, zeta, data.laws):
@@ -437,7 +438,7 @@ def incomplete_finding(said: Sequence[str]) -> Finding | None:
 
 
 def drawn(facts: Mapping[Any, Any]) -> list[str]:
-    """Return the sentences on the sampler: coordinates, evaluations and evidence."""
+    """Return the sentences on sampling: sampler, coordinates, evaluations and evidence."""
     if "coordinates" not in facts:
         return []
     counted = facts["num_evaluations"]
@@ -448,7 +449,7 @@ def drawn(facts: Mapping[Any, Any]) -> list[str]:
 
 
 def stuck(posterior: xr.DataTree, findings: Iterable[Finding]) -> list[str]:
-    """Return the advice for elliptical slice sampling that does not mix; empty where it mixes."""
+    """Return the advice for elliptical slice sampling that does not mix; empty if it mixes."""
     failed = {finding.code for finding in findings if finding.status != "ok"}
     if posterior.attrs.get("sampler") != "elliptical_slice" or not failed & STUCK:
         return []
@@ -458,9 +459,10 @@ def stuck(posterior: xr.DataTree, findings: Iterable[Finding]) -> list[str]:
 def joint_step(
     key: Key[Array, ""], problem: JointProblem, *, name: str = "joint", keep: Keep = no_checkpoint
 ) -> tuple[Step, Dataset]:
-    """Return a joint posterior that is judged by its own checks, and the dataset as it was sampled.
+    """Draw and check a joint posterior; return it as a step, with its final dataset.
 
-    The dataset has the offsets of the runs, effective values and solver steps that the fit found.
+    The returned dataset has the offsets of the runs, and the effective numbers of values and solver
+    steps that the fit determined.
     """
     keys = parts_of(key, 5)
     ready = fit_problem(keys[:2], problem)
@@ -473,7 +475,7 @@ def joint_step(
 def step_of(
     posterior: JointPosterior, checks: Checks, judged: Verdict, statements: Sequence[str]
 ) -> Step:
-    """Return a posterior with its verdict and all that is said of it."""
+    """Return a joint posterior as a step of the procedure, with its verdict and statements."""
     groups = {name: xr.DataTree(group) for name, group in checks.groups.items()}
     fitted = posterior.fitted
     return Step(

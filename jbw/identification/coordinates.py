@@ -1,6 +1,7 @@
-"""In which parameters the joint posterior lives, within which bounds, and what products it knows.
+"""The parameters in which the joint posterior is sampled, their bounds, and their products.
 
-Prior boxes are the campaign's where it states them, otherwise wide ones from scales alone.
+Bounds of the prior are those that the campaign states; otherwise wide ones that follow from scales
+of the data alone.
 """
 
 import warnings
@@ -28,9 +29,9 @@ from jbw.report.messages import posterior as messages
 
 
 def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box:
-    """Return the prior box of the joint route: joint parameters and gain, unless they are held."""
+    """Return the prior box of the joint posterior: joint parameters and gain, unless fixed."""
     parts = parts_of("", data.parts)
-    # Where nothing tells of damping, the displacement is prescribed in every test.
+    # If no test determines the damping, every test prescribes the displacement.
     forced = all("zeta" not in part.informs for part in parts)
     omega_n = known.get("omega_n")
     if not omega_n:
@@ -75,7 +76,7 @@ def _stiffest(data: Dataset) -> float:
 def _bounds_of(
     drive: str, settings: Identify, data: Dataset, estimates: Mapping[str, float]
 ) -> Bounds:
-    """Return bounds of a drive's separate omega_n, zeta and gain, unless they are held."""
+    """Return bounds of a drive's separate omega_n, zeta and gain, unless these are fixed."""
     parts = parts_of(drive, data.parts)
     omega_n, zeta = estimates[named("omega_n", drive)], estimates.get(named("zeta", drive), 0.01)
     gain = estimates.get(named("gain", drive))
@@ -87,7 +88,7 @@ def _bounds_of(
 
 
 def _bounds_beside(settings: Identify, data: Dataset, estimates: Mapping[str, float]) -> Bounds:
-    """Return the bounds of modes beside the first."""
+    """Return the bounds of the parameters of all modes but the first."""
     if data.modes is None:
         return {}
     wide = bounds_of(data.modes, estimates, with_joint=bool(data.laws))
@@ -108,7 +109,7 @@ def _bounds_of_own_laws(modes: Modes, data: Dataset, estimates: Mapping[str, flo
 
 
 def _require_sampled(densities: Collection[str], names: Collection[str]) -> None:
-    """Refuse a prior density on what is not sampled itself, for the box is uniform in what is."""
+    """Raise a ConfigError for a prior density of a parameter that is not sampled."""
     for name in densities:
         if name not in names:
             raise ConfigError(
@@ -119,7 +120,7 @@ def _require_sampled(densities: Collection[str], names: Collection[str]) -> None
 
 
 def _require_drives(prior: Collection[str], data: Dataset) -> None:
-    """Refuse a prior on a parameter of a drive that has none of its own."""
+    """Raise a ConfigError for a prior on a drive's parameter if no test of that drive is fitted."""
     others = attached(data.parts)
     for name in prior:
         if plain(name) != name and not name.endswith(others):
@@ -140,12 +141,13 @@ def joint_box(
 ) -> Box:
     """Return the box of omega_n, zeta, the laws' parameters, and the gain unless it is None.
 
-    The gain comes with its standard deviation. Unless `linear`, omega_n and zeta of the scales were
-    read at a level that holds the joint's softening and its losses: roughly the oscillator's own.
+    The gain is given with its standard deviation. If `linear` is False, omega_n and zeta of the
+    scales were determined at an amplitude that includes the joint's softening and losses, so they
+    are only roughly those of the oscillator.
     """
     stated_prior, omega_n = settings.prior, scales.omega_n
     structure_bounds = linear_bounds(scales, gain, linear=linear)
-    # The gain, which is the source's, comes last.
+    # The gain belongs to the source and comes last.
     last = {name: structure_bounds.pop(name) for name in ("gain",) if name in structure_bounds}
     bounds = structure_bounds | prior_of(laws, scales) | last
     bounds = {name: stated_prior.get(name, pair) for name, pair in bounds.items()}
@@ -157,7 +159,7 @@ def joint_box(
     bounds |= _shared(kinds, bounds, stated_prior, omega_n)
     for law in kinds:
         law_bounds = {name: bounds[name] for name in law.names()}
-        # Of bounds that the campaign states: those by default are as wide as loops stay bounded.
+        # Only bounds that the campaign states need a caution: default ones keep the loops bounded.
         stated = {
             name: stated_prior.get(name, (max(pair[0], 0.0), pair[1]))
             for name, pair in law_bounds.items()
@@ -168,7 +170,7 @@ def joint_box(
 
 
 def linear_bounds(scales: Scales, gain: tuple[float, float] | None, *, linear: bool) -> Bounds:
-    """Bound omega_n and zeta, and a gain by its standard deviation; `linear` as in `joint_box`."""
+    """Bound omega_n, zeta, and a gain by its standard deviation; `linear` as in `joint_box`."""
     omega_n, zeta = scales.omega_n, scales.zeta
     bounds: Bounds = {"omega_n": (0.97 * omega_n, 1.03 * omega_n), "zeta": (0.2 * zeta, 3.0 * zeta)}
     if not linear:
@@ -176,22 +178,22 @@ def linear_bounds(scales: Scales, gain: tuple[float, float] | None, *, linear: b
     if scales.forced:
         bounds["omega_n"] = (0.2 * omega_n, MOST_SOFTENING**0.5 * omega_n)
     if gain is not None:
-        size = abs(gain[0])  # a channel may have its sign turned
+        size = abs(gain[0])  # a channel's sign may be reversed
         reach = max(0.1 * size, 8 * gain[1]) if np.isfinite(gain[1]) else 0.5 * size
         bounds["gain"] = (gain[0] - reach, gain[0] + reach)
     return bounds
 
 
 def weighed_bounds(gain: float) -> tuple[float, float]:
-    """Bound a gain by a loop's secant, which may be several times softer than the loop's start."""
-    low, high = sorted((gain / MOST_SOFTENING, MOST_SOFTENING * gain))  # a channel may be turned
+    """Return bounds of a gain that was estimated from a loop's secant stiffness."""
+    low, high = sorted((gain / MOST_SOFTENING, MOST_SOFTENING * gain))  # its sign may be reversed
     return low, high
 
 
 def _require_stiffness(
     law: type[Law], bounds: Bounds, stated: Collection[str], omega_n: float
 ) -> None:
-    """Refuse a prior within which the joint alone is stiffer than omega_n^2: nothing else holds."""
+    """Raise a ConfigError if the prior allows a joint stiffer than the whole, omega_n^2."""
     least = {name: pair[0] for name, pair in bounds.items()}
     for name in bounds.keys() & set(stated):
         stiffness = float(law.build({**least, name: bounds[name][1]}).stiffness())
@@ -207,9 +209,10 @@ def _require_stiffness(
 def _shared(
     laws: Collection[type[Law]], bounds: Bounds, prior_names: Collection[str], omega_n: float
 ) -> Bounds:
-    """Reduce bounds of the laws' parts of omega_n^2 so that their sum is that of the stiffest law.
+    """Return lowered bounds of the laws' stiffnesses whose sum is that of the stiffest law.
 
-    Upper bounds that nobody states are lowered alike; those that are stated must leave room.
+    Upper bounds that the campaign does not state are lowered by one factor; stated ones must leave
+    room for them.
     """
     parts = [[q.name for q in law.table if q.is_share] for law in laws]
     names = [name for shares in parts for name in shares]
@@ -237,10 +240,10 @@ def _shared(
 def chosen_coordinates(
     best: Fit, settings: Identify, laws: tuple[str, ...]
 ) -> Iterator[tuple[type[Law], Coordinates]]:
-    """Yield the coordinates to sample in, law by law: its products where no more is known.
+    """Yield each law that is sampled in other coordinates than its parameters, with these.
 
-    A campaign says so by `coordinates`; otherwise, where it bounds none of the law's parameters
-    itself and the fit leaves one of them open.
+    A campaign chooses them by `coordinates`. With "auto" they are used where the campaign bounds
+    none of the law's parameters and the fit does not determine all of them.
     """
     for law in laws_named(laws):
         law_names, choice = set(law.names()), settings.coordinates
@@ -271,7 +274,7 @@ def coordinate_box(
     law: type[Law],
     coordinates: Coordinates,
 ) -> Box:
-    """Return the box with a law's other coordinates about a fit in place of its parameters."""
+    """Return the prior box with other coordinates, bounded near a fit, for a law's parameters."""
     bounds = bounds_by_name(prior)
     other = law.coordinate_bounds(  # pyright: ignore[reportAttributeAccessIssue]
         coordinates.name, bounds, theta, dict(settings.prior)
@@ -283,9 +286,10 @@ def coordinate_box(
 
 
 def combinations(names: Iterable[str], laws: tuple[str, ...] = DEFAULT_LAWS) -> tuple[Product, ...]:
-    """Return the products that weak motion knows of every law, and its parameters if not sampled.
+    """Return the products of each law's parameters that weak motion determines.
 
-    Of these those whose parameters are all in the box of these `names`.
+    If a law is sampled in other coordinates, its parameters are also returned as products of these.
+    Only products of sampled parameters (`names`) are returned.
     """
     present = set(names)
     products = []

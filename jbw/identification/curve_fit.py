@@ -1,4 +1,4 @@
-"""Fits of laws to frequency and damping against amplitude: no solve in time, many starts."""
+"""Fits of joint laws to frequency and damping against amplitude, without a solve in time."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -19,16 +19,16 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
 
 STARTS = 8
-FREQUENCY_STD, DAMPING_STD = 1e-4, 0.03  # relative, where a curve's own errors are not to be used
+FREQUENCY_STD, DAMPING_STD = 1e-4, 0.03  # relative, in place of a curve's own errors
 
 
 class WhiteRows(NamedTuple):
-    """Stiffness and loss against amplitude, with what whitens their errors.
+    """Stiffness and loss against amplitude, with the matrix that whitens their errors.
 
     Attributes:
         y: Amplitudes [m].
-        values: omega^2 and then 2 zeta omega^2, over `unit`.
-        white: Inverse root of the covariance of the values.
+        values: All omega^2, then all 2 zeta omega^2, divided by `unit`.
+        white: Inverse Cholesky factor of the covariance of the values.
         unit: Mean of omega^2 [rad^2/s^2].
     """
 
@@ -39,13 +39,13 @@ class WhiteRows(NamedTuple):
 
 
 def rows_with_errors(rows: ReadingRows) -> WhiteRows:
-    """Return rows of readings, whitened by their covariance."""
+    """Return stiffness and loss readings with the matrix that whitens their covariance."""
     white = np.linalg.inv(np.linalg.cholesky(rows.with_scatter))
     return WhiteRows(*jax.device_put((rows.y, rows.values, white)), rows.unit)
 
 
 def rows_of_curve(curve: AmplitudeCurve) -> WhiteRows:
-    """Return the rows of a curve with fixed errors, 2e-4 of stiffness and 3 % of the most loss."""
+    """Return a curve's stiffness and loss with fixed errors: 2e-4, and 3 % of the largest loss."""
     square = curve.omega**2
     unit = float(np.mean(square))
     stiffness, loss = square / unit, 2 * curve.zeta * square / unit
@@ -55,19 +55,19 @@ def rows_of_curve(curve: AmplitudeCurve) -> WhiteRows:
 
 
 class CurveMisfit(eqx.Module):
-    r"""The error of laws in stiffness and loss against amplitude, in standard deviations.
+    r"""The errors of laws in stiffness and loss against amplitude, in standard deviations.
 
     $$\omega(Y)^2 = k + \sum_l K_l(Y), \qquad
       2\,\zeta(Y)\,\omega(Y)^2 = 2\zeta\omega_n\omega(Y) + \sum_l C_l(Y)$$
 
-    with K and C of the steady loops. Instances of equal laws are equal, so that code compiled for
-    one serves all.
+    K and C are those of the laws' steady loops. Instances with equal laws are equal, so that
+    compiled code is reused.
     """
 
     laws: tuple[str, ...] = eqx.field(static=True)
 
     def __call__(self, theta: Mapping[str, Array], seen: WhiteRows) -> Float[Array, " row"]:
-        """Return the whitened errors of all rows."""
+        """Return the whitened errors of stiffness and loss at all amplitudes."""
         model = backbone(oscillator_of(theta, self.laws), seen.y)
         stiffness = model.omega**2 / seen.unit
         made = jnp.concatenate([stiffness, 2 * model.zeta * stiffness])
@@ -75,10 +75,10 @@ class CurveMisfit(eqx.Module):
 
 
 def fit_curve(key: Key[Array, ""], laws: tuple[str, ...], prior: Box, rows: WhiteRows) -> Fit:
-    """Fit laws to rows from starts that are spread over the prior.
+    """Fit laws to stiffness and loss against amplitude, from starts spread over the prior.
 
     Raises:
-        ModelError: At none of the starts is there a steady loop.
+        ModelError: None of the starts has a steady loop.
     """
     starts = parameters_at(generator(key).random((STARTS, len(prior.names))), prior)
     return costly_fit(CurveMisfit(laws), prior, rows, starts=starts)

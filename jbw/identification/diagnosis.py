@@ -1,12 +1,12 @@
-r"""The joint's diagnosis from frequency and damping against amplitude, before a law is fitted.
+r"""Diagnosis of the joint from frequency and damping against amplitude, before a law is fitted.
 
 $$\omega(Y) = \omega_0 (1 - a\,(Y/Y_{max})^q), \qquad \zeta(Y) = \zeta_0 + b\,(Y/Y_{max})^p,
   \qquad r = \frac{b}{a} = \frac{\Delta\zeta}{-\Delta\omega/\omega}$$
 
-Of every law to first order the exponents are alike and r is a closed form. A law of Masing's kind
-has no freedom between softening and damping, $r = C_d(q) / C_s(q)$; below it a part of the
-softening is elastic, above it there is damping that does not soften. Bouc-Wen's law has that
-freedom, $\gamma/\delta = r\,(q + 2)\,I(q + 2) / (q + 1)$.
+To first order, every law has equal exponents, and r is a closed form. In a law of Masing's kind,
+softening determines damping: $r = C_d(q) / C_s(q)$. If r is smaller, a part of the softening is
+elastic; if it is larger, there is damping without softening. In Bouc-Wen's law the ratio is free,
+$\gamma/\delta = r\,(q + 2)\,I(q + 2) / (q + 1)$.
 """
 
 from collections.abc import Sequence
@@ -22,36 +22,36 @@ from jbw.measurement.resonances import AmplitudeCurve
 from jbw.oscillator.power_losses import power_losses
 from jbw.report.messages import effects as messages
 
-FEWEST = 5  # readings that an exponent is read off
+FEWEST = 5  # readings that an exponent needs
 EXPONENTS = (0.1, 4.0)
-DRAWN = 400  # times that readings are drawn within their errors, for the bands
+DRAWN = 400  # draws of the readings within their errors, for the bands
 SEED = 0
-TURNS = 3.5  # standard deviations by which a frequency falls and then rises, or the other way
-LEAST_TURN = 1e-4  # of the frequency, to either side
-CURVES = 15  # readings that count one by one; more come along decays
-GROUPS, FEWEST_TURNING = 8, 6  # of many readings in the order of their amplitude; readings at least
+TURNS = 3.5  # standard deviations by which a frequency must change on both sides of a turn
+LEAST_TURN = 1e-4  # least relative change of frequency on both sides of a turn
+CURVES = 15  # most readings that are taken singly; decays give more, which are grouped
+GROUPS, FEWEST_TURNING = 8, 6  # number of groups; least number of readings
 Values = Float[np.ndarray, " point"]
-CLOSE = 0.1  # of the ratio: what the next order in the amplitude moves it by, near macroslip say
+CLOSE = 0.1  # relative error of the ratio from the next order in amplitude, as near macroslip
 
 
 class Diagnosis(NamedTuple):
-    """Readings and what they say; every number with the ends and the middle of its 99 % band.
+    """The diagnosis of a joint; triples are the lower end, middle and upper end of a 99 % band.
 
     Attributes:
-        num_readings: Of frequency and damping.
+        num_readings: Number of readings of frequency and damping.
         y: Smallest and largest amplitude [m].
-        softening: Relative loss of frequency at the largest amplitude, a.
-        softening_exponent: q, by the frequency alone.
-        damping: What is added to the damping ratio there, b.
-        damping_exponent: p, by the damping alone.
-        ratio: r, at the exponent of the softening, which is known better.
-        masing: r of Masing's laws at that exponent.
+        softening: a, the relative loss of frequency at the largest amplitude.
+        softening_exponent: q, from the frequency alone.
+        damping: b, the increase of the damping ratio at the largest amplitude.
+        damping_exponent: p, from the damping alone.
+        ratio: r, at the exponent of the softening, which is better determined.
+        masing: Value of r for Masing's laws with that exponent.
         elastic: Share of the softening that Masing's laws do not explain, 1 - r / r_Masing.
-        opening: gamma/delta of the Bouc-Wen law with that exponent.
-        spring: Smooth spring c y|y| of as much softening, c [1/(m s^2)].
-        damper: Smooth damper c v|v| of as much damping, c [1/m].
-        turn: Where the frequency turns round: amplitude [m], frequency there and at the largest
-            amplitude [Hz]; None where it goes one way. No power of the amplitude turns.
+        opening: Ratio gamma/delta of the Bouc-Wen law with that exponent.
+        spring: Coefficient c of a smooth spring c y|y| with the same softening [1/(m s^2)].
+        damper: Coefficient c of a smooth damper c v|v| with the same damping [1/m].
+        turn: Turning point of the frequency: amplitude [m], frequency there and at the largest
+            amplitude [Hz]; None if it is monotonic. No power of the amplitude has such a point.
     """
 
     num_readings: int
@@ -70,10 +70,10 @@ class Diagnosis(NamedTuple):
 
 
 def diagnose(curve: AmplitudeCurve) -> Diagnosis | None:
-    """Return exponents, their ratio and what it means; None with too few readings.
+    """Determine exponents and ratio of softening and damping from readings; None with too few.
 
-    Bands are those of readings drawn within their errors. A reading counts by its amplitude: the
-    noise of a frequency and of a damping falls as the motion grows.
+    Bands come from readings drawn within their errors. Readings are weighted by their amplitude:
+    the noise of frequency and damping falls as the motion grows.
     """
     if len(np.unique(curve.y)) < FEWEST:
         return None
@@ -89,10 +89,10 @@ def diagnose(curve: AmplitudeCurve) -> Diagnosis | None:
 
 
 def turning_point(curve: AmplitudeCurve) -> tuple[float, float, float] | None:
-    """Return the point where the frequency turns, as `Diagnosis.turn`; None if monotonic.
+    """Return the point where the frequency turns, as `Diagnosis.turn`; None if it is monotonic.
 
-    It falls and rises, or rises and falls, by more than 3.5 standard deviations each. Many readings
-    are taken together in groups.
+    The frequency must change by more than 3.5 standard deviations on both sides of the point. Many
+    readings are averaged in groups of neighbouring amplitudes.
     """
     if len(curve.y) < FEWEST_TURNING:
         return None
@@ -113,10 +113,10 @@ def turning_point(curve: AmplitudeCurve) -> tuple[float, float, float] | None:
 
 
 def _read(y: Values, omega: Values, zeta: Values) -> Sequence[float]:
-    """Return the numbers of `Diagnosis` in their order, of one set of readings."""
+    """Return the numbers of `Diagnosis`, in their order, from one set of readings."""
     y_max = float(y.max())
     x = y / y_max
-    share = x**2 / np.sum(x**2)  # of the squares: a reading counts by its amplitude
+    share = x**2 / np.sum(x**2)  # readings are weighted by their amplitude
 
     def line(values: Values, exponent: float) -> tuple[np.ndarray, float]:
         """Fit rest value and change at the largest amplitude; also return the squared residual."""
@@ -157,13 +157,13 @@ def _smooth_pair(
 
 
 def masing_ratio(exponent: float) -> float:
-    """Return the damping over softening of Masing's laws, C_d / C_s."""
+    """Return the ratio of damping to softening in Masing's laws, C_d / C_s."""
     softening, damping = power_losses(exponent)
     return float(damping / softening)
 
 
 def diagnosis_sentences(found: Diagnosis) -> list[str]:
-    """Return the sentences on the readings of frequency and damping against amplitude."""
+    """Return the sentences on how natural frequency and damping depend on amplitude."""
     range_mm = 1e3 * found.y[0], 1e3 * found.y[1]
     grown = messages.damping_grows(found.damping, found.damping_exponent)
     if found.turn is not None:

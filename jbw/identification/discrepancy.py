@@ -1,28 +1,29 @@
-r"""The error of a law beyond noise, for predictions: by amplitude, growing beyond fitted ones.
+r"""The error of a law beyond noise, as standard deviations for predictions at any amplitude.
 
-Standard deviations of natural frequency and damping ratio that runs left out of a fit show
-(`model_discrepancy`) hold within the amplitudes that were fitted, and grow with the distance d from
+Runs held out of a fit show errors of natural frequency and damping ratio (`model_discrepancy`).
+Their standard deviations apply within the fitted amplitudes, and grow with the distance d from
 these,
 
 $$\sqrt{g(y)} = 1 + d(y) / h, \quad
   d = \max(\ln y / y_{max},\, \ln y_{min} / y,\, 0), \quad
   h = \tfrac12 \max(\ln y_{max} / y_{min}, \ln 2)$$
 
-as an error that is linear in the logarithm of the amplitude grows. Below, a joint that moves less
-and less sticks, and what a law misses of it tends to a limit: $\sqrt g$ is three at most. A run
-that is left out there may miss as little as an error that is linear in the amplitude itself would,
-$\sqrt{g_r} = 1 + 2 (y_{min} - y_r) / \max(y_{max} - y_{min}, y_{min})$, and counts by that.
+as an error grows that is linear in the logarithm of the amplitude. At small amplitudes a joint
+becomes fully stuck and the error of a law tends to a limit, so $\sqrt g$ is at most three. The
+error of a held-out run at small amplitude may be as small as an error that is linear in the
+amplitude itself, $\sqrt{g_r} = 1 + 2 (y_{min} - y_r) / \max(y_{max} - y_{min}, y_{min})$, and is
+scaled by that.
 
-Beyond the largest amplitude fitted the errors of the parameters are no longer those of a law that
-holds: they answer for its misfit at the amplitudes that were fitted. So all that the runs left out
-miss beyond noise, $\tau_0$, grows outward,
+Beyond the largest fitted amplitude, posterior errors of the parameters no longer describe the
+error: the parameters have adapted to a law that is wrong at the fitted amplitudes. So the whole
+error of held-out runs beyond noise, $\tau_0$, grows outward,
 
 $$\tau^2(y) = \tau^2 + \max(\tau, \tau_0)^2 \bigl(g(y)\,(y / y_{max})^4 - 1\bigr), \quad
   y > y_{max}$$
 
-with the square of the amplitude, as the equivalent stiffness of a cubic spring does: runs below
-cannot tell which power holds beyond them. Farther above the fitted amplitudes than these are apart,
-in the logarithm, the discrepancy is not stated.
+with the square of the amplitude, as the equivalent stiffness of a cubic spring does: runs at
+smaller amplitudes cannot determine which power applies beyond them. The discrepancy is not stated
+farther above the fitted amplitudes, in the logarithm, than their own range.
 
 Reference:
     Kennedy and O'Hagan (2001), J. R. Stat. Soc. B 63, 425: a discrepancy beside a calibrated model.
@@ -41,17 +42,18 @@ from jbw.inference.posterior.finding import Finding
 from jbw.observables.observable import OFFSETS
 from jbw.report.messages import discrepancy as messages
 
-LEAST_RANGE = float(np.log(2.0))  # of the logarithm of amplitude: the least that a slope is over
-POWERS = (0, 1, 2)  # of the amplitude: a change of stiffness, friction, a cubic spring
-MOST_GROWN = 3.0  # of a standard deviation by the logarithm of the amplitude: the whole range
-COUNTS = 1e-3  # of the response at resonance: linearity of a good sensor, which hides less
-ONE_LEVEL = 1.1  # of amplitudes: within, runs are repeats of one level
+LEAST_RANGE = float(np.log(2.0))  # least range of log amplitude for a slope
+POWERS = (0, 1, 2)  # of amplitude: a change of stiffness, friction, a cubic spring
+MOST_GROWN = 3.0  # largest growth of a standard deviation: at the whole range's distance
+COUNTS = 1e-3  # least relative error of the response that counts: a good sensor's linearity
+ONE_LEVEL = 1.1  # ratio of amplitudes within which runs are repeats of one level
 
 
 class Scatter(NamedTuple):
-    """Standard deviation at the largest amplitude fitted, and the power of amplitude it runs by.
+    """A standard deviation at the largest fitted amplitude, and its exponent of amplitude.
 
-    `whole` is that of all that is missed, errors of the parameters included, which grows outward.
+    `whole` is the standard deviation of the whole error, including that of the parameters; it grows
+    outward.
     """
 
     std: float
@@ -63,19 +65,19 @@ NO_SCATTER = Scatter(0.0)
 
 
 class Missed(NamedTuple):
-    """The error of a law within the amplitudes that were fitted."""
+    """The error of a law within the fitted amplitudes."""
 
-    frequency: Scatter  # of the natural frequency, over itself [-]
-    damping: Scatter  # of the damping ratio [-]
+    frequency: Scatter  # scatter of the natural frequency, relative [-]
+    damping: Scatter  # scatter of the damping ratio [-]
 
 
 class AtAmplitude(NamedTuple):
-    """Standard deviations of what a law misses at one amplitude."""
+    """The standard deviations of a law's errors at one amplitude."""
 
-    frequency: float  # of the natural frequency, over itself [-]
-    damping: float  # of the damping ratio [-]
-    share: float  # factor of the share of the response that is missed otherwise
-    beyond: float = 0.0  # factor of what grows outward, of all that is missed of that
+    frequency: float  # standard deviation of the natural frequency, relative [-]
+    damping: float  # standard deviation of the damping ratio [-]
+    share: float  # factor of the remaining error of the response
+    beyond: float = 0.0  # factor of that error's part that grows outward
 
 
 NOTHING = AtAmplitude(0.0, 0.0, 0.0)
@@ -86,20 +88,20 @@ class Discrepancy:
     """The error of a law beyond noise on tests that were not fitted."""
 
     forced: Missed
-    decays: Missed  # the natural frequency over that of the beginning of a record
-    share: Mapping[str, Scatter]  # the rest over the rms of the response, by kind of test
-    y_low: float  # smallest and largest amplitude of a run that was fitted [m]; 0 where not known
+    decays: Missed  # frequency over that at a record's start
+    share: Mapping[str, Scatter]  # remaining error over rms response, by kind
+    y_low: float  # smallest and largest fitted amplitude [m]; 0 if not known
     y_high: float
-    in_noise: bool = False  # whether what counts as noise of the fitted tests hides some of it
+    in_noise: bool = False  # whether the tests' noise may hide some of it
 
     @property
     def is_nothing(self) -> bool:
-        """Whether the law leaves nothing beyond noise."""
+        """Whether the law has no error beyond noise."""
         scatters = (*self.forced, *self.decays, *self.share.values())
         return not any(scatter.std or scatter.whole for scatter in scatters)
 
     def at(self, y: float | None, *, of_decay: bool = False) -> AtAmplitude:
-        """Return standard deviations at an amplitude [m], for None at the largest fitted one."""
+        """Return the law's errors (standard deviations) at an amplitude [m]; None: the largest."""
         grown, beyond = growth(y, self.y_low, self.y_high), outward(y, self.y_low, self.y_high)
         ratio = y / self.y_high if y is not None and self.y_high > 0 else 1.0
         within = 1.0 if beyond else grown
@@ -114,16 +116,17 @@ class Discrepancy:
     def is_stated(self, y: float) -> bool:
         """Return whether the discrepancy can be stated at an amplitude [m].
 
-        No farther above the amplitudes that were fitted, in the logarithm, than these are apart, or
-        one octave: runs left out show nothing of what lies beyond. Where they show nothing since
-        what the law misses counts as noise, nothing grows, and no larger amplitude is stated.
+        It can be stated up to a distance above the fitted amplitudes, in the logarithm, that equals
+        their own range or one octave: held-out runs do not show what lies beyond. If there is no
+        discrepancy because the law's error counts as noise, nothing grows, and no larger amplitude
+        is stated.
         """
         if self.is_nothing:
             return not (self.in_noise and y > ONE_LEVEL * self.y_high > 0)
         return growth(y, self.y_low, self.y_high) <= MOST_GROWN
 
     def share_of(self, kind: str, missed: AtAmplitude) -> float:
-        """Share of the response that a test of a kind leaves: its kind's, else the largest."""
+        """Return a kind of test's remaining error over its rms response, else the largest."""
         shares = {name: _at(scatter, missed) for name, scatter in self.share.items()}
         return shares.get(kind, max(shares.values(), default=0.0))
 
@@ -135,7 +138,8 @@ def _at(share: Scatter, missed: AtAmplitude) -> float:
 def growth(y: float | None, y_low: float, y_high: float) -> float:
     r"""Return the factor $\sqrt g$ of a standard deviation at an amplitude y [m].
 
-    It grows by the logarithm of the amplitude; below, where a joint sticks, to three at most.
+    It grows with the logarithm of the amplitude; below the fitted range, where a joint is stuck, to
+    three at most.
     """
     if y is None or not (0 < y_low <= y_high and y > 0):
         return 1.0
@@ -145,9 +149,10 @@ def growth(y: float | None, y_low: float, y_high: float) -> float:
 
 
 def growth_shown(y: float | None, y_low: float, y_high: float) -> float:
-    r"""Return the factor $\sqrt{g_r}$ by which a run counts that is left out of others.
+    r"""Return the factor $\sqrt{g_r}$ by which the error of a held-out run is scaled.
 
-    Below these it grows by the amplitude: what a run misses there is no more than that explained.
+    Below the fitted amplitudes it is linear in the amplitude, because the error of a run there may
+    be no larger than an error that is linear in the amplitude.
     """
     if y is None or not 0 < y < y_low <= y_high:
         return growth(y, y_low, y_high)
@@ -155,7 +160,7 @@ def growth_shown(y: float | None, y_low: float, y_high: float) -> float:
 
 
 def outward(y: float | None, y_low: float, y_high: float) -> float:
-    r"""Return the factor $\sqrt{g (y / y_{max})^4 - 1}$ of discrepancy; 0 up to $y_{max}$."""
+    r"""Return the factor $\sqrt{g (y / y_{max})^4 - 1}$ of the discrepancy; 0 up to $y_{max}$."""
     if y is None or not 0 < y_low <= y_high < y:
         return 0.0
     grown = growth(y, y_low, y_high) * (y / y_high) ** max(POWERS)
@@ -163,7 +168,7 @@ def outward(y: float | None, y_low: float, y_high: float) -> float:
 
 
 def discrepancy_in(found: xr.Dataset) -> Discrepancy:
-    """Return the discrepancy as predictions take it; of old runs without what grows outward."""
+    """Return the stored discrepancy of a run for predictions."""
     names, rests = map(str, found["kind"].values), found["rest"].values.tolist()
     rests_beyond = (
         found["rest_beyond"].values.tolist() if "rest_beyond" in found else [0.0] * len(rests)
@@ -184,8 +189,8 @@ def _missed_in(numbers: Float[np.ndarray, " number"]) -> Missed:
 def discrepancy_finding(found: xr.Dataset, laws: Sequence[str]) -> Finding | None:
     """Return the finding on the law's error for held-out runs; None if no run can be held out.
 
-    A change of frequency by omega_n times e, or of damping by e, moves the response at resonance by
-    e / zeta of itself.
+    A change of frequency by omega_n times e, or of damping by e, changes the response at resonance
+    by the relative amount e / zeta.
     """
     if not found.sizes["run"]:
         return None
@@ -216,7 +221,7 @@ def discrepancy_finding(found: xr.Dataset, laws: Sequence[str]) -> Finding | Non
 
 
 def unscored_levels(found: xr.Dataset) -> str:
-    """Return why predictions of other levels are not scored: a key in `UNSCORED`, or empty."""
+    """Return the key of the reason why predictions of other levels are not scored, or ""."""
     if not found.sizes["run"]:
         return "two runs" if found.attrs["num_runs"] > 1 else "one run"
     y_low, y_high = float(found.attrs["y_low"]), float(found.attrs["y_high"])
@@ -224,7 +229,7 @@ def unscored_levels(found: xr.Dataset) -> str:
 
 
 def discrepancy_sentences(found: xr.Dataset) -> list[str]:
-    """Return the sentences on bands of unfitted tests beyond noise, and on unscored levels."""
+    """Return the sentences on the discrepancy in prediction bands and on unscored levels."""
     reason = unscored_levels(found)
     unscored = [messages.UNSCORED[reason].sentence] if reason else []
     return unscored if discrepancy_in(found).is_nothing else [messages.IN_BANDS, *unscored]

@@ -1,7 +1,7 @@
-"""Equivalent frequency and damping: how much the joint takes and adds, in words.
+"""The joint's effect: equivalent frequency and damping at an amplitude, and sentences on it.
 
-Whether an interval of alpha or gamma contains zero says little: a joint may be known to be there,
-and to do nothing that matters.
+Whether an interval of alpha or gamma contains zero says little: a joint may be clearly detected and
+yet have no effect that matters.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,13 +23,13 @@ from jbw.quantities import DEFAULT_LAWS, OSCILLATOR, are_at_joints
 from jbw.report.messages import effects as messages
 
 NUM_DRAWS = 200
-DAMPING = "quadratic_damping"  # the law of damping that stands for none of hysteresis
-KNOWN = 0.2  # of an effect, either way: then it is known, whatever its parameters
-SHARES = (0.1, 0.3, 1.0)  # of the largest amplitude: where the response is looked at
+DAMPING = "quadratic_damping"  # the law of damping without hysteresis
+KNOWN = 0.2  # relative half-width below which an effect is determined, whatever its parameters
+SHARES = (0.1, 0.3, 1.0)  # amplitudes for the response, over the largest fitted one
 
 
 class Effects(NamedTuple):
-    """Relative change of the natural frequency, and damping ratio added over zeta [-]."""
+    """The relative change of natural frequency, and the added damping ratio over zeta [-]."""
 
     frequency: Float[np.ndarray, " draw"]
     damping: Float[np.ndarray, " draw"]
@@ -41,13 +41,13 @@ def effects(
     y_peak: float,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Effects | None:
-    r"""Return the joint's change of frequency and damping at amplitude Y [m] by its steady loop.
+    r"""Return the joint's change of frequency and damping at amplitude Y [m], by its steady loop.
 
     $$\frac{\Delta\omega}{\omega_n} = \sqrt{\frac{k + k_{eq}}{\omega_n^2}} - 1, \qquad
       \frac{\Delta\zeta}{\zeta} = \frac{E}{2\pi\,\zeta\,\omega^2 Y^2}$$
 
-    `held` has the parameters that were not sampled. None where there is no law, no damping to
-    compare with, or no motion.
+    `held` contains the parameters that were not sampled. None without a law, without damping to
+    compare with, or without motion.
 
     Reference:
         Equivalent stiffness and damping of the steady loop of Eq. (2).
@@ -62,7 +62,7 @@ def effects(
 
 
 def only_damps(found: Effects) -> bool:
-    """Return whether a joint adds damping and leaves the frequency alone, by 99 % intervals."""
+    """Return whether a joint adds damping but leaves the frequency unchanged, by 99 % intervals."""
     low, _, high = np.quantile(found.frequency, QUANTILES)
     return bool(low <= 0.0 <= high and np.quantile(found.damping, QUANTILES[0]) > 0.0)
 
@@ -72,8 +72,8 @@ def hysteresis_finding(
 ) -> Finding | None:
     """Return the finding of no hysteresis if only damping is added; failed if the fit is poor too.
 
-    Hysteresis that adds damping loses stiffness. None where it is seen, or damping by the square of
-    the velocity is among the laws.
+    Hysteresis that adds damping reduces stiffness. None if hysteresis is found, or if damping by
+    the square of the velocity is among the laws.
     """
     if DAMPING in laws or not only_damps(found):
         return None
@@ -92,12 +92,12 @@ def response_finding(
     y_peak: float,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Finding | None:
-    r"""Return whether chains agree on what response bands are made of, from every draw.
+    r"""Check whether chains agree on frequency and damping against amplitude, from every draw.
 
     $$\omega(Y) = \sqrt{k + k_{eq}}, \qquad \zeta(Y) = \zeta + \frac{E}{2\pi\,\omega^2 Y^2}$$
 
-    from a tenth of the largest amplitude fitted, `y_peak` [m], upwards. None where there is no
-    motion, or a parameter is missing.
+    from a tenth of the largest fitted amplitude, `y_peak` [m], upwards. None without motion or if a
+    parameter is missing.
     """
     theta = _joint_draws(posterior, held, laws)
     if theta is None or y_peak <= 0:
@@ -121,7 +121,7 @@ def _joint_draws(
     theta = {**held, **sampled}
     if not set(names) <= set(theta):
         return None
-    if are_at_joints(laws):  # the model of their structure is held
+    if are_at_joints(laws):  # the model of their structure is fixed
         names += [name for name in held if name not in names]
     return dict(zip(names, np.broadcast_arrays(*(theta[name] for name in names)), strict=True))
 
@@ -130,7 +130,7 @@ def _joint_draws(
 def _effects(
     theta: Mapping[str, Array], y_peak: float, laws: tuple[str, ...]
 ) -> tuple[Float[Array, " draw"], Float[Array, " draw"]]:
-    """Return the relative change of the natural frequency, and damping ratio added."""
+    """Return the relative change of natural frequency and the added damping ratio of each draw."""
     joint = oscillator_of(theta, laws)
     loop = joint.loop(y_peak)
     square = joint.k + loop.stiffness
@@ -145,8 +145,9 @@ def within_response(
 ) -> Amendment | None:
     """Return the amendment that correlated parameters are usable if their effect is determined.
 
-    By the 99 % intervals of the change of frequency and of the damping at the largest displacement
-    fitted: what is left open there moves no response up to it.
+    The effect is determined if the 99 % intervals of frequency and damping at the largest fitted
+    displacement are narrow. Parameters that are open there change no response up to that
+    displacement.
     """
     theta = _joint_draws(posterior, held, laws)
     if theta is None or not laws or y_peak <= 0:

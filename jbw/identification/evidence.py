@@ -1,9 +1,9 @@
-r"""The comparison of laws on one dataset by evidence, from what each law predicts.
+r"""Comparison of laws on one dataset by evidence, from what each law predicts.
 
-All laws see the same values with the same weights: the noise, the misfit and the number of
-independent values that the law which leaves least shows, and the offsets of the runs where it shows
-any. A white likelihood would take every sample of a law's own error for news. The unit of evidence
-is the run: each is left out in turn, and predicted by what the others know (`law_scores`).
+All laws are fitted to the same values with the same weights. Noise, misfit, number of independent
+values and offsets of the runs are those of the law with the smallest residual. A white likelihood
+would treat every sample of a law's own error as independent information. The unit of evidence is
+the run: each run is left out in turn and predicted by a fit to the others (`law_scores`).
 
 Reference:
     For the weights of misfit, Grunwald and van Ommen (2017), Bayesian Analysis 12, 1069.
@@ -55,40 +55,41 @@ from jbw.report.messages.laws import IN_FIRST_MODE, OF_EACH_MODE
 
 Laws = tuple[str, ...]
 
-NUM_SAMPLES = 250  # a group of four
-MOST_ROUNDS = 24  # of points for the evidence: a law that leads the data nowhere is not waited for
-AT_BOUND = 1e-3  # of the box's width
-RUN_SCATTER = 5e-4  # of omega_n over runs, relative: what a structure shifts by from day to day
-# How several modes may be that do not meet in one joint, and how that is said.
+NUM_SAMPLES = 250  # per group; there are four groups
+MOST_ROUNDS = 24  # of points for the evidence: most effort for a law that does not fit
+AT_BOUND = 1e-3  # distance to a bound over the width of the box
+RUN_SCATTER = 5e-4  # relative scatter of omega_n between runs: typical shift from day to day
+# Ways in which several modes need not share one joint, with their words.
 MEET = {"apart": OF_EACH_MODE, "first": IN_FIRST_MODE}
 OF_JOINT = frozenset(name for names in NAMES for name in (names.sign, names.shape, names.coupling))
-MOST_TURNS = 2  # of weights by the law that leaves least, and fits of all
-# From which a law is hopeless: nats that its largest likelihood lies below, and times the error.
+MOST_TURNS = 2  # of weighting by the best law and fitting all laws again
+# A law is hopeless if its largest likelihood lies this many nats below that of the best law, and
+# its error is this many times as large.
 FAR_BELOW, FAR_OFF = 100.0, 2.0
-FEW_DRAWS = 50  # a group of four, of a law whose fit alone is judged
+FEW_DRAWS = 50  # per group of four, for a law that is judged by its fit alone
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A law, or several that stand beside each other, fitted to the data that all see."""
+    """A law, or several laws that act in parallel, fitted to the data of a comparison."""
 
     laws: Laws
     fitted: Fitted
-    meet: str = ""  # how several modes meet, where that is not as the campaign states
+    meet: str = ""  # how modes share joints, if not as stated
 
     @property
     def name(self) -> str:
-        """Its laws, and how modes meet, in a word."""
+        """The name of the laws, with how modes share joints if that differs from the campaign."""
         return name_of(self.laws, self.meet)
 
     @property
     def error(self) -> float:
-        """Error of the fit over the response, the root mean square over the groups."""
+        """The relative error of the fit: root mean square over the groups."""
         return rms(list(errors_of(self.fitted.fit, self.fitted.data).values()))
 
     @property
     def at_bound(self) -> tuple[str, ...]:
-        """Parameters whose optimum lies at a bound of their prior."""
+        """The parameters whose optimum lies at a bound of their prior."""
         names, x = self.fitted.box.names, np.asarray(self.fitted.fit.x)
         return tuple(
             n
@@ -104,13 +105,13 @@ def candidates(
     report: Report,
     parts: Parts = unkept,
 ) -> tuple[list[Candidate], dict[str, str]]:
-    """Fit every law, then all again to the data as the best of them weighs these.
+    """Fit every set of laws, then fit all again with the data weights of the best one.
 
-    Their priors are fixed before any is fitted, by omega_n, zeta and the largest displacement
-    alone; a default bound that a law's first fit reaches is moved away once. Of several modes the
-    campaign's own laws are tried in one joint, in each mode by itself, and in the first mode alone.
-    What cannot be fitted is returned by name with the reason.
-    `parts` keeps the first fit of every law.
+    The priors are fixed before the first fit, by omega_n, zeta and the largest displacement alone;
+    a default bound that a law's first fit reaches is moved away once. With several modes, the
+    campaign's own laws are tried in one joint, in a separate joint for each mode, and in the first
+    mode alone. Laws that cannot be fitted are returned by name with the reason. `parts` stores the
+    first fit of every law.
     """
     data, settings = assemble(seen), alike(seen.settings)
     known = joint_starts(key, seen)
@@ -138,7 +139,7 @@ def candidates(
             break
         report(messages.fitting_as(best.name))
         best_fitted = best.fitted
-        # With the signs of modes, and the priors of these laws.
+        # Keep the signs of modes and the priors of these laws.
         unweighed = replace(
             under(best.laws, data, best.meet),
             held=best_fitted.data.held,
@@ -158,10 +159,10 @@ def _named[T](parts: Parts, law: str, name: str, make: Callable[[], T], *kinds: 
 def tried_under(
     laws: Laws, data: Dataset, meet: str, settings: Identify
 ) -> tuple[Dataset, Identify]:
-    """Return the same data under other laws, and the settings with the priors that go with them.
+    """Return the dataset under other laws, and the settings with the priors that belong to them.
 
     Raises:
-        ConfigError: Several joints do not identify one of them.
+        ConfigError: A law cannot be identified for several joints.
     """
     tried = under(laws, data, meet)
     if data.modes is None or data.modes.meet != ASSEMBLED:
@@ -182,18 +183,19 @@ def joint_starts(key: Key[Array, ""], seen: Measured) -> dict[str, float]:
 
 
 def alike(settings: Identify) -> Identify:
-    """Return settings for comparing laws: the laws' own parameters, and a scatter of the runs.
+    """Return settings that treat all laws equally: their own parameters, a given scatter of runs.
 
-    Softening trades with the runs' offsets, which a wide prior would let have it all.
+    Softening and the runs' offsets are correlated: with a wide prior, offsets could replace all
+    softening.
     """
     scatter = settings.run_scatter or RUN_SCATTER
     return settings.model_copy(update={"coordinates": "paper", "run_scatter": scatter})
 
 
 def again(key: Key[Array, ""], one: Candidate, common: Fitted) -> Candidate:
-    """Return a candidate fitted to the common data with the common residual terms.
+    """Fit a candidate law again to the common data, with the common residual terms.
 
-    By as many solver steps as it takes.
+    The number of solver steps is increased as needed.
     """
     forget_when_many()
     terms = terms_of(common.box)
@@ -211,17 +213,17 @@ def again(key: Key[Array, ""], one: Candidate, common: Fitted) -> Candidate:
 
 
 def trials(sets: Sequence[Laws], seen: Measured) -> list[tuple[Laws, str]]:
-    """Return the sets of laws to compare, and other ways that modes meet for the present laws."""
+    """Return the sets of laws to compare, with the ways in which modes may share joints."""
     plain = [(laws, "") for laws in sets]
     if seen.modes is None or seen.modes.meet != "common" or not seen.laws:
         return plain
-    # Free decays know one joint alone: modes apart are identified each in a band of its own.
+    # Free decays support one joint only: uncoupled modes are identified each in a separate band.
     ways = ("first",) if any(test.traits.is_free for test in seen.chosen) else tuple(MEET)
     return [*plain, *((seen.laws, meet) for meet in ways)]
 
 
 def under(laws: Laws, data: Dataset, meet: str = "") -> Dataset:
-    """Return the same data, of other laws, whose modes meet otherwise where that is said."""
+    """Return the dataset under other laws; `meet` sets how several modes share joints."""
     modes, held = data.modes, data.held
     if modes is not None and meet:
         modes = modes._replace(meet=meet)
@@ -231,9 +233,9 @@ def under(laws: Laws, data: Dataset, meet: str = "") -> Dataset:
 
 
 def with_modes_of(one: Candidate, data: Dataset) -> Dataset:
-    """Return the data with what a candidate holds of modes at the joint, and its stated priors.
+    """Return the data with a candidate's signs and shapes of modes and its stated priors.
 
-    It holds signs, and shapes where they were measured.
+    Shapes are fixed only if they were measured.
     """
     apart = {n: x for n, x in data.held.items() if n not in OF_JOINT}
     of_joint = {n: x for n, x in one.fitted.data.held.items() if n in OF_JOINT}
@@ -241,20 +243,21 @@ def with_modes_of(one: Candidate, data: Dataset) -> Dataset:
 
 
 def name_of(laws: Laws, meet: str = "") -> str:
-    """Return the laws in a word, and how several modes meet in them where that is not as stated."""
+    """Return the name of the laws, with how modes share joints if that is not as stated."""
     return (" + ".join(laws) or "linear") + MEET.get(meet, "")
 
 
 def errors_of(best: Fit, data: Dataset) -> dict[str, float]:
-    """Return the error of every group over its response, at a fit."""
+    """Return the error of every group relative to its response, at a fit."""
     residuals = dataset.residual_by_label(best.residual, data)
     return {n: e for n, e in dataset.error_by_label(residuals, data).items() if np.isfinite(e)}
 
 
 def posterior(key: Key[Array, ""], one: Candidate) -> tuple[xr.DataTree, Reparametrisation]:
-    """Draw a candidate's posterior with its log evidence; return coordinates about the draws, too.
+    """Draw a candidate law's posterior with evidence; also return coordinates near the draws.
 
-    By so many points at most; where their weights cannot be trusted, in the other coordinates too.
+    The number of points is limited. If their weights cannot be trusted, the other coordinates are
+    tried too.
     """
     best, prior, data = one.fitted.fit, one.fitted.box, one.fitted.data
     parametrisations = {
@@ -281,19 +284,19 @@ def posterior(key: Key[Array, ""], one: Candidate) -> tuple[xr.DataTree, Reparam
 
 
 def likelihood_at(best: Fit, data: Dataset) -> float:
-    """Log likelihood at a fit [nats]: where it is the largest in the box, no evidence is larger."""
+    """Return the log likelihood at a fit [nats]; its largest value bounds the evidence."""
     theta = {name: np.array([value]) for name, value in best.theta.items()}
     return float(np.sum(at_points(dataset.log_likelihood, theta, data)))
 
 
 def hopeless(found: Sequence[Candidate], likelihoods: Mapping[str, float]) -> set[str]:
-    r"""Return the names of candidates that no posterior could bring back.
+    r"""Return the names of candidates whose evidence cannot reach that of the best law.
 
     $$\log Z = \log \int L\,\pi \le \log L_{max}$$
 
-    Where that lies far below the likelihood of the law that leaves least, and the error is several
-    times as large, points about the fit say no more: they are rough where a law misses the data
-    most, and take longest there.
+    A candidate is named if this bound lies far below the likelihood of the law with the smallest
+    error, and its own error is several times as large. Further points near the fit give no more
+    information: they are rough and take longest where a law misses the data most.
     """
     least = min(found, key=lambda candidate: candidate.error)
     below, off = likelihoods[least.name] - FAR_BELOW, FAR_OFF * least.error
@@ -305,9 +308,9 @@ def hopeless(found: Sequence[Candidate], likelihoods: Mapping[str, float]) -> se
 
 
 def about_fit(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
-    """Return the draws of the Gaussian about a candidate's fit, for its curves: of no posterior.
+    """Return draws of the Gaussian approximation at a hopeless candidate's fit.
 
-    One at which a solve fails is moved to the fit.
+    These are no posterior draws. A draw at which a solve fails is moved to the fit.
     """
     best, prior, data = one.fitted.fit, one.fitted.box, one.fitted.data
     problem = problem_of(dataset.log_likelihood, prior, data, place_of(best, one))
@@ -326,7 +329,7 @@ def about_fit(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
 
 
 def place_of(best: Fit, one: Candidate) -> Reparametrisation:
-    """Return the coordinates about a fit: along its ridge where one is open or ends at a wall."""
+    """Return sampling coordinates near a fit: along its ridge if it is open or at a bound."""
     prior, optimum = one.fitted.box, (best.theta, best.covariance)
     if best.weak is not None or best.at_bound:
         return along_ridge(*optimum, prior)
@@ -338,12 +341,13 @@ def without_offsets(
 ) -> list[Candidate]:
     """Return the candidates fitted again to runs that share omega_n and zeta.
 
-    To the data as the best of them weighs these then. Offsets of runs trade with softening.
+    The data have the weights of the best law without offsets. The comparison shows how much of the
+    softening the offsets of runs replace.
     """
     settings = alike(seen.settings).model_copy(update={"offsets": "none"})
     fitted = best.fitted
     data = under(best.laws, assemble(seen), best.meet)
-    data = replace(data, held=fitted.data.held)  # with the signs of modes
+    data = replace(data, held=fitted.data.held)  # keeps the signs of modes
     ready = reweight(key, data, fitted.box, fitted.fit, settings)
     keys = jax.random.split(key, len(found))
     return [again(k, candidate, ready) for k, candidate in zip(keys, found, strict=True)]

@@ -1,4 +1,4 @@
-"""The first fit of the joint to a dataset: where it starts, and which of its ends is the best."""
+"""The first fit of the joint to a dataset: its starts, and the choice of the best end."""
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
@@ -31,17 +31,17 @@ from jbw.quantities import MODAL, STUCK, motion_factors_in
 from jbw.report.messages import stages as messages
 
 under_way = logging.getLogger("jbw.progress")
-ROUGH = 1e-6  # of the cost and of the step: fits that others follow
-SAME_COST = 10 * ROUGH  # relative: fits that ended at one minimum
-NUM_SCREENED = 255  # points of the box that are looked at beside the start
-# Where the best of them does not explain the data: how many others begin, and how many evaluations
-# each has. The best of a round go on to the next.
+ROUGH = 1e-6  # relative tolerance of cost and step of preliminary fits
+SAME_COST = 10 * ROUGH  # relative difference of cost of fits that ended at one minimum
+NUM_SCREENED = 255  # points of the box that are evaluated in addition to the start
+# If the best point does not explain the data: number of further starts and evaluations of each, by
+# round. The best of a round go on to the next.
 ROUNDS = ((11, 8), (4, 12), (2, 60))
-EXPLAINED = 1.2  # chi-square a degree of freedom: a fit below leaves little but noise
+EXPLAINED = 1.2  # chi-square per degree of freedom below which residuals are mostly noise
 CLOSE = (
-    0.15  # of the rms of every group: what a first answer takes for met, before days have offsets
+    0.15  # relative error of each group below which a first answer is accepted (no run offsets yet)
 )
-BESIDE_CURVE = {"gain", *(quantity.name for quantity in MODAL)}  # of the first mode, driven or not
+BESIDE_CURVE = {"gain", *(quantity.name for quantity in MODAL)}  # not fitted to an amplitude curve
 
 
 def first_fit(
@@ -53,12 +53,12 @@ def first_fit(
     quick: bool = False,
     parts: Parts = unkept,
 ) -> tuple[Box, Fit, Dataset]:
-    """Fit data as given, from first and `known` values; return the box, the fit and the data.
+    """Fit a dataset from starting values; return the prior box, the fit and the dataset.
 
-    These hold the signs of modes at the joint, chosen by a rough fit and again by the final one.
-    Where it is to be `quick`, other starts are tried only if the first leaves more than 15 % of the
-    rms of a group. Force loops are solved without a time loop, so all starts are tried on them.
-    `parts` keeps the fit, and the one across the laws' thresholds.
+    The returned dataset contains the signs of modes at the joint, chosen by a rough fit and again
+    by the final one. If `quick`, other starts are tried only if the error of the first exceeds
+    15 % of the rms of a group. Force loops are solved without a time loop, so all starts are tried
+    on them. `parts` stores the fit, and the one across the laws' thresholds.
     """
     values = {**first_factors(data), **told_by(data.parts, data.held), **(known or {})}
     prior = box_of(settings, data, values)
@@ -77,10 +77,10 @@ def first_fit(
 def from_amplitude_curve(
     key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str, float]
 ) -> dict[str, float]:
-    """Fit the laws' parameters to frequency and damping against amplitude, if data show them."""
+    """Fit the laws' parameters to frequency and damping against amplitude, if measured."""
     curves = ((part, part.shown().amplitude_curve()) for part in data.parts)
     part, curve = next(((p, c) for p, c in curves if c is not None), (None, None))
-    of_model = is_assembled(data.held)  # several joints, of which one mode tells the sum alone
+    of_model = is_assembled(data.held)  # one mode determines only the sum of several joints
     if part is None or curve is None or "zeta" not in prior.names or of_model:
         return {}
     part_bounds = of_part(bounds_by_name(prior), part)
@@ -100,10 +100,10 @@ def fit_from(
 ) -> Fit:
     """Fit all parameters by least squares, from known values and from the likeliest points.
 
-    Where all are known, as by the paper's steps, from there. Otherwise the likelihood of many
-    points is looked at, which costs less than one fit, and the best of them is where a fit starts.
-    Where that does not explain the data, by `is_met` if given, others begin too unless it is to be
-    `alone`, and those that fall furthest are gone on with.
+    If all values are known, as after the paper's steps, the fit starts there. Otherwise the
+    likelihood of many points is evaluated, which costs less than one fit, and the fit starts at the
+    best of them. If it does not explain the data (by `is_met` if given), further starts are tried
+    unless `alone`, and the best of them are continued.
     """
     is_met = is_met or explains
     ends: list[Fit] = []
@@ -127,22 +127,22 @@ def fit_from(
 
 
 def across_thresholds(best: Fit, prior: Box, data: Dataset) -> Fit:
-    """Return the fit, or a fit across the laws' thresholds with more posterior probability."""
+    """Return the fit, or one beyond a law's threshold (macroslip) if that is more probable."""
     ends = by_rounds(other_sides(best, prior, data), prior, data)
     return with_waterfall(max([best, *ends], key=log_evidence), [best, *ends])
 
 
 def with_waterfall(chosen: Fit, ends: Sequence[Fit]) -> Fit:
-    """Return the chosen one of several ends, with the costs of all."""
+    """Return the chosen fit with the sorted final costs of all fits."""
     return replace(chosen, waterfall=np.sort(np.concatenate([end.waterfall for end in ends])))
 
 
 def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -> list[Fit]:
     """Fit from several starts in rounds and continue the better ones; return the best first.
 
-    Where all have ended at one minimum, none is gone on with. The others are too, one by one, where
-    the best ends at a bound and does not explain the data: it has run along a valley to a wall of
-    the prior, which is no optimum to rest on.
+    If all have ended at one minimum, none is continued. If the best ends at a bound and does not
+    explain the data, it has run along a valley to a wall of the prior, which is no optimum; then
+    the other fits are continued too, one by one.
     """
     going, ends = [dict(theta) for theta in begun], []
     if not going:
@@ -160,7 +160,7 @@ def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -
 
 
 def further(ends: Sequence[Fit], prior: Box, data: Dataset) -> list[Fit]:
-    """Continue the fits that rounds stopped, until one explains the data; return best first."""
+    """Continue stopped fits one by one until one explains the data; return all, best first."""
     num = ROUNDS[-1][0]
     finished, stopped = list(ends[:num]), list(ends[num:])
     for place, end in enumerate(stopped):
@@ -172,14 +172,14 @@ def further(ends: Sequence[Fit], prior: Box, data: Dataset) -> list[Fit]:
 
 
 def rough(theta: Mapping[str, Any], prior: Box, data: Dataset) -> Fit:
-    """Return a fit that others follow, from one start."""
+    """Return a preliminary fit from one start."""
     return roughly([theta], prior, data, ROUNDS[-1][1])[0]
 
 
 def roughly(
     begun: Sequence[Mapping[str, Any]], prior: Box, data: Dataset, evaluations: int
 ) -> list[Fit]:
-    """Return the fits that others follow, each from its start, by so many evaluations at most."""
+    """Return preliminary fits from several starts, each with a limited number of evaluations."""
     starts = {name: np.array([theta[name] for theta in begun]) for name in prior.names}
     return costly_fits(
         dataset.stacked, prior, data, starts=inside(starts, prior),
@@ -188,13 +188,13 @@ def roughly(
 
 
 def explains(found: Fit) -> bool:
-    """Return whether a fit leaves little more than the noise of the data."""
+    """Return whether a fit's residuals are little more than the noise of the data."""
     chi_square, dof = found.chi_square
     return chi_square < EXPLAINED * dof
 
 
 def is_close(found: Fit, data: Dataset) -> bool:
-    """Return whether a fit misses no group of the data by more than 15 % of its rms."""
+    """Return whether a fit explains the data, or its error is at most 15 % of every group's rms."""
     errors = dataset.error_by_label(dataset.residual_by_label(found.residual, data), data)
     return explains(found) or (bool(errors) and max(errors.values()) <= CLOSE)
 
@@ -202,7 +202,7 @@ def is_close(found: Fit, data: Dataset) -> bool:
 def screened(
     key: Key[Array, ""], prior: Box, start: Mapping[str, float], known: Mapping[str, float]
 ) -> dict[str, np.ndarray]:
-    """Return points to evaluate: a start, and points spread evenly where values are unknown."""
+    """Return trial points: the start, and random points of the box that keep known values."""
     s = np.asarray(jax.random.uniform(key, (NUM_SCREENED, len(prior.names))))
     points = parameters_at(s, prior)
     points |= {n: np.full(NUM_SCREENED, known[n]) for n in points.keys() & known.keys()}
@@ -210,13 +210,13 @@ def screened(
 
 
 def middle_but(known: Mapping[str, float], prior: Box) -> dict[str, float]:
-    """Return the middle of the box, but for what is known."""
+    """Return the middle of the prior box, with known values in place of its own."""
     middle = from_unit(np.full(len(prior.names), 0.5), prior)
     return {name: known.get(name, float(middle[name])) for name in prior.names}
 
 
 def inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:
-    """Return the starts moved into the box."""
+    """Return starting points clipped to the prior box."""
     lower, upper = np.asarray(prior.lower), np.asarray(prior.upper)
     return {name: np.clip(starts[name], lower[i], upper[i]) for i, name in enumerate(prior.names)}
 
@@ -224,7 +224,7 @@ def inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:
 def steps_about(
     key: Key[Array, ""], best: Fit, num_draws: int
 ) -> Float[np.ndarray, "draw parameter"]:
-    """Return the steps from a fit, drawn by its covariance; the first is zero, the fit itself."""
+    """Draw steps from the covariance of the fit; the first is zero."""
     white = generator(key).standard_normal((num_draws, len(best.theta)))
     steps = white @ np.linalg.cholesky(best.covariance).T
     steps[0] = 0.0
@@ -234,6 +234,6 @@ def steps_about(
 def points_at(
     steps: Float[np.ndarray, "draw parameter"], best: Fit, prior: Box
 ) -> dict[str, np.ndarray]:
-    """Return the points by name at some steps from a fit, moved into the box."""
+    """Return the parameters at steps from a fit, clipped to the prior box."""
     columns = (list(best.theta.values()) + steps).T
     return inside(dict(zip(best.theta, columns, strict=True)), prior)

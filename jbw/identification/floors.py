@@ -1,7 +1,8 @@
-"""The errors that no law can be asked to beat: scatter of repeats, linear fits of single runs.
+"""Errors that a law need not beat: scatter of repeats, linear fits of single runs.
 
-A law within a fifth of what the mean of the repeats scatters by needs no successor. A linear
-oscillator fitted to each run alone knows its level and its day; what it leaves bends within a run.
+A law whose error is at most a fifth above the scatter of the repeats' mean needs no successor. A
+linear oscillator fitted to each run alone adapts to its level and its day; its residual shows
+nonlinearity within a run.
 """
 
 from collections.abc import Mapping
@@ -17,25 +18,25 @@ from jbw.oscillator.modes.assembled import is_assembled
 from jbw.quantities import LINEAR, STUCK
 
 PLAIN = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}  # times the joint's
-APART = ((0.95, 1.05), *list(PLAIN.values())[1:])  # of further modes, which keep their places
+APART = ((0.95, 1.05), *list(PLAIN.values())[1:])  # further modes stay near their frequency
 REACH = {quantity.name: PLAIN[plain(quantity.name)] for quantity in LINEAR}
 REACH |= {quantity.name: APART[i % 3] for i, quantity in enumerate(STUCK[len(LINEAR) :])}
-CLOSE = {"max_evaluations": 40, "tolerance": 1e-6}  # an error of two digits needs no more
+CLOSE = {"max_evaluations": 40, "tolerance": 1e-6}  # enough for an error of two digits
 
 
 def scatter_of_means(data: Dataset) -> float | None:
-    r"""Return scatter of a K-repeat mean over the response, $s / \sqrt K$; None without repeats.
+    r"""Return the relative scatter of a mean of K repeats, $s / \sqrt K$; None without repeats.
 
-    The root mean square over the groups. What a fit leaves is of that mean.
+    This is the root mean square over the groups. The residual of a fit refers to that mean.
     """
     scatters = list(noise.repeatability(data, of_mean=True).values())
     return rms(scatters) if scatters else None
 
 
 def own_lines(data: Dataset, known: Mapping[str, float]) -> dict[str, float]:
-    """Fit each run alone by a linear oscillator; return errors over the response, or nothing.
+    """Fit a linear oscillator to each run alone; return the relative errors by run.
 
-    `known` are omega_n, zeta and the gain of a joint, of every drive, from which the fits start.
+    `known` contains omega_n, zeta and the gain of a joint, for every drive; the fits start there.
     """
     even = [noise.evenly(part) for part in data.parts]
     parts = [replace(part, laws=()) for part in even if part is not None]

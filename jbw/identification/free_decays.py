@@ -1,4 +1,4 @@
-"""Free decays beside other tests: a posterior of their own, to compare with that of all tests."""
+"""The separate posterior of a campaign's free decays, to compare with that of all tests."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,16 +16,16 @@ from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
 from jbw.report.messages import stages
 
-DECAY_KEY = 100  # of the seed: the paper's steps draw the same with decays and without
+DECAY_KEY = 100  # keeps the paper's draws independent of decays
 
 
 @dataclass(frozen=True)
 class FreeDecays:
-    """The free decays of a campaign, after its joint posterior."""
+    """The separate results of a campaign's free decays: envelopes, posterior, findings."""
 
-    data: Decays | None = None  # their envelopes, with the noise that the fit found
-    step: Step | None = None  # their own posterior; None where the joint one is all that they have
-    findings: tuple[Finding, ...] = ()  # that there is no second posterior to compare with
+    data: Decays | None = None  # the envelopes, with the noise estimated in the fit
+    step: Step | None = None  # separate posterior; None if not drawn
+    findings: tuple[Finding, ...] = ()  # on a missing second posterior
 
 
 def free_decays(
@@ -39,8 +39,8 @@ def free_decays(
 ) -> FreeDecays:
     """Draw the posterior of free decays alone, in addition to the posterior of all tests.
 
-    One that cannot be made costs the joint posterior nothing: a finding says so. Where decays alone
-    show no joint, their posterior is kept, and what is predicted of them is the joint posterior's.
+    If it cannot be drawn, a finding says so and the joint posterior remains valid. If decays alone
+    show no joint, their posterior is kept, but predictions of decays use the joint posterior.
     """
     if seen.decays is None:
         return FreeDecays()
@@ -66,5 +66,5 @@ def free_decays(
 
 
 def decays_in(data: Dataset) -> Any:
-    """Return the envelopes of free decays among what was fitted; None without any."""
+    """Return the envelopes of free decays in a fitted dataset; None without any."""
     return next((part for part in data.parts if part.own_shifts), None)

@@ -1,4 +1,4 @@
-"""The unit of a gain: of the returned force per mass over the source, which the tests decide."""
+"""Units of gains: force per mass over the source of the tests."""
 
 from collections.abc import Container, Sequence
 
@@ -16,14 +16,15 @@ def source_units(tests: Sequence[Test]) -> dict[str, str]:
 
 
 def driven(tests: Sequence[Test]) -> list[Test]:
-    """Return the tests whose records have what drives them."""
+    """Return the tests whose records contain an input channel."""
     return [test for test in tests if not set(INPUTS).isdisjoint(test.records[0].channels)]
 
 
 def gain_units(tests: Sequence[Test], names: Container[str]) -> dict[str, str]:
     """Return the unit of every gain among the names of parameters.
 
-    That of a force where none drives anything: of loops, whose modal mass free decays tell.
+    If no test has an input, the unit is that of a force, as for loops, whose modal mass free decays
+    determine.
     """
     sources = source_units(tests)
     gains = {drive: named("gain", drive) for drive in sources if named("gain", drive) in names}

@@ -1,4 +1,4 @@
-"""Pieces of a dataset that a fit has not seen: one table of fits for all that asks for them."""
+"""Fits without parts of a dataset."""
 
 import logging
 from collections.abc import Collection, Hashable, Mapping
@@ -14,12 +14,12 @@ under_way = logging.getLogger("jbw.progress")
 
 
 class HeldOut(NamedTuple):
-    """Groups that were held out, and what was fitted to the others.
+    """Held-out groups of data, and the fit to the other groups.
 
     Attributes:
-        labels: Names of the groups.
-        rest: The dataset of the same shapes in which they count for nothing.
-        fit: The fit to the rest.
+        labels: Labels of the held-out groups.
+        rest: The dataset of the same shapes, in which the held-out groups have no weight.
+        fit: The fit to the other groups.
     """
 
     labels: tuple[str, ...]
@@ -34,14 +34,15 @@ def held_out[Piece: Hashable](
     data: Dataset,
     stage: str = "",
 ) -> dict[Piece, HeldOut]:
-    """Fit again without each piece in turn, from the fit of all.
+    """Repeat a fit without each piece of the data in turn; return the fits by piece.
 
     Args:
         pieces: Labels of the groups of each piece.
-        best: The fit of all.
+        best: The fit of all data, from which each fit starts.
         prior: Bounds of the parameters.
-        data: All that was fitted.
-        stage: Progress message, of the number of a piece and the number of pieces; empty for none.
+        data: The dataset of all fitted tests.
+        stage: Progress message that takes the number of a piece and the number of pieces; empty for
+            none.
     """
     table: dict[Piece, HeldOut] = {}
     for place, (piece, labels) in enumerate(pieces.items(), start=1):
@@ -53,7 +54,7 @@ def held_out[Piece: Hashable](
 
 
 def labels_by_run(data: Dataset) -> dict[str, list[str]]:
-    """Return the labels of the groups of each run."""
+    """Return the labels of the data groups of each run."""
     labels: dict[str, list[str]] = {}
     for label, run in zip(data.labels, data.runs, strict=True):
         labels.setdefault(run, []).append(label)

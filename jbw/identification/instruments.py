@@ -1,16 +1,15 @@
-r"""The uncertainty that a recorder's clock and sensor calibration add to a posterior.
+r"""The uncertainty that errors of a recorder's clock and of sensor calibration add to a posterior.
 
-No record shows the errors of either. A clock that is off stretches time by $\lambda$, a sensor of
-the p-th derivative of the displacement that reads a part s too little stretches lengths by
+No record shows these errors. A clock error stretches time by $\lambda$. A sensor of the p-th
+derivative of the displacement whose readings are too small by a factor s stretches lengths by
 
 $$\ell = s\,\lambda^p,$$
 
-and a joint in these units explains the same records: a parameter of unit $m^a s^b$ becomes
-$\ell^a \lambda^b$ times as large, a gain $\ell\,\lambda^{-2}$ times, over the factor of the
-source's own sensor. Along a prescribed displacement forces alone tell time,
-$\lambda^2 = \ell / s_F$. Factors are drawn log-normally, one of each a draw of the posterior. A
-gain that is stated cannot follow; what it leaves of its factor $e^\eta$ moves the parameters by
-the Gauss-Newton step
+and a joint in these units explains the same records: a parameter of unit $m^a s^b$ becomes $\ell^a
+\lambda^b$ times as large, a gain $\ell\,\lambda^{-2}$ times, over the factor of the source's own
+sensor. If the displacement is prescribed, only forces determine time, $\lambda^2 = \ell / s_F$.
+Factors are drawn log-normally, one of each per draw of the posterior. A stated gain stays fixed;
+the rest $e^\eta$ of its factor moves the parameters by the Gauss-Newton step
 
 $$\Delta\theta = J^+\,\frac{\partial r}{\partial \log g}\,\eta.$$
 """
@@ -34,12 +33,12 @@ from jbw.oscillator.laws import laws_named
 from jbw.quantities import GAINS, derivative_order
 from jbw.report.messages import instruments as messages
 
-POWER = {"m": (1, 0), "s": (0, 1), "rad": (0, 0), "1": (0, 0)}  # of length and time, by factor
-STEP = 1e-4  # relative, of a stated gain in a difference quotient
+POWER = {"m": (1, 0), "s": (0, 1), "rad": (0, 0), "1": (0, 0)}  # of length and time, by unit
+STEP = 1e-4  # relative step of a stated gain in a difference quotient
 
 
 class Factors(NamedTuple):
-    """True over recorded, one a draw: time, length, and force per mass over the source."""
+    """Ratios of true to recorded values for every draw: time, length, and gain."""
 
     time: Float[np.ndarray, "..."]
     length: Float[np.ndarray, "..."]
@@ -47,7 +46,7 @@ class Factors(NamedTuple):
 
 
 class Sensors(NamedTuple):
-    """Roles of the channels that the fitted tests have in common; empty where there is none."""
+    """The roles of the channels that all fitted tests share; empty if there is none."""
 
     response: str
     source: str
@@ -81,7 +80,7 @@ def sensors_of(tests: Sequence[Test]) -> Sensors | None:
 def factors_of(
     rng: np.random.Generator, shape: tuple[int, ...], stated: Instruments, sensors: Sensors
 ) -> Factors:
-    """Return the factors of every draw."""
+    """Draw the factors of clock and calibration errors for every draw of a posterior."""
 
     def drawn(spread: float) -> Float[np.ndarray, "..."]:
         return np.exp(spread * rng.standard_normal(shape))
@@ -110,7 +109,7 @@ def powers(unit: str) -> tuple[int, int] | None:
 
 
 def with_factors(posterior: xr.Dataset, factors: Factors, laws: Sequence[str] = ()) -> xr.Dataset:
-    """Return a posterior in which every draw is of the joint in its own true units."""
+    """Return a posterior whose draws are converted from recorded to true units."""
     theta = {str(name): values.values for name, values in posterior.data_vars.items()}
     law_powers = [law.of(theta).powers_of_length() for law in laws_named(laws)]
     lengths = {name: power for powers_of_law in law_powers for name, power in powers_of_law.items()}
@@ -130,7 +129,7 @@ def with_factors(posterior: xr.Dataset, factors: Factors, laws: Sequence[str] = 
 
 
 def by_stated_gain(best: Fit, data: Dataset) -> dict[str, float]:
-    """Change of every parameter by the logarithm of a gain that is stated; none where none is."""
+    """Return each parameter's derivative by the log of a stated gain; empty without one."""
     gains = [name for name in data.held if plain(name) in GAINS]
     if not gains:
         return {}
@@ -160,11 +159,11 @@ def with_instruments(
 
     Args:
         posterior: Draws by name, with their units.
-        stated: Relative standard deviations.
-        sensors: What was measured.
-        seed: Of the factors.
-        best: The fit, and `data` what it was made of, for a gain that is stated; None of neither.
-        data: See `best`.
+        stated: Relative standard deviations of clock and calibration errors.
+        sensors: Roles of the response and source channels.
+        seed: Seed of the factors.
+        best: The fit, needed with `data` for a stated gain; else None.
+        data: The fitted dataset, needed with `best`.
     """
     shape = posterior.sizes["chain"], posterior.sizes["draw"]
     factors = factors_of(np.random.default_rng((seed, 36)), shape, stated, sensors)
@@ -205,13 +204,13 @@ def _clocked(stated: Instruments, sensors: Sensors) -> bool:
 
 
 def as_recorded(before: xr.Dataset, after: xr.Dataset) -> xr.Dataset:
-    """Return the draws that instruments changed, as the records alone know them."""
+    """Return the original draws of the parameters that clock and calibration errors changed."""
     return before[[name for name in before.data_vars if not before[name].equals(after[name])]]
 
 
 def spread_of(
     rows: Mapping[str, Mapping[str, float]], wide: Mapping[str, Mapping[str, float]]
 ) -> dict[str, dict[str, float]]:
-    """Return the rows of a summary whose mean, spread and interval are those of wider draws."""
+    """Return summary rows with mean, standard deviation and interval of the widened draws."""
     keys = ("mean", "sd", "cv", "q005", "q995")
     return {name: {**row, **{key: wide[name][key] for key in keys}} for name, row in rows.items()}

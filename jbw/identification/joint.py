@@ -1,7 +1,7 @@
-"""All parameters set to update: the joint posterior of everything that was measured.
+"""The joint posterior: all parameters from all measured tests of a campaign.
 
-A problem, its fit, and the draws by the sampler that suits what was measured, completed by what
-follows from them. Each is a value that nothing changes after it is made.
+The sequence is a problem, its fit, and draws by a sampler that suits the data, completed by derived
+quantities. Each of these objects is immutable.
 """
 
 from collections.abc import Mapping, Sequence
@@ -53,47 +53,47 @@ from jbw.quantities import BY_NAME
 from jbw.report.messages import posterior as messages
 from jbw.report.messages import stages
 
-READINGS_KEY = 200  # of the seed: of single modes, where there are several joints
+READINGS_KEY = 200  # random key of the readings of single modes (several joints)
 
 
 @dataclass(frozen=True)
 class JointProblem:
     """The input of a joint posterior: the data, and what is known before they are fitted."""
 
-    data: Dataset  # every fitted test, reduced
+    data: Dataset  # all fitted tests, reduced
     settings: Identify
-    known: Mapping[str, float] = field(default_factory=dict)  # first values, of the paper's steps
-    readings: Readings = NOTHING  # of single modes, where there are several joints
-    tests: tuple[Test, ...] = ()  # of the campaign: their sources tell the units of gains
+    known: Mapping[str, float] = field(default_factory=dict)  # starting values by the paper's steps
+    readings: Readings = NOTHING  # readings of single modes, if there are several joints
+    tests: tuple[Test, ...] = ()  # their sources determine the units of gains
 
 
 @dataclass(frozen=True)
 class JointPosterior:
-    """Draws of all parameters, the gain and the noise, and what they were drawn from."""
+    """The draws of all parameters, gains and noise, with the fit that preceded them."""
 
-    name: str  # in the results: "joint", or "decay" of free decays alone
-    tree: xr.DataTree  # the sampler's groups, with the noise, the laws' parameters and products
-    fitted: Fitted  # in the prior that was sampled
-    wall_s: float  # of the fit and the draws, compiling included
+    name: str  # "joint", or "decay" for free decays alone
+    tree: xr.DataTree  # the sampler's groups, with noise, laws' parameters and products
+    fitted: Fitted  # with the prior that was sampled
+    wall_s: float  # time of fit, draws and compilation
 
     @property
     def draws(self) -> xr.Dataset:
-        """Draws of every parameter, with dimensions (chain, draw)."""
+        """The draws of every parameter, with dimensions (chain, draw)."""
         return self.tree["posterior"].to_dataset()
 
     @property
     def held(self) -> dict[str, float]:
-        """Parameters that were not updated."""
+        """The fixed parameters, which were not updated."""
         return {name: float(value) for name, value in self.fitted.data.held.items()}
 
 
 def joint_problem(
     seen: Measured, known: Mapping[str, float], *, seed: int, report: Report
 ) -> JointProblem:
-    """Assemble a campaign's data with first values: `known` values and readings of single modes.
+    """Assemble a campaign's data with starting values from the paper's steps or single modes.
 
     Raises:
-        DataError: If there is nothing that the joint can be fitted to.
+        DataError: If no test is left to fit the joint to.
     """
     data = assemble(seen)
     report(stages.joint_posterior(len(data.labels)))
@@ -102,7 +102,7 @@ def joint_problem(
 
 
 def fit_problem(keys: Sequence[Key[Array, ""]], problem: JointProblem) -> Fitted:
-    """Fit and settle the noise, run effects, presence of a joint, and coordinates."""
+    """Fit the joint; determine noise, run effects, whether there is a joint, and coordinates."""
     started, readings = perf_counter(), problem.readings
     known = {**problem.known, **readings.known}
     ready = with_readings(weighed(keys, problem.data, problem.settings, known), readings)
@@ -119,9 +119,9 @@ def draw_joint(
     keep: Keep = no_checkpoint,
     name: str = "joint",
 ) -> JointPosterior:
-    """Draw the joint posterior; draw again in a wider prior if draws press on an unstated bound.
+    """Draw the joint posterior; repeat with a wider prior if draws reach an unstated bound.
 
-    The draws have the noise of every group and the laws' own parameters and products too.
+    The draws also contain the noise of every group and the laws' own parameters and products.
 
     Reference:
         Eq. (37), with every parameter set to update.
@@ -137,13 +137,13 @@ def draw_joint(
 
 
 def without_absent_joint(key: Key[Array, ""], ready: Fitted) -> Fitted | None:
-    """Return the structure without its joint, where the fit sees none; None where it may see one.
+    """Return the fit without the joint if the data show none; None if they may show one.
 
-    Asked as soon as noise, run effects and residual terms are settled: coordinates and solver steps
-    of a joint that is not there are not looked for.
+    This is decided as soon as noise, run effects and residual terms are determined, before
+    coordinates and solver steps are chosen, which an absent joint does not need.
 
-    Along the ridge of a joint that the data do not see there is nothing to draw: what a joint may
-    do at most is told by the points about the fit that the data do not rule out.
+    A posterior along the ridge of an undetected joint is not worth drawing. Points near the fit
+    that the data do not rule out show the largest possible effect of a joint.
     """
     prior, best, data = ready.box, ready.fit, ready.data
     if not data.laws or data.modes is not None or "omega_n" not in prior.names:
@@ -191,13 +191,14 @@ def of_reading(means: Mapping[str, float], data: Dataset) -> dict[str, float]:
 def sample_joint(
     key: Key[Array, ""], ready: Fitted, settings: Identify, keep: Keep, name: str
 ) -> xr.DataTree:
-    """Return the draws by the settings' sampler, or by the ladder of samplers.
+    """Draw the posterior by the sampler of the settings, or automatically by a ladder of samplers.
 
-    Coordinates are chosen by looking: the box's own, the logarithms of what cannot be zero, or
-    those along the ridge of the fit, from wall to wall of the box; where none of them do, along the
-    valley that the profile of the least known parameter follows. A named sampler draws along the
-    ridge where the fit leaves a direction open or runs into a wall, slices otherwise along the
-    logarithms; slices whose chains disagree are drawn again about their own moments.
+    The ladder compares coordinates on trial points: those of the box, logarithms of parameters that
+    cannot be zero, or coordinates along the ridge of the fit, from wall to wall of the box. If none
+    of them suits, it uses the valley that the profile of the least determined parameter follows. A
+    named sampler uses the box. Elliptical slices use the ridge if the fit has an open direction or
+    is at a bound, otherwise the logarithms; if their chains disagree, they are drawn again around
+    their own moments.
     """
     prior, best, data = ready.box, ready.fit, ready.data
     optimum = best.theta, best.covariance
@@ -263,13 +264,13 @@ def with_derived(key: Key[Array, ""], tree: xr.DataTree, data: Dataset) -> xr.Da
 
 
 def every_parameter(posterior: xr.Dataset, data: Dataset) -> dict[str, np.ndarray]:
-    """Return the draws by name, and what was held."""
+    """Return the draws of all sampled parameters and the fixed parameters, by name."""
     held = {name: np.asarray(value) for name, value in data.held.items()}
     return {**held, **{str(n): v.values for n, v in posterior.data_vars.items()}}
 
 
 def law_variables(posterior: xr.Dataset, data: Dataset) -> dict[str, Any]:
-    """Return the laws' own parameters and their products, where they were not sampled."""
+    """Return the draws of the laws' own parameters and their products, unless sampled."""
     theta, derived = every_parameter(posterior, data), {}
     for law in laws_named(data.laws):
         parameters = {name: np.asarray(v) for name, v in law.of(theta).parameters().items()}
@@ -286,7 +287,7 @@ def law_variables(posterior: xr.Dataset, data: Dataset) -> dict[str, Any]:
 def draw_noise_std(
     key: Key[Array, ""], theta: Drawn, terms: Float[np.ndarray, "chain draw term"], data: Dataset
 ) -> dict[str, Any]:
-    """Draw each group's noise exactly for every draw of the parameters, one row per group."""
+    """Draw the standard deviation of each group's noise for every draw of the parameters."""
     labelled = {label: terms[..., i] for i, label in enumerate(data.labels)}
     derived: dict[str, Any] = {}
     for part in data.parts:
@@ -307,7 +308,7 @@ def draw_noise_std(
 def _attrs(part: Observable, name: str) -> dict[str, Any]:
     attrs = BY_NAME["noise_std"].attrs
     attrs["symbol"] += name.removeprefix("noise_std").replace("_", ", ", 1)
-    if not part.groups.unit:  # a group is in volts, newtons or metres: no unit holds for all
+    if not part.groups.unit:  # groups in different units (V, N, m) share none
         del attrs["units"]
         group_units = {"group_units": list(part.groups.units)} if all(part.groups.units) else {}
         return {

@@ -1,11 +1,12 @@
-"""The effect of several joints on every mode that tests drive, from the posterior.
+"""The effect of several joints on every driven mode, from the posterior.
 
-A mode alone, at the largest motion that was measured of it, with the shape that the joints leave it
-(`jbw.identification.joint_modes`). Sums over joints are what a mode tells; a joint by itself is
-identified where what it does by itself is known.
+Each mode is considered alone, at its largest measured motion, with the shape that slipping joints
+give it (`jbw.identification.joint_modes`). A mode determines sums over joints; a single joint is
+identified if its separate effect is determined.
 
-Bands of the modes' backbones are of draws whose shape is free too. Beside them stand, at the
-medians, the extended periodic motion with its shape, and what the shape of full stick would have.
+Bands of the modes' backbones come from draws with this free shape. In addition, at the medians,
+the result contains the extended periodic motion with its shape, and the values for the shape of
+fully stuck joints.
 """
 
 import itertools
@@ -28,24 +29,25 @@ from jbw.quantities import joints_of, motion_factors_in, name_at, split
 from jbw.report.messages import modes as messages
 
 JOINTS = "joints"
-SPREAD = 2.0  # of the ends of a 99 % interval: a joint that is known better is identified
-NO_LOSS = 1e-9  # of what a mode's joints take from its stiffness: losses of a spring
-MAIN = 0.5  # of a mode's losses: a joint that takes more is said to damp it
-NUM_PHASES = 64  # of a loop that is kept
+SPREAD = 2.0  # ratio of the ends of a 99 % interval below which a joint is identified
+NO_LOSS = 1e-9  # losses over stiffness loss of a mode below which a joint is a spring
+MAIN = 0.5  # share of a mode's losses from which a joint is reported to damp it
+NUM_PHASES = 64  # points of a stored loop
 BACKBONES = "backbones"
 
 
 def joints_group(posterior: xr.Dataset, data: Dataset, modes: JointModes) -> xr.Dataset:
-    """Return the shares of every joint in every driven mode, and what all do together.
+    """Return the shares of every joint in every driven mode, and the effect of all joints together.
 
-    Variables over `joint` and `mode`, at the largest motion measured of the mode, its shape free,
-    with quantiles: `energy_share_at_motion` in the mode's strain energy, `loss_share` and
-    `softening_share` of what the joints do together; `energy_share` is that in full stick, by the
-    median of uncertain shapes. Over `mode`: `frequency_hz`, `amplitude`, `frequency_change` and
-    `damping_added` of all joints together, and `shape_is_free`, which is not so where there is no
-    free shape. Over `joint`: `identified`, `motion` and `loop` at its largest motion. Where shapes
-    are uncertain, `motion_factor` over `joint` and `mode` with quantiles: the motion over that of
-    the model, 1 where that is held.
+    Variables over `joint` and `mode` refer to the largest measured motion of the mode with its free
+    shape, and have quantiles: `energy_share_at_motion` is the share in the mode's strain energy,
+    `loss_share` and `softening_share` are shares of the effect of all joints. `energy_share` is the
+    share of energy of fully stuck joints, at the median of uncertain shapes. Variables over `mode`
+    are `frequency_hz`, `amplitude`, `frequency_change` and `damping_added` of all joints together,
+    and `shape_is_free`, which is false where no free shape exists. Variables over `joint` are
+    `identified`, and `motion` and `loop` at its largest motion. Where shapes are uncertain,
+    `motion_factor` over `joint` and `mode`, with quantiles, is the motion over that of the model;
+    1 where it is fixed.
     """
     model_modes = data.modes
     if model_modes is None:
@@ -99,14 +101,14 @@ def joints_group(posterior: xr.Dataset, data: Dataset, modes: JointModes) -> xr.
 
 
 def draws_of_joints(posterior: xr.Dataset, data: Dataset) -> dict[str, np.ndarray]:
-    """Return the draws of the parameters of the joints' laws, and of factors on their motion."""
+    """Return the draws of the joint laws' parameters, and of factors on the joints' motion."""
     names = {quantity.name for quantity in quantities_of(data.laws)}
     names |= motion_factors_in(posterior).keys()
     return {str(n): x.values.ravel() for n, x in posterior.data_vars.items() if n in names}
 
 
 def values_of(posterior: xr.Dataset, data: Dataset, name: str) -> np.ndarray:
-    """Return the draws of a parameter, or what it is held at."""
+    """Return the draws of a parameter, or its fixed value."""
     if name in posterior:
         return posterior[name].values.ravel()
     return np.atleast_1d(np.asarray(data.held[name]))
@@ -118,7 +120,7 @@ def _loops(
     names: Sequence[str],
     largest: Float[np.ndarray, " joint"],
 ) -> tuple[Float[np.ndarray, "joint phase"], Float[np.ndarray, "joint phase"]]:
-    """Return the motion and force of every joint's laws along their steady loop."""
+    """Return motion and restoring force of every joint along its steady loop."""
     phase = np.linspace(0, np.pi, NUM_PHASES // 2, endpoint=False)
     x, force = [], []
     for joint, peak in zip(names, largest, strict=True):
@@ -137,7 +139,7 @@ def _words(unit: str, meaning: str) -> dict[str, str]:
 
 
 def _shares(parts: Float[np.ndarray, "joint mode draw"]) -> Float[np.ndarray, "joint mode draw"]:
-    """Return each joint's part over the sum of all joints; NaN where the sum is zero."""
+    """Return each joint's contribution over the sum of all joints; NaN where the sum is zero."""
     total = parts.sum(axis=0)
     return parts / np.where(total != 0, total, np.nan)
 
@@ -172,9 +174,9 @@ def _identified(
     softening: Float[np.ndarray, "joint mode draw"],
     losses: Float[np.ndarray, "joint mode draw"],
 ) -> list[bool]:
-    """Return whether each joint's effect is known within a factor of two in its clearest mode.
+    """Return whether each joint's effect is determined to a factor of two in some mode.
 
-    Joints of a tie have one law, of which either mode and joint may tell.
+    Tied joints share one law, so any of them and any mode may determine it.
     """
     size = np.abs(np.median(softening, axis=-1)).sum(axis=0)
     is_identified = np.zeros(softening.shape[:2], bool)
@@ -232,7 +234,7 @@ def _shape_words(group: xr.Dataset) -> list[str]:
 
 
 def _who_damps(mode: int, of_mode: xr.Dataset) -> list[str]:
-    """Name the identified joint that takes most of a mode's losses, if its interval shows so."""
+    """Return the sentence that one identified joint causes most of a mode's losses, if clear."""
     low, middle, high = (of_mode["loss_share"].isel(quantile=i).values for i in range(3))
     if np.all(np.isnan(middle)):
         return []
@@ -244,7 +246,7 @@ def _who_damps(mode: int, of_mode: xr.Dataset) -> list[str]:
 
 
 def joints_finding(group: xr.Dataset | None) -> Finding | None:
-    """Return whether every joint is identified by itself; None of one joint."""
+    """Return the finding on whether each joint is identified; None for a single joint."""
     if group is None:
         return None
     identified = dict(zip(group["joint"].values, group["identified"].values, strict=True))
@@ -254,7 +256,7 @@ def joints_finding(group: xr.Dataset | None) -> Finding | None:
 
 
 def joints_record(group: xr.Dataset | None) -> dict[str, Any] | None:
-    """Return the same in plain values for a summary; None of one joint."""
+    """Return the effects of several joints as plain values; None for a single joint."""
     if group is None:
         return None
     quantiles = [str(q) for q in group["quantile"].values]
@@ -293,11 +295,12 @@ def _plain(x: Any) -> float | None:
 def backbones_group(data: Dataset, modes: JointModes) -> xr.Dataset:
     """Return the frequency, damping and shape of every driven mode against amplitude.
 
-    Variables over `mode` and `level`: `displacement` at the first point, `frequency_hz` and
-    `damping` with quantiles, both `at_medians` by extended periodic motion and in `full_stick` with
-    that shape, and over `coordinate` the free `shape`, the modal coordinates over that of the mode.
-    NaN of modes that the first point hardly sees; `at_medians` and `shape` behind the end of a
-    backbone, where bands are of the shape of full stick.
+    Variables over `mode` and `level` are `displacement` at the first point, and `frequency_hz` and
+    `damping` with quantiles. Frequency and damping are also given `at_medians`, from extended
+    periodic motion, and `in_full_stick`, with the shape of fully stuck joints. The free `shape`,
+    also over `coordinate`, contains the modal coordinates over that of the mode. Values are NaN for
+    modes that the first point hardly measures. Values at medians and `shape` are NaN beyond the end
+    of a backbone, where the bands have the fully stuck shape.
     """
     amplitude, free = modes.amplitude, modes.free
     driven = range(len(amplitude))

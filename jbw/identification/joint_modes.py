@@ -1,21 +1,23 @@
-r"""Modes of a structure with several joints up to the largest motion measured, for every draw.
+r"""Modes of a structure with several joints up to the largest measured motion, for every draw.
 
-A mode alone at an amplitude a of its own coordinate, in the shape of full stick, moves joint j by
-$|H_{ji}|a$. There the joint's steady loop takes from the mode's stiffness and adds to its losses
+A single mode at an amplitude a of its own coordinate, with the mode shape of fully stuck joints,
+moves joint j by $|H_{ji}|a$. There the joint's steady loop reduces the mode's stiffness and adds to
+its losses
 
 $$K_{ji} = H_{ji}^2\,\big(k_j - \mathrm{Re}\,\kappa_j(|H_{ji}|a)\big), \qquad
   L_{ji} = H_{ji}^2\,\mathrm{Im}\,\kappa_j(|H_{ji}|a)$$
 
-with $\kappa_j$ the complex stiffness of its laws and $k_j$ theirs at rest; where shapes are
-uncertain, $H_{ji}$ is that of each draw. Joints that slip change the shape, and so move further:
-the extended periodic motion of Krack (2015) at frequency $\omega$, harmonics n, has
+with $\kappa_j$ the complex stiffness of its laws and $k_j$ their stiffness at rest; where shapes
+are uncertain, $H_{ji}$ is that of each draw. Joints that slip change the shape, and so move
+further: the extended periodic motion of Krack (2015) at frequency $\omega$, with harmonics n, has
 
 $$K_{ji} = -\frac{\sum_n \mathrm{Re}\,r_{jn}\bar X_{jn}}{\sum_{in} n^2|q_{in}|^2}, \qquad
   L_{ji} = \frac{\sum_n n\,\mathrm{Im}\,r_{jn}\bar X_{jn}}{\sum_{in} n^2|q_{in}|^2}$$
 
-so that $L_{ji}/2\omega^2$ is the loss a cycle over $4\pi$ times the energy, twice the mean kinetic
-one. All draws have the numbers of full stick times what the free shape has over them: worked out
-at a few draws, and linear in the logarithms of the parameters between them.
+so that $L_{ji}/2\omega^2$ is the loss per cycle over $4\pi$ times the energy, which is twice the
+mean kinetic energy. The numbers of all draws are those of the fully stuck shape times the ratio of
+free to stuck shape. This ratio is computed at a few draws, and is linear in the logarithms of the
+parameters between them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -38,22 +40,22 @@ from jbw.oscillator.modes.parameters import DRIVEN, structure_of
 from jbw.oscillator.steady.waveform import orders
 from jbw.quantities import joints_of, motion_factors_in, name_at
 
-LEVELS = np.linspace(0.0, 1.0, 9)[1:]  # of the largest amplitude that was measured of a mode
-NUM_HARMONICS = 3  # of the free shape, in weak slip: frequency to 1e-6, damping to 1e-4
-MAX_TURNS = 2  # of a joint in a period
-NUM_FREE = 48  # draws at least whose shape is free, of a posterior
-SPARE = 3  # times as many as there are parameters
-STUCK_NAMES = frozenset(name for pair in DRIVEN for name in pair)  # of modes, not of joints
+LEVELS = np.linspace(0.0, 1.0, 9)[1:]  # over the largest measured amplitude of a mode
+NUM_HARMONICS = 3  # gives the frequency to 1e-6 and the damping to 1e-4 in weak slip
+MAX_TURNS = 2  # of a joint's motion in a period
+NUM_FREE = 48  # least number of draws of a posterior with free shape
+SPARE = 3  # least number of such draws per parameter
+STUCK_NAMES = frozenset(name for pair in DRIVEN for name in pair)  # parameters of modes
 
 
 class ModeNumbers(NamedTuple):
-    """The frequency, damping and joint contributions of driven modes at rising amplitudes, by draw.
+    """Frequency, damping and joint contributions of driven modes at rising amplitudes, by draw.
 
     Attributes:
-        omega: Frequency [rad/s].
+        omega: Natural frequency [rad/s].
         zeta: Equivalent damping ratio [-].
-        softening: K of every joint [1/s^2].
-        losses: L of every joint [1/s^2].
+        softening: Stiffness loss K due to every joint [1/s^2].
+        losses: Losses L due to every joint [1/s^2].
         energy: Share of every joint in the strain energy [-].
     """
 
@@ -64,25 +66,30 @@ class ModeNumbers(NamedTuple):
     energy: Float[np.ndarray, "joint mode level *draw"]
 
     def at(self, level: int) -> "ModeNumbers":
-        """Return the same at one level, without its axis."""
+        """Return frequency, damping and joint contributions at one amplitude level."""
         rates = (x[:, level] for x in (self.omega, self.zeta))
         return ModeNumbers(*rates, *(x[:, :, level] for x in self[2:]))
 
     @property
     def added(self) -> Float[np.ndarray, "mode level *draw"]:
-        """Damping ratio by all joints: their loss a cycle over 4 pi times the energy."""
+        """The damping ratio that all joints add.
+
+        It is their loss per cycle over 4 pi times the energy.
+        """
         return self.losses.sum(axis=0) / (2 * self.omega**2)
 
 
 class JointModes(NamedTuple):
-    """Driven modes at rising amplitudes.
+    """The driven modes of a structure with several joints, at rising amplitudes.
 
     Attributes:
-        amplitude: Of the mode's own coordinate; NaN of modes that the first point hardly sees.
-        free: Numbers of every draw, the shape free; that of full stick where there is no other.
-        at_medians: The same at the medians, or the fit, in the shape of full stick.
-        backbones: Extended periodic motion of every mode at the medians; NaN behind its end.
-        is_free: Whether there is a free shape, as there may be none beyond an internal resonance.
+        amplitude: Amplitude of the mode's own coordinate; NaN for modes that the first point hardly
+            measures.
+        free: Numbers of every draw with the free shape, or with the fully stuck shape where there
+            is no free one.
+        at_medians: Numbers at the medians, or at the fit, with the fully stuck shape.
+        backbones: Extended periodic motion of every mode at the medians; NaN beyond its end.
+        is_free: Whether a free shape exists; there may be none beyond an internal resonance.
     """
 
     amplitude: Float[np.ndarray, "mode level"]
@@ -97,9 +104,9 @@ def joint_modes(
 ) -> JointModes | None:
     """Return the driven modes up to their largest measured amplitude; None for a single joint.
 
-    Draws of a Gaussian `about` a fit are propagated by first order: where the tests tell a sum of
-    joints alone, they leave the narrow curved valley along which it stays the same. What the free
-    shape does is then that at the fit.
+    Draws of a Gaussian approximation at a fit (`about`) are propagated by first order. Where the
+    tests determine only a sum of joints, such draws leave the narrow curved valley along which the
+    sum is constant. The effect of the free shape is then that at the fit.
     """
     modes = data.modes
     if modes is None or modes.meet != ASSEMBLED or not joints_of(data.laws):
@@ -132,7 +139,7 @@ def joint_modes(
 
 
 def draws_of_structure(posterior: xr.Dataset, data: Dataset) -> dict[str, np.ndarray]:
-    """Return draws of modes, joint laws, and factors on the joints' motion, by name."""
+    """Return the draws of modal parameters, joint laws, and factors on joint motion."""
     names = {quantity.name for quantity in quantities_of(data.laws)}
     names |= {name for pair in DRIVEN for name in pair} | motion_factors_in(posterior).keys()
     return {str(n): x.values.ravel() for n, x in posterior.data_vars.items() if n in names}
@@ -163,7 +170,7 @@ def _backbones(
 def _with_free_shape(
     backbones: Sequence[ModalBackbone], stiffness: Float[np.ndarray, " joint"]
 ) -> ModeNumbers:
-    """Return the numbers of every mode by its extended periodic motion."""
+    """Return each mode's frequency, damping, joint effects, from extended periodic motion."""
     omega, zeta, q, x, r = (
         np.stack([getattr(curve, name) for curve in backbones])
         for name in ("omega", "zeta", "q", "x", "r")
@@ -183,7 +190,7 @@ def _in_full_stick(
     amplitude: Float[np.ndarray, "mode level"],
     about: Mapping[str, float] | None,
 ) -> ModeNumbers:
-    """Return the numbers of every mode and draw in the shape of full stick."""
+    """Return each mode's frequency, damping and joint effects in the fully stuck mode shape."""
     numbers = dict(data.modes.numbers if data.modes is not None else ())
     driven = _DrivenJoints(data.laws, joints_of(data.laws), *jax.device_put((numbers, amplitude)))
     of_joints = {name: x for name, x in theta.items() if name not in STUCK_NAMES}
@@ -226,9 +233,9 @@ def _ratios(
     steps: Float[np.ndarray, "draw parameter"],
     chosen: Int[np.ndarray, " some"],
 ) -> Float[np.ndarray, "... draw"]:
-    """Extend ratios of some draws to all draws, linear in their steps and exact at the first draw.
+    """Extend ratios known at some draws to all, linear in their steps, exact at the first draw.
 
-    None is beyond all of those that are known. One where the first is not known.
+    The result is clipped to the range of the known ratios. It is one if the first ratio is unknown.
     """
     rows = ratios.reshape(-1, len(chosen))
     return np.stack([_linear(row, steps, chosen) for row in rows]).reshape(
@@ -241,7 +248,7 @@ def _linear(
     steps: Float[np.ndarray, "draw parameter"],
     chosen: Int[np.ndarray, " some"],
 ) -> Float[np.ndarray, " draw"]:
-    """Return one ratio of all draws by those that are known."""
+    """Extend one ratio that is known at some draws to all draws."""
     if not np.isfinite(ratios[0]):
         return np.ones(len(steps))
     is_known = np.isfinite(ratios)
@@ -251,7 +258,7 @@ def _linear(
 
 
 class _DrivenJoints(eqx.Module):
-    """The joints' laws, the numbers of the model, and how far tests drove its modes."""
+    """The joints' laws, the model's numbers, and the largest amplitudes of its modes."""
 
     laws: tuple[str, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)  # of the joints
@@ -262,9 +269,10 @@ class _DrivenJoints(eqx.Module):
 def _by_first_order(
     theta: Mapping[str, np.ndarray], best_theta: Mapping[str, float], driven: _DrivenJoints
 ) -> Float[np.ndarray, "two joint *mode_level draw"]:
-    r"""Linearise K and L about a fit, $f(\hat\theta) + \sum_i f_i\,\delta_i$, by derivatives f_i.
+    r"""Linearise K and L at a fit, $f(\hat\theta) + \sum_i f_i\,\delta_i$, for all draws.
 
-    Steps delta are of logarithms, times the fit, where nothing is zero or changes sign.
+    The f_i are the derivatives by the parameters. Steps delta are those of the logarithms, times
+    the fitted value, for parameters that are always positive.
     """
     fit = {name: float(best_theta[name]) for name in theta}
     value, slopes = jax.device_get(_about(jax.device_put(fit), driven))
@@ -280,7 +288,7 @@ def _by_first_order(
 def _about(
     theta: Mapping[str, Array], driven: _DrivenJoints
 ) -> tuple[Float[Array, "two joint mode level"], dict[str, Float[Array, "two joint mode level"]]]:
-    """Return stiffness loss K and damping L at a point, with derivatives by every parameter."""
+    """Return joints' stiffness loss K and losses L at a point, and derivatives by parameters."""
     return _at(theta, driven), jax.jacfwd(_at)(dict(theta), driven)
 
 
@@ -288,12 +296,12 @@ def _about(
 def _each_draw(
     theta: Mapping[str, Array], driven: _DrivenJoints
 ) -> Float[Array, "two joint *mode_level draw"]:
-    """Return stiffness loss K and damping L of every draw."""
+    """Return joints' stiffness loss K and losses L, in modes, for every draw."""
     return jax.vmap(lambda draw: _at(draw, driven), out_axes=-1)(dict(theta))
 
 
 def _at(theta: Mapping[str, Array], driven: _DrivenJoints) -> Float[Array, "two joint mode level"]:
-    """Return stiffness loss K and damping L of every joint, mode and level."""
+    """Return stiffness loss K and losses L of each joint, by mode and amplitude level."""
     rows = []
     everything = {**driven.numbers, **theta}
     modes = range(1, len(driven.amplitude) + 1)

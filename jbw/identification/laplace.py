@@ -1,12 +1,11 @@
-r"""The answer of a fit alone: a Gaussian of its covariance, before anything is drawn or weighed.
+r"""The result of a fit alone: its Gaussian approximation in place of posterior draws.
 
 $$w \sim N(0, I), \qquad \theta = T(\hat u + L w), \qquad L L^T = \Sigma$$
 
-T is the coordinate that the posterior is sampled in, logarithms of what cannot be zero, and Sigma
-the fit's covariance there, one for every scatter of runs where that is not known. Points outside
-the prior box are left out, as the posterior leaves them out; where few lie inside, the Gaussian is
-drawn within the box. Where the posterior bends, it differs
-from this: that is why no verdict follows.
+T is the coordinate system of the posterior: logarithms for parameters that cannot be zero. Sigma is
+the fit's covariance there; there is one for every possible scatter of runs if that is unknown.
+Points outside the prior box are omitted, as in the posterior; if few lie inside, the Gaussian is
+drawn within the box. A curved posterior differs from this approximation, so no verdict follows.
 
 Reference:
     Tierney and Kadane (1986), J. Am. Stat. Assoc. 81, 82.
@@ -52,18 +51,18 @@ from jbw.observables.observable import OFFSETS
 from jbw.report.messages import posterior as messages
 from jbw.report.messages import stages
 
-NUM_CHAINS, NUM_DRAWS = 4, 1000  # as many as a posterior that was sampled has
+NUM_CHAINS, NUM_DRAWS = 4, 1000  # as in a sampled posterior
 Points = Float[np.ndarray, "draw parameter"]
-SPARE = 8  # times as many points, so that enough lie within the prior box
-NOTHING = 1e-9  # of the scatter of runs: room for no offset
-LEAST = 12.0  # over the squared width of the box: the precision of the prior alone
+SPARE = 8  # factor on the number of points, so that enough lie within the prior box
+NOTHING = 1e-9  # factor of the scatter of runs that suppresses offsets
+LEAST = 12.0  # precision of the prior alone, times the squared width of its box
 
 
 def fit_alone(seen: Measured, *, seed: int, report: Report) -> Posteriors:
-    """Return a fit of all tests, and the Gaussian about it in place of draws.
+    """Fit all tests of a campaign and return the Gaussian approximation in place of draws.
 
     Raises:
-        DataError: If there is nothing that the joint can be fitted to.
+        DataError: If no test is left to fit the joint to.
     """
     started, key = perf_counter(), jax.random.key(seed)
     data = assemble(seen)
@@ -85,7 +84,7 @@ def about_fit(key: Key[Array, ""], seen: Measured, ready: Fitted) -> Posteriors:
 
 
 def laplace_tree(key: Key[Array, ""], ready: Fitted) -> xr.DataTree:
-    """Return the draws of the Gaussian about a fit, in the groups of a sampler."""
+    """Return draws of a fit's Gaussian approximation in the groups of a sampler's result."""
     lp, theta = laplace_draws(key, ready)
     low_high, meaning = bounds_by_name(ready.box), attrs(ready.data.laws)
     dims, shape = ("chain", "draw"), (NUM_CHAINS, NUM_DRAWS)
@@ -112,7 +111,7 @@ def laplace_tree(key: Key[Array, ""], ready: Fitted) -> xr.DataTree:
 
 
 def checks_of_fit(joint: JointPosterior) -> Checks:
-    """Return the checks of an unsampled fit: draws not assessed, and doubts about its laws."""
+    """Return the checks of a fit that has no posterior draws: its findings and statements."""
     started, ready = perf_counter(), joint.fitted
     modes = joint_modes(joint.draws, ready.data, ready.fit.theta)
     joints = None if modes is None else joints_group(joint.draws, ready.data, modes)
@@ -132,7 +131,7 @@ def checks_of_fit(joint: JointPosterior) -> Checks:
 
 
 def doubts_of_fit(drawn: xr.Dataset, ready: Fitted) -> list[Finding]:
-    """Return findings of a fit against its laws and bounds: no hysteresis, truncation."""
+    """Return findings against a fit's laws and bounds: no hysteresis, draws at a bound."""
     data = ready.data
     findings = []
     if (added := effects(drawn, data.held, ready.y_peak, data.laws)) is not None:
@@ -147,20 +146,20 @@ def doubts_of_fit(drawn: xr.Dataset, ready: Fitted) -> list[Finding]:
 
 
 class Gaussian(NamedTuple):
-    """A Gaussian of the parameters about a fit, and its share of the posterior."""
+    """One Gaussian component near a fit, and its share of the posterior."""
 
     share: float
-    mean: Float[np.ndarray, " parameter"]  # less the fit
+    mean: Float[np.ndarray, " parameter"]  # relative to the fit
     covariance: Float[np.ndarray, "parameter parameter"]
 
 
 def laplace_draws(
     key: Key[Array, ""], ready: Fitted
 ) -> tuple[Float[np.ndarray, " draw"], dict[str, Float[np.ndarray, " draw"]]]:
-    """Log density of the Gaussian and parameters at its draws within the box; the first is the fit.
+    """Draw from a fit's Gaussian within the prior box; return log densities and parameters.
 
-    Where fewer points than asked for lie within the box, as about a fit at a bound, they are drawn
-    within it: of parameters that go together none is moved by itself.
+    The first draw is the fit. If too few points lie within the box, as near a fit at a bound, the
+    Gaussian is drawn within it. Parameters are not moved singly, because they are correlated.
     """
     best, prior, rng = ready.fit, ready.box, generator(key)
     count = NUM_CHAINS * NUM_DRAWS
@@ -194,7 +193,7 @@ def laplace_draws(
         apart[0] = white[0] = 0.0
         chosen = np.arange(count)
         theta = parameters(apart[chosen])
-    inside = np.clip(theta[chosen], lower, upper)  # the fit may lie beyond by rounding
+    inside = np.clip(theta[chosen], lower, upper)  # rounding may place the fit outside
     log_density = -0.5 * np.sum(white[chosen] ** 2, axis=1)
     return log_density, {name: inside[:, i] for i, name in enumerate(prior.names)}
 
@@ -205,15 +204,15 @@ def gaussians_about(ready: Fitted) -> list[Gaussian]:
     $$r(\theta, b) = \hat r + J\,\delta + J_o\,b, \quad b \sim N(0, C_k), \quad
       P_k = J^T J - J^T J_o\,(J_o^T J_o + C_k^{-1})^{-1} J_o^T J$$
 
-    $J_o$ are the derivatives by omega_n and zeta of each run alone. Three runs tell their scatter
-    to a factor of two, so that the mean over runs has the tails of Student's t distribution: one
-    Gaussian at the scatter of the fit is half as wide as the posterior.
+    $J_o$ are the derivatives by omega_n and zeta of each run alone. Three runs determine their
+    scatter to a factor of two, so the mean over runs has the tails of Student's t distribution. A
+    single Gaussian at the fitted scatter is half as wide as the posterior.
     """
     best, prior, data = ready.fit, ready.box, ready.data
     columns = [[i for i, n in enumerate(prior.names) if plain(n) == name] for name in OFFSETS]
     if not (data.has_offsets and all(columns)):
         return [Gaussian(1.0, np.zeros(len(prior.names)), best.covariance)]
-    # Without room for offsets the rows are the residuals as they are, by the program of the fit.
+    # With offsets suppressed, the rows are the plain residuals, computed by the program of the fit.
     bare = replace(data, scatter=jax.device_put(NOTHING * np.asarray(data.scatter)))
     part = evaluator(dataset.stacked, prior, bare)
     width = np.asarray(prior.upper) - np.asarray(prior.lower)
@@ -264,7 +263,7 @@ def gaussians_about(ready: Fitted) -> list[Gaussian]:
 def _covariance_of_offsets(
     scatter: Float[np.ndarray, " level_own"], data: Dataset
 ) -> Float[np.ndarray, "run_own run_own"]:
-    """Return the prior covariance of all runs' offsets; runs of one assembly share a part."""
+    """Return the prior covariance of all runs' offsets; runs of one assembly share a component."""
     num_offsets, num_runs = len(OFFSETS), len(data.shared_runs)
     run_covariance = np.kron(np.eye(num_runs), np.diag(scatter[:num_offsets] ** 2))
     if len(scatter) == num_offsets:
@@ -277,5 +276,5 @@ def _covariance_of_offsets(
 
 
 def not_sampled() -> Finding:
-    """Return the finding that a Gaussian about the fit was not compared with the posterior."""
+    """Return the finding that a fit's Gaussian was not compared with the posterior."""
     return Finding("not_sampled", "not assessed", {}, float("nan"))

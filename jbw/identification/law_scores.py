@@ -1,14 +1,15 @@
-r"""The scores of a law: log predictive density of each run that it has not seen, and evidence.
+r"""Scores of a law: log predictive density of each held-out run, and evidence.
 
 $$\mathrm{elpd}_r = \log \int p(D_r | \theta, D_{-r})\, p(\theta | D_{-r})\, d\theta$$
 
-by the draws of the whole posterior weighed anew where they suffice, else by points about a fit
-without the run. Where the weights of those are poor too, the fit alone tells by how much at most
-the score may be off: what the width of a posterior adds is some nats a parameter.
+is computed from draws of the whole posterior with new weights if these suffice, else from points
+near a fit without the run. If the weights of these points are poor too, the score of the fit alone
+bounds the error of the score: the width of a posterior adds some nats per parameter.
 
-How much evidence hangs on the width of the priors, the same law in a box twice as wide tells. A
-parameter that the data narrow costs ln 2 = 0.69 nats, one that they leave open nothing, and one
-that they push against its bound gains; so the evidence is integrated again and not corrected.
+How much the evidence depends on the width of the priors is shown by the same law in a box twice as
+wide. A parameter that the data determine costs ln 2 = 0.69 nats, an undetermined one nothing, and
+one that the data push against its bound gains evidence. So the evidence is integrated again and not
+corrected.
 """
 
 from collections.abc import Collection, Sequence
@@ -37,19 +38,21 @@ from jbw.observables import dataset, noise
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import quantities_of
 
-# Of points without a run: a round, draws wanted, and rounds where time is stepped through or not.
+# Points without a run: size of a round, wanted number of effective draws, and most rounds with and
+# without stepping through time.
 SIZE, WORTH, ROUNDS = 256, 200.0, {True: 8, False: 24}
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """The predictions of a law for each run that it has not seen: their scores and errors.
+    """The scores and errors of a law's predictions of each held-out run.
 
     Attributes:
-        elpd: Log predictive density [nats].
-        error: Error of the prediction over the response.
-        khat: Of the weights by which it was found; good below 0.7. None where fits alone tell.
-        doubt: What the sum of rough scores is off from that of fits alone [nats]; 0 where good.
+        elpd: Log predictive density by run [nats].
+        error: Relative error of the prediction by run.
+        khat: Largest k-hat of the weights; good below 0.7. None if only fits were used.
+        doubt: Difference of the scores with poor weights from those of fits alone, summed [nats]; 0
+            if all weights are good.
     """
 
     elpd: dict[str, float]
@@ -59,13 +62,13 @@ class LeftOut:
 
 
 def runs_of(data: Dataset) -> dict[str, list[str]]:
-    """Return the labels of the runs that can be held out: those whose values count."""
+    """Return the group labels of each run that can be held out."""
     counted, runs = noise.fractions_counted(data), labels_by_run(data).items()
     return {run: labels for run, labels in runs if any(label in counted for label in labels)}
 
 
 def each_run(one: Candidate) -> dict[str, HeldOut]:
-    """Return the fits of a law without each run."""
+    """Return the fits of a candidate law without each run in turn."""
     fitted = one.fitted
     return held_out(runs_of(fitted.data), fitted.fit, fitted.box, fitted.data)
 
@@ -73,10 +76,12 @@ def each_run(one: Candidate) -> dict[str, HeldOut]:
 def left_out(
     key: Key[Array, ""], one: Candidate, draws: xr.DataTree, about: Reparametrisation
 ) -> LeftOut:
-    """Predict each run by what the others know: by draws weighed anew, or fitted again without it.
+    """Predict each run from the other runs; return its log predictive density and error.
 
-    Where a run moves the posterior far, its draws weighed without it say little, as k-hat shows.
-    Coordinates `about` the draws may yet suit a posterior without it better than those about a fit.
+    Draws of the whole posterior are weighted again, as if without the run. If a run moves the
+    posterior far, these weights are poor, as k-hat shows, and points near a fit without the run are
+    used. Coordinates `about` the draws may still suit the posterior without the run better than
+    those of its fit.
     """
     prior, data = one.fitted.box, one.fitted.data
     elpd, error, worst, doubt = {}, {}, -np.inf, 0.0
@@ -93,9 +98,9 @@ def left_out(
 
 
 def left_out_of_fits(one: Candidate) -> LeftOut:
-    r"""Return the same by the fit without each run alone, $\log p(D_r | \hat\theta_{-r})$.
+    r"""Return each run's score from the fit without it alone, $\log p(D_r | \hat\theta_{-r})$.
 
-    What the width of a posterior adds is a few nats: nothing where a law is hopeless.
+    The width of a posterior adds a few nats, which do not matter for a hopeless law.
     """
     table = each_run(one)
     elpd = {run: _score_of_fit(piece, one.fitted.data) for run, piece in table.items()}
@@ -103,15 +108,17 @@ def left_out_of_fits(one: Candidate) -> LeftOut:
 
 
 def _score_of_fit(piece: HeldOut, data: Dataset) -> float:
-    """Return the log density of a piece at the fit to the rest [nats]."""
+    """Return the log density of held-out groups at the fit to the rest [nats]."""
     return likelihood_at(piece.fit, data) - likelihood_at(piece.fit, piece.rest)
 
 
 def _told_by_terms(data: Dataset, rest: Dataset) -> Float[np.ndarray, " term"] | None:
-    """Return factors from likelihood terms of `rest` to those of `data`; None if shifts tie runs.
+    """Return factors that restore likelihood terms of held-out groups; None if they are tied.
 
-    Without offsets a term is the number of values times what one of them says, and a silenced
-    group has next to none: its term tells what it says, and nothing is solved twice.
+    The factors lead from the terms of `rest`, where these groups are silenced, to those of `data`.
+
+    Without offsets, a likelihood term is proportional to the number of values that count. A
+    silenced group keeps a tiny number, so its term can be scaled up and nothing is solved twice.
     """
     if data.has_offsets or any(part.own_shifts for part in data.parts):
         return None
@@ -122,7 +129,7 @@ def _told_by_terms(data: Dataset, rest: Dataset) -> Float[np.ndarray, " term"] |
 def _by_draws(
     tree: xr.DataTree, names: Sequence[str], data: Dataset, rest: Dataset
 ) -> tuple[float, float] | None:
-    """Log predictive density of what `rest` lacks [nats] and k-hat; None where weights are poor."""
+    """Return log predictive density [nats] of held-out groups and k-hat; None if k-hat is poor."""
     posterior = tree["posterior"].to_dataset()
     terms = tree["log_likelihood"].to_dataset()["terms"].values
     terms = terms.reshape(-1, terms.shape[-1])
@@ -145,7 +152,7 @@ def _by_points(
     piece: HeldOut,
     about_all: Reparametrisation,
 ) -> tuple[float, float]:
-    """Return the same by points about the fit without it, or about all draws if worth more."""
+    """Return log predictive density [nats] and k-hat of held-out groups from new points."""
     parametrisations = {"fit": lambda: place_of(piece.fit, candidate), "draws": lambda: about_all}
     points = weighed_in(key, candidate.fitted.box, piece.rest, parametrisations)
     times = _told_by_terms(candidate.fitted.data, piece.rest)
@@ -168,17 +175,18 @@ def weighed_in(key: Key[Array, ""], prior: Box, data: Dataset, places: Places) -
 
 
 def _error_of(piece: HeldOut, candidate: Candidate) -> float:
-    """Return the error of a piece over its response; its runs have their own frequency."""
+    """Return the relative error of held-out groups; runs have separate natural frequencies."""
     fitted = candidate.fitted
     errors = errors_with_own_frequency(piece.fit, fitted.box, fitted.data)
     return rms([errors[label] for label in piece.labels if label in errors])
 
 
 def twice_as_wide(prior: Box, laws: tuple[str, ...], stated: Collection[str] = ()) -> Box:
-    """Return the box with those of the laws' own parameters twice as wide.
+    """Return the prior box with the bounds of the laws' own parameters twice as wide.
 
-    About zero where both signs are possible, otherwise upwards. A part of omega_n^2 has no wider
-    prior: it ends where nothing but the joint holds; nor has one whose density is `stated`.
+    Bounds widen on both sides of zero if both signs are possible, otherwise upwards. Shares of
+    omega_n^2 keep their bounds, because the joint alone cannot be stiffer than the whole; so do
+    parameters with a `stated` density.
     """
     bounds = bounds_by_name(prior)
     for quantity in quantities_of(laws):
@@ -192,10 +200,10 @@ def twice_as_wide(prior: Box, laws: tuple[str, ...], stated: Collection[str] = (
 
 
 def log_evidence_wide(key: Key[Array, ""], one: Candidate, draws: xr.DataTree) -> float | None:
-    """Log evidence in the wider box [nats]; None where its weights cannot be trusted.
+    """Return the log evidence in a box twice as wide [nats]; None if its weights are poor.
 
-    By points about the fit, or about the moments of the posterior's draws where these are worth
-    more.
+    Points are drawn around the fit, or around the moments of the posterior's draws if these are
+    better.
     """
     data, best, prior = one.fitted.data, one.fitted.fit, one.fitted.box
     wide, log_evidence = (

@@ -1,28 +1,29 @@
-r"""Do runs, records and modes tell of one joint? Each left out of the fit, or fitted by itself.
+r"""Consistency of runs, records and modes: each is left out of the fit, or fitted alone.
 
-Where the law of the joint is wrong, or runs shift, each level asks for parameters of its own, and
-the fit of all is a compromise with a narrow interval. So the fit is repeated without each run, and
-its change compared with what chance allows,
+If the law of the joint is wrong, or runs shift, each level needs different parameters, and the fit
+of all is a compromise with a narrow interval. So the fit is repeated without each run, and its
+change is compared with what chance allows,
 
 $$z = \frac{\hat\theta_{-r} - \hat\theta}{\sqrt{\sigma_{-r}^2 - \sigma^2}}, \qquad
   |\hat\theta_{-r} - \hat\theta| \le \sigma_{-r} \sqrt{\chi^2_{-r}(\hat\theta) -
   \chi^2_{-r}(\hat\theta_{-r})}$$
 
-A change counts for no more than what the other runs gain by it: along a bent direction that none of
-them determines, a fit moves far for nothing.
+A change is limited by the gain of the other runs: along a curved direction that none of them
+determines, a fit moves far without gain.
 
-A law that is a little wrong asks for other products at other amplitudes, and a posterior of all
+A slightly wrong law needs different products at different amplitudes, but a posterior of all
 records is as narrow as if they agreed. So every free decay is fitted alone, and the scatter $\tau$
-between them is that of Paule and Mandel (1982): of relative estimates $q_i$ with errors $s_i$,
+between them is that of Paule and Mandel (1982): for relative estimates $q_i$ with errors $s_i$,
 
 $$\sum_i \frac{(q_i - \bar q)^2}{s_i^2 + \tau^2} = n - 1, \qquad
   \bar q = \frac{\sum q_i / (s_i^2 + \tau^2)}{\sum 1 / (s_i^2 + \tau^2)}$$
 
-with $\tau = 0$ where the sum is smaller already. The mean of n records is then known to
-$\sqrt{\sigma^2 + \tau^2 / n}$ and no better.
+with $\tau = 0$ where the sum is smaller already. The mean of n records is then determined to
+$\sqrt{\sigma^2 + \tau^2 / n}$ only.
 
-One scalar joint has one softening and one loss for all modes, up to a factor a mode. A mode that a
-joint of its own follows clearly better, alone and with the others filtered out, does not obey it.
+One scalar joint has one softening and one loss for all modes, up to a factor per mode. The model of
+one joint is rejected for a mode that a separate joint fits clearly better, with the other modes
+filtered out.
 """
 
 from collections.abc import Mapping, Sequence
@@ -64,23 +65,24 @@ from jbw.quantities import are_at_joints
 from jbw.report.messages import modes, stages
 from jbw.report.messages import residuals as messages
 
-FitsWithout = Mapping[tuple[str, ...], HeldOut]  # by the runs that are held out
-MOVES = 4.0  # standard deviations of the change: beyond, the runs contradict each other
-# Times its standard deviation by all tests: a parameter that rests on what is left out.
+FitsWithout = Mapping[tuple[str, ...], HeldOut]  # by held-out runs
+MOVES = 4.0  # standard deviations of a change from which runs contradict each other
+# Ratio of standard deviations without and with a test from which a parameter depends on it.
 WIDER = 5.0
-LEAST_GAIN = 0.01  # of the variance: what a run must add for its absence to be judged
-FEWEST = 3  # records, before a scatter is spoken of
-BY_CHANCE = 0.01  # probability of as large a scatter, of records that agree
-MATTERS = 1.2  # times the interval: a scatter that widens it by less is not spoken of
-REACH = float(stats.norm.isf(0.005))  # standard deviations of a 99 % interval
-CLEARLY = 1.25  # times what its own joint leaves of a mode
+LEAST_GAIN = 0.01  # least relative gain of variance by a run for which its z is computed
+FEWEST = 3  # records from which a scatter is computed
+BY_CHANCE = 0.01  # probability of such a scatter if records agree
+MATTERS = 1.2  # factor on the interval below which a scatter is not reported
+REACH = float(stats.norm.isf(0.005))  # half-width of a 99 % interval in standard deviations
+CLEARLY = 1.25  # ratio of a mode's errors with the common and a separate joint
 
 
 def fits_without_each_run(best: Fit, prior: Box, data: Dataset) -> FitsWithout:
-    """Fit again without each run of records, harmonics or loops in turn; nothing of fewer than two.
+    """Repeat the fit without each run in turn; empty with fewer than two runs.
 
-    Free decays are left out where there is nothing else, the strongest third of them together, the
-    weakest, and those between: a record beside one like it says nothing of other amplitudes.
+    Runs consist of records, harmonics or loops. Free decays are left out only if there are no other
+    tests, in three groups from the weakest third to the strongest: a record without a similar one
+    would not test other amplitudes.
     """
     decays_alone = all(part.own_shifts for part in data.parts)
     parts = [p for p in measured_parts(data) if decays_alone or not p.own_shifts]
@@ -94,7 +96,7 @@ def fits_without_each_run(best: Fit, prior: Box, data: Dataset) -> FitsWithout:
 
 
 def _thirds(data: Dataset) -> list[tuple[str, ...]]:
-    """Return the names of the records of free decays, from the weakest third to the strongest."""
+    """Return the run names of free decays in three groups, from the weakest to the strongest."""
     sizes = {run: y for part in data.parts for run, y in part.shown().begins.items()}
     order = sorted(sizes, key=lambda run: sizes[run])
     parts = np.array_split(np.arange(len(order)), min(len(order), 3))
@@ -104,11 +106,12 @@ def _thirds(data: Dataset) -> list[tuple[str, ...]]:
 def leave_one_out(
     best: Fit, prior: Box, data: Dataset, without_each: FitsWithout
 ) -> xr.Dataset | None:
-    """Compare the fits without each run, from `fits_without_each_run`, with the fit of all runs.
+    """Compare the fits without each run with the fit of all runs.
 
-    `z` is NaN where a run adds nothing, `error` is that of a run as the fit without it predicts it.
-    Two runs must be left, so that no fit is of one level alone: None with fewer than two such runs,
-    three runs in all, or of free decays alone.
+    `without_each` comes from `fits_without_each_run`. `z` is NaN where a run adds nothing; `error`
+    is that of a run predicted by the fit without it. At least two runs must remain, so that no fit
+    is of one level alone: None with fewer than two such runs, fewer than three runs in all, or free
+    decays alone.
     """
     decays_alone = all(part.own_shifts for part in data.parts)
     if decays_alone or len(without_each) < 2 or len(set(data.runs)) < 3:
@@ -155,13 +158,13 @@ def leave_one_out(
 
 
 def _gained(best: Fit, piece: HeldOut, prior: Box) -> float:
-    """Return the chi-square that the other runs gain by their own fit."""
+    """Return by how much chi-square of the other runs falls in a fit without one run."""
     before = float(np.sum(residual_at(stacked, best.x, prior, piece.rest) ** 2))
     return max(before - 2 * piece.fit.cost, 0.0)
 
 
 def _error(labels: Sequence[str], errors: Mapping[str, float], sizes: Mapping[str, float]) -> float:
-    """Return the error of groups together over the size of all; a line fit has none."""
+    """Return the relative error of several groups together; groups of a line fit have none."""
     sized = [label for label in labels if label in sizes]
     size = np.array([sizes[label] for label in sized])
     missed = size * [errors[label] for label in sized]
@@ -169,16 +172,16 @@ def _error(labels: Sequence[str], errors: Mapping[str, float], sizes: Mapping[st
 
 
 def left_out_sentence(left_out: xr.Dataset) -> str:
-    """Return how well each run is predicted by the others, in words."""
+    """Return the sentence on how well each run is predicted by the others."""
     errors = [f"{error.run.item()} {100 * error.item():.2g} %" for error in left_out["error"]]
     proviso = messages.WITH_FREQUENCY * left_out["error"].attrs.get("own_frequency", 0)
     return messages.each_session(proviso, errors, identified_alone(left_out["wider"]))
 
 
 def identified_alone(wider: xr.DataArray) -> dict[str, list[str]]:
-    """Return the parameters that only the tests left out identify, by what was left out.
+    """Return, for each left-out test, the parameters that no other test determines.
 
-    `wider` holds their standard deviations without it over those with it.
+    `wider` contains the standard deviations without the test over those with it.
     """
     left_out, parameters = (wider[str(dim)].values.tolist() for dim in wider.dims)
     return {
@@ -188,7 +191,7 @@ def identified_alone(wider: xr.DataArray) -> dict[str, list[str]]:
 
 
 def consistency_finding(left_out: xr.Dataset, laws: Sequence[str] = ()) -> Finding:
-    """Return whether the runs tell of one joint; its number is the largest |z|."""
+    """Return the finding on whether the runs agree on one joint; its number is the largest |z|."""
     size = abs(left_out["z"])
     if size.isnull().all():
         return Finding("leave_one_out", "ok", {}, float("nan"), entry="leave_one_out.none")
@@ -202,11 +205,11 @@ def consistency_finding(left_out: xr.Dataset, laws: Sequence[str] = ()) -> Findi
 
 
 def between_records(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
-    """Return every record of free decays fitted alone, by what it leaves itself, and their scatter.
+    """Fit every free decay alone; return the estimates and their scatter between records.
 
-    Of the laws' products and of zeta, relative to the fit of all. None where there is another kind
-    of test, which every such fit would share, where there is no law, or with fewer than three
-    records.
+    The estimates are those of the laws' products and zeta, relative to the fit of all records.
+    Their errors follow from each record's own residual. None if there is another kind of test
+    (every such fit would share it), no law, or fewer than three records.
     """
     records = data.runs
     decays_alone = all(part.own_shifts for part in data.parts)
@@ -239,10 +242,11 @@ def between_records(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
 
 
 def _own_errors(fits: Mapping[str, Fit], data: Dataset) -> NDArray[np.float64]:
-    r"""Return the errors of records by what each leaves alone, over those in the weights of all.
+    r"""Return each record's standard error from its own residual, over that in the fit of all.
 
-    $\sqrt{(\sigma_i^2 / f) / (\sigma^2 / f_{all})}$: what one law leaves of all records is
-    misfit, of which little is left of each, and a larger fraction f of that is independent.
+    $\sqrt{(\sigma_i^2 / f) / (\sigma^2 / f_{all})}$: the residual of one law for all records is
+    misfit. Little of it remains for each record alone, and a larger fraction f of that is
+    independent.
     """
     residuals = {
         record: residual_by_label(fit.residual, data)[record] for record, fit in fits.items()
@@ -278,7 +282,7 @@ def _known(fitted: Fit, data: Dataset) -> tuple[dict[str, float], dict[str, floa
 def _scatter(
     estimate: Float[np.ndarray, " record"], std: Float[np.ndarray, " record"]
 ) -> tuple[float, float]:
-    """Return scatter beyond the records' own errors, and p-value under these errors alone."""
+    """Return the scatter between records beyond their errors, and its p-value without scatter."""
     degrees = len(estimate) - 1
 
     def beyond(variance: float) -> float:
@@ -286,7 +290,7 @@ def _scatter(
         mean = np.sum(weight * estimate) / np.sum(weight)
         return float(np.sum(weight * (estimate - mean) ** 2)) - degrees
 
-    # A scatter of twice the range explains any.
+    # A scatter of twice the range explains any difference.
     most = 4 * float(np.ptp(estimate)) ** 2
     variance = 0.0
     if beyond(0.0) > 0:
@@ -295,7 +299,7 @@ def _scatter(
 
 
 def between_finding(between: xr.Dataset) -> Finding:
-    """Return whether records agree in what each of them says; its number is the largest scatter."""
+    """Return the finding on whether records agree; its number is the largest relative scatter."""
     count = between.sizes["record"]
     scatter, error = between["scatter"].values, between["std_of_all"].values
     wide = np.sqrt(error**2 + scatter**2 / count)
@@ -321,8 +325,8 @@ def between_finding(between: xr.Dataset) -> Finding:
 
 
 def own_joint_sentences(key: Key[Array, ""], best: Fit, data: Dataset) -> list[str]:
-    """Return a sentence per data part on whether free decays reject one joint for all modes."""
-    if not data.laws or are_at_joints(data.laws):  # several joints are no question of one
+    """Return sentences on whether the free decays of several modes reject one common joint."""
+    if not data.laws or are_at_joints(data.laws):  # the question does not arise with several joints
         return []
     parts = [part for part in data.parts if part.several]
     return [_mode_sentence(key, best, part, data) for part in parts]
@@ -341,7 +345,7 @@ def _mode_sentence(key: Key[Array, ""], best: Fit, part: Any, data: Dataset) -> 
 
 
 def error_alone(key: Key[Array, ""], decays: Decays) -> float:
-    """Fit a separate joint to one mode's decays; return the error over the decays' size."""
+    """Fit a separate joint to one mode's decays; return the relative error."""
     data, estimates = Dataset.of([decays], {"gain": 1.0}), decays.shown().first_values()
     prior = box_of(Identify(), data, estimates)
     estimates = {**estimates, **from_amplitude_curve(key, data, prior, {})}

@@ -11,7 +11,7 @@ from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
 
 PER_LINE = ("freq", "h", "coherence", "variance", "input_spectrum", "output_spectrum")
-NEAR_PEAK = 0.2  # default band, of the peak's frequency to either side
+NEAR_PEAK = 0.2  # half-width of the default band over the peak's frequency
 
 
 @dataclass(frozen=True)
@@ -21,15 +21,15 @@ class LineFit:
     omega_n: float  # natural frequency [rad/s]
     zeta: float  # damping ratio [-]
     gain: float  # force per unit mass and unit of input [N/kg per unit]
-    covariance: NDArray[np.float64]  # of (omega_n, zeta, gain), residual terms left free
-    upper: float  # constant receptance of the modes above, zero when not fitted [m per unit]
-    lower: float  # coefficient of 1 / omega^2 of the modes below, zero when not fitted
+    covariance: NDArray[np.float64]  # of (omega_n, zeta, gain), with free residual terms
+    upper: float  # constant receptance of higher modes; 0 if not fitted [m per unit]
+    lower: float  # coefficient of 1 / omega^2 of lower modes; 0 if not fitted
     # Sum of squared misfits, real and imaginary, over their variance. Neighbouring lines are
-    # correlated, so it scatters more than a chi-square about `dof`.
+    # correlated, so it varies more than a chi-square with `dof` degrees of freedom.
     chi_square: float
-    dof: int  # real data less parameters
-    num_lines: int  # lines fitted
-    band_hz: tuple[float, float]  # the lowest and highest of them [Hz]
+    dof: int  # number of real data minus parameters
+    num_lines: int  # number of fitted lines
+    band_hz: tuple[float, float]  # lowest and highest fitted line [Hz]
     smeared: bool  # whether the window's smearing was part of the model
 
     @property
@@ -39,20 +39,20 @@ class LineFit:
 
     @property
     def std(self) -> NDArray[np.float64]:
-        """Standard deviations of (omega_n, zeta, gain)."""
+        """The standard deviations of (omega_n, zeta, gain)."""
         return np.sqrt(np.diag(self.covariance))
 
 
 def line_fit_start(frf: FRF) -> NDArray[np.float64]:
-    r"""Return (omega_n, zeta, gain) by the line-fit method: 1/H is linear in its parameters.
+    r"""Return (omega_n, zeta, gain) by linear least squares on 1/H, as a start for `line_fit`.
 
     $$\frac1H = \frac{\omega_n^2}{g} - \frac{\omega^2}{g} + j\omega\,\frac{2\zeta\omega_n}{g}$$
 
-    Weighted by |H|^4 over the variance, which is what 1/H inherits. Reads the FRF as it stands, so
-    a short window reads too high a damping: a start for `line_fit`.
+    Weights are |H|^4 over the variance, as errors of 1/H require. The FRF is used as it is, so a
+    short window gives too high a damping.
 
     Raises:
-        DataError: No resonance that loses energy.
+        DataError: The FRF shows no resonance that loses energy.
     """
     h, scale = frf.h, frf.omega.mean()
     x = frf.omega / scale
@@ -76,15 +76,15 @@ def line_fit_start(frf: FRF) -> NDArray[np.float64]:
 
 
 def floored(variance: NDArray[np.float64], h: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Return the variance kept off zero: a noise-free line would outweigh all others."""
+    """Return the variance limited from below, so that noise-free lines do not dominate."""
     typical = np.mean(variance[np.isfinite(variance)]) if np.isfinite(variance).any() else 0.0
     return np.maximum(variance, max(1e-6 * typical, (1e-12 * np.abs(h).max()) ** 2))
 
 
 def in_band(frf: FRF, band: tuple[float, float] | None) -> FRF:
-    """Return the FRF at lines inside the band [Hz]; by default 20 % to either side of the peak."""
+    """Return the FRF's lines inside a band [Hz]; by default 20 % to either side of the peak."""
     if band is None:
-        # In the response as measured, whose noise does not rise towards low frequencies.
+        # Use the measured response, whose noise does not rise towards low frequencies.
         size = np.abs(frf.h) * frf.omega ** derivative_order(frf.response) * frf.coherence
         peak = float(frf.freq[np.argmax(size)])
         band = ((1 - NEAR_PEAK) * peak, (1 + NEAR_PEAK) * peak)

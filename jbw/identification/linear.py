@@ -1,4 +1,4 @@
-"""Step 2: natural frequency, damping and gain from an FRF, with covariance."""
+"""Step 2 of the paper: natural frequency, damping and gain from an FRF, with covariance."""
 
 import warnings
 from collections.abc import Sequence
@@ -17,33 +17,33 @@ from jbw.measurement.spectra import FRF
 Residuals = Literal["none", "upper", "both"]
 
 NUM_RESIDUALS = {"none": 0, "upper": 1, "both": 2}
-SCATTER_P = 0.01  # repeats scatter more than their errors say, below this probability
+SCATTER_P = 0.01  # p-value below which repeats scatter more than their errors explain
 
 
 @dataclass(frozen=True)
 class PooledFit:
-    """Fits of several repeats, together; every vector is (omega_n, zeta, gain)."""
+    """The combined fit of several repeats; every vector is (omega_n, zeta, gain)."""
 
-    mean: Real  # over the repeats
-    covariance: Real  # of the mean: from the fits' own, widened where the repeats scatter more
+    mean: Real  # mean over the repeats
+    covariance: Real  # of the mean, widened if the repeats scatter more
     cv: Real  # coefficient of variation across repeats [-]
-    scatter_ratio: Real  # variance across repeats over what the fits' covariances promise
-    scatter_p: Real  # probability of such a ratio or a larger one by chance
+    scatter_ratio: Real  # variance across repeats over that expected from the fits
+    scatter_p: Real  # p-value of the ratio
     num_repeats: int
 
     @property
     def omega_n(self) -> float:
-        """Mean natural frequency [rad/s]."""
+        """The mean natural frequency [rad/s]."""
         return float(self.mean[0])
 
     @property
     def zeta(self) -> float:
-        """Mean damping ratio [-]."""
+        """The mean damping ratio [-]."""
         return float(self.mean[1])
 
     @property
     def gain(self) -> float:
-        """Mean gain [N/kg per unit]."""
+        """The mean gain [N/kg per unit]."""
         return float(self.mean[2])
 
 
@@ -54,29 +54,29 @@ def line_fit(
     residuals: Residuals = "none",
     smear: bool | None = None,
 ) -> LineFit:
-    r"""Return the natural frequency, damping and gain by weighted complex least squares.
+    r"""Fit the natural frequency, damping and gain of one mode to an FRF.
 
     $$H(\omega) = \frac{g}{\omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega} + r_u
       + \frac{r_l}{\omega^2}$$
 
-    Under random input a Hann window smears the resonance (8 s read 0.44 % as 0.6 to 0.9 %). The
-    smeared model is what is compared, so damping is unbiased with short windows too. The
-    covariance knows that neighbouring lines are correlated and that leakage is an error of its
-    own.
+    The fit is by weighted complex least squares. Under random input, a Hann window smears the
+    resonance (8 s windows show a damping of 0.44 % as 0.6 to 0.9 %). The model is smeared in the
+    same way, so damping is unbiased with short windows too. The covariance includes the correlation
+    of neighbouring lines and the error by leakage.
 
     Args:
         frf: Estimated receptance.
-        band: Lowest and highest frequency to fit [Hz]; by default 20 % about the peak.
+        band: Lowest and highest frequency to fit [Hz]; by default 20 % around the peak.
         residuals: Terms for modes outside the band: none, upper (r_u) or both.
         smear: Whether the input was random, so that the window smears and leaks; by default for H1
             with a Hann window. Set False for a periodic input.
 
     Returns:
-        The fit. Warns when damping is finer than the lines, or poorly known.
+        The fit. A warning is given if the damping is finer than the lines, or poorly determined.
 
     Raises:
-        DataError: Too few lines, no resonance, or a fit that does not converge.
-        ConfigError: An option that cannot be meant.
+        DataError: There are too few lines or no resonance, or the fit does not converge.
+        ConfigError: An option is invalid.
 
     Reference:
         Step 2, with the receptance of Eq. (23).
@@ -113,21 +113,21 @@ def line_fit(
 
 
 def pool(fits: Sequence[LineFit]) -> PooledFit:
-    r"""Return the fits of several repeats as one: mean, its covariance, and the CV across repeats.
+    r"""Combine line fits of several repeats: mean, its covariance, variation between repeats.
 
     $$\mathrm{Cov}(\bar\theta) = D\,\frac{1}{R^2}\sum_r C_r\,D$$
 
-    D is one, except where the repeats scatter beyond what their covariances promise (p < 0.01, by
-    chi-square): there it is the root of the ratio of the two variances.
+    D is one, except if the repeats scatter more than their covariances explain (p < 0.01, by
+    chi-square): then it is the square root of the ratio of the two variances.
 
     Args:
-        fits: One fit a repeat, at least one.
+        fits: One fit per repeat, at least one.
 
     Returns:
         The pooled fit; CV and scatter are NaN with one repeat.
 
     Raises:
-        DataError: No fits.
+        DataError: No fits are given.
 
     Examples:
         Three records of the virtual rig, which has 118.12 rad/s and 0.444 %, are pooled:
@@ -154,7 +154,7 @@ def pool(fits: Sequence[LineFit]) -> PooledFit:
 
 
 def checked_smear(frf: FRF, residuals: str, smear: bool | None) -> bool:
-    """Return whether to smear, after a look at the options."""
+    """Return whether to smear the model like the FRF; raise a ConfigError for invalid options."""
     if residuals not in NUM_RESIDUALS:
         raise ConfigError(
             f"Argument `residuals` must be none, upper or both, but it is {residuals!r}."
@@ -169,7 +169,7 @@ def checked_smear(frf: FRF, residuals: str, smear: bool | None) -> bool:
 
 
 def _warn_when_doubtful(fit: LineFit, frf: FRF) -> None:
-    """Warn when the damping is finer than the lines, or hardly known."""
+    """Warn if the damping is finer than the lines, or poorly determined."""
     f_n, std = fit.omega_n / (2 * np.pi), fit.std[1]
     if fit.zeta * f_n < 1 / frf.window_s:
         warnings.warn(

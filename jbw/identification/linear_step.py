@@ -1,4 +1,4 @@
-"""Step 2 on a campaign: the FRF of its most linear noise test, fitted repeat by repeat."""
+"""Step 2 for a campaign: the FRF of its most linear noise test, fitted repeat by repeat."""
 
 import warnings
 from collections.abc import Sequence
@@ -27,33 +27,33 @@ NAMES = ("omega_n", "zeta", "gain")
 class LinearStep:
     """The result of Step 2, the line fit in the linear regime."""
 
-    test: Test  # the noise test it read
-    fits: tuple[LineFit, ...]  # one a repeat
+    test: Test  # the noise or multisine test
+    fits: tuple[LineFit, ...]  # one per repeat
     pooled: PooledFit
-    frf: FRF  # of all repeats together
-    y_rms: float  # displacement of the test, rms [m]: the amplitude that the result holds for
-    modal: ModalFit | None = None  # of all repeats, the joint's own mode first, where asked for
+    frf: FRF  # FRF of all repeats together
+    y_rms: float  # rms displacement of the test [m], where the result applies
+    modal: ModalFit | None = None  # of all repeats, the joint's mode first; None if not requested
 
     @property
     def natural_hz(self) -> float:
-        """Natural frequency [Hz]."""
+        """The natural frequency [Hz]."""
         return self.pooled.omega_n / (2 * np.pi)
 
     @property
     def source_unit(self) -> str:
-        """Unit of the source, such as V."""
+        """The unit of the source, such as V."""
         record = self.test.records[0]
         return record.units[record.source]
 
 
 class TriedStep(NamedTuple):
-    """Step 2 as a trial gave it, and its warnings, which are given where it is taken up."""
+    """The result of Step 2 with its warnings, which are given when the result is used."""
 
     step: LinearStep
     doubts: tuple[Warning | str, ...]
 
     def taken_up(self) -> LinearStep:
-        """Return the step, after its warnings."""
+        """Give the stored warnings and return the result of Step 2."""
         for doubt in self.doubts:
             warnings.warn(doubt, stacklevel=2)
         return self.step
@@ -62,7 +62,10 @@ class TriedStep(NamedTuple):
 def tried_step(
     test: Test, gain: float | None = None, modes: int | Sequence[float] = ()
 ) -> TriedStep:
-    """Step 2 of a test, its warnings kept back; raises what `linear_step` raises."""
+    """Perform Step 2 on a test and keep its warnings for later.
+
+    It raises the errors of `linear_step`.
+    """
     with warnings.catch_warnings(record=True) as doubts:
         warnings.simplefilter("always")
         step = linear_step(test, gain, modes)
@@ -74,9 +77,9 @@ def linear_step(
 ) -> LinearStep:
     """Fit natural frequency, damping and gain of the linear regime to a noise or multisine test.
 
-    Of a multisine by whole periods, which nothing leaks between: its lines scatter by noise alone.
-    `gain` is held where the campaign knows it [N/kg per unit of the input]. With `modes`, as
-    `fit_modes` takes them, the joint's own mode is fitted beside its neighbours.
+    A multisine is used in whole periods, which do not leak: its lines vary by noise alone. `gain`
+    is fixed if the campaign states it [N/kg per unit of the input]. With `modes`, as in
+    `fit_modes`, the joint's mode is fitted together with its neighbours.
     """
     periodic = steady(test)
     test, size = (test, None) if periodic is None else periodic
@@ -114,7 +117,7 @@ def linear_step(
 def _within(
     band_hz: tuple[float, float] | None, modes: int | Sequence[float]
 ) -> int | Sequence[float]:
-    """Keep the modes in the test's band; the other modes are neighbours in another test's band."""
+    """Return the modes in a test's band only; others belong to another test's band."""
     if isinstance(modes, int) or band_hz is None:
         return modes
     return [freq for freq in modes if band_hz[0] <= freq <= band_hz[1]]
@@ -125,14 +128,14 @@ def _modes_of(test: Test, estimate: FRF, modes: int | Sequence[float]) -> ModalF
 
 
 def _terms_of(test: Test, usual: Residuals) -> Residuals:
-    """Return the terms for modes outside the band, which each test has separately in a line fit."""
+    """Return the residual terms of modes outside the band, by a test's `residuals` setting."""
     if test.residuals == "own":
         return "both"
     return usual if test.residuals == "auto" else test.residuals
 
 
 def _joint_first(fit: ModalFit, *, counted: bool) -> ModalFit:
-    """Order a fit's modes, the joint's mode first; of counted modes, the highest peak first."""
+    """Return a modal fit with the joint's mode first: the highest peak, or as listed."""
     if not counted:
         return fit
     peak = np.abs(fit.residues[:, 0]) / (fit.zeta * fit.omega**2)
@@ -140,7 +143,7 @@ def _joint_first(fit: ModalFit, *, counted: bool) -> ModalFit:
 
 
 def units_of(step: LinearStep) -> dict[str, str]:
-    """Return the units of what Step 2 gives, by name; the source's unit decides the gain's."""
+    """Return the units of the quantities of Step 2 by name; the gain's depends on the source."""
     return {name: BY_NAME[name].unit for name in NAMES} | {"gain": gain_unit(step.source_unit)}
 
 

@@ -1,10 +1,11 @@
-r"""Lines of FRFs as a sum of modes, by weighted complex least squares; the heart of Step 2.
+r"""Fits of modes to FRFs by weighted complex least squares, the core of Step 2.
 
 $$H_o(\omega) = \sum_i \frac{R_{oi}}{\omega_i^2 - \omega^2 + 2j\zeta_i\omega_i\omega}
   + U_o + \frac{L_o}{\omega^2}$$
 
-of several outputs o of one input, with real residues R. The parameters are those of each mode,
-(omega_n, zeta, residue in each output), then (U, L) of each output, L over the band's mean squared.
+for outputs o of one input, with real residues R. The parameters are those of each mode, (omega_n,
+zeta, residue in each output), then (U, L) of each output, with L over the square of the band's mean
+frequency.
 """
 
 from collections.abc import Callable
@@ -28,59 +29,59 @@ from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
 
 LEAST_ZETA = 1e-6  # a damping of zero has no steady response
-ONE_RECORD = 1.5  # averages below which the lines do not know their noise
+ONE_RECORD = 1.5  # number of averages below which the noise of the lines is unknown
 NOISE_ROUNDS = 4
 
 
 @dataclass(frozen=True)
 class FRFLines:
-    """The fitted lines of several outputs over one band, and the model that fits them."""
+    """The lines of several FRFs in one band, and the settings of the model to fit."""
 
-    outputs: tuple[FRF, ...]  # in the band
+    outputs: tuple[FRF, ...]  # FRFs in the band
     num_modes: int
-    num_residuals: int  # of (U, L), for every output
+    num_residuals: int  # number of residual terms of (U, L), for every output
     smear: bool  # whether the window's smearing is part of the model
 
     @property
     def width(self) -> int:
-        """Parameters of one mode."""
+        """The number of parameters of one mode."""
         return 2 + len(self.outputs)
 
     @property
     def num_parameters(self) -> int:
-        """Parameters of all modes, and residual terms."""
+        """The number of parameters of all modes and residual terms."""
         return self.num_modes * self.width + self.num_residuals * len(self.outputs)
 
     @property
     def data(self) -> Complex:
-        """The lines in the response that was measured, output by output."""
+        """The lines in units of the measured response, output by output."""
         return np.concatenate([part.h * to_measured(part) for part in self.outputs])
 
     @property
     def noise_known(self) -> bool:
-        """Whether averages tell the noise of the lines."""
+        """Whether there are enough averages to determine the noise of the lines."""
         return self.outputs[0].num_averages > ONE_RECORD
 
 
 @dataclass(frozen=True)
 class FittedLines:
-    """The optimum of weighted least squares."""
+    """The optimum of a weighted least-squares fit of FRF lines."""
 
     theta: Real
-    jacobian: Complex  # of the model by theta
-    variance: Real  # of the lines, by which they were weighted
-    covariance: Real  # of all of theta
+    jacobian: Complex  # derivative of the model by theta
+    variance: Real  # of the lines, used as weights
+    covariance: Real  # covariance of theta
     chi_square: float
-    residual: Complex  # model less data, output by output
+    residual: Complex  # model minus data, output by output
 
 
 def to_measured(part: FRF) -> Complex:
-    """Factor from the receptance to the response that was measured, whose noise is plainest."""
+    """Return the factor from receptance to the measured response, where sensor noise is white."""
     return np.power(1j * part.omega, derivative_order(part.response), dtype=complex)
 
 
 def observed_variance(lines: FRFLines) -> Real:
-    """Return the variance of the lines from their averages, in the measured response."""
+    """Return the variance of the lines from their averages, in units of the measured response."""
     variances = [
         floored(part.variance * np.abs(to_measured(part)) ** 2, part.h * to_measured(part))
         for part in lines.outputs
@@ -94,7 +95,7 @@ def fit_lines(lines: FRFLines, start: Real, typical: Real) -> FittedLines:
     variance, of_sum = observed, None
     fitted = _least_squares(lines, data, variance, start, typical)
     windowed = lines.outputs[0].window == "hann"
-    # The errors depend on the parameters, weakly: two rounds settle the weights.
+    # The errors depend weakly on the parameters: two rounds are enough for the weights.
     for _ in range(2 if windowed else 0):
         errors = _errors(lines, observed, fitted.theta)
         variance = _floored(errors.variance, data, len(lines.outputs))
@@ -119,7 +120,7 @@ def _floored(variance: Real, data: Complex, num_outputs: int) -> Real:
 def _left_over(lines: FRFLines, residual: Complex, variance: Real) -> Real:
     """Return the residual power of every output over its variance, to scale unknown noise."""
     num = len(lines.outputs)
-    free = 1 - lines.num_parameters / (2 * len(residual))  # of the values
+    free = 1 - lines.num_parameters / (2 * len(residual))  # share of degrees of freedom
     share = np.abs(np.split(residual, num)) ** 2 / np.split(variance, num)
     return np.repeat(share.mean(axis=-1) / free, residual.size // num)
 
@@ -131,13 +132,13 @@ def modes_by_output(lines: FRFLines, theta: Real) -> list[Modes]:
 
 
 def terms(part: FRF, count: int) -> Complex:
-    """Return the columns of U and L, in the response measured, both of the size of a receptance."""
+    """Return the model columns of the residual terms U and L, in the measured response."""
     inverse_square = (part.omega.mean() / part.omega) ** 2
     return np.array([to_measured(part), to_measured(part) * inverse_square])[:count]
 
 
 def mode_lines(part: FRF, mode: tuple[float, float, float], smear: bool) -> Complex:
-    """Return the lines of one mode, (omega_n, zeta, residue), in the response measured."""
+    """Return the measured response's lines due to one mode, (omega_n, zeta, residue)."""
     if smear:
         return smeared(part.omega, *mode, part.window_s, derivative_order(part.response))
     return receptance(part.omega, *mode) * to_measured(part)
@@ -164,8 +165,8 @@ def model_of(lines: FRFLines) -> Callable[[Real], Complex]:
 def _least_squares(
     lines: FRFLines, data: Complex, variance: Real, start: Real, typical: Real
 ) -> FittedLines:
-    """Return the optimum, whose covariance is not known before that of the lines is."""
-    model, weight = model_of(lines), np.sqrt(2 / variance)  # a component has half of the variance
+    """Fit the parameters by weighted least squares; their covariance is computed later."""
+    model, weight = model_of(lines), np.sqrt(2 / variance)  # real and imaginary part have half each
 
     def misfit(x: Real) -> Real:
         r = weight * (model(x * typical) - data)
@@ -177,7 +178,7 @@ def _least_squares(
     high = np.full(len(start), np.inf)
     high[omegas + 1] = 0.999 / typical[omegas + 1]
     x0 = np.clip(start / typical, low + 1e-9, high)
-    # Widths of zeta's size matter in omega_n too, so its step is scaled down.
+    # Changes of omega_n matter on the scale of the half-width, so its step is scaled by zeta.
     size = np.ones(len(start))
     size[omegas] = typical[omegas + 1]
     optimum = optimize.least_squares(

@@ -1,18 +1,19 @@
-r"""Step 2 of several modes: which modes a band holds, their poles and residues, one covariance.
+r"""Step 2 for several modes: the number of modes in a band, their poles and residues.
 
-Stabilisation counts the modes: a fraction of polynomials with one denominator for all outputs
-(pLSCF) is fitted at every order n,
+Stabilisation determines the number of modes: a fraction of polynomials with one denominator for all
+outputs (pLSCF) is fitted at every order n,
 
 $$H_o(\omega) \approx \frac{\sum_{k \le n} b_{ok} z^k}{\sum_{k \le n} a_k z^k}, \qquad
   z = e^{j(\omega - \omega_0)T}, \quad a_n = 1$$
 
-by linear least squares of $a H - b$, the numerators eliminated. The circle is laid about the band,
-so that only poles of positive frequency appear. Poles of noise move with the order, modes stay.
+by linear least squares of $a H - b$, with the numerators eliminated. The band is mapped to most of
+the unit circle, so that only poles of positive frequency appear. Poles due to noise move with the
+order, modes do not.
 
-From these starts the modes are fitted. Residues and residual terms are linear in the lines: at
-every trial of the poles they are at their best (variable projection), so that starts are needed of
-the poles alone. What that finds is the start of the full fit of `jbw.identification.lines`, which
-one mode takes too.
+The modes are fitted from these starts. Residues and residual terms are linear in the lines: they
+are optimised at every trial of the poles (variable projection), so starts are needed for the poles
+only. The result is the start of the full fit of `jbw.identification.lines`, which is also used for
+a single mode.
 
 Reference:
     Peeters, Van der Auweraer, Guillaume and Leuridan, Shock Vib. 11 (2004) 395.
@@ -46,54 +47,54 @@ from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
 from jbw.report.messages import modes as messages
 
-SAME_OMEGA, SAME_ZETA = 0.01, 0.05  # relative: what a pole may move by from order to order
-MOST_STABLE_ZETA = 0.2  # of what may be a mode
-SPAN = 0.75 * 2 * np.pi  # of the circle that the band takes
-FIRST, LAST = 2, 8  # orders a mode that is expected
-MOST_ORDERS = 24  # between the two: of many modes some are passed over
-EXPECTED = 4  # modes at least: noise hides a mode from the lowest orders
-BEYOND = 0.02  # of the band's width: as far outside may a mode lie that is asked for
-UNSAID_ZETA = 0.01  # where the diagram shows no mode near a frequency that is asked for
-NEAR = 0.02  # relative, of such a mode
-LEAST_SHARE = 0.5  # of the orders that a mode is stable in, at least
+SAME_OMEGA, SAME_ZETA = 0.01, 0.05  # largest relative change of a stable pole between orders
+MOST_STABLE_ZETA = 0.2  # largest damping ratio of a mode
+SPAN = 0.75 * 2 * np.pi  # angle of the unit circle that the band covers
+FIRST, LAST = 2, 8  # lowest and highest order per expected mode
+MOST_ORDERS = 24  # most orders that are tried; with many modes some are skipped
+EXPECTED = 4  # least number of expected modes: noise hides modes at the lowest orders
+BEYOND = 0.02  # distance outside the band, over its width, that a requested mode may have
+UNSAID_ZETA = 0.01  # starting damping if the diagram shows no mode near a requested one
+NEAR = 0.02  # largest relative distance in frequency of such a mode
+LEAST_SHARE = 0.5  # least share of orders in which a mode is stable
 SAME_LINES = ("window", "estimator", "nperseg", "noverlap", "num_segments", "num_repeats", "fs")
-LEAST_ZETA, MOST_ZETA = 1e-5, 0.5  # of trials
-OUTSIDE = 0.25  # of the band's width: as far outside may a mode end
-MOST_TRIALS = 60  # of the poles: those that wander are refused, and the others take ten
-MOST_MISFIT = 0.5  # of an output: beyond, and far beyond its noise, the modes are others
-BEYOND_NOISE = 10.0  # chi-square a degree of freedom
-APART = 0.1  # of the half-width of the more damped: modes nearer than this are one
+LEAST_ZETA, MOST_ZETA = 1e-5, 0.5  # bounds of damping ratios during the fit
+OUTSIDE = 0.25  # distance outside the band, over its width, that a fitted mode may have
+MOST_TRIALS = 60  # of the poles; a good fit takes ten, and poles that wander are rejected
+MOST_MISFIT = 0.5  # relative misfit of an output from which the modes are wrong
+BEYOND_NOISE = 10.0  # chi-square per degree of freedom that is far beyond noise
+APART = 0.1  # distance of two modes, over the larger half-width, below which they are one
 
 
 @dataclass(frozen=True)
 class Stabilisation:
-    """The diagram: a pole a place, of every order."""
+    """The stabilisation diagram: poles of all orders, and those that are stable."""
 
     order: NDArray[np.int64]
     omega: Real  # natural frequency [rad/s]
     zeta: Real
-    is_stable: NDArray[np.bool_]  # the order before has it too: to 1 % and 5 % of the damping
-    groups: Real  # (omega, zeta) of poles that stay, those of most orders first
-    share: Real  # of the orders in which each is stable
+    is_stable: NDArray[np.bool_]  # present at the previous order, within 1 % (omega) and 5 % (zeta)
+    groups: Real  # (omega, zeta) of stable poles, most frequent ones first
+    share: Real  # share of orders in which each is stable
 
     @property
     def modes(self) -> Real:
-        """(omega, zeta) of what is stable in half of the orders or more, by rising frequency."""
+        """The (omega, zeta) of poles that are stable in at least half of the orders."""
         stable = self.groups[self.share >= LEAST_SHARE]
         return stable[np.argsort(stable[:, 0])]
 
 
 def stabilisation(outputs: Sequence[FRF], expected: int = 0) -> Stabilisation:
-    """Find poles of orders 2 to 8 times the expected modes, at least four, and the stable modes.
+    """Compute poles of orders 2 to 8 times the number of expected modes, and the stable modes.
 
-    `outputs` are the FRFs of one input at the same lines. Smeared peaks look more damped than they
-    are: the modes are starts of a fit.
+    At least four modes are assumed. `outputs` are the FRFs of one input at the same lines. Smeared
+    peaks look too damped, so the modes serve as starts of a fit only.
 
     Raises:
-        DataError: Fewer lines than the lowest order takes.
+        DataError: There are too few lines for the lowest order.
     """
     num_lines, expected = len(outputs[0].freq), max(expected, EXPECTED)
-    # More lines than coefficients of one output's numerator and denominator.
+    # There must be more lines than coefficients of one output's numerator and denominator.
     highest, lowest = min(LAST * expected, (num_lines - 1) // 2), FIRST * expected
     if highest <= lowest:
         raise DataError(
@@ -123,7 +124,7 @@ def _poles(outputs: Sequence[FRF], order: int) -> Real:
         factor = np.power(1j * omega, derivative_order(part.response), dtype=complex)
         data = part.h * factor
         columns = powers * data[:, None]
-        # Numerators at their best: what the powers of z alone explain of a H is taken off.
+        # Eliminate the numerators: remove the part of a H that the powers of z alone explain.
         basis = np.linalg.qr(powers)[0]
         residual = columns - basis @ (basis.conj().T @ columns)
         normal += residual.conj().T @ residual / np.vdot(data, data).real
@@ -138,7 +139,7 @@ def _poles(outputs: Sequence[FRF], order: int) -> Real:
 
 
 def _has(poles: Real, pole: Real) -> bool:
-    """Return whether a pole is among others, to the tolerances of stability."""
+    """Return whether a pole is among other poles, within the tolerances of stability."""
     near = np.abs(poles - pole) <= np.array([SAME_OMEGA, SAME_ZETA]) * pole
     return bool(np.any(np.all(near, axis=1)))
 
@@ -147,7 +148,7 @@ def _staying(poles: Real) -> tuple[Real, Real]:
     """Return medians of groups of stable poles and the groups' sizes, largest groups first."""
     remaining, groups = poles, []
     while len(remaining):
-        # About the pole with the most others beside it.
+        # The group surrounds the pole with the most close neighbours.
         near = np.abs(remaining[:, None, 0] / remaining[:, 0] - 1) <= SAME_OMEGA
         group = near[:, np.argmax(near.sum(axis=0))]
         groups.append(remaining[group])
@@ -205,7 +206,7 @@ def starts_of(
 
 
 def _start_near(omega: float, stable_poles: Real) -> tuple[float, float]:
-    """Return a frequency asked for, with the damping of what the diagram shows near it."""
+    """Return a requested frequency, with the damping of the nearest stable pole as start."""
     near = stable_poles[np.abs(stable_poles[:, 0] / omega - 1) < NEAR]
     if not len(near):
         return omega, UNSAID_ZETA
@@ -214,21 +215,21 @@ def _start_near(omega: float, stable_poles: Real) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class ModalFit:
-    """Modes fitted to the FRFs of one input, in the order in which they were asked for."""
+    """Modes fitted to the FRFs of one input, in the order in which they were requested."""
 
     omega: Real  # natural frequencies [rad/s], shape (mode,)
     zeta: Real  # damping ratios
     residues: Real  # force per modal mass times shape [N/kg per unit], shape (mode, output)
-    covariance: Real  # of (omega, zeta, residues), each mode by mode
-    upper: Real  # constant receptance of the modes above, by output [m per unit]
-    lower: Real  # coefficient of 1 / omega^2 of the modes below, by output
-    misfit: Real  # of each output's lines over their size, both in standard errors
+    covariance: Real  # of (omega, zeta, residues), each in the order of modes
+    upper: Real  # constant receptance of higher modes, by output [m per unit]
+    lower: Real  # coefficient of 1 / omega^2 of lower modes, by output
+    misfit: Real  # relative misfit of each output, in standard errors
     chi_square: float  # sum of squared misfits over their variance
-    dof: int  # real data less parameters
-    num_lines: int  # fitted, of each output
-    band_hz: tuple[float, float]  # the lowest and highest of them [Hz]
+    dof: int  # number of real data minus parameters
+    num_lines: int  # number of fitted lines of each output
+    band_hz: tuple[float, float]  # lowest and highest fitted line [Hz]
     smeared: bool  # whether the window's smearing was part of the model
-    diagram: Stabilisation | None  # None where too few lines for one
+    diagram: Stabilisation | None  # None if there are too few lines
 
     @property
     def theta(self) -> Real:
@@ -237,7 +238,7 @@ class ModalFit:
 
     @property
     def std(self) -> Real:
-        """Standard deviations of theta."""
+        """The standard deviations of theta."""
         return np.sqrt(np.diag(self.covariance))
 
 
@@ -254,25 +255,25 @@ def fit_modes(
     $$H_o(\omega) = \sum_i \frac{R_{oi}}{\omega_i^2 - \omega^2 + 2j\zeta_i\omega_i\omega}
       + U_o + \frac{L_o}{\omega^2}$$
 
-    with R real, weighed and smeared as `line_fit` does for one mode. The outputs share the poles;
-    where the input is random they share what leaks through the window as well, and the covariance
-    knows it. A record without repeats or averages (`record_frf`) has the noise that the fit leaves.
+    with real R, weighted and smeared as in `line_fit`. The outputs share the poles. If the input is
+    random, their leakage is correlated too, and the covariance includes this. The noise of a record
+    without repeats or averages (`record_frf`) is estimated from the residual of the fit.
 
     Args:
-        frfs: Receptances of one input at the same lines, one an output.
-        modes: Frequencies of the modes [Hz], or how many to take from the stabilisation diagram;
-            by default all that it shows.
-        band: Lowest and highest frequency to fit [Hz]; by default 20 % about the highest peak.
+        frfs: Receptances of one input at the same lines, one per output.
+        modes: Frequencies of the modes [Hz], or their number to take from the stabilisation
+            diagram; by default all stable ones.
+        band: Lowest and highest frequency to fit [Hz]; by default 20 % around the highest peak.
         residuals: Terms of modes outside the band, for every output: none, upper (U) or both.
         smear: Whether the input was random, as in `line_fit`.
 
     Returns:
-        The fit, with the diagram. Warns where a mode ends outside the band.
+        The fit, with the diagram. A warning is given if a mode ends outside the band.
 
     Raises:
-        DataError: Fewer lines than unknowns, modes that cannot be told apart, no positive damping,
-            or modes that leave more than half of an output.
-        ConfigError: A mode outside the band, FRFs of different lines, options that cannot be meant.
+        DataError: There are fewer lines than unknowns, modes that cannot be separated, no positive
+            damping, or a residual of more than half of an output.
+        ConfigError: A mode is outside the band, FRFs have different lines, or an option is invalid.
 
     Reference:
         Eqs. (23), (38), (39), of several modes.
@@ -302,7 +303,7 @@ def fit_modes(
     start = _projected(lines, starts[order])
     fitted = fit_lines(lines, start, _typical(lines, start))
     _apart(lines, fitted.theta)
-    # As they were asked for, from here on.
+    # From here on, the modes are in the requested order.
     fit = _as_fit(lines, fitted, diagram, edges, np.argsort(order))
     _within(fit)
     _follows(fit)
@@ -310,7 +311,7 @@ def fit_modes(
 
 
 def line_of(fit: ModalFit, mode: int = 0, output: int = 0) -> LineFit:
-    """Convert one mode in one output to a single-mode line fit; the other modes stay free."""
+    """Return one mode in one output of a modal fit as a single-mode line fit."""
     num = len(fit.omega)
     read = [mode, num + mode, 2 * num + mode * fit.residues.shape[1] + output]
     omega_n, zeta, gain = map(float, fit.theta[read])
@@ -322,7 +323,7 @@ def line_of(fit: ModalFit, mode: int = 0, output: int = 0) -> LineFit:
 
 
 def in_order(fit: ModalFit, order: NDArray[np.int64]) -> ModalFit:
-    """Return the same fit with its modes in another order."""
+    """Return a fit with its modes in another order."""
     num, outputs = fit.residues.shape
     place = np.arange(num * outputs).reshape(num, outputs)[order].ravel()
     read = np.concatenate([order, num + order, 2 * num + place])
@@ -339,7 +340,7 @@ def model_lines(fit: ModalFit, omega: Real) -> NDArray[np.complex128]:
 
 
 def _same_lines(outputs: list[FRF]) -> list[FRF]:
-    """Return the outputs, after a look at whether they are of one input at the same lines."""
+    """Return the outputs; raise a ConfigError unless their FRFs have the same lines."""
     if not outputs:
         raise ConfigError("Argument `frfs` must hold an FRF at least, but it is empty.")
     first = outputs[0]
@@ -357,7 +358,7 @@ def _same_lines(outputs: list[FRF]) -> list[FRF]:
 
 
 def _enough(lines: FRFLines) -> None:
-    """Refuse a band with fewer values than unknowns."""
+    """Raise a DataError if a band has fewer values than unknowns."""
     values = 2 * sum(len(part.freq) for part in lines.outputs)
     if values <= lines.num_parameters:
         raise DataError(
@@ -368,7 +369,7 @@ def _enough(lines: FRFLines) -> None:
 
 
 def _projected(lines: FRFLines, starts: Real) -> Real:
-    """Return the parameters with the poles at their best, residues by linear least squares."""
+    """Fit the poles by variable projection, with residues by linear least squares."""
     weights = np.split(np.sqrt(2 / observed_variance(lines)), len(lines.outputs))
     data = [part.h * to_measured(part) for part in lines.outputs]
     extra = [terms(part, lines.num_residuals) for part in lines.outputs]
@@ -415,7 +416,7 @@ def _stacked(rows: NDArray[np.complex128]) -> Real:
 
 
 def _typical(lines: FRFLines, start: Real) -> Real:
-    """Return typical sizes of parameters, a residue's at least a tenth of its output's largest."""
+    """Return typical sizes of all parameters of a modal fit, to scale them."""
     modal = lines.num_modes * lines.width
     blocks = np.abs(start[:modal]).reshape(lines.num_modes, lines.width)
     blocks[:, 2:] = np.maximum(blocks[:, 2:], 0.1 * blocks[:, 2:].max(axis=0))
@@ -430,14 +431,14 @@ def _as_fit(
     edges: tuple[float, float],
     order: NDArray[np.int64],
 ) -> ModalFit:
-    """Return the fit by quantity, its modes in the `order` asked for."""
+    """Return fitted lines as a `ModalFit`, with the modes in the given `order`."""
     num, modal = len(lines.outputs), lines.num_modes * lines.width
     place = np.arange(modal).reshape(lines.num_modes, lines.width)[order]
     read = np.concatenate([place[:, 0], place[:, 1], place[:, 2:].ravel()])
     blocks = fitted.theta[place]
     added = np.zeros((num, 2))
     added[:, : lines.num_residuals] = fitted.theta[modal:].reshape(num, -1)
-    # By their errors: of a swept record these are the lines of the response itself.
+    # Weight by the errors: for a swept record these are then the lines of the response itself.
     residual, size = (
         np.linalg.norm(np.split(x / np.sqrt(fitted.variance), num), axis=-1)
         for x in (fitted.residual, lines.data)
@@ -452,7 +453,7 @@ def _as_fit(
 
 
 def _apart(lines: FRFLines, theta: Real) -> None:
-    """Refuse modes that passed each other, or that ended as one."""
+    """Raise a DataError if two fitted modes have swapped or coincide."""
     omega, zeta, _ = np.array(modes_by_output(lines, theta)[0]).T
     half_width = np.maximum((zeta * omega)[1:], (zeta * omega)[:-1])
     near = np.diff(omega) < APART * half_width
@@ -469,7 +470,7 @@ def _apart(lines: FRFLines, theta: Real) -> None:
 
 
 def _follows(fit: ModalFit) -> None:
-    """Refuse a fit that misses most of an output's lines, by far more than their noise."""
+    """Raise a DataError if a fit misses most of an output's lines, by far more than their noise."""
     if fit.misfit.max() > MOST_MISFIT and fit.chi_square > BEYOND_NOISE * fit.dof:
         modes_hz = " and ".join(f"{freq:.4g}" for freq in fit.omega / (2 * np.pi))
         raise DataError(
@@ -482,7 +483,7 @@ def _follows(fit: ModalFit) -> None:
 
 
 def _within(fit: ModalFit) -> None:
-    """Warn of a mode that ended outside the band, and refuse one that ended far from it."""
+    """Warn if a mode ended outside the band; raise a DataError if it is far outside."""
     low, high = fit.band_hz
     for freq in fit.omega / (2 * np.pi):
         excess = max(low - freq, freq - high)

@@ -1,44 +1,44 @@
-r"""Model discrepancy: what a law leaves on runs that its fit has not seen, by amplitude.
+r"""Model discrepancy: the error of a law on held-out runs, by amplitude.
 
-A law that is not quite right has another equivalent stiffness and damping than the joint, and the
-difference runs with amplitude. Every run r is left out of the fit in turn. Of what this leaves on
-it, $e_r$ in standard errors, one part is a change of natural frequency and damping ratio,
+The equivalent stiffness and damping of an inexact law differ from those of the joint, by an amount
+that depends on amplitude. Every run r is left out of the fit in turn. One part of its residual,
+$e_r$ in standard errors, is a change of natural frequency and damping ratio,
 
 $$\hat b_r = (S_r^T S_r)^{-1} S_r^T e_r, \qquad
   V_r = (S_r^T S_r)^{-1} + P_r C_{-r} P_r^T, \quad P_r = (S_r^T S_r)^{-1} S_r^T J_r$$
 
 where S are the derivatives of the prediction by omega_n and zeta, J those by all parameters and C
-the covariance of the fit without the run. Its variance is shared by all kinds of test, and grows
-with the distance from the amplitudes that were fitted (`discrepancy`),
+the covariance of the fit without the run. The variance of this change is common to all kinds of
+test, and grows with the distance from the fitted amplitudes (`discrepancy`),
 
 $$\hat b_r \sim N\bigl(0,\, V_r + \tau^2 (y_r / y_{max})^{2p} g_r\bigr), \quad p = 0, 1, 2.$$
 
-$\tau$ is that of Paule and Mandel about zero. All are none where chance makes as much, of
-frequency, damping and the rest together; where they are not, one whose errors are for the most part
-the scatter of runs, which bands hold already, is none where chance makes it. Where no repeats tell
-the noise and what a fit leaves is coloured, the law's misfit counts as noise, and chance is too
-large: there $\tau$ is taken as it is. Chance is that of a sum of squares of correlated numbers: a
-run's noise is in the fits without the others, and
+$\tau$ is that of Paule and Mandel about zero. All of them are zero if chance explains frequency,
+damping and the remainder together. If not, a single $\tau$ is still zero if its errors are mostly
+the scatter of runs, which bands include already, and chance explains it. If no repeats determine
+the noise and the residual is correlated, the law's misfit counts as noise and the effect of chance
+is overestimated: then $\tau$ is used without this test. The effect of chance is that of a sum of
+squares of correlated numbers: a run's noise is in the fits without the others, and
 
 $$\mathrm{cov}(\hat b_r, \hat b_q) = -P_r C_{-r} C^{-1} C_{-q} P_q^T, \quad r \ne q$$
 
-of a linear model, with the covariance C of the fit of all runs.
+for a linear model, with the covariance C of the fit of all runs.
 
-All that the runs left out miss beyond noise, errors of the parameters included, is
+The whole error of held-out runs beyond noise, including errors of the parameters, is
 
 $$\tau_0^2 = \mathrm{mean}_r ((\hat b_r^2 - \sigma_r^2) / g_r)$$
 
-with the errors $\sigma_r$ of noise alone. The rest of $e_r$ is a share of the response, white,
-beyond what noise and the errors of the fit without the run leave of it,
+with the errors $\sigma_r$ due to noise alone. The remainder of $e_r$ is expressed as a share of the
+response, white, beyond the part that noise and the errors of the fit without the run explain,
 
 $$E|e|^2 = N n + |M|^2, \qquad
   \mathrm{var}|e|^2 = 2\,(N n^2 / f + N^2 n^2 / K + 2 n |M|^2 + |M^T M|^2), \\
   M = (I - S_r (S_r^T S_r)^{-1} S_r^T)\,J_r C_{-r}^{1/2}$$
 
-of N values, of which a fraction f is independent, with the noise n that a test like it would be
-taken to have and K values tell; chance is that of the gamma distribution with these moments. A
-variance that n runs tell is taken $(t_{n, 0.995} / z_{0.995})^2$ times: then the 99 % band of a
-normal distribution is that of Student's t.
+for N values, of which a fraction f is independent, with the noise n of similar tests, which K
+values determine. The effect of chance is that of the gamma distribution with these moments. A
+variance that n runs determine is multiplied by $(t_{n, 0.995} / z_{0.995})^2$: then the 99 % band
+of a normal distribution is that of Student's t.
 
 Reference:
     Satterthwaite (1946), Biometrics Bull. 2, 110: the distribution of a sum of squares.
@@ -89,29 +89,29 @@ from jbw.observables.observable import OFFSETS
 from jbw.observables.spectra import real_rows
 from jbw.report.messages import discrepancy as messages
 
-BY_CHANCE = 0.01  # probability below which shifts and residuals are taken for the law's
-NO_OFFSET = 1e-9  # of the scatter of runs: room for no offset
-# Fits without runs: of fewer, each sees a level or two, and the errors of its parameters are not
-# those of its derivatives.
+BY_CHANCE = 0.01  # probability below which shifts and residuals are attributed to the law
+NO_OFFSET = 1e-9  # factor of the scatter of runs that suppresses offsets
+# Least number of fits without runs: with fewer, each fit has a level or two only, and its
+# derivatives do not give the errors of its parameters.
 FEWEST_FITS = 3
-FEWEST_DEGREES = 3  # of freedom of a variance that runs tell: fewer say no more
-UPPER = 0.995  # where a 99 % band ends
+FEWEST_DEGREES = 3  # least degrees of freedom assumed for a variance between runs
+UPPER = 0.995  # probability below the upper end of a 99 % band
 
 
 class NoiseSquares(NamedTuple):
-    """Sum of squares that noise leaves of a group, and the independent values that tell it."""
+    """The sum of squares due to noise in a group, and the number of values that determine it."""
 
     square: float
     known_by: float
 
 
 class Rest(NamedTuple):
-    """Square of what no shift explains of a response, and what chance makes of that."""
+    """The squared residual without shifts, and the moments that chance gives it."""
 
     square: float
     mean: float
     variance: float
-    noise: float = 0.0  # of the mean: that of noise alone
+    noise: float = 0.0  # part of the mean due to noise alone
 
     @property
     def is_by_chance(self) -> bool:
@@ -123,20 +123,21 @@ class Rest(NamedTuple):
 
 
 class LeftOutRun(NamedTuple):
-    """The discrepancy that one run shows when it is left out of the fit."""
+    """The discrepancy of one run, from the fit without it."""
 
-    shift: Float[np.ndarray, " own"]  # of omega_n [rad/s] and zeta, that the law misses
-    std: Float[np.ndarray, " own"]  # their standard errors; infinite where the run knows nothing
-    rests: Mapping[str, Rest]  # over the square of the response, by kind
+    shift: Float[np.ndarray, " own"]  # error of the law in omega_n [rad/s] and zeta
+    std: Float[np.ndarray, " own"]  # their standard errors; infinite if not determined
+    rests: Mapping[str, Rest]  # relative to the square of the response, by kind
     is_decay: bool = False
-    amplitude: float = np.nan  # over the largest fitted; NaN where it is not known
-    grown: float = 1.0  # factor of standard deviations at its amplitude, by those of the others
-    noise_std: Float[np.ndarray, " own"] = np.zeros(0)  # of `std` that of noise, not of parameters
-    # $P C$ of the fit without it, by which it shares noise with others; None of no such fit.
+    amplitude: float = np.nan  # over the largest fitted one; NaN if unknown
+    grown: float = 1.0  # growth of standard deviations at its amplitude
+    noise_std: Float[np.ndarray, " own"] = np.zeros(0)  # part of `std` due to noise
+    # $P C$ of the fit without the run, by which it shares noise with others; None without such a
+    # fit.
     by_parameters: Float[np.ndarray, "own parameter"] | None = None
 
 
-NoiseOf = Mapping[str, NoiseSquares]  # by label
+NoiseOf = Mapping[str, NoiseSquares]  # by label of the group
 
 
 def scatter_by_amplitude(
@@ -149,7 +150,7 @@ def scatter_by_amplitude(
     *,
     judged: bool = True,
 ) -> Scatter:
-    r"""Return the likeliest of scatters that are constant, or run with the amplitude or its square.
+    r"""Return the likeliest scatter: constant, or growing with amplitude or its square.
 
     $$\log p = -\tfrac12 \sum_r \Bigl[\log v_r + \frac{b_r^2}{v_r}\Bigr], \qquad
       v_r = \sigma_r^2 + \tau^2 g_r (y_r / y_{max})^{2p}, \quad p = 0, 1, 2$$
@@ -174,12 +175,12 @@ def correlation_of(
 ) -> Float[np.ndarray, "run run"]:
     r"""Return the correlation of run shifts in one quantity, $-P_r C_{-r} C^{-1} C_{-q} P_q^T$.
 
-    Decays, which are predicted from their own beginnings, share nothing with others here.
+    Decays, which are predicted from their own beginnings, share no noise with other runs here.
 
     Args:
-        shown: What the runs show.
-        covariance: That of the parameters of the fit of all runs.
-        quantity: 0 of the natural frequency, 1 of the damping ratio.
+        shown: Discrepancies of the runs.
+        covariance: Covariance of the parameters in the fit of all runs.
+        quantity: 0 for the natural frequency, 1 for the damping ratio.
     """
     unshared = np.zeros(len(covariance))
     rows = [x.by_parameters[quantity] if x.by_parameters is not None else unshared for x in shown]
@@ -198,7 +199,7 @@ def missed_in_all(
     grown: Float[np.ndarray, " run"],
     num_fits: int,
 ) -> float:
-    r"""Return the $\tau_0$ of all that runs miss beyond noise, widened for few runs.
+    r"""Return $\tau_0$, the law's whole error on held-out runs beyond noise, for few runs.
 
     $$\tau_0^2 = \Bigl(\frac{t_{m, 0.995}}{z_{0.995}}\Bigr)^2\,
       \mathrm{mean}\,\frac{b_r^2 - \sigma_r^2}{g_r}$$
@@ -223,10 +224,9 @@ def scatter_about_zero(
 
     $$\sum_r \frac{b_r^2}{\sigma_r^2 + \tau^2 g_r} = n, \qquad \tau\, t_{m, 0.995} / z_{0.995}$$
 
-    for m fits, each without one of the runs, or without several of n. It is 0 where chance makes as
-    much in more than 1 % of cases, or, of a scatter that is not judged, where as much is expected.
-    The sum of squares of n normal numbers of a correlation R has the mean n and the variance
-    $2\,\mathrm{tr}\,R^2$.
+    for m fits, each without one or several of n runs. The result is 0 if chance explains as much in
+    more than 1 % of cases or, if not `judged`, if as much is expected. The sum of squares of n
+    normal numbers of a correlation R has the mean n and the variance $2\,\mathrm{tr}\,R^2$.
     """
     finite = np.isfinite(std)
     b, variance, g = shift[finite] ** 2, std[finite] ** 2, grown[finite] ** 2
@@ -236,7 +236,7 @@ def scatter_about_zero(
     by_chance = judged and Rest(chi_square, count, of_chance).is_by_chance
     if chi_square <= count or by_chance:
         return 0.0
-    most = float(np.sum(b / g))  # of which the sum is n at most
+    most = float(np.sum(b / g))  # at which the sum is at most n
     solution = root_scalar(
         lambda square: float(np.sum(b / (variance + square * g))) - count,
         bracket=(0.0, most),
@@ -246,9 +246,10 @@ def scatter_about_zero(
 
 
 def widened(num_runs: int) -> float:
-    r"""Factor of a variance that so many runs tell, $(t_{n, 0.995} / z_{0.995})^2$, three at least.
+    r"""Return the factor of a variance that n runs determine, $(t_{n, 0.995} / z_{0.995})^2$.
 
-    The 99 % band of a normal distribution of that variance is the one of Student's t.
+    At least three degrees of freedom are used. With the factor, the 99 % band of a normal
+    distribution is that of Student's t.
     """
     degrees = max(num_runs, FEWEST_DEGREES)
     return float((stats.t.ppf(UPPER, degrees) / stats.norm.ppf(UPPER)) ** 2)
@@ -260,11 +261,12 @@ def shift_of(
     jacobian: Float[np.ndarray, "value parameter"],
     covariance: Float[np.ndarray, "parameter parameter"],
 ) -> tuple[Float[np.ndarray, " own"], Float[np.ndarray, " own"]]:
-    r"""Change of omega_n and zeta that a residual asks for, in standard errors, and its own errors.
+    r"""Return the change of omega_n and zeta that explains a residual, and its standard errors.
 
     $$\hat b = (S^T S)^{-1} S^T e, \qquad V = (S^T S)^{-1} + P C P^T, \quad P = (S^T S)^{-1} S^T J$$
 
-    Of a derivative that is nothing, or two that are one, the error is infinite.
+    The residual is in standard errors. If a derivative is zero, or the two are parallel, the errors
+    are infinite.
     """
     along = coefficients_of(slopes)
     by_parameters = along @ jacobian
@@ -285,22 +287,22 @@ def coefficients_of(slopes: Float[np.ndarray, "value own"]) -> Float[np.ndarray,
 def root_of(
     covariance: Float[np.ndarray, "parameter parameter"],
 ) -> Float[np.ndarray, "parameter parameter"]:
-    """Return a root R of a covariance R R^T, of one that rounding has left indefinite too."""
+    """Return a root R of a covariance R R^T, even if rounding has made it indefinite."""
     std = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(std, std))
     return std[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
 
 
 class Slopes(NamedTuple):
-    """A fit's derivatives where runs have no offsets, and what these scatter by."""
+    """Derivatives of predictions for runs without offsets, and the scatter of these offsets."""
 
-    data: Dataset  # without room for offsets
-    jacobian: Float[np.ndarray, "value parameter"]  # of the predictions
-    scatter: Float[np.ndarray, " own"]  # of omega_n [rad/s] and zeta over runs
+    data: Dataset  # with suppressed offsets
+    jacobian: Float[np.ndarray, "value parameter"]  # derivatives of the predictions
+    scatter: Float[np.ndarray, " own"]  # scatter of omega_n [rad/s] and zeta over runs
 
 
 def slopes_of(best: Fit, prior: Box, data: Dataset) -> Slopes:
-    """Return derivatives of the predictions of a new run, whose frequency is unknown as well."""
+    """Return the derivatives of predictions for a new run, whose offsets are unknown."""
     if not data.has_offsets:
         return Slopes(data, -best.jacobian, np.zeros(len(OFFSETS)))
     scatter = np.asarray(data.scatter)
@@ -313,7 +315,7 @@ def slopes_of(best: Fit, prior: Box, data: Dataset) -> Slopes:
 
 
 def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) -> LeftOutRun:
-    """Return a run's shift and residual at the fit without it, beyond the scatter of runs."""
+    """Return a held-out run's errors of frequency, damping and response at the fit without it."""
     data, names = known.data, list(fit.theta)
     rows = residual_at(stacked, fit.x, prior, data)
     labels = [label for label in _labels_of(run, data) if label in size_by_label(data)]
@@ -343,9 +345,9 @@ def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) 
 
 
 def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOutRun:
-    """Replace a free decay's shift and residual by values predicted from the decay's beginning.
+    """Return a free decay's errors of frequency and damping relative to its own beginning.
 
-    Its damping is as uncertain as the parameters leave it, as `of_run` has that.
+    The uncertainty of its damping includes that of the parameters, taken from `of_run`.
     """
     drift = decay.drift
     noise_std = np.array([decay.frequency_std, decay.rate_std / omega_n])
@@ -364,18 +366,18 @@ def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOut
 
 
 class FitOfAll(NamedTuple):
-    """The quantities that are common to all runs that are left out."""
+    """The quantities that are common to all held-out runs."""
 
-    num_fits: int  # without some of them
-    omega_n: float  # natural frequency of the fit of all [rad/s]
-    covariance: Float[np.ndarray, "parameter parameter"]  # of its parameters
+    num_fits: int  # number of fits without some runs
+    omega_n: float  # natural frequency of the fit of all runs [rad/s]
+    covariance: Float[np.ndarray, "parameter parameter"]  # of the parameters of this fit
     scatter: Float[np.ndarray, " own"]  # of omega_n [rad/s] and zeta over runs
 
 
 def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -> xr.Dataset:
-    """Estimate the model discrepancy of every run when it is left out, and of all together.
+    """Estimate the model discrepancy of every held-out run, and of all runs together.
 
-    `fits` are those of `leaving_out.fits_without_each_run`.
+    `fits` are the result of `leaving_out.fits_without_each_run`.
     """
     fits = fits if len(fits) >= FEWEST_FITS else {}
     everything_known = {**data.held, **best.theta}
@@ -385,7 +387,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
     residuals, slopes = residual_by_label(best.residual, data), slopes_of(best, prior, data)
     noise = _noise_alike(residuals, data) | repeated
     stay_in = _decays(data) - {run for group in fits for run in group}
-    fits_with_decays = {tuple(sorted(stay_in)): best} if stay_in else {}  # decays among other tests
+    fits_with_decays = {tuple(sorted(stay_in)): best} if stay_in else {}  # fitted decays
     shown = {
         run: _placed(_shown_by(run, fit, slopes, prior, noise, natural), run, group, amplitudes)
         for group, fit in (fits_with_decays | {g: x.fit for g, x in fits.items()}).items()
@@ -395,7 +397,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
     in_noise = bool(fits) and _hides_in_noise(residuals, repeated)
     of_all = FitOfAll(len(fits), natural, best.covariance, slopes.scatter)
     learned = _learned(list(shown.values()), as_fitted, of_all, judged=not in_noise)
-    if not learned.is_nothing:  # chance does not make all that is missed
+    if not learned.is_nothing:  # chance does not explain all errors
         learned = _learned(list(shown.values()), as_fitted, of_all, judged=False)
     sizes = size_by_label(data)
     sized_runs = {run for label, run in zip(data.labels, data.runs, strict=True) if label in sizes}
@@ -412,7 +414,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
 def _shown_by(
     run: str, fit: Fit, slopes: Slopes, prior: Box, noise: NoiseOf, natural: float
 ) -> LeftOutRun:
-    """Return a run's discrepancy at the fit without it; predict a decay from its beginning."""
+    """Return a run's discrepancy at the fit without it; for decays relative to the beginning."""
     of_run = left_out_run(run, fit, slopes, prior, noise)
     decay = _drift(run, fit, slopes.data)
     return of_run if decay is None else by_drift(of_run, decay, natural)
@@ -421,7 +423,7 @@ def _shown_by(
 def _placed(
     of_run: LeftOutRun, run: str, group: Sequence[str], amplitudes: Mapping[str, float]
 ) -> LeftOutRun:
-    """Return a run with its amplitude, compared with the largest and with the fitted runs."""
+    """Return a run's discrepancy with its amplitude relative to the fitted runs."""
     others, y_high = [y for name, y in amplitudes.items() if name not in group], _y_high(amplitudes)
     lowest, highest = min(others, default=0.0), max(others, default=0.0)
     return of_run._replace(
@@ -481,15 +483,15 @@ def _as_arrays_of_runs(
 
 
 class Learned(NamedTuple):
-    """The combined discrepancy of all runs that are left out."""
+    """The combined discrepancy of all held-out runs."""
 
-    forced: Missed | None  # None of no such runs
+    forced: Missed | None  # None without such runs
     decays: Missed | None
     shares: Mapping[str, Scatter]  # by kind of test
 
     @property
     def is_nothing(self) -> bool:
-        """Whether nothing is missed."""
+        """Whether the law has no error beyond noise."""
         scatters = (*(self.forced or ()), *(self.decays or ()), *self.shares.values())
         return not any(scatter.std for scatter in scatters)
 
@@ -503,7 +505,7 @@ def _learned(
 ) -> Learned:
     """Combine the discrepancies of runs with the residuals of repeated tests.
 
-    Of what is judged, nothing that chance makes as well.
+    If `judged`, discrepancies that chance explains are zero.
     """
     free = [run for run in runs if run.is_decay]
     forced = [run for run in runs if not run.is_decay]
@@ -519,7 +521,10 @@ def _learned(
 
 
 def _missed(shown: Sequence[LeftOutRun], of_all: FitOfAll, *, judged: bool) -> Missed | None:
-    """Return the scatter of run shifts over the natural frequency [rad/s]; None without runs."""
+    """Return the scatter of errors in frequency (relative) and damping; None without runs.
+
+    The scatter of the natural frequency [rad/s] is divided by that frequency.
+    """
     if not shown:
         return None
     shift, std, noise_std = (
@@ -535,7 +540,8 @@ def _missed(shown: Sequence[LeftOutRun], of_all: FitOfAll, *, judged: bool) -> M
         scatter = scatter_by_amplitude(
             b, error, amplitude, grown, num_fits, correlation, judged=judged or by_runs
         )
-        # Bands hold the scatter of runs already: what chance makes beside it is not added.
+        # Bands include the scatter of runs already, so a discrepancy that chance explains is not
+        # added.
         missed = 0.0 if by_runs else missed_in_all(b, of_noise, grown, num_fits)
         scatters.append(scatter._replace(whole=max(scatter.std, missed)))
     omega_n, zeta = scatters
@@ -544,10 +550,11 @@ def _missed(shown: Sequence[LeftOutRun], of_all: FitOfAll, *, judged: bool) -> M
 
 
 def amplitudes_of_runs(data: Dataset, omega_n: float) -> dict[str, float]:
-    """Return the largest displacement of every run [m], where it is known, by omega_n [rad/s].
+    """Return the largest displacement [m] of every run for which it is known.
 
-    That of a part is of its largest run, and others go by the size of their response. Of free
-    decays alone what their envelopes begin with.
+    The displacement of an observable is that of its largest run; other runs follow by the size of
+    their response. If there are only free decays, it is the beginning of their envelopes. `omega_n`
+    [rad/s] converts other responses to displacement.
     """
     amplitudes: dict[str, float] = {}
     for part in data.parts:
@@ -562,7 +569,7 @@ def amplitudes_of_runs(data: Dataset, omega_n: float) -> dict[str, float]:
 
 
 def _decays(data: Dataset) -> set[str]:
-    """Return the names of free decays."""
+    """Return the run names of the free decays in a dataset."""
     return {run for part in data.parts if part.own_shifts for run in part.groups.runs}
 
 
@@ -581,18 +588,18 @@ def _labels_of(run: str, data: Dataset) -> list[str]:
 def _end_to_end(
     rows: Float[np.ndarray, "all ..."], labels: Sequence[str], data: Dataset
 ) -> Float[np.ndarray, "some ..."]:
-    """Join the rows of `stacked` that belong to the given groups, end to end."""
+    """Return the values of given groups of data, joined end to end."""
     labelled = by_label(rows, data)
     return np.concatenate([labelled[label] for label in labels])
 
 
 def _kinds(data: Dataset) -> dict[str, tuple[str, ...]]:
-    """Return the kinds of test that the part of every group takes, by label."""
+    """Return the kinds of test of every data group's observable, by label."""
     return {label: part.kinds for part in data.parts for label in part.groups.labels}
 
 
 def _noise_of_repeats(data: Dataset) -> dict[str, NoiseSquares]:
-    """Return the noise's sum of squares in the mean of each repeated group."""
+    """Return the noise in the mean of each repeated group, as a sum of squares."""
     sizes = size_by_label(data)
     known_by = num_known(data)
     scatter = repeatability(data, of_mean=True)
@@ -603,10 +610,11 @@ def _noise_of_repeats(data: Dataset) -> dict[str, NoiseSquares]:
 
 
 def _noise_alike(residuals: Mapping[str, Row], data: Dataset) -> dict[str, NoiseSquares]:
-    """Estimate each group's noise, as if it were not fitted, if no repeats determine it.
+    """Estimate each group's noise from similar groups where no repeats determine it.
 
-    As much a value as the fit leaves of other groups of its kind in the median, or of itself where
-    there are no others: bands take that for noise. What is white of a noisier group is noise too.
+    The noise per value is the median mean square residual of other groups of its kind, or of the
+    group itself if there are none, because bands use it as noise. The white part of a noisier
+    group's residual also counts as noise.
     """
     kinds, fractions = _kinds(data), fractions_counted(data)
     square = {label: _square(row) / _count(row) for label, row in residuals.items()}
@@ -621,7 +629,7 @@ def _noise_alike(residuals: Mapping[str, Row], data: Dataset) -> dict[str, Noise
 
 
 def _hides_in_noise(residuals: Mapping[str, Row], repeated: NoiseOf) -> bool:
-    """Return whether an unrepeated residual is coloured, so that noise contains model error."""
+    """Return whether an unrepeated residual is correlated, so that noise contains model error."""
     return any(is_coloured(row) for label, row in residuals.items() if label not in repeated)
 
 
@@ -662,18 +670,17 @@ def _rest(
 
 
 def _over(rest: Rest, size: float) -> Rest:
-    """Return a rest over the square of a response."""
+    """Return residual statistics relative to the square of a response."""
     square, mean, variance, noise = rest
     return Rest(square / size, mean / size, variance / size**2, noise / size)
 
 
 def _sum_of(rests: Sequence[Rest]) -> Rest:
-    """Sum several independent residual statistics into one."""
     return Rest(*np.sum(rests, axis=0).tolist())
 
 
 def _pooled(shown: Sequence[LeftOutRun], *, judged: bool) -> dict[str, Scatter]:
-    """Share of each kind that runs show together, widened for few runs."""
+    """Return the law's remaining relative error for each kind of test, from all runs."""
     runs: dict[str, list[LeftOutRun]] = {}
     for run in shown:
         for kind in run.rests:
@@ -693,7 +700,7 @@ def _share_of_runs(runs: Sequence[LeftOutRun], kind: str, *, judged: bool) -> Sc
 def _share_of(rests: Sequence[Rest], grown: Sequence[float], *, judged: bool) -> float:
     r"""Return $\sqrt{\mathrm{mean}\,((|e_r|^2 - E|e_r|^2) / g_r)}$, the misfit beyond noise.
 
-    If judged, return 0 where chance explains as much.
+    If `judged`, it is 0 if chance explains as much.
     """
     if judged and _sum_of(rests).is_by_chance:
         return 0.0
@@ -706,5 +713,5 @@ def _square(row: Row) -> float:
 
 
 def _count(row: Row) -> int:
-    """Return the real values of a row."""
+    """Return the number of real values in a row."""
     return len(row) * (2 if np.iscomplexobj(row) else 1)

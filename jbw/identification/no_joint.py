@@ -1,12 +1,13 @@
-r"""Is a joint seen at all, and does it lose energy as hysteresis does? The fit beside simpler ones.
+r"""Tests of the joint against simpler models: no joint at all, or drag in place of hysteresis.
 
-Without a joint the same structure is linear. With drag alone, in place of the laws: in weak slip
-Bouc-Wen without softening ($\delta = 0$) adds the damping of a force $c\,v|v|$:
+Without a joint, the structure is linear. With drag in place of the laws, there is damping without
+softening: in weak slip, Bouc-Wen without softening ($\delta = 0$) adds the damping of a force
+$c\,v|v|$:
 
 $$\Delta\zeta = \frac{2}{3\pi}\,\frac{\alpha\gamma Y}{\omega_n^2} = \frac{4}{3\pi}\,c\,Y, \qquad
   \frac{|\Delta\omega|}{\omega_n} = \frac{2}{3\pi}\,\frac{\alpha\delta Y}{\omega_n^2}$$
 
-A fit of hysteresis to drag ends there, with narrow intervals of parameters that mean nothing.
+A fit of hysteresis to data with drag ends there, with narrow intervals of meaningless parameters.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,36 +31,37 @@ from jbw.oscillator.law import feels_rate
 from jbw.oscillator.laws import laws_named
 from jbw.quantities import RESIDUAL_TERMS, STUCK
 
-FAR = 5.0  # standard deviations from zero: beyond, a joint is seen without a further fit
+FAR = 5.0  # standard deviations from zero beyond which a joint is detected without a fit
 NUM_DRAWS = 256
-BY_CHANCE = 0.01  # probability of as much better a fit, of data of a structure without a joint
-# Change of frequency over damping added, both relative: gamma = delta has 1, Masing's loops of a
-# quadratic backbone 3 pi / 4. Below, drag is fitted too, and chi-square decides.
+BY_CHANCE = 0.01  # probability of as large an improvement for a structure without a joint
+# Ratio of relative frequency change to added damping below which drag is fitted too, and chi-square
+# decides. It is 1 for gamma = delta, and 3 pi / 4 for Masing's loops of a quadratic backbone.
 SOFTENS = 0.5
-ROOM = 8.0  # times the first value: the upper bound of drag
+ROOM = 8.0  # upper bound of drag over its starting value
 
 
 class Nested(NamedTuple):
-    """How much chi-square grows with simpler laws or none, and how many parameters these lack."""
+    """A fit with a simpler model, its growth of chi-square and its number of omitted parameters."""
 
     growth: float
     num_parameters: int
-    fit: Fit  # of the simpler oscillator
-    bounds: Mapping[str, tuple[float, float]]  # its prior
+    fit: Fit  # fit of the simpler oscillator
+    bounds: Mapping[str, tuple[float, float]]  # prior of the simpler oscillator
 
 
 def without_joint(best: Fit, prior: Box, data: Dataset) -> Nested:
-    """Return the fit of the oscillator alone, to the same data in the same weights."""
+    """Fit the oscillator without a joint to the same data with the same weights."""
     return _nested(best, prior, data, (), {})
 
 
 def likely(
     key: Key[Array, ""], best: Fit, prior: Box, data: Dataset
 ) -> dict[str, Float[np.ndarray, " draw"]]:
-    r"""Return the points about a fit that the data do not rule out at 99 %, by name.
+    r"""Return parameter values near a fit that the data do not rule out at 99 %, by name.
 
-    Of those drawn by its covariance, within the prior, that lose no more than half of the quantile
-    of $\chi^2_k$ in log likelihood; the fit itself first.
+    Points are drawn from the covariance of the fit, within the prior. A point is kept if its log
+    likelihood is lower by no more than half of the quantile of $\chi^2_k$. The first point is the
+    fit.
     """
     theta = points_at(steps_about(key, best, NUM_DRAWS), best, prior)
     values = at_points(log_likelihood, theta, data).sum(axis=1)
@@ -69,11 +71,12 @@ def likely(
 
 
 def joint_finding(nested: Nested, added: Effects, y_peak: float) -> Finding:
-    r"""Return whether the joint fits better than none, by the likelihood ratio of nested models.
+    r"""Return the finding on whether the joint fits better than none, by a likelihood-ratio test.
 
     $$\chi^2_{without} - \chi^2 > F^{-1}_{\chi^2_k}(0.99)$$
 
-    of k parameters more. Where it does not, the bounds on what it may do are the answer.
+    with k additional parameters. If the joint does not fit better, the bounds on its effect are the
+    result.
     """
     least = float(stats.chi2.isf(BY_CHANCE, nested.num_parameters))
     is_seen = nested.growth > least
@@ -88,12 +91,12 @@ def joint_finding(nested: Nested, added: Effects, y_peak: float) -> Finding:
 
 
 def may_be_absent(added: Effects) -> bool:
-    """Return whether the posterior hardly tells from zero how the joint changes the frequency."""
+    """Return whether the joint's change of frequency is within 5 standard deviations of zero."""
     return bool(abs(np.median(added.frequency)) < FAR * np.std(added.frequency))
 
 
 def may_be_drag(added: Effects, zeta: float, laws: Sequence[str]) -> bool:
-    """Return whether hysteresis laws add damping but shift frequency much less than slip does."""
+    """Return whether hysteresis laws add damping but shift the frequency less than slip would."""
     if not laws or any(map(feels_rate, laws_named(laws))):
         return False
     shift = np.quantile(np.abs(added.frequency), QUANTILES[-1])
@@ -104,7 +107,7 @@ def may_be_drag(added: Effects, zeta: float, laws: Sequence[str]) -> bool:
 def with_drag(best: Fit, prior: Box, data: Dataset, damping: float, y_peak: float) -> Nested:
     """Fit the oscillator with drag in place of the laws, to the same data and weights.
 
-    It starts where drag adds the damping ratio that the laws add at y_peak [m].
+    The fit starts where drag adds the damping ratio that the laws add at y_peak [m].
     """
     return _nested(best, prior, data, (DAMPING,), {DAMPING: 0.75 * np.pi * damping / y_peak})
 
@@ -112,7 +115,7 @@ def with_drag(best: Fit, prior: Box, data: Dataset, damping: float, y_peak: floa
 def _nested(
     best: Fit, prior: Box, data: Dataset, laws: tuple[str, ...], firsts: Mapping[str, float]
 ) -> Nested:
-    """Return the fit with other laws, whose parameters start at `firsts` within ROOM times them."""
+    """Fit the oscillator with other laws to the same data, from starting values `firsts`."""
     names = {quantity.name for quantity in (*STUCK, *RESIDUAL_TERMS)}
     bounds = {name: pair for name, pair in bounds_by_name(prior).items() if name in names}
     starts = {name: best.theta[name] for name in bounds} | dict(firsts)
@@ -124,12 +127,13 @@ def _nested(
 
 
 def drag_finding(drag: Nested, added: Effects, y_peak: float, *, misses: bool) -> Finding:
-    r"""Return whether hysteresis fits better than drag, which has k parameters less.
+    r"""Return the finding on whether hysteresis fits better than drag with fewer parameters.
 
     $$\chi^2_{drag} - \chi^2 > F^{-1}_{\chi^2_k}(0.99)$$
 
-    Where it does not, its parameters mean nothing: failed where its fit misses the tests or drag
-    fits better by as much, else usable for the response alone.
+    Drag has k parameters fewer. If hysteresis does not fit better, its parameters are meaningless.
+    The finding is failed if the fit misses the tests or drag fits clearly better, else usable for
+    the response alone.
     """
     least = float(stats.chi2.isf(BY_CHANCE, drag.num_parameters))
     frequency, damping = (np.quantile(change, QUANTILES).tolist() for change in added)

@@ -1,13 +1,13 @@
-r"""Starts for several joints: each mode alone, then non-negative least squares over all joints.
+r"""Starting values for several joints: fits of single modes, then least squares over all joints.
 
-Weak motion of mode i alone reads, as an oscillator with one Bouc-Wen law across it, two numbers
+Weak motion of mode i alone, as an oscillator with one Bouc-Wen law, determines two numbers
 
 $$s_i = \alpha\delta\,|c_i| = \sum_j B_{ij}S_j, \qquad o_i = \alpha\gamma\,|c_i| = \sum_jB_{ij}O_j$$
 
-of a mode of unit modal mass, with alpha, delta and gamma by the displacement of the first point.
-The chi-square of the least squares tests whether these joints explain these modes, where more modes
-were read than there are laws, and all of them in weak motion. B is that of the model: uncertain
-shapes start there, and nothing is tested.
+for a mode of unit modal mass, with alpha, delta and gamma by the displacement of the first point.
+The least squares are non-negative. Their chi-square tests whether these joints explain these modes,
+if more modes were fitted than there are laws, and all of them in weak motion. B is that of the
+model; with uncertain shapes it gives only the start, and nothing is tested.
 """
 
 import logging
@@ -36,21 +36,21 @@ from jbw.quantities import FED, name_at, split
 from jbw.report.messages import joint as messages
 
 LAW = BoucWenLaw.name
-HALF = 0.5  # of a joint's stiffness in full stick: where that of its law begins
-WEAK = 0.3  # slip: beyond, modes do not read sums of the joints, and nothing is tested
+HALF = 0.5  # starting stiffness of a law over that of the fully stuck joint
+WEAK = 0.3  # slip beyond which modes do not determine sums over joints, and nothing is tested
 
 under_way = logging.getLogger("jbw.progress")
 
 
 class Readings(NamedTuple):
-    """First values of the joints' laws, and what the least squares say of the joints."""
+    """Starting values of several joints' laws, and sentences on the test of these joints."""
 
     known: dict[str, float]
     statements: tuple[str, ...]
 
 
 class _Reading(NamedTuple):
-    """s and o of one mode, their standard errors, and the slip at the largest displacement."""
+    """The numbers s and o of one mode, their standard errors, and its slip at largest motion."""
 
     value: Float[np.ndarray, " product"]
     std: Float[np.ndarray, " product"]
@@ -61,10 +61,10 @@ NOTHING = Readings({}, ())
 
 
 def joint_readings(key: Key[Array, ""], seen: Measured) -> Readings:
-    """Return the starts of all joints from the weakest sweep of each mode alone.
+    """Return starting values of all joints from the weakest sweep of each mode alone.
 
-    Nothing of one joint, of other laws than Bouc-Wen's, or of fewer modes that a sweep passes
-    through alone than laws.
+    Empty for a single joint, for laws other than Bouc-Wen's, or if sweeps pass through fewer single
+    modes than there are laws.
     """
     modes, joints = seen.modes, seen.joints
     if modes is None or joints is None or any(split(law)[0] != LAW for law in seen.laws):
@@ -79,7 +79,7 @@ def joint_readings(key: Key[Array, ""], seen: Measured) -> Readings:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 read[i] = _reading(jax.random.fold_in(key, i), i, test, seen, modes)
-        except JbwError:  # a mode that cannot be read alone starts nothing
+        except JbwError:  # modes that cannot be fitted alone are skipped
             continue
     if len(read) < len(seen.laws):
         return NOTHING
@@ -94,12 +94,12 @@ def joint_readings(key: Key[Array, ""], seen: Measured) -> Readings:
 
 
 def with_readings(ready: Fitted, readings: Readings) -> Fitted:
-    """Return a fit that also says what the readings do."""
+    """Return a fit with the statements of the single-mode fits added."""
     return replace(ready, statements=(*readings.statements, *ready.statements))
 
 
 def _weakest(modes: Modes, tests: Sequence[Test]) -> dict[int, Test]:
-    """Return the weakest sweep at the first point that passes through a mode alone, by the mode."""
+    """Return, by mode, the weakest sweep at the first point that passes through this mode only."""
     shares, weakest = np.abs(gain_shares(modes)), {}
     for test in sorted(tests, key=lambda test: float(np.mean(_source(test) ** 2))):
         passed = [i for i, window in enumerate(modes.windows_hz) if passes(test, window)]
@@ -115,7 +115,7 @@ def _source(test: Test) -> np.ndarray:
 
 
 def _reading(key: Key[Array, ""], mode: int, test: Test, seen: Measured, modes: Modes) -> _Reading:
-    """Return s = alpha delta |c| and o = alpha gamma |c| of a mode, by a one-law fit to a sweep."""
+    """Fit one law to a sweep through a mode; return s = alpha delta |c|, o = alpha gamma |c|."""
     numbers = dict(modes.numbers)
     c = numbers[seen_name(mode + 1)]
     gain = None if drive_of(test) in FED else numbers[numbered(PUSH, mode + 1)] * c
@@ -139,7 +139,7 @@ def _products(theta: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def _known(starts: Sequence[Starts], laws: Sequence[str], modes: Modes) -> dict[str, float]:
-    """Return the first values of every law, its stiffness at half of the joint's."""
+    """Return starting values of every joint's law, with half of the stuck joint's stiffness."""
     numbers, first = dict(modes.numbers), {}
     for k, name in enumerate(laws):
         joints = split(name)[1]
@@ -151,7 +151,7 @@ def _known(starts: Sequence[Starts], laws: Sequence[str], modes: Modes) -> dict[
 
 
 def _statements(starts: Sequence[Starts], num_modes: int) -> tuple[str, ...]:
-    """Return whether these joints explain these modes; nothing where nothing is left to test."""
+    """Return the sentence on whether the model's joints explain its modes, if testable."""
     if starts[0].explains is None:
         return ()
     tests = [(start.chi_square, start.degrees_of_freedom, start.p) for start in starts]

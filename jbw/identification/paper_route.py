@@ -1,4 +1,4 @@
-"""The paper's own route on a campaign: Steps 3 and 4, each with earlier results held."""
+"""The paper's own sequence for a campaign: Steps 3 and 4, each with earlier results fixed."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -17,20 +17,20 @@ from jbw.observables.records import Records
 from jbw.report.messages import paper_steps as messages
 from jbw.report.messages import stages
 
-PAPER_LAW = "bouc_wen"  # of Steps 3 and 4
+PAPER_LAW = "bouc_wen"  # the law of Steps 3 and 4
 
 
 @dataclass(frozen=True)
 class PaperRoute:
-    """Steps 3 and 4 by the paper's cut, as far as the tests of a campaign allow them."""
+    """Steps 3 and 4 of the paper, as far as the tests of a campaign allow them."""
 
-    kernel: step3.KernelFit | None = None  # when there were probing tones
+    kernel: step3.KernelFit | None = None  # None without probing tones
     steps: Mapping[str, Step] = field(default_factory=dict)  # posteriors, by name
-    statements: tuple[str, ...] = ()  # what the steps are to other laws than theirs
+    statements: tuple[str, ...] = ()  # on how the steps relate to other laws
 
     @property
     def means(self) -> dict[str, float]:
-        """Posterior means of Steps 3 and 4 by name: first values of the joint posterior."""
+        """The posterior means of Steps 3 and 4 by name, starting values of the joint posterior."""
         names = [name for name in ("third_order_nuts", "opening_nuts") if name in self.steps]
         return {k: v for name in names for k, v in means_of(self.steps[name].posterior).items()}
 
@@ -38,12 +38,13 @@ class PaperRoute:
 def paper_route(
     seen: Measured, keys: Iterator[Key[Array, ""]], report: Report, keep: Keep
 ) -> PaperRoute:
-    """Return the steps 3 and 4 where a noise test, probing tones and the law allow them.
+    """Perform Steps 3 and 4 if a noise test, probing tones and the law allow them.
 
-    A step that its tests do not allow is left out and said, or refused where settings are strict.
+    A step that the tests do not allow is omitted with a message, or raises an error if settings are
+    strict.
 
     Raises:
-        DataError: Tests that do not allow the steps, of strict settings.
+        DataError: The tests do not allow the steps, and settings are strict.
     """
     statements = paper_words(seen)
     if statements:
@@ -81,7 +82,7 @@ def _steps(
     steps = step3.third_order_steps(next(keys), kernel_fit, settings, **how)
     drive = drive_of(linear.test)
     if swept := by_form([test for test in seen.swept if drive_of(test) == drive]):
-        # One record form, the one with the most levels: the curve of gamma is of one solve.
+        # Use the record form with the most levels only: the curve of gamma needs a single solve.
         report(stages.STEP_4)
         records = Records.of(max(swept, key=len), substeps=settings.substeps)
         held = steps["third_order_nuts"]

@@ -1,10 +1,9 @@
-r"""From a dataset to what is sampled: one way for all that fit or draw the joint.
+r"""Preparation of a dataset for sampling: first fit, noise, weights, run effects, coordinates.
 
-First values, the box, the fit, and what it shows: noise, effective values, run effects,
-coordinates, steps of the solver. The noise of a group and the number of its independent values are
-what a fit leaves, and the fit is weighted by them: a fixed point, $w = W(\hat\theta(w))$. What
-the law misses is shared by all groups of a kind, relative to their size: weights that followed the
-misfit of each would let a record that a poor fit misses lose its voice, and be missed the more.
+The noise of a group and the number of its independent values are estimated from the residual of a
+fit, and the fit is weighted by them: a fixed point, $w = W(\hat\theta(w))$. The error of the law is
+common to all groups of a kind, relative to their size. Weights that followed the misfit of each
+group would reduce the weight of a badly fitted record, which would then be fitted even worse.
 """
 
 import logging
@@ -46,33 +45,33 @@ from jbw.report.messages import stages as messages
 
 under_way = logging.getLogger("jbw.progress")
 MOST_SUBSTEPS = 64
-NEAR = 1e-3  # of a fit's standard deviations: where even a bent posterior is straight
-AMPLE = 0.5  # of what the verdict allows the solver: draws about a fit are not the posterior
-MOST_ROUNDS = 8  # of fits and weights in turns
-SETTLED = 0.1  # standard deviations: what a further round may move the fit by
+NEAR = 1e-3  # factor of a fit's steps within which even a curved posterior is straight
+AMPLE = 0.5  # share of the solver error that the verdict allows: a fit is not the posterior
+MOST_ROUNDS = 8  # most alternations of fit and weights
+SETTLED = 0.1  # change of the fit, in standard deviations, at which the weights are final
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fit of the joint with what it was fitted to, ready to be drawn from."""
+    """A fit of the joint with its prior and dataset, ready to be sampled."""
 
     fit: Fit  # least squares of `jbw.observables.dataset.stacked` in the box
     box: Box  # the prior, in the coordinates to sample in
-    data: Dataset  # with the noise, effective values and run effects that were found
-    statements: tuple[str, ...] = ()  # what the fit showed, a sentence each
-    # Of the first fit over the groups whose noise repeats tell, and its degrees of freedom.
+    data: Dataset  # with noise, effective values and run effects
+    statements: tuple[str, ...] = ()  # results of the fit, one sentence each
+    # Chi-square and degrees of freedom of the first fit, over groups whose noise repeats determine.
     chi_square: tuple[float, int] | None = None
-    findings: tuple[Finding, ...] = ()  # of the same, for the verdict
-    wall_s: float = 0.0  # that it took, compiling included
+    findings: tuple[Finding, ...] = ()  # of the fit, for the verdict
+    wall_s: float = 0.0  # time taken, including compilation
 
     @property
     def y_peak(self) -> float:
-        """The largest displacement fitted [m]."""
+        """The largest fitted displacement [m]."""
         return fitted_displacement(self.fit.theta, self.data)
 
 
 def fit_joint(key: Key[Array, ""], seen: Measured, report: Report) -> Fitted:
-    """Fit the joint to a campaign as the joint posterior would."""
+    """Fit the joint to a campaign in the same way as the joint posterior does."""
     data = assemble(seen)
     report(messages.least_squares(len(data.labels)))
     return prepare(parts_of(key, 2), data, seen.settings)
@@ -86,10 +85,9 @@ def prepare(
     *,
     quick: bool = False,
 ) -> Fitted:
-    """Prepare first values and the box, fit from them and `known` values, and settle the weights.
+    """Fit a dataset from starting and `known` values, and determine weights and coordinates.
 
-    Where it is to be `quick`, one start does that meets the data, and the solver's steps are taken
-    as they are.
+    If `quick`, one start is enough if it fits the data, and the solver's steps are not refined.
     """
     ready = weighed(keys, data, settings, known, quick=quick)
     return completed(keys[1], ready, settings, quick=quick)
@@ -103,10 +101,10 @@ def weighed(
     *,
     quick: bool = False,
 ) -> Fitted:
-    """Make the first fit and settle its weights, before coordinates and solver steps."""
+    """Fit a dataset and determine its weights, before coordinates and solver steps."""
     prior, first, data = first_fit(keys[0], data, settings, known, quick=quick)
     ready = with_effects(keys[1], data, prior, first, settings, quick=quick)
-    best = replace(ready.fit, waterfall=first.waterfall)  # the later fits have one start
+    best = replace(ready.fit, waterfall=first.waterfall)  # later fits have one start only
     return replace(ready, fit=best, chi_square=explained(first, data))
 
 
@@ -117,7 +115,7 @@ def reweight(
     first: Fit,
     settings: Identify,
 ) -> Fitted:
-    """Update noise, effective values, run effects, coordinates and solver steps by new fits."""
+    """Update noise, independent values, run effects, coordinates and solver steps by new fits."""
     return completed(key, with_effects(key, data, prior, first, settings), settings)
 
 
@@ -130,10 +128,10 @@ def with_effects(
     *,
     quick: bool = False,
 ) -> Fitted:
-    """Update a fit with the noise, effective values, run effects and terms that fits show."""
+    """Update noise, independent values, run effects and residual terms by repeated fits."""
     words: list[str] = []
     findings: tuple[Finding, ...] = ()
-    between = ROUGH if quick else TOLERANCE  # of fits that others follow
+    between = ROUGH if quick else TOLERANCE  # tolerance of intermediate fits
     best, data = settled(first, prior, data, settings, tolerance=between)
     shifts = shifts_of(best, prior.names, data)
     if shifts is not None and wanted(shifts, settings):
@@ -142,7 +140,7 @@ def with_effects(
         under_way.info("offsets of the runs")
         data = with_offsets(best, shifts, data, settings.run_scatter)
         best = refit(best, prior, data, tolerance=between)
-        # The offsets that are known now are where records are linearised in them.
+        # Records are linearised at these offsets, which are now known.
         data = dataset.with_directions(best.theta, data, dataset.best_offsets(best.theta, data))
         best = refit(best, prior, data, tolerance=between)
         best, data = settled(best, prior, data, settings, tolerance=between)
@@ -158,7 +156,7 @@ def with_effects(
 def completed(
     key: Key[Array, ""], weighted: Fitted, settings: Identify, *, quick: bool = False
 ) -> Fitted:
-    """Complete a weighted fit: sampling coordinates, and as many solver steps as needed."""
+    """Choose the sampling coordinates of a weighted fit, and refine the solver steps as needed."""
     best, prior, data = weighted.fit, weighted.box, weighted.data
     words = list(weighted.statements)
     for law, coordinates in chosen_coordinates(best, settings, data.laws):
@@ -166,13 +164,13 @@ def completed(
         best = refit(best, prior, data, theta=coordinates.from_parameters(best.theta))
         words.append(coordinates_sentence(law, coordinates))
     if settings.substeps is None and not quick:
-        # Looked at again where the finer solver's fit is: a coarse one may lie elsewhere.
+        # Check again at the fit with finer steps, which may lie elsewhere.
         for _ in range(2):
             under_way.info("steps of the solver")
             finer = refined(key, data, prior, best)
             if finer is data:
                 break
-            forget()  # the programs of coarser steps
+            forget()  # frees the programs of coarser steps
             data, best = finer, refit(best, prior, finer)
     best = replace(best, waterfall=weighted.fit.waterfall)
     return replace(weighted, fit=best, box=prior, data=data, statements=tuple(words))
@@ -181,7 +179,7 @@ def completed(
 def settled(
     best: Fit, prior: Box, data: Dataset, settings: Identify, *, tolerance: float = TOLERANCE
 ) -> tuple[Fit, Dataset]:
-    """Return the fits and the weights that they leave, in turns until the weights move no more."""
+    """Repeat fit and weighting in turn until the fit no longer moves; return fit and dataset."""
     for count in range(1, MOST_ROUNDS + 1):
         under_way.info(messages.REWEIGHTING, count, MOST_ROUNDS)
         before = np.asarray(best.x)
@@ -195,7 +193,7 @@ def settled(
 
 
 def with_weights(best: Fit, data: Dataset, settings: Identify) -> Dataset:
-    """Return the dataset with the noise, misfit and effective values that a fit leaves."""
+    """Return the dataset with noise, misfit and independent values from a fit's residual."""
     residuals = dataset.residual_by_label(best.residual, data)
     if settings.model_error == "none":
         return noise.with_fitted_noise(best.theta, residuals, data)
@@ -215,15 +213,15 @@ def refit(
     theta: Mapping[str, float] | None = None,
     tolerance: float = TOLERANCE,
 ) -> Fit:
-    """Return the fit again, from where it ended; what it did not know begins at zero."""
+    """Fit again from the last optimum; new parameters start at zero."""
     start = inside(dict.fromkeys(prior.names, 0.0) | dict(theta or best.theta), prior)
     return costly_fit(dataset.stacked, prior, data, starts=start, tolerance=tolerance)
 
 
 def refined(key: Key[Array, ""], data: Dataset, prior: Box, best: Fit) -> Dataset:
-    """Return the dataset with so many solver steps that halving them would not matter to the fit.
+    """Return the dataset with enough solver steps that halving them would not change the fit.
 
-    And with as much memory of loops within loops as the motion of the fit asks for.
+    It also gets as much memory for nested loops as the motion of the fit needs.
     """
     data = dataset.remembering(best.theta, data)
     if dataset.halved(data) is None:
@@ -240,10 +238,11 @@ def refined(key: Key[Array, ""], data: Dataset, prior: Box, best: Fit) -> Datase
 def _about(
     key: Key[Array, ""], data: Dataset, prior: Box, best: Fit
 ) -> tuple[dict[str, np.ndarray], float]:
-    r"""Return the draws by a fit's covariance, and by what factor they are nearer than these.
+    r"""Return draws from a fit's covariance, and the factor that moves them closer to the fit.
 
-    Where the posterior bends they have left it: their log likelihood lies farther below the fit's
-    than twice the half that a Gaussian's does a parameter. Close to the fit all is straight.
+    If the posterior is curved, such draws lie outside it: the median of their log likelihood lies
+    farther below that of the fit than one per parameter (a Gaussian has one half). Then they are
+    drawn close to the fit, where every posterior is straight.
     """
     steps = steps_about(key, best, NUM_DRAWS)
     points = points_at(steps, best, prior)

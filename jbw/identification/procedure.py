@@ -1,6 +1,6 @@
-"""The result of an identification: its posteriors, and what was fitted.
+"""The result of an identification: its posteriors, and the fitted tests.
 
-Also one posterior before anything is drawn: density, prior, data, fit.
+The module also provides a single posterior before sampling: density, prior, data, fit.
 """
 
 import logging
@@ -49,19 +49,19 @@ class Posteriors:
 
 @dataclass(frozen=True)
 class Identification:
-    """Everything that the procedure found on a campaign."""
+    """The complete result of the procedure for a campaign."""
 
-    linear: LinearStep | None = None  # Step 2, when there was a noise test
-    kernel: step3.KernelFit | None = None  # when there were probing tones
+    linear: LinearStep | None = None  # Step 2; None without a noise test
+    kernel: step3.KernelFit | None = None  # None without probing tones
     sweeps: Sweeps | None = None
-    data: Dataset | None = None  # what the joint posterior was made from, as it was sampled
+    data: Dataset | None = None  # dataset of the joint posterior, as sampled
     decays: DecaySplit | None = None
-    decay_data: Decays | None = None  # their envelopes, with the noise that the fit found
+    decay_data: Decays | None = None  # their envelopes, with the noise estimated in the fit
     steps: dict[str, Step] = field(default_factory=dict)  # posteriors; the main one is "joint"
 
     @property
     def main(self) -> Step:
-        """The posterior that the verdict is about: the joint one where there is one."""
+        """The posterior that the verdict refers to: the joint one if there is one."""
         return self.steps.get("joint") or self.steps["third_order_nuts"]
 
     @property
@@ -71,7 +71,7 @@ class Identification:
 
     @property
     def decay(self) -> Step | None:
-        """The posterior from free decays: the joint one where there is nothing else."""
+        """The posterior from free decays: the joint one if there is no separate one."""
         if self.decays is None:
             return None
         return self.steps.get("decay") or self.main
@@ -97,20 +97,20 @@ def identified(
 
 @dataclass(frozen=True)
 class Posterior:
-    """A posterior of the procedure, to be drawn from."""
+    """A posterior of the procedure that can be sampled."""
 
     name: str  # "joint", "third_order" or "opening"
     log_likelihood: LogLikelihood  # (theta, data) to terms [nats]
     box: Box  # its prior
-    data: PyTree  # what the likelihood takes
+    data: PyTree  # argument of the likelihood
     fit: Fit  # least squares in the box
-    stepped: bool  # whether an evaluation steps through time, and costs accordingly
+    stepped: bool  # whether an evaluation steps through time (slow)
     laws: tuple[str, ...] = DEFAULT_LAWS
 
 
 @dataclass(frozen=True)
 class Known:
-    """The prior bounds and means that a finished run states; empty where it states none."""
+    """The prior bounds and means that a finished run states; empty if it states none."""
 
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # the joint's prior
     means: Mapping[str, float] = field(default_factory=dict)  # Step 3's: zeta, alpha and delta
@@ -124,14 +124,14 @@ def posterior_of(
     known: Known | None = None,
     report: Report = logger.info,
 ) -> Posterior:
-    """Do the procedure as far as the fit of one step, and stop before its draws.
+    """Perform the procedure up to the fit of one step; return that step's posterior undrawn.
 
-    `step` is "joint", "third_order" or "opening", `known` what a finished run says of its prior
-    and of Step 3.
+    `step` is "joint", "third_order" or "opening". `known` contains the prior and the means of Step
+    3 of a finished run.
 
     Raises:
-        ConfigError: An unknown step.
-        DataError: Tests that do not allow the step.
+        ConfigError: The step is unknown.
+        DataError: The tests do not allow the step.
     """
     if step not in STEPS:
         raise ConfigError(f"Argument `step` must be one of {', '.join(STEPS)}, not {step!r}.")
@@ -176,9 +176,9 @@ def _opening(
 
 
 def _joint(key: Key[Array, ""], seen: Measured, run_knowledge: Known, report: Report) -> Posterior:
-    """Return the joint posterior, in the prior of the run if that prior is known.
+    """Return the joint posterior, with the prior of a finished run if it is known.
 
-    The run's prior may lie elsewhere than the campaign's.
+    The run's prior may differ from the campaign's.
     """
     ready = fit_joint(key, seen, report)
     prior, best, data = ready.box, ready.fit, ready.data

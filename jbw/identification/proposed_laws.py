@@ -1,12 +1,12 @@
-r"""The law of a campaign that states none, by its readings.
+r"""The choice of a law from readings of frequency and damping, if a campaign states none.
 
-The powers of the amplitude by which frequency and damping change propose laws before anything is
-fitted. Of several, the steady loops of each, and of Bouc-Wen, are fitted to the readings, with the
-covariance C of their errors, and the law of the largest
+The exponents with which frequency and damping depend on amplitude propose laws before anything is
+fitted. If there are several proposals, the steady loops of each, and of Bouc-Wen, are fitted to the
+readings, with the covariance C of their errors. The chosen law has the largest score
 
 $$-r^T C^{-1} r - k \ln n$$
 
-is taken, of k parameters and n readings.
+with residual r, k parameters and n readings.
 """
 
 from collections.abc import Sequence
@@ -25,24 +25,24 @@ from jbw.oscillator.parameters import Scales
 from jbw.quantities import DEFAULT_LAWS
 from jbw.report.messages import laws as messages
 
-LEAST_DAMPING = 1e-4  # ratio by which priors are scaled where less is read
+LEAST_DAMPING = 1e-4  # least damping ratio that scales the priors
 
 
 def proposed(
     seen: Measured, tables: Sequence[RecordTable], read: Sequence[str], seed: int, report: Report
 ) -> tuple[Measured, str]:
-    """Return the tests under the law that fits their readings best, and what to say of the choice.
+    """Choose the law that fits the readings best; return tests under it, and a sentence.
 
     Args:
         seen: Tests under the default law.
-        tables: Readings of the records that are fitted.
-        read: Laws that the readings propose, the simplest first, which is taken where readings are
-            too few to tell one from another.
-        seed: Seed of everything random.
-        report: Called with one sentence at every stage.
+        tables: Readings of the fitted records.
+        read: Laws that the readings propose, the simplest first. The simplest is chosen if there
+            are too few readings to compare.
+        seed: Random seed.
+        report: Function that is called with one sentence at every stage.
     """
     scores: dict[str, float] = {}
-    if len(read) > 1:  # laws of sliders, of which Bouc-Wen may be as near as any
+    if len(read) > 1:  # Bouc-Wen may fit as well as laws of sliders
         scores = scores_of(seen, tables, list(dict.fromkeys([*read, *DEFAULT_LAWS])), seed)
     order = sorted(scores, key=scores.__getitem__, reverse=True) or [read[0]]
     margins = [(name, scores[order[0]] - scores[name]) for name in order[1:]]
@@ -53,7 +53,7 @@ def proposed(
 def scores_of(
     seen: Measured, tables: Sequence[RecordTable], laws: Sequence[str], seed: int
 ) -> dict[str, float]:
-    """Return the score of each law that can be fitted to readings; empty where these are few."""
+    """Return the score of each law that can be fitted to readings; empty with too few readings."""
     try:
         rows = rows_of(tables)
     except JbwError:
@@ -65,7 +65,7 @@ def scores_of(
         prior = joint_box(seen.settings, scales, None, (law,), linear=False)
         try:
             best = fit_curve(jax.random.key(seed), (law,), prior, rows_with_errors(rows))
-        except JbwError:  # it has no steady loop at any start
+        except JbwError:  # the law has no steady loop at any start
             continue
         chi_square, _ = best.chi_square
         scores[law] = -chi_square - len(best.x) * float(np.log(len(best.residual)))

@@ -1,4 +1,4 @@
-"""Whether the motion reached what a law keeps for larger ones, by the posterior, in words."""
+"""Statements on whether the measured motion reached thresholds of a law, such as macroslip."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,9 +14,10 @@ from jbw.report.messages import effects as messages
 def threshold_sentences(
     theta: Mapping[str, Any], y_peak: float, laws: tuple[str, ...]
 ) -> list[str]:
-    """Return sentences on macroslip, contacts and slips, reached by the largest motion [m] or not.
+    """Return sentences on whether the largest motion [m] reached the laws' thresholds.
 
-    `theta` are draws by name; what is not reached rests on the priors and is no finding.
+    `theta` contains draws by name. A threshold that is not reached depends on the priors and is no
+    result of the data.
     """
     if y_peak <= 0:
         return []

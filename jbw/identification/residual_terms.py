@@ -1,15 +1,15 @@
-r"""Residual terms of other modes: where a campaign states them, or a fit shows them.
+r"""Residual terms of other modes, which a campaign states or a fit shows to be needed.
 
-A fit that leaves no more than noise asks for none. Otherwise terms stay where the fit with them
-leaves clearly less,
+A fit without misfit beyond noise needs no terms. Otherwise terms are kept if the fit with them has
+a clearly smaller residual,
 
 $$\chi^2_{without} - \chi^2_{with} > 25, \qquad
   1 - \chi^2_{with} / \chi^2_{without} > 0.1$$
 
-with the values counted as independent ones: five standard deviations, and a tenth of the misfit. So
-are tried in turn the constants of modes outside the band, and one neighbour more where it would
-explain most of what is left. Before them come the neighbours that `modes` states, for which a tenth
-of the misfit is enough: they are known to be there.
+where only independent values count: five standard deviations, and a tenth of the misfit. The
+constants of modes outside the band are tried first, then one more neighbouring mode if it would
+explain most of the residual. Neighbours that `modes` states are tried before them. They are known
+to exist, so a tenth of the misfit is enough for them.
 """
 
 from collections.abc import Callable, Mapping
@@ -35,17 +35,17 @@ from jbw.observables.residual_terms import (
 from jbw.quantities import BY_NAME
 from jbw.report.messages import residuals as messages
 
-GROWTH, SHARE = 25.0, 0.1  # of chi-square without a term, at least
+GROWTH, SHARE = 25.0, 0.1  # least growth of chi-square without a term, absolute and relative
 TRIED = ((UPPER,), (UPPER, LOWER))
-ABOUT = np.linspace(0.97, 1.03, 7)  # times the frequency that `modes` states: where it is looked at
-USUAL_ZETA = 0.01  # of a neighbour of which no spectrum tells
+ABOUT = np.linspace(0.97, 1.03, 7)  # factors on a stated frequency of `modes` that are tried
+USUAL_ZETA = 0.01  # starting damping of a neighbour without a spectrum
 
 Refit = Callable[..., Fit]
 Bounds = dict[str, tuple[float, float]]
 
 
 class Taken(NamedTuple):
-    """The box with the terms that were taken in, the fit, and sentences of them."""
+    """The prior box with accepted residual terms, the fit, and sentences on them."""
 
     box: Box
     fit: Fit
@@ -53,7 +53,7 @@ class Taken(NamedTuple):
 
 
 def stated_terms(data: Dataset) -> tuple[str, ...]:
-    """Return the constant terms that a campaign's tests ask for."""
+    """Return the names of the constant residual terms that a campaign's tests request."""
     stated = {name for p in data.parts if p.residuals != "auto" for name in TAKEN[p.residuals]}
     return tuple(name for name in (UPPER, LOWER) if name in stated)
 
@@ -61,26 +61,26 @@ def stated_terms(data: Dataset) -> tuple[str, ...]:
 def term_bounds(
     names: tuple[str, ...], omega_n: float, given: Mapping[str, tuple[float, float]]
 ) -> Bounds:
-    """Return the bounds of constant terms by name: those that a campaign gives, else wide ones."""
+    """Return the bounds of constant residual terms: stated ones, else wide ones."""
     wide = bounds(omega_n)
     return {name: given.get(name, wide[name]) for name in names}
 
 
 def terms_of(prior: Box) -> Bounds:
-    """Return the bounds of the terms among what is inferred, by name."""
+    """Return the bounds of the residual terms in a prior box, by name."""
     return {n: pair for n, pair in bounds_by_name(prior).items() if n in (UPPER, LOWER, *OF_MODES)}
 
 
 def with_terms(prior: Box, terms: Bounds) -> Box:
-    """Return a box with terms besides."""
+    """Return a prior box with residual terms added."""
     return box(bounds_by_name(prior) | terms)
 
 
 def shown_terms(
     best: Fit, prior: Box, data: Dataset, settings: Identify, refit: Refit
 ) -> Taken | None:
-    """Add the terms that a fit shows to the box, refit, and say so; None if no term is shown."""
-    several = data.modes is not None and data.modes.points  # to which no term belongs
+    """Add the residual terms that a fit needs to the prior box, refit; None if none is needed."""
+    several = data.modes is not None and data.modes.points  # terms do not belong to a point
     if several or "omega_n" not in data.held | best.theta:
         return None
     accepted = Taken(prior, best)
@@ -92,7 +92,7 @@ def shown_terms(
 
 
 def _with_constants(accepted: Taken, data: Dataset, refit: Refit) -> Taken:
-    """Return the terms of modes outside the band, where none was stated."""
+    """Add the constant residual terms if they improve the fit and none is stated."""
     omega_n = float({**data.held, **accepted.fit.theta}["omega_n"])
     if {UPPER, LOWER} & set(accepted.box.names) or not _misses(accepted.fit, data, ("auto",)):
         return accepted
@@ -134,7 +134,7 @@ def _with_neighbour(
 
 
 def _start(best: Fit, data: Dataset, omega: float | None) -> tuple[float, float, float] | None:
-    """Return starting frequency, damping and share of a neighbour; None if none is suspected."""
+    """Return starting frequency, damping and share of a neighbouring mode; may be None."""
     cause = other_mode(best, data, () if omega is None else omega * ABOUT)
     if cause is None or cause.mode is None:
         return None if omega is None else (omega, USUAL_ZETA, 0.0)
@@ -146,13 +146,13 @@ def _start(best: Fit, data: Dataset, omega: float | None) -> tuple[float, float,
 
 
 def _falls(before: Fit, after: Fit, growth: float = GROWTH) -> bool:
-    """Return whether chi-square falls by more than chance and by more than little."""
+    """Return whether chi-square falls clearly: by more than `growth` and by a tenth."""
     gained = 2 * (before.cost - after.cost)
     return gained > growth and gained > SHARE * 2 * before.cost
 
 
 def _misses(best: Fit, data: Dataset, takers: tuple[str, ...]) -> bool:
-    """Return whether a fit leaves more than noise of data that may take terms."""
+    """Return whether data that may take residual terms have correlated residuals."""
     residuals = residual_by_label(best.residual, data)
     labels = (
         label for part in data.parts if part.residuals in takers for label in part.groups.labels

@@ -1,13 +1,13 @@
-r"""Do the runs of a campaign shift? Offsets of omega_n and zeta by run, where the data show them.
+r"""Offsets of natural frequency and damping between the runs of a campaign.
 
-A structure mounted anew, warmed up or driven harder comes back with another natural frequency. One
-omega_n for all runs then leaves residuals that are no noise, and intervals several times too
-narrow. So every run's own offset is read off the fit's residuals, and where the offsets differ by
-more than chance allows, each run gets its own in the likelihood, with a scatter of the size seen.
+A structure that is reassembled, warmed up or driven harder has another natural frequency. One
+omega_n for all runs then gives residuals beyond noise, and intervals that are several times too
+narrow. So every run's offset is estimated from the fit's residuals. If the offsets differ by more
+than chance allows, each run gets a separate offset in the likelihood, with a scatter of that size.
 
-Offsets that go with the runs' motion are no scatter: the law misses something. Their trend is
-weighted least squares of the offsets on the size of the response, the scatter of runs taken from
-what is left, by Student's t with two degrees of freedom less than runs:
+Offsets that depend on the amplitude of the runs are no scatter: they are an error of the law. Their
+trend is fitted by weighted least squares of the offsets on the size of the response. The scatter of
+runs is estimated from the residual, with Student's t and two degrees of freedom fewer than runs:
 
 $$b_r = a + s\,x_r + e_r, \qquad w_r = 1 / (\sigma_r^2 + \tau^2), \qquad
   \mathrm{se}(s)^2 = \frac{\sum_r w_r e_r^2}{(n - 2) \sum_r w_r (x_r - \bar x)^2}$$
@@ -52,38 +52,39 @@ from jbw.observables.observable import OFFSETS, Observable, assemblies_of
 from jbw.quantities import BY_NAME
 from jbw.report.messages import sessions as messages
 
-MOST_ALIKE = 1e12  # condition of a run's offsets as correlations: beyond, they are one direction
-BY_CHANCE = 1e-3  # probability below which shifts are taken for real
-LEAST, MOST = (1e-7, 1e-4), (1e-2, 0.5)  # scatter of omega_n and zeta, relative
-SAME_LEVEL = 1.1  # times the smallest response: runs within it are repeats of one level
-NO_SCATTER = 1e-12  # of a quantity that all runs share
+MOST_ALIKE = 1e12  # largest condition number of the correlation matrix of a run's offsets
+BY_CHANCE = 1e-3  # probability below which shifts are considered real
+LEAST, MOST = (1e-7, 1e-4), (1e-2, 0.5)  # relative scatter of omega_n and zeta
+SAME_LEVEL = 1.1  # ratio of responses within which runs are repeats of one level
+NO_SCATTER = 1e-12  # scatter of a quantity that all runs share
 NUM_DRAWS = 200
 PLURAL = {"run": "runs", "assembly": "assemblies"}
 Values = Float[np.ndarray, " run"]
-FEWEST_RUNS = 5  # runs from which a trend is told from their scatter
-TREND_BY_CHANCE = 0.005  # of each of two trends, frequency's and damping's
+FEWEST_RUNS = 5  # runs from which a trend can be separated from scatter
+TREND_BY_CHANCE = 0.005  # p-value limit of each of two trends, frequency and damping
 QUANTITY_NAMES = {"omega_n": "natural frequency", "zeta": "damping ratio"}
 
 
 @dataclass(frozen=True)
 class Shifts:
-    """Offsets of the runs as a common fit's residuals show them."""
+    """Offsets of the runs, estimated from the residuals of a common fit."""
 
     runs: tuple[str, ...]
-    offset: Float[np.ndarray, "run own"]  # omega_n [rad/s] and zeta [-] less the fit's
+    offset: Float[np.ndarray, "run own"]  # omega_n [rad/s] and zeta [-], minus the fit's
     std: Float[np.ndarray, "run own"]  # standard errors
     p: float  # probability of such differences by chance
 
 
 def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None:
-    r"""Read the offsets of the runs off the residuals of a fit that knows none.
+    r"""Estimate the offsets of runs from the residuals of a fit without offsets.
 
     $$W_r = J_r^T J_r, \quad \hat b_r = W_r^{-1} J_r^T r, \quad
       \chi^2 = \sum_r (\hat b_r - \bar b)^T W_r (\hat b_r - \bar b)$$
 
-    None with fewer than two runs that know their offsets.
+    None if fewer than two runs determine their offsets.
     """
-    # Of drives side by side a row knows one: the sum over them is the change by the run's offset.
+    # Each row depends on one drive only, so the sum over drives is the derivative by the run's
+    # offset.
     columns = [[i for i, n in enumerate(names) if plain(n) == name] for name in OFFSETS]
     if not all(columns):
         return None
@@ -118,13 +119,13 @@ def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None
 
 
 def tells_apart(precision: Float[np.ndarray, "own own"]) -> bool:
-    """Return whether a run determines its frequency and damping offsets, whatever their units."""
+    """Return whether a run determines both its frequency and damping offset, in any units."""
     size = np.sqrt(np.diag(precision))
     return bool(np.all(size > 0) and np.linalg.cond(precision / np.outer(size, size)) < MOST_ALIKE)
 
 
 def wanted(shifts: Shifts, settings: Identify) -> bool:
-    """Return whether runs get offsets: as the campaign says, or where the data show them."""
+    """Return whether runs get offsets: if the campaign says so, or the data show them."""
     return settings.offsets == "runs" or (settings.offsets != "none" and shifts.p < BY_CHANCE)
 
 
@@ -139,7 +140,7 @@ def are_levels(data: Dataset) -> bool:
 
 
 def scatter_of_repeats(shifts: Shifts, sizes: Mapping[str, float]) -> float | None:
-    r"""Return zeta's scatter between runs of a level [-]; 0 if due to chance, None without repeats.
+    r"""Return zeta's scatter between repeats of a level [-]: 0 if chance, None without repeats.
 
     $$Q = \sum_l \sum_{r \in l} \frac{(b_r - \bar b_l)^2}{\sigma_r^2}, \qquad
       \tau^2 = \frac{Q - \mathrm{dof}}{\sum_l (W_l - \sum_{r \in l} w_r^2 / W_l)}$$
@@ -165,7 +166,7 @@ def scatter_of_repeats(shifts: Shifts, sizes: Mapping[str, float]) -> float | No
 def moments_of(
     offset: Float[np.ndarray, " run"], std: Float[np.ndarray, " run"]
 ) -> tuple[float, float]:
-    r"""Return chi-square about the mean of runs, and its increase per variance between runs.
+    r"""Return chi-square around the runs' mean, and its increase per variance between runs.
 
     $$Q = \sum_r w_r (b_r - \bar b)^2, \qquad W - \sum_r w_r^2 / W, \quad w_r = 1 / \sigma_r^2$$
     """
@@ -175,7 +176,7 @@ def moments_of(
 
 
 def _levels_of(runs: Sequence[str], sizes: Mapping[str, float]) -> list[list[int]]:
-    """Return the numbers of the runs of each level, by the size of their response."""
+    """Return the indices of runs by level; runs of similar response share a level."""
     measured = [number for number, run in enumerate(runs) if run in sizes]
     levels: list[list[int]] = []
     for number in sorted(measured, key=lambda number: sizes[runs[number]]):
@@ -188,13 +189,13 @@ def _levels_of(runs: Sequence[str], sizes: Mapping[str, float]) -> list[list[int
 
 
 def sizes_of(data: Dataset) -> dict[str, float]:
-    """Return each run's root sum of squares of response (mean over groups) in the largest part."""
+    """Return each run's root sum of squares of response, from the observable with the most runs."""
     sizes_of_parts = (sizes_of_runs(part) for part in data.parts if not part.own_shifts)
     return max(sizes_of_parts, key=len, default={})
 
 
 def sizes_of_runs(part: Observable) -> dict[str, float]:
-    """Return each run's root sum of squares of response, a mean over its groups of one part."""
+    """Return each run's root sum of squares of response in an observable, mean over groups."""
     runs = dict(zip(part.groups.labels, part.groups.runs, strict=True))
     sizes: dict[str, list[float]] = {}
     for label, size in sizes_of_groups(part).items():
@@ -203,7 +204,7 @@ def sizes_of_runs(part: Observable) -> dict[str, float]:
 
 
 def damping_scatter(best: Fit, shifts: Shifts, data: Dataset) -> float | None:
-    """Return the scatter of zeta over levels, over zeta, by repeats; None if runs are stated."""
+    """Return zeta's relative scatter between levels, from repeats; None if runs are stated."""
     if not are_levels(data):
         return None
     repeats = scatter_of_repeats(shifts, sizes_of(data)) or 0.0
@@ -211,18 +212,18 @@ def damping_scatter(best: Fit, shifts: Shifts, data: Dataset) -> float | None:
 
 
 def _centre(best: Fit) -> Float[np.ndarray, " own"]:
-    """Return omega_n and zeta of a fit, for the first drive where several are fitted."""
+    """Return omega_n and zeta of a fit, for the first drive if several are fitted."""
     theta = {plain(name): value for name, value in reversed(best.theta.items())}
     return np.array([theta[name] for name in OFFSETS])
 
 
 def with_offsets(best: Fit, shifts: Shifts, data: Dataset, median: float | None = None) -> Dataset:
-    """Return the dataset in which every run has offsets of its own, free in least squares.
+    """Return the dataset in which every run has separate offsets, free in least squares.
 
-    In a fit that knows none, what omega_n misses hides how zeta differs, and the fit's weights
-    follow the misfit: their scatter can be read where both are free (`with_scatter`). `median` is
-    that of the prior of omega_n's, over omega_n; None for a wide one. Of levels in one assembly
-    zeta scatters by what is known beforehand (`damping_scatter`).
+    In a fit without offsets, errors of omega_n hide differences of zeta, and the weights follow the
+    misfit: their scatter can be estimated only if both are free (`with_scatter`). `median` is that
+    of the prior of the scatter of omega_n, over omega_n; None for a wide prior. If runs are levels
+    of one assembly, zeta scatters by an amount that is known beforehand (`damping_scatter`).
     """
     centre = _centre(best)
     of_levels = damping_scatter(best, shifts, data)
@@ -241,10 +242,10 @@ def with_offsets(best: Fit, shifts: Shifts, data: Dataset, median: float | None 
 
 
 def own_frequency_alone(data: Dataset) -> Dataset:
-    """Return the dataset whose runs have their own natural frequency, but the damping ratio of all.
+    """Return the dataset in which runs have separate natural frequencies but common damping.
 
-    What a law is worth on a run is told by it: a damping ratio of the run's own would hide what the
-    law misses.
+    It is used to score a law on a run: a separate damping ratio of the run would hide errors of the
+    law.
     """
     if not data.has_offsets:
         return data
@@ -254,19 +255,20 @@ def own_frequency_alone(data: Dataset) -> Dataset:
 
 
 def errors_with_own_frequency(fit: Fit, prior: Box, data: Dataset) -> dict[str, float]:
-    """Return each group's error over its size, with a frequency but no damping ratio per run."""
+    """Return each group's relative error if runs have separate frequencies, common damping."""
     scored = own_frequency_alone(data)
     residual = residual_by_label(residual_at(stacked, fit.x, prior, scored), scored)
     return error_by_label(residual, scored)
 
 
 def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
-    """Return the dataset whose least squares take the runs' scatter as it is known at a fit.
+    """Return the dataset with the scatter of runs that is estimated at a fit.
 
-    Its root mean square: the likelihood integrates over it, and the mean of runs scatters by that.
+    This is the root mean square of the scatter's density, because the likelihood integrates over
+    it.
     """
     theta = {name: np.array([value]) for name, value in best.theta.items()}
-    estimate = estimates_at(theta, data)  # by the program of the draws
+    estimate = estimates_at(theta, data)  # uses the compiled program of the draws
     repeated = jax.tree.map(lambda x: np.repeat(x, NUM_DRAWS, axis=0), estimate)
     scatters = np.asarray(_drawn(jax.random.split(key, NUM_DRAWS), repeated, data).scatter)
     scatter = np.sqrt(np.mean(scatters[:, : len(OFFSETS)] ** 2, axis=0))
@@ -274,7 +276,7 @@ def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
 
 
 def _drawn(keys: Key[Array, " draw"], estimate: Estimate, data: Dataset) -> Spread:
-    """Return a scatter and offsets of the runs for every key, by what groups say of them."""
+    """Draw the scatter and offsets of the runs for every random key."""
     return _spreads(keys, jax.device_put(estimate), data.levels, data.scatters)
 
 
@@ -307,12 +309,12 @@ def _has_offsets(of_levels: float | None) -> str:
 def runs_dataset(
     key: Key[Array, ""], posterior: xr.Dataset, names: tuple[str, ...], data: Dataset
 ) -> xr.Dataset | None:
-    """Draw every run's omega_n and zeta, and their standard deviation over runs; or None.
+    """Draw omega_n and zeta of every run, and their scatter over runs; None without offsets.
 
-    omega_n and zeta of the posterior are the population's mean; one run's offset serves all drives,
-    each of which has its own values of a run. Of each draw of the parameters the scatter and the
-    offsets are drawn from their density given the data: `spread_omega_n` and `spread_zeta` over
-    runs, with the suffix `_assembly` over assemblies where there are any.
+    omega_n and zeta of the posterior are means of the population. One offset per run applies to all
+    drives, each of which has separate values of a run. For each draw of the parameters, the scatter
+    and the offsets are drawn from their density given the data: `spread_omega_n` and `spread_zeta`
+    over runs, with the suffix `_assembly` over assemblies if there are any.
     """
     if not data.has_offsets:
         return None
@@ -340,7 +342,7 @@ def runs_dataset(
 
 
 def runs_summary(runs: xr.Dataset) -> dict[str, dict[str, dict[str, float]]]:
-    """Return mean, sd and 99 % interval of all runs' values and of the spreads, plain values."""
+    """Return mean, sd and 99 % interval of omega_n and zeta of each run, and of their scatter."""
     rows = {}
     for name, values in runs.data_vars.items():
         by_run = (
@@ -356,7 +358,7 @@ def _row(draws: Float[np.ndarray, " draw"]) -> dict[str, float]:
 
 
 def runs_sentence(runs: xr.Dataset) -> str:
-    """Return how far omega_n scatters, in words."""
+    """Return the sentence on the scatter of omega_n between runs."""
     scatters = []
     for over, plural in PLURAL.items():
         name = "spread_omega_n" + ("" if over == "run" else f"_{over}")
@@ -367,7 +369,7 @@ def runs_sentence(runs: xr.Dataset) -> str:
 
 
 class Slope(NamedTuple):
-    """A slope, its standard error, and the probability of one so steep by chance."""
+    """A slope, its standard error, and the probability of one as steep by chance."""
 
     value: float
     std: float
@@ -377,7 +379,7 @@ class Slope(NamedTuple):
 def slope_of(x: Values, offset: Values, std: Values) -> Slope:
     """Fit a slope by weighted least squares to offsets that scatter beyond their errors.
 
-    Equal errors give the usual slope.
+    With equal errors it is the ordinary least-squares slope.
     """
     weight = 1 / (std**2 + _scatter_of_offsets(offset, std))
     middle = np.average(x, weights=weight)
@@ -396,13 +398,13 @@ def _scatter_of_offsets(offset: Values, std: Values) -> float:
 
 
 def trend_finding(shifts: Shifts, data: Dataset) -> Finding | None:
-    """Return whether offsets of frequency or damping go with the motion; None of too few runs."""
+    """Return the finding on whether offsets depend on the amplitude; None with too few runs."""
     sizes = sizes_of(data)
     indices = [i for i, name in enumerate(shifts.runs) if name in sizes]
     x = np.array([sizes[shifts.runs[i]] for i in indices])
     if len(indices) < FEWEST_RUNS or np.ptp(x) <= 0:
         return None
-    x = (x - x.min()) / np.ptp(x)  # a slope is then the change from the smallest to the largest
+    x = (x - x.min()) / np.ptp(x)  # the slope is then the change from smallest to largest
     slopes = {
         name: slope_of(x, shifts.offset[indices, i], shifts.std[indices, i])
         for i, name in enumerate(OFFSETS)

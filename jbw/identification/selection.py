@@ -12,20 +12,20 @@ from jbw.errors import ConfigError
 from jbw.measurement.channels import strength_ranks
 from jbw.measurement.records import Test, drive_of, share_clock
 
-THIRD = (0.2, 0.45)  # of the natural frequency: where a tone probes the third-order kernel
-LEVEL = attrgetter("level")  # to sort tests by
+THIRD = (0.2, 0.45)  # tone over natural frequency that probes the third-order kernel
+LEVEL = attrgetter("level")  # key to sort tests
 
 
 @dataclass(frozen=True)
 class Sweeps:
-    """The sweeps, split before anything is fitted."""
+    """The sweeps of a campaign, split into fitted and held-out ones before any fit."""
 
     fitted: tuple[Test, ...]  # fitted levels, each with its fitted repeats only
-    held_out: tuple[Test, ...]  # every level with the repeats that no fit sees
+    held_out: tuple[Test, ...]  # every level with the repeats that are not fitted
 
 
 def fitted(tests: Sequence[Test], settings: Identify) -> list[Test]:
-    """Return the tests that `fit` and `hold_out` leave."""
+    """Return the tests that remain after `fit` and `hold_out` are applied."""
     names = [test.name for test in tests]
     unknown = [name for name in settings.hold_out if name not in names]
     if unknown:
@@ -38,7 +38,7 @@ def fitted(tests: Sequence[Test], settings: Identify) -> list[Test]:
 
 
 def linear_test(tests: Sequence[Test]) -> Test | None:
-    """Return the noise or multisine test of the lowest level: the most linear one, for Step 2."""
+    """Return the noise or multisine test of the lowest level, the most linear one, for Step 2."""
     noise = [test for test in tests if test.traits.is_broadband]
     return min(noise, key=LEVEL, default=None)
 
@@ -51,7 +51,7 @@ def probing_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
 
 
 def loop_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
-    """Return single-tone tests near the resonance, lowest level first, to validate by loops."""
+    """Return single-tone tests near the resonance, lowest level first, for validation by loops."""
     probing = {test.name for test in probing_tests(tests, natural_hz)}
     single = [test for test in tests if test.is_single_tone and test.name not in probing]
     return tuple(sorted(single, key=LEVEL))
@@ -60,10 +60,10 @@ def loop_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
 def sweep_tests(tests: Sequence[Test], settings: Identify, *, every: bool = False) -> Sweeps | None:
     """Split the sweeps into fitted and held-out sweeps.
 
-    `fit_levels` names the levels to fit; by default the lowest and the highest of three or more
-    of each drive, all of fewer; all where `every` level is asked for, as each of several modes has
-    its own. `fit_repeats` is how many of their repeats are fitted, by default half, or all; they
-    span the amplitudes.
+    `fit_levels` names the levels to fit. By default these are the lowest and the highest level of
+    each drive if it has three or more, otherwise all. If `every`, all levels are fitted, because
+    each of several modes has its own. `fit_repeats` is the number of fitted repeats, by default
+    half, or all; they span the amplitudes.
     """
     sweeps = [test for test in sorted(tests, key=LEVEL) if test.traits.is_transient]
     if not sweeps:
@@ -87,18 +87,18 @@ def sweep_tests(tests: Sequence[Test], settings: Identify, *, every: bool = Fals
 
 
 def _outermost(sweeps: Sequence[Test], drive: str) -> list[float]:
-    """Return the lowest and the highest level of a drive, whose levels have a unit of their own."""
+    """Return the lowest and highest level of a drive; all levels if there are at most two."""
     levels = [test.level for test in sweeps if drive_of(test) == drive]
     return [levels[0], levels[-1]] if len(levels) > 2 else levels
 
 
 @dataclass(frozen=True)
 class DecaySplit:
-    """The free decays of all tests together, split before anything is fitted."""
+    """The free decays of all tests together, split into fitted and held-out ones before any fit."""
 
     fitted: Test
     together: Test  # all decays, the fitted ones first
-    names: tuple[str, ...]  # of each of them: its test, and its number there counted from one
+    names: tuple[str, ...]  # test of each decay and its number there, from one
 
 
 def decay_tests(
@@ -106,8 +106,8 @@ def decay_tests(
 ) -> DecaySplit | None:
     """Split the free decays into fitted and held-out decays; None without any to fit.
 
-    Of each of the `chosen` tests, all of them when None, `fit_repeats` are fitted, half by default;
-    they span the amplitudes.
+    `fit_repeats` decays of each of the `chosen` tests (all tests if None) are fitted, half by
+    default; they span the amplitudes.
     """
     decays = [test for test in tests if test.traits.is_free]
     if not decays:
@@ -142,10 +142,10 @@ def decay_tests(
 
 
 def _fitted_places(test: Test, settings: Identify) -> tuple[int, ...]:
-    """Return the places of the fitted repeats: from strongest to weakest in equal steps.
+    """Return the indices of the fitted repeats: from strongest to weakest in equal steps.
 
-    Of repeats that are as strong as one another the first ones. So a law is never judged on motion
-    beyond what it was fitted to, whatever the order in which a structure was hit.
+    Among equally strong repeats, the first are chosen. So a law is never judged on motion larger
+    than in the fitted repeats, in whatever order a structure was hit.
     """
     count = _fitted_repeats(test, settings)
     sizes = [float(np.nanstd(record.channels[record.response])) for record in test.records]
@@ -175,7 +175,7 @@ def _fitted_repeats(test: Test, settings: Identify) -> int:
 
 
 def fitted_for_use(tests: Sequence[Test], settings: Identify) -> Identify:
-    """Return the settings by which every test, level and repeat of the kinds to fit is fitted."""
+    """Return the settings with which every test, level and repeat of the chosen kinds is fitted."""
     levels = tuple(dict.fromkeys(test.level for test in tests if test.traits.is_transient))
     return settings.model_copy(
         update={"final": False, "hold_out": (), "fit_levels": levels or None, "fit_repeats": ALL}

@@ -1,4 +1,4 @@
-"""The attachment that a test's shaker adds, from its voltage, force and drive point."""
+"""The mass, damping and stiffness that a test's shaker adds to a structure."""
 
 from dataclasses import dataclass, replace
 
@@ -15,9 +15,9 @@ from jbw.oscillator.attachment import Attachment, attached
 from jbw.report.messages import instruments as messages
 
 ROLES = ("input", "force", "drive_point")
-WIDER = 1.5  # of the band's width to either side: apart lie mass and stiffness, delay and damping
+WIDER = 1.5  # extension of the band over its width: separates mass, stiffness, delay and damping
 OCTAVE = 2.0
-DRIVEN = 0.05  # of the voltage's largest line: what lies below was not driven
+DRIVEN = 0.05  # share of the voltage's largest line below which a line is not driven
 
 
 @dataclass(frozen=True)
@@ -25,25 +25,26 @@ class ShakerReading:
     """The shaker of a test, and the modes of its band without and with it."""
 
     shaker: ShakerFit
-    modes: ModalFit  # by the force: of the structure alone
+    modes: ModalFit  # from the force: modes of the structure alone
     omega: Float[np.ndarray, " mode"]  # predicted with the shaker [rad/s]
     zeta: Float[np.ndarray, " mode"]
 
 
 def tells_shaker(test: Test) -> bool:
-    """Return whether voltage, force and drive point were recorded together."""
+    """Return whether a test has voltage, force and drive point, which determine its shaker."""
     return bool(test.records) and set(ROLES) <= set(test.records[0].channels)
 
 
 def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
-    """Return the attachment from a test's first record, and the `modes` of its band with it.
+    """Identify the shaker from a test's first record, and predict the modes of its band with it.
 
-    The test's band is that of the modes; the attachment takes three halves of it more to either
-    side, an octave at most, where the voltage drives it. A record counts from `settle` on.
+    The test's band contains the modes. For the attachment, the band is extended on either side by
+    three halves of its width, at most an octave, where the voltage drives it. The record counts
+    from `settle` on.
 
     Raises:
-        DataError: No band, a `settle` that leaves no record, or modes at which the drive point does
-            not move with the force.
+        DataError: There is no band, `settle` leaves no record, or the drive point moves against the
+            force in a mode.
     """
     if test.band_hz is None:
         raise DataError(
@@ -59,7 +60,7 @@ def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
     shaker = fit_attachment(voltage, force, moved, record.fs, wide)
     size = None if periodic is None else periodic[1]
     fit = _modes(test, record, size, test.band_hz, modes)
-    squares = fit.residues[:, 0]  # per newton at its own place: the shape's square
+    squares = fit.residues[:, 0]  # the square of the shape at the drive point
     if np.any(squares <= 0):
         raise DataError(
             f"Test {test.name} must show a drive point that moves with the force, but at "
@@ -72,7 +73,7 @@ def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
 
 
 def _after(record: Record, settle: float) -> Record:
-    """Return a record from the time on that is compared."""
+    """Return a record without its settling time."""
     start = round(settle * record.fs)
     if start >= record.num_samples:
         raise DataError(
@@ -83,10 +84,10 @@ def _after(record: Record, settle: float) -> Record:
 
 
 def _faded(motion: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
-    """Return a record that begins and ends in motion, by Hann's window.
+    """Return a record multiplied by Hann's window, because it begins and ends in motion.
 
-    What ties voltage, force and motion to each other changes little within a line of the spectrum,
-    so that the window changes all of them alike; cut off, each would leak by itself.
+    The relations between voltage, force and motion change little within a spectral line, so the
+    window changes all of them alike. Without the window, each would leak separately.
     """
     return np.hanning(len(motion)) * (motion - motion.mean())
 
@@ -94,7 +95,7 @@ def _faded(motion: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
 def _modes(
     test: Test, record: Record, size: int | None, band: tuple[float, float], modes: int
 ) -> ModalFit:
-    """Return the modes of the band by the force, seen at the drive point, by rising frequency."""
+    """Fit the modes of a band to the response of the drive point per force."""
     force, moved = record.channels["force"], record.channels["drive_point"]
     if test.traits.is_broadband:
         window = "hann" if size is None else "boxcar"
@@ -109,13 +110,14 @@ def _driven(
 ) -> tuple[float, float]:
     """Widen the band by three halves of its width on each side, as far as the voltage drives.
 
-    No more than an octave: a sensor's noise below is a large displacement.
+    It is widened by at most an octave, because noise of a sensor at low frequencies is a large
+    displacement.
     """
     reach = WIDER * (band[1] - band[0])
     freq = np.fft.rfftfreq(len(voltage), 1 / fs)
-    size = np.abs(np.fft.rfft(voltage - voltage.mean()))  # an amplifier's offset drives nothing
+    size = np.abs(np.fft.rfft(voltage - voltage.mean()))  # removes an amplifier's offset
     driven = freq[size > DRIVEN * size.max()]
-    if not len(driven):  # a dead channel, which the fit will name
+    if not len(driven):  # a dead channel, which the fit reports
         return band
     low = max(band[0] - reach, band[0] / OCTAVE, driven[0])
     high = min(band[1] + reach, band[1] * OCTAVE, driven[-1])
@@ -123,7 +125,7 @@ def _driven(
 
 
 def shaker_sentence(name: str, found: ShakerReading) -> str:
-    """Return the sentence on the reading of a test's shaker."""
+    """Return the sentence on the shaker identified from a test."""
     shaker, turn = found.shaker, 2 * np.pi
     moved = ", ".join(
         messages.mode_moves((w / turn, z), (v / turn, y))

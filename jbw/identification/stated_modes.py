@@ -1,4 +1,4 @@
-"""Modes that a campaign states to meet in the joint: what is refused, and which sign each has."""
+"""Modes of a campaign's structure that the joint couples: checks, signs and statements."""
 
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -27,18 +27,18 @@ from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.parameters import own_name
 from jbw.report.messages import modes as messages
 
-BY_CHANCE = 0.01  # probability of as much better a fit, of modes that do not move the joint
-BARE = ("", "none", "force", BASE)  # what moves a structure without its shaker
-ROUGH = 1e-6  # of the cost and of the step: the other sign, which a further fit follows
+BY_CHANCE = 0.01  # probability of as large an improvement for modes that do not move the joint
+BARE = ("", "none", "force", BASE)  # drives without the shaker's dynamics
+ROUGH = 1e-6  # relative tolerance of cost and step of preliminary fits with another sign
 
 
 def modes_of(
     structure: Structured | None, tests: Collection[Test], settings: Identify
 ) -> Modes | None:
-    """Return the modes of a campaign's structure; None where one alone meets the joint.
+    """Return the modes of a campaign's structure; None if only one mode moves the joint.
 
     Raises:
-        ConfigError: Tests or priors that do not go with several modes.
+        ConfigError: Tests or priors are not supported for several modes.
     """
     if errors := [*structure_errors(structure, tests)]:
         raise ConfigError(errors[0])
@@ -47,7 +47,7 @@ def modes_of(
     stated = structure.driving_point, structure.joint_shape, structure.points
     modes = Modes(structure.modes, *stated, meet="apart" if structure.modal else "common")
     _require_own_constants(modes, tests)
-    # A measured force moves the structure alone, as it moves where nothing drives it.
+    # A measured force excites the structure without the shaker's dynamics, like no drive at all.
     drives = sorted({"force" if drive_of(t) in BARE else drive_of(t) for t in tests})
     if len(drives) > 1:
         raise ConfigError(
@@ -70,7 +70,7 @@ def modes_of(
 
 
 def _require_own_constants(modes: Modes, tests: Collection[Test]) -> None:
-    """Refuse residual terms that all tests share where responses are measured at several points."""
+    """Raise a ConfigError for common residual terms if responses are measured at several points."""
     shared = [test for test in tests if test.residuals in ("upper", "both")]
     if modes.points and shared:
         raise ConfigError(
@@ -82,7 +82,7 @@ def _require_own_constants(modes: Modes, tests: Collection[Test]) -> None:
 
 
 def with_own_constants(modes: Modes | None, tests: Collection[Test]) -> tuple[Test, ...]:
-    """Return the tests that say so where their residual constants are their own."""
+    """Return the tests with `residuals` "own" if each has separate residual constants."""
     return tuple(
         replace(test, residuals="own")
         if has_own(test.residuals, several_modes=modes is not None)
@@ -92,7 +92,7 @@ def with_own_constants(modes: Modes | None, tests: Collection[Test]) -> tuple[Te
 
 
 def _require_unknown(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> None:
-    """Refuse stated bounds of what the [structure] table says is known."""
+    """Raise a ConfigError for prior bounds of quantities that the [structure] table fixes."""
     settled_by = {names.shape: "joint_shape" for names in modes.names if modes.joint_shape}
     settled_by |= {names.coupling: "driving_point" for names in modes.names if modes.driving_point}
     joint_names = {name for names in modes.names for name in (names.shape, names.coupling)}
@@ -112,7 +112,7 @@ def _require_unknown(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> 
 
 
 def _require_apart(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> None:
-    """Refuse stated bounds within which frequencies could change places."""
+    """Raise a ConfigError for prior bounds within which frequencies of modes could swap."""
     names = ("omega_n", *(mode_names.omega for mode_names in modes.names))
     wide = {
         n: (2 * np.pi * low, 2 * np.pi * high)
@@ -130,7 +130,7 @@ def _require_apart(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> No
 
 
 def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
-    """Refuse modes of which no test tells a frequency, damping and gain to begin with."""
+    """Raise a DataError if the tests give no starting frequency, damping and gain of a mode."""
     first_values = told_by(parts)
     for hz, names in zip(modes.hz, (None, *modes.names), strict=True):
         if (names.omega if names else "omega_n") not in first_values:
@@ -164,14 +164,14 @@ def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
 
 
 def unknown_signs(prior: Box, data: Dataset) -> list[str]:
-    """Return the names of the signs of modes whose shapes are free."""
+    """Return the parameter names of the signs of modes whose shapes are free."""
     return [] if data.modes is None else [
         names.sign for names in data.modes.names if names.shape in prior.names
     ]  # fmt: skip
 
 
 def with_signs(best: Fit, prior: Box, data: Dataset) -> tuple[Fit, Dataset]:
-    """Try each mode's sign in turn, keep the better fit, and return it with its dataset."""
+    """Try the other sign of each mode in turn; return the better fit with its dataset."""
     growth = []
     for sign in unknown_signs(prior, data):
         other = replace(data, held={**data.held, sign: -data.held[sign]})
@@ -191,7 +191,7 @@ def one_joint_sentences(best: Fit, prior: Box, data: Dataset) -> list[str]:
 
     $$\chi^2_{linear} - \chi^2 > F^{-1}_{\chi^2_k}(0.99)$$
 
-    of k sizes at the joint; nothing where these are not fitted.
+    with k sizes of modes at the joint; empty if these are not fitted.
     """
     if data.modes is None or not unknown_signs(prior, data):
         return []
@@ -208,11 +208,12 @@ def one_joint_sentences(best: Fit, prior: Box, data: Dataset) -> list[str]:
 
 
 def same_joint_sentences(posterior: xr.Dataset, data: Dataset) -> list[str]:
-    r"""Return whether modes with laws of their own may have one joint, a sentence each.
+    r"""Return sentences on whether modes with separate laws may share one joint.
 
-    In one joint a law is the same in every mode but for its units of length and of force: numbers
-    and ratios of parameters of one unit, as $\delta/\gamma$, agree. Their logarithms' difference
-    between two modes has zero within its 99 % interval, or one joint is rejected.
+    In one joint, a law is the same in every mode except for its units of length and force, so
+    dimensionless parameters and ratios of parameters with one unit, such as $\delta/\gamma$, agree.
+    One joint is rejected if the 99 % interval of the difference of their logarithms between two
+    modes excludes zero.
     """
     if data.modes is None or data.modes.meet != "apart":
         return []
@@ -253,10 +254,10 @@ def _log_of(
 
 
 def participation_sentences(posterior: xr.Dataset, modes: Modes | None) -> list[str]:
-    """Return the modes whose gain may be zero by the posterior, a sentence each."""
+    """Return sentences on modes whose gain may be zero according to the posterior."""
     sentences = []
     for hz, names in zip(modes.hz[1:] if modes else (), modes.names if modes else (), strict=True):
-        if names.ratio not in posterior:  # free decays tell none
+        if names.ratio not in posterior:  # free decays do not determine it
             continue
         low, _, high = np.quantile(posterior[names.ratio].values, QUANTILES)
         if low <= 0.0 <= high:

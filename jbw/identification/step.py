@@ -1,4 +1,4 @@
-"""The final form of every posterior of the procedure: draws, verdict, fit and statements."""
+"""The common form of every posterior of the procedure: draws, verdict, fit and statements."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from jbw.report.messages import posterior as messages
 
 
 def attrs(laws: tuple[str, ...] = ()) -> dict[str, dict[str, str]]:
-    """Return the attributes of the variables of a posterior, by name: units, symbol and meaning."""
+    """Return the units, symbol and meaning of every variable of a posterior, by name."""
     factors = (motion_factor(i, j) for j in joints_of(laws) for i in range(1, MOST_MODES + 1))
     return attrs_of(
         [
@@ -42,20 +42,20 @@ def attrs(laws: tuple[str, ...] = ()) -> dict[str, dict[str, str]]:
 
 @dataclass(frozen=True)
 class Step:
-    """One posterior of the procedure."""
+    """One posterior of the procedure with its verdict."""
 
-    name: str  # in the results, such as "third_order_nuts"
-    posterior: xr.DataTree  # the groups that the sampler left
+    name: str  # name in the results, such as "third_order_nuts"
+    posterior: xr.DataTree  # the groups of the sampler's result
     verdict: Verdict  # how far it can be trusted
     fit: Fit  # the least-squares fit it started from
     box: Box  # its prior
-    statements: tuple[str, ...]  # what it identifies and what it does not, in words
+    statements: tuple[str, ...]  # sentences on what it determines
     held: dict[str, float]  # parameters that were not updated
-    wall_s: float  # compiling included
+    wall_s: float  # time taken, including compilation
 
 
 def means_of(tree: xr.DataTree) -> dict[str, float]:
-    """Return the posterior means by name."""
+    """Return the posterior means of all variables by name."""
     group = tree["posterior"].to_dataset()
     return {str(name): float(draws.mean()) for name, draws in group.data_vars.items()}
 
@@ -71,9 +71,9 @@ def finished(
     statements: Iterable[str] = (),
     held: Mapping[str, Any] | None = None,
 ) -> Step:
-    """Judge a posterior by its findings, and put it beside its origin.
+    """Judge a posterior by its findings and return it as a step with its fit and prior.
 
-    `started` is the `perf_counter()` at the start of the step.
+    `started` is the value of `perf_counter()` at the start of the step.
     """
     return Step(
         name,
@@ -88,7 +88,7 @@ def finished(
 
 
 def fit_sentences(fit: Fit) -> list[str]:
-    """Return sentences on the starting fit's open direction and its parameters at bounds."""
+    """Return sentences on a fit's undetermined direction and its parameters at bounds."""
     open_direction = [] if fit.weak is None else [messages.by_initial_fit(fit.weak.text)]
     bounds = [messages.at_bound(parameter, side) for parameter, side in fit.at_bound.items()]
     return [*open_direction, *bounds]

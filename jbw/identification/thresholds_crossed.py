@@ -1,13 +1,13 @@
-r"""The possible fits on the other side of a threshold that a law keeps for larger motions.
+r"""Fits on the other side of a law's thresholds, such as macroslip or a stop.
 
-Whether the largest motion reached a macroslip, a stop or a slip parts the parameters: a fit that
-begins on one side of a threshold seldom crosses it, though the data may ask for the other. One that
-just reaches it can follow the noise of a few cycles there: a narrow optimum beside the wide plain
-of all the larger thresholds, which fit nearly as well. By Laplace's method,
+Thresholds divide the parameters by whether the largest motion reached a macroslip, a stop or a
+slip. A fit that starts on one side of a threshold seldom crosses it, even if the data favour the
+other side. A threshold that is just reached can fit the noise of a few cycles: a narrow optimum
+next to a wide plain of larger thresholds, which fit nearly as well. By Laplace's method,
 
 $$\log \int e^{-\chi^2/2} \approx -\tfrac12 \hat\chi^2 + \tfrac12 \log\det\Sigma + const,$$
 
-the covariance nowhere wider than the box, more of the posterior lies on the plain then.
+with the covariance limited by the box, more of the posterior then lies on the plain.
 """
 
 from collections.abc import Mapping, Set
@@ -24,11 +24,11 @@ from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import laws_named
 
-SHARES = np.linspace(0.125, 1.0, 8)  # of the way from a fit to a bound, in the search
+SHARES = np.linspace(0.125, 1.0, 8)  # of the distance from a fit to a bound
 
 
 def other_sides(best: Fit, prior: Box, data: Dataset) -> list[dict[str, float]]:
-    """Return the likeliest point for each other set of reached thresholds, one parameter moved."""
+    """Return the likeliest start for each other combination of reached thresholds."""
     here = reached(best.theta, best.theta, data)
     law_names = {quantity.name for law in laws_named(data.laws) for quantity in law.table} & set(
         prior.names
@@ -49,7 +49,7 @@ def other_sides(best: Fit, prior: Box, data: Dataset) -> list[dict[str, float]]:
 def reached(
     theta: Mapping[str, Any], fitted: Mapping[str, float], data: Dataset
 ) -> Bool[np.ndarray, "threshold point"]:
-    """Return whether the largest motion, of a fit, reaches the thresholds of the laws at points."""
+    """Return whether a fit's largest motion reaches each threshold of the laws, by point."""
     y_peak, parameters = fitted_displacement(fitted, data), {**data.held, **theta}
     laws = [law.of(parameters) for law in laws_named(data.laws)]
     y = [np.atleast_1d(threshold.y) for law in laws for threshold in law.thresholds()]
@@ -57,7 +57,7 @@ def reached(
 
 
 def fitted_displacement(theta: Mapping[str, float], data: Dataset) -> float:
-    """Return the largest displacement that was measured, of a fit [m]."""
+    """Return the largest measured displacement, converted by a fit's natural frequency [m]."""
     omega_n = float({**data.held, **theta}.get("omega_n", 1.0))
     return dataset.largest_displacement(data, omega_n)
 

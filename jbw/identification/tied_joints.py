@@ -1,19 +1,19 @@
-r"""Laws at several joints: which are tried, and whether joints share a law or each has its own.
+r"""Comparison of laws at several joints, and of shared with separate laws of joints.
 
-Every law is tried at all joints alike, those that share a law sharing it too; so are the campaign's
-own laws, and these with one law for all joints of a kind. Then one joint after another has another
-law, the others keeping theirs. A joint without a law sticks.
+Every law is tried at all joints; joints that share a law in the campaign share it here too. The
+campaign's own laws are tried as well, also with one law for all joints of a kind. Then the law of
+one joint after another is changed while the others keep theirs. A joint without a law is stuck.
 
-One law for several joints, or a law of its own for each, is told by the evidence of both,
+The choice between one law for several joints and separate laws is made by the evidence of both,
 
 $$\ln\frac{Z_{tied}}{Z_{own}}, \qquad Z = \int L(\theta)\,\pi(\theta)\,d\theta \le L_{max}$$
 
-Both see the same values in the weights of the fit with laws of their own. The prior of a law that
-joints share is the one that a campaign with `same_as` has.
+Both use the same values with the weights of the fit with separate laws. The prior of a law that
+joints share is the same as in a campaign with `same_as`.
 
-Where shapes are uncertain, tests tell what two joints do to a mode and not which of them does it: a
-factor of one is traded for the law of the other along a curve. Points about the fit miss its ends,
-and are taken along it instead.
+If shapes are uncertain, tests determine the sum of two joints' effects on a mode but not each of
+them: a shape factor of one is exchanged for the law of the other along a curve. Points around the
+fit miss the ends of this curve, so points are drawn along it instead.
 """
 
 from collections.abc import Mapping, Sequence
@@ -50,23 +50,24 @@ from jbw.quantities import are_at_joints, joints_of, law_name, name_at, split
 from jbw.report.messages import laws as messages
 
 Laws = tuple[str, ...]
-PREFIX = "tied_"  # of attributes of the joints' group
-DECISIVE = 3.0  # nats, 20 to 1: from which the evidence tells
-MOST = 12  # sets of laws: beyond, fewer of one joint are tried
+PREFIX = "tied_"  # prefix of attributes of the joints' group
+DECISIVE = 3.0  # difference of log evidence that is decisive [nats], 20 to 1
+MOST = 12  # most sets of laws; beyond, fewer changes of single joints are tried
 
-# What is tried unless laws are named: none, elastic, and hysteretic ones.
+# Laws that are tried if none are named: none, elastic, and hysteretic ones.
 USUAL: tuple[Laws, ...] = ((), ("cubic",), ("bouc_wen",), ("bouc_wen_nu",), ("iwan4",))
 
 
 class TiedEvidence(NamedTuple):
-    """The evidence for one shared law of joints that have laws of one kind.
+    """The evidence for one law shared by several joints, against separate laws.
 
     Attributes:
-        laws: Names of the laws with the joints that share each.
-        tied: The fit of these laws.
-        log_ratio: Log evidence of these laws less that of laws of their own [nats].
-        khat: Of the weights by which both were found, the larger; good below 0.7.
-        is_bound: Whether the ratio is at most so large, by the largest likelihood of these laws.
+        laws: Names of the laws, with the joints that share each law.
+        tied: The fit of the shared laws.
+        log_ratio: Log evidence of the shared laws minus that of separate laws [nats].
+        khat: The larger k-hat of the weights of both; good below 0.7.
+        is_bound: Whether the ratio is only an upper bound, from the largest likelihood of the
+            shared laws.
     """
 
     laws: Laws
@@ -77,19 +78,19 @@ class TiedEvidence(NamedTuple):
 
     @property
     def is_trusted(self) -> bool:
-        """Whether the weights can be trusted."""
+        """Whether the importance weights are good enough (k-hat below 0.7)."""
         return self.khat < GOOD_KHAT
 
     @property
     def answer(self) -> str:
-        """`tied` or `own`, which the evidence prefers by 20 to 1 at least, or `not told`."""
+        """The laws that the evidence prefers by 20 to 1, `tied` or `own`, else `not told`."""
         if not self.is_trusted or abs(self.log_ratio) < DECISIVE:
             return "not told"
         return "tied" if self.log_ratio > 0 else "own"
 
     @property
     def attrs(self) -> dict[str, Any]:
-        """The evidence in plain values, as attributes of the joints' group."""
+        """The evidence as plain values, to be stored as attributes of the joints' group."""
         facts = {
             "laws": " + ".join(self.laws),
             "log_evidence_ratio": self.log_ratio,
@@ -102,7 +103,7 @@ class TiedEvidence(NamedTuple):
 
 
 def tied_record(attrs: Mapping[Any, Any]) -> dict[str, Any] | None:
-    """Return the attributes on one law for all joints as a record; None if there are none."""
+    """Return the stored evidence for one law of all joints as a record; None if not stored."""
     facts = {
         str(name).removeprefix(PREFIX): value
         for name, value in attrs.items()
@@ -120,7 +121,7 @@ def tied_record(attrs: Mapping[Any, Any]) -> dict[str, Any] | None:
 
 
 def tied_laws(laws: Laws) -> Laws:
-    """Return the same laws, each shared by all joints that have the same kinds of laws."""
+    """Return laws such that joints with the same kinds of laws share them."""
     kinds = {
         joint: tuple(split(law)[0] for law in laws if joint in split(law)[1])
         for joint in joints_of(laws)
@@ -135,7 +136,7 @@ def tied_laws(laws: Laws) -> Laws:
 def tied_evidence(key: Key[Array, ""], own: Fitted, settings: Identify) -> TiedEvidence | None:
     """Compare the evidence of one law for all joints of a kind with that of separate laws.
 
-    None where no two joints have laws of their own of one kind.
+    None unless two joints have separate laws of one kind.
     """
     data = own.data
     laws = tied_laws(data.laws)
@@ -153,7 +154,7 @@ def tied_evidence(key: Key[Array, ""], own: Fitted, settings: Identify) -> TiedE
 
 
 def tied_fit(own: Fitted, laws: Laws, modes: Modes, settings: Identify) -> Fitted:
-    """Return the fit of tied laws to the same data, from the fitted law of each joint in turn."""
+    """Fit shared laws to the same data, starting from the fitted law of each joint in turn."""
     data, settings = tried_under(laws, own.data, "", settings)
     own_names = {name for law in own.data.laws for name in law_named(law).names()}
     bounds = {n: pair for n, pair in bounds_by_name(own.box).items() if n not in own_names}
@@ -178,7 +179,7 @@ def _most_joints(laws: Laws) -> int:
 
 
 def _weighed(key: Key[Array, ""], candidate: Candidate) -> WeighedPoints:
-    """Draw weighted points about a candidate's fit; if weights are poor, along its valley too."""
+    """Draw weighted points around a candidate's fit; if weights are poor, along its valley too."""
     fitted = candidate.fitted
     best, prior, data = fitted.fit, fitted.box, fitted.data
     about_fit = weighed_in(key, prior, data, {"fit": lambda: place_of(best, candidate)})
@@ -192,7 +193,7 @@ def _weighed(key: Key[Array, ""], candidate: Candidate) -> WeighedPoints:
 
 
 class Trials(NamedTuple):
-    """Sets of laws to try, and in words which they are."""
+    """Sets of laws to try, and a sentence that names them."""
 
     sets: tuple[Laws, ...]
     sentence: str
@@ -202,12 +203,12 @@ def trials_at_joints(campaign_laws: Laws, stated: Sequence[Laws] | None) -> Tria
     """Return the sets of laws to try at a campaign's joints.
 
     Args:
-        campaign_laws: Its own, with the joints that share each.
-        stated: Laws of one joint, tried at all and at each, and laws with joints, tried as they
-            are; the usual ones when None.
+        campaign_laws: The campaign's laws, with the joints that share each.
+        stated: Laws without joints, which are tried at all joints and at each, and laws with
+            joints, which are tried as they are; None for the usual ones.
 
     Raises:
-        ConfigError: The campaign has no law at any joint, or lacks a joint that is named.
+        ConfigError: The campaign has no law at any joint, or lacks a named joint.
     """
     groups = tuple(dict.fromkeys(split(law)[1] for law in campaign_laws))
     if not groups:
@@ -236,7 +237,7 @@ def _with_changed(
     groups: Sequence[tuple[str, ...]],
     campaign_laws: Laws,
 ) -> tuple[str, tuple[Laws, ...]]:
-    """Add sets with one changed joint, as many as allowed; return which sets were added."""
+    """Add sets of laws that change one joint; return which were added, and the sets."""
     stuck = [laws for laws in plain if not laws]
     for which, tried in ((messages.EVERY, plain), (messages.NONE, stuck)):
         changed = [_with_others(laws, group, campaign_laws) for group in groups for laws in tried]
@@ -247,19 +248,19 @@ def _with_changed(
 
 
 def _everywhere(laws: Laws, groups: Sequence[tuple[str, ...]]) -> Laws:
-    """Return the laws at all joints, those of a tie together."""
+    """Return the given laws at all joints; tied joints share each law."""
     return tuple(law_name(law, joints) for joints in groups for law in laws)
 
 
 def _with_others(laws: Laws, group: tuple[str, ...], campaign_laws: Laws) -> Laws:
-    """Return a campaign's laws with others at the joints of one tie, in their place."""
+    """Return a campaign's laws with other laws at one group of tied joints."""
     before = [law for law in campaign_laws if split(law)[1] != group]
     first = next(i for i, law in enumerate(campaign_laws) if split(law)[1] == group)
     return (*before[:first], *_everywhere(laws, [group]), *before[first:])
 
 
 def _require_joints(whole: Sequence[Laws], groups: Sequence[tuple[str, ...]]) -> None:
-    """Refuse laws at joints that the campaign lacks, or that are no tie of it."""
+    """Raise a ConfigError for laws at joints that the campaign lacks."""
     known = [joint for joints in groups for joint in joints]
     for joint in (joint for laws in whole for joint in joints_of(laws)):
         if joint not in known:

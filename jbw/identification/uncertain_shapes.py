@@ -1,15 +1,15 @@
-r"""Shapes of a model that are uncertain: a factor on the motion of every joint in every mode.
+r"""Uncertain mode shapes of a model: a factor on the motion of every joint in every mode.
 
 $$H_{ji} = f_{ji}\,H_{ji}^{model}, \qquad \ln f_{ji} \sim N(0, 0.1^2)$$
 
-A factor that all modes share changes no motion, for the joint's law takes it up:
+A factor that is common to all modes changes no motion, because the joint's law compensates it:
 
 $$H_{ji} \to s\,H_{ji}, \qquad F_j(x) \to F_j(x/s)/s$$
 
-Of the joints that share a law one factor is therefore held at 1: in their home mode, where they
-have the largest energy share $k_jH_{ji}^2/\omega_i^2$ of all modes that tests drive. Modes that no
-test drives and residual modes keep the model's motion, and so does a joint in a mode that hardly
-moves it.
+Therefore one factor of the joints that share a law is fixed at 1: the one in their home mode, where
+they have the largest energy share $k_jH_{ji}^2/\omega_i^2$ of all driven modes. Modes that no test
+drives and residual modes keep the model's motion, and so does a joint in a mode that hardly moves
+it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,8 +27,8 @@ from jbw.oscillator.modes.assembled import OMEGA, STIFFNESS, factor_name, motion
 from jbw.quantities import joints_of, motion_factors_in, name_at, split
 
 SPREAD = 0.1  # standard deviation of the logarithm of a factor
-HARDLY_MOVED = 1e-4  # of the largest energy share in a mode: a hundredth of the motion
-Place = tuple[str, int]  # a joint and a mode, which is 1 for the first
+HARDLY_MOVED = 1e-4  # energy share over the mode's largest below which a joint hardly moves
+Place = tuple[str, int]  # a joint and the number of a mode, from 1
 
 
 @cache
@@ -38,7 +38,7 @@ def shape_prior() -> Density:
 
 
 def home_modes(modes: Modes, laws: Sequence[str]) -> dict[str, Place]:
-    """Return the joint and mode whose factor is held, for each law's joints, by joint name."""
+    """Return the joint and mode whose factor is fixed, for each law's joints, by joint name."""
     shares = _energy_shares(modes, joints_of(laws))
     homes: dict[str, Place] = {}
     for joints in dict.fromkeys(split(law)[1] for law in laws):
@@ -49,7 +49,7 @@ def home_modes(modes: Modes, laws: Sequence[str]) -> dict[str, Place]:
 
 
 def shape_factors(modes: Modes, laws: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the factors that are inferred; none where the shapes are the model's."""
+    """Return the names of the inferred shape factors; empty if the model fixes the shapes."""
     if not modes.uncertain:
         return ()
     shares = _energy_shares(modes, joints_of(laws))
@@ -66,7 +66,7 @@ def shape_factors(modes: Modes, laws: Sequence[str]) -> tuple[str, ...]:
 
 
 def _energy_shares(modes: Modes, joints: Sequence[str]) -> dict[Place, float]:
-    """Share of every joint in the strain energy of every mode that tests drive."""
+    """Return the share of every joint in the strain energy of every driven mode."""
     numbers = dict(modes.numbers)
     return {
         (joint, mode): numbers[name_at(STIFFNESS, joint)]
@@ -82,9 +82,9 @@ def first_factors(data: Dataset) -> dict[str, float]:
 
 
 def with_shape_priors(modes: Modes, laws: Sequence[str], settings: Identify) -> Identify:
-    """Return the settings with a prior of every factor under some laws, and of no other.
+    """Return the settings with a prior for every inferred shape factor, and for no other.
 
-    Where the campaign states one, its own.
+    A prior that the campaign states is kept.
     """
     names, factors = shape_factors(modes, laws), motion_factors_in(settings.prior)
     stated = {n: x for n, x in settings.prior.items() if n in names or n not in factors}
@@ -93,16 +93,16 @@ def with_shape_priors(modes: Modes, laws: Sequence[str], settings: Identify) -> 
 
 
 def with_stated_priors(settings: Identify, data: Dataset) -> Dataset:
-    """Return data with the densities that settings state for parameters that are not held."""
+    """Return data with the prior densities that settings state for free parameters."""
     stated = {name: prior for name, prior in settings.prior.items() if name not in data.held}
     return replace(data, stated=StatedDensities.of(stated))
 
 
 def require_inferred(modes: Modes, laws: Sequence[str], prior: Mapping[str, Any]) -> None:
-    """Refuse a stated prior of a factor that is not inferred.
+    """Raise a ConfigError for a stated prior of a shape factor that is not inferred.
 
     Raises:
-        ConfigError: There is one.
+        ConfigError: There is such a prior.
     """
     names = shape_factors(modes, laws)
     stated = [name for name in motion_factors_in(prior) if name not in names]

@@ -1,4 +1,4 @@
-"""Tests that cannot be used: too short, too damped, too noisy. Left out, so that others go on."""
+"""The exclusion of tests that cannot be used, such as too short or too noisy ones."""
 
 import warnings
 from collections.abc import Container, Iterator, Sequence
@@ -16,12 +16,12 @@ from jbw.report.messages import posterior as messages
 
 
 class UsableTests(NamedTuple):
-    """The tests that can be reduced.
+    """The tests that can be converted to data for a fit, and the reasons why others cannot.
 
     Attributes:
-        tests: Those tests.
-        left_out: A sentence for each that cannot be reduced.
-        line_fit: Step 2 as it was tried; None where there is none, or it was not tried.
+        tests: The usable tests.
+        left_out: One sentence for each test that cannot be converted.
+        line_fit: The trial of Step 2; None if there is none, or it was not tried.
     """
 
     tests: tuple[Test, ...]
@@ -32,10 +32,10 @@ class UsableTests(NamedTuple):
 def usable(
     tests: Sequence[Test], settings: Identify, gain: Gain = None, *, several_modes: bool = False
 ) -> UsableTests:
-    """Return the tests that can be reduced, and a sentence for each that cannot.
+    """Return the tests that can be converted to data for a fit, and sentences on the others.
 
-    All of them where the settings are `strict`, or where none can be used: so the refusal that
-    follows says why. Of several modes at the joint there is no Step 2.
+    If the settings are `strict`, or no test can be used, all tests are returned, so that the error
+    that follows gives the reason. With several modes at the joint there is no Step 2.
     """
     if settings.strict:
         return UsableTests(tuple(tests))
@@ -58,18 +58,19 @@ def usable(
 
 
 def _linear(tests: Sequence[Test], refused: Container[str]) -> Test | None:
-    """Return the test of Step 2 among those that are not refused."""
+    """Return the test for Step 2 among those that are not rejected."""
     return linear_test([test for test in tests if test.name not in refused])
 
 
 def _refusal(test: Test, settings: Identify) -> str:
-    """Return the reason why a test cannot be reduced; empty if it can."""
+    """Return the reason why a test cannot be converted to data for a fit; empty if it can."""
     try:
         if test.traits.is_free:
             split = decay_tests([test], settings)
             test = test if split is None else split.together
         with _tried():
-            # What decays of several modes ask besides is of the [structure] table: an error there.
+            # Further requirements for decays of several modes concern the [structure] table and are
+            # errors there.
             for observable in taking(several=False):
                 if test.kind in observable.kinds:
                     observable.reduce([test], substeps=settings.substeps)
@@ -80,7 +81,7 @@ def _refusal(test: Test, settings: Identify) -> str:
 
 @contextmanager
 def _tried() -> Iterator[None]:
-    """Keep the warnings of a trial back: the fit that counts gives them, of what it fits, once."""
+    """Suppress warnings during a trial; the final fit gives them once."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield

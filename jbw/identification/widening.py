@@ -1,4 +1,4 @@
-"""Default prior boxes that a fit or a posterior reaches: they are widened once."""
+"""Widening of default prior boxes that a fit or a posterior reaches."""
 
 from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import replace
@@ -22,29 +22,31 @@ from jbw.report.messages import posterior as messages
 
 Laws = tuple[str, ...]
 
-# A neighbour's frequency and damping, which would wander off to mend the joint's law.
+# A neighbour's frequency and damping would otherwise move far away to compensate for an error of
+# the law.
 PLACES = frozenset(name for omega, zeta, _ in MODES for name in (omega, zeta))
-# Of further modes at the joint, which keep their places, and whose sizes have priors of their own.
+# Further modes at the joint keep their frequencies, and their sizes have separate priors.
 KEPT = PLACES | {quantity.name for mode in BESIDE for quantity in (mode[0], *mode[3:])}
 
 
 def ending(prior: Box, laws: Laws) -> tuple[str, ...]:
-    """Return box parameters that end at their upper bound naturally: shares of the stiffness.
+    """Return parameters that may end naturally at their upper bound: stiffness shares.
 
-    A share ends where nothing but the joint holds: there it says that products alone are known.
+    A share ends where the joint provides the whole stiffness. A posterior at this end means that
+    only products are determined.
     """
     by_name = _known(laws)
     return tuple(name for name in prior.names if name in by_name and by_name[name].is_share)
 
 
 def _known(laws: Laws) -> dict[str, Quantity]:
-    """Return registered quantities by name, with those of laws that have numbers in their name."""
+    """Return all quantities of the model and its laws, by name."""
     table = (*LINEAR, *RESIDUAL_TERMS, *MODAL, *quantities_of(laws), *own_quantities(laws))
     return vocabulary() | {quantity.name: quantity for quantity in table}
 
 
 def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted | None:
-    """Return the fit in a wider box where draws lean on one, to be sampled again; or None.
+    """Return the fit in a wider box if draws are truncated by a bound; else None.
 
     Bounds that the campaign states are kept.
     """
@@ -53,9 +55,10 @@ def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted 
 
 
 def widened_by_fit(ready: Fitted, stated: Container[str]) -> Fitted | None:
-    """Return the fit in a wider box where it ends at a bound; None where it ends at none.
+    """Return the fit in a wider box if it ends at a bound; else None.
 
-    Bounds that the campaign states are kept, and lower bounds of zero, where a quantity ends.
+    Bounds that the campaign states are kept, and so are lower bounds of zero, where a quantity
+    ends.
     """
     bounds = bounds_by_name(ready.box)
     reached = (
@@ -72,10 +75,10 @@ def _refitted(
     stated: Container[str],
     said: Callable[[Sequence[str]], str],
 ) -> Fitted | None:
-    """Return the fit with bounds moved away to the reached sides; None where all of them stay.
+    """Move the reached bounds away and fit again; return None if all bounds are kept.
 
-    They move away by the width of the box, or to where the weakest record alone would put them, if
-    that is farther: a stronger record then does not choose the box.
+    They move by the width of the box, or to the default bound for the weakest record alone if that
+    is farther, so that a stronger record does not determine the box.
     """
     bounds, sides = bounds_by_name(ready.box), {}
     by_name, ends = _known(ready.data.laws), ending(ready.box, ready.data.laws)
@@ -105,7 +108,7 @@ def _refitted(
 
 
 def _bounds_of_weakest(ready: Fitted) -> Bounds:
-    """Return default bounds of the laws' parameters by the weakest record's displacement alone."""
+    """Return default bounds of the laws' parameters for the weakest record's displacement alone."""
     data = ready.data
     theta = {**data.held, **ready.fit.theta}
     if data.modes is not None or not {"omega_n", "zeta"} <= theta.keys():

@@ -1,4 +1,4 @@
-"""The effect of a window on an oscillator's FRF: its smeared mean, and the errors that remain."""
+"""The effect of a window on an oscillator's FRF: its smeared mean, and the remaining errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ from scipy import optimize
 from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
 
-HALF_WIDTH = 32  # bins of the window's transform that are carried; it falls as bins^-3
-NEIGHBOURS = 6  # lines further apart than this have independent errors
+HALF_WIDTH = 32  # bins of the window's transform that are used; it decays as bins^-3
+NEIGHBOURS = 6  # distance of lines beyond which their errors are independent
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
@@ -23,7 +23,7 @@ Modes = Sequence[tuple[float, float, float]]  # (omega_n, zeta, gain) of each
 def receptance(omega: Real, omega_n: float, zeta: float, gain: float) -> Complex:
     """Return the receptance of an oscillator, gain / (omega_n^2 - omega^2 + 2j zeta omega_n omega).
 
-    Displacement per unit of input [m per unit], with omega [rad/s] and gain [N/kg per unit].
+    It is displacement per unit of input [m per unit], with omega [rad/s] and gain [N/kg per unit].
 
     Reference:
         Eq. (23).
@@ -34,21 +34,22 @@ def receptance(omega: Real, omega_n: float, zeta: float, gain: float) -> Complex
 def smeared(
     omega: Real, omega_n: float, zeta: float, gain: float, window_s: float, order: int
 ) -> Complex:
-    r"""Return the mean of H1 under Hann windows and white input, in the response as measured.
+    r"""Return the mean of H1 under Hann windows and white input, for the measured response.
 
     $$\mathrm{E}\,\hat H(\omega) = \int_0^T h(\tau)\,w_a(\tau)\,e^{-j\omega\tau}\,\mathrm{d}\tau,
       \qquad h = \frac{\mathrm{d}^p}{\mathrm{d}\tau^p}
       \frac{g\,(e^{s\tau} - e^{\bar s\tau})}{2j\omega_d},\quad
       w_a = \Big(1-\frac\tau T\Big)\frac{2+\cos(2\pi\tau/T)}{3} + \frac{\sin(2\pi\tau/T)}{2\pi}$$
 
-    with s = -zeta omega_n + j omega_d, zeta < 1: the receptance convolved with |W|^2, in closed
-    form. T is `window_s` [s]; p, the `order`, is 0 for a receptance, 1 mobility, 2 accelerance.
+    with s = -zeta omega_n + j omega_d, zeta < 1: this is the receptance convolved with |W|^2, in
+    closed form. T is `window_s` [s]; p, the `order`, is 0 for a receptance, 1 for mobility, 2 for
+    accelerance.
     """
     omega_d = omega_n * np.sqrt(1 - zeta**2)
     s = -zeta * omega_n + 1j * omega_d
     mean = s**order * _hann_transform(s - 1j * omega, window_s)
     mean = mean - s.conjugate() ** order * _hann_transform(s.conjugate() - 1j * omega, window_s)
-    direct = gain if order == 2 else 0.0  # the impulse itself, in an acceleration
+    direct = gain if order == 2 else 0.0  # the direct impulse in an acceleration
     return direct + gain / (2j * omega_d) * mean
 
 
@@ -56,11 +57,11 @@ def _hann_transform(p: Complex, window_s: float) -> Complex:
     """Return the integral from 0 to T of exp(p tau) w_a(tau)."""
     turn = 2j * np.pi / window_s
 
-    def ramp(q: Complex) -> Complex:  # of (1 - tau / T) exp(q tau)
+    def ramp(q: Complex) -> Complex:  # integral of (1 - tau / T) exp(q tau)
         x = q * window_s
         return window_s * (np.exp(x) - 1 - x) / x**2
 
-    def flat(q: Complex) -> Complex:  # of exp(q tau)
+    def flat(q: Complex) -> Complex:  # integral of exp(q tau)
         return (np.exp(q * window_s) - 1) / q
 
     ramps = 4 * ramp(p) + ramp(p + turn) + ramp(p - turn)
@@ -69,9 +70,10 @@ def _hann_transform(p: Complex, window_s: float) -> Complex:
 
 @dataclass(frozen=True)
 class LineErrors:
-    """Errors d of an FRF's lines, over (output, output, 2 NEIGHBOURS + 1, line), q from the least.
+    """Second moments of the errors d of an FRF's lines, between outputs and neighbouring lines.
 
-    The first output is that of line i, the second that of line i + q.
+    Axes are (output, output, 2 NEIGHBOURS + 1, line), with the distance q in ascending order. The
+    first output is that of line i, the second that of line i + q.
     """
 
     hermitian: Complex  # E[d_i conj(d_{i+q})]
@@ -79,13 +81,13 @@ class LineErrors:
 
     @property
     def variance(self) -> Real:
-        """E|d_i|^2 of each line, output by output."""
+        """The variance E|d_i|^2 of each line, output by output."""
         outputs = range(len(self.hermitian))
         middle = self.hermitian.shape[2] // 2
         return np.concatenate([np.abs(self.hermitian[o, o, middle]) for o in outputs])
 
     def of_sum(self, weights: Complex) -> Real:
-        """Return parameters' covariance of Re sum_i G_ai d_i, G by (parameter, line by output)."""
+        """Return the covariance of parameters that are sums Re sum_i G_ai d_i of errors."""
         total = np.zeros((len(weights), len(weights)), complex)
         reach = self.hermitian.shape[2] // 2
         num_lines = self.hermitian.shape[-1]
@@ -102,23 +104,23 @@ class LineErrors:
 def line_errors(
     outputs: Sequence[FRF], noise_ratio: Real, modes: Sequence[Modes], leakage: bool
 ) -> LineErrors:
-    r"""Estimate the errors of H1 lines and neighbouring lines, in the response as measured.
+    r"""Estimate the covariance of the errors of H1 lines and their neighbouring lines.
 
-    For Gaussian input and noise the error of a line is sum_k R_k conj(U_k) / sum_k |U_k|^2, with
-    R_k the part of segment k's response that H times its input does not explain. Hence
+    For Gaussian input and noise, the error of a line is sum_k R_k conj(U_k) / sum_k |U_k|^2, where
+    R_k is the part of segment k's response that H times its input does not explain. Hence
 
     $$\mathrm{E}[d_i \bar d_j] = \sum_m \frac{K-|m|}{K^2}\,
       \frac{\mathrm{E}[R_k(i)\bar R_{k+m}(j)]\,\mathrm{E}[\bar U_k(i)U_{k+m}(j)]}{S_{uu}^2}$$
 
-    R holds what leaks in through the window (known from the modes), noise of the sensor
-    (white in the response measured) and disturbing forces (white, through the modes); the
-    levels of the last two are read from the coherence. Where both are far below the leakage the
-    reading errs upwards, and with it the errors of omega_n and gain (not of zeta). Outputs of one
-    input share what leaks in and the disturbing forces; their sensors' noise is their own.
+    R contains leakage through the window (known from the modes), noise of the sensor (white in the
+    measured response) and disturbing forces (white, through the modes); the levels of the last two
+    are estimated from the coherence. If both are far below the leakage, they are overestimated, and
+    with them the errors of omega_n and gain (not of zeta). Outputs of one input share the leakage
+    and the disturbing forces; the noise of their sensors is independent.
 
-    The lines of the `outputs` are the same and evenly spaced, under a Hann window, which leaks
-    where the input is random. `noise_ratio` is unexplained over input power, output by output,
-    `modes` are the (omega_n, zeta, gain) of each mode in each output.
+    The `outputs` have the same, evenly spaced lines under a Hann window, which leaks if the input
+    is random. `noise_ratio` is unexplained over input power, output by output. `modes` are the
+    (omega_n, zeta, gain) of each mode in each output.
     """
     frf = outputs[0]
     memory = 1 / (min(zeta * omega for omega, zeta, _ in modes[0]) * frf.window_s)  # in windows
@@ -162,7 +164,7 @@ def line_errors(
 
 
 class _Response(NamedTuple):
-    """One output's response near every line, and its mean through the window where that leaks."""
+    """One output's response near every line, and its windowed mean if there is leakage."""
 
     near: Complex
     mean: Complex | None
@@ -178,11 +180,12 @@ class _Response(NamedTuple):
 def _by_neighbour(
     mine: _Response, theirs: _Response, kernels: Complex
 ) -> tuple[Complex, Complex, Complex]:
-    """Return leakage, force noise (E[R conj R]) and leakage (E[R U*] E[R U*]) of lines i, i + q.
+    """Return leakage and force noise of the errors of lines i and i + q, for all q and lags.
 
-    By q, line and lag; the first of two outputs is that of line i.
+    The results are leakage and force noise of E[R conj R], and leakage of E[R U*] E[R U*]. The axes
+    are q, line and lag; the first of two outputs is that of line i.
     """
-    # One product over the offsets for all distances and lags: 39 small ones cost ten times as much.
+    # One product for all distances and lags: 39 small products take ten times as long.
     flat = np.moveaxis(kernels, 1, 0).reshape(kernels.shape[1], -1)
 
     def along(near: Complex | Real, weights: Complex) -> Complex:
@@ -205,15 +208,15 @@ def _by_neighbour(
 
 
 def _hann(bins: Real) -> Real:
-    """Transform of the Hann window about its middle, in units of its duration."""
-    # At bins = +-1 the limit of sinc / (1 - bins^2) is a half.
+    """Return the transform of the Hann window around its middle, in units of its duration."""
+    # At bins = +-1, the limit of sinc / (1 - bins^2) is a half.
     regular = np.abs(np.abs(bins) - 1) > 1e-9
     safe = np.where(regular, bins, 0.0)
     return np.where(regular, np.sinc(safe) / (1 - safe**2), 0.5) / 2
 
 
 def _noise_levels(excess: Real, through: Real, noise_ratio: Real) -> tuple[float, float]:
-    """Fit sensor and force noise levels, over the input's, to the power that does not leak."""
+    """Fit sensor and force noise levels, relative to the input, to the power without leakage."""
     model = np.full_like(excess, max(noise_ratio.mean(), np.finfo(float).tiny))
     levels = np.zeros(2)
     for _ in range(4):

@@ -1,1 +1,1 @@
-"""Inference from a log density, names and bounds, independent of joint and rig."""
+"""Inference from a log density, parameter names and bounds, independent of joint and test rig."""

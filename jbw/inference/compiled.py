@@ -1,4 +1,4 @@
-"""Compiled code that a long process keeps, and when it must let go of it."""
+"""Release of compiled code in long processes."""
 
 import ctypes
 import gc
@@ -11,13 +11,13 @@ import jax
 MAPS = Path("/proc/self/maps")
 PAGES = Path("/proc/self/statm")
 LIMIT = Path("/proc/sys/vm/max_map_count")
-PART = 0.6  # of the pieces of memory that Linux lets a process map; a compiled function holds some
+PART = 0.6  # share of the memory mappings that Linux allows; compiled functions use some
 
 
 def forget_when_many() -> bool:
-    """Forget what is compiled where a process nears its limit of mappings; whether it did.
+    """Release compiled code if a process nears its limit of memory mappings; return whether it did.
 
-    A process that runs out of them dies in the compiler, with no word of why.
+    Otherwise the process would die in the compiler without a message.
     """
     if not (MAPS.exists() and LIMIT.exists()):
         return False
@@ -28,14 +28,14 @@ def forget_when_many() -> bool:
 
 
 def forget_when_large(most: float) -> bool:
-    """Forget what is compiled where a process holds more than so many bytes; whether it did."""
+    """Release compiled code if a process uses more than `most` bytes; return whether it did."""
     if not PAGES.exists():
         return False
     if int(PAGES.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") <= most:
         return False
     _forget()
     with suppress(AttributeError, OSError):  # other C libraries have no such function
-        ctypes.CDLL(None).malloc_trim(0)  # what is free goes back to the system
+        ctypes.CDLL(None).malloc_trim(0)  # returns free memory to the system
     return True
 
 

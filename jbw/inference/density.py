@@ -1,7 +1,8 @@
-"""A prior other than a box: one of NumPyro's distributions by name, with the bounds that hold it.
+"""Prior densities other than a box: NumPyro distributions by name, with bounds.
 
-In a campaign file `zeta = { LogNormal = [-5.4, 0.3] }` under [identify.prior], in Python the same
-table or the distribution itself. NumPyro, and JAX with it, load when a density is stated.
+A campaign file states `zeta = { LogNormal = [-5.4, 0.3] }` under [identify.prior]; in Python it is
+the same table or the distribution itself. NumPyro, and JAX with it, are loaded only when a density
+is stated.
 """
 
 from collections.abc import Callable, Mapping
@@ -11,23 +12,23 @@ from typing import Any
 
 import numpy as np
 
-# Probability beyond five standard deviations of a normal distribution. A box that excludes as much
-# at each end changes no posterior that its data or its prior narrow.
+# Probability beyond five standard deviations of a normal distribution. A box that excludes this
+# much at each end does not change a posterior that is narrower.
 TAIL = 2.866515718791933e-07  # Phi(-5)
 COMMON = (
     "Beta", "Cauchy", "Exponential", "Gamma", "HalfCauchy", "HalfNormal", "InverseGamma", "Laplace",
     "LogNormal", "LogUniform", "Normal", "StudentT", "TruncatedNormal", "Uniform", "Weibull",
-)  # fmt: skip  # that a sentence names; any other of NumPyro's serves as well
-NEAR = 1e-3  # of the way from an end of the support to a quantile: a density that vanishes is small
+)  # fmt: skip  # suggested in messages; all others of NumPyro can be used too
+NEAR = 1e-3  # share of the way from the support's end to a quantile, to test whether it vanishes
 
 
 class Density(tuple[float, float]):
-    """A prior density; as a pair it is the bounds of the box that stands for it.
+    """A prior density; as a pair of numbers, the bounds of the box that contains it.
 
     Attributes:
         family: Name of the distribution in `numpyro.distributions`.
         arguments: Its arguments, in their order or by name.
-        build: Makes the distribution, in the precision of the session that asks.
+        build: Function that creates the distribution, in the session's precision.
     """
 
     family: str
@@ -40,8 +41,8 @@ class Density(tuple[float, float]):
         """Create the density with its bounds.
 
         Raises:
-            ValueError: No distribution of that name or of these arguments, one of whole numbers or
-                of several variables, or one that has no end.
+            ValueError: There is no distribution of that name or with these arguments, or it is
+                discrete, has several variables, or has no end.
         """
         make = build or (lambda: _built(family, arguments))
         density = super().__new__(cls, _bounds(make(), family))
@@ -49,11 +50,11 @@ class Density(tuple[float, float]):
         return density
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return name and arguments for pickling (or the distribution a caller made)."""
+        """Return name and arguments for pickling, or the distribution if a caller created it."""
         return _rebuilt, (self.family, self.arguments, self._distribution_of_caller())
 
     def _distribution_of_caller(self) -> Any:
-        """Return the distribution that a caller made; None where family and arguments state it."""
+        """Return a distribution that a caller created; None for one stated by name."""
         return None if isinstance(self.arguments, dict) or self.arguments else self.build()
 
     def __repr__(self) -> str:
@@ -64,21 +65,20 @@ class Density(tuple[float, float]):
         return f"{{ {self.family} = {list(self.arguments)!r} }}"
 
     def table(self) -> dict[str, Any]:
-        """Return the table of a campaign file that states it."""
+        """Return the density as a table of a campaign file."""
         stated = self.arguments if isinstance(self.arguments, dict) else list(self.arguments)
         return {self.family: stated}
 
 
 def _rebuilt(family: str, arguments: Any, distribution: Any) -> Density:
-    """Return the density of a pickle."""
     return Density(family, arguments, None if distribution is None else lambda: distribution)
 
 
 def density_of(stated: Any) -> Density:
-    """Return the density that a table of one name, or a distribution of NumPyro, states.
+    """Return the density that a table with one name, or a NumPyro distribution, states.
 
     Raises:
-        ValueError: It states none; the sentence says why.
+        ValueError: It states no density; the message gives the reason.
     """
     if isinstance(stated, Density):
         return stated
@@ -94,7 +94,7 @@ def density_of(stated: Any) -> Density:
 
 
 def _arguments(distribution: Any) -> dict[str, float]:
-    """Return a distribution's arguments by name; {} where they are not numbers."""
+    """Return a distribution's arguments by name; empty if they are not numbers."""
     try:
         return {name: float(getattr(distribution, name)) for name in distribution.arg_constraints}
     except (AttributeError, TypeError, ValueError):
@@ -155,7 +155,7 @@ def _bounds(distribution: Any, family: str) -> tuple[float, float]:
 def _quantile(distribution: Any, mass: float) -> float:
     """Return the point where the distribution function reaches a mass near 0 or 1.
 
-    The end of the support itself, where the density does not vanish towards it.
+    If the density does not vanish towards the end of the support, return that end.
     """
     from scipy.optimize import brentq
 
@@ -179,7 +179,7 @@ def _quantile(distribution: Any, mass: float) -> float:
 
 
 def _bracket(excess: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
-    """Return two points that bracket a rising function's zero, from inside an open interval."""
+    """Return two points that bracket a rising function's zero, inside an open interval."""
     middle = (low + high) / 2 if isfinite(low) and isfinite(high) else 0.0
     if isfinite(low) != isfinite(high):
         middle = low + 1.0 if isfinite(low) else high - 1.0

@@ -1,7 +1,6 @@
-"""Random numbers outside of compiled programs, of a key of JAX: its parts, and NumPy's numbers.
+"""Random numbers outside of compiled programs, generated from JAX keys by NumPy.
 
-JAX compiles a program for every shape of numbers that is asked for, which takes longer than all of
-these numbers do.
+JAX compiles a program for every shape of random numbers, which takes longer than generating them.
 """
 
 from typing import Any
@@ -14,15 +13,15 @@ MOST = 16  # keys that one program splits a key into
 
 
 def words_of(key: Key[Any, ""]) -> list[int]:
-    """Return the whole numbers that a key stands for."""
+    """Return the whole numbers that represent a random key."""
     return np.ravel(jax.random.key_data(key)).tolist()
 
 
 def parts_of(key: Key[Array, ""], count: int) -> list[Key[Array, ""]]:
     """Return the keys of `jax.random.split` in a list, with one program for up to 16 keys.
 
-    The first keys are the same however many are asked for. Taken from an array of keys, each would
-    be a program of its own.
+    The first keys do not depend on `count`. Taking keys from an array of keys would compile a
+    program for each.
     """
     split = jax.random.split(key, max(count, MOST))
     rows, kind = np.asarray(jax.random.key_data(split)), jax.random.key_impl(key)
@@ -30,5 +29,5 @@ def parts_of(key: Key[Array, ""], count: int) -> list[Key[Array, ""]]:
 
 
 def generator(key: Key[Any, ""]) -> np.random.Generator:
-    """Return NumPy's generator seeded by a key."""
+    """Return NumPy's random generator, seeded by a JAX key."""
     return np.random.default_rng(words_of(key))

@@ -1,4 +1,4 @@
-"""A function of the parameters at many points: side by side in lanes, on all processor cores."""
+"""Evaluation of functions of the parameters at many points, in lanes on all processor cores."""
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -13,23 +13,24 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-LANES = 32  # points that one compiled call evaluates side by side
-# Of what works in background: set once nobody waits for it.
+LANES = 32  # points that one compiled call evaluates in parallel
+FIT_LANES = 16  # the same in a fit: enough for the differences of seven parameters on both sides
+# Event of background work, which is set once its result is no longer needed.
 _GIVEN_UP: ContextVar[Event | None] = ContextVar("given_up", default=None)
 
 OfTheta = Callable[[Mapping[str, Array], Any], PyTree]
-Solved = tuple[PyTree, PyTree]  # data without what was solved, and this, with the points first
+Solved = tuple[PyTree, PyTree]  # data without the solved part, and this part by point
 Evaluate = Callable[[Float[np.ndarray, "point parameter"]], Float[np.ndarray, "point value"]]
 Solver = Callable[[Mapping[str, np.ndarray], Any, int], Solved | None]
 
 
 def solved_first(solver: Solver) -> Callable[[Any], Any]:
-    """Mark a function of (theta, data) whose costly part a solver computes beforehand.
+    """Return a decorator for functions of (theta, data) whose costly part a solver computes first.
 
-    At many points the `solver` is asked first, of (theta, data, threads): for data that hold the
-    costly part already, in two trees that `equinox.combine` joins, that without it and the part
-    alone, with the points along a first axis; or None where it can do nothing. What is left to
-    compile of the function is small, and the solver's own program can serve many functions.
+    At many points the `solver` is called first, with (theta, data, threads). It returns data that
+    contain the costly part, as two trees that `equinox.combine` joins: the data without this part,
+    and the part alone with the points along a first axis. It returns None if it does not apply. The
+    remaining function is fast to compile, and the solver's own program can serve many functions.
     """
 
     def decorated(function: Any) -> Any:
@@ -40,10 +41,10 @@ def solved_first(solver: Solver) -> Callable[[Any], Any]:
 
 
 def seeing[Data](seen: Callable[[Data], Data]) -> Callable[[Any], Any]:
-    """Mark a function of (theta, data) as dependent on data only through `seen`.
+    """Return a decorator for functions of (theta, data) that depend only on `seen` data.
 
-    A program is compiled for what is no array, names among it. Of names that the function does not
-    tell apart, `seen` leaves none: data of equal shapes then share a program, whatever their names.
+    Programs depend on all data that are not arrays, such as names. `seen` removes names that do not
+    matter to the function, so that data of equal shapes share a program.
     """
 
     def decorated(function: Any) -> Any:
@@ -54,7 +55,7 @@ def seeing[Data](seen: Callable[[Data], Data]) -> Callable[[Any], Any]:
 
 
 def seen_by(function: Any, data: PyTree) -> PyTree:
-    """Return the part of data that a function depends on by `seeing`; by default all."""
+    """Return the part of data on which a function depends, as marked by `seeing`."""
     seen = getattr(function, "seen", None)
     return data if seen is None else seen(data)
 
@@ -66,11 +67,11 @@ def at_points(
     *,
     lanes: int = LANES,
 ) -> Any:
-    """Evaluate a function of (theta, data) at points by name, compiled once per shape.
+    """Evaluate a function of (theta, data) at points given by name, compiled once per shape.
 
-    Its leaves are arrays here, with the points along a first axis. Each core takes the next lot of
-    so many lanes. What a lot comes to depends on no other, so that the number of cores changes no
-    digit. A function that is `solved_first` is solved first.
+    The result's leaves are arrays with the points along a first axis. Each core takes the next lot
+    of `lanes` points. Lots are independent, so the number of cores does not change any digit. A
+    function that is `solved_first` is solved first.
     """
     data = seen_by(function, data)
     count = len(next(iter(theta.values())))
@@ -92,7 +93,7 @@ def at_points(
             return jax.tree.map(np.asarray, _values(function, theta, data))
         return jax.tree.map(np.asarray, _rest(function, theta, *solved))
 
-    with ThreadPoolExecutor(cores) as threads:  # of which JAX lets the first compile
+    with ThreadPoolExecutor(cores) as threads:  # the first one compiles
         lot_values = list(threads.map(values_of, lots))
     return jax.tree.map(lambda *rows: np.concatenate(rows)[:count], *lot_values)
 
@@ -106,7 +107,7 @@ def _values(function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data
 def _rest(
     function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data: PyTree, solved: PyTree
 ) -> PyTree:
-    """Return the values of the function where the costly part was solved before."""
+    """Return the values of a function whose costly part was solved before."""
     return jax.vmap(lambda point, motions: function(point, eqx.combine(data, motions)))(
         dict(theta), solved
     )
@@ -116,8 +117,8 @@ def _rest(
 def in_background[Made](work: Callable[[], Made]) -> Iterator[Future[Made]]:
     """Run a function in a separate thread while the block does other work.
 
-    The future gives what it made, or raises. Where the block ends by an error or an interruption,
-    the work is given up at its next lot of points.
+    The future returns the result or raises the error. If the block ends by an error or an
+    interruption, the work stops at its next lot of points.
     """
     given_up = Event()
 
@@ -136,11 +137,11 @@ def in_background[Made](work: Callable[[], Made]) -> Iterator[Future[Made]]:
 def side_by_side[Start, End](
     search: Callable[[Start, Evaluate], End], starts: Sequence[Start], evaluate: Evaluate
 ) -> list[End]:
-    """Run searches from several starts together and return their ends in that order.
+    """Run searches from several starts together and return their results in the same order.
 
-    Each runs in a thread of its own. Once all that still run wait for values, one call evaluates
-    the points of all: together they fill the lanes that one search leaves empty. A search sees no
-    other, so that it ends where it would alone. An error of one ends all.
+    Each search runs in a separate thread. As soon as all running searches wait for values, one call
+    evaluates the points of all, which fills the lanes that a single search leaves empty. Searches
+    are independent, so each ends where it would alone. An error in one search ends all.
     """
     if len(starts) == 1:
         return [search(starts[0], evaluate)]
@@ -156,13 +157,13 @@ def side_by_side[Start, End](
         searches = [threads.submit(run, start) for start in starts]
         try:
             return [one_search.result() for one_search in searches]
-        except BaseException:  # an interruption too must not wait for the others' ends
+        except BaseException:  # an interruption must not wait for the other searches
             meeting.close()
             raise
 
 
 class _Meeting:
-    """Points that running searches have asked for, and who waits for their values."""
+    """The meeting point of parallel searches, which evaluates their points together."""
 
     def __init__(self, evaluate: Evaluate, num_running: int) -> None:
         self._evaluate, self._num_running = evaluate, num_running
@@ -170,7 +171,7 @@ class _Meeting:
         self._is_closed, self._lock = False, Lock()
 
     def values_at(self, points: np.ndarray) -> np.ndarray:
-        """Return the values at the points of one search, once all others wait too."""
+        """Return the values at one search's points, once all other searches wait too."""
         values: Future[np.ndarray] = Future()
         with self._lock:
             if self._is_closed:
@@ -188,7 +189,7 @@ class _Meeting:
         self._answer(asked)
 
     def close(self) -> None:
-        """End the searches that run, each where it asks for values."""
+        """Stop all running searches, each at its next request for values."""
         with self._lock:
             self._is_closed = True
             asked, self._asked = self._asked, []
@@ -217,11 +218,11 @@ class _Meeting:
 
 
 def forget() -> None:
-    """Release compiled functions at points, some 50 MB each, once data have other shapes.
+    """Release compiled functions of data whose shapes are no longer used, some 50 MB each.
 
-    What is asked for again is compiled again, or read from the user's cache.
+    Functions that are needed again are compiled again, or read from the user's cache.
     """
-    compiled = getattr(_values, "_cached", None)  # where Equinox keeps what JAX compiled
+    compiled = getattr(_values, "_cached", None)  # where Equinox stores the compiled function
     clear = getattr(compiled, "clear_cache", None)
     if clear is not None:
         clear()

@@ -22,21 +22,22 @@ Values = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class NumpyroModel:
-    r"""A posterior as a NumPyro model: called within an inference, it states its sites.
+    r"""A posterior as a NumPyro model, which declares its sites when called within an inference.
 
     $$\theta_i \sim \pi_i, \qquad \log L = \log L(\theta)$$
 
-    One latent site a parameter, in SI; the factor `log_likelihood`; and deterministic sites of what
-    follows from the parameters.
+    There is one latent site per parameter, in SI units; the factor `log_likelihood`; and
+    deterministic sites of derived quantities.
 
     Attributes:
-        prior: Distribution of every latent site: uniform in its bounds, or a stated density.
-        log_likelihood: Of the parameters by name, what is known of noise integrated out [nats].
-        derived: What follows from the parameters, by name.
+        prior: Distribution of every latent site: uniform within its bounds, or a stated density.
+        log_likelihood: Function of the parameters by name, with noise integrated out [nats].
+        derived: Function from the parameters to derived quantities, by name.
         problem: The same posterior in the coordinates of jbw's own samplers.
         optimum: The optimum of the fit, by name.
-        covariance: Of the fit about it, stated densities included, in the order of the prior.
-        uniform: Latent sites that are uniform.
+        covariance: Covariance at the optimum, including stated densities, in the order of the
+            prior.
+        uniform: Names of the latent sites with a uniform prior.
     """
 
     prior: Mapping[str, Distribution]
@@ -48,7 +49,7 @@ class NumpyroModel:
     uniform: tuple[str, ...]
 
     def __call__(self) -> None:
-        """State the sites, as NumPyro's handlers trace them."""
+        """Declare the sites of the model within a NumPyro inference."""
         theta = {
             name: jnp.asarray(numpyro.sample(name, density)) for name, density in self.prior.items()
         }
@@ -62,12 +63,12 @@ class NumpyroModel:
 
     @property
     def box(self) -> Box:
-        """Bounds that hold every prior."""
+        """The bounds that contain every prior."""
         return self.problem.box
 
     @property
     def start(self) -> dict[str, float]:
-        """The optimum of the fit by name, a standard deviation or more inside of the bounds."""
+        """The optimum of the fit by name, at least a standard deviation inside the bounds."""
         inside, bounds = {}, bounds_by_name(self.box)
         for name, std in zip(self.box.names, np.sqrt(np.diag(self.covariance)), strict=True):
             low, high = bounds[name]
@@ -78,7 +79,7 @@ class NumpyroModel:
     def nuts(self, **options: Any) -> NUTS:
         """Return NumPyro's NUTS started at the fit, with its covariance as mass matrix.
 
-        Options are those of `numpyro.infer.NUTS` and go before these.
+        Options are those of `numpyro.infer.NUTS` and override these.
         """
         about_fit: dict[str, Any] = {
             "init_strategy": init_to_value(values=self.start),
@@ -89,20 +90,20 @@ class NumpyroModel:
         return NUTS(self, **{**about_fit, **options})
 
     def random_walk(self, step_size: float | None = PAPER.step_size) -> "RandomWalk":
-        """Return the paper's random walk of Metropolis and Hastings, section 3.2.
+        """Return the paper's Metropolis-Hastings random walk, section 3.2.
 
-        `step_size` is the deviation of a proposal over the width of each parameter's box, the
-        published one by default; when None the warm-up tunes it in the shape of the fit.
+        `step_size` is the standard deviation of a proposal over the width of each parameter's box,
+        by default the published one. If None, the warm-up tunes it with the shape of the fit.
         """
         return RandomWalk(self.problem, step_size, self)
 
     def _covariance(self) -> Float[np.ndarray, "parameter parameter"]:
-        r"""Return the covariance in the coordinates in which NumPyro walks.
+        r"""Return the covariance in the unconstrained coordinates of NumPyro.
 
         $$\Sigma_z^{-1} = J\,\Sigma^{-1} J + \tfrac{3}{\pi^2} I, \qquad J = d\theta / dz$$
 
-        with 3 / pi^2 the precision of a uniform prior's logit, and none of a stated density, which
-        the fit holds already.
+        with 3 / pi^2 the precision of a uniform prior's logit. A stated density adds none, because
+        the fit includes it already.
         """
         slope, precision = [], []
         for name, value in self.start.items():
@@ -119,7 +120,7 @@ class NumpyroModel:
 
 
 class RandomWalk(MCMCKernel):
-    """The random walk as one of NumPyro's kernels, for `numpyro.infer.MCMC`."""
+    """The random walk as a NumPyro kernel, for `numpyro.infer.MCMC`."""
 
     def __init__(self, problem: Problem, step_size: float | None, model: NumpyroModel) -> None:
         self._problem, self._step_size, self._model = problem, step_size, model
@@ -127,12 +128,12 @@ class RandomWalk(MCMCKernel):
 
     @property
     def sample_field(self) -> str:
-        """The field of the state that is kept: the place in the unit cube."""
+        """The field of the state that is stored: the position in the unit cube."""
         return "x"
 
     @property
     def model(self) -> NumpyroModel:
-        """The model that is walked in."""
+        """The model of the posterior that is sampled."""
         return self._model
 
     def init(
@@ -143,7 +144,7 @@ class RandomWalk(MCMCKernel):
         model_args: Any,
         model_kwargs: Any,
     ) -> WalkState:
-        """Return the state at the fit, for every chain that a key is given for."""
+        """Return the initial state of every chain, at the fit."""
         self._options = self._options._replace(num_warmup=num_warmup)
         chain = kernel(self._problem, self._options)
         origin = jnp.zeros(len(self._problem.box.names))

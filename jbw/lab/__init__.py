@@ -1,1 +1,1 @@
-"""The procedure under test: do its intervals hold the truth, and do its samplers agree?"""
+"""The procedure under test: do its intervals contain the truth, and do its samplers agree?"""

@@ -1,4 +1,4 @@
-"""`jbw.sbc`: does a step of the procedure hold the truth as often as it says?"""
+"""The calibration of a step by `jbw.sbc`: does it contain the truth as often as it states?"""
 
 import logging
 from dataclasses import dataclass
@@ -28,16 +28,16 @@ from jbw.run.netcdf import write_tree
 from jbw.study.store import Write, save_outputs, write_figure, write_json
 
 logger = logging.getLogger("jbw")
-OWN = "own"  # the step's name where the posterior is one's own
+OWN = "own"  # name of the step for a posterior of the user's own
 REPLICATIONS = {"linear": 1000, "third_order": 1000, "opening": 1000, "joint": 200}
 NOISES = ("unknown", "known")
-# Of each step: the rig's short tests, those of a campaign, and the posterior that they give.
+# For each step: the rig's short tests, the tests of a campaign, and the resulting posterior.
 DESIGNS = {
     "third_order": (designs.probing, designs.probing_of, models.third_order),
     "opening": (designs.opening, designs.opening_of, models.opening),
     "joint": (designs.joint, designs.joint_of, models.joint),
 }
-# Of chains that start about a fit, and of those that cross the box.
+# Draws of chains that start near a fit, and of chains that cross the whole prior box.
 SHORT = {"num_warmup": 30, "num_samples": 125}
 LONG = {"num_warmup": 500, "num_samples": 500}
 COUNTS = {
@@ -53,11 +53,11 @@ STEPPED = {"importance": {"num_samples": 128, "num_draws": 2048}}
 
 @dataclass(frozen=True)
 class Sbc:
-    """Result of `sbc`."""
+    """The result of a calibration by `sbc`."""
 
     calibration: Calibration  # ranks, coverage, failures and the verdict
-    tree: xr.DataTree  # the ranks, labelled
-    record: dict[str, Any]  # all numbers in plain values, as `sbc.json` holds them
+    tree: xr.DataTree  # the labelled ranks
+    record: dict[str, Any]  # all numbers as plain values, as in `sbc.json`
 
 
 def sbc(
@@ -76,28 +76,30 @@ def sbc(
 ) -> Sbc:
     """Draw truths from the prior, simulate, identify, and rank each truth in its posterior.
 
-    A posterior of one's own is calibrated by its `simulate`, `log_likelihood` and `prior`, all
-    three; jbw's samplers draw from it. They must be what JAX may trace, over many truths at once.
+    Your own posterior is calibrated with its `simulate`, `log_likelihood` and `prior`, all three;
+    the samplers of jbw draw from it. The functions must be traceable by JAX, over many truths at
+    once.
 
     Args:
-        campaign: Whose tests, noise and prior are taken; short tests of the virtual rig when None.
-            Step 2 knows no campaign, and the joint posterior is that of its sweeps alone.
+        campaign: Campaign with the tests, noise and prior; the virtual rig's short tests when None.
+            Step 2 ignores the campaign, and the joint posterior uses only its sweeps.
         step: "linear" (Step 2), "third_order" (Step 3), "opening" (Step 4) or "joint".
-        num_replications: Truths; 1000, of the joint posterior 200, when None.
-        sampler: One of those that `[identify] sampler` takes; the cheapest that crosses the
+        num_replications: Number of truths; when None 1000, or 200 for the joint posterior.
+        sampler: A sampler that `[identify] sampler` accepts; the cheapest that crosses the
             posterior when None.
-        noise: Whether the likelihood of Step 3 has to learn the noise from the repeats ("unknown",
-            as a campaign is identified) or is told ("known", as the paper supposes).
+        noise: Whether the likelihood of Step 3 estimates the noise from the repeats ("unknown", as
+            for a campaign) or is given it ("known", as the paper assumes).
         seed: Seed of everything random.
-        report: Called with one sentence as the work proceeds.
-        simulate: Makes data, arrays of fixed shapes, of (key, theta); theta is parameters by name.
-        log_likelihood: Of (theta, data), a number or its terms [nats].
-        prior: A NumPyro distribution of one real number to every parameter's name.
-        parts: Keeps batches of replications, so that a killed calibration goes on.
+        report: Function that is called with one sentence as the work proceeds.
+        simulate: Function of (key, theta) that returns data, as arrays of fixed shapes; theta
+            contains the parameters by name.
+        log_likelihood: Function of (theta, data) that returns a number or its terms [nats].
+        prior: NumPyro distribution of one real number for the name of every parameter.
+        parts: Store of finished batches of replications, so that a killed calibration can continue.
 
     Raises:
-        ConfigError: An unknown step, sampler or noise, or a float32 session.
-        DataError: A campaign whose tests do not allow the step.
+        ConfigError: The step, sampler or noise is unknown, or JAX works in float32.
+        DataError: The tests of the campaign do not allow the step.
 
     Reference:
         Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), Bayesian Analysis 20, 461.
@@ -165,7 +167,7 @@ def sbc(
 def _step_of(
     step: str, campaign: Campaign | None, noise: str, report: Report
 ) -> models.CalibratedStep:
-    """Return a step of the procedure."""
+    """Return a step of the procedure with its design, ready for calibration."""
     of_rig, of_campaign, posterior = DESIGNS[step]
     design = of_rig() if campaign is None else of_campaign(campaign, report)
     noise_options = {"known_noise": noise == "known"} if step == "third_order" else {}
@@ -178,7 +180,7 @@ def _own_step(
     log_likelihood: LogLikelihood | None,
     prior: Prior | None,
 ) -> models.CalibratedStep | None:
-    """Return the posterior of one's own, where one is given, whole."""
+    """Return the user's own posterior if it is given completely; None if it is not given."""
     if simulate is None and log_likelihood is None and prior is None:
         return None
     if simulate is None or log_likelihood is None or prior is None or campaign is not None:
@@ -214,9 +216,9 @@ def _numbers_of(calibration: Calibration) -> dict[str, Any]:
 
 
 def suited(step: models.CalibratedStep, name: str) -> tuple[Model, Sampler, Any]:
-    """Return a sampler for one posterior of many, with counts that suit a calibration."""
-    # Where time is stepped through, and for samplers that need it, least squares find the posterior
-    # first; the others cross the whole box, so that nothing helps them that a campaign would not.
+    """Return a sampler for one of many posteriors, with counts that suit a calibration."""
+    # If the model steps through time, or the sampler requires it, least squares find the posterior
+    # first. All other samplers cross the whole box, as they would in a campaign.
     sampler, model = sampler_named(name), step.model
     size = len(model.box.names)
     if sampler.needs_fit and model.search is None:
@@ -242,7 +244,8 @@ def _tree(calibration: Calibration, record: dict[str, Any]) -> xr.DataTree:
     failed = calibration.failed.astype("int8")
     variables: dict[str, Any] = {"failed": ("replication", failed, {"units": "1"})}
     for i, name in enumerate(calibration.names):
-        stem = "h3" if name.startswith("h3_") else name  # `h3_18Hz` is the kernel there
+        # In that table `h3_18Hz` is listed as the kernel h3.
+        stem = "h3" if name.startswith("h3_") else name
         unit = attrs_by_name.get(stem, {"units": "1"})["units"]
         below = {"long_name": messages.rank_below(name), "units": "1", "quantity_units": unit}
         inside = {"long_name": messages.truth_inside(name), "units": "1"}
@@ -259,7 +262,7 @@ def _tree(calibration: Calibration, record: dict[str, Any]) -> xr.DataTree:
 
 
 def save_sbc(folder: Path, found: Sbc) -> None:
-    """Write ranks.nc and sbc.json, then sbc.png."""
+    """Write the files of a calibration: ranks.nc and sbc.json, then sbc.png."""
     numbers: dict[str, Write] = {
         "ranks.nc": lambda path: write_tree(path, found.tree),
         "sbc.json": lambda path: write_json(path, found.record),

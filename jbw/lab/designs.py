@@ -1,7 +1,7 @@
 """The designs to calibrate: a campaign's tests, noise and prior, or the virtual rig's tests.
 
-The rig's have a poor laser: noise of 1 mm/s, twenty times the rig's, leaves posteriors that are not
-points and a ridge of alpha and delta a hundredth as thick as it is long.
+The rig's tests have a poor laser: noise of 1 mm/s, twenty times the rig's, leaves posteriors with a
+finite width, and a ridge of alpha and delta whose thickness is a hundredth of its length.
 """
 
 from collections.abc import Mapping
@@ -35,22 +35,22 @@ from jbw.rig.presets import PRIOR, PROBING_HZ, TRUTH
 
 GAIN = rig.LABORATORY.gain
 REPEATS = 8
-KERNEL_NOISE = 2.5e-10  # m^-2 s^6, of one repeat of 64 s: what 1 mm/s leaves
+KERNEL_NOISE = 2.5e-10  # m^-2 s^6, for one repeat of 64 s with a laser noise of 1 mm/s
 Y_PEAK = (7.00e-4, 7.10e-4, 7.25e-4, 7.30e-4, 7.40e-4)  # m, at 9 N/kg
 VELOCITY_NOISE = 1e-3  # m/s
 LEVELS = (0.05, 0.20)  # V
 FS, BURST, LENGTH = 256.0, 1.75, 512  # Hz, s, samples
 SWEPT_HZ = (10.0, 28.0)
-FADE = 0.25  # s at both ends: what starts at full size is not band-limited
+FADE = 0.25  # s at both ends: an abrupt start is not band-limited
 LINES_HZ = (16.0, 21.6, 0.05)  # first, last, spacing
-LINE_NOISE = 0.01  # of the largest line, both components together
+LINE_NOISE = 0.01  # noise of both components combined, over the largest line
 
 
 class Design[Data: KernelData | Records](NamedTuple):
-    """Tests whose data are to be simulated; of reduced data, what the tests prescribe is used."""
+    """The tests whose data are simulated; reduced data only provide the prescribed quantities."""
 
     data: Data
-    prior: Box  # of the parameters that are inferred
+    prior: Box  # prior of the inferred parameters
     held: Mapping[str, float] = {}
 
 
@@ -94,7 +94,7 @@ def opening() -> Design[Records]:
 def joint() -> Design[Records]:
     """Return the design for all parameters from both sweeps, in the paper's boxes.
 
-    The other boxes are 1 % about omega_n and 5 % about the gain.
+    The other boxes extend 1 % about omega_n and 5 % about the gain.
     """
     omega_n = truth()["omega_n"]
     bounds = {"omega_n": (0.99 * omega_n, 1.01 * omega_n), **PRIOR}
@@ -120,7 +120,7 @@ def lines() -> tuple[FRF, Box]:
 
 
 def truth() -> dict[str, float]:
-    """Return the parameters of the rig, the paper's Table 1, with its gain."""
+    """Return the parameters of the rig, which are the paper's Table 1, with the rig's gain."""
     parameters = as_oscillator(TRUTH).parameters()
     return {**{name: float(value) for name, value in parameters.items()}, "gain": GAIN}
 
@@ -139,7 +139,7 @@ def probing_of(campaign: Campaign, report: Report) -> Design[KernelData]:
 
 
 def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
-    """Return the design of a campaign's Step 4: sweeps, noise, prior; Steps 2 and 3 are held."""
+    """Return the design of a campaign's Step 4: sweeps, noise, prior; Steps 2 and 3 are fixed."""
     report(stages.design(4))
     sweeps = sweep_tests(campaign.tests, campaign.settings)
     if sweeps is None:
@@ -152,7 +152,7 @@ def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
 
 
 def joint_of(campaign: Campaign, report: Report) -> Design[Records]:
-    """Return the joint posterior's design: sweeps, noise and prior; omit all other data."""
+    """Return the joint posterior's design: sweeps, noise and prior, without all other data."""
     seen = measured_in(campaign, report)
     posterior = posterior_of("joint", seen, report=report)
     data = posterior.data
@@ -183,7 +183,7 @@ def _kernel_fit(campaign: Campaign, linear: LinearStep) -> step3.KernelFit:
 
 
 def _timed(records: Records) -> Records:
-    """Require records that can be simulated: compared in time, from rest, of several repeats."""
+    """Return records if they can be simulated: time data from rest with several repeats."""
     wrong = {
         "a band": records.lines is not None,
         "whole periods": records.periodic,

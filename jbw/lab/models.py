@@ -1,8 +1,8 @@
-"""The posteriors of the procedure beside simulators of their data, ready to be calibrated.
+"""The posteriors of the procedure with simulators of their data, ready for calibration.
 
-A simulator takes a key, the true parameters and a design, and returns data of the design's form.
-The rig has its own code for every law that it knows, so that a factor that a likelihood drops is
-not dropped here with it.
+A simulator takes a key, the true parameters and a design, and returns data in the form of the
+design. The rig has its own code for every law, so that a factor missing in a likelihood is not
+missing here as well.
 """
 
 from collections.abc import Callable, Iterable
@@ -43,24 +43,24 @@ from jbw.quantities import DEFAULT_LAWS
 from jbw.rig.integrator import Specimen, State, doubles, runge_kutta
 from jbw.rig.law_forces import forces_of
 
-WHERE = 0.55  # of a record, where a sweep has just passed the resonance
-LOT = 100  # replications of Step 2 between two reports
-DRAWS = (4, 250)  # of Step 2, in chains
-NUM_RANKS = 100  # of Step 2
+WHERE = 0.55  # share of a record after which a sweep has just passed the resonance
+LOT = 100  # replications of Step 2 between two progress messages
+DRAWS = (4, 250)  # chains and draws per chain in Step 2
+NUM_RANKS = 100  # number of ranks in Step 2
 STEPS = 8  # Runge-Kutta steps between two samples
 
 
 class CalibratedStep(NamedTuple):
-    """One calibration."""
+    """A step of the procedure with everything that its calibration needs."""
 
-    model: Model  # posterior, simulator, quantities, and how least squares find the posterior
-    batch: int  # replications side by side
-    sampler: str  # the cheapest that crosses this posterior
-    stepped: bool = False  # whether an evaluation steps through time, and costs accordingly
+    model: Model  # posterior, simulator, quantities, and the least-squares search for the posterior
+    batch: int  # replications that run in parallel
+    sampler: str  # the cheapest sampler that crosses this posterior
+    stepped: bool = False  # whether an evaluation steps through time, which is expensive
 
 
 def third_order(design: Design[KernelData], *, known_noise: bool = False) -> CalibratedStep:
-    """Step 3: zeta, alpha, delta from the kernel, the noise learnt unless `known_noise` (36)."""
+    """Return the model of Step 3: zeta, alpha, delta (and unknown noise) from the kernel (36)."""
     data = design.data
     simulate = Partial(
         simulated_kernel.measured_kernel,
@@ -78,7 +78,7 @@ def third_order(design: Design[KernelData], *, known_noise: bool = False) -> Cal
 
 
 def opening(design: Design[Records]) -> CalibratedStep:
-    """Step 4: gamma from sweeps, everything else held."""
+    """Return the model of Step 4: gamma from sweeps, with all other parameters fixed."""
 
     def simulate(key: Key[Array, ""], theta: Theta) -> OpeningCurve:
         records = measured_records(key, _with_held(theta, design), design.data)
@@ -88,7 +88,7 @@ def opening(design: Design[Records]) -> CalibratedStep:
 
 
 def joint(design: Design[Records]) -> CalibratedStep:
-    """Return all parameters from sweeps."""
+    """Return the model of the joint step: all parameters from sweeps."""
 
     def simulate(key: Key[Array, ""], theta: Theta) -> Dataset:
         records = measured_records(key, _with_held(theta, design), design.data)
@@ -113,7 +113,7 @@ def _response(theta: Theta, data: Dataset) -> Float[Array, ""]:
 
 
 def _products(prior: Box) -> tuple[dict[str, Quantity], tuple[str, ...]]:
-    """Return products that are known better than their factors, and factors that cannot be zero."""
+    """Return the products that data determine better than their factors, and positive factors."""
     every = combinations(prior.names)
     known_products = [product for product in every if set(product.factors) == product.powers.keys()]
     factors = {name for product in known_products for name in product.powers}
@@ -135,12 +135,12 @@ def calibrate_linear(
     report: Callable[[int], None] = lambda done: None,
     parts: Parts = unkept,
 ) -> Calibration:
-    """Rank omega_n, zeta and gain of Step 2 in N(theta, C), the line fits' (23), (38), (39)."""
+    """Rank omega_n, zeta and gain of Step 2 in N(theta, C) of line fits, Eqs. (23), (38), (39)."""
 
     def replicated(lot: Key[Array, " replication"]) -> list[tuple[NDArray, NDArray, bool]]:
         return [_line_replication(one, design, prior) for one in lot]
 
-    # A fit that finds no resonance is a failure.
+    # A fit that finds no resonance counts as a failure.
     rows = []
     replication_keys = jax.random.split(key, num_replications)
     for first in range(0, num_replications, LOT):
@@ -160,10 +160,10 @@ def _line_replication(
     rng = generator(key)
     point = from_unit(rng.uniform(size=3), prior)
     theta = np.array([float(point[name]) for name in NAMES])
-    # Written out once more: the likelihood's own formula would hide its slips.
+    # The formula is repeated here, since the likelihood's own formula would hide its errors.
     omega_n, zeta, gain = theta
     stiffness = omega_n**2 - design.omega**2 + 2j * zeta * omega_n * design.omega
-    # Half of the variance in each component.
+    # Each component has half of the variance.
     noise = rng.normal(size=(2, design.freq.size)) * np.sqrt(design.variance / 2)
     measured = replace(design, h=gain / stiffness + noise[0] + 1j * noise[1])
     try:
@@ -207,13 +207,13 @@ def motion(
 ) -> Float[Array, "time 2"]:
     """Return displacement and velocity under a force [N/kg] from rest, Eqs. (1), (2).
 
-    The time integration is by Runge-Kutta.
+    The time integration uses Runge-Kutta steps.
     """
-    # The force between the samples is what their spectrum stands for; at rest at both ends.
+    # The spectrum of the samples defines the force between them; the force is at rest at both ends.
     joint = oscillator_of(theta, laws)
     specimen = Specimen(joint.omega_n, joint.zeta, forces_of(joint.laws, jnp.asarray))  # pyright: ignore[reportArgumentType]
     h, size = 1 / (fs * STEPS), force.shape[-1]
-    # The spectrum filled up with zeros gives the input at both ends and middles of the steps.
+    # Zero padding of the spectrum gives the input at the ends and in the middle of the steps.
     fine = jnp.fft.irfft(jnp.fft.rfft(force), 2 * STEPS * size) * 2 * STEPS
     ends = jnp.concatenate([fine, fine[:1]])
     at = jnp.stack([ends[:-1:2], ends[1::2], ends[2::2]], axis=-1).reshape(size, STEPS, 3)

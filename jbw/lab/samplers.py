@@ -1,4 +1,4 @@
-"""`jbw.compare`: several samplers on one posterior of a campaign, beside the truth where known."""
+"""The comparison of samplers on one posterior of a campaign: `jbw.compare`."""
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
@@ -42,19 +42,19 @@ Watch = Callable[[str, SoFar], None]
 
 @dataclass(frozen=True)
 class Comparison:
-    """Result of `compare`."""
+    """The result of a comparison of samplers by `compare`."""
 
-    posterior: Posterior  # what was drawn from
+    posterior: Posterior  # posterior from which the samplers drew
     trees: dict[str, xr.DataTree]  # the draws of every sampler
-    record: dict[str, Any]  # all numbers in plain values, as `compare.json` holds them
+    record: dict[str, Any]  # all numbers as plain values, as in `compare.json`
 
 
 class Drawn(NamedTuple):
-    """One sampler's draws of its last call, and the seconds of its calls."""
+    """The draws of a sampler's last call, and the duration of its calls."""
 
     tree: xr.DataTree
-    cold_s: float  # compiling included
-    warm_s: float | None = None  # of the second call, with another key, where there was one
+    cold_s: float  # including compilation
+    warm_s: float | None = None  # seconds of the second call, with another key, if there was one
 
 
 def compare(
@@ -70,30 +70,30 @@ def compare(
     watch: Watch = lambda name, so_far: None,
     parts: Parts = unkept,
 ) -> Comparison:
-    """Draw from one posterior of a campaign by several samplers and set their answers side by side.
+    """Draw from one posterior of a campaign with several samplers and compare the results.
 
     Args:
-        campaign: From `jbw.load_campaign` or the virtual rig; or a posterior that is at hand.
-        step: "joint", or of the paper's cut "third_order" (Step 3) or "opening" (Step 4).
-        samplers: Names as `[identify] sampler` takes them; when None, all that suit the posterior:
-            quadrature up to four parameters, and where an evaluation steps through time neither
-            nested sampling nor the published walk.
+        campaign: Campaign from `jbw.load_campaign` or the virtual rig, or an available posterior.
+        step: "joint", or "third_order" (Step 3) or "opening" (Step 4) of the paper's procedure.
+        samplers: Names as in `[identify] sampler`; when None, all that suit the posterior:
+            quadrature for up to four parameters, and neither nested sampling nor the published
+            walk if an evaluation steps through time.
         seed: Seed of everything random; the campaign's, or 0, when None.
         num_chains: Chains of each sampler.
-        twice: Whether every sampler but quadrature runs a second time, which shows its time
-            without compiling.
-        known: What a finished run says of its prior and of Step 3.
-        report: Called with one sentence at every stage.
-        watch: Called with a sampler's name and how far its chains are.
-        parts: Keeps the draws of each sampler, so that a killed comparison goes on.
+        twice: Whether every sampler except quadrature runs a second time, to measure its time
+            without compilation.
+        known: Facts from a finished run about its prior and Step 3.
+        report: Function that is called with one sentence at every stage.
+        watch: Function that is called with a sampler's name and the progress of its chains.
+        parts: Store of each sampler's draws, so that a killed comparison can continue.
 
     Returns:
-        Draws and numbers. A sampler that cannot draw from this posterior is in the record with the
-        reason.
+        Draws and numbers. The record gives the reason for each sampler that cannot draw from this
+        posterior.
 
     Raises:
-        ConfigError: An unknown step or sampler, or a float32 session.
-        DataError: Tests that do not allow the step.
+        ConfigError: The step or a sampler is unknown, or JAX works in float32.
+        DataError: The tests do not allow the step.
 
     Examples:
         Quadrature is exact, and importance sampling finds the same damping ratio:
@@ -143,14 +143,14 @@ def compare(
 
 
 def suited(posterior: Posterior) -> tuple[str, ...]:
-    """Return the samplers that draw a posterior by default."""
+    """Return the names of the samplers that draw from a posterior by default."""
     size = len(posterior.box.names)
     suitable = [
         sampler
         for sampler in SAMPLERS.values()
         if sampler.suits(size) and (sampler.suits_costly or not posterior.stepped)
     ]
-    # The exact one first: the others are measured by it.
+    # The exact sampler comes first, because it is the reference for the others.
     return tuple(
         sampler.name
         for sampler in sorted(suitable, key=lambda sampler: sampler.most_parameters is None)
@@ -169,9 +169,9 @@ def _drawn(
     num_warmup, num_samples = entry.draws if posterior.stepped else entry.cheap_draws
     best = posterior.fit
     coordinates = None
-    if posterior.stepped:  # all start at the fit, as the procedure's own chains do
+    if posterior.stepped:  # all chains start at the fit, as the procedure's own chains do
         coordinates = in_box(posterior.box, best.theta, best.covariance, num_chains)
-    elif not entry.from_prior:  # along the ridge of the fit; the others cross the whole box
+    elif not entry.from_prior:  # along the ridge of the fit; the other samplers cross the whole box
         coordinates = along_ridge(best.theta, best.covariance, posterior.box)
     parallel = "parallel" if jax.device_count() > 1 and num_chains % 2 == 0 else "sequential"
     request = SamplingRequest(
@@ -180,7 +180,7 @@ def _drawn(
     )  # fmt: skip
     target = Target(posterior.log_likelihood, posterior.box, posterior.data)
     supervision = Supervision(progress=lambda so_far: watch(sampler, so_far))
-    exact = entry.most_parameters is not None  # which has nothing else to do a second time
+    exact = entry.most_parameters is not None  # an exact sampler would only repeat itself
     calls, seconds = jax.random.split(key)[: 2 if twice and not exact else 1], []
     for key in calls:
         started = perf_counter()
@@ -245,7 +245,7 @@ def _row(
 
 
 def save_comparison(folder: Path, found: Comparison) -> None:
-    """Write compare.json, then compare.png."""
+    """Write the files of a comparison of samplers: compare.json, then compare.png."""
     figure = {"compare.png": lambda path: write_figure(path, comparison(found.record))}
     numbers = {"compare.json": lambda path: write_json(path, found.record)}
     save_outputs(folder, numbers, figure if found.trees else {})
@@ -254,11 +254,12 @@ def save_comparison(folder: Path, found: Comparison) -> None:
 def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:
     """Return one parameter's mean, sd, q010, q500, q990, mcse_ of each, ess_bulk, ess_tail, r_hat.
 
-    None is for what cannot be had. Vehtari et al. (2021), Bayesian Analysis 16, 667.
+    Values that cannot be computed are None. Vehtari et al. (2021), Bayesian Analysis 16, 667.
     """
-    from arviz_stats.base.array import array_stats  # a second of imports, needed only here
+    # Takes a second to import and is needed only here.
+    from arviz_stats.base.array import array_stats
 
-    stats: Any = array_stats  # its annotations admit tuples that it never returns here
+    stats: Any = array_stats  # its annotations include tuples, which are never returned here
     row = {"mean": np.mean(draws), "sd": np.std(draws, ddof=1)}
     row |= {name: np.quantile(draws, probability) for name, probability in QUANTILES.items()}
     diagnostics = diagnose(draws)
@@ -271,7 +272,7 @@ def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:
 
 
 def exact_numbers(tree: xr.DataTree) -> dict[str, Row]:
-    """Return the numbers of a posterior from the table of a quadrature, with the stated errors."""
+    """Return the numbers of a posterior from the table of a quadrature, with its stated errors."""
     table = tree["exact"].to_dataset()
     error = float(tree.attrs["quadrature_error"])
     rows: dict[str, Row] = {}
@@ -304,7 +305,7 @@ def reference_of(rows: Mapping[str, Mapping[str, Row]]) -> str:
 
 
 def distances(row: Row, reference: Row) -> dict[str, float | None]:
-    """Return the distances of all quantities from a reference's, z_ before each."""
+    """Return the standardised distances of all quantities from a reference, with keys z_NAME."""
     return {f"z_{name}": distance(row, reference, name, f"mcse_{name}") for name in QUANTITIES}
 
 
@@ -323,7 +324,7 @@ def distance(
 
 
 def furthest(rows: Sequence[Row]) -> float | None:
-    """Return the largest of all distances, without its sign."""
+    """Return the largest absolute value of all standardised distances; None without distances."""
     scores = [row.get(f"z_{name}") for row in rows for name in QUANTITIES]
     sizes = [abs(value) for value in scores if value is not None]
     return max(sizes) if sizes else None

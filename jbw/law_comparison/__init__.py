@@ -1,1 +1,1 @@
-"""Laws of the joint compared on one campaign: which do its data ask for, and how surely?"""
+"""Comparison of joint laws on one campaign: the best law, and those that data distinguish."""

@@ -18,19 +18,19 @@ from jaxtyping import Float
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.report.messages import laws
 
-FEWEST_RUNS = 5  # from which differences have a standard error that can be believed
-APART = 2.0  # standard errors of a difference from which laws are told apart
-OFF = 3.0  # times what the scores of points and of fits differ by: a rough score may be off by that
-NATS = 5.0  # of evidence from which a law is told apart where runs are too few
-AS_GOOD = 1.1  # times the least error: laws that predict a target alike
-TARGETS = (laws.OUTWARD, laws.ACROSS)  # that have an error of their own
-NEAR_FLOOR = 1.2  # times the scatter of the mean of repeats
+FEWEST_RUNS = 5  # runs from which the standard error of differences is reliable
+APART = 2.0  # standard errors of a difference from which laws are distinguished
+OFF = 3.0  # possible error of a rough score over its difference to the score of fits
+NATS = 5.0  # difference of log evidence that distinguishes laws if there are too few runs
+AS_GOOD = 1.1  # error over the least one up to which laws predict a target equally well
+TARGETS = (laws.OUTWARD, laws.ACROSS)  # targets with separate errors
+NEAR_FLOOR = 1.2  # error over the scatter of the repeats' mean that is close to it
 
 Row = Mapping[str, Any]
 
 
 def compare_rows(rows: dict[str, dict[str, Any]], scores: Mapping[str, np.ndarray]) -> None:
-    """Add to the row of each law its differences to the best, its weight and its answer."""
+    """Add differences to the best law, weight and answer to the row of each law."""
     by_runs = bool(scores) and len(next(iter(scores.values()))) >= FEWEST_RUNS
     best = _best(rows, scores, by_runs=by_runs)
     apart = differences(scores, best) if scores else {}
@@ -46,10 +46,10 @@ def compare_rows(rows: dict[str, dict[str, Any]], scores: Mapping[str, np.ndarra
 
 
 def _best(rows: Mapping[str, Row], scores: Mapping[str, np.ndarray], *, by_runs: bool) -> str:
-    """Return the law of the highest score, of the most evidence, or of the smallest error.
+    """Return the name of the best law: by score, by evidence, or by error.
 
-    One whose weights can be trusted, where there is one, unless the score of another is above it
-    by more than that may be off by.
+    A law with good importance weights is preferred, unless another law's score is higher by more
+    than its possible error.
     """
     if by_runs:
         scored = {name: float(np.sum(x)) - _may_be_off(rows[name]) for name, x in scores.items()}
@@ -69,16 +69,16 @@ def _may_be_off(row: Row) -> float:
 
 
 def _is_rough(row: Row, *, by_runs: bool) -> bool:
-    """Return whether the weights that a law's score was found by cannot be trusted."""
+    """Return whether the importance weights behind a law's score are poor."""
     khat = row["khat" if by_runs else "khat_evidence"]
     return khat is not None and not khat <= GOOD_KHAT
 
 
 def _answer(row: Row, best: Row, *, by_runs: bool) -> str:
-    """Return whether a law differs from the best, by runs or by evidence under both prior widths.
+    """Return a law's answer compared with the best: worse, not told apart or not judged.
 
-    By a score that is rough none is judged, but a law that lies farther behind than that may be
-    off, and a hopeless one, which is worse whatever its score.
+    A law with a rough score is not judged, unless it lies farther behind than its possible error,
+    or is hopeless and thus worse in any case.
     """
     behind = _behind_by_runs if by_runs else _behind_by_evidence
     if row["hopeless"] or behind(row, best):
@@ -88,13 +88,13 @@ def _answer(row: Row, best: Row, *, by_runs: bool) -> str:
 
 
 def _behind_by_runs(row: Row, best: Row) -> bool:
-    """Return whether a score lies behind by more than its scatter over runs and possible error."""
+    """Return whether a law's score is lower by more than its standard and possible errors."""
     off = _may_be_off(row) + _may_be_off(best)
     return -row["elpd_difference"] - off > APART * (row["elpd_difference_se"] or 0.0)
 
 
 def _behind_by_evidence(row: Row, best: Row) -> bool:
-    """Return whether the evidence lies behind, whichever width the priors have."""
+    """Return whether a law's evidence is clearly lower for both widths of the priors."""
     if any(_is_rough(law, by_runs=False) for law in (row, best)):
         return False
     pairs = [(row[key], best[key]) for key in ("log_evidence", "log_evidence_wide")]
@@ -102,7 +102,7 @@ def _behind_by_evidence(row: Row, best: Row) -> bool:
 
 
 def differences(scores: Mapping[str, Float[np.ndarray, " run"]], reference: str) -> dict[str, Any]:
-    """Sum of the differences of every law's scores to the reference's, and its standard error."""
+    """Return the sum of each law's score differences to a reference, and its standard error."""
     sums = {}
     for name, of_runs in scores.items():
         apart = of_runs - scores[reference]
@@ -114,14 +114,16 @@ def differences(scores: Mapping[str, Float[np.ndarray, " run"]], reference: str)
 def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float]:
     """Return the weights of the laws whose mixture would have predicted the left-out runs best.
 
-    They are for prediction, and no probabilities of truth: laws that predict alike share theirs.
+    These weights serve prediction and are no probabilities of truth: laws that predict alike share
+    their weight.
     """
     from arviz_stats.loo.compare import compare
     from arviz_stats.utils import ELPDData
 
     if len(scores) == 1:
         return dict.fromkeys(scores, 1.0)
-    # Each run over its best law: the weights are the same, and no exponential overflows.
+    # Scores are relative to the best law of each run: the weights are the same, and no exponential
+    # overflows.
     best = np.max(list(scores.values()), axis=0)
     scores = {name: of_runs - best for name, of_runs in scores.items()}
     elpd = {
@@ -149,9 +151,9 @@ def errors_on(rows: Mapping[str, Row], target: str) -> dict[str, float]:
 def weights_for(rows: Mapping[str, Row], target: str) -> dict[str, float]:
     """Return each law's share in predictions of a target, largest first; empty if unknown.
 
-    Within the fitted amplitudes the weights of the comparison. Outward and across kinds, those laws
-    whose error there is at most 1.1 times the least one share by the same weights; where none of
-    these has any, the law of the least error predicts alone.
+    Within the fitted amplitudes, the shares are the weights of the comparison. Outward and across
+    kinds, laws whose error there is at most 1.1 times the least one share by the same weights. If
+    none of these has a weight, the law with the least error predicts alone.
     """
     if target == laws.WITHIN:
         return {name: row["weight"] for name, row in rows.items() if row["weight"]}
@@ -205,7 +207,7 @@ def _of_answers(rows: Mapping[str, Row], best: str) -> Iterator[str]:
 
 
 def _of_targets(rows: Mapping[str, Row], best: str) -> Iterator[str]:
-    """Yield sentences on laws that predict stronger or other tests where the best does not."""
+    """Yield sentences on laws that predict stronger or other tests better than the best law."""
     for target in TARGETS:
         shares = weights_for(rows, target)
         if shares and best not in shares:
@@ -236,7 +238,7 @@ def _of_parameters(rows: Mapping[str, Row]) -> Iterator[str]:
 
 
 def _of_rough_scores(rows: Mapping[str, Row]) -> Iterator[str]:
-    """Yield the laws whose scores or evidence rest on few draws."""
+    """Yield sentences on laws whose scores or evidence depend on few draws."""
     sentences = {"khat": laws.unreliable_scores, "khat_evidence": laws.unreliable_evidence}
     for key, sentence in sentences.items():
         if rough := [name for name, row in rows.items() if (row[key] or 0.0) > GOOD_KHAT]:
@@ -246,7 +248,7 @@ def _of_rough_scores(rows: Mapping[str, Row]) -> Iterator[str]:
 def _of_unseen(rows: Mapping[str, Row]) -> Iterator[str]:
     """Yield sentences on laws that predict held-out tests best, within, beyond or across kinds.
 
-    Within and beyond refer to the fitted motion.
+    Within and beyond refer to the largest fitted motion.
     """
     sentences = {"error_held_out": laws.best_within, "error_beyond": laws.best_beyond}
     for key, sentence in sentences.items():
@@ -275,7 +277,7 @@ def _of_offsets(best: str, shared: Row | None) -> Iterator[str]:
 
 
 def _of_widths(rows: Mapping[str, Row]) -> Iterator[str]:
-    """Yield how much the evidence depends on the priors."""
+    """Yield sentences on how much the evidence depends on the priors."""
     pairs = {name: (row["log_evidence"], row["log_evidence_wide"]) for name, row in rows.items()}
     if changes := {name: pair[1] - pair[0] for name, pair in pairs.items() if None not in pair}:
         yield laws.wider_priors(changes)

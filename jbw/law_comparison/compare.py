@@ -1,9 +1,8 @@
-"""`jbw.compare_laws`: which law of the joint do the data of a campaign ask for, and how surely?
+"""The comparison of joint laws on one campaign, `jbw.compare_laws`.
 
-Every law is weighed by the same: its row of numbers, its loops, its residuals. Of tests that no law
-was fitted to, what each law predicts counts within what was fitted and beyond. Between the levels
-that were fitted and above them other laws may be best, and a laboratory that asks for the next
-level wants the second.
+Every law is judged by the same numbers, loops and residuals. Errors on held-out tests are given
+separately within and beyond the fitted motion: different laws may be best between the fitted levels
+and above them, and a laboratory that plans the next level needs the second.
 """
 
 import logging
@@ -70,48 +69,48 @@ from jbw.verification.predictive_basis import basis_of
 
 logger = logging.getLogger("jbw")
 
-# What is tried unless laws are named, where the register has them: none, elastic, a smooth pair
-# that loses energy, and the hysteretic ones alone and beside an elastic one.
+# Laws that are tried if none are named, as far as they are registered: none, elastic ones, a smooth
+# pair that loses energy, and hysteretic ones alone and with an elastic one.
 USUAL = (
     "", "cubic", "quadratic + quadratic_damping", "bouc_wen", "bouc_wen + cubic", "bouc_wen_nu",
     "iwan4", "iwan4 + cubic", "masing_power + cubic", "jenkins_3",
 )  # fmt: skip
-OF_LOOPS = ("gap_series",)  # besides, where force passes through zero along a motion that is given
-NUM_DRAWS = 50  # that the curves' bands are made of
+OF_LOOPS = ("gap_series",)  # additional law for tests with prescribed displacement
+NUM_DRAWS = 50  # draws for the curves' bands
 NUM_AMPLITUDES = 40
-FREE_PARTICLES = 1000  # of the law without a form
-# Of the posterior, and of what it makes of runs unseen.
+FREE_PARTICLES = 1000  # particles of the free-form law
+# Random keys of the posterior, and of the scores of held-out runs.
 Keys = Key[Array, " two"] | Sequence[Key[Array, ""]]
-NUM_POINTS = 101  # of half a loop
-MOST_PARTS = 100  # of a record, of which the rms is shown
-NUM_ERROR_DRAWS = 20  # an error is that of the median of so many
+NUM_POINTS = 101  # points of half a loop
+MOST_PARTS = 100  # most parts of a record whose rms is shown
+NUM_ERROR_DRAWS = 20  # draws whose median gives an error
 
 
 class Weighed(NamedTuple):
-    """A law with what its posterior says."""
+    """A fitted law with its posterior, scores and evidence."""
 
     candidate: Candidate
     draws: xr.DataTree
-    left_out: LeftOut | None  # None where there is one run alone
+    left_out: LeftOut | None  # None if there is only one run
     wide: float | None  # log evidence under priors twice as wide
-    log_likelihood: float  # the largest [nats]
-    hopeless: bool = False  # then draws and scores are of fits alone
+    log_likelihood: float  # largest value [nats]
+    hopeless: bool = False  # if so, draws and scores come from fits alone
 
 
-# Draws, scores of the runs left out, and log evidence under wide priors, as `Weighed` has them.
+# Draws, scores of left-out runs, and log evidence under wide priors, as in `Weighed`.
 Judged = tuple[xr.DataTree, LeftOut | None, float | None]
 
 
 @dataclass(frozen=True)
 class LawComparison:
-    """Result of `compare_laws`."""
+    """The result of `compare_laws`."""
 
     candidates: dict[str, Candidate]  # by name, fitted to one dataset
-    tree: xr.DataTree  # scores by run and law, and curves against amplitude
-    record: dict[str, Any]  # all numbers in plain values, as `laws.json` holds them
+    tree: xr.DataTree  # scores by run and law, curves against amplitude
+    record: dict[str, Any]  # all numbers in plain values, as in `laws.json`
 
     def predict(self, test: Test) -> xr.Dataset:
-        """Predict bands of all laws together on any test, each law by its weight.
+        """Predict bands on any test from all laws together, each with its weight.
 
         Raises:
             DataError: If the test's source is in another unit than the campaign's.
@@ -127,26 +126,27 @@ def compare_laws(
     report: Report = logger.info,
     parts: Parts = unkept,
 ) -> LawComparison:
-    r"""Try laws of the joint on one campaign, and say which of them the data tell apart.
+    r"""Fit and compare laws of the joint on one campaign; tell which laws data distinguish.
 
     Args:
-        campaign: From `jbw.load_campaign` or the virtual rig; its own laws are tried too.
-        laws: Each a name, several joined by + or in a sequence; those that are usual when None. Of
-            several joints each is tried at all of them and at one, and names such as
-            `jenkins_3@bolt_1` at that joint.
-        seed: Seed of everything random; the campaign's when None.
-        report: Called with one sentence at every stage.
-        parts: Keeps the fit and the scores of each law, so that a killed comparison goes on.
+        campaign: Campaign from `jbw.load_campaign` or the virtual rig; its own laws are tried too.
+        laws: Laws by name; several names joined by + or in a sequence act in parallel. None for the
+            usual ones. With several joints, each is tried at all joints and at each one, and a name
+            such as `jenkins_3@bolt_1` only at that joint.
+        seed: Random seed; the campaign's if None.
+        report: Function that is called with one sentence at every stage.
+        parts: Storage of the fit and the scores of each law, so that an interrupted comparison
+            continues.
 
     Returns:
-        Of every law the error of its fit, the error of what it predicts of runs that it has not
-        seen, the log score of these with its difference to the best and its standard error, the
-        weight by which it enters a mixture that predicts, and the log evidence. `record` says in
-        words what is told apart and what is not.
+        For every law the error of its fit, the error of its predictions of held-out runs, the log
+        score of these with its difference to the best and its standard error, its weight in a
+        predictive mixture, and the log evidence. `record` contains sentences on which laws are
+        distinguished and which are not.
 
     Raises:
-        ConfigError: An unknown law, or none that can be fitted.
-        DataError: A campaign with nothing to fit.
+        ConfigError: A law is unknown, or no law can be fitted.
+        DataError: No test of the campaign can be fitted.
 
     Examples:
         The force loop of the virtual rig rejects a linear spring, for the joint slips:
@@ -238,19 +238,19 @@ def _left_out(weighed: Mapping[str, Weighed]) -> dict[str, LeftOut]:
 
 
 def _fitted_names(candidate: Candidate) -> tuple[str, ...]:
-    """Return the names of the runs and groups that a law was fitted to."""
+    """Return the names of the runs and groups of data that a law was fitted to."""
     data = candidate.fitted.data
     return *data.runs, *data.labels
 
 
 def _offsets(key: Key[Array, ""], law: Weighed) -> xr.Dataset | None:
-    """Return the offsets of the runs under a law; None where it has none."""
+    """Return the offsets of the runs under a law; None if it has none."""
     fitted = law.candidate.fitted
     return runs_dataset(key, law.draws["posterior"].to_dataset(), fitted.box.names, fitted.data)
 
 
 def _rows(weighed: Mapping[str, Weighed], highest: str | None) -> dict[str, dict[str, Any]]:
-    """Return a row of every law, compared by scores of runs left out, with its errors on these."""
+    """Return a row of numbers for each law, compared by scores of left-out runs."""
     rows, scores = {name: row_of(law) for name, law in weighed.items()}, _left_out(weighed)
     compare_rows(rows, {name: np.array(list(law.elpd.values())) for name, law in scores.items()})
     for name, law in scores.items():
@@ -285,7 +285,7 @@ def _chosen(laws: Sequence[str | Sequence[str]]) -> list[tuple[str, ...]]:
 
 
 def _parts(name: str) -> tuple[str, ...]:
-    """Return the names of laws that + joins; none of a linear structure."""
+    """Return the law names in a text joined by +; empty for a linear structure."""
     parts = [part.strip() for part in name.split("+")]
     return tuple(part for part in parts if part not in ("", "linear"))
 
@@ -295,7 +295,7 @@ def _known(name: str) -> bool:
 
 
 def _highest(campaign: Campaign, runs: Sequence[str]) -> str | None:
-    """Return the run of the highest level of the first kind of test that has levels."""
+    """Return the run with the highest level of the first kind of test that has levels."""
     levels: dict[str, dict[str, float]] = {}
     for test in campaign.tests:
         of_test = [run for run in runs if belongs_to(run, test.name)]
@@ -348,13 +348,13 @@ def _curves(weighed: Mapping[str, Weighed], y_peak: float) -> xr.Dataset:
 
 
 def _hopeless(rows: Mapping[str, Mapping[str, Any]]) -> tuple[str, list[bool], dict[str, str]]:
-    """Return the mask of laws judged by their fits alone, whose bands come from no posterior."""
+    """Return which laws are judged by their fits alone, as a variable."""
     attrs = {"long_name": messages.VARIABLES["hopeless"]}
     return "law", [row["hopeless"] for row in rows.values()], attrs
 
 
 def _some(tree: xr.DataTree, data: Dataset) -> dict[str, np.ndarray]:
-    """Return evenly spaced draws by parameter name, together with the held values."""
+    """Return evenly spaced draws of all parameters, and fixed parameters, by name."""
     posterior = tree["posterior"].to_dataset()
     chosen = evenly_spaced(posterior, NUM_DRAWS)
     theta = {name: np.ravel(values)[chosen] for name, values in scalars(tree).items()}
@@ -371,7 +371,7 @@ def _shared_runs(
 ) -> dict[str, Any] | None:
     """Fit laws without run offsets; return the best law's parameters and all laws' errors.
 
-    None where the runs have no offsets.
+    The result is None if the runs have no offsets.
     """
     if not named[best].fitted.data.has_offsets:
         return None
@@ -392,9 +392,9 @@ def weigh(
     report: Report,
     parts: Parts = unkept,
 ) -> tuple[dict[str, Weighed], dict[str, str]]:
-    """Draw each law's posterior and score unseen runs; return failed laws with the reason.
+    """Draw and score each law; also return the laws that fail, with the reason.
 
-    Of hopeless laws the fits alone.
+    Hopeless laws are scored by their fits alone.
     """
     weighed: dict[str, Weighed] = {}
     refused: dict[str, str] = {}
@@ -425,7 +425,7 @@ def weigh(
 
 
 def _by_draws(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
-    """Return a law by its posterior, its runs left out where there are several."""
+    """Return a law's posterior, its scores of left-out runs, and wide-prior evidence."""
     drawn, moments = evidence.posterior(keys[0], candidate)
     held_out = left_out(keys[1], candidate, drawn, moments) if several else None
     wide = log_evidence_wide(keys[0], candidate, drawn)
@@ -433,13 +433,13 @@ def _by_draws(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
 
 
 def _by_fit(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
-    """Return a hopeless law by its fits alone."""
+    """Return a hopeless law's draws and scores from its fits alone."""
     held_out = left_out_of_fits(candidate) if several else None
     return evidence.about_fit(keys[0], candidate), held_out, None
 
 
 def row_of(weighed: Weighed) -> dict[str, Any]:
-    """Return the numbers of one law, plain values."""
+    """Return the numbers of one law as plain values."""
     candidate, tree, held_out = weighed.candidate, weighed.draws, weighed.left_out
     names, posterior = candidate.fitted.box.names, tree["posterior"].to_dataset()
     every = every_parameter(posterior, candidate.fitted.data)
@@ -471,9 +471,10 @@ def row_of(weighed: Weighed) -> dict[str, Any]:
 
 
 def loops(named: Mapping[str, Candidate], y_peak: float) -> xr.Dataset:
-    """Return steady loops at the largest displacement [m]: force less that of the stuck spring.
+    """Return laws' steady force loops at the largest displacement [m], less the stuck force.
 
-    On the way down from y = Y and up again, at the fit of each law; dampers do not act so slowly.
+    Each loop is the force minus that of the stuck spring, on the way down from y = Y and up again,
+    at the fit of the law. Dampers have no effect at this slow motion.
     """
     down = y_peak * np.cos(np.linspace(0.0, np.pi, NUM_POINTS))
     force = []
@@ -498,7 +499,7 @@ def loops(named: Mapping[str, Candidate], y_peak: float) -> xr.Dataset:
 def residuals(named: Mapping[str, Candidate], highest: str | None) -> xr.Dataset:
     """Return each law's residual over the rms of one data group, of the highest level if known.
 
-    Otherwise of the group with the largest response.
+    Otherwise the group is that with the largest response.
     """
     data = next(iter(named.values())).fitted.data
     sizes = dataset.size_by_label(data)
@@ -521,7 +522,7 @@ def residuals(named: Mapping[str, Candidate], highest: str | None) -> xr.Dataset
 
 
 def unseen(tests: Sequence[Test], runs: Sequence[str]) -> list[Test]:
-    """Return the measured tests without a fitted run."""
+    """Return the measured tests that have no fitted run."""
     return [
         test
         for test in tests
@@ -543,9 +544,9 @@ def errors_across_kinds(candidate: Candidate) -> dict[str, float] | None:
 def held_out_errors(
     tests: Sequence[Test], groups: Mapping[str, xr.Dataset], laws: Sequence[str], seed: int
 ) -> xr.Dataset | None:
-    """Return every law's error on every test, with the extrapolation in displacement; or None.
+    """Return every law's error on every held-out test, with the extrapolation, or None.
 
-    NaN where a law predicts none. `groups` are those of `law_groups`.
+    Values are NaN if a law cannot predict a test. `groups` are those of `law_groups`.
     """
     if not tests:
         return None
@@ -580,7 +581,7 @@ def held_out_errors(
 
 
 def errors_apart(errors: xr.Dataset | None, law: str, best: str) -> dict[str, Any]:
-    """Return a law's errors within and beyond fitted motion, as the best law predicts motion."""
+    """Return a law's rms errors on held-out tests within and beyond the fitted motion."""
     if errors is None:
         return {"error_held_out": None, "error_beyond": None}
     law_errors = errors["error"].sel(law=law).values

@@ -1,9 +1,9 @@
-"""The predictive mixture of a comparison of laws, and its folder.
+"""The predictive mixture of compared laws, and the folder of a comparison.
 
-A comparison has draws of every law, by its weight in the mixture: the weights by which the laws
-together would have predicted the left-out runs best; with too few runs the best law predicts alone.
-Tests beyond the fitted amplitudes and of other kinds have weights of their own: of the laws that
-predict the highest level, or each kind from the others, best.
+The mixture contains draws of every law in proportion to its weight. The weights are those with
+which the laws together would have predicted the left-out runs best; with too few runs the best law
+predicts alone. Tests beyond the fitted amplitudes and tests of other kinds have separate weights,
+of the laws that predict the highest level, or each kind from the others, best.
 """
 
 import json
@@ -53,7 +53,7 @@ def save_laws(folder: Path, tree: xr.DataTree, record: Mapping) -> None:
 
 
 def holds_laws(folder: Path) -> bool:
-    """Return whether a folder is that of a comparison of laws."""
+    """Return whether a folder contains a comparison of laws."""
     return (folder / "laws.json").is_file()
 
 
@@ -81,7 +81,7 @@ def basis_of_laws(folder: Path) -> Basis:
     """Return the predictive basis of the compared laws in a folder, the best law first.
 
     Raises:
-        DataError: The folder holds no whole comparison.
+        DataError: The folder contains no complete comparison.
     """
     try:
         record = json.loads((folder / "laws.json").read_text())

@@ -1,4 +1,4 @@
-"""The door of every estimator: channels as float arrays, checked."""
+"""Checks and conversions of channels (float arrays) on which every estimator relies."""
 
 from collections.abc import Sequence
 from math import comb
@@ -10,11 +10,12 @@ from jbw.errors import ConfigError, DataError
 
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
-# Relative: a line on the edge of a band, or a whole number of samples, is so in every unit of time.
+# The tolerance is relative, so that a line on the edge of a band, or a whole number of samples,
+# counts as such in every unit of time.
 ROUNDING = 1e-9
-DIFFERENCES = 6  # of neighbours: a sine of eight samples a period leaves 0.8 % of its amplitude
+DIFFERENCES = 6  # order of the differences: they retain 0.8 % of a sine of eight samples a period
 OF_NORMAL = 0.6745  # median of the absolute value of a standard normal variable
-ALIKE = 1.2  # ratio of neighbouring sizes below which records are as strong as one another
+ALIKE = 1.2  # ratio of neighbouring sizes below which two records count as equally strong
 
 
 def channel(x: ArrayLike, name: str) -> Reals:
@@ -45,7 +46,7 @@ def channel(x: ArrayLike, name: str) -> Reals:
 
 
 def same_length(**channels: Reals) -> None:
-    """Refuse channels, given by name, that were not sampled together."""
+    """Raise a DataError if the named channels differ in shape."""
     (name, x), *others = channels.items()
     for other, y in others:
         if y.shape != x.shape:
@@ -58,11 +59,12 @@ def same_length(**channels: Reals) -> None:
 
 
 def noise_of(x: Reals) -> float:
-    r"""Return the standard deviation of the noise of single samples, by their sixth differences.
+    r"""Return the standard deviation of the white noise of a signal from its sixth differences.
 
     $$\frac{\mathrm{med}\,|\Delta^6 x|}{0.6745 \sqrt{\sum_k \binom 6 k^2}}$$
 
-    A smooth signal hardly adds to them, and corners or jumps are too few for a median.
+    A smooth signal hardly adds to the differences, and corners or jumps are too few to move the
+    median.
     """
     if len(x) <= DIFFERENCES:
         return 0.0
@@ -71,30 +73,30 @@ def noise_of(x: Reals) -> float:
 
 
 def sampling(fs: float) -> float:
-    """Return the sampling frequency as a float [Hz], positive and finite."""
+    """Return the sampling frequency [Hz] as a float; raise a ConfigError unless it is positive."""
     if not (np.isfinite(fs) and fs > 0):
         raise ConfigError(f"Argument `fs` must be positive [Hz], but it is {fs}.")
     return float(fs)
 
 
 def lines_within(freq: Reals, band: Sequence[float]) -> NDArray[np.bool_]:
-    """Return a mask of lines in a band, edges included, with both in one unit."""
+    """Return a mask of the lines in a band, edges included; both are in the same unit."""
     low, high = band
     return (freq >= low * (1 - ROUNDING)) & (freq <= high * (1 + ROUNDING))
 
 
 def whole_down(number: float) -> int:
-    """Return the whole number at or below one, which may have been rounded to just below it."""
+    """Return the number rounded down; a value that round-off put below a whole number counts."""
     return int(np.floor(number + ROUNDING * abs(number)))
 
 
 def whole_up(number: float) -> int:
-    """Return the whole number at or above one, which may have been rounded to just above it."""
+    """Return the number rounded up; one just above a whole number by round-off counts as whole."""
     return int(np.ceil(number - ROUNDING * abs(number)))
 
 
 def passband(band: tuple[float, float], nyquist: float) -> tuple[float, float]:
-    """Return a band's edges [Hz], or raise if it is empty, reversed or above Nyquist."""
+    """Return a band's edges [Hz]; raise a ConfigError if it is empty, reversed or above Nyquist."""
     low, high = (float(edge) for edge in band)
     if not 0 <= low < high or low >= nyquist:
         raise ConfigError(
@@ -106,13 +108,13 @@ def passband(band: tuple[float, float], nyquist: float) -> tuple[float, float]:
 
 
 def rms(values: ArrayLike) -> float:
-    """Return the root mean square; NaN of none."""
+    """Return the root mean square of values; NaN if there are none."""
     squares = np.square(values)
     return float(np.sqrt(np.mean(squares))) if squares.size else float("nan")
 
 
 def strength_ranks(sizes: Sequence[float]) -> NDArray[np.int64]:
-    """Return the rank of each size from 0 of the largest; neighbours that are alike share one."""
+    """Return the rank of each size, 0 for the largest; neighbours of similar size share a rank."""
     values = np.asarray(sizes, float)
     falling = np.argsort(-values, kind="stable")
     is_weaker = values[falling][1:] < values[falling][:-1] / ALIKE

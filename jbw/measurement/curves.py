@@ -1,4 +1,4 @@
-"""The measurements without a time history of the oscillator: response curves and forced loops."""
+"""Measurements without a time history of the oscillator: response curves and forced loops."""
 
 from typing import NamedTuple
 
@@ -13,15 +13,15 @@ from jbw.quantities import Motion, derivative_order
 
 
 class MeasuredCurve(NamedTuple):
-    """Measured harmonic response, line by line; a controller may vary the excitation along it."""
+    """A measured harmonic response, line by line; the excitation may vary along the lines."""
 
     freq_hz: Reals  # excitation frequencies, in the order of the file [Hz]
     source: Reals  # peak amplitude of the excitation, whose phase is zero
     response: Complexes  # peak amplitude X of the response x(t) = Re X exp(j omega t)
     source_kind: str  # `input` or `force`
     response_kind: Motion  # displacement, velocity or acceleration
-    # Whether the file holds the response per unit of excitation, at an amplitude that it does
-    # not tell; `source` is 1 then, and the curve is that of the linear regime.
+    # Whether the file contains the response per unit of excitation, at an unknown amplitude;
+    # `source` is then 1, and the curve is that of the linear regime.
     is_ratio: bool = False
 
 
@@ -30,12 +30,12 @@ class ForcedLoop(NamedTuple):
 
     fs: float  # sampling frequency [Hz]
     displacement: Reals  # [m]
-    force: Reals  # of the joint [N], positive against positive displacement
-    begins: float = 0.0  # in the file [s]
+    force: Reals  # force of the joint [N], positive for positive displacement
+    begins: float = 0.0  # time of the first sample in the file [s]
 
 
 def response_curve(record: Record) -> MeasuredCurve:
-    """Return the curve X = x exp(j phi) in a record of kind `frf`, without masked lines."""
+    """Return the response curve X = x exp(j phi) of a `frf` record, without masked lines."""
     _must_have(record, (("frequency",), ("phase",), INPUTS, RESPONSES), "a response curve")
     lines = {role: samples[record.valid] for role, samples in record.channels.items()}
     response = np.asarray(lines[record.response] * np.exp(1j * lines["phase"]), np.complex128)
@@ -45,16 +45,17 @@ def response_curve(record: Record) -> MeasuredCurve:
 
 
 class ControlledCurve(NamedTuple):
-    """Points of a controlled test in the order measured; NaN where a point was lost."""
+    """The points of a controlled test in the order of measurement; NaN where a point was lost."""
 
     freq_hz: Reals  # [Hz]
     amplitude: Reals  # peak of the displacement's fundamental [m]
-    phase: Reals | None  # of the displacement to the force [rad]; None where not known
-    force: Reals | None  # peak of the source's fundamental [N, V or N/kg]; None where not measured
+    # Phase of the displacement relative to the force [rad]; None if not measured.
+    phase: Reals | None
+    force: Reals | None  # peak of the source's fundamental [N, V or N/kg]; None if not measured
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """Points of which all is known."""
+        """Mask of the points at which every measured quantity is finite."""
         columns = (values for values in self if values is not None)
         return np.logical_and.reduce([np.isfinite(values) for values in columns])
 
@@ -65,10 +66,10 @@ class ControlledCurve(NamedTuple):
 
 
 def controlled_curve(record: Record, locked_phase: float = float("nan")) -> ControlledCurve:
-    """Return the points that a record of a controlled test holds.
+    """Return the points of a controlled test from its record.
 
-    The phase is the measured one, by whatever channel the response is, and `locked_phase` [deg] of
-    the displacement where none was measured; NaN for none.
+    The measured phase is converted to that of the displacement, whatever the response channel is.
+    Where no phase was measured, `locked_phase` of the displacement [deg] is used; NaN for none.
     """
     _must_have(record, (("frequency",), RESPONSES), "a controlled test")
     channels, order = record.channels, derivative_order(record.response)
@@ -76,7 +77,7 @@ def controlled_curve(record: Record, locked_phase: float = float("nan")) -> Cont
     amplitude = np.abs(channels[record.response]) / (2 * np.pi * freq_hz) ** order
     phase = None
     if "phase" in channels:
-        # A minus sign of the amplitudes is half a turn.
+        # A negative amplitude is a phase shift of half a turn.
         turned = np.where(channels[record.response] < 0, np.pi, 0.0) - 0.5 * np.pi * order
         phase = np.angle(np.exp(1j * (channels["phase"] + turned)))
     elif np.isfinite(locked_phase):
@@ -87,16 +88,16 @@ def controlled_curve(record: Record, locked_phase: float = float("nan")) -> Cont
 
 
 def displacement_of(curve: MeasuredCurve) -> Complexes:
-    """Return peak displacement [m], Y = X / (j omega)^p; p = 1: velocity, 2: acceleration."""
+    """Return peak displacement [m], Y = X / (j omega)^p; p = 1 for velocity, 2 for acceleration."""
     omega = 2 * np.pi * curve.freq_hz
     return curve.response / (1j * omega) ** derivative_order(curve.response_kind)
 
 
 def forced_loop(record: Record, delay: float = 0.0) -> ForcedLoop:
-    """Return the prescribed displacement and the force that a record of kind `loop` holds.
+    """Return the prescribed displacement and the force of a record of kind `loop`.
 
-    A force that is late by a `delay` [s] is read as much later, by straight lines between samples;
-    samples of which the force is then not known are left out.
+    A force that lags by a `delay` [s] is read that much later, by linear interpolation; samples
+    without a force are then omitted.
     """
     forces = ("restoring_force", "force")
     _must_have(record, (("displacement",), forces), "a forced loop")

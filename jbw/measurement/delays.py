@@ -1,4 +1,4 @@
-"""Delays of a response against the drive, undone."""
+"""Removal of a response's delay against the drive."""
 
 from dataclasses import replace
 
@@ -17,10 +17,10 @@ def advance(samples: np.ndarray, delay: float, fs: float) -> np.ndarray:
 
 
 def on_time(test: Test) -> Test:
-    """Return the test with its delay removed, cut to samples with both drive and response.
+    """Return the test with its delay removed, cut to the samples with both drive and response.
 
-    What came before the response was started is left out by `settle`, what came after it ended is
-    cut. A record of whole periods is turned, for its ends meet.
+    `settle` excludes the time before the response started; the time after it ended is cut off. A
+    record of whole periods is rotated instead, because its ends meet.
     """
     if test.delay == 0.0:
         return test
@@ -42,7 +42,7 @@ def _on_time(record: Record, delay: float, *, cyclic: bool) -> tuple[Record, flo
         )
     response = record.channels[record.response]
     x = advance(response, delay - whole_samples / record.fs, record.fs)
-    if whole_samples < 0:  # it leads: its first samples are of later instants
+    if whole_samples < 0:  # the response leads: its first samples belong to later instants
         channels = {
             **record.channels,
             record.response: np.append(np.zeros(-whole_samples), x[:size]),

@@ -1,4 +1,4 @@
-"""One mode out of a free decay: its complex envelope in a band."""
+"""The complex envelope of one mode of a free decay in a band."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,34 +10,35 @@ from scipy.signal import fftconvolve, firwin, kaiser_beta, kaiserord
 from jbw.errors import DataError
 from jbw.measurement.channels import Complexes, Reals, whole_down
 
-ATTENUATION = 80.0  # dB, of what lies outside the band
-MOST_TAPS = 2**24  # samples over those of half a band: its filter is five times as long
-LEAST_PER_PERIOD = 11  # samples of the fastest motion in the band that a solver is given
+ATTENUATION = 80.0  # dB, outside the band
+MOST_TAPS = 2**24  # samples over those of half a band: the band's filter is five times as long
+LEAST_PER_PERIOD = 11  # samples per period of the fastest motion in the band that a solver is given
 
 
 @dataclass(frozen=True)
 class BandFilter:
     """A linear-phase filter that moves a band about its centre to zero frequency."""
 
-    band_hz: tuple[float, float]  # where its gain is one half [Hz]; gone half a band further out
+    # Edges, where the gain is one half [Hz]; the gain vanishes half a band further out.
+    band_hz: tuple[float, float]
     fs: float  # sampling frequency [Hz]
     taps: Reals  # impulse response of the low-pass part; an odd number, sum 1
-    stride: int  # every so-many-th sample and tap give the same envelope, for a cheaper model
-    step: int  # samples between two envelope values that white noise leaves almost independent
+    stride: int  # taking only every `stride`-th sample and tap gives the same envelope at less cost
+    step: int  # samples between two envelope values at which white noise is almost independent
 
     @property
     def centre_hz(self) -> float:
-        """Frequency that becomes zero [Hz]."""
+        """The frequency that is moved to zero [Hz]."""
         return sum(self.band_hz) / 2
 
     @property
     def half(self) -> int:
-        """Samples on either side of the middle tap: what the filter needs around a value."""
+        """The number of samples that the filter needs on either side of an envelope value."""
         return len(self.taps) // 2
 
     @property
     def step_s(self) -> float:
-        """Time between two envelope values [s]."""
+        """The time between two independent envelope values [s]."""
         return self.step / self.fs
 
 
@@ -45,10 +46,10 @@ def band_filter(band_hz: tuple[float, float], fs: float) -> BandFilter:
     """Build the Kaiser filter of a band, with 80 dB attenuation.
 
     Raises:
-        DataError: A band that no record resolves at such a sampling frequency.
+        DataError: No record resolves the band at this sampling frequency.
     """
-    # Values are taken apart by 1 / B_eq, B_eq = f_s sum h^2 / (sum h)^2, the equivalent noise
-    # bandwidth: there are as many of them as white noise has degrees of freedom in the band.
+    # Values are spaced by 1 / B_eq, B_eq = f_s sum h^2 / (sum h)^2, the equivalent noise bandwidth:
+    # their number then equals the degrees of freedom of white noise in the band.
     half_band = (band_hz[1] - band_hz[0]) / 2
     if half_band < fs / MOST_TAPS:
         raise DataError(
@@ -67,7 +68,8 @@ def band_filter(band_hz: tuple[float, float], fs: float) -> BandFilter:
 
 def demodulate(x: Float[np.ndarray, " time"], chosen: BandFilter) -> tuple[Reals, Complexes]:
     """Return times [s] and envelope X(t) of a record in a band, x(t) = Re X(t) exp(j omega_0 t)."""
-    # Peak amplitudes, where the filter lies wholly inside the record; time counts from its start.
+    # The envelope holds peak amplitudes where the filter lies wholly inside the record. Time counts
+    # from the start of the record.
     if len(x) <= 2 * chosen.half:
         raise DataError(
             f"A band of {chosen.band_hz[1] - chosen.band_hz[0]:g} Hz takes a record longer than "

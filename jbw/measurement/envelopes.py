@@ -1,4 +1,4 @@
-"""Envelopes of free decays in a band, and the band's filter."""
+"""Envelopes of free decays in a band, and the filter of the band."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ from jbw.measurement.records import Test
 
 
 def filter_of(test: Test) -> BandFilter:
-    """Return the filter of the band that a test must state."""
+    """Return the filter of a test's band; raise a DataError if the test states no band."""
     if test.band_hz is None:
         (bandless_fault,) = bandless(test.records[0], test.settle)
         raise DataError(
@@ -32,10 +32,10 @@ def envelopes(test: Test) -> list[np.ndarray]:
 
 
 def bands_of(modes_hz: Sequence[float], test: Test) -> list[tuple[float, float]]:
-    """Return a band about every mode that no other reaches through its filter [Hz].
+    """Return a band [Hz] about each mode, narrow enough to exclude the other modes.
 
     Raises:
-        DataError: A mode does not lie in the band of the test, which must state one.
+        DataError: A mode does not lie in the band of the test, or the test states no band.
     """
     low, high = filter_of(test).band_hz
     bands = []

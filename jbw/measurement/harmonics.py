@@ -15,8 +15,8 @@ from jbw.quantities import Motion, derivative_order
 
 DRIFT_LIMIT = 0.01
 NOISE_FLOOR = 3.0  # standard errors
-# Bins of the residual's spectrum from which the noise at a harmonic is read: 12 % of scatter, over
-# a width of 64 / (duration) in which the spectrum must not bend.
+# Bins of the residual's spectrum that are averaged for the noise at a harmonic: the estimate varies
+# by 12 %, over a width of 64 / (duration) in which the spectrum must not bend.
 NEAREST_BINS = 64
 
 
@@ -26,24 +26,24 @@ class Harmonics:
 
     omega: float  # angular frequency of the first harmonic [rad/s]
     amplitudes: Complexes  # peak, of orders 1..n, shape (..., harmonic) [m]
-    # Of (Re Y_1, Im Y_1, Re Y_2, ...), shape (..., 2 harmonic, 2 harmonic) [m^2].
+    # Covariance of (Re Y_1, Im Y_1, Re Y_2, ...), shape (..., 2 harmonic, 2 harmonic) [m^2].
     covariance: Reals
-    drift: Reals  # relative change of Y_1 from half to half of the record, (...)
-    drift_std: Reals  # what noise alone makes of it
-    residual_std: Reals  # of what no harmonic explains, in the unit measured
-    cycles: float  # periods in the record
-    # Lines from omega to the nearest of a Fourier transform, which would leak; the fit does not.
+    drift: Reals  # relative change of Y_1 between the halves of the record, shape (...)
+    drift_std: Reals  # standard deviation of `drift` from noise alone
+    residual_std: Reals  # rms of the residual of the fit, in the measured unit
+    cycles: float  # number of periods in the record
+    # Distance from omega to the nearest Fourier line, in lines; it causes no leakage in the fit.
     off_bin: float
 
     @property
     def variance(self) -> Reals:
-        """E|error|^2 of each amplitude, real and imaginary part together [m^2]."""
+        """The mean square error E|error|^2 of each amplitude, real plus imaginary part [m^2]."""
         variances = np.diagonal(self.covariance, axis1=-2, axis2=-1)
         return variances.reshape(*self.amplitudes.shape, 2).sum(axis=-1)
 
     @property
     def is_drifting(self) -> NDArray[np.bool_]:
-        """Whether Y_1 changes from half to half, by more than noise makes of it; shape (...)."""
+        """Whether Y_1 changes between the halves by more than noise explains; shape (...)."""
         return (self.drift > DRIFT_LIMIT) & (self.drift > NOISE_FLOOR * self.drift_std)
 
 
@@ -64,24 +64,24 @@ def harmonics(
     $$y(t) \approx c_0 + c_1 t + \mathrm{Re}\sum_n Y_n e^{jn\omega t}, \qquad
       Y_n = \frac{V_n}{jn\omega} = \frac{A_n}{-(n\omega)^2}$$
 
-    The tone need not fall on a line of the Fourier transform. Holds for the steady state: a
-    transient left in shows as `drift`, with a warning above 1 %.
+    The tone need not fall on a line of the Fourier transform. The fit assumes a steady state: a
+    remaining transient appears as `drift`, with a warning above 1 %.
 
     Args:
         y: Response, shape (time,) or (repeat, time).
         fs: Sampling frequency [Hz].
         omega: Angular frequency of the tone [rad/s].
         num_harmonics: Highest order to fit.
-        response: What `y` is: displacement, velocity or acceleration.
-        start: Time to discard first [s]; phases stay those of the record's first sample.
-        delay: Lag of the channel to take out [s].
-        also: Angular frequencies present besides, fitted and left out [rad/s].
-        refine: Whether to correct `omega` by the record itself (from its mean phase drift).
+        response: Kind of `y`: displacement, velocity or acceleration.
+        start: Time to discard at the start [s]; phases still refer to the record's first sample.
+        delay: Lag of the channel to remove [s].
+        also: Angular frequencies of additional tones, which are fitted but not returned [rad/s].
+        refine: Whether to correct `omega` from the mean phase drift of the record itself.
 
     Raises:
-        DataError: NaN, a record shorter than two periods or than the fit's unknowns, a harmonic
-            above the Nyquist frequency.
-        ConfigError: An option that cannot be meant.
+        DataError: A sample is NaN, the record is shorter than two periods or than the number of
+            unknowns, or a harmonic is above the Nyquist frequency.
+        ConfigError: An argument is out of its range.
 
     Examples:
         The fit reads a tone of 1 mm and its third harmonic of 20 um, which lie on no Fourier line:
@@ -105,7 +105,7 @@ def harmonics(
     n = np.arange(1.0, num_harmonics + 1)
     fitted = sine_fit(y, t, tones)
     to_displacement = np.exp(1j * n * omega * delay) / (1j * n * omega) ** order
-    # What multiplies a complex amplitude turns the pair of its parts.
+    # Multiplying a complex amplitude by a factor rotates and scales its real and imaginary parts.
     pairs = [[[f.real, -f.imag], [f.imag, f.real]] for f in to_displacement]
     turn = np.asarray(block_diag(*pairs))
     drift, drift_std = _drift(y, t, tones)
@@ -139,13 +139,13 @@ class Tones(NamedTuple):
 
 
 class SineFit(NamedTuple):
-    """A fit of constant, trend and tones to samples of shape (..., time)."""
+    """The least-squares fit of a constant, a trend and tones to samples of shape (..., time)."""
 
-    amplitudes: Complexes  # of the harmonics, peak, shape (..., harmonic)
-    residual: Reals  # what the fit leaves, shape (..., time)
+    amplitudes: Complexes  # peak amplitudes of the harmonics, shape (..., harmonic)
+    residual: Reals  # residual of the fit, shape (..., time)
     inverse: Reals  # (X^T X)^-1 for (Re Y_1, Im Y_1, Re Y_2, ...)
-    tones: Reals  # angular frequencies of all tones fitted [rad/s]
-    dof: int  # samples less unknowns
+    tones: Reals  # angular frequencies of all fitted tones [rad/s]
+    dof: int  # number of samples minus number of unknowns
 
 
 def sine_fit(y: Reals, t: Reals, tones: Tones) -> SineFit:
@@ -154,7 +154,7 @@ def sine_fit(y: Reals, t: Reals, tones: Tones) -> SineFit:
 
 
 def _design(t: Reals, tones: Tones) -> Reals:
-    """Return rows cos and -sin of each tone (c + js is complex amplitude), constant and trend."""
+    """Return design rows: cos and -sin of each tone (c + js is the amplitude), constant, trend."""
     turn = np.tile(np.exp(-1j * tones.omega * t), (tones.num_harmonics, 1))
     turning = np.multiply.accumulate(turn)
     others = np.exp(-1j * np.outer(np.asarray(tones.also, float), t))
@@ -174,7 +174,7 @@ def _fitted(y: Reals, design: Reals, tones: Tones) -> SineFit:
     factor = cho_factor(normal)
     solution = cho_solve(factor, design @ y.reshape(-1, num_samples).T).T
     residual = y - solution.reshape(*y.shape[:-1], -1) @ design
-    # A second pass on the residual recovers the digits that the normal equations round off.
+    # A second pass on the residual recovers the digits that the normal equations lose to round-off.
     change = cho_solve(factor, design @ residual.reshape(-1, num_samples).T).T
     solution = (solution + change).reshape(*y.shape[:-1], -1)
     residual = y - solution @ design
@@ -190,14 +190,14 @@ def _fitted(y: Reals, design: Reals, tones: Tones) -> SineFit:
 
 def _covariance(fit: SineFit, fs: float, omega: Reals) -> Reals:
     """Return the covariance of (Re Y_1, Im Y_1, ...) for noise that may be coloured."""
-    # (X^T X)^-1, scaled by the residual's level beside each harmonic as if it were white there.
+    # The covariance is (X^T X)^-1, scaled by the residual's level near each harmonic as if white.
     num_samples = fit.residual.shape[-1]
-    # The Hann window keeps strong remains elsewhere (hum, other tones) out of the local bins.
+    # The Hann window keeps strong remaining tones elsewhere, such as hum, out of the local bins.
     w = np.sin(np.pi * (np.arange(num_samples) + 0.5) / num_samples) ** 2
     power = np.abs(np.fft.rfft(fit.residual * w)) ** 2 / np.sum(w**2)
     bins = np.arange(power.shape[-1])
     to_bins = num_samples / (2 * np.pi * fs)
-    # Within two bins of a fitted tone, and of the constant, the fit has taken the noise as well.
+    # Within two bins of a fitted tone or of the constant, the fit has also absorbed the noise.
     free = np.all(np.abs(bins[:, None] - fit.tones * to_bins) > 2, axis=-1) & (bins > 2)
     free = np.flatnonzero(free[:-1])
     if free.size < 4:
@@ -211,14 +211,14 @@ def _covariance(fit: SineFit, fs: float, omega: Reals) -> Reals:
 
 
 def _halves(y: Reals, t: Reals, tones: Tones) -> list[SineFit]:
-    """Return the fits to the first and the second half of the samples, by one design."""
+    """Return the fits to the first and the second half of the samples, with one common design."""
     design, half = _design(t, tones), len(t) // 2
     parts = slice(half), slice(half, None)
     return [_fitted(y[..., part], design[:, part], tones) for part in parts]
 
 
 def _drift(y: Reals, t: Reals, tones: Tones) -> tuple[Reals, Reals]:
-    """Return the first harmonic's relative change between halves, and its value by noise alone."""
+    """Return the first harmonic's relative change between halves, and its std from noise alone."""
     parts = _halves(y, t, tones)
     first, second = (part.amplitudes[..., 0] for part in parts)
     size = np.maximum(np.abs(first), np.finfo(float).tiny)
@@ -228,7 +228,7 @@ def _drift(y: Reals, t: Reals, tones: Tones) -> tuple[Reals, Reals]:
 
 
 def _refined(y: Reals, t: Reals, tones: Tones) -> Tones:
-    """Find the frequency at which the first harmonic's mean phase is equal in both halves."""
+    """Return the tones with omega corrected so that Y_1 has the same mean phase in both halves."""
     half = len(t) // 2
     for _ in range(4):
         first, second = (part.amplitudes[..., 0] for part in _halves(y, t, tones))
@@ -239,7 +239,7 @@ def _refined(y: Reals, t: Reals, tones: Tones) -> Tones:
 
 
 def check_tones(tones: Tones, fs: float, num_samples: int, start: float = 0.0) -> None:
-    """Refuse what a record of so many samples, from `start` seconds on, cannot carry."""
+    """Raise an error if a record is too short or too coarse for a fit of the tones."""
     omega, num_harmonics, also = tones
     if not (np.isfinite(omega) and omega > 0):
         raise ConfigError(f"Argument `omega` must be positive [rad/s], but it is {omega}.")
@@ -248,14 +248,14 @@ def check_tones(tones: Tones, fs: float, num_samples: int, start: float = 0.0) -
             f"Argument `num_harmonics` must be at least 1, but it is {num_harmonics}."
         )
     highest = num_harmonics * omega / (2 * np.pi)
-    if highest >= (1 - 1e-6) * fs / 2:  # the sine of the Nyquist frequency is not seen either
+    if highest >= (1 - 1e-6) * fs / 2:  # the sine at the Nyquist frequency is not observable either
         raise DataError(
             f"Harmonic {num_harmonics} of {omega / (2 * np.pi):.4g} Hz lies at {highest:.4g} Hz, "
             f"but a record at {fs:g} Hz ends at {fs / 2:g} Hz.",
             why="Above half the sampling frequency a harmonic folds back onto another frequency.",
             remedy=f"Sample above {2 * highest:.4g} Hz, or ask for fewer harmonics.",
         )
-    # Each half must hold a period for the drift, and more samples than the fit has unknowns.
+    # For the drift, each half must contain a period and more samples than the fit has unknowns.
     unknowns = 2 * (num_harmonics + len(also)) + 2
     needed = max(4 * np.pi / omega, 2 * (unknowns + 1) / fs)
     if (num_samples - round(start * fs)) / fs < needed * (1 - 1e-9):

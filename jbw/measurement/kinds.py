@@ -1,7 +1,7 @@
-"""Every kind of test in one table: what it is, wherever that matters.
+"""A table of every kind of test and of its properties.
 
 Code asks a test for a property of its kind, `test.traits.is_steady`, and never for its name. A new
-kind is one `register` here and one observable.
+kind needs one `register` here and one observable.
 """
 
 from typing import NamedTuple
@@ -10,40 +10,40 @@ from jbw.errors import ConfigError, did_you_mean
 
 
 class Kind(NamedTuple):
-    """One kind of test."""
+    """A kind of test and its properties."""
 
     name: str  # name in a campaign file
     meaning: str  # what is done to the structure
-    # All frequencies at once, for long: averaged spectra show the linear joint.
+    # All frequencies are excited at once for a long time; averaged spectra show the linear joint.
     is_broadband: bool = False
     is_transient: bool = False  # driven from rest, and simulated from there
-    is_steady: bool = False  # tones whose steady harmonics are read, at once or in turn
-    is_stepped: bool = False  # the tones come in turn, each for a dwell
-    is_periodic: bool = False  # the excitation repeats itself, so that whole periods may be cut
-    is_free: bool = False  # nothing drives the structure while it is recorded
-    is_prescribed: bool = False  # the displacement is given: nothing moves freely
-    is_curve: bool = False  # a line for each frequency, not samples in time; lines may be masked
-    # A controller holds each point of a steady motion, in an order of its own: asked for is what
-    # that takes; where it `is_locked` to a phase, the frequency as well.
+    is_steady: bool = False  # tones whose steady harmonics are read, simultaneous or in sequence
+    is_stepped: bool = False  # the tones come in sequence, each for a dwell time
+    is_periodic: bool = False  # the excitation repeats, so that whole periods may be cut
+    is_free: bool = False  # nothing drives the structure during the record
+    is_prescribed: bool = False  # the displacement is prescribed: nothing moves freely
+    is_curve: bool = False  # one line per frequency, not samples in time; lines may be masked
+    # A controller holds each point of a steady motion, in any order; predicted is the force that
+    # this takes and, if the controller `is_locked` to a phase, the frequency as well.
     is_controlled: bool = False
     is_locked: bool = False
-    channels: tuple[str, ...] = ()  # roles that a test must have, where no trait above says them
+    channels: tuple[str, ...] = ()  # roles that a test must have, if no property above implies them
 
     @property
     def is_driven(self) -> bool:
-        """Whether a source drives the structure while it is recorded."""
+        """Whether a source drives the structure during the record."""
         if self.channels:
             return "input" in self.channels or "force" in self.channels
         return not (self.is_free or self.is_prescribed)
 
     @property
     def is_cycle_by_cycle(self) -> bool:
-        """Whether it is predicted by cycles that are each like the one before."""
+        """Whether tests of the kind are predicted from steady or slowly changing cycles."""
         return self.is_steady or self.is_curve or self.is_free or self.is_periodic
 
     @property
     def is_plain(self) -> bool:
-        """Whether it has no trait, so that its observable alone says what is done with it."""
+        """Whether the kind has no property, so that only its observable defines its treatment."""
         return True not in self
 
 
@@ -51,12 +51,12 @@ KINDS: dict[str, Kind] = {}
 
 
 def register(kind: Kind) -> None:
-    """Register this kind of test for campaigns; replace any kind of equal name."""
+    """Register a kind of test for campaigns; replace any kind of equal name."""
     KINDS[kind.name] = kind
 
 
 def kind_named(name: str) -> Kind:
-    """Return the kind of this name; a ConfigError where there is none."""
+    """Return the kind of test with the given name; raise a ConfigError if there is none."""
     if name not in KINDS:
         remedy = did_you_mean(name, KINDS) + f"Known: {', '.join(KINDS)}."
         raise ConfigError(f"There is no kind of test `{name}`.", remedy=remedy)

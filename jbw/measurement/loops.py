@@ -1,12 +1,12 @@
 r"""Force loops from records: calculus in a band, the mean cycle, and loops cycle by cycle.
 
-Of a cycle from one passage of the middle to the second next, of amplitude a and the secant
-stiffness k between its turning points,
+A cycle reaches from one passage of the middle to the second next. With its amplitude a and the
+secant stiffness k between its turning points,
 
 $$W = \oint F\,\mathrm{d}y, \qquad \zeta_{eq} = \frac{W}{2 \pi k a^2}$$
 
-An offset of the load cell changes none of them, and a drift hardly: what it drifts in a cycle times
-what the ends of the cycle lie apart.
+An offset of the load cell changes none of them. A drift hardly does: its effect is the drift in a
+cycle times the distance between the ends of the cycle.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,14 +22,14 @@ from jbw.measurement.channels import Reals, channel, passband, same_length, samp
 from jbw.measurement.curves import ForcedLoop
 from jbw.measurement.harmonics import Tones, check_tones, sine_fit
 
-ROLL_OFF = 0.2  # of each edge of the band, outside of it
-ORDER = 64  # poles: thirty tones or so
-RECENT = 2048  # samples next to an end from which it is predicted
-MOST_HARMONICS = 25  # of a mean cycle
-TURN = 0.1  # of the whole stroke: what goes back by less is no reversal
-ALIKE = 0.02  # of their stroke: cycles of one amplitude
-FEWEST = 3  # cycles of one amplitude, of which the first still remembers what was before
-AT_REST = 0.02  # of the whole stroke: a loop that begins closer to y = 0 begins there
+ROLL_OFF = 0.2  # width of the roll-off outside the band, over the frequency of the band's edge
+ORDER = 64  # poles, enough for about thirty tones
+RECENT = 2048  # samples next to an end from which the continuation is predicted
+MOST_HARMONICS = 25  # harmonics of a mean cycle
+TURN = 0.1  # share of the whole stroke below which a return is no reversal
+ALIKE = 0.02  # relative difference of stroke below which cycles have one amplitude
+FEWEST = 3  # cycles of one amplitude, because the first still remembers earlier motion
+AT_REST = 0.02  # share of the whole stroke within which a loop counts as beginning at y = 0
 TINY = 1e-300
 
 
@@ -50,16 +50,18 @@ def enclosed_area(y: ArrayLike, force: ArrayLike) -> Reals:
     y_k, f_k = (2 / num_samples * np.fft.rfft(x) for x in (y, force))
     k = np.arange(y_k.shape[-1])
     if num_samples % 2 == 0:
-        k[-1] = 0  # the sine of the Nyquist frequency is not seen
+        k[-1] = 0  # the sine at the Nyquist frequency is not observable
     return np.pi * np.sum(k * (f_k * y_k.conj()).imag, axis=-1)
 
 
 def mean_cycles(x: Reals, fs: float, omega: float, num_points: int) -> Reals:
     """Return each channel's mean cycle (channel, time), at omega t from 0 to 2 pi, end excluded.
 
-    A fit of harmonics over all cycles: samples need not fall on the same phases in each of them.
+    It is a fit of harmonics over all cycles, so samples need not fall on the same phases in each
+    one.
     """
-    carried = int(0.9 * np.pi * fs / omega) if omega > 0 else 1  # else refused below
+    # An `omega` of zero is refused below.
+    carried = int(0.9 * np.pi * fs / omega) if omega > 0 else 1
     tones = Tones(omega, max(1, min(MOST_HARMONICS, carried)))
     check_tones(tones, fs, x.shape[-1])
     phase = 2 * np.pi * np.arange(num_points) / num_points
@@ -70,9 +72,9 @@ def mean_cycles(x: Reals, fs: float, omega: float, num_points: int) -> Reals:
 def integrate(x: ArrayLike, fs: float, band: tuple[float, float]) -> Reals:
     r"""Integrate over time without drift, zero mean: X(omega) / (j omega) in a stated band.
 
-    Outside of it the gain falls to zero over a fifth of each edge. The record is continued by
-    linear prediction: steady or decaying tones come out to about 1e-3, worst at the ends. Samples
-    have the shape (time,) or (repeat, time); the band [Hz] must start above zero.
+    Outside the band the gain falls to zero over a fifth of each edge. The record is continued by
+    linear prediction: steady or decaying tones are accurate to about 1e-3, worst at the ends.
+    Samples have the shape (time,) or (repeat, time); the band [Hz] must start above zero.
     """
     if not band[0] > 0:
         raise ConfigError(
@@ -83,14 +85,14 @@ def integrate(x: ArrayLike, fs: float, band: tuple[float, float]) -> Reals:
 
 
 def differentiate(x: ArrayLike, fs: float, band: tuple[float, float]) -> Reals:
-    """Differentiate by time in a band, j omega X(omega); its upper edge limits the noise."""
+    """Differentiate over time in a band, j omega X(omega); its upper edge limits the noise."""
     return _in_band(x, fs, band, lambda omega: 1j * omega)
 
 
 def _in_band(
     x: ArrayLike, fs: float, band: tuple[float, float], factor: Callable[[Reals], NDArray[Any]]
 ) -> Reals:
-    """Multiply the spectrum by factor(omega) inside the band."""
+    """Multiply a record's spectrum by factor(omega) inside the band."""
     x, fs = channel(x, "x"), sampling(fs)
     low, high = passband(band, fs / 2)
     num_samples = x.shape[-1]
@@ -110,7 +112,7 @@ def _in_band(
 
 
 def _gain(f: Reals, low: float, high: float) -> Reals:
-    """Return one inside the band, falling by a raised cosine outside of it."""
+    """Return a gain of one inside the band, falling by a raised cosine outside it."""
     below = np.clip((low - f) / (ROLL_OFF * low), 0, 1) if low > 0 else np.zeros_like(f)
     above = np.clip((f - high) / (ROLL_OFF * high), 0, 1)
     return np.cos(np.pi / 2 * below) ** 2 * np.cos(np.pi / 2 * above) ** 2
@@ -153,7 +155,7 @@ def _burg(x: Reals, order: int) -> Reals:
 
 
 class Cycle(NamedTuple):
-    """Samples from one largest displacement to the next, its stroke and the rms of its force."""
+    """A cycle between two turning points or passages: samples, stroke and rms of the force."""
 
     samples: slice
     stroke: float
@@ -161,7 +163,7 @@ class Cycle(NamedTuple):
 
     @property
     def num_samples(self) -> int:
-        """Samples of the cycle, both ends included."""
+        """The number of samples of the cycle, both ends included."""
         return self.samples.stop - self.samples.start
 
 
@@ -169,12 +171,12 @@ class CycleReading(NamedTuple):
     """The quantities read from one cycle of a force loop.
 
     Attributes:
-        amplitude: Half of its stroke a [m].
-        stiffness: Secant stiffness k between its turning points [N/m].
-        work: Work W that it takes in [J].
+        amplitude: Half of the stroke, a [m].
+        stiffness: Secant stiffness k between the turning points [N/m].
+        work: Work W that the cycle dissipates [J].
         damping: Equivalent damping ratio zeta_eq [-].
-        retained: Its stiffness over that of the first cycle of its amplitude [-].
-        repeated: Whether another cycle has its amplitude.
+        retained: Stiffness over that of the first cycle of equal amplitude [-].
+        repeated: Whether another cycle has the same amplitude.
     """
 
     amplitude: float
@@ -206,17 +208,17 @@ def _between_passages(loop: ForcedLoop) -> list[Cycle]:
 
 
 def _cycle(loop: ForcedLoop, first: int, last: int) -> Cycle:
-    """Return the cycle between two samples, which are both of it."""
+    """Return a force loop's cycle between two samples, both included."""
     samples = slice(first, last + 1)
     stroke, force = np.ptp(loop.displacement[samples]), np.std(loop.force[samples])
     return Cycle(samples, float(stroke), float(force))
 
 
 def passages(y: Reals) -> list[int]:
-    """Return the samples from which a displacement is beyond its middle, on alternating sides.
+    """Return the samples at which a displacement crosses its middle, on alternating sides.
 
-    The middle is y = 0 where the motion goes to both sides of it; a record that begins or ends
-    there does so with a passage.
+    The middle is y = 0 if the motion goes to both sides of it. A record that begins or ends at the
+    middle does so with a passage.
     """
     reach, ends = float(np.ptp(y)), (float(np.min(y)), float(np.max(y)))
     goes_both_ways = min(-ends[0], ends[1]) > TURN * reach
@@ -236,7 +238,7 @@ def passages(y: Reals) -> list[int]:
 
 
 def readings_of_cycles(loop: ForcedLoop) -> list[CycleReading]:
-    """Return every whole cycle of a loop, in its order."""
+    """Return the readings of every whole cycle of a loop, in order."""
     readings: list[CycleReading] = []
     first: dict[int, float] = {}
     cycles = _between_passages(loop)
@@ -256,7 +258,7 @@ def readings_of_cycles(loop: ForcedLoop) -> list[CycleReading]:
 
 
 def _amplitudes(cycles: Sequence[Cycle]) -> list[int]:
-    """Return a number for every cycle, the same for cycles of one stroke."""
+    """Return a group number for every cycle, equal for cycles of equal stroke."""
     strokes: list[float] = []
     numbers = []
     for cycle in cycles:
@@ -274,7 +276,7 @@ def begins_unmoved(y: Reals) -> bool:
 def lopsided(loop: ForcedLoop) -> float:
     r"""Return the median of $(F^+ - F^-) / (F^+ + F^-)$ at the turning points of all cycles.
 
-    Forces are about that of a loop that begins at y = 0, which no joint exerts there.
+    If a loop begins at y = 0, its force there is subtracted, since no joint exerts a force there.
     """
     y, sides = loop.displacement, [_centre(loop, cycle) for cycle in cycles_of(loop)]
     if not sides:
@@ -285,7 +287,7 @@ def lopsided(loop: ForcedLoop) -> float:
 
 
 def of_one_amplitude(cycles: Sequence[Cycle]) -> list[list[Cycle]]:
-    """Return the runs of three cycles or more whose strokes are alike."""
+    """Return the runs of three or more consecutive cycles of nearly equal stroke."""
     groups: list[list[Cycle]] = []
     for cycle in cycles:
         if groups and abs(cycle.stroke / groups[-1][0].stroke - 1) < ALIKE:
@@ -296,7 +298,7 @@ def of_one_amplitude(cycles: Sequence[Cycle]) -> list[list[Cycle]]:
 
 
 def _centre(loop: ForcedLoop, cycle: Cycle) -> tuple[float, float]:
-    """Return a cycle's mid force between turning points at rest position, and its half range."""
+    """Return the mid force of a cycle, reduced to zero displacement, and half its force range."""
     (bottom, top), (below, above) = _turning_points(loop, cycle)
     stiffness = (above - below) / (top - bottom)
     middle = 0.5 * (above + below - stiffness * (top + bottom))
@@ -304,7 +306,7 @@ def _centre(loop: ForcedLoop, cycle: Cycle) -> tuple[float, float]:
 
 
 def _turning_points(loop: ForcedLoop, cycle: Cycle) -> tuple[Reals, Reals]:
-    """Return the least and largest displacement of a cycle, and the forces there."""
+    """Return the smallest and largest displacement of a cycle, and the forces at both."""
     y, force = loop.displacement[cycle.samples], loop.force[cycle.samples]
     bottom, top = int(np.argmin(y)), int(np.argmax(y))
     return y[[bottom, top]], force[[bottom, top]]

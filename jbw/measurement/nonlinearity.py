@@ -1,30 +1,31 @@
-r"""The model-free evidence of nonlinearity and noise in a test's records, in sentences.
+r"""Model-free evidence of nonlinearity and noise in the records of a test, in sentences.
 
-How far repeats scatter and whether as noise or as another joint, harmonics by order along a sweep,
-distortion beside noise of multisines, the coherence of random noise. What frequency and damping do
-against the amplitude is `jbw look`'s to say. Of repeats,
+The evidence is the variation of repeats and whether it is noise or another joint, harmonics by
+order along a sweep, distortion against noise of multisines, and the coherence of random noise.
+`jbw look` reports frequency and damping against amplitude. Repeats are described by
 
 $$d_k = \bar d + a_k\,\bar d + b_k\,\dot{\bar d} + c_k\,t\,\dot{\bar d} + e_k$$
 
-A gain that moves, a trigger that comes late and a natural frequency that shifts each change a
-record along one of three directions; what is left is noise. Where the directions explain more than
-chance, the repeats differ, and no averaging makes their scatter smaller than that.
+A changing gain, a late trigger and a shifting natural frequency each change a record along one of
+three directions; the remainder is noise. If the directions explain more than chance, the repeats
+differ, and averaging cannot reduce their variation below that.
 
-Distortion of multisines is told from noise by periods and lines. A period repeats exactly but for
-the noise, and another realisation of its phases changes what a nonlinearity makes of it. So the
-scatter over periods is noise, and that over realisations beyond it is distortion (the robust
-method): the best linear approximation. Where lines are left without excitation, even and odd
-nonlinearities show there by themselves.
+Distortion of multisines is separated from noise by periods and lines. A period repeats exactly
+apart from noise, whereas another realisation of its phases changes the effect of a nonlinearity.
+The variation over periods is therefore noise, and the additional variation over realisations is
+distortion (the robust method): the best linear approximation. Lines without excitation show even
+and odd nonlinearities directly.
 
-Along one sweep the response is demodulated by multiples of the source's phase,
+Along one sweep the response is demodulated with multiples of the source's phase,
 
 $$u = A \cos\phi(t), \qquad
   y \approx \mathrm{Re} \sum_{n=1}^{N} Y_n(t)\, e^{jn\phi(t)}$$
 
-The source's phase phi is that of its analytic signal, so that a sweep may be linear, exponential or
-any other, and up or down; each order is fitted in windows of a few periods, linear within, all
-orders at once. It is Farina's and Novak's separation of a sweep's orders without its demand for an
-exponential one; like theirs it holds where the response follows the sweep.
+The phase phi is that of the source's analytic signal, so that a sweep may be linear, exponential or
+any other, and run up or down. Each order is fitted in windows of a few periods, linear within a
+window, all orders at once. This is Farina's and Novak's separation of a sweep's orders without
+their requirement of an exponential sweep; like theirs it is valid if the response follows the
+sweep.
 
 Reference:
     Schoukens, Vaes and Pintelon (2016), IEEE Control Systems Magazine 36(3), 38; Pintelon and
@@ -51,26 +52,28 @@ from jbw.measurement.spectra import frf
 from jbw.quantities import Motion
 from jbw.report.messages import look as messages
 
-MOST_SAMPLES = 2**23  # of a test's channels together: more are not held in memory to be compared
-SAME_SOURCE = 0.1  # scatter of the source over its size: above it, repeats are none of each other
+# Largest number of samples, of all channels of a test, that are kept in memory for a comparison.
+MOST_SAMPLES = 2**23
+# Variation of the source over its size: above it, records are no repeats of each other.
+SAME_SOURCE = 0.1
 ABOVE_NOISE = 5.0  # standard deviations of a harmonic
 ORDERS = {2: "second", 3: "third", 5: "fifth"}
-BY_CHANCE = 1e-3  # probability below which repeats are said to differ
-SHAPES = 3  # directions along which repeats differ by other than noise
-EXCITED = 0.05  # of the strongest line of the source, from where on a line is excited
-PERIODS = 10.0  # of the source in a window
-SPACING = 0.5  # of a window: from one to the next
-QUIET = 0.02  # of the source's largest amplitude: below, nothing is driven
-FEWEST = 4  # windows
-MOST_STRAY = 0.1  # of a sweep's source from one tone with its harmonics, within a window
+BY_CHANCE = 1e-3  # probability below which repeats are reported to differ
+SHAPES = 3  # directions along which repeats differ other than by noise
+EXCITED = 0.05  # share of the source's strongest line above which a line counts as excited
+PERIODS = 10.0  # number of periods of the source in a window
+SPACING = 0.5  # distance of windows over their length
+QUIET = 0.02  # share of the source's largest amplitude below which nothing is driven
+FEWEST = 4  # windows of a sweep
+MOST_STRAY = 0.1  # residual of a sweep's source from one tone with harmonics, within a window
 
 
 class Stated(Protocol):
-    """The stated properties of a test, from a campaign's table or from the test as loaded."""
+    """The stated properties of a test, from a campaign's table or from the loaded test."""
 
     @property
     def name(self) -> str:
-        """Its short name."""
+        """The short name of the test."""
         ...
 
     @property
@@ -80,19 +83,19 @@ class Stated(Protocol):
 
     @property
     def periods(self) -> int:
-        """Whole periods in a record."""
+        """The number of whole periods in a record."""
         ...
 
     @property
     def settle(self) -> float:
-        """Time to discard at its start [s]."""
+        """The time to discard at the start of a record [s]."""
         ...
 
 
 def seen_in(test: Stated, records: Sequence[Record]) -> list[str]:
     """Return sentences on nonlinearity in a test with faultless records in SI, if any.
 
-    `records` are of one length and sampling frequency, or nothing is said.
+    The list is empty unless `records` have one length and sampling frequency.
     """
     traits = test.traits
     shapes = {(record.num_samples, record.fs) for record in records}
@@ -114,13 +117,14 @@ def seen_in(test: Stated, records: Sequence[Record]) -> list[str]:
         else:
             sentences += _repeats(u, y)
             sentences += _sweep(u, y, fs) if traits.is_transient else []
-    except DataError as error:  # too short, say: it is for `jbw identify` to refuse
+    # For example a record that is too short, which `jbw identify` refuses.
+    except DataError as error:
         sentences.append(messages.not_assessed(str(error).splitlines()[0]))
     return [f"{test.name}: {sentence}" for sentence in sentences]
 
 
 def _same_source(u: NDArray[np.float64]) -> bool:
-    """Return whether the source was repeated."""
+    """Return whether the source is the same in all records."""
     mean = u.mean(axis=0)
     return float(np.std(u - mean)) <= SAME_SOURCE * float(np.std(mean))
 
@@ -151,14 +155,14 @@ def _sweep(u: NDArray[np.float64], y: NDArray[np.float64], fs: float) -> Iterato
 def _multisine(
     test: Stated, u: NDArray[np.float64], y: NDArray[np.float64], fs: float
 ) -> Iterator[str]:
-    """Yield sentences on distortion versus noise, by periods, realisations and unexcited lines."""
+    """Yield sentences on distortion and noise, from periods, realisations and unexcited lines."""
     size, rest = divmod(u.shape[1], test.periods)
     skipped = int(np.ceil(test.settle * fs / size - 1e-6))
     if rest or skipped >= test.periods:
         return
     steady = (x[:, skipped * size :].reshape(len(x), -1, size) for x in (u, y))
     (u, y), is_repeated = steady, _same_source(u)
-    if is_repeated:  # repeats of one realisation are further periods of it
+    if is_repeated:  # repeats of one realisation count as additional periods
         u, y = (x.reshape(1, -1, size) for x in (u, y))
     best = best_linear_approximation(u, y, fs)
     gain = np.sqrt(np.mean(np.abs(best.h) ** 2))
@@ -185,13 +189,14 @@ def _noise(
 def coherence_at_resonance(
     u: NDArray[np.float64], y: NDArray[np.float64], fs: float, role: Motion
 ) -> tuple[float, float]:
-    """Return the frequency of the strongest response [Hz], and the mean coherence about it.
+    """Return the frequency of the strongest response [Hz], and the mean coherence around it.
 
-    About it are the lines whose power is within a quarter of the largest; `u` and `y` have the
-    shape (repeat, time), `role` is the response's.
+    The mean is over the lines whose power exceeds a quarter of the largest. `u` and `y` have the
+    shape (repeat, time); `role` is the role of the response.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of the window, which is Step 2's to choose
+        # The warning is about the window, which is a choice of Step 2.
+        warnings.simplefilter("ignore")
         estimate = frf(u, y, fs, response=role)
     power = np.abs(estimate.h) ** 2 * estimate.input_spectrum
     near = power > power.max() / 4
@@ -199,12 +204,12 @@ def coherence_at_resonance(
 
 
 class Repeatability(NamedTuple):
-    """Scatter of repeats of one test, over the root mean square of their mean."""
+    """The variation of repeats of one test, over the root mean square of their mean."""
 
-    scatter: float  # of one repeat, all of it
-    noise: float  # of one repeat, what no change of size, time or pace explains
+    scatter: float  # total standard deviation of one repeat
+    noise: float  # standard deviation that no change of size, time or pace explains
     size: float  # standard deviation of the size
-    p: float  # probability of so much along the three directions by noise alone
+    p: float  # probability that noise alone varies so much along the three directions
     num_repeats: int
 
     @property
@@ -214,15 +219,15 @@ class Repeatability(NamedTuple):
 
     @property
     def floor(self) -> float:
-        """The relative standard error of the repeats' mean; smaller effects cannot be seen."""
+        """The relative standard error of the repeats' mean; smaller effects cannot be detected."""
         return self.scatter / self.num_repeats**0.5
 
 
 def repeatability(y: ArrayLike) -> Repeatability:
-    """Measure the scatter of repeats of one excitation, shape (repeat, time), begun together.
+    """Measure the variation of repeats of one excitation, shape (repeat, time), with one start.
 
     Raises:
-        DataError: NaN, fewer than two repeats, or a dead channel.
+        DataError: A sample is NaN, there are fewer than two repeats, or the channel is constant.
     """
     rows = channel(y, "y")
     if rows.ndim != 2 or len(rows) < 2 or rows.shape[1] <= SHAPES:
@@ -244,7 +249,7 @@ def repeatability(y: ArrayLike) -> Repeatability:
     rest = max(float(np.sum(deviations**2)) - explained, 0.0)
     degrees = SHAPES * (count - 1), (length - SHAPES) * (count - 1)
     noise = rest / degrees[1]
-    # Coloured noise has more power where the response has: its own band is what it is judged by.
+    # Coloured noise has more power where the response has, so compare within the response's band.
     ratio = explained / degrees[0] / max(_in_band(deviations, mean), noise, 1e-300)
     return Repeatability(
         scatter=float(np.sqrt(np.sum(deviations**2) / ((count - 1) * length) / power)),
@@ -256,7 +261,7 @@ def repeatability(y: ArrayLike) -> Repeatability:
 
 
 def _band(mean: np.ndarray) -> np.ndarray:
-    """Return the lines that hold the response: those of a hundredth of its largest amplitude."""
+    """Return a mask of the response's lines: those above a hundredth of its largest amplitude."""
     size = np.abs(np.fft.rfft(mean))
     return size > 0.01 * size.max()
 
@@ -266,52 +271,55 @@ def _lines(mean: np.ndarray) -> int:
 
 
 def _in_band(deviations: np.ndarray, mean: np.ndarray) -> float:
-    """Return the variance per sample of white noise at the level of the response band's median."""
+    """Return the variance per sample of white noise at the median level of the response's band."""
     band = _band(mean)
     power = np.sum(np.abs(np.fft.rfft(deviations))[:, band] ** 2, axis=0) / (len(deviations) - 1)
-    # Median over mean of a chi-square of 2 k degrees of freedom, by Wilson and Hilferty.
+    # Wilson and Hilferty: median over mean of a chi-square variable of 2 k degrees of freedom.
     k = len(deviations) - 1
     return float(np.median(power) / deviations.shape[1] / (1 - 1 / (9 * k)) ** 3)
 
 
 class BestLinear(NamedTuple):
-    """Best linear approximation at the excited lines, a realisation or more of them averaged.
+    """The best linear approximation at the excited lines, averaged over realisations.
 
-    Standard deviations are of the complex number, sqrt(E|error|^2). Noise is NaN with one period,
-    and what needs realisations with one of these.
+    Standard deviations are of the complex number, sqrt(E|error|^2). Values that need several
+    periods are NaN with one period; values that need several realisations are NaN with one
+    realisation.
     """
 
     freq: Reals  # [Hz]
     h: Complexes  # response over source
-    noise_std: Reals  # of `h`, by the noise alone
-    total_std: Reals  # of `h`, by noise and by distortion
-    distortion_std: Reals  # of one realisation, by distortion alone; zero where below the noise
+    noise_std: Reals  # standard deviation of `h` from noise alone
+    total_std: Reals  # standard deviation of `h` from noise and distortion
+    # One realisation's standard deviation from distortion; zero if below the noise.
+    distortion_std: Reals
     num_realisations: int
     num_periods: int
 
 
 class Distortion(NamedTuple):
-    """Response at the lines that a period does not excite, between the excited ones.
+    """The response at unexcited lines of a period, between the excited lines.
 
-    All are root mean squares over lines of complex amplitudes, over that of the excited lines;
-    NaN where there are no such lines, and the noise with one period.
+    All values are root mean squares of complex amplitudes over lines, relative to that of the
+    excited lines. They are NaN if there are no such lines; the noise is NaN with one period.
     """
 
     odd: float
     even: float
-    noise: float  # of the mean of the periods
+    noise: float  # noise of the mean over the periods
     num_odd: int
     num_even: int
 
 
 def best_linear_approximation(u: ArrayLike, y: ArrayLike, fs: float) -> BestLinear:
-    r"""Return the best linear approximation, its noise, and one realisation's distortion.
+    r"""Return the best linear approximation, its noise, and the distortion of one realisation.
 
     $$\hat G = \frac1M \sum_m \hat G_m, \quad \hat G_m = \frac{\bar Y_m}{\bar U_m}, \quad
       \sigma_{tot}^2 = \frac{1}{M (M - 1)} \sum_m |\hat G_m - \hat G|^2, \quad
       \sigma_S^2 = M (\sigma_{tot}^2 - \sigma_n^2)$$
 
-    with bars for means over the P periods and sigma_n by the scatter of the periods about them.
+    where bars are means over the P periods and sigma_n comes from the variation of periods about
+    them.
 
     Args:
         u: Source of steady periods, shape (realisation, period, time) or (period, time).
@@ -319,7 +327,7 @@ def best_linear_approximation(u: ArrayLike, y: ArrayLike, fs: float) -> BestLine
         fs: Sampling frequency [Hz].
 
     Raises:
-        DataError: NaN, unequal shapes, or a source without any power.
+        DataError: A sample is NaN, shapes differ, or the source has no power.
     """
     (u, y), fs = _steady(u, y), sampling(fs)
     count, num_periods = u.shape[:2]
@@ -327,7 +335,7 @@ def best_linear_approximation(u: ArrayLike, y: ArrayLike, fs: float) -> BestLine
     lines = excited_lines(u)
     mean_u, mean_y = (x.mean(axis=1)[:, lines] for x in (spectra_u, spectra_y))
     ratios = mean_y / mean_u
-    # Noise of source and response together, as the ratio of a period has it to first order.
+    # The noise of source and response combined, as it enters the ratio of a period to first order.
     residual = spectra_y[..., lines] - ratios[:, None] * spectra_u[..., lines]
     noise = np.full(ratios.shape, np.nan)
     if num_periods > 1:
@@ -344,10 +352,10 @@ def best_linear_approximation(u: ArrayLike, y: ArrayLike, fs: float) -> BestLine
 
 
 def detection_lines(u: ArrayLike, y: ArrayLike) -> Distortion:
-    """Return the response at unexcited odd and even lines, the source's own share there taken out.
+    """Return the response at unexcited odd and even lines, corrected for the source's own lines.
 
-    The source's share is its spectrum there times the response over it at the nearest excited
-    line. `u` and `y` are steady periods of one realisation, (period, time).
+    The correction is the source's spectrum at the line times the ratio of response to source at the
+    nearest excited line. `u` and `y` are steady periods of one realisation, (period, time).
     """
     whole_u, whole_y = (x[0] for x in _steady(u, y))
     lines = excited_lines(whole_u[None])
@@ -369,7 +377,7 @@ def detection_lines(u: ArrayLike, y: ArrayLike) -> Distortion:
 
 
 def excited_lines(u: Float[np.ndarray, "*batch time"]) -> Int[np.ndarray, " line"]:
-    """Return the lines of the spectrum that the source excites, zero and the last one excluded."""
+    """Return the lines of the spectrum that the source excites, except zero and the last line."""
     power = np.mean(np.abs(np.fft.rfft(u)) ** 2, axis=tuple(range(u.ndim - 1)))
     power[0] = power[-1] = 0.0
     if not power.max() > 0:
@@ -382,7 +390,7 @@ def _rms(values: NDArray[np.complex128]) -> float:
 
 
 def _steady(u: ArrayLike, y: ArrayLike) -> tuple[Reals, Reals]:
-    """Check source and response and return them by realisation, period and time."""
+    """Check source and response; return both with the axes realisation, period and time."""
     source, response = np.asarray(u, float), np.asarray(y, float)
     if source.shape != response.shape or not 2 <= source.ndim <= 3:
         raise DataError(
@@ -397,32 +405,35 @@ def _steady(u: ArrayLike, y: ArrayLike) -> tuple[Reals, Reals]:
 
 
 class SweptHarmonics(NamedTuple):
-    """Harmonics at the frequencies that a sweep passes, in the order of time."""
+    """Harmonics along a sweep at the frequencies that it passes, in order of time."""
 
-    freq: Reals  # of the source [Hz]
-    source: Complex[np.ndarray, "order window"]  # of the source by itself; order 1 its amplitude
-    response: Complex[np.ndarray, "order window"]  # complex peaks, phase from n times the source's
-    std: Reals  # of a real component of the response's harmonics, by what the fit leaves
+    freq: Reals  # frequency of the source [Hz]
+    source: Complex[np.ndarray, "order window"]  # harmonics of the source; order 1 is its amplitude
+    # Complex peaks; the phase is relative to n times the source's phase.
+    response: Complex[np.ndarray, "order window"]
+    std: Reals  # standard deviation of a real component of `response`, from the residual of the fit
 
 
 def swept_harmonics(
     u: ArrayLike, y: ArrayLike, fs: float, *, num_orders: int = 5, periods: float = PERIODS
 ) -> SweptHarmonics:
-    """Return a response's harmonics along a sweep, in windows of some source periods.
+    """Return a response's harmonics along a sweep, in windows of several source periods.
 
-    A harmonic below the noise comes out as the noise, which `std` tells. Orders above half the
-    sampling frequency are NaN there.
+    A harmonic below the noise has the size of the noise, which `std` gives. Orders above half the
+    sampling frequency are NaN.
 
     Args:
-        u: Source, shape (time,) or (repeat, time), whose mean is taken.
+        u: Source, shape (time,) or (repeat, time); repeats are averaged.
         y: Response, of the same shape.
         fs: Sampling frequency [Hz].
-        num_orders: Highest order.
-        periods: Length of a window; fewer follow a resonance better, more tell noise better.
+        num_orders: Highest harmonic order.
+        periods: Length of a window; a shorter one follows a resonance better, a longer one averages
+            more noise.
 
     Raises:
-        DataError: NaN, unequal shapes, a dead source, too short a sweep, or a source that is none.
-        ConfigError: An option that cannot be meant.
+        DataError: A sample is NaN, shapes differ, the source is constant or no sweep, or the
+            sweep is too short.
+        ConfigError: An argument is out of its range.
     """
     u, y, fs = channel(u, "u"), channel(y, "y"), sampling(fs)
     same_length(u=u, y=y)
@@ -456,7 +467,7 @@ def swept_harmonics(
 
 
 def _windows(amplitude: Reals, phase: Reals, periods: float) -> list[slice]:
-    """Return half-overlapping windows of equal source turns, where the source drives."""
+    """Return half-overlapping windows with equal turns of the source, where the source drives."""
     loud = np.flatnonzero(amplitude > QUIET * amplitude.max())
     turns = np.maximum.accumulate(phase) / (2 * np.pi)
     first, last = float(turns[loud[0]]), float(turns[loud[-1]])
@@ -468,15 +479,15 @@ def _windows(amplitude: Reals, phase: Reals, periods: float) -> list[slice]:
 def _fitted(
     phase: Reals, u: Reals, y: Reals, fs: float, num_orders: int
 ) -> tuple[float, NDArray[np.complex128], NDArray[np.complex128], float, float]:
-    """Return frequency [Hz], both channels' harmonics, response deviation and source residual."""
+    """Return frequency [Hz], both channels' harmonics, std of the response, and source residual."""
     x = np.linspace(-1.0, 1.0, len(phase))
     hz = float(np.polyfit(x, phase, 1)[0]) / (np.pi * (len(phase) - 1) / fs)
     shown = [n for n in range(1, num_orders + 1) if n * hz < 0.45 * fs]
     waves = [f(n * phase) for n in shown for f in (np.cos, np.sin)]
-    # Amplitudes may change within a window as a parabola, and a drift may lie beneath.
+    # The basis allows parabolic changes of amplitude within a window, and a drift.
     basis = np.column_stack([w * x**k for k in range(3) for w in waves] + [x**0, x])
     weight = np.cos(np.pi * x / 2)[:, None]
-    # Normal equations: columns of like size, far from dependent, and many windows.
+    # Normal equations suffice: columns have similar size, are far from dependent, and windows many.
     rows = weight * basis
     both = np.linalg.solve(rows.T @ rows, rows.T @ (weight * np.column_stack([u, y])))
     residual = y - basis @ both[:, 1]
@@ -486,16 +497,16 @@ def _fitted(
     amplitudes = np.full((2, num_orders), np.nan, complex)
     for i, n in enumerate(shown):
         amplitudes[:, n - 1] = both[2 * i] - 1j * both[2 * i + 1]
-    # From the source's own fundamental, whatever its phase by the analytic signal.
+    # Phases refer to the source's fitted fundamental instead of its analytic signal.
     turn = np.exp(-1j * np.arange(1, num_orders + 1) * np.angle(amplitudes[0, 0]))
     return hz, amplitudes[0] * turn, amplitudes[1] * turn, std, stray
 
 
 def largest_share(harmonics: SweptHarmonics, order: int) -> tuple[float, float, float]:
-    """Return an order's largest harmonic over the largest fundamental, its noise and place [Hz].
+    """Return an order's largest harmonic over the largest fundamental, its noise, and place [Hz].
 
-    What the source's own harmonic may make of itself is taken off: its share times the largest
-    response over the source.
+    The possible effect of the source's own harmonic is subtracted: the size of that harmonic times
+    the largest ratio of response to source.
     """
     size = np.abs(harmonics.response[0])
     row, source = np.abs(harmonics.response[order - 1]), np.abs(harmonics.source[order - 1])

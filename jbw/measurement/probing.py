@@ -1,4 +1,4 @@
-"""The measured third-order kernel of a probing test: harmonic filtering, the source taken out."""
+"""The measured third-order kernel of a probing test, with the source's harmonics removed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,32 +13,33 @@ from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
 from jbw.quantities import Motion
 from jbw.report.messages import reading as messages
 
-PERIOD_POINTS = 4096  # of one period; a peak between two of them is missed by 3e-7 n^2 at most
+PERIOD_POINTS = 4096  # per period; a peak between two points is missed by at most 3e-7 n^2
 LARGE_SOURCE = 0.1
 
 
 @dataclass(frozen=True)
 class ThirdOrder:
-    """Third-order kernel on its leading diagonal; amplitudes are complex peaks, one a repeat."""
+    """The third-order kernel on its leading diagonal, with complex peak amplitudes per repeat."""
 
     omega: float  # probing frequency [rad/s]
     h3: Complexes  # H3 = 4 Y(3 omega) / A^3 [m per unit^3]
-    amplitude: Complexes  # A, the input's first harmonic, its phase included [unit]
-    u_3: Complexes  # the input's third harmonic [unit]; NaN when not measured
+    amplitude: Complexes  # A, the input's first harmonic including its phase [unit]
+    u_3: Complexes  # the input's third harmonic [unit]; NaN if not measured
     y_1: Complexes  # Y(omega) [m]
-    y_3: Complexes  # Y(3 omega), less the source's part where that was taken out [m]
-    y_peak: Reals  # largest displacement over a period [m]
+    y_3: Complexes  # Y(3 omega), without the source's part if that was removed [m]
+    y_peak: Reals  # largest displacement in a period [m]
     source: str  # removed, measured (not removed: `h1_3omega` was not given) or unmeasured
-    source_ratio: float  # |H1(3 omega) U(3 omega)| / |Y_3|, the largest; NaN if unknown
-    std: float  # scatter of `h3` over repeats, per real component; NaN with one repeat
-    std_expected: float  # the same as the records' noise makes it
-    covariance: Reals  # of (Re, Im) of the mean of `h3`; from the scatter if any
+    source_ratio: float  # largest |H1(3 omega) U(3 omega)| / |Y_3|; NaN if unknown
+    std: float  # standard deviation of `h3` over repeats, per real component; NaN with one repeat
+    std_expected: float  # `std` as expected from the noise of the records
+    # Covariance of (Re, Im) of the mean of `h3`, from the variation over repeats if possible.
+    covariance: Reals
     above_noise: bool  # whether |mean Y_3| exceeds three standard errors, and may enter a fit
-    notes: tuple[str, ...]  # what a reader of the result must know, in words
+    notes: tuple[str, ...]  # remarks that a reader of the result must know
 
     @property
     def mean(self) -> complex:
-        """Mean of H3 over the repeats [m per unit^3]."""
+        """The mean of H3 over the repeats [m per unit^3]."""
         return complex(self.h3.mean())
 
 
@@ -60,25 +61,25 @@ def third_order_kernel(
 
     $$H_3(\omega) = \frac{4\,[Y(3\omega) - H_1(3\omega)\,U(3\omega)]}{A^3}, \qquad A = U(\omega)$$
 
-    A is complex, so the phase is referred to the input. The second term is what the source's own
-    third harmonic puts into the response; at -60 dB it rivals the joint's. "H3" depends on the
-    amplitude (Bouc-Wen is not analytic): keep `y_peak` beside it.
+    A is complex, so that the phase is relative to the input. The second term is the response to the
+    source's own third harmonic; at -60 dB it is as large as that of the joint. "H3" depends on the
+    amplitude, because Bouc-Wen is not analytic: report `y_peak` with it.
 
     Args:
-        u: Measured input, shape (time,) or (repeat, time); None when it was not measured.
+        u: Measured input, shape (time,) or (repeat, time); None if it was not measured.
         y: Response, of the same shape.
         fs: Sampling frequency [Hz].
         omega: Probing frequency [rad/s].
         amplitude: Demanded input amplitude, used only when `u` is None [unit].
         h1_3omega: Receptance at 3 omega, per unit of `u` [m per unit].
-        response: What `y` is: displacement, velocity or acceleration.
+        response: Kind of `y`: displacement, velocity or acceleration.
         delay: Lag of the response channel behind the input channel [s].
-        start: Time to discard first [s].
-        num_harmonics: Highest order fitted where the sampling carries it; at least 3.
-        also: Angular frequencies present besides the tone [rad/s].
+        start: Time to discard at the start [s].
+        num_harmonics: Highest fitted order, limited by the sampling frequency; at least 3.
+        also: Angular frequencies that are present in addition to the tone [rad/s].
 
     Raises:
-        DataError: Bad channels, 3 omega above the Nyquist frequency, no input amplitude.
+        DataError: A channel is invalid, 3 omega exceeds Nyquist, or the input amplitude is missing.
 
     Reference:
         Eqs. (29), (30).
@@ -122,7 +123,7 @@ def third_order_kernel(
     expected = np.mean(16 * variance / np.abs(u_1) ** 6 + relative * np.abs(h3) ** 2) / 2
     std = float(np.sqrt(np.var(h3, ddof=1) / 2)) if len(h3) > 1 else np.nan
     scatter = np.var(y_3, ddof=1) / 2 if len(y_3) > 1 else 0.0
-    # By the noise of the records, and by the scatter from repeat to repeat.
+    # The error has two estimates: the noise of the records and the variation between repeats.
     standard_error = np.sqrt(max(np.mean(variance) / 2, scatter) / len(y_3))
     above = bool(np.abs(y_3.mean()) > NOISE_FLOOR * standard_error)
     return ThirdOrder(
@@ -135,7 +136,7 @@ def third_order_kernel(
 
 
 def _demanded(amplitude: complex | None, num_repeats: int) -> tuple[Complexes, Complexes]:
-    """Return the harmonics 1 and 3 of an input that was not measured, the third unknown."""
+    """Return harmonics 1 and 3 of an unmeasured input: the demanded amplitude, and NaN."""
     if amplitude is None or not abs(amplitude) > 0:
         raise DataError(
             "The input's amplitude must be known, but neither `u` nor `amplitude` was given.",
@@ -146,7 +147,7 @@ def _demanded(amplitude: complex | None, num_repeats: int) -> tuple[Complexes, C
 
 
 def _require_tone(source: Harmonics, omega: float) -> None:
-    """Refuse an input without a tone at the probing frequency."""
+    """Raise a DataError if the input has no tone at the probing frequency."""
     if np.any(np.abs(source.amplitudes[:, 0]) ** 2 <= NOISE_FLOOR**2 * source.variance[:, 0]):
         raise DataError(
             f"Channel `u` holds no tone at {omega / (2 * np.pi):.4g} Hz above its noise.",

@@ -1,4 +1,4 @@
-"""Measurement records: what a data-acquisition system leaves behind, in SI units."""
+"""Measurement records: the channels that a data-acquisition system saves, in SI units."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -16,12 +16,13 @@ from jbw.units import FACTORS, decibels, factor_of, measured, plain, quantity_of
 
 RESPONSES: tuple[Motion, ...] = get_args(Motion)
 INPUTS = ("input", "force")
-BASE = "base"  # role of the acceleration of a base that moves, and the drive that it is
-SOURCES = (*INPUTS, BASE)  # roles in files of what drives
-# What moves the structure, and with that what hangs on it: by voltage or current its shaker does.
+BASE = "base"  # role of the acceleration of a moving base, and name of that drive
+SOURCES = (*INPUTS, BASE)  # roles of excitation channels in files
+# What moves the structure, including what is attached to it: under voltage or current, a shaker.
 DRIVES = ("voltage", "current", "force", BASE, "none")
 BY_UNIT = {"V": "voltage", "A": "current", "N": "force", "N/kg": "force", "N m": "force"}
-# Role to what its channel measures: a source is a voltage or current, or a force per modal mass.
+# Quantities that a channel of each role may measure. A source is a voltage, a current, or a force
+# per modal mass.
 QUANTITIES: dict[str, tuple[str, ...]] = {
     "input": ("voltage", "force per mass", "current"),
     "force": ("force", "torque"),
@@ -29,29 +30,30 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
     "velocity": ("velocity", "angular velocity"),
     "acceleration": ("acceleration", "angular acceleration"),
     "restoring_force": ("force", "torque"),
-    BASE: ("acceleration",),  # of the clamp on a moving table; kept as a force per mass
-    "drive_point": ("acceleration",),  # where the shaker pushes: tells its attachment
+    # Acceleration of the clamp on a moving table; stored as a force per mass.
+    BASE: ("acceleration",),
+    "drive_point": ("acceleration",),  # where the shaker pushes; determines its attachment
     "frequency": ("frequency",),  # axis of a measured FRF, which has no sampling frequency
-    "phase": ("angle",),  # of the response relative to the force, in a measured FRF
+    "phase": ("angle",),  # phase of the response relative to the force, in a measured FRF
     "time": ("time",),  # gives the sampling frequency; not kept as a channel
 }
 ROLES = tuple(QUANTITIES)
 COUNTED = "none: samples of a loop without times are counted"
-# Relative, of two clocks: quartz holds 1e-5 or better, a microcontroller's timer 1e-4.
+# Relative difference of two clocks: quartz keeps 1e-5 or better, a microcontroller's timer 1e-4.
 CLOCKS = 1e-4
-# Of usual sensors, as examples: IEPE accelerometers, vibrometers, displacement sensors, load cells.
+# Examples of usual sensors: IEPE accelerometers, vibrometers, displacement sensors, load cells.
 SENSITIVITIES = {
     "acceleration": "100 mV/g", "drive_point": "100 mV/g", BASE: "100 mV/g",
     "velocity": "200 mV/(mm/s)", "displacement": "1 V/mm",
     "force": "10 mV/N", "restoring_force": "10 mV/N",
 }  # fmt: skip
 LOAD_CELLS = ("exact", "offset", "drift")
-OF = " / "  # between the name of an assembly and that of one of its runs
+OF = " / "  # separates the name of an assembly from the name of its run
 
 
 @dataclass(frozen=True)
 class Record:
-    """Channels sampled together, once: one repeat of one test.
+    """Channels sampled together once: one repeat of a test.
 
     Attributes:
         fs: Sampling frequency [Hz].
@@ -60,10 +62,10 @@ class Record:
             [N], `displacement` [m], `velocity` [m/s], `acceleration` [m/s^2], `restoring_force`
             [N], `drive_point` [m/s^2] (acceleration where the shaker pushes); in a measured
             response curve, whose `fs` is NaN, also `frequency` [Hz] and `phase` [rad].
-        units: Role to the SI unit of its samples.
-        name: What to call it in messages: the file, and the row where a file holds several.
-        provenance: Path, sha256, reader and what was converted or snapped at the door.
-        drive: What its test says that drives it, which chooses between `input` and `force`.
+        units: SI unit of the samples of each role.
+        name: Name in messages: the file, plus the row if a file contains several records.
+        provenance: Path, sha256, reader, and the changes made on reading.
+        drive: Stated drive of the test, which decides between `input` and `force`.
 
     Examples:
         Every channel has its role and its SI unit:
@@ -86,12 +88,12 @@ class Record:
 
     @property
     def num_samples(self) -> int:
-        """Samples in each channel."""
+        """The number of samples in each channel."""
         return len(next(iter(self.channels.values())))
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """Samples at which every channel is finite, of shape (time,): the record's mask."""
+        """Mask of the samples at which every channel is finite, shape (time,)."""
         return np.logical_and.reduce([np.isfinite(x) for x in self.channels.values()])
 
     @property
@@ -101,7 +103,7 @@ class Record:
 
     @property
     def source(self) -> str:
-        """The role of the excitation channel: input or force; of both the input, unless said."""
+        """The role of the excitation: the input if there is one, unless the drive is a force."""
         if self.drive == "force" and "force" in self.channels:
             return "force"
         return next(role for role in INPUTS if role in self.channels)
@@ -109,29 +111,28 @@ class Record:
 
 @dataclass(frozen=True)
 class Test:
-    """One test: the same excitation repeated, with what the campaign file says of it.
+    """A test: the same excitation repeated, with its settings from the campaign file.
 
     Attributes:
-        kind: Name of its kind, one of `jbw.measurement.kinds.KINDS`.
+        kind: Name of the test's kind, one of `jbw.measurement.kinds.KINDS`.
         records: The repeats, in the order of their files.
         name: A short name, unique in the campaign.
-        level: Nominal level, in the unit of what the rig held: the input channel as a rule, the
-            response of a response-controlled curve.
-        tones_hz: Frequencies present at once (tones), or in turn (stepped) [Hz].
-        band_hz: Lowest and highest frequency to use [Hz], when given.
+        level: Nominal level, in the unit of the controlled quantity: usually the input channel, or
+            the response of a response-controlled curve.
+        tones_hz: Frequencies present simultaneously (tones) or in sequence (stepped) [Hz].
+        band_hz: Lowest and highest frequency to use [Hz], if given.
         dwell: Duration of each step of a stepped test [s].
-        settle: Time at the start that is not compared: until tones and steps are steady, until a
-            joint that was in motion has forgotten it [s].
+        settle: Time at the start that is not compared: until tones and steps are steady, or until
+            a joint has forgotten earlier motion [s].
         delay: Lag of the response channel behind the input channel [s].
-        assembly: Which assembly of the joint; empty when there was one.
-        run: Which day or run; empty when there was one.
-        periods: Whole periods of the excitation in each record; 1 when none were said.
+        assembly: Name of the assembly of the joint; empty if there was only one.
+        run: Name of the day or run; empty if there was only one.
+        periods: Whole periods of the excitation in each record; 1 if not stated.
         residuals: Terms of modes outside the band: auto, none, upper, both or own.
-        drive: What drives it, one of `DRIVES`; empty where that follows from its source.
-        load_cell: What the zero of a loop's load cell does, one of `LOAD_CELLS`.
-        point: Where its response is measured, of a structure with several points; empty of the
-            first.
-        locked_phase: Phase of the displacement to the force that a controller held [deg].
+        drive: What drives the structure, one of `DRIVES`; empty if it follows from the source.
+        load_cell: Behaviour of the zero of a loop's load cell, one of `LOAD_CELLS`.
+        point: Point of the response on a structure with several points; empty for the first.
+        locked_phase: Phase of the displacement relative to the force, held by a controller [deg].
         amplitude_std: Relative standard deviation of the amplitudes of a controlled test.
 
     Examples:
@@ -180,7 +181,7 @@ class Test:
 
     @property
     def is_single_tone(self) -> bool:
-        """Whether one steady tone is played, whose tests of a level make a curve together."""
+        """Whether a single steady tone is played; such tests of one level form a curve together."""
         return self.traits.is_steady and not self.traits.is_stepped and len(self.tones_hz) == 1
 
     @property
@@ -190,20 +191,20 @@ class Test:
 
 
 def belongs_to(label: str, name: str) -> bool:
-    """Return whether a run, or a group of data, is that of a name: it has it, or that and more."""
+    """Return whether a run or group label equals a name, or starts with the name and a space."""
     return label == name or label.startswith(f"{name} ")
 
 
 def share_clock(fs: float, other_fs: float) -> bool:
-    """Return whether two rates [Hz] are one nominal rate, as clocks of recorders keep it.
+    """Return whether two rates [Hz] are one nominal rate within the accuracy of recorder clocks.
 
-    Records of one test may differ so far, each at its own rate.
+    Records of one test may differ that much, and each keeps its own rate.
     """
     return fs == other_fs or abs(fs - other_fs) <= CLOCKS * fs
 
 
 def is_sampled(record: Record) -> bool:
-    """Return whether samples have times: not in a curve, nor in a loop without a clock."""
+    """Return whether samples have times, as opposed to a curve or a loop without a clock."""
     return record.fs == record.fs and record.provenance.get("fs") != COUNTED
 
 
@@ -220,16 +221,16 @@ def drive_of(test: Test) -> str:
 
 
 def run_of(test: Test) -> str:
-    """Name of a test's run: its assembly and day where stated, else the test itself."""
+    """Return the name of a test's run: its assembly and day if stated, else the test's name."""
     return OF.join(part for part in (test.assembly, test.run) if part) or test.name
 
 
 def periods(test: Test) -> Test | None:
-    """Return the steady periods of a multisine as repeats; None where its period is not known.
+    """Return the steady periods of a multisine as repeats; None if its period is unknown.
 
-    The key `periods` of what is returned is the number of those that are left of each record.
+    The `periods` of the returned test is the number of remaining periods of each record.
     """
-    # `settle` seconds are left out at the start, rounded up to whole periods.
+    # `settle` seconds, rounded up to whole periods, are left out at the start.
     if test.periods < 2:
         return None
     records = [
@@ -250,7 +251,7 @@ def steady(test: Test) -> tuple[Test, int] | None:
 
 
 def _steady(record: Record, test: Test) -> tuple[Record, int]:
-    """Return a record without its transient periods, and the samples of a period."""
+    """Return a record without its transient periods, and the number of samples per period."""
     size, rest = divmod(record.num_samples, test.periods)
     if rest:
         raise DataError(
@@ -258,7 +259,7 @@ def _steady(record: Record, test: Test) -> tuple[Record, int]:
             f"{record.num_samples} samples cannot be divided so.",
             remedy="Correct `periods`, or cut the record with `span`.",
         )
-    # A settle of whole periods may come out a hair longer than them.
+    # A settle of whole periods may exceed them by round-off.
     skipped = int(np.ceil(test.settle * record.fs / size - 1e-6))
     if skipped >= test.periods:
         raise DataError(
@@ -276,9 +277,9 @@ def _cut(record: Record, start: int, size: int) -> Record:
 
 
 def si_of(role: str, unit: str) -> tuple[float, str, str]:
-    """Factor to SI, SI unit, and the role of the source (force, input) that a ratio is per.
+    """Return the factor to SI, the SI unit, and the source (force, input) that a ratio is per.
 
-    Of decibels they are those of the unit of their reference.
+    For decibels they are those of the unit of the reference.
     """
     _, unit = decibels(unit) or (1.0, unit)
     above, _, below = (part.strip("()") for part in plain(unit).rpartition("/"))
@@ -295,12 +296,12 @@ def si_of(role: str, unit: str) -> tuple[float, str, str]:
 
 
 def sensitivity_of(role: str, written: str) -> tuple[float, str]:
-    """Return the volts of a sensor per unit of what a role measures, and that unit.
+    """Return the volts of a sensor per unit of a role's quantity, and that unit.
 
     `100 mV/g` is (0.1, `g`), `40 mV/(mm/s)` is (0.04, `mm/s`).
 
     Raises:
-        ConfigError: Not a number of volts per unit, or a unit of another quantity than the role's.
+        ConfigError: The text is no number of volts per unit, or the unit is of another quantity.
     """
     number, _, units = written.strip().partition(" ")
     volts, _, below = units.partition("/")
@@ -315,9 +316,9 @@ def sensitivity_of(role: str, written: str) -> tuple[float, str]:
 
 
 def _per_source(role: str, unit: str) -> tuple[float, str, str] | None:
-    """Factor of a compound with the dimensions of a response per force or voltage; or None.
+    """Return factor, unit and source of a compound unit of response per force or voltage, or None.
 
-    An accelerance in `1/kg` and a mobility in `m/(N s)` are such.
+    Examples are an accelerance in `1/kg` and a mobility in `m/(N s)`.
     """
     of_unit = measured(plain(unit))
     for moved in QUANTITIES[role] if of_unit else ():

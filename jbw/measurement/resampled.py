@@ -1,19 +1,19 @@
-r"""Samples of one clock at the instants of another: band-limited interpolation.
+r"""Band-limited interpolation of samples of one clock at the instants of another clock.
 
-Even samples go to another rate by
+Even samples are resampled at another rate by
 
 $$x(\tau) = \sum_n x_n\,\mathrm{sinc}(\tau - n)\,w(\tau - n)$$
 
-with Kaiser's window w over 64 samples, which keeps what lies below nine tenths of half the sampling
-rate to some 1e-6. Beyond the ends a record goes on as its mirror image through the end. To a lower
-rate the kernel is as much wider, and what lies above half that rate is taken out.
+with a Kaiser window w over 64 samples, which keeps frequencies below nine tenths of half the
+sampling rate to about 1e-6. Beyond its ends a record continues as its mirror image through the end.
+For a lower rate the kernel is wider in proportion and removes frequencies above half that rate.
 
-Uneven samples, of a clock that jitters or pauses, are met in least squares by a band-limited signal
+Uneven samples, of a clock that jitters or pauses, are fitted by a band-limited signal
 
 $$\min_g \sum_n \Big[x_n - \sum_k g_k\,\mathrm{sinc}(q t_n - k)\,w(q t_n - k)\Big]^2$$
 
-whose rate q is below three quarters of the mean rate, and below one sample a pause. Its error is
-that of every eighth sample by a signal that was found without these.
+in least squares. Its rate q is below three quarters of the mean rate, and below one sample per
+pause. Its error is estimated on every eighth sample, by a signal fitted without these samples.
 """
 
 from collections.abc import Iterator
@@ -30,20 +30,20 @@ from jbw.measurement.records import RESPONSES, Record
 from jbw.measurement.spans import unbroken_line
 from jbw.report.messages import reading as messages
 
-REACH = 32  # samples to either side
-BETA = 10.0  # of Kaiser's window
+REACH = 32  # samples on either side
+BETA = 10.0  # shape of the Kaiser window
 CHUNK = 1 << 14  # samples interpolated at once
 MILLION = 1e6
-PASSED = 0.9  # of half a rate: what lies below is kept
-SHARE = 0.75  # of the mean rate, that of a signal through uneven samples
-BLOCK, OVERLAP = 1 << 15, 128  # of its values found at once, and shared by two blocks
-DAMPED = 1e-4  # of a value where no sample tells it
-HELD_OUT = 8  # every so many-th sample, to tell the error
-LARGEST_ERROR = 0.5  # of the rms: such a signal is not met
-NEAR = 2e-3  # relative, to a whole number of hertz, which is meant then
-PAUSE = 1.5  # usual steps of uneven times, from which a step is a pause
-ABOVE = 1.05  # times the usual rate of uneven samples, to which they may be resampled
-OF_RESPONSE = (*RESPONSES, "drive_point")  # roles that the response's recorder samples
+PASSED = 0.9  # share of half a rate below which frequencies are kept
+SHARE = 0.75  # rate of a signal through uneven samples, over their mean rate
+BLOCK, OVERLAP = 1 << 15, 128  # values found at once, and values shared by two blocks
+DAMPED = 1e-4  # weight that keeps values finite where no sample determines them
+HELD_OUT = 8  # every eighth sample is held out for the error
+LARGEST_ERROR = 0.5  # largest error of a fitted signal, over the rms
+NEAR = 2e-3  # relative distance to a whole number of hertz that counts as that number
+PAUSE = 1.5  # usual steps: a longer step of uneven times is a pause
+ABOVE = 1.05  # times the usual rate of uneven samples: highest rate for resampling
+OF_RESPONSE = (*RESPONSES, "drive_point")  # roles sampled by the response's recorder
 
 
 def interpolated(
@@ -51,7 +51,7 @@ def interpolated(
 ) -> Reals:
     """Return the values of a sampled band-limited signal at places counted in samples.
 
-    What lies above half of the rate over `stretch`, 1 or more, is taken out.
+    Frequencies above half of the rate over `stretch`, which is 1 or more, are removed.
     """
     reach = int(np.ceil(REACH * stretch))
     offsets = np.arange(1 - reach, reach + 1)
@@ -62,13 +62,14 @@ def interpolated(
         nearest = np.floor(at).astype(int)
         weight = _kernel(((at - nearest)[:, None] - offsets) / stretch)
         rows = padded[nearest[:, None] + offsets + reach]
-        # Their sum is one but for the window's ripple: a constant stays what it is.
+        # The weights sum to one only within the window's ripple; dividing keeps a constant
+        # unchanged.
         values.append(np.sum(weight * rows, axis=1) / np.sum(weight, axis=1))
     return np.concatenate(values) if values else np.zeros(0)
 
 
 def _mirrored(x: Reals, reach: int) -> Reals:
-    """Return a signal with its mirror image through either end, as often as it takes."""
+    """Return a signal extended by its mirror image through both ends, repeatedly if necessary."""
     return np.asarray(np.pad(x, reach, mode="reflect", reflect_type="odd"), np.float64)
 
 
@@ -79,7 +80,7 @@ def _kernel(away: Reals) -> Reals:
 
 
 def at_rate(x: Reals, fs: float, new_fs: float) -> tuple[Reals, str]:
-    """Resample even samples to another rate that is not higher, and describe it in words."""
+    """Resample even samples to an equal or lower rate; return them with a description."""
     if new_fs > fs * (1 + 2e-5):
         raise DataError(
             f"`resample` must be at most the channel's sampling frequency, {fs:.7g} Hz, but is "
@@ -100,9 +101,9 @@ def at_rate(x: Reals, fs: float, new_fs: float) -> tuple[Reals, str]:
 
 
 def from_uneven(x: Reals, time: Reals, new_fs: float, begins: float = 0.0) -> tuple[Reals, str]:
-    """Resample uneven samples to an even rate from a given time; state the error in words.
+    """Resample uneven samples to an even rate; return them with a description of the error.
 
-    Times count from the file's first sample, as `begins` does, where the span of these starts [s].
+    Times count from the first sample in the file. `begins` is the start of the wanted span [s].
     """
     time = time - begins
     usual = 1 / float(np.median(np.diff(time)))
@@ -133,7 +134,7 @@ def from_uneven(x: Reals, time: Reals, new_fs: float, begins: float = 0.0) -> tu
 
 
 def _rate_through(time: Reals, new_fs: float) -> float:
-    """Return the rate of a band-limited signal that uneven samples fix [Hz]."""
+    """Return the rate of the band-limited signal that uneven samples determine [Hz]."""
     mean_rate = (len(time) - 1) / float(time[-1] - time[0])
     return min(SHARE * mean_rate, 1 / float(np.max(np.diff(time))), new_fs)
 
@@ -153,14 +154,14 @@ def _without_pauses(time: Reals, begins: float) -> str:
 
 
 def proposed_rate(time: Reals) -> float:
-    """Propose a rate for resampling uneven samples [Hz]: their usual rate, rounded."""
+    """Return the proposed rate for resampling uneven samples [Hz]: their usual rate, rounded."""
     usual = 1 / float(np.median(np.diff(time)))
     rounded = round(usual)
     return float(rounded) if abs(rounded - usual) < NEAR * usual else float(f"{usual:.3g}")
 
 
 def _band_limited(x: Reals, time: Reals, rate: float, at: Reals) -> Reals:
-    """Return the values of the band-limited signal through uneven samples at further instants."""
+    """Return the values at new instants of the band-limited signal through uneven samples."""
     last = max(float(time[-1]), float(at[-1]))
     size = int(np.ceil(last * rate)) + 1
     mean, scale = float(np.mean(x)), float(np.std(x)) or 1.0
@@ -182,14 +183,14 @@ def _band_limited(x: Reals, time: Reals, rate: float, at: Reals) -> Reals:
 
 
 def _blocks(size: int) -> Iterator[tuple[int, int]]:
-    """Yield the beginning and end of overlapping blocks."""
+    """Yield the first and end index of overlapping blocks of values."""
     step = BLOCK - OVERLAP
     for first in range(0, max(size - OVERLAP, 1), step):
         yield first, min(first + BLOCK, size)
 
 
 def _matrix(place: Reals, size: int) -> scipy.sparse.csr_array:
-    """Return the kernel at places, a row each, over values of unit distance."""
+    """Return the kernel matrix from values of unit distance (columns) to places (rows)."""
     nearest = np.floor(place).astype(int)
     columns = nearest[:, None] + np.arange(1 - REACH, REACH + 1)
     inside = (columns >= 0) & (columns < size)
@@ -202,12 +203,12 @@ def _matrix(place: Reals, size: int) -> scipy.sparse.csr_array:
 def on_one_clock(record: Record, clock_ppm: float) -> Record:
     r"""Resample responses from a clock that runs fast to the clock of the drive.
 
-    Sample n of the fast clock was taken at $n / (1 + \epsilon)$ of the other. What one of them
-    has beyond the other's end is cut off.
+    Sample n of the fast clock was taken at $n / (1 + \epsilon)$ of the other clock. Samples of one
+    channel beyond the end of the other are cut off.
 
     Args:
-        record: With a response and a source.
-        clock_ppm: By how many millionths that runs fast; negative where it is slow.
+        record: A record with a response and a source.
+        clock_ppm: Parts per million by which the response's clock is fast; negative if slow.
     """
     if not clock_ppm:
         return record

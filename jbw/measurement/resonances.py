@@ -1,13 +1,13 @@
-r"""Frequency and damping of a record, read near its resonance as a linear oscillator's.
+r"""Frequency and damping of a record near its resonance, read as for a linear oscillator.
 
-By linear least squares over the lines of its Fourier transform,
+The reading is a linear least-squares fit over the lines of the record's Fourier transform,
 
 $$(\omega_n^2 + 2j\zeta\omega_n\omega)\,Y - g\,U - \sum_{k=-1}^{1} (j\omega)^k c_k
   = \omega^2\,Y$$
 
-whose constants c stand for the states in which the record begins and ends; a response curve has
-none. Points of a controlled test are read one by one. What a joint does shows as readings that
-change with the amplitude.
+whose constants c represent the states in which the record begins and ends; a response curve has
+none. Points of a controlled test are read one by one. The effect of a joint appears as readings
+that change with the amplitude.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,16 +23,18 @@ from jbw.measurement.records import Record, Test
 from jbw.quantities import derivative_order
 from jbw.report.messages import reading as messages
 
-WIDE = 0.15  # of the peak's frequency, to either side: lines of the first fit
-HALF_WIDTHS = 6.0  # zeta omega_n to either side: lines of those that follow
-LEAST_LINES, LEAST_POINTS = 12, 6  # of a fit, of a record in time and of a curve
-ROUNDS = 3  # of narrowing down on the resonance
-DRIVEN = 1e-2  # of the largest line of the source: less is not driven
-SWEPT = 5e-3  # of the source's energy, that lies beyond either end of what is swept
-MISSED = 0.5  # of the response near its resonance: what is missed by more is no oscillator's
-LEFT_OPEN = 0.45  # of the damping ratio, for each part of the response that no oscillator follows
-FLOOR = 1e-3  # of the damping ratio
-NEAR_LINES = 9  # whose mean tells whether they are driven, for single lines of noise scatter
+WIDE = 0.15  # half width of the lines of the first fit, over the peak's frequency
+HALF_WIDTHS = 6.0  # zeta omega_n to either side: lines of the later fits
+# Smallest number of lines of a time record and of points of a curve.
+LEAST_LINES, LEAST_POINTS = 12, 6
+ROUNDS = 3  # fits, each narrower about the resonance
+DRIVEN = 1e-2  # share of the source's largest line below which a line is not driven
+SWEPT = 5e-3  # share of the source's energy beyond either end of the sweep
+# Largest relative residual near the resonance for which the response is an oscillator's.
+MISSED = 0.5
+LEFT_OPEN = 0.45  # share of the damping ratio per unit of relative residual of the oscillator
+FLOOR = 1e-3  # smallest error of the damping ratio, over the damping ratio
+NEAR_LINES = 9  # lines averaged to decide whether they are driven, since single lines of noise vary
 
 
 class AmplitudeCurve(NamedTuple):
@@ -45,7 +47,7 @@ class AmplitudeCurve(NamedTuple):
     zeta_covariance: Float[np.ndarray, "point point"]
 
     def at(self, places: Bool[np.ndarray, " point"]) -> "AmplitudeCurve":
-        """Return the points at places alone."""
+        """Return the curve restricted to the selected points."""
         square = np.ix_(places, places)
         values, covariances = self[:3], self[3:]
         return AmplitudeCurve(*(x[places] for x in values), *(x[square] for x in covariances))
@@ -54,8 +56,8 @@ class AmplitudeCurve(NamedTuple):
 def curve_of_points(points: Sequence[tuple[float, float, float]]) -> AmplitudeCurve:
     """Return points of amplitude, frequency and damping with errors estimated from neighbours.
 
-    A value differs from the line through its neighbours with 3/2 of its variance; the median keeps
-    clear of a bend.
+    A value's deviation from the line through its neighbours has 3/2 of its variance. The median is
+    insensitive to a bend.
     """
     y, omega, zeta = np.array(points).T
     order = np.argsort(y)
@@ -70,34 +72,35 @@ def curve_of_points(points: Sequence[tuple[float, float, float]]) -> AmplitudeCu
 
 
 class Reading(NamedTuple):
-    """Frequency and damping of one record, curve or piece of a decay, at an amplitude."""
+    """The frequency and damping of one record, curve or piece of a decay, at one amplitude."""
 
-    y: float  # displacement [m]
+    y: float  # amplitude of the displacement [m]
     frequency_hz: float
     damping: float
-    left: float = np.nan  # of the response near resonance, by the linear oscillator, over its rms
-    third: float = np.nan  # third harmonic of the displacement over the first, at the largest
+    # Residual of the linear oscillator near resonance, over the rms of the response.
+    left: float = np.nan
+    third: float = np.nan  # largest third harmonic of the displacement over the first
     frequency_sd: float = np.nan  # standard deviation of the frequency [Hz]
     damping_sd: float = np.nan
 
     @property
     def holds(self) -> bool:
-        """Whether it is that of an oscillator, which takes in energy and is what was measured."""
+        """Whether the reading is that of a dissipative oscillator that fits the measurement."""
         return self.damping > 0.0 and not self.left > MISSED and bool(np.isfinite(self.y))
 
 
 class DrivenLines(NamedTuple):
-    """Lines of a record's transform that its source drives."""
+    """The lines of a record's Fourier transform that its source drives."""
 
     omega: Float[np.ndarray, " line"]  # [rad/s]
     source: Complex[np.ndarray, " line"]
     y: Complex[np.ndarray, " line"]  # displacement [m]
-    place: Int[np.ndarray, " line"]  # among all lines, the mean's being 0
+    place: Int[np.ndarray, " line"]  # index among all lines, where the mean has index 0
     num_samples: int
 
 
 def driven_lines(record: Record, band_hz: tuple[float, float] | None = None) -> DrivenLines:
-    """Return source and displacement on the driven lines, in a band where one is given."""
+    """Return source and displacement on the driven lines, within a band if given."""
     if not record.valid.all():
         raise DataError(f"{_named(record)} has samples missing.")
     u, x = (record.channels[role] for role in (record.source, record.response))
@@ -127,17 +130,17 @@ def driven_band(record: Record) -> tuple[float, float]:
 
 
 def swept(power: Float[np.ndarray, " line"]) -> Bool[np.ndarray, " line"]:
-    """Return a mask of the lines within a source's sweep, with all its energy but 1 %."""
+    """Return a mask of the lines within a source's sweep, which contain 99 % of its energy."""
     share = np.cumsum(power) / np.sum(power)
     return (share >= SWEPT) & (share <= 1 - SWEPT)
 
 
 def _named(record: Record) -> str:
-    return record.name or "A record"  # of one in memory there is no file to name
+    return record.name or "A record"  # a record in memory has no file name
 
 
 def read_lines(lines: DrivenLines) -> Reading:
-    """Read the resonance of a time record, at the energy-weighted amplitude of its envelope."""
+    """Return the resonance of a time record, at the energy-weighted amplitude of its envelope."""
     read = read_resonance(lines.omega, lines.source, lines.y)
     centre = 2 * np.pi * read.frequency_hz
     near = np.abs(lines.omega - centre) < WIDE * centre
@@ -151,7 +154,7 @@ def read_curve(
     source: Complex[np.ndarray, " point"],
     y: Complex[np.ndarray, " point"],
 ) -> Reading:
-    """Return the reading of a response curve, at the amplitude of its points weighed by energy."""
+    """Return the reading of a response curve, at the energy-weighted amplitude of its points."""
     if len(omega) < LEAST_POINTS:
         raise DataError(f"A curve shows its resonance by {LEAST_POINTS} frequencies or more.")
     return read_resonance(omega, source, y, is_curve=True)._replace(y=_weighed(y))
@@ -164,11 +167,11 @@ def read_resonance(
     *,
     is_curve: bool = False,
 ) -> Reading:
-    r"""Return an oscillator through the lines about the peak, narrower with what the last one said.
+    r"""Return the reading of an oscillator fitted to the lines about the peak, in narrowing bands.
 
-    What the lines leave, r of the response, is noise or a joint. What a joint leaves open is
-    $0.45\,r\,\zeta$, of the frequency and in the damping ratio, by drawn records of noise and
-    multisines; it is added to the standard deviations of the least squares.
+    The relative residual r of the response is due to noise or to a joint. A joint makes an error of
+    $0.45\,r\,\zeta$, in the relative frequency and in the damping ratio, as calibrated on simulated
+    records of noise and multisines; it is added to the standard deviations of the least squares.
     """
     centre = float(omega[int(np.argmax(np.abs(omega * y)))])
     half, least = WIDE * centre, LEAST_POINTS if is_curve else LEAST_LINES
@@ -192,11 +195,11 @@ def _through(
     y: Complex[np.ndarray, " line"],
     is_curve: bool,
 ) -> tuple[float, float, float, float, float]:
-    """Fit natural frequency [rad/s], damping ratio, residual over rms; and the first two's errors.
+    """Return natural frequency [rad/s], damping ratio, residual over rms, and the errors of both.
 
-    Standard deviations are those of the linear least squares, by its residual.
+    Standard deviations are those of the linear least squares, from its residual.
     """
-    # What velocities or accelerations lack of a displacement adds the third.
+    # The third end term is the difference of a velocity or acceleration to a displacement.
     ends = [] if is_curve else [np.ones_like(y), 1j * omega, 1 / (1j * omega)]
     columns = np.column_stack([y, 1j * omega * y, -source, *(-column for column in ends)])
     scale = np.linalg.norm(columns, axis=0)
@@ -223,13 +226,13 @@ def _through(
 def _weighed(envelope: Complex[np.ndarray, " value"]) -> float:
     r"""Return the energy-weighted mean amplitude, $\sum |Y|^3 / \sum |Y|^2$, of an envelope.
 
-    A stiffness that falls with the amplitude, k(A) = k_0 - k_1 A, is read by least squares at
+    A stiffness that falls with the amplitude, k(A) = k_0 - k_1 A, is read by least squares as
 
     $$\frac{\langle k(A)\,A^2\rangle}{\langle A^2\rangle}
       = k_0 - k_1 \frac{\langle A^3\rangle}{\langle A^2\rangle}$$
 
-    so that the reading lies on the backbone there; of noise, whose amplitudes are Rayleigh's, that
-    is $3\sqrt{\pi/8} = 1.88$ times its rms.
+    so that the reading lies on the backbone at this amplitude. For noise, whose amplitudes follow a
+    Rayleigh distribution, it is $3\sqrt{\pi/8} = 1.88$ times the rms.
 
     Reference:
         k = <F y> / <y^2>: Caughey (1963), J. Acoust. Soc. Am. 35, 1706.
@@ -239,20 +242,20 @@ def _weighed(envelope: Complex[np.ndarray, " value"]) -> float:
 
 
 def curves_of_points(test: Test) -> list[ControlledCurve]:
-    """Return the points of every record of a controlled test, those that were lost left out."""
+    """Return the points of every record of a controlled test, without lost points."""
     held = test.locked_phase if test.traits.is_locked else float("nan")
     curves = [controlled_curve(record, held) for record in test.records]
     return [curve.at(curve.valid) for curve in curves]
 
 
 def readings_of_points(test: Test, gain: float | None) -> list[Reading]:
-    r"""Return frequency and damping at each point's amplitude, by force per unit mass g F.
+    r"""Return frequency and damping at the amplitude of each point, with force per unit mass g F.
 
     $$\omega_r^2 = \omega^2 + \frac{g F \cos\varphi}{Y}, \qquad
       2\zeta\,\omega_r\,\omega = -\frac{g F \sin\varphi}{Y}$$
 
     Raises:
-        DataError: No force or phase was measured, or `gain` [1/kg] is not known.
+        DataError: Force or phase was not measured, or `gain` [1/kg] is not known.
     """
     curves = curves_of_points(test)
     if any(curve.force is None or curve.phase is None for curve in curves):

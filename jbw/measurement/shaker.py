@@ -1,11 +1,11 @@
-r"""A shaker's attachment from what it was fed, what it gave and how the drive point moved.
+r"""A shaker's attachment, identified from its voltage, its force and the drive point's motion.
 
 $$F = g\,e^{-j\omega\tau}\,V - (k_a + j\omega c_a - \omega^2 m_a)\,X_d$$
 
-is linear in (g, g tau, m_a, c_a, k_a) where the delay is short: least squares over the lines
-of one level find them. One mode alone does not: its force is a sum of the same columns,
+is linear in (g, g tau, m_a, c_a, k_a) if the delay is short: least squares over the lines of one
+level determine them. The lines of one mode do not: its force is a sum of the same columns,
 $F = (\omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega)\,X_d / \phi^2$, so that gain and attachment
-trade for each other. The band has to hold several.
+trade for each other. The band has to contain several modes.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from jbw.measurement.channels import (
 )
 from jbw.quantities import Motion, derivative_order
 
-DEGENERATE = 1e7  # condition number of the columns, of size one each
+DEGENERATE = 1e7  # condition number of the columns, each scaled to unit size
 NAMES = ("gain", "delay", "mass", "damping", "stiffness")
 
 
@@ -34,14 +34,15 @@ NAMES = ("gain", "delay", "mass", "damping", "stiffness")
 class ShakerFit:
     """A shaker as a gain and a linear attachment at the drive point, at one level."""
 
-    gain: float  # g, of the voltage [N/V]; negative where the polarity is turned
-    delay: float  # tau, of the force behind the voltage [s]
+    gain: float  # g, of the voltage [N/V]; negative if the polarity is inverted
+    delay: float  # tau, of the force relative to the voltage [s]
     mass: float  # m_a [kg]
     damping: float  # c_a [N s/m]
     stiffness: float  # k_a [N/m]
-    std: Float[np.ndarray, " 5"]  # of these, by what is left, its lines taken for independent
-    leftover: float  # of the force's lines, over their size
-    leftover_gain: float  # the same of a constant gain alone
+    # Standard deviations of the five values, from the residual of independent lines.
+    std: Float[np.ndarray, " 5"]
+    leftover: float  # residual of the force's lines, over their size
+    leftover_gain: float  # the same ratio for a constant gain alone
     num_lines: int
     band_hz: tuple[float, float]
 
@@ -58,16 +59,16 @@ def fit_attachment(
     """Fit gain, delay and attachment of a shaker by least squares over a band's lines.
 
     Args:
-        voltage: What the shaker was fed, shape (time,) [V], from rest to rest or whole periods.
-        force: What it gave [N].
-        response: How the drive point moved [m, m/s or m/s^2].
+        voltage: Voltage at the shaker, shape (time,) [V], from rest to rest or of whole periods.
+        force: Measured force of the shaker [N].
+        response: Measured motion of the drive point [m, m/s or m/s^2].
         fs: Sampling frequency [Hz].
-        band: Lowest and highest frequency [Hz]; several modes wide, where mass and stiffness are
-            to be told apart.
-        kind: What `response` is: displacement, velocity or acceleration.
+        band: Lowest and highest frequency [Hz]; it must contain several modes to separate mass and
+            stiffness.
+        kind: Kind of `response`: displacement, velocity or acceleration.
 
     Raises:
-        DataError: NaN, unequal lengths, fewer values than unknowns, a dead voltage.
+        DataError: A sample is NaN, lengths differ, values are too few, or the voltage is constant.
 
     Examples:
         A shaker of 5 N/V with an armature of 0.2 kg on a spring of 2000 N/m drives two modes:

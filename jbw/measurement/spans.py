@@ -1,4 +1,4 @@
-"""Lines of a campaign file that leave out what spoils records: by a span, or by their names."""
+"""Campaign lines that exclude bad parts of records, by a span or by the names of the files."""
 
 import json
 import re
@@ -14,18 +14,18 @@ from jbw.measurement.channels import Reals
 from jbw.measurement.records import Record
 from jbw.report.messages import remedies
 
-DIGITS = 6  # of a proposed span's ends, relative to its length
-LEAST = 0.05  # of a record, that is worth keeping
-SPAN = "span"  # in a record's provenance
+DIGITS = 6  # digits of the ends of a proposed span, relative to its length
+LEAST = 0.05  # share of a record below which a part is not worth keeping
+SPAN = "span"  # key of a record's provenance
 
 
 def span_words(span: tuple[float, float]) -> str:
-    """Return a span as the provenance states it."""
+    """Return a span as text in the form used by the provenance."""
     return f"{span[0]:.9g}-{span[1]:.9g} s"
 
 
 def start_of(record: Record) -> float:
-    """Time in its file at which a record begins, by the span that was read [s]."""
+    """Return the time in its file at which a record begins, from the span that was read [s]."""
     stated = re.match(r"(\d+(?:\.\d+)?(?:e[-+]\d+)?)-", record.provenance.get(SPAN, ""))
     return float(stated[1]) if stated else 0.0
 
@@ -33,21 +33,21 @@ def start_of(record: Record) -> float:
 def span_line(start: float, stop: float, begins: float = 0.0) -> str:
     """Return the campaign line that keeps a part of a record, rounded inwards.
 
-    Times count from the record's first sample, which lies at `begins` in the file; all in seconds.
+    Times count from the record's first sample, which is at `begins` in the file; all in seconds.
     """
     unit = 10.0 ** (np.floor(np.log10(stop - start)) + 1 - DIGITS)
-    # A time that is whole already must not move by round-off.
+    # Round-off must not move a time that is already whole.
     first = np.ceil((begins + start) / unit - 1e-6) * unit
     last = np.floor((begins + stop) / unit + 1e-6) * unit
     return f"{remedies.PUT} {remedies.span(_written(first), _written(last))}"
 
 
 def _written(seconds: float) -> float:
-    return abs(float(f"{seconds:.9g}"))  # of -0.0 as well
+    return abs(float(f"{seconds:.9g}"))  # `abs` also removes the sign of -0.0
 
 
 def rows_of_span(time: Reals, span: tuple[float, float]) -> slice:
-    """Return the samples in a span by (uneven) times, both counted from the first sample [s]."""
+    """Return the samples in a span, for (uneven) times counted from the first sample [s]."""
     half = 0.5 * float(np.nanmedian(np.diff(time))) if len(time) > 1 else 0.0
     since = time - time[0]
     after = np.flatnonzero(since >= span[0] - half)
@@ -61,12 +61,12 @@ def unbroken_line(
 ) -> str:
     """Return the campaign line that keeps a part of the times without a break.
 
-    It is the first part that is half as long as the longest; nothing where that has less than a
-    part `least` of the times.
+    It is the first part at least half as long as the longest; empty if that part contains less than
+    a share `least` of the times.
     """
     usual = float(np.median(np.diff(time)))
     starts, stops = np.append(0, breaks + 1), np.append(breaks + 1, len(time))
-    # Where times went back, a part begins behind all that came before it.
+    # If times went back, a part begins after the latest time before it.
     latest = np.append(-np.inf, np.maximum.accumulate(time))[starts] + usual / 2
     starts = starts + [
         int(np.searchsorted(time[first:stop], before))
@@ -81,7 +81,7 @@ def unbroken_line(
 
 
 def clean_part(spoilt: Bool[np.ndarray, " time"]) -> slice:
-    """Return the first stretch without spoilt samples at least half as long as the longest."""
+    """Return the first stretch without bad samples that is at least half as long as the longest."""
     edges = np.flatnonzero(np.diff(np.concatenate([[True], spoilt, [True]]).astype(np.int8)))
     starts, stops = edges[::2], edges[1::2]
     if not len(starts):
@@ -91,7 +91,7 @@ def clean_part(spoilt: Bool[np.ndarray, " time"]) -> slice:
 
 
 def kept_part(record: Record, spoilt: Bool[np.ndarray, " time"]) -> str:
-    """Return the remedy for spoilt samples: keep a span without them or leave out the record."""
+    """Return the remedy for bad samples: keep a span without them, or leave out the record."""
     part = clean_part(spoilt)
     if not np.isfinite(record.fs) or part.stop - part.start < max(2, LEAST * len(spoilt)):
         return f"{left_out(record)}."
@@ -107,7 +107,7 @@ def kept_before(record: Record, at_s: float) -> str:
 
 
 def left_out_from(record: Record, at_s: float) -> str:
-    """Return the remedy for a record that changes at some time [s], as by a second blow."""
+    """Return the remedy for a record that changes at a given time [s], such as by a second blow."""
     if at_s < LEAST * record.num_samples / record.fs:
         return f"{left_out(record)}."
     span = span_line(0.0, at_s, start_of(record)).partition(": ")[2]
@@ -120,18 +120,18 @@ def left_out(record: Record) -> str:
 
 
 def is_by_file(leaving_out: str) -> bool:
-    """Return whether a record is left out by the name of its file."""
+    """Return whether a remedy leaves out a record by the name of its file."""
     return remedies.EXCLUDE.search(leaving_out) is not None
 
 
 def put_line(leaving_out: str) -> str:
-    """Return the sentence on how to leave out a record, with the campaign line if there is one."""
+    """Return the sentence on how to leave out a record, with its campaign line if there is one."""
     words, _, line = leaving_out.partition(": ")
     return f"{remedies.PUT} {line}" if line else f"{words[0].upper()}{words[1:]}"
 
 
 def exclude_line(record: Record) -> str:
-    """Return words for leaving out a record, by its file if that has no other record."""
+    """Return how to leave out a record: by file name if the file has no other record."""
     name = record.name.partition(" + ")[0]
     if name and name in {Path(x).name for x in record.provenance.get("path", "").split("; ")}:
         return remedies.leave_out(toml_list([escape(name)]))
@@ -139,9 +139,9 @@ def exclude_line(record: Record) -> str:
 
 
 def of_all(of_records: Sequence[str], count: int) -> str:
-    """Return the remedy that serves some of `count` records, of those of each.
+    """Return one remedy for all `count` records from the remedies of the affected ones.
 
-    It keeps the span that they have in common and leaves out all that have none.
+    It keeps the span that they share and leaves out records without a common span.
     """
     spans = [match.group(1, 2) for remedy in of_records if (match := remedies.SPAN.search(remedy))]
     files = [
@@ -166,7 +166,7 @@ def of_all(of_records: Sequence[str], count: int) -> str:
 
 
 def toml_list(names: Sequence[str | int]) -> str:
-    """Return the names of files, or numbers of repeats, as TOML writes a list of them."""
+    """Return file names or repeat numbers as a TOML list."""
     return json.dumps(list(names), ensure_ascii=False)
 
 

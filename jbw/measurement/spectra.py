@@ -24,48 +24,50 @@ from jbw.quantities import Motion, derivative_order
 
 Window = Literal["hann", "boxcar"]
 
-# Width at half power of |W(f)|^2, in bins of 1 / (window length): what two lines need to be apart.
+# Width at half power of |W(f)|^2, in bins of 1 / (window length): the distance that separates two
+# lines.
 RESOLUTION_BINS = {"hann": 1.44, "boxcar": 0.89}
-# Below this many resolutions across a peak its damping, read off the peak, is 5 % too high or more.
+# If a peak is narrower than this many resolutions, its damping reads at least 5 % too high.
 COARSE = 4.0
 DEFAULT_SEGMENTS = 16
 
 
 @dataclass(frozen=True)
 class FRF:
-    """An estimated receptance and how it was estimated."""
+    """An estimated receptance with the settings of the estimate."""
 
     freq: Reals  # frequencies, zero excluded [Hz]
     # Receptance, displacement per unit of input, exp(+j omega t) convention.
     h: Complexes
     coherence: Reals  # ordinary coherence, 0 to 1
-    # E|error|^2 of `h`: the *sum* of the variances of its real and imaginary parts, equal halves.
+    # E|error|^2 of `h`: the *sum* of the variances of its real and imaginary parts, which are
+    # equal.
     variance: Reals
     input_spectrum: Reals  # one-sided power spectral density [unit^2/Hz]
-    output_spectrum: Reals  # the same of the response as it was measured
-    num_averages: float  # independent averages that the overlapping segments are worth
-    num_segments: int  # of each repeat
-    num_repeats: int  # averaged
-    nperseg: int  # samples in a segment
-    noverlap: int  # samples that neighbouring segments share
+    output_spectrum: Reals  # the same density of the measured response
+    num_averages: float  # number of independent averages equivalent to the overlapping segments
+    num_segments: int  # segments of each repeat
+    num_repeats: int  # number of averaged repeats
+    nperseg: int  # samples per segment
+    noverlap: int  # samples shared by neighbouring segments
     fs: float  # sampling frequency [Hz]
     window: Window
     estimator: Literal["h1", "h2"]
-    response: Motion  # what was measured: displacement, velocity or acceleration
+    response: Motion  # kind of measured response: displacement, velocity or acceleration
 
     @property
     def omega(self) -> Reals:
-        """Angular frequencies [rad/s]."""
+        """The angular frequencies [rad/s]."""
         return 2 * np.pi * self.freq
 
     @property
     def window_s(self) -> float:
-        """Duration of a segment [s]."""
+        """The duration of a segment [s]."""
         return self.nperseg / self.fs
 
     @property
     def resolution_hz(self) -> float:
-        """Width at half power of the window's own peak [Hz]."""
+        """The width at half power of the window's own peak [Hz]."""
         return RESOLUTION_BINS[self.window] / self.window_s
 
 
@@ -122,37 +124,39 @@ def frf(
     $$H_1 = S_{uy}/S_{uu}, \quad H_2 = S_{yy}/S_{yu}, \quad
       \mathrm{E}|\Delta H|^2 = \frac{1-\gamma^2}{\gamma^2}\,\frac{|H|^2}{K-1}$$
 
-    with the coherence gamma^2 and K effective averages. Each segment's mean is removed and
-    frequency zero left out. A velocity is divided by j omega, an acceleration by -omega^2, and a
-    response channel that lags is advanced by exp(+j omega delay).
+    with the coherence gamma^2 and K effective averages. The mean of each segment is removed, and
+    frequency zero is left out. A velocity is divided by j omega, an acceleration by -omega^2, and a
+    lagging response channel is advanced by exp(+j omega delay).
 
     With random input the window smears a narrow peak: H1 tends to the receptance convolved with
-    |W|^2, whatever the number of averages; `line_fit` allows for it. Use `window="boxcar"` with a
-    whole number of periods in a segment for a periodic input.
+    |W|^2, whatever the number of averages; `line_fit` accounts for it. For a periodic input, use
+    `window="boxcar"` with a whole number of periods per segment.
 
-    Of measured records name the channels in place of their samples: `jbw.frf(record, "force",
-    "velocity")`, where `record` is a `Record`, several of one length, or a `Test` with its repeats.
+    For measured records, give channel names in place of samples: `jbw.frf(record, "force",
+    "velocity")`, where `record` is a `Record`, several of equal length, or a `Test` with its
+    repeats.
 
     Args:
         u: Input, shape (time,) or (repeat, time); repeats are averaged together.
         y: Response, of the same shape [m, m/s or m/s^2].
         fs: Sampling frequency [Hz].
-        response: What `y` is: displacement, velocity or acceleration. A named channel says it.
+        response: Kind of `y`: displacement, velocity or acceleration; a named channel implies it.
         window: hann for random records, boxcar for periodic ones.
         window_s: Duration of a segment [s]; by default the longest that gives 16 segments.
-        nperseg: The same in samples.
+        nperseg: Number of samples per segment, in place of `window_s`.
         overlap: Shared part of neighbouring segments; by default 0.5 with hann, else 0.
         estimator: h1 (noise on the response) or h2 (noise on the input).
-        delay: Lag of the response channel behind the input channel [s]; by default zero, or that of
-            the `Test`.
+        delay: Lag of the response channel behind the input channel [s]; by default zero, or the
+            delay of the `Test`.
         band: Lowest and highest frequency to keep [Hz].
 
     Returns:
-        The estimate. Warns when the window is short for the peak it shows.
+        The estimated FRF. A warning is issued if the window is short for the peak.
 
     Raises:
-        DataError: NaN, unequal shapes, a dead input, or a record too short for two segments.
-        ConfigError: An option that cannot be meant, or a channel that a record lacks.
+        DataError: A sample is NaN, shapes differ, the input is constant, or the record is too
+            short for two segments.
+        ConfigError: An argument is out of its range, or a record lacks a channel.
 
     Examples:
         The receptance of the virtual rig peaks at 18.8 Hz:
@@ -205,7 +209,7 @@ def frf(
 def _named_channels(
     measured: Record | Sequence[Record] | Test, source: str, response: str
 ) -> tuple[Reals, Reals, float, Motion]:
-    """Return input and response of every repeat, their sampling frequency and what moves."""
+    """Return input and response of every repeat, their sampling frequency and kind of motion."""
     records = measured.records if isinstance(measured, Test) else measured
     records = [records] if isinstance(records, Record) else list(records)
     rates = {record.fs for record in records}
@@ -244,7 +248,7 @@ def _channel(record: Record, role: str) -> Reals:
 
 
 def _checked(window: str, estimator: str, overlap: float | None) -> float:
-    """Return the overlap, after a look at the words."""
+    """Return the overlap after checking window and estimator; raise a ConfigError if invalid."""
     if window not in RESOLUTION_BINS:
         raise ConfigError(f"Argument `window` must be hann or boxcar, but it is {window!r}.")
     if estimator not in ("h1", "h2"):
@@ -259,7 +263,7 @@ def _checked(window: str, estimator: str, overlap: float | None) -> float:
 def _segment_length(
     shape: tuple[int, ...], fs: float, window_s: float | None, nperseg: int | None, overlap: float
 ) -> int:
-    """Return the samples in a segment: as asked, or the longest that gives 16 segments in all."""
+    """Return the samples per segment: as requested, or the most that give 16 segments in total."""
     num_repeats, num_samples = shape
     if window_s is not None and nperseg is not None:
         raise ConfigError("Give `window_s` or `nperseg`, not both.")
@@ -282,8 +286,8 @@ def _segment_length(
 
 def _effective_averages(window: str, nperseg: int, noverlap: int, num_segments: int) -> float:
     """Return overlapping segments' averages, K = N / (1 + 2 sum_m (N - m) / N rho_m^2)."""
-    # With N segments and rho_m the window's correlation with itself m segments later: P. D. Welch,
-    # IEEE Trans. Audio Electroacoust. 15 (1967) 70-73.
+    # N is the number of segments and rho_m the correlation of the window with itself m segments
+    # later: P. D. Welch, IEEE Trans. Audio Electroacoust. 15 (1967) 70-73.
     w = np.asarray(signal.get_window(window, nperseg))
     step = nperseg - noverlap
     lags = np.arange(1, min(num_segments, -(-nperseg // step)))
@@ -321,8 +325,9 @@ def averaged(
     $$S_{uy} = \frac{2}{f_s \sum_n w_n^2} \langle \bar U Y \rangle, \qquad
       U = \sum_n w_n (u_n - \langle u \rangle)\, e^{-2\pi j k n / N}$$
 
-    half of it at frequency zero and at half of the sampling rate: S_uu, S_yy, and S_uy, in which a
-    lagging y has negative phase. Each segment of both is transformed once.
+    and half of that at frequency zero and at half of the sampling rate. The densities are S_uu,
+    S_yy and S_uy; a lagging y has negative phase in S_uy. Each segment of both signals is
+    transformed once.
     """
     taper = np.asarray(signal.get_window(window, nperseg))
     u, y = np.broadcast_arrays(u, y)
@@ -343,21 +348,21 @@ def averaged(
 
 
 def stands_out(h: Complexes) -> bool:
-    """Return whether there is a peak to judge; a flat or noisy estimate has none."""
+    """Return whether an FRF has a peak to judge; a flat or noisy estimate has none."""
     power = np.abs(h) ** 2
     return bool(power.max() > 10 * np.median(power))
 
 
 def _warn_when_coarse(estimate: FRF) -> None:
-    """Warn when the highest peak is hardly wider than the window's own."""
-    # A boxcar is for whole periods, whose lines are exact however far apart they are.
+    """Warn if the highest peak is hardly wider than the peak of the window itself."""
+    # A boxcar is meant for whole periods, whose lines are exact at any distance.
     if estimate.window == "boxcar":
         return
     seen = half_power_bandwidth(estimate.freq, estimate.h)
     if not stands_out(estimate.h) or seen > COARSE * estimate.resolution_hz:
         return
     peak = estimate.freq[np.argmax(np.abs(estimate.h))]
-    natural = max(seen - estimate.resolution_hz, seen / 4)  # the two widths nearly add
+    natural = max(seen - estimate.resolution_hz, seen / 4)  # the two widths approximately add
     longer = COARSE * RESOLUTION_BINS[estimate.window] / natural
     warnings.warn(
         f"The {estimate.window_s:g} s {estimate.window} window resolves "
@@ -369,12 +374,12 @@ def _warn_when_coarse(estimate: FRF) -> None:
 
 
 def strongest_line(x: Reals, fs: float, *, window: Window = "hann", lowest: int = 1) -> float:
-    r"""Return the frequency of the strongest line [Hz], by a parabola through its logarithms.
+    r"""Return the frequency of the strongest line [Hz], from a parabola through its logarithms.
 
     $$f = \frac{f_s}{N}\Bigl(k + \frac{a - c}{2 (a - 2b + c)}\Bigr)$$
 
-    with a, b, c the logarithms of the lines k - 1, k, k + 1 of the transform through a window; k is
-    at least `lowest`. A decay is strongest where it begins, which a Hann window would hide.
+    with a, b, c the logarithms of the lines k - 1, k, k + 1 of the windowed transform; k is at
+    least `lowest`. A decay is strongest at its beginning, which a Hann window would hide.
     """
     x = x[np.isfinite(x)]
     weights = np.hanning(len(x)) if window == "hann" else np.ones(len(x))

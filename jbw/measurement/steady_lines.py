@@ -1,11 +1,11 @@
-r"""Lines that do not decay taken out of a free decay: hum, or a machine that runs nearby.
+r"""Removal of steady lines from a free decay, such as hum or a machine that runs nearby.
 
 $$x(t) = \sum_i A_i \cos(2\pi f_i t + \varphi_i)
   + B\,e^{-\sigma t} \cos(2\pi f_0 t + \beta) + e(t)$$
 
-by least squares over the last half of a record, where the decay is weakest, under a Hann window,
-which keeps other modes out; amplitudes and phases by linear algebra for every f_i, f_0 and sigma.
-What was found of the lines is taken out of the whole record.
+is fitted by least squares to the last half of a record, where the decay is weakest, under a Hann
+window, which suppresses other modes. Amplitudes and phases follow by linear algebra for every f_i,
+f_0 and sigma. The fitted lines are subtracted from the whole record.
 """
 
 from collections.abc import Sequence
@@ -19,19 +19,19 @@ from jbw.errors import DataError
 from jbw.measurement.channels import Reals
 from jbw.report.messages import reading as messages
 
-PERIODS = 8.0  # of a line in half a record at least: fewer are a drift
-STATED = 1.0  # lines of the half record's spectrum that a stated frequency may be off by
-KNOWN = 0.3  # of a line's amplitude: its error where it is extrapolated to, at the most
-FINER = 8  # values of the spectrum a line, for the mode's start
+PERIODS = 8.0  # fewest periods of a line in half a record; fewer are a drift
+STATED = 1.0  # largest error of a stated frequency, in lines of the half record's spectrum
+KNOWN = 0.3  # largest extrapolated error of a line, over its amplitude
+FINER = 8  # spectrum values per line, for the starting values of the mode
 
 
 class SteadyLine(NamedTuple):
-    """A line as it was taken out: its frequency and amplitude, and the error of what was taken.
+    """A removed line: its frequency, its amplitude, and the error of its removal.
 
     Attributes:
         hz: Frequency [Hz].
-        amplitude: Peak, in the unit of the samples.
-        error: Standard error of the line at that end of the record where it is known least.
+        amplitude: Peak amplitude, in the unit of the samples.
+        error: Standard error of the line at the end of the record where it is least certain.
     """
 
     hz: float
@@ -42,16 +42,16 @@ class SteadyLine(NamedTuple):
 def without_lines(
     x: Float[np.ndarray, " time"], fs: float, lines_hz: Sequence[float]
 ) -> tuple[Reals, tuple[SteadyLine, ...]]:
-    """Subtract steady lines about stated frequencies; return samples and the lines found.
+    """Subtract steady lines near stated frequencies; return the samples and the fitted lines.
 
     Args:
-        x: The response of a free decay.
+        x: Response in a free decay.
         fs: Sampling frequency [Hz].
-        lines_hz: Frequencies [Hz], each to a line 2 fs / len(x) of the half record's spectrum.
+        lines_hz: Frequencies [Hz], each accurate to a line of the half record's spectrum,
+            2 fs / len(x).
 
     Raises:
-        DataError: A line that the record cannot tell: too slow, beyond fs / 2, or no larger than
-            its error.
+        DataError: A line is too slow for the record, above fs / 2, or not larger than its error.
     """
     first = len(x) // 2
     part = x[first:] - np.mean(x[first:])
@@ -70,7 +70,7 @@ def without_lines(
     def design(values: Reals) -> Float[np.ndarray, "time column"]:
         *lines, mode, rate = values
         columns = [wave(2 * np.pi * hz * time) for hz in lines for wave in (np.cos, np.sin)]
-        # From the first of the samples on, so that no rate makes it large.
+        # The decay is scaled to its first sample, so that no rate makes it large.
         decay = np.exp(-rate * (time - time[0]))
         columns += [decay * wave(2 * np.pi * mode * time) for wave in (np.cos, np.sin)]
         return np.stack(columns, axis=1)
@@ -109,13 +109,13 @@ def lines_removed(lines: Sequence[SteadyLine]) -> str:
 
 
 def _mode_of(x: Reals, fs: float, lines_hz: Sequence[float], resolution: float) -> list[float]:
-    """Return the frequency [Hz] and rate [1/s] of the strongest decay before, to begin with."""
+    """Return starting values of frequency [Hz] and rate [1/s] for the strongest decay before it."""
     size = np.abs(np.fft.rfft((x - np.mean(x)) * np.hanning(len(x)), FINER * len(x)))
     freq = np.fft.rfftfreq(FINER * len(x), 1 / fs)
     size[freq < PERIODS * resolution] = 0
     for hz in lines_hz:
         size[np.abs(freq - hz) < resolution] = 0
-    # Between a record's first and second quarter.
+    # The rate is that between the first and second quarter of the record.
     quarter = len(x) // 2
     fall = np.std(x[:quarter]) / max(float(np.std(x[quarter:])), 1e-300)
     rate = max(np.log(max(fall, 1.0)) * fs / max(quarter, 1), resolution)
@@ -123,18 +123,18 @@ def _mode_of(x: Reals, fs: float, lines_hz: Sequence[float], resolution: float) 
 
 
 class _WeightedPart(NamedTuple):
-    """The part of a record to which lines and a decay are fitted, and their columns there."""
+    """The part of a record to which lines and a decay are fitted, and the columns of the fit."""
 
     columns: Float[np.ndarray, "time column"]
     part: Reals
     weight: Reals
-    time: Reals  # from the middle of the part [s]
+    time: Reals  # times from the middle of the part [s]
 
 
 def _with_errors(
     lines_hz: Reals, amplitudes: Reals, fitted: _WeightedPart, length_s: float
 ) -> tuple[SteadyLine, ...]:
-    """Return the lines with the errors of their removal, from the scatter about the fit."""
+    """Return the lines with the errors of their removal, from the residual of the fit."""
     columns, part, weight, time = fitted
     scatter = part - columns @ amplitudes
     variance = float(np.sum((weight * scatter) ** 2) / np.sum(weight**2))
@@ -146,13 +146,13 @@ def _with_errors(
     size = np.linalg.norm(jacobian, axis=0)
     weighed = (weight**2)[:, None] * jacobian / size
     normal = np.linalg.pinv(weighed.T @ jacobian / size)
-    # White noise under weights that are not its own: the sandwich.
+    # The sandwich covariance is for white noise with weights that do not match it.
     covariance = variance * normal @ (weighed.T @ weighed) @ normal / np.outer(size, size)
-    furthest = length_s - time[-1]  # from the middle of the part to the record's start
+    furthest = length_s - time[-1]  # distance from the middle of the part to the record's start
     lines = []
     for i, (a, b) in enumerate(amplitudes[: 2 * len(lines_hz)].reshape(-1, 2)):
         chosen = [2 * i, 2 * i + 1, len(amplitudes) + i]
-        # The worst phase: as far as amplitude and turn at the furthest end go.
+        # Take the worst phase: the combined errors of amplitude and phase at the furthest end.
         peak = float(np.hypot(a, b))
         along = np.array([a, b, 0.0]) / max(peak, 1e-300)
         across = np.array([-b, a, 0.0]) / max(peak, 1e-300)

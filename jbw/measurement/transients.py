@@ -1,4 +1,4 @@
-"""The FRF of one transient record, such as a sweep: all of it one segment, from rest to rest."""
+"""The FRF of one transient record, such as a sweep: a single segment from rest to rest."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from jbw.measurement.channels import channel, lines_within, passband, same_lengt
 from jbw.measurement.spectra import FRF
 from jbw.quantities import Motion, derivative_order
 
-DRIVEN = 1e-3  # of the largest line of an input: below, the ratio is noise over noise
+DRIVEN = 1e-3  # share of an input's largest line below which the ratio is noise over noise
 
 
 def record_frf(
@@ -22,23 +22,24 @@ def record_frf(
     response: Motion = "displacement",
     delay: float = 0.0,
 ) -> FRF:
-    r"""Estimate the receptance of one record from rest to rest, $H = Y / U$ of the whole of it.
+    r"""Estimate the receptance of one record from rest to rest as the ratio $H = Y / U$.
 
-    A sweep has no segments to average over: its lines do not know their noise. What a fit leaves of
-    them is mostly no sensor's noise but the joint's own: it is taken as even over the lines of what
-    was measured, per unit of the input, of a level that the fit finds (`fit_modes`).
+    A sweep has no segments to average over, so that its lines do not determine their noise. The
+    residual of a fit to them is mostly due to the joint and not to the sensor. The noise is taken
+    as constant over the lines of the measured response per unit of input; the fit determines its
+    level (`fit_modes`).
 
     Args:
         u: Input, shape (time,).
         y: Response, of the same shape [m, m/s or m/s^2].
         fs: Sampling frequency [Hz].
-        band: Lowest and highest frequency to keep [Hz]: what the record sweeps.
-        response: What `y` is: displacement, velocity or acceleration.
+        band: Lowest and highest frequency to keep [Hz], within the swept range.
+        response: Kind of `y`: displacement, velocity or acceleration.
         delay: Lag of the response channel behind the input channel [s].
 
     Raises:
-        DataError: NaN, unequal shapes, or lines in the band that the input does not drive.
-        ConfigError: A band that holds no line.
+        DataError: A sample is NaN, shapes differ, or the input does not drive a line of the band.
+        ConfigError: The band contains no line.
 
     Examples:
         A weak sweep of the virtual rig peaks at its 18.8 Hz:
@@ -71,7 +72,7 @@ def record_frf(
     factor = (2j * np.pi * freq) ** derivative_order(response)
     h = above / below * np.exp(2j * np.pi * freq * delay) / factor
     power = 2 / (fs * len(u)) * np.abs(np.array([below, above])) ** 2
-    # Only its shape over the lines counts: even, in the response measured for a unit of the input.
+    # Only the shape over the lines matters: constant in the measured response per unit of input.
     variance = np.mean(np.abs(h * factor) ** 2) / np.abs(factor) ** 2
     return FRF(
         freq=freq, h=h, coherence=np.ones_like(freq), variance=variance, input_spectrum=power[0],

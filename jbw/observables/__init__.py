@@ -1,1 +1,1 @@
-"""One module a kind of test: reduce its records, predict them, weigh the difference."""
+"""Observables, one module per kind of test: reduce its records, predict them, weigh residuals."""

@@ -1,12 +1,12 @@
 r"""The shaker's predicted effect on frequency and damping under another drive, an observable.
 
-Voltage, force and the drive point's motion tell what the armature adds to the structure, and with
-that by how much natural frequency and damping differ when it is driven by voltage,
+Voltage, force and motion at the drive point determine what the armature adds to the structure, and
+so the change of natural frequency and damping when the structure is driven by voltage,
 
 $$\omega_n' - \omega_n \sim N(\Delta\omega, s_\omega^2), \qquad
   \zeta' - \zeta \sim N(\Delta\zeta, s_\zeta^2)$$
 
-A run's offsets move both alike, so that this says nothing of them.
+A run's offsets move both equally, so that this does not constrain them.
 """
 
 from collections.abc import Mapping
@@ -30,13 +30,13 @@ def label_of(drive: str) -> str:
 
 
 class Foretold(KnownReading):
-    """Change of omega_n [rad/s] and zeta by the shaker of a drive, with standard deviations.
+    """The predicted change of omega_n [rad/s] and zeta by a drive's shaker, with uncertainty.
 
     Attributes:
-        mean: Of the changes.
-        std: Of the changes, known.
-        fed: The drive whose shaker it is.
-        words: How it was read.
+        mean: Predicted changes.
+        std: Known standard deviations of the changes.
+        fed: Drive whose shaker it is.
+        words: Text on how the changes were determined.
     """
 
     moved_by_runs: ClassVar[bool] = False
@@ -57,19 +57,19 @@ class Foretold(KnownReading):
         *,
         laws: Laws = DEFAULT_LAWS,
     ) -> Self:
-        """Return the changes of omega_n [rad/s] and zeta that a shaker's attachment leads to."""
+        """Build the predicted changes of omega_n [rad/s] and zeta by a shaker's attachment."""
         groups = read_before(label_of(fed), run, len(OFFSETS))
         read = jnp.asarray(mean)[None]
         return cls(jnp.asarray(std), fed, words, mean=read, groups=groups, laws=laws)
 
     def predict(self, theta: Theta) -> Float[Array, "1 own"]:
-        """Return changes of omega_n [rad/s] and zeta from the structure to that with its shaker."""
+        """Return changes of omega_n [rad/s] and zeta by the shaker, from given parameters."""
         return jnp.stack([theta[named(name, self.fed)] - theta[name] for name in OFFSETS])[None]
 
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 own"], Float[Array, "1 offset own"], float]:
-        """Return foretold less assumed changes, in standard deviations."""
+        """Return predicted minus assumed changes, in standard deviations."""
         return (self.mean - self.predict(theta)) / self.std, self.groups.directions, 0.0
 
     def statements(self, theta: Theta) -> list[str]:

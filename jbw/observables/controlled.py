@@ -1,16 +1,16 @@
-r"""Points of a controlled test: at the amplitude that was measured, the force that holds it.
+r"""Controlled tests as observables: at each measured amplitude, the force that sustains it.
 
-A controller holds the phase (a backbone, or points at another phase) or the amplitude (S-curves,
-response curves through their unstable branch, surfaces of force). Predicted is what is not held, at
-the amplitude that was measured, by a harmonic balance condensed to it
-(`oscillator.steady.controlled`): no point has another branch to jump to.
+A controller fixes the phase (a backbone, or points at another phase) or the amplitude (S-curves,
+response curves through their unstable branch, surfaces of force). The quantities that are not fixed
+are predicted at the measured amplitude, by a harmonic balance condensed to it
+(`jbw.oscillator.steady.backbone`): no point can jump to another branch.
 
-| held | measured and taken as known | compared |
+| controlled | measured and taken as exact | compared |
 |---|---|---|
 | phase | amplitude, phase | frequency [Hz], force |
 | amplitude | amplitude, frequency | phase [rad], force |
 
-A group is what is compared of one test, with a noise of its own: that of a force is a part of it.
+A group is one compared quantity of one test, with its own noise; that of a force is relative.
 """
 
 from collections.abc import Iterator, Sequence
@@ -44,38 +44,39 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import force_at, tone_at_phase
 from jbw.quantities import DEFAULT_LAWS, Motion, derivative_order
 
-HALF_WIDTH = 0.01  # of a frequency, until a fit tells the damping
-FEW = 0.25  # of the points, those of least motion, by which the natural frequency begins
-LEAST_NOISE = 1e-3  # of what a fit leaves: the noise beside that of the amplitude, at least
+HALF_WIDTH = 0.01  # half width of a resonance over its frequency, before a fit gives the damping
+FEW = 0.25  # of the points, those of smallest motion, for the starting value of omega_n
+LEAST_NOISE = 1e-3  # of a fit's residual: least noise in addition to that of the amplitude
 QUARTER = -0.5 * np.pi  # phase of the displacement at phase resonance [rad]
-MOMENTS = 4  # variables of a point that scatter: what is not the force, force, log Y, phase
+MOMENTS = 4  # variables of a point's scatter: frequency or phase, force, log Y, phase
 
 
 class ControlledGroup(NamedTuple):
-    """One group: which test, and what of it is compared."""
+    """A group of a controlled test: the number of the test, and the compared quantity."""
 
     test: int
     quantity: str  # frequency, phase or force
 
 
 class ControlledPoints(Observable):
-    """Points of controlled tests, a group for frequency or phase and one for the force of each.
+    """The points of controlled tests: a group for frequency or phase, and one for the force.
 
     Attributes:
-        omega: Measured frequency of every point [rad/s]; 1 behind a test's last.
-        amplitude: Measured amplitude of the displacement [m]; that of the last behind it.
-        phase: Measured, or held, phase of the displacement to the force [rad]; NaN where neither.
-        load: Measured amplitude of the source [N, V or N/kg]; NaN where not measured.
-        counted: 1 for a point, 0 behind a test's last.
-        mean: What is compared, in its unit; zero behind a group's last. Its errors are relative to
-            the mean force, the half width of the resonance [Hz], one radian.
-        scale: Noise of every value over its geometric mean, a number about 1.
-        mixed: By how much a group goes with the misfit of the force, both by the amplitude's noise.
-        moments: Scatter of the repeats of every point, products of deviations summed over repeats:
-            of what is compared beside the force, the force, log amplitude and phase.
-        amplitude_std: Relative standard deviation of each test's amplitudes, as stated.
-        rows: What each group is; static.
-        is_locked: Whether the phase is held, so that the frequency is predicted; static.
+        omega: Measured frequency of every point [rad/s]; padded with a test's last value.
+        amplitude: Measured amplitude of the displacement [m]; padded with a test's last value.
+        phase: Measured or controlled phase of the displacement to the force [rad]; NaN if neither.
+        load: Measured amplitude of the source [N, V or N/kg]; NaN if not measured.
+        counted: 1 for a point, 0 for padding.
+        mean: Compared values in their units; zero for padding. Errors are relative to the mean
+            force, to the half width of the resonance [Hz], or to one radian.
+        scale: Noise of every value over its geometric mean, a number of about 1.
+        mixed: Part of the force's misfit in a group, because both contain the noise of the
+            amplitude.
+        moments: Scatter of the repeats of every point: products of deviations, summed over repeats,
+            of the compared quantity other than force, the force, the log amplitude and the phase.
+        amplitude_std: Stated relative standard deviation of each test's amplitudes.
+        rows: Test and compared quantity of each group; static.
+        is_locked: Whether the phase is controlled, so that the frequency is predicted; static.
         unit_of_source: Unit of the forces; static.
     """
 
@@ -101,7 +102,7 @@ class ControlledPoints(Observable):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple["ControlledPoints", ...]:
-        """Average the repeats of all points, in one part per phase control, force and residuals."""
+        """Average the repeats of all points; one part per phase control, force and residuals."""
         families: dict[tuple[Any, ...], list[tuple[Test, list[ControlledCurve]]]] = {}
         for test in tests:
             held = test.locked_phase if test.traits.is_locked else float("nan")
@@ -124,7 +125,7 @@ class ControlledPoints(Observable):
         *,
         is_locked: bool,
     ) -> Self:
-        """Return the tests of one form side by side."""
+        """Build one part from tests of one form and their repeated curves."""
         if residuals == "own":
             raise DataError(
                 f"`residuals` = 'own' must be of a test whose response is compared, but in "
@@ -181,11 +182,12 @@ class ControlledPoints(Observable):
         num_samples: int,
         laws: Laws = DEFAULT_LAWS,
     ) -> Self:
-        r"""Return planned points of phase resonance with their expected measurement noise.
+        r"""Return planned points at phase resonance, with their expected measurement noise.
 
         The fundamental of N samples has the relative standard deviation $\epsilon =
-        \sigma\sqrt{2/N}/X$ along and across its phasor, X being the response's amplitude: of the
-        force as much, of the frequency $\zeta_{eq} f \epsilon$, by which a phase moves it.
+        \sigma\sqrt{2/N}/X$ along and across its phasor, where X is the response's amplitude. The
+        force has the same; the frequency has $\zeta_{eq} f \epsilon$, because an error of the phase
+        shifts it.
         """
         omega = np.full(len(amplitude), float(theta["omega_n"]))
         load = np.ones(len(amplitude))
@@ -203,13 +205,13 @@ class ControlledPoints(Observable):
         return replace(planned, mean=mean, scale=jnp.asarray(scale), groups=groups)
 
     def predict(self, theta: Theta) -> Float[Array, "group point"]:
-        """Predict frequency [Hz] or phase [rad], and force in the source's unit, per group."""
+        """Predict each group: frequency [Hz] or phase [rad], or force in the source's unit."""
         return self._at(theta, self.amplitude, self.phase)
 
     def _at(
         self, theta: Theta, amplitude: Float[Array, "test point"], phase: Float[Array, "test point"]
     ) -> Float[Array, "group point"]:
-        """Return the same at other amplitudes [m] and phases [rad]."""
+        """Return the prediction of each group at given amplitudes [m] and phases [rad]."""
         joint, gain = oscillator_of(theta, self.laws), theta["gain"]
         y, phi = self._of_joint(theta, amplitude, phase)
         if self.is_locked:
@@ -218,7 +220,8 @@ class ControlledPoints(Observable):
             frequency_or_phase = omega / (2 * np.pi)
         else:
             held = jax.vmap(jax.vmap(partial(force_at, joint)))(self.omega, y) / gain
-            # The force's phase counts from the joint's own motion, which leads the measured one.
+            # The force's phase is relative to the joint's own motion, which leads the measured
+            # motion.
             frequency_or_phase, force = -jnp.angle(held) - (phi - phase), jnp.abs(gain * held)
         by_quantity = {"force": force / jnp.abs(gain)}
         return jnp.stack(
@@ -233,7 +236,7 @@ class ControlledPoints(Observable):
         if not terms or self.unit_of_source == "":
             return amplitude, phase
         motion_phase = phase
-        if not self.is_locked:  # a phase that was not measured is that of the motion without them
+        if not self.is_locked:  # an unmeasured phase is that of the motion without residual terms
             hold = partial(force_at, oscillator_of(theta, self.laws))
             without = -jnp.angle(jax.vmap(jax.vmap(hold))(self.omega, amplitude) / theta["gain"])
             motion_phase = jnp.where(jnp.isfinite(phase), phase, without)
@@ -242,12 +245,12 @@ class ControlledPoints(Observable):
         return jnp.abs(joint_motion), motion_phase + jnp.angle(joint_motion / moved)
 
     def compared(self, values: Any) -> Float[Array, "group point"]:
-        """Return values over the noise's course, without what goes with the force's."""
+        """Return values over their noise profile, without the part shared with the force's."""
         rows = self._counted * values
         return (rows - self.mixed * rows[self._force_of_test]) / self.scale
 
     def misfit(self, theta: Theta) -> Float[Array, "group point"]:
-        """Return measured less predicted as they are compared, phases the short way round."""
+        """Return measured minus predicted values in compared form, with wrapped phases."""
         residual = self.mean - self.predict(theta)
         turned = jnp.array([row.quantity == "phase" for row in self.rows])[:, None]
         return self.compared(jnp.where(turned, jnp.angle(jnp.exp(1j * residual)), residual))
@@ -258,12 +261,12 @@ class ControlledPoints(Observable):
 
     @property
     def _force_of_test(self) -> Int[np.ndarray, " group"]:
-        """Number of the group that holds the force of the same test; a group's own without one."""
+        """The number of the group with the same test's force; a group's own number without one."""
         forces = {row.test: i for i, row in enumerate(self.rows) if row.quantity == "force"}
         return np.array([forces.get(row.test, i) for i, row in enumerate(self.rows)])
 
     def spread(self, group: int) -> Float[np.ndarray, " value"]:
-        """Return the noise of every value by itself, over the noise of its group."""
+        """Return the noise of every value of a group, relative to the noise of the group."""
         where, force = compared(self.groups, group), self._force_of_test[group]
         scale, mixed = (np.asarray(x)[group][where] for x in (self.scale, self.mixed))
         noise = np.asarray(self.groups.noise_std)
@@ -271,14 +274,14 @@ class ControlledPoints(Observable):
         return np.hypot(scale, force_noise)
 
     def relative_to(self, group: int) -> Float[np.ndarray, " value"]:
-        """Return the reference of each value's relative error, in its unit; forces: themselves."""
+        """Return each value's reference for relative errors, in its unit (a force's is itself)."""
         mean = np.asarray(self.mean)[group][compared(self.groups, group)]
         if self.rows[group].quantity == "force":
             return mean
         return np.full(len(mean), np.asarray(self.groups.reference)[group])
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
-        """Return the data with noise from a fit's residuals, including amplitude noise."""
+        """Return the data with noise from a fit's residuals, including that of the amplitude."""
         rows = np.zeros(self.mean.shape)
         for i, label in enumerate(self.groups.labels):
             rows[i, : len(residuals[label])] = np.real(residuals[label])
@@ -294,10 +297,10 @@ class ControlledPoints(Observable):
 
         $$r_i = \epsilon_i + s_i\,\eta_i, \qquad s_i = \partial m_i / \partial \ln Y_i$$
 
-        where all groups of a test share the errors eta of its amplitudes, of the stated standard
-        deviation: of the force's misfit r_F the others hold $\mathrm{cov}(r, r_F) /
-        \mathrm{var}(r_F)$, which is taken out of them. A repeat's deviation counts without what its
-        own amplitude and phase explain.
+        where all groups of a test share the errors eta of its amplitudes, with the stated standard
+        deviation. The other groups contain the part $\mathrm{cov}(r, r_F) / \mathrm{var}(r_F)$ of
+        the force's misfit r_F; it is subtracted from them. The deviation of a repeat counts without
+        the part that its own amplitude and phase explain.
         """
         slopes = [np.asarray(x) for x in slopes_by_inputs(theta, replace(self, groups=None))]
         deviations = [self._deviation(i, [x[i] for x in slopes]) for i in range(len(self.rows))]
@@ -330,7 +333,7 @@ class ControlledPoints(Observable):
     def _deviation(
         self, group: int, slopes: Sequence[Float[np.ndarray, " point"]]
     ) -> Float[np.ndarray, "point variable"]:
-        """Return weights of a repeat's deviations that remove the effect of its inputs."""
+        """Return weights of a repeat's deviations that remove its amplitude's and phase's part."""
         weights = np.zeros((len(slopes[0]), MOMENTS))
         weights[:, 1 if self.rows[group].quantity == "force" else 0] = 1.0
         weights[:, 2] = -slopes[0]
@@ -344,7 +347,7 @@ class ControlledPoints(Observable):
         weights: Float[np.ndarray, "point variable"],
         scale: Float[np.ndarray, " point"],
     ) -> float:
-        """Return the squares of a group's repeats about their mean, as the misfit has them."""
+        """Return the scatter of a group's repeats: weighted squared deviations from the mean."""
         products = np.asarray(self.moments)[self.rows[group].test]
         squares = np.einsum("pi,pij,pj->p", weights, products, weights)
         return float(np.sum((squares / scale**2)[compared(self.groups, group)]))
@@ -362,7 +365,7 @@ class ControlledPoints(Observable):
         return size
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return the frequency of the points of least motion, the points of measured force."""
+        """Return the model-free facts: frequency at the smallest motion, and measured forces."""
         lines = partial(_steady_lines, self)
         y_peak = float(jnp.max(self.amplitude))
         amplitudes = np.asarray(self.amplitude)[[row.test for row in self.rows]]
@@ -380,7 +383,7 @@ class ControlledPoints(Observable):
 
 
 def _first_values(data: ControlledPoints) -> dict[str, float]:
-    """Return the natural frequency: of the points of least motion, or through them."""
+    """Return the starting value of omega_n, from the points of smallest motion."""
     omega, y, load, phase = _points(data)
     least = np.argsort(y)[: max(LEAST_LINES, int(FEW * len(y)))]
     several = len(np.unique(omega[least])) >= LEAST_LINES
@@ -392,7 +395,7 @@ def _first_values(data: ControlledPoints) -> dict[str, float]:
 
 
 def _steady_lines(data: ControlledPoints) -> SteadyLines | None:
-    """Return points of measured force; an unknown phase is that far from the resonance."""
+    """Return the points with measured force; an unknown phase is 0 or -pi, far from resonance."""
     if not data.unit_of_source:
         return None
     omega, y, load, phase = _points(data)
@@ -414,7 +417,7 @@ def _predicted(theta: Theta, data: ControlledPoints) -> Float[Array, "group poin
 
 
 class Frequencies(ControlledPoints):
-    """A backbone of frequency and amplitude alone: nothing of it tells damping or modal mass."""
+    """A backbone of frequency and amplitude alone, which constrains no damping or modal mass."""
 
     kinds: ClassVar[tuple[str, ...]] = ()
     informs: ClassVar[frozenset[str]] = frozenset({"omega_n"})
@@ -424,7 +427,7 @@ class Frequencies(ControlledPoints):
 def slopes_by_inputs(
     theta: Theta, data: ControlledPoints
 ) -> tuple[Float[Array, "group point"], Float[Array, "group point"]]:
-    """Return derivatives of the predictions by log amplitude and by phase [1/rad]."""
+    """Return the derivatives of the predictions by log amplitude and by phase [1/rad]."""
     y, phase = data.amplitude, data.phase
     none, unit = jnp.zeros_like(y), jnp.ones_like(y)
     _, slopes_along = jax.linearize(partial(data._at, theta), y, phase)
@@ -465,7 +468,7 @@ def _require_alike(test: Test, curves: Sequence[ControlledCurve]) -> None:
 
 
 def _without_lost_points(curves: Sequence[ControlledCurve]) -> list[ControlledCurve]:
-    """Return the curves without points that one of them lacks, which are NaN."""
+    """Return the curves without the points that are lost (NaN) in any of them."""
     valid = np.logical_and.reduce([curve.valid for curve in curves])
     return [curve.at(valid) for curve in curves]
 
@@ -484,7 +487,7 @@ def _compared(
 
 
 def _near(phase: Any, first: Any) -> Float[np.ndarray, " point"]:
-    """Return a phase less whole turns beside another [rad]."""
+    """Return a phase shifted by whole turns, to within half a turn of another phase [rad]."""
     return first + np.angle(np.exp(1j * (phase - first)))
 
 
@@ -512,7 +515,7 @@ def _groups_of(
 
 
 def _mean_inputs(curves: Sequence[ControlledCurve]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return frequency [rad/s], amplitude [m] and phase [rad] per point; NaN for no phase."""
+    """Return mean frequency [rad/s], amplitude [m] and phase [rad] per point; NaN for no phase."""
     omega = 2 * np.pi * np.mean([curve.freq_hz for curve in curves], axis=0)
     amplitude = np.exp(np.mean([np.log(curve.amplitude) for curve in curves], axis=0))
     return omega, amplitude, np.mean([_phase(curve, curves[0]) for curve in curves], axis=0)
@@ -533,7 +536,7 @@ def _mean_force(curves: Sequence[ControlledCurve]) -> Float[np.ndarray, " point"
 def _moments(
     curves: Sequence[ControlledCurve], *, is_locked: bool
 ) -> Float[np.ndarray, "point variable variable"]:
-    """Return the products of the deviations of the repeats of every point, summed over them."""
+    """Return products of the repeats' deviations at every point, summed over the repeats."""
     phase = np.stack([np.nan_to_num(_phase(curve, curves[0])) for curve in curves])
     frequency_or_phase = np.stack([curve.freq_hz for curve in curves]) if is_locked else phase
     force = np.nan_to_num(np.stack([_mean_force([curve]) for curve in curves]))
@@ -544,7 +547,7 @@ def _moments(
 
 
 def _course(row: ControlledGroup, mean: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
-    """Return the noise profile without the amplitude's: the mean for forces, else ones."""
+    """Return the noise profile without the amplitude's noise: the mean for forces, else ones."""
     return mean if row.quantity == "force" else np.ones(len(mean))
 
 

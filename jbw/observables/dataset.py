@@ -1,7 +1,8 @@
-"""Whatever was measured, in one likelihood of one joint: the parts of a campaign side by side.
+"""The dataset of a campaign: all that was measured, in one likelihood of one joint.
 
-The residual is a dictionary of rows by the groups' labels, and of the offsets of the runs; what
-optimisers take, its rows end to end, is made by `stacked` and read back by `by_label` alone.
+The residual is a dictionary of rows, with the labels of groups and of the runs' offsets as keys.
+Optimisers take its rows end to end; only `stacked` makes that array and only `by_label` reads it
+back.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,22 +27,23 @@ from jbw.observables.modes import Modes
 from jbw.observables.observable import OFFSETS, Observable, Theta, assemblies_of, numbers_of
 from jbw.observables.observable import unnamed as nameless
 
-SCATTERS = np.geomspace(1e-8, 1e-2, 25)  # of omega_n: a log-uniform prior of own shifts' scatter
+# Nodes of a log-uniform prior for the scatter of records' own shifts, relative to omega_n.
+SCATTERS = np.geomspace(1e-8, 1e-2, 25)
 
 Block = tuple[Float[Array, "_group _value"], Float[Array, "_group own _value"]]
 Residual = dict[str, Float[Array, " value"]]
 
 
 class Dataset(eqx.Module):
-    """The data of the joint posterior: reduced tests, held values, scatter, stated densities.
+    """The data of the joint posterior: reduced tests, fixed values, scatter, stated densities.
 
     Attributes:
         parts: The reduced data of each kind of test.
-        held: Parameters held at their values, by name; any others are being inferred.
-        scatters: Nodes of the prior of the runs' scatter of omega_n [rad/s] and zeta [-], and of
-            their assemblies' where there are any; no columns where runs have no offsets.
-        scatter: The scatter assumed in least squares.
-        stated: Prior densities that a campaign states beside the box.
+        held: Values of fixed parameters, by name; all other parameters are inferred.
+        scatters: Nodes of the prior for the scatter between runs of omega_n [rad/s] and zeta [-],
+            and for that between assemblies, if there are any; no columns if runs have no offsets.
+        scatter: Scatter that least squares assumes.
+        stated: Prior densities that a campaign states in addition to the box.
     """
 
     parts: tuple[Observable, ...]
@@ -57,49 +59,49 @@ class Dataset(eqx.Module):
         held: Mapping[str, float] | None = None,
         stated: StatedDensities | None = None,
     ) -> Self:
-        """Build a dataset of parts without run offsets; parameters in `held` are not updated."""
+        """Build a dataset of parts without run offsets; parameters in `held` are fixed."""
         fixed = {name: jax.device_put(np.float64(value)) for name, value in (held or {}).items()}
         nodes, scatter = jax.device_put(np.zeros((1, 0))), jax.device_put(np.zeros(0))
         return cls(tuple(parts), fixed, nodes, scatter, stated or StatedDensities())
 
     @property
     def laws(self) -> tuple[str, ...]:
-        """Names of the laws of the joint."""
+        """The names of the joint's laws."""
         return self.parts[0].laws
 
     @property
     def modes(self) -> Modes | None:
-        """Modes that meet in the joint; None of one mode."""
+        """The modes that share the joint; None for a single mode."""
         return self.parts[0].modes
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Name of each group, in the order of the terms of the likelihood."""
+        """The name of each group, in the order of the likelihood's terms."""
         return tuple(label for part in self.parts for label in part.groups.labels)
 
     @property
     def runs(self) -> tuple[str, ...]:
-        """Name of the run of each group."""
+        """The name of each group's run."""
         return tuple(run for part in self.parts for run in part.groups.runs)
 
     @property
     def has_offsets(self) -> bool:
-        """Whether runs have offsets of their own."""
+        """Whether runs have their own offsets of omega_n and zeta."""
         return self.scatters.shape[1] > 0
 
     @property
     def stepped(self) -> bool:
-        """Whether an evaluation steps through time."""
+        """Whether an evaluation of the likelihood steps through time."""
         return any(part.stepped for part in self.parts)
 
     @property
     def num_offsets(self) -> int:
-        """Offsets of a run."""
+        """The number of offsets per run."""
         return len(OFFSETS) if self.has_offsets else 0
 
     @property
     def levels(self) -> Levels:
-        """The run of each group and, if assemblies scatter, the assembly of each run."""
+        """The number of each group's run and, if assemblies scatter, of each run's assembly."""
         assemblies = assemblies_of(tuple(dict.fromkeys(self.runs)))
         if self.scatters.shape[1] == 2 * len(OFFSETS):
             return run_numbers(self.runs), assemblies
@@ -107,13 +109,13 @@ class Dataset(eqx.Module):
 
     @property
     def shared_runs(self) -> tuple[str, ...]:
-        """Names of the runs whose offsets least squares knows, each once."""
+        """The names of the runs whose offsets appear in least squares, each once."""
         shared = (part.groups.runs for part in self.parts if not part.own_shifts)
         return tuple(dict.fromkeys(run for runs in shared for run in runs))
 
     @property
     def layout(self) -> dict[str, int]:
-        """Length of every row of the residual, by its key, in the order of `stacked`."""
+        """The length of every row of the residual, by its key, in the order of `stacked`."""
         rows = {label: part.groups.width for part in self.parts for label in part.groups.labels}
         stated = {_prior_key(name): 1 for name in self.stated.names}
         if not self.has_offsets:
@@ -130,9 +132,10 @@ def _prior_key(name: str) -> str:
 
 
 def unnamed(data: Dataset) -> Dataset:
-    """Return the dataset for compiled programs, with numbers in place of group and run names.
+    """Return the dataset with numbers in place of group and run names, for compiled programs.
 
-    One that another campaign compiled serves this one, if laws, shapes and settings are the same.
+    A program that another campaign compiled then serves this one, if laws, shapes and settings are
+    equal.
     """
     numbers = numbers_of(data.labels, data.runs)
     stated = replace(data.stated, texts=())
@@ -145,11 +148,11 @@ def solved(
     threads: int,
     *,
     writes: bool,
-    rows: Sequence[Float[np.ndarray, "_ _ _"] | None] | None = None,  # each part has its sizes
+    rows: Sequence[Float[np.ndarray, "_ _ _"] | None] | None = None,  # one array per part
 ) -> Solved | None:
-    """Return the dataset without what costs most of predictions at points, and this; or None.
+    """Return the dataset and, separately, its costly predictions at points; None if it has none.
 
-    As `Observable.solved` of every part, of which each has its own rows.
+    This combines `Observable.solved` of all parts, each with its own `rows`.
     """
     size = len(next(iter(theta.values())))
     held = {name: np.full(size, float(value)) for name, value in data.held.items()}
@@ -176,10 +179,11 @@ def solved(
 @seeing(unnamed)
 @solved_first(partial(solved, writes=False))
 def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
-    """Return the log likelihood, eqs. (36) and (37): one term per group, then scatter terms.
+    """Return the log likelihood, eqs. (36) and (37): one term per group, then those of scatter.
 
-    The noise of every group is integrated out, and so are the offsets; up to a constant [nats].
-    Last come the prior densities that a campaign states, each over the uniform one of the box.
+    The noise of every group and the offsets are integrated out; the result is up to a constant
+    [nats]. The last terms are the prior densities that a campaign states, each relative to the
+    uniform density of the box.
     """
     everything = {**data.held, **theta}
     stated = log_over_uniform(everything, data.stated)
@@ -194,9 +198,9 @@ def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
 
 
 def _density_of_shifts(theta: Theta, found: Estimate) -> Float[Array, "1"]:
-    r"""Return the density of shifts, $\log \int p(s) \prod_i N(\hat\delta_i; 0, s^2 + e_i^2)\,ds$.
+    r"""Return shifts' log density, $\log \int p(s) \prod_i N(\hat\delta_i; 0, s^2 + e_i^2)\,ds$.
 
-    Up to what the estimates hold already.
+    Factors that the estimates already contain are omitted.
     """
     each_its_own = tuple(range(len(found.log_density)))
     scatters = SCATTERS[:, None] * theta["omega_n"]
@@ -212,7 +216,7 @@ def estimates(theta: Theta, data: Dataset) -> Estimate:
 def estimates_at(
     theta: Mapping[str, Float[np.ndarray, " point"]], data: Dataset, *, lanes: int = LANES
 ) -> Estimate:
-    """Return the same at points, along a first axis."""
+    """Return the estimates of the runs' offsets at many parameter points, along a first axis."""
     return at_points(_estimates, theta, data, lanes=lanes)
 
 
@@ -225,8 +229,8 @@ def _estimates(theta: Theta, data: Dataset) -> Estimate:
 def residual(theta: Theta, data: Dataset) -> Residual:
     """Return residuals by label in standard errors, eqs. (38), (41), (42), at the best run offsets.
 
-    Rows `offsets of RUN` are each run's offsets over their scatter, rows `prior of NAME` the
-    standard normal scores of stated priors.
+    Rows `offsets of RUN` are each run's offsets divided by their scatter; rows `prior of NAME` are
+    the standard normal scores of stated priors.
     """
     everything = {**data.held, **theta}
     rows, offsets = _offsets_taken_out(_weighted(everything, data), data)
@@ -250,7 +254,7 @@ def _weighted(theta: Theta, data: Dataset) -> list[Block]:
 def _offsets_taken_out(
     blocks: Sequence[Block], data: Dataset
 ) -> tuple[list[Float[Array, "_group _value"]], dict[str, Float[Array, " own"]]]:
-    """Subtract each run's best offsets from the rows; return rows and scaled offsets."""
+    """Subtract each run's best offsets from residual rows; return the rows and scaled offsets."""
     rows = [block[0] for block in blocks]
     shared = [i for i, part in enumerate(data.parts) if not part.own_shifts]
     if not (data.has_offsets and shared):
@@ -267,7 +271,7 @@ def _offsets_taken_out(
 @seeing(unnamed)
 @solved_first(partial(solved, writes=True))
 def stacked(theta: Theta, data: Dataset) -> Float[Array, " values"]:
-    """Return the residual as least squares takes it: its rows end to end."""
+    """Return the residual in the form that least squares takes: all its rows end to end."""
     rows = residual(theta, data)
     return jnp.concatenate([rows[key] for key in data.layout])
 
@@ -281,8 +285,8 @@ def by_label(
 
 
 def halved(data: Dataset) -> Dataset | None:
-    """Return the dataset with twice as many steps of the solver; None where nothing is stepped."""
-    finer = [part.laws and part.substeps for part in data.parts]  # without a law exact by any
+    """Return the dataset with twice as many solver steps; None if nothing is stepped in time."""
+    finer = [part.laws and part.substeps for part in data.parts]  # without a law, any step is exact
     if not any(finer):
         return None
     pairs = zip(data.parts, finer, strict=True)
@@ -290,7 +294,7 @@ def halved(data: Dataset) -> Dataset | None:
 
 
 def remembering(theta: Mapping[str, float], data: Dataset) -> Dataset:
-    """Return the dataset with as much memory of the laws as the motion at a point asks for."""
+    """Return the dataset with enough memory of reversals for the motion at a parameter point."""
     everything = as_arrays(theta, data)
     parts = tuple(remembered.remembering(everything, part) for part in data.parts)
     same = all(new is old for new, old in zip(parts, data.parts, strict=True))
@@ -298,14 +302,15 @@ def remembering(theta: Mapping[str, float], data: Dataset) -> Dataset:
 
 
 def largest_displacement(data: Dataset, omega_n: float) -> float:
-    """Return the largest displacement that was measured [m]."""
+    """Return the largest measured displacement of a dataset [m]."""
     return max((part.shown(omega_n).y_peak for part in data.parts), default=0.0)
 
 
 def smallest_displacement(data: Dataset, omega_n: float) -> float:
-    """Return the largest displacement of the weakest group of its kind [m]; 0 where not known.
+    """Return the largest displacement [m] of the weakest group of any kind of test; 0 if unknown.
 
-    By the size of the responses: that of the strongest group has the largest displacement.
+    In each kind, the largest displacement belongs to the group with the strongest response and is
+    scaled by the sizes of the responses.
     """
     peaks = []
     for part in data.parts:
@@ -336,7 +341,7 @@ def with_directions(
     data: Dataset,
     offsets: Mapping[str, Float[np.ndarray, " own"]] | None = None,
 ) -> Dataset:
-    """Return the dataset with each prediction's derivatives by its run's offsets."""
+    """Return the dataset with the derivatives of all predictions by their run's offsets."""
     everything = as_arrays(theta, data)
     parts = tuple(
         p if p.own_shifts else p.linearised(of_part(everything, p), offsets or {})
@@ -346,33 +351,33 @@ def with_directions(
 
 
 def as_arrays(theta: Mapping[str, float], data: Dataset) -> dict[str, Array]:
-    """Return a point of the parameters with what is held, as arrays, which are not compiled in."""
+    """Return a parameter point with all fixed parameters as arrays, which are not compiled in."""
     return {**data.held, **jax.device_put({n: np.asarray(x, float) for n, x in theta.items()})}
 
 
 def residual_by_label(rows: Float[np.ndarray, " values"], data: Dataset) -> dict[str, Row]:
-    """Return a stacked residual or a column of its Jacobian per group, in the group's unit."""
+    """Return a stacked residual, or a column of its Jacobian, by group, in the group's unit."""
     labelled = by_label(rows, data)
     rows_by_part = [in_units(labelled, part.groups) for part in measured_parts(data)]
     return {label: row for part_rows in rows_by_part for label, row in part_rows.items()}
 
 
 def measured_parts(data: Dataset) -> list[Observable]:
-    """Return the parts that were measured: those by which a fit is judged."""
+    """Return the measured parts of a dataset, by which a fit is judged (no prior readings)."""
     return [part for part in data.parts if not part.groups.is_prior]
 
 
 def sizes_of(part: Observable) -> dict[str, float]:
-    """Return the root of the sum of squares of each group's mean, by label."""
+    """Return the root of the sum of squares of each group's mean in a part, by label."""
     return dict(zip(part.groups.labels, sizes(part.mean, part.groups).tolist(), strict=True))
 
 
 def size_by_label(data: Dataset) -> dict[str, float]:
-    """Return the root of the sum of squares of the mean of each group of `residual_by_label`."""
+    """Return the root of the sum of squares of each measured group's mean, by label."""
     return {x: size for part in measured_parts(data) for x, size in sizes_of(part).items()}
 
 
 def error_by_label(residuals: Mapping[str, Row], data: Dataset) -> dict[str, float]:
-    """Return the size of what a fit leaves of the mean of each group, over that of the mean."""
+    """Return each group's relative error: the norm of its residual over that of its mean."""
     sizes = size_by_label(data)
     return {label: float(np.linalg.norm(residuals[label])) / size for label, size in sizes.items()}

@@ -1,7 +1,8 @@
 """Free decays of one mode as an observable, with every record's own unknowns integrated out.
 
-These are an initial state (log amplitude and phase, flat priors), a noise, and a small shift of its
-natural frequency: structures are never twice the same to the last digit. Shifts share one scatter.
+These unknowns are an initial state (log amplitude and phase, flat priors), a noise, and a small
+shift of the natural frequency, because structures are never exactly the same twice. The shifts
+share one scatter.
 """
 
 from collections.abc import Mapping
@@ -16,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.inference.groups.offsets import Estimate
+from jbw.inference.lanes import FIT_LANES
 from jbw.measurement.readings.statement import curve_of
 from jbw.measurement.resonances import AmplitudeCurve
 from jbw.observables.decay_drift import LeftOutDecay, left_out_decay
@@ -34,45 +36,62 @@ from jbw.oscillator.response import simulate
 from jbw.quantities import LETTER_OF, derivative_order
 from jbw.report.messages import observed as messages
 
-BEGINNING = 0.3  # 1 / (zeta omega_n): of a record, from which its initial state is read
-LEAST_BEGUN = 8  # values of the envelope for that
+# Length of a record's beginning, which gives its initial state, in units of 1 / (zeta omega_n).
+BEGINNING = 0.3
+LEAST_BEGUN = 8  # fewest values of the envelope for that
 
 
 class Decays(Envelopes):
-    """Free decays with what a likelihood asks of them."""
+    """The free decays of one mode, with the quantities that a likelihood needs."""
 
     dimension: ClassVar[str] = "record"
     informs: ClassVar[frozenset[str]] = frozenset({"omega_n", "zeta"})
     stepped: ClassVar[bool] = True
     own_shifts: ClassVar[bool] = True
-    most_misfit: ClassVar[float | None] = 0.05  # more is another motion than the model's
+    most_misfit: ClassVar[float | None] = 0.05  # more means another motion than the model's
     several: ClassVar[bool | None] = False
     unread: ClassVar[Mapping[str, Any]] = {"centre_hz": 0.0, "readings": None}
 
+    solution: Complex[Array, " step"] | None = eqx.field(kw_only=True, default=None)
+
     @property
     def fraction(self) -> Float[Array, ""]:
-        """The fraction of independent values among the values of a record that counts."""
+        """The fraction of the values of a record that count as independent."""
         return jnp.max(jnp.asarray(self.groups.num_values / self.groups.num_counted))
 
     def matches(self, theta: Theta) -> Match:
         """Match each record to the joint's decay; fields have a leading axis of records."""
-        decay = decay_of(theta, self)
+        decay = decay_of(theta, self) if self.solution is None else self.solution
         return jax.vmap(lambda envelope: match(decay, envelope, self.step_s))(self.mean)
+
+    def solved(
+        self,
+        theta: Mapping[str, Float[np.ndarray, " point"]],
+        threads: int,
+        *,
+        writes: bool,
+        rows: Float[np.ndarray, "group row value"] | None = None,
+    ) -> Self | None:
+        """Return the decays with the simulated decay at points, from one program for all uses."""
+        only_simulated = replace(self, mean=None, groups=None, shift_std=None, **self.unread)
+        return replace(
+            self, laws=(), solution=_decays_of(jax.device_put(dict(theta)), only_simulated)
+        )
 
     def predict(self, theta: Theta) -> Complex[Array, "record step"]:
         """Predict each record's envelope at its best initial state and frequency shift."""
         return self.mean - self.matches(theta).residual
 
     def compared(self, values: Any) -> Float[Array, "record value"]:
-        """Return real parts, then imaginary parts, and 0 where a row has the record's shift."""
+        """Return envelopes in compared form: real, then imaginary parts, then 0 for the shift."""
         return jnp.pad(super().compared(values), ((0, 0), (0, 1)))
 
     def misfit(self, theta: Theta) -> Float[Array, "record value"]:
-        """Return what the best initial state and shift leave of every envelope."""
+        """Return each envelope's residual at its best initial state and shift."""
         return self.compared(self.matches(theta).residual)
 
     def weighted(self, theta: Theta) -> Weighted:
-        """Return residuals in standard deviations, and the shift in that of its scatter."""
+        """Return residuals in standard deviations; the last entry is the shift over its scatter."""
         matches = self.matches(theta)
         residual = self.compared(matches.residual) * weights(self.groups)[:, None]
         shift = matches.entry.shift[:, None] / self.shift_std
@@ -81,23 +100,23 @@ class Decays(Envelopes):
 
     @property
     def _says(self) -> Bool[Array, " record"]:
-        """Return whether a record counts for more values than it has unknowns of its own."""
+        """Whether a record counts for more values than it has unknowns of its own."""
         return self.groups.num_values > self.groups.num_own
 
     @property
     def _degrees(self) -> Float[Array, " record"]:
-        """Return independent values of a record less its own unknowns; 1 where it says nothing."""
+        """The independent values of a record minus its own unknowns; 1 if none are left."""
         return jnp.where(self._says, self.groups.num_values - self.groups.num_own, 1.0)
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
-        r"""Return what every record says of its natural frequency's shift, of offsets the first.
+        r"""Estimate each record's natural-frequency shift, the first of the offsets.
 
         $$\log p_i = -\frac{n - 3}{2} \log Q_i - \frac12 \log |A_i| - \log e_i$$
 
-        where Q is what the best initial state and shift leave, A their normal matrix, n the number
-        of independent real values, and e the shift's standard error: eq. (37) on the envelope, its
-        noise integrated out under 1/sigma. Q is nearly quadratic in the three unknowns. A record
-        that does not count says nothing.
+        where Q is the residual at the best initial state and shift, A their normal matrix, n the
+        number of independent real values, and e the shift's standard error: eq. (37) on the
+        envelope, with its noise integrated out under 1/sigma. Q is nearly quadratic in the three
+        unknowns. A record that does not count gives no estimate.
         """
         matches = self.matches(theta)
         _, log_det = jnp.linalg.slogdet(matches.precision)
@@ -123,7 +142,7 @@ class Decays(Envelopes):
         return replace(self, groups=groups, shift_std=jnp.asarray(scatter))
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return frequency and damping along every record, and where records begin."""
+        """Return the model-free facts: frequency and damping along records, and their start."""
         over = omega_n ** derivative_order(self.response)
         begins = (np.abs(np.asarray(self.mean)[:, 0]) / over).tolist()
         curve = partial(amplitude_curve, self)
@@ -131,16 +150,16 @@ class Decays(Envelopes):
             partial(first_values, self),
             amplitude_curve=curve,
             amplitude_readings=curve,
-            y_peak=float(self.y_start),
+            y_peak=float(self.y_read),
             begins=dict(zip(self.groups.labels, begins, strict=True)),
         )
 
     def only(self, record: int, size: int) -> Self:
-        """Return one record, the first values of it alone, with its own noise."""
+        """Return one record alone, restricted to its first values, with its own noise."""
         return replace(self, **self.values_of(record, size))
 
     def values_of(self, record: int, size: int) -> dict[str, Any]:
-        """Return what belongs to one record, the first values of it alone."""
+        """Return the fields that belong to one record, restricted to its first values."""
         at, values = slice(record, record + 1), 2.0 * size
         groups = jax.tree.map(lambda column: column[at], self.groups)
         names = {"labels": groups.labels[at], "runs": groups.runs[at], "units": groups.units[at]}
@@ -155,7 +174,7 @@ class Decays(Envelopes):
         return {"mean": self.mean[at, :size], "groups": groups}
 
     def statements(self, theta: Theta) -> list[str]:
-        """Return how far the records' frequencies scatter, and how many values were counted."""
+        """Return sentences on the scatter of the records' frequencies and the counted values."""
         shift = np.asarray(matched(theta, self).entry.shift)
         scatter = float(np.sqrt(np.mean(shift**2))) / (2 * np.pi)
         return [
@@ -165,23 +184,23 @@ class Decays(Envelopes):
 
 
 def first_values(data: Decays) -> dict[str, float]:
-    """Return omega_n and zeta at no amplitude, by straight lines through the records."""
+    """Return omega_n and zeta at zero amplitude, by straight lines through the records."""
     return dict(zip(("omega_n", "zeta"), at_rest(amplitude_curve(data)), strict=True))
 
 
 def amplitude_curve(data: Decays) -> AmplitudeCurve:
-    """Return frequency and damping along every record."""
+    """Return frequency and damping against amplitude, along every record."""
     return curve_of([reading.table() for reading in data.readings() if reading is not None])
 
 
 def counting[Data: Decays](data: Data, fraction: float) -> Data:
-    """Return decays of which so large a fraction of the values counts as independent."""
+    """Return the decays with a given fraction of their values counted as independent."""
     fractions = dict.fromkeys(data.groups.labels, fraction)
     return replace(data, groups=with_effective_values(fractions, data.groups))
 
 
 def at_rest(curve: AmplitudeCurve) -> tuple[float, float]:
-    """Return the frequency [rad/s] and damping at no amplitude, by straight lines."""
+    """Return the frequency [rad/s] and damping of a curve at zero amplitude, by straight lines."""
     y, omega, zeta = curve[:3]
     most = float(np.abs(zeta.max()))
     least = np.clip(np.polyfit(y, zeta, 1)[1], 0.1 * most, most)
@@ -191,8 +210,9 @@ def at_rest(curve: AmplitudeCurve) -> tuple[float, float]:
 def decay_of(theta: Theta, data: Envelopes) -> Complex[Array, " step"]:
     """Return the logarithm log |X| + j arg X of the joint's free decay through the band's filter.
 
-    At steps of `step_s`, the phase without jumps: eqs. (1), (2) with u = 0, begun at rest at its
-    greatest displacement, its memory on the steady loop of that amplitude.
+    The steps are `step_s` apart and the phase is unwrapped. The decay follows eqs. (1), (2) with u
+    = 0, from rest at its greatest displacement, with the memory on the steady loop of that
+    amplitude.
     """
     joint = oscillator_of(theta, data.laws)
     if not data.laws:
@@ -204,6 +224,13 @@ def decay_of(theta: Theta, data: Envelopes) -> Complex[Array, " step"]:
     x = getattr(free, LETTER_OF[data.response])[None, None, :]
     parts = jax.lax.conv_general_dilated(x, kernel, (data.stride,), "VALID")[0]
     return _logarithm(jax.lax.complex(parts[0], parts[1]), data)
+
+
+@eqx.filter_jit
+def _decays_of(
+    theta: Mapping[str, Float[Array, " point"]], data: Envelopes
+) -> Complex[Array, "point step"]:
+    return jax.vmap(lambda point: decay_of(point, data))(dict(theta))
 
 
 def _exponential(joint: Oscillator, data: Envelopes) -> Complex[Array, " step"]:
@@ -233,7 +260,10 @@ def _logarithm(envelope: Complex[Array, " step"], data: Envelopes) -> Complex[Ar
 
 
 def matched(theta: Theta, data: Decays) -> Match:
-    """Return every record matched at one point of the parameters, compiled."""
+    """Return the match of every record at one parameter point, compiled."""
+    lanes = {name: np.full(FIT_LANES, float(value)) for name, value in theta.items()}
+    if (solved := data.solved(lanes, 1, writes=True)) is not None:
+        data = replace(solved, solution=solved.solution[0])
     return _matched(theta, alone(data))
 
 
@@ -243,9 +273,10 @@ def _matched(theta: Theta, data: Decays) -> Match:
 
 
 class Beginning(NamedTuple):
-    """The place of a record on a decay by its beginning alone: the entry and its covariance.
+    """A record's place on a decay, from its beginning alone: the entry and its covariance.
 
-    Of log amplitude, phase and shift; the rate is the change of the log amplitude by the place.
+    The covariance is of log amplitude, phase and shift; `rate` is the change of the log amplitude
+    by the place.
     """
 
     entry: Entry
@@ -253,7 +284,7 @@ class Beginning(NamedTuple):
     rate: Float[Array, ""]
 
     def moved(self, change: Float[Array, " own"]) -> Entry:
-        """Return the entry after a change of log amplitude, phase and shift."""
+        """Return the record's entry after given changes of log amplitude, phase and shift."""
         place, phase, shift = self.entry
         return Entry(place + change[0] / self.rate, phase + change[1], shift + change[2])
 
@@ -265,23 +296,24 @@ def begun(
     data: Decays,
     law_std: float | Float[Array, ""] = 0.0,
 ) -> Beginning:
-    r"""Return where the beginning of a record lies on a decay, with the record's own shift.
+    r"""Return the place of a record's beginning on a decay, with the record's own shift.
 
     A beginning shows the shift s of the record's natural frequency together with the error d of the
     law's frequency at that amplitude, $s \sim N(0, S^2)$ and $d \sim N(0, \tau^2)$. Of their sum
-    only the share $S^2 / (S^2 + \tau^2)$ goes on after the beginning, where the phase is kept.
+    only the share $S^2 / (S^2 + \tau^2)$ continues after the beginning, where the phase is
+    continuous.
 
     Args:
-        decay: Logarithm of the joint's decay, by steps.
+        decay: Logarithm of the joint's decay at every step.
         envelope: The beginning of the record.
-        noise_std: Noise of the real, and of the imaginary part.
+        noise_std: Noise of the real part, and of the imaginary part.
         data: The decays, with the scatter S of shifts.
-        law_std: tau [rad/s].
+        law_std: Standard deviation tau of the law's frequency error [rad/s].
     """
     best_match = match(decay, envelope, data.step_s)
-    # A short beginning says little of its own noise; that of the fitted records stands for it.
+    # A short beginning says little about its own noise; that of the fitted records is used.
     precision = best_match.precision * data.fraction / noise_std**2
-    # The shift's own prior holds it where a short beginning would not.
+    # The shift's prior constrains it where a short beginning does not.
     variance = data.shift_std**2 + law_std**2
     both = jnp.linalg.inv(precision.at[2, 2].add(1 / variance))
     total = best_match.entry.shift * (1 - both[2, 2] / variance)
@@ -299,7 +331,7 @@ def begun(
 
 
 def num_begun(theta: Mapping[str, Any], data: Decays) -> int:
-    r"""Return the number of values that fix a start: $0.3 / (\zeta \omega_n)$, at most half."""
+    r"""Return the number of values of a beginning: $0.3 / (\zeta \omega_n)$, at most half."""
     rate = float(np.mean(theta["zeta"] * theta["omega_n"]))
     half = data.mean.shape[1] // 2
     num_values = BEGINNING / (rate * data.step_s) if rate > 0 else half
@@ -310,7 +342,10 @@ def num_begun(theta: Mapping[str, Any], data: Decays) -> int:
 def predicted_from_beginnings(
     theta: Theta, data: Decays, size: int
 ) -> tuple[Complex[Array, "record step"], tuple[Float[Array, " record"], Float[Array, " record"]]]:
-    """Predict each envelope from its first values; return log amplitude, shift [rad/s] errors."""
+    """Predict each envelope from its beginning; return errors of log amplitude and shift, too.
+
+    The shift is in rad/s.
+    """
     decay, steps = decay_of(theta, data), jnp.arange(data.mean.shape[1], dtype=float)
 
     def one(pair: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
@@ -322,10 +357,10 @@ def predicted_from_beginnings(
 
 
 def drift_from_beginning(theta: Theta, data: Decays, run: str) -> LeftOutDecay:
-    """Return how a record drifts from its prediction by its beginning.
+    """Return the drift of a record from the prediction by its beginning.
 
-    Its noise is that of the others, as of a record that no fit has seen, or what is white of
-    its own residual where that is more.
+    Its noise is that of the other records, as for a record that no fit has seen, or the white part
+    of its own residual if that is larger.
     """
     record, size = data.groups.labels.index(run), num_begun(theta, data)
     noise = np.asarray(data.groups.noise_std)

@@ -4,8 +4,9 @@ $$E(t) = \hat E(t)\,e^{(-\rho + j\varphi)\,(t - t_0 / 2)} + \text{rest}, \qquad
   \hat\rho, \hat\varphi = -\frac{\sum_t w_t t \ln |E / \hat E|}{\sum_t w_t t^2},
   \frac{\sum_t w_t t \arg (E / \hat E)}{\sum_t w_t t^2}, \quad w = |E|^2$$
 
-where $t_0$ is what gives a record's initial state and natural frequency. A law whose frequency runs
-otherwise with amplitude drifts from the record, whatever its frequency at the beginning.
+where $t_0$ is the length of the beginning, which determines a record's initial state and natural
+frequency. A law whose frequency changes differently with amplitude drifts from the record, whatever
+its frequency at the beginning.
 """
 
 from typing import NamedTuple
@@ -19,7 +20,7 @@ class Drift(NamedTuple):
 
     frequency: float
     rate: float
-    rest: Complex[np.ndarray, " value"]  # of the envelope, that no drift explains
+    rest: Complex[np.ndarray, " value"]  # part of the envelope that no drift explains
     measured: Complex[np.ndarray, " value"]
 
 
@@ -28,7 +29,7 @@ def drift_of(
     predicted: Complex[np.ndarray, " value"],
     time: Float[np.ndarray, " value"],
 ) -> Drift:
-    """Fit the drift of a prediction from an envelope over time since its beginning's middle."""
+    """Fit the drift of a prediction from an envelope, over time since its beginning's middle."""
     ratio = measured / predicted
     weight = np.abs(measured) ** 2 * time
     along = np.sum(weight * time)
@@ -39,13 +40,13 @@ def drift_of(
 
 
 class LeftOutDecay(NamedTuple):
-    """Drift of one record, with the errors of what its beginning leaves open of it."""
+    """The drift of one held-out record, with the errors that follow from its beginning."""
 
     drift: Drift
     frequency_std: float  # [rad/s]
     rate_std: float  # [1/s]
-    noise: float  # sum of squares that noise leaves of the rest
-    fraction: float  # of its values, those that count as independent
+    noise: float  # part of the rest's sum of squares that noise explains
+    fraction: float  # of its values that count as independent
 
 
 def left_out_decay(
@@ -56,9 +57,9 @@ def left_out_decay(
     noise_std: float,
     fraction: float,
 ) -> LeftOutDecay:
-    """Return a held-out record's drift, given start errors of log amplitude and frequency [rad/s].
+    """Return a held-out record's drift, given errors of log amplitude and frequency [rad/s].
 
-    What is off from the beginning on is a rate over the time that it is weighed by.
+    An amplitude error that exists from the beginning acts like a rate over the weighted mean time.
     """
     weight = np.abs(measured) ** 2 * time
     rate_std = errors[0] * float(np.sum(weight) / np.sum(weight * time))

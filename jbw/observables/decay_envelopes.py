@@ -1,7 +1,7 @@
-"""Envelopes of free decays in a band, and where records enter the model's.
+"""Envelopes of free decays in a band, and the places at which records enter the model's decay.
 
-Whatever the impact, a free joint soon runs along one and the same decay, which a weaker impact
-enters later. So the model is simulated once, from above the strongest record, and every record's
+Whatever the impact, a free joint soon follows one and the same decay, which a weaker impact enters
+later. Therefore the model is simulated once, from above the strongest record, and every record's
 initial state is the place at which it enters (its amplitude) and a rotation (its phase).
 """
 
@@ -26,37 +26,40 @@ from jbw.observables.observable import Laws, Observable
 from jbw.observables.samples import substeps_for
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
-NUM_OWN = 3  # unknowns of a record besides its noise: amplitude, phase, shift
-LEAST_VALUES = 16  # of an envelope: a decay of five parameters and three of its own
-HEADROOM = 1.02  # of the strongest record, where the simulated decay begins
-SPARE = 1.3  # times the duration that the measured rates ask for
-LEAST_RATE = 0.1  # of the mean rate of decay: what noise may leave of the rate at an edge
-MOST_WAIT = 20.0  # times a record: how long the strongest decay may take to the weakest record
+NUM_OWN = 3  # own unknowns of a record except noise: amplitude, phase, shift
+LEAST_VALUES = 16  # of an envelope: a decay has five parameters, and three of its own
+HEADROOM = 1.02  # of the strongest record: start of the simulated decay
+SPARE = 1.3  # times the duration that the measured rates require
+LEAST_RATE = 0.1  # of the mean rate of decay: least rate at an edge, where noise may hide it
+# Longest time, in lengths of a record, for the strongest decay to reach the weakest record.
+MOST_WAIT = 20.0
 NUM_REFINEMENTS = 3  # Gauss-Newton steps to a record's place on the decay
-# Of Lagrange's cubics through -1, 0, 1 and 2, a column each: coefficients of 1, f, f^2 and f^3.
+# Lagrange's cubics through -1, 0, 1 and 2, one per column: coefficients of 1, f, f^2 and f^3.
 CUBICS = np.array([[0, 6, 0, 0], [-2, -3, 6, -1], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
 
 
 class Envelopes(Observable):
-    """Envelopes of several decays of one mode, and how the model is brought to the same form.
+    """The envelopes of several decays of one mode, and the filter for the model's decay.
 
     Attributes:
-        mean: Envelope of each record about the band's centre [m/s for velocities], peak; its noise
-            is that of the real, and of the imaginary part.
-        shift_std: Scatter of the records' natural frequencies [rad/s], for fits.
-        y_start: Displacement that the simulated decay begins from [m].
-        taps: The band's filter as the model's samples meet it.
-        rotation: Turn of the carrier between two values of the envelope, `step_s` [s] apart.
-        stride: Samples of the model between two values.
+        mean: Peak envelope of each record about the band's centre [m/s for velocities]; its noise
+            is that of the real part, and of the imaginary part.
+        shift_std: Scatter of the records' natural frequencies that fits assume [rad/s].
+        y_start: Displacement at which the simulated decay starts [m].
+        y_read: Largest displacement at which frequency and damping were read [m].
+        taps: Filter of the band, for the model's samples.
+        rotation: Rotation of the carrier between two values of the envelope, `step_s` [s] apart.
+        stride: Number of the model's samples between two values.
         fs: Sampling frequency of the model [Hz], for `num_samples`.
         response: displacement, velocity or acceleration.
-        readings: Frequency and damping along each record; None of one that cannot be read.
+        readings: Frequency and damping along each record; None for one that cannot be read.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ("decay",)
 
     shift_std: Float[Array, ""]
     y_start: Float[Array, ""]
+    y_read: Float[Array, ""]
     taps: Complex[Array, " tap"]
     rotation: Complex[Array, ""]
     step_s: float = eqx.field(static=True)
@@ -98,6 +101,7 @@ class Envelopes(Observable):
             groups=_groups_of(test, envelope),
             shift_std=jax.device_put(1e-4 * 2 * np.pi * chosen.centre_hz),
             y_start=jax.device_put(y_start),
+            y_read=jax.device_put(_largest_read(test, y_start)),
             taps=jax.device_put(2 * taps / taps.sum() * np.exp(-1j * turn * n)),
             rotation=jax.device_put(np.exp(-1j * turn * chosen.step)),
             step_s=chosen.step_s,
@@ -111,8 +115,17 @@ class Envelopes(Observable):
         )
 
 
+def _largest_read(test: Test, y_start: float) -> float:
+    """Return the largest displacement of the readings [m]; if there are none, that of the start."""
+    try:
+        readings = read_decays(test)
+    except DataError:
+        return y_start
+    return max(float(np.max(reading.y)) for reading in readings if reading is not None)
+
+
 def _groups_of(test: Test, envelope: Complex[np.ndarray, "record step"]) -> Groups:
-    """Return every record as a group and a run; behind its values stands its shift."""
+    """Return every record as a group and a run; its shift follows its values."""
     count, length = envelope.shape
     names = [f"{test.name} {i + 1}" for i in range(count)]
     return repeated(
@@ -142,12 +155,12 @@ def _course(name: str, envelope: np.ndarray, chosen: BandFilter, order: int) -> 
             why="A decay that is simulated from the strongest amplitude on has to reach others.",
             remedy="Let `settle` begin after the blow, or correct `band`.",
         )
-    # A rate at an edge is of a few values: noise may leave nothing of it.
+    # The rate at an edge is that of a few values, and noise may hide it completely.
     first, last = (
         max(float(row[0] - row[-1]) / ((edge - 1) * chosen.step_s), LEAST_RATE * fall / duration)
         for row in (size[strongest, :edge], size[strongest, -edge:])
     )
-    # The filter eats the first of the simulated decay, at a rate that may be twice the measured.
+    # The filter consumes the first of the simulated decay, at up to twice the measured rate.
     lead = chosen.half / chosen.fs
     start = HEADROOM * np.exp(size[strongest, 0] + 2 * first * lead)
     weakest = size[:, 0].min()
@@ -166,7 +179,7 @@ def _course(name: str, envelope: np.ndarray, chosen: BandFilter, order: int) -> 
             why=f"A decay {MOST_WAIT:g} times as long as a record is more than a test needs.",
             remedy="Make a separate test of the weak records, or leave them out with `exclude`.",
         )
-    # Of the mode, which need not lie in the middle of its band.
+    # The mode's frequency need not lie in the middle of its band.
     turns = envelope[strongest, 1:edge] * np.conj(envelope[strongest, : edge - 1])
     omega = 2 * np.pi * chosen.centre_hz + np.angle(turns.sum()) / chosen.step_s
     return float(start / omega**order), SPARE * (wait + duration)
@@ -183,8 +196,8 @@ class Entry(NamedTuple):
 class Match(NamedTuple):
     """A record matched by least squares; misfit is the sum of squared moduli of the residual.
 
-    The normal matrix is of log amplitude, phase and shift, for noise of unit variance; the rate is
-    the change of the log amplitude by the place.
+    `precision` is the normal matrix of log amplitude, phase and shift, for noise of unit variance;
+    `rate` is the change of the log amplitude by the place.
     """
 
     entry: Entry
@@ -213,7 +226,7 @@ def along(
 def follow(
     decay: Complex[Array, " step"], entry: Entry, steps: Float[Array, " time"], step_s: float
 ) -> tuple[Complex[Array, " time"], Complex[Array, " time"]]:
-    """Return a record's envelope after some steps from entry, and its log's slope per step."""
+    """Return a record's envelope at given steps after its entry, and its log's slope per step."""
     log, slope = along(decay, entry.place + steps)
     return jnp.exp(log + 1j * (entry.phase + entry.shift * step_s * steps)), slope
 
@@ -241,13 +254,13 @@ def _first_entry(
     steps: Float[Array, " sample"],
     step_s: float,
 ) -> Entry:
-    """Estimate the entry from the amplitude at a quarter of the record, then from the turn."""
+    """Estimate a record's entry: place from the amplitude at a quarter, then shift and phase."""
     quarter = len(envelope) // 4
     size = jnp.mean(jnp.log(jnp.abs(envelope[max(quarter - 3, 0) : quarter + 4])))
     grid = jnp.arange(len(decay), dtype=float)
     place = jnp.interp(-size, -decay.real, grid) - quarter
     log, _ = along(decay, place + steps)
-    ratio = envelope * jnp.exp(jnp.conj(log))  # its phase is what the model lacks
+    ratio = envelope * jnp.exp(jnp.conj(log))  # its phase is the one that the model lacks
     turn = jnp.angle(jnp.sum(ratio[1:] * jnp.conj(ratio[:-1])))
     phase = jnp.angle(jnp.sum(ratio * jnp.exp(-1j * turn * steps)))
     return Entry(place, phase, turn / step_s)

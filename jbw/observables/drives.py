@@ -1,13 +1,13 @@
-r"""Drives side by side: one joint, and a natural frequency, damping and gain for each.
+r"""Parameters of several drives: one joint, but a natural frequency, damping and gain for each.
 
-A measured force moves the structure alone, and so does nothing at all. A voltage or a current moves
-it with its shaker, of which the armature is a part of what oscillates:
+A measured force moves the structure alone; free motion is that of the structure alone, too. A
+voltage or a current moves it with its shaker, whose armature is part of the oscillating system:
 
 $$\omega_n' \ne \omega_n, \qquad \zeta' \ne \zeta, \qquad g' \ne g$$
 
-Where both are measured, the parameters have the names of the structure alone, and those of another
-drive its name behind theirs, as `omega_n_voltage`. Offsets of runs are added to either. A campaign
-of one drive has the plain names, whatever it is.
+If both are measured, the parameters of the structure alone have the plain names, and those of
+another drive carry its name, as `omega_n_voltage`. Offsets of runs are added to both. A campaign
+with a single drive has the plain names, whatever the drive is.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -23,12 +23,12 @@ from jbw.observables.observable import Observable, SteadyLines
 from jbw.quantities import ATTACHED, FED, LINEAR, OSCILLATOR, STUCK
 
 NAMES = tuple(quantity.name for quantity in OSCILLATOR)
-DAMPED, LEAST_DAMPED = 0.02, 1e-4  # damping ratios: where nothing tells it, and at least
+DAMPED, LEAST_DAMPED = 0.02, 1e-4  # damping ratios: the default if unknown, and the least
 PLAIN = {quantity.name: plain for quantity, plain in zip(ATTACHED, NAMES * len(FED), strict=True)}
 
 
 def named(name: str, drive: str) -> str:
-    """Return the name of an oscillator parameter that belongs to another drive."""
+    """Return the name of an oscillator parameter for a drive, as omega_n_voltage."""
     return f"{name}_{drive}"
 
 
@@ -38,13 +38,13 @@ def plain(name: str) -> str:
 
 
 def of_drive[Value](theta: Mapping[str, Value], drive: str) -> Mapping[str, Value]:
-    """Return the parameters with those of a drive under their plain names, where it has its own."""
+    """Return the parameters with a drive's own values, if it has any, under the plain names."""
     drive_theta = {name: theta[named(name, drive)] for name in NAMES if named(name, drive) in theta}
     return {**theta, **drive_theta} if drive_theta else theta
 
 
 def of_part[Value](theta: Mapping[str, Value], part: Observable) -> Mapping[str, Value]:
-    """Return the parameters as a part of the data takes them."""
+    """Return the parameters for a part of the data: those of its drive under the plain names."""
     return of_drive(theta, part.drive)
 
 
@@ -56,14 +56,14 @@ def attached(parts: Sequence[Observable]) -> tuple[str, ...]:
 
 
 def parts_of(drive: str, parts: Sequence[Observable]) -> list[Observable]:
-    """Return the parts of data that use a drive's own parameters ("": the plain parameters)."""
+    """Return the parts of data that use a drive's own parameters ("" for the plain parameters)."""
     others = attached(parts)
     return [part for part in parts if (part.drive if part.drive in others else "") == drive]
 
 
 def readings_of(parts: Sequence[Observable]) -> AmplitudeCurve | None:
-    """Collect readings of frequency and damping over amplitude, from decays and held responses."""
-    of_one = parts_of("", parts)  # another drive's begin at another damping
+    """Return all readings of frequency and damping over amplitude, or None if there are none."""
+    of_one = parts_of("", parts)  # another drive's readings begin at another damping
     of_parts = (part.shown().amplitude_readings() for part in of_one)
     curves = [readings for readings in of_parts if readings is not None]
     if not curves:
@@ -72,14 +72,14 @@ def readings_of(parts: Sequence[Observable]) -> AmplitudeCurve | None:
     curve = AmplitudeCurve(
         *map(np.concatenate, columns[:3]), *(np.asarray(block_diag(*x)) for x in columns[3:])
     )
-    takes_in = curve.zeta > 0  # a joint cannot give energy out: such a reading is none
+    takes_in = curve.zeta > 0  # a joint cannot supply energy: such a reading is invalid
     return curve.at(takes_in) if takes_in.any() else None
 
 
 def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:
-    """Return the names in `known` of omega_n, zeta and gain that parts use, in `STUCK`'s order.
+    """Return the oscillator parameters among `known` that parts use, in the order of `STUCK`.
 
-    Where a drive has none of its own there, it takes the plain ones. Then those of further modes.
+    A drive without its own name there uses the plain one. Parameters of other modes follow.
     """
     used = {drive_name if (drive_name := named(name, part.drive)) in known else name
             for name in NAMES for part in parts}  # fmt: skip
@@ -89,10 +89,10 @@ def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:
 
 
 def informed_by(parts: Sequence[Observable]) -> frozenset[str]:
-    """Return the names among omega_n, zeta and gain that parts of one drive constrain together.
+    """Return which of omega_n, zeta and gain the parts of one drive constrain together.
 
-    A free motion tells stiffness over mass, a prescribed displacement the stiffness [N/m]: together
-    the modal mass, which neither tells alone.
+    Free motion determines stiffness over mass, a prescribed displacement the stiffness [N/m]:
+    together they determine the modal mass, which neither determines alone.
     """
     informed = frozenset[str]().union(*(part.informs for part in parts))
     moves = any("omega_n" in part.informs and not part.is_prescribed for part in parts)
@@ -101,9 +101,9 @@ def informed_by(parts: Sequence[Observable]) -> frozenset[str]:
 
 
 def by_secant(parts: Sequence[Observable]) -> frozenset[str]:
-    """Return the names among omega_n, zeta and gain that only the secant of a loop constrains.
+    """Return which of omega_n, zeta and gain only the secant stiffness of a loop constrains.
 
-    First values alone: no part tells them by its motion.
+    These are only starting values: the motion of no part determines them.
     """
     if not any(part.is_prescribed for part in parts):
         return frozenset()
@@ -114,8 +114,8 @@ def by_secant(parts: Sequence[Observable]) -> frozenset[str]:
 def told_by(parts: Sequence[Observable], held: Mapping[str, Any] | None = None) -> dict[str, float]:
     """Return starting values of omega_n [rad/s], zeta [-] and gain per drive; {} if unknown.
 
-    As the drive's first part tells them that can; where none can, they begin at another drive's.
-    A gain that is `held` tells the damping where lines alone do.
+    They come from the first part of the drive that can give them, else from another drive. A fixed
+    gain (in `held`) determines the damping if only steady lines are measured.
     """
     by_drive = {drive: parts_of(drive, parts) for drive in ("", *attached(parts))}
     values_by_drive = {
@@ -133,7 +133,7 @@ def told_by(parts: Sequence[Observable], held: Mapping[str, Any] | None = None) 
 
 
 def _gain_of(held: Mapping[str, Any] | None, drive: str) -> float | None:
-    """Return a drive's gain where it is held."""
+    """Return a drive's gain if it is fixed, else None."""
     value = (held or {}).get(named("gain", drive) if drive else "gain")
     return None if value is None else float(value)
 
@@ -141,7 +141,7 @@ def _gain_of(held: Mapping[str, Any] | None, drive: str) -> float | None:
 def _first(parts: Sequence[Observable], gain: float | None) -> dict[str, float]:
     values: dict[str, float] = {}
     if any(part.modes for part in parts):
-        for part in parts:  # of several modes each part may tell its own
+        for part in parts:  # with several modes, each part may give its own values
             values = part.shown().first_values() | values
         return with_ratios(values)
     values = next((values for part in parts if (values := part.shown().first_values())), {})
@@ -153,7 +153,7 @@ def _first(parts: Sequence[Observable], gain: float | None) -> dict[str, float]:
 
 
 def lines_of(parts: Sequence[Observable]) -> SteadyLines | None:
-    """Return the lines of steady motion of all parts, by a motion of 1 m; None without any."""
+    """Return the steady lines of all parts, scaled to a motion of 1 m; None if there are none."""
     lines_by_part = [
         part_lines for part in parts if (part_lines := part.shown().steady_lines()) is not None
     ]
@@ -164,11 +164,11 @@ def lines_of(parts: Sequence[Observable]) -> SteadyLines | None:
 
 
 def _damping(omega_n: float, gain: float | None, lines: SteadyLines | None) -> float:
-    r"""Return the damping ratio of lines U per metre of motion by a gain, to which a joint adds.
+    r"""Return a starting damping ratio from a known gain and lines U per metre of motion.
 
     $$\zeta = \min \frac{g\,\mathrm{Im}\,U}{2\,\omega_n\,\omega}$$
 
-    and `DAMPED` where the gain is not known.
+    and `DAMPED` if the gain is not known. The least ratio is used because the joint adds damping.
     """
     if gain is None or lines is None:
         return DAMPED
@@ -177,13 +177,13 @@ def _damping(omega_n: float, gain: float | None, lines: SteadyLines | None) -> f
 
 
 def _with_gain(values: Mapping[str, float], parts: Sequence[Observable]) -> dict[str, float]:
-    r"""Return the values with the gain by which lines U of the parts are those of omega_n and zeta.
+    r"""Return the values with the gain that fits steady lines U to their omega_n and zeta.
 
     $$g = \frac{\mathrm{Re} \sum U^* r}{\sum |U|^2}, \qquad
       r = \omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega$$
 
-    per metre of motion. Where none has lines, the gain stays as it is known. A loop of a joint that
-    slips is softer than the sticking one, by which its gain is too large.
+    per metre of motion. Without lines the gain stays as it is known. The loop of a slipping joint
+    is softer than that of the stuck joint, so that the gain is then too large.
     """
     lines = lines_of(parts)
     if lines is None or not {"omega_n", "zeta"} <= values.keys():

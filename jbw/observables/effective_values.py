@@ -1,8 +1,8 @@
-"""Effective number of samples of a group of data, where the model does not follow it.
+"""The effective number of independent values of a group whose residual is not white.
 
-The misfit of a law that is not quite right follows the motion, the same in every repeat. Taken for
-white noise it makes intervals absurdly narrow. So every group counts for so many values that the
-least squares' covariance is the one that a residual of that spectrum really causes.
+The misfit of an imperfect law follows the motion and is the same in every repeat. Treated as white
+noise, it makes intervals absurdly narrow. Therefore every group counts for so many values that the
+covariance of least squares is the one that a residual of that spectrum really causes.
 """
 
 import numpy as np
@@ -11,11 +11,11 @@ from scipy.ndimage import uniform_filter1d
 
 COLOURED = 0.2  # lag-one correlation above which intervals are noticeably too narrow
 BEYOND_CHANCE = 3.0  # standard errors of a correlation, 1 / sqrt(n)
-MISFIT = 0.5  # of a mean's variance: misfit that repeats do not average out
-LEAST_VALUES = 8  # independent values of a group, below which nothing could be integrated out
-BY_CHANCE = 0.5  # share that white residuals of a few dozen values hardly go below
+MISFIT = 0.5  # of a mean's variance: more misfit does not average out over repeats
+LEAST_VALUES = 8  # independent values of a group; with fewer, nothing could be integrated out
+BY_CHANCE = 0.5  # share below which white residuals of a few dozen values hardly fall
 MEDIAN_OF_SQUARE = 0.455  # of a standard normal variable
-SMOOTHED = 5  # neighbours among which a residual's squares are averaged
+SMOOTHED = 5  # neighbouring values over which squared residuals are averaged
 
 Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
 
@@ -27,12 +27,12 @@ def correlation_at_one(row: Row) -> float:
 
 
 def coloured_from(row: Row) -> float:
-    """Return the limit on lag-one correlation, above the chance level of white noise."""
+    """Return the limit of a residual's lag-one correlation, above that of white noise by chance."""
     return max(COLOURED, BEYOND_CHANCE / np.sqrt(len(row)))
 
 
 def is_coloured(row: Row) -> bool:
-    """Return whether a long enough residual has a lag-one correlation above its limit."""
+    """Return True if a long enough residual has a lag-one correlation above its limit."""
     return len(row) >= 2 * LEAST_VALUES and abs(correlation_at_one(row)) > coloured_from(row)
 
 
@@ -42,8 +42,8 @@ def white_square(row: Row) -> float:
     $$\min\Bigl(\frac{\mathrm{med}\,|r|^2}{c},\ \frac{\mathrm{med}\,|R|^2}{\ln 2}\Bigr), \qquad
       R_k = \frac{\sum_t w_t r_t e^{-2\pi i k t / n}}{\sqrt{\sum_t w_t^2}}$$
 
-    with a Hann window w, c = ln 2 of complex and 0.455 of real values. Noise is spread over all
-    values and all lines of their spectrum; what a law misses is not.
+    with a Hann window w, and c = ln 2 for complex and 0.455 for real values. Noise is spread over
+    all values and all lines of their spectrum; the misfit of a law is not.
     """
     if len(row) < 2 * LEAST_VALUES:
         return 0.0
@@ -58,14 +58,15 @@ def effective_fraction(
     slopes: Float[np.ndarray, "parameter n"] | Complex[np.ndarray, "parameter n"],
     covariance: Float[np.ndarray, "parameter parameter"],
 ) -> float:
-    r"""Share of values of a residual that count as independent for what is estimated.
+    r"""Return the share of a residual's values that count as independent for the estimates.
 
     $$w = w_t\,w_f, \qquad w_t = \frac{\bar S \sum_t D(t)}{\sum_t D(t)\,S(t)}, \quad
       S = |r|^2, \quad D = \sum_i |(L^T J^T)_i|^2, \quad \Sigma = L L^T$$
 
-    and w_f the same of their Fourier transforms; at most 1 and at least that of eight values. D is
-    the prediction's change by one standard deviation of all that is estimated, J its `slopes`: a
-    residual that is large where D is scatters least squares by more than white noise of its size.
+    and w_f the same for their Fourier transforms; w is at most 1 and at least the share of eight
+    values. D is the prediction's change by one standard deviation of all estimates, with J its
+    `slopes`: a residual that is large where D is large disturbs least squares more than white noise
+    of its size.
     """
     along = np.linalg.cholesky(covariance).T @ slopes
     share = _overlap(row, along) * _overlap(np.fft.fft(row), np.fft.fft(along))
@@ -73,14 +74,17 @@ def effective_fraction(
 
 
 def _overlap(row: Row, along: Float[np.ndarray, "i n"] | Complex[np.ndarray, "i n"]) -> float:
-    """Return the mean square of a residual, over that where the prediction moves; at most 1."""
+    """Return a residual's mean square over that where the prediction moves; at most 1."""
     square = uniform_filter1d(np.abs(row) ** 2, SMOOTHED, mode="wrap")
     moved = np.sum(np.abs(along) ** 2, axis=0)
     return min(float(moved.sum() * square.mean() / np.sum(moved * square)), 1.0)
 
 
 def correlated_fraction(rows: Float[np.ndarray, "row n"] | Complex[np.ndarray, "row n"]) -> float:
-    r"""Share of independent values, $1/w = 1 + 2 \sum_{k \ge 1} \rho_k$, until rho is negative."""
+    r"""Return the share of values that count as independent in correlated rows.
+
+    The share w follows from $1/w = 1 + 2 \sum_{k \ge 1} \rho_k$, summed until rho is negative.
+    """
     n = rows.shape[1]
     unit = rows / np.linalg.norm(rows, axis=1, keepdims=True)
     spectrum = np.mean(np.abs(np.fft.fft(unit, 2 * n)) ** 2, axis=0)

@@ -1,4 +1,4 @@
-"""Forms of tests: what those must share that are reduced together, and which share a motion."""
+"""Forms of tests: the properties that tests must share to be reduced together."""
 
 from collections.abc import Iterator, Sequence
 from itertools import groupby
@@ -28,7 +28,7 @@ def form_of(test: Test) -> Form:
 
 
 def common_form(tests: Sequence[Test]) -> Form:
-    """Return the form that tests to be reduced together share; a DataError where they do not."""
+    """Return the common form of tests that are reduced together; raise a DataError if it varies."""
     forms = {form_of(test) for test in tests}
     if len(forms) != 1:
         raise DataError(
@@ -40,5 +40,5 @@ def common_form(tests: Sequence[Test]) -> Form:
 
 
 def by_form(tests: Sequence[Test]) -> list[list[Test]]:
-    """Return the tests in groups of one form, which are reduced together."""
+    """Return the tests grouped by form; each group is reduced together."""
     return [list(same) for _, same in groupby(sorted(tests, key=form_of), key=form_of)]

@@ -1,4 +1,4 @@
-"""The table of groups that every kind of test holds: names, repeats, noise, offsets of runs."""
+"""The table of groups of any kind of test: names, repeats, noise, offsets of runs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -11,7 +11,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Complex, Float, Inexact
 
-SPANS = 1e-10  # of columns of size one: a direction that is none but for rounding
+SPANS = 1e-10  # of columns of size one: smaller directions are only rounding
 
 Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
 Rows = Mapping[str, Row]  # by the groups' labels
@@ -19,12 +19,12 @@ Covariance = Float[np.ndarray, "parameter parameter"]
 
 
 def concrete(values: Any) -> Any:
-    """Return an array as NumPy's where nothing is traced: then there is no program to compile."""
+    """Return values as a NumPy array unless they are traced, so that no program is compiled."""
     return values if isinstance(values, Tracer) else np.asarray(values)
 
 
 class SingleRecords(NamedTuple):
-    """The records of every group one by one; zero after a group's last.
+    """The single records of every group, in arrays with zeros after a group's last record.
 
     Attributes:
         mean: Mean of the repeats of each record, in the form of `Observable.mean`.
@@ -38,29 +38,34 @@ class SingleRecords(NamedTuple):
 
 
 class Groups(eqx.Module):
-    """Groups of data: each has one label, one run and one noise.
+    """A table of groups of data; each group has one label, one run and one noise.
 
     Attributes:
-        within: Scatter S of the repeats about their mean, summed over repeats and values.
-        num_repeats: Repeats K.
-        size: Values N of a group: real numbers (samples, or real and imaginary parts).
-        num_values: Independent values n of all repeats, fewer where the residual is coloured.
+        within: Scatter S of the repeats: squared deviations from their mean, summed over all
+            values.
+        num_repeats: Number K of repeats.
+        size: Number N of values of a group, as real numbers (samples, or real and imaginary parts).
+        num_values: Number n of independent values of all repeats, fewer if the residual is
+            coloured.
         noise_std: Noise of one repeat, for least squares.
-        discrepancy: Mean square that the law is expected to leave of every value, in all repeats.
-        directions: Change of the prediction by each offset of the run; no offsets, no rows.
-        spanned: Orthonormal directions of what the misfit may hold besides, integrated out: of a
-            constant of each group's own (`residuals = "own"`); zero rows where there are fewer.
+        discrepancy: Expected mean-square misfit of the law in every value, the same in all repeats.
+        directions: Derivatives of the prediction by each offset of the run; no rows without
+            offsets.
+        spanned: Orthonormal directions that the misfit may also contain and that are integrated
+            out, such as a group's own constants (`residuals = "own"`); zero rows if there are
+            fewer.
         origin: omega_n [rad/s] and zeta of each group's own run, about which its prediction is
-            linear in them; no columns where it is made at the parameters themselves.
-        counted: 1 for a value that is compared, 0 for others; None where the first `size` are.
-        reference: What the errors of a group are relative to; None for the mean's root mean square.
-        single: The records one by one; None where every group is of one. No program reads them.
-        labels: Name of each group, no two alike; static as all below.
+            linear in them; no columns if it is predicted at the parameters themselves.
+        counted: 1 for a compared value, 0 for others; None if the first `size` are compared.
+        reference: Reference of a group's relative errors; None for the root mean square of its
+            mean.
+        single: Records one by one; None if every group has a single record. No program reads them.
+        labels: Name of each group, all different; static, like all below.
         runs: Name of the run of each group.
         units: Unit of the values of each group.
         is_complex: Whether the values of a group are real parts, then imaginary parts.
-        num_own: Unknowns of each group besides its noise that its kind integrates out.
-        is_prior: Whether it is one group that was read before: no fit is judged by it.
+        num_own: Number of unknowns of each group, other than noise, that its kind integrates out.
+        is_prior: Whether it is one group that was read before, by which no fit is judged.
     """
 
     within: Float[Array, " group"]
@@ -84,24 +89,24 @@ class Groups(eqx.Module):
 
     @property
     def num_taken(self) -> Float[Array, " group"]:
-        """Values that the directions of each group's own take, one each."""
+        """The number of values that each group's own directions take up, one each."""
         rows = concrete(self.spanned)
         xp: Any = np if isinstance(rows, np.ndarray) else jnp
         return xp.round(xp.sum(rows**2, axis=(1, 2)))
 
     @property
     def num_counted(self) -> Float[Array, " group"]:
-        """Values of all repeats of each group, less those that are taken."""
+        """The number of values of all repeats of each group, minus those of its own directions."""
         return concrete(self.size) * concrete(self.num_repeats) - self.num_taken
 
     @property
     def unit(self) -> str:
-        """Unit of the values; empty where groups differ."""
+        """The unit of the values; empty if groups differ."""
         return self.units[0] if len(set(self.units)) == 1 else ""
 
     @property
     def width(self) -> int:
-        """Values of a group's row, those that fill it up included."""
+        """The length of a group's row, including padding."""
         return self.directions.shape[-1]
 
 
@@ -117,21 +122,20 @@ def repeated(
     spanned: Float[np.ndarray, "group column value"] | None = None,
     **columns: Any,
 ) -> Groups:
-    r"""Return groups of independent values of noise $\sigma^2 = S / (N (K - 1))$.
+    r"""Return groups of independent values with noise $\sigma^2 = S / (N (K - 1))$.
 
-    Labels that come again get a number.
+    Repeated labels get a number.
 
     Args:
-        values: Every record of each group, or every repeat of each record; zero where it is not
-            compared.
-        sizes: Values N of each group that are compared.
+        values: Every record of each group, or every repeat of each record; zero where not compared.
+        sizes: Number N of compared values of each group.
         labels: Name of each group.
         runs: Name of the run of each group.
-        scale: Size of each group, of which one hundredth is the first guess of the noise of a
-            single repeat; None for the root mean square.
-        course: Noise of every value over that of its group; None for one.
-        longest: Length of the longest row, where more values stand in it than count.
-        spanned: Columns of each group that its misfit may hold besides, in any scale.
+        scale: Size of each group; one hundredth of it is the first guess of the noise if there are
+            no repeats. None for the root mean square.
+        course: Noise of every value relative to that of its group; None for 1.
+        longest: Length of the longest row, if rows contain more values than count.
+        spanned: Columns that each group's misfit may also contain, in any scale.
         columns: Other columns of `Groups`, such as units.
     """
     longest = int(max(sizes, default=0)) if longest is None else longest
@@ -151,7 +155,7 @@ def repeated(
     own_directions = (
         np.zeros((len(labels), 0, longest)) if spanned is None else _orthonormal(spanned)
     )
-    # Values that the directions of each group's own take, one each.
+    # Each of a group's own directions takes up one value.
     num_taken = np.round(np.sum(own_directions**2, axis=(1, 2)))
     arrays = {
         "within": within,
@@ -188,14 +192,14 @@ def _single(
 
 
 def read_before(label: str, run: str, size: int, num_repeats: int = 1) -> Groups:
-    """Return the one group of values whose covariance was known before any fit."""
+    """Return the table of one group of values whose covariance was known before any fit."""
     values, sizes = [np.zeros((num_repeats, size))], np.array([float(size)])
     groups = repeated(values, sizes, (label,), (run,), is_prior=True)
     return changed(groups, noise_std=np.ones(1))
 
 
 def single_records(mean: Inexact[np.ndarray, "group value"], groups: Groups) -> SingleRecords:
-    """Return the records of every group one by one, which were kept when it was reduced."""
+    """Return the records of every group one by one, as kept when the group was reduced."""
     if groups.single is not None:
         return groups.single
     counts = (np.asarray(x)[:, None] for x in (groups.num_repeats, groups.within))
@@ -203,7 +207,7 @@ def single_records(mean: Inexact[np.ndarray, "group value"], groups: Groups) -> 
 
 
 def changed(groups: Groups, **columns: Any) -> Groups:
-    """Return the groups with other columns; those of NumPy are put on the device."""
+    """Return the groups with some columns replaced; NumPy arrays are put on the device."""
     # `jnp.asarray` would compile a program for every shape.
     arrays = {n: jax.device_put(x) if isinstance(x, np.ndarray) else x for n, x in columns.items()}
     return replace(groups, **arrays)
@@ -220,7 +224,7 @@ def weights(groups: Groups) -> Float[Array, " group"]:
 def beside_own(
     rows: Float[Array, "group *own value"], groups: Groups
 ) -> Float[Array, "group *own value"]:
-    """Return rows without what lies along each group's own constants, which nothing tells."""
+    """Return rows without their part along each group's own constants, which is undetermined."""
     columns = groups.spanned
     if not columns.shape[1]:
         return rows
@@ -229,20 +233,20 @@ def beside_own(
 
 
 def with_slope(groups: Groups, slope: Float[Any, "group value own"]) -> Groups:
-    """Return the groups with derivatives of their predictions by the offsets."""
+    """Return the groups with the derivatives of their predictions by the runs' offsets."""
     xp: Any = np if isinstance(slope, np.ndarray) else jnp
     return changed(groups, directions=beside_own(xp.moveaxis(slope, -1, 1), groups))
 
 
 def compared(groups: Groups, group: int) -> slice | Bool[np.ndarray, " value"]:
-    """Return which values of a group's row are compared, of complex ones which of their pairs."""
+    """Return the compared positions in a group's row; for complex values, those of the pairs."""
     if groups.counted is not None:
         return np.asarray(groups.counted)[group] > 0
     return slice(int(np.asarray(groups.size)[group]) // (2 if groups.is_complex else 1))
 
 
 def in_units(rows: Mapping[str, Float[np.ndarray, " value"]], groups: Groups) -> dict[str, Row]:
-    """Return rows of residuals in the unit of the values, complex where the values are."""
+    """Return weighted residual rows in the unit of the values, complex if the values are."""
     weight, labelled = np.asarray(weights(groups)), {}
     for i, label in enumerate(groups.labels):
         row: Row = np.asarray(rows[label]) / weight[i]
@@ -261,7 +265,7 @@ def sizes(mean: Inexact[Any, "group value"], groups: Groups) -> Float[np.ndarray
 
 
 def with_fitted_noise(residuals: Rows, groups: Groups) -> Groups:
-    r"""Return groups with the noise that a fit leaves, $\sigma^2 = Q / (N K - q) + \tau^2$."""
+    r"""Return groups with the noise of a fit's residuals, $\sigma^2 = Q / (N K - q) + \tau^2$."""
     squares = np.array([np.sum(np.abs(residuals[label]) ** 2) for label in groups.labels])
     total = np.asarray(groups.num_repeats) * squares + np.asarray(groups.within)
     square = total / np.asarray(groups.num_counted) + np.asarray(groups.discrepancy)
@@ -269,7 +273,7 @@ def with_fitted_noise(residuals: Rows, groups: Groups) -> Groups:
 
 
 def with_effective_values(fractions: Mapping[str, float], groups: Groups) -> Groups:
-    """Return groups that count for as many values as are independent, all where not named."""
+    """Return groups with the number of their independent values; all for labels not named."""
     fraction = np.array([fractions.get(label, 1.0) for label in groups.labels])
     return changed(groups, num_values=fraction * np.asarray(groups.num_counted))
 

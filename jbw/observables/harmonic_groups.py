@@ -1,4 +1,4 @@
-"""From tests of steady motion to groups of harmonics: tones, stepped sines, response curves."""
+"""Groups of harmonics from tests of steady motion: tones, stepped sines, response curves."""
 
 import warnings
 from collections.abc import Sequence
@@ -14,25 +14,26 @@ from jbw.measurement.harmonics import harmonics
 from jbw.measurement.records import Test, run_of
 from jbw.quantities import UNIT_OF, derivative_order, per
 
-NUM_HARMONICS = 4  # odd orders balanced: what is left out is a part in 1e6 of the first
-ORDERS = (1, 3)  # compared; the others measured are the guess of the motion
+NUM_HARMONICS = 4  # balanced odd orders: those neglected are a part in 1e6 of the first
+ORDERS = (1, 3)  # compared orders; other measured orders are the guess of the motion
 HIGHEST = 2 * NUM_HARMONICS - 1
-BELOW_NYQUIST = 0.499  # of the sampling frequency: the highest harmonic read
+BELOW_NYQUIST = 0.499  # of the sampling frequency: limit of the highest harmonic that is read
 NO_AMPLITUDE = 1e-9  # of the unit of the source
-CONTROLLED = 1 / 3  # of the source's variation along a curve: what a held response varies at most
+# Largest variation of a controlled response along a curve, over that of the source.
+CONTROLLED = 1 / 3
 
 
 class MeasuredHarmonic(NamedTuple):
-    """One measured harmonic of one test, before it is put among others.
+    """One measured harmonic of one test, before it is grouped with others.
 
     Attributes:
         omega: Frequencies [rad/s].
-        load: Odd harmonics of the source, phases counted from its first [unit of the source].
-        motion: Odd harmonics of the displacement, zero where not measured [m].
-        order: Order of the values: of the response, or the force `of_force`.
+        load: Odd harmonics of the source, with phases relative to its first [unit of the source].
+        motion: Odd harmonics of the displacement, zero if not measured [m].
+        order: Order of the harmonic of the response or, with `of_force`, of the force.
         repeats: Values of every repeat.
-        factor: From metres, or N/kg, to the unit of the values.
-        unit: Of the values.
+        factor: Factor from metres, or N/kg, to the unit of the values.
+        unit: Unit of the values.
     """
 
     label: str
@@ -48,12 +49,12 @@ class MeasuredHarmonic(NamedTuple):
 
     @property
     def values(self) -> Complex[np.ndarray, " value"]:
-        """Mean of the repeats."""
+        """The mean of the measured values over the repeats."""
         return self.repeats.mean(axis=0)
 
 
 def groups_of(tests: Sequence[Test]) -> list[MeasuredHarmonic]:
-    """Group tests of steady motion (one tone, stepped, frf) that can estimate their noise."""
+    """Return groups of steady tests (one tone, stepped, frf); omit those that show no noise."""
     single = [test for test in tests if test.kind == "tones" and len(test.tones_hz) == 1]
     groups = tone_groups(single)
     for test in tests:
@@ -72,7 +73,7 @@ def groups_of(tests: Sequence[Test]) -> list[MeasuredHarmonic]:
 
 
 def tone_groups(tests: Sequence[Test]) -> list[MeasuredHarmonic]:
-    """Return the harmonics of tests with one tone each, those of one level and run together."""
+    """Return the harmonics of tests with one tone each, grouped by level and run."""
     families: dict[tuple[float, str, int], list[Test]] = {}
     for test in tests:
         run = run_of(test) if test.assembly or test.run else ""
@@ -121,7 +122,7 @@ def stepped_groups(test: Test) -> list[MeasuredHarmonic]:
 def _groups(
     label: str, run: str, omega: NDArray[np.float64], spans: list, delays: list[float]
 ) -> list[MeasuredHarmonic]:
-    """Return one group an order, from the repeats of every frequency."""
+    """Return one group per harmonic order, from the repeats at every frequency."""
     amplitudes = [_points(*span) for span in zip(spans, omega, delays, strict=True)]
     source, motion = np.moveaxis(np.array(amplitudes), 2, 0)
     power = derivative_order(spans[0][0][0].response)
@@ -153,7 +154,8 @@ def _points(repeats: list, omega: float, delay: float) -> NDArray[np.complex128]
         by_layout.setdefault((record.fs, record.response, size), []).append(i)
     for (fs, response, _), members in by_layout.items():
         count = int(min(HIGHEST, BELOW_NYQUIST * 2 * np.pi * fs / omega))
-        # All at once: sines and cosines of so many samples are what a fit costs.
+        # All rows are transformed at once, because sines and cosines of many samples dominate the
+        # cost.
         rows = [
             record.channels[name][_span(fs, *span)]
             for record, span in (repeats[i] for i in members)
@@ -169,12 +171,12 @@ def _points(repeats: list, omega: float, delay: float) -> NDArray[np.complex128]
 
 
 def _span(fs: float, start: float, stop: float) -> slice:
-    """Return the samples between two times [s]."""
+    """Return the slice of samples between two times [s]."""
     return slice(round(start * fs), round(stop * fs))
 
 
 def curve_group(test: Test) -> MeasuredHarmonic:
-    """Return a response curve's fundamental, or the force's where the response was held."""
+    """Return the fundamental of a response curve or, if the response was held, of the force."""
     curves = [response_curve(record) for record in test.records]
     if any(not np.array_equal(curve.freq_hz, curves[0].freq_hz) for curve in curves):
         raise DataError(
@@ -182,13 +184,13 @@ def curve_group(test: Test) -> MeasuredHarmonic:
             remedy="Make a separate test of each.",
         )
     omega = 2 * np.pi * curves[0].freq_hz
-    # A ratio has no amplitude: it is compared where the joint sticks, at next to none.
+    # A ratio has no amplitude: it is compared with the stuck joint, at almost zero amplitude.
     size = NO_AMPLITUDE if curves[0].is_ratio else 1.0
     source = size * np.array([curve.source for curve in curves])
     motion = size * np.array([displacement_of(curve) for curve in curves])
     held = response_held(curves[0]) and not curves[0].is_ratio
     if held:
-        # Phases are counted from the motion, which is exact here: their noise is the force's.
+        # Phases are relative to the motion, which is exact here: their noise is that of the force.
         factor = np.ones(len(omega), complex)
         values = source = source * np.exp(-1j * np.angle(motion))
         motion = np.abs(motion)
@@ -217,6 +219,6 @@ def _unit_of(curve: MeasuredCurve, source: str, *, held: bool) -> str:
 
 
 def response_held(curve: MeasuredCurve) -> bool:
-    """Return whether a controller held the response along the curve, and the force varied."""
+    """Return True if a controller held the response along the curve while the force varied."""
     response, source = np.abs(curve.response), np.abs(curve.source)
     return bool(response.std() / response.mean() < CONTROLLED * source.std() / source.mean())

@@ -1,12 +1,14 @@
-r"""The line fit of Step 2 as an observable: what it reads is a joint in weak random motion.
+r"""The line fit of Step 2 as an observable: it reads the joint in weak random motion.
 
-Random motion of rms s has Rayleigh amplitudes. To it the joint is a spring and a damper,
+Random motion of rms s has Rayleigh-distributed amplitudes. In it the joint acts as a spring and a
+damper,
 
 $$K = \frac{E[F_1(Y)\,Y]}{E[Y^2]}, \qquad \omega_{eq}^2 = k + \mathrm{Re}\,K,
   \qquad 2\zeta_{eq}\omega_{eq}^2 = 2\zeta\omega_n\omega_{eq} + \mathrm{Im}\,K$$
 
-so a record at 14 um rms reads omega_n of the paper's joint 7e-5 low, many times its own error. The
-average leaves out how the joint remembers larger amplitudes: a fiftieth of the shift.
+so that a record at 14 um rms gives an omega_n of the paper's joint that is 7e-5 too low, many times
+its own error. The average neglects that the joint remembers larger amplitudes: a fiftieth of the
+shift.
 """
 
 from collections.abc import Mapping
@@ -26,19 +28,20 @@ from jbw.observables.samples import joints_at
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.quantities import DEFAULT_LAWS
 
-MOST = 6.0  # rms: amplitudes beyond have a share of 1e-8
+MOST = 6.0  # rms: larger amplitudes have a share of 1e-8
 NUM_NODES = 24
-MARGIN = 0.05  # of the joint's shift of a reading: a standard deviation for what is left out
+LARGEST = float(np.sqrt(-2 * np.log(0.01)))  # rms: 99 % of the peaks of narrow-band noise are less
+MARGIN = 0.05  # of the joint's shift of a reading: standard deviation for neglected effects
 READ = ("omega_n", "zeta", "gain")
-LEAST_LINES = 2  # of an oscillator: three unknowns, two numbers a line
-JUMP = 0.5  # of the response, from one point of a curve to the next: another branch
+LEAST_LINES = 2  # for an oscillator: three unknowns, two numbers per line
+JUMP = 0.5  # relative change of the response between two points that means another branch
 
 
 class LineReading(KnownReading):
-    """The line fit to random motion of `y_rms` [m]: omega_n [rad/s], zeta [-], gain.
+    """A line fit to random motion of rms `y_rms` [m]: omega_n [rad/s], zeta [-], gain.
 
-    The covariance is theirs, the gain in N/kg per unit of the input. The solution is what is read,
-    worked out before at the point that is asked for; None for nothing.
+    The covariance is that of these readings; the gain is in N/kg per unit of the input. `solution`
+    contains precomputed predictions at the requested points; None if there are none.
     """
 
     is_linear: ClassVar[bool] = True
@@ -60,12 +63,12 @@ class LineReading(KnownReading):
         """Build data from a line fit's omega_n, zeta and gain at rms motion `y_rms` [m]."""
         arrays = np.asarray(mean)[None], np.asarray(covariance), float(y_rms)
         read, spread, rms = jax.device_put(arrays)
-        # Of known noise, as of what was repeated.
+        # The noise is known, as that of repeated data is.
         groups = read_before(f"line fit of {run}", run, len(READ), num_repeats=2)
         return cls(spread, rms, mean=read, groups=groups, laws=laws)
 
     def predict(self, theta: Theta) -> Float[Array, "1 read"]:
-        """Return omega_n [rad/s] and zeta of (23), (39) over Rayleigh's amplitudes, and gain."""
+        """Predict omega_n [rad/s] and zeta of (23), (39) over Rayleigh amplitudes, and the gain."""
         if self.solution is not None:
             return self.solution
         equivalent = _equivalent(oscillator_of(theta, self.laws), self.y_rms)
@@ -79,9 +82,9 @@ class LineReading(KnownReading):
         writes: bool,
         rows: Float[np.ndarray, "group row value"] | None = None,
     ) -> Self | None:
-        """Return the reading with what is read at points, by one program for all that ask for it.
+        """Return the reading with predictions at points, by one program for all datasets.
 
-        None of several modes, and of laws that our own step does not know.
+        None is returned for several modes, and for laws that the exact step does not support.
         """
         if (joints := joints_at(theta, self.laws)) is None:
             return None
@@ -94,12 +97,16 @@ class LineReading(KnownReading):
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 read"], Float[Array, "1 own read"], Float[Array, ""]]:
-        """Return residual and directions in standard deviations, less the log of their product."""
+        """Return residual and directions over their standard deviations, and a log-density term.
+
+        The term is minus the logarithm of the product of the standard deviations.
+        """
         predicted = self.predict(theta)
         linear = jnp.stack([theta[name] for name in READ])
-        # Beside the line fit's covariance, that of what the average over amplitudes leaves out.
+        # The covariance of effects that the average over amplitudes neglects is added to the line
+        # fit's.
         margin = jnp.diag((MARGIN * (predicted[0] - linear)) ** 2)
-        # A reading that is held out counts for next to none of its values.
+        # A held-out reading counts for almost none of its values.
         counted = self.groups.num_values[0] / self.groups.num_counted[0]
         scale = self.groups.noise_std[0] ** 2 / counted
         root = jnp.linalg.cholesky(scale * self.covariance + margin)
@@ -108,16 +115,16 @@ class LineReading(KnownReading):
         return whitened[None, :, 0], whitened[:, 1:].T[None], -jnp.sum(jnp.log(jnp.diag(root)))
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return what was read, and the rms displacement of the random motion [m]."""
+        """Return the readings, and the amplitude [m] that 99 % of the peaks stay below."""
         values = {name: float(x) for name, x in zip(READ, np.asarray(self.mean)[0], strict=True)}
         gain_std = float(np.sqrt(np.asarray(self.covariance)[2, 2]))
-        return Shown(lambda: values, gain_std=gain_std, y_peak=float(self.y_rms))
+        return Shown(lambda: values, gain_std=gain_std, y_peak=float(LARGEST * self.y_rms))
 
 
 def _equivalent(
     joint: Oscillator, y_rms: Float[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Return omega_eq [rad/s] and zeta_eq for random motion of rms displacement `y_rms`."""
+    """Return omega_eq [rad/s] and zeta_eq of a joint in random motion of rms `y_rms` [m]."""
     x, weights = np.polynomial.legendre.leggauss(NUM_NODES)
     size = MOST * (x + 1) / 2
     density = weights * size * np.exp(-(size**2) / 2)
@@ -139,7 +146,7 @@ def _equivalents(
 def oscillator_through(
     omega: NDArray[np.float64], u: NDArray[np.complex128], y: NDArray[np.complex128]
 ) -> dict[str, float]:
-    r"""Return the natural frequency [rad/s], damping and gain by linear least squares, y in m.
+    r"""Return omega_n [rad/s], zeta and gain of an oscillator by linear least squares, y in m.
 
     $$(\omega_n^2 + 2j\zeta\omega_n\omega)\,Y - g\,U = \omega^2\,Y$$
     """
@@ -164,8 +171,8 @@ def at_quadrature(
     $$\arg (Y/U) = -\tfrac{\pi}{2}: \qquad \omega = \omega(|Y|), \qquad
       \zeta(|Y|) = \frac{g\,|U|}{2 \omega^2 |Y|}$$
 
-    the first harmonics of any joint. Between two points by a straight line; None where no two that
-    follow each other lie on either side, or where the motion jumps from one to the other.
+    as for the first harmonics of any joint. Between two points a straight line is used. None is
+    returned if no two consecutive points lie on either side, or if the motion jumps between them.
     """
     ratio = y / u
     (turns,) = np.nonzero((ratio.real[:-1] > 0) != (ratio.real[1:] > 0))

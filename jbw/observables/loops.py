@@ -18,22 +18,22 @@ from jbw.observables.observable import Laws, Observable, Shown, SteadyLines, The
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS
 
-LONG = 8192  # samples: a longer record's neighbours are averaged
-SOFTER = 2.0  # times: how much stiffer the stiffest cycle is where it counts
-SEEN = 0.1  # of the largest force: cycles of less may be noise
-FINEST = 6e-3  # of the largest displacement: some thousand values a cycle
+LONG = 8192  # samples; in longer records, neighbours are averaged
+SOFTER = 2.0  # times as stiff: from here on, the stiffest cycle counts instead of the loop
+SEEN = 0.1  # of the largest force: smaller cycles may be noise
+FINEST = 6e-3  # of the largest displacement: about a thousand values per cycle
 
 
 class Loops(Observable):
-    """Prescribed displacement [m] and mean restoring force [N] of several tests.
+    """The prescribed displacement [m] and mean restoring force [N] of several tests.
 
-    A sample is not counted while the joint forgets its start, or behind the last.
+    Samples are not counted while the joint still remembers its start, nor in the padding.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ("loop",)
     suffix: ClassVar[str] = "_loop"
     dimension: ClassVar[str] = "loop"
-    # Nothing moves freely: by itself nothing tells damping, nor the modal mass.
+    # Nothing moves freely: alone, such data determine neither damping nor modal mass.
     informs: ClassVar[frozenset[str]] = frozenset({"omega_n"})
     stepped: ClassVar[bool] = True
     is_prescribed: ClassVar[bool] = True
@@ -46,8 +46,8 @@ class Loops(Observable):
     ) -> tuple[Self, ...]:
         """Average the force of equally long repeats; samples in `settle` are not compared.
 
-        Moves of the hysteresis are exact and take no steps, so that samples much closer together
-        than the loop bends are averaged to one.
+        Moves of the hysteresis are exact and need no steps. Samples much closer together than the
+        loop bends are therefore averaged into one.
         """
         loops_by_test = [
             [forced_loop(record, test.delay) for record in test.records] for test in tests
@@ -105,7 +105,7 @@ class Loops(Observable):
         return jax.vmap(joint.force_along)(self.displacement) / theta["gain"]
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return the largest displacement, and the stiffest loop as a line at no frequency."""
+        """Return the largest displacement, and the stiffest loop as a line at zero frequency."""
 
         def lines() -> SteadyLines:
             return SteadyLines(np.zeros(1), np.array([secant(self) + 0j]), np.ones(1, complex))
@@ -115,10 +115,10 @@ class Loops(Observable):
 
 
 def secant(data: Loops) -> float:
-    """Return force over displacement of the stiffest loop, peak to peak [N/m].
+    """Return the stiffness of the stiffest loop: force over displacement, peak to peak [N/m].
 
-    Of its stiffest cycle instead where that is more than twice as stiff: a joint that wears or
-    yields far is soft in its largest cycles.
+    If its stiffest cycle is more than twice as stiff, that is returned instead: a joint that wears
+    or yields far is soft in its largest cycles.
     """
     displacement, mean = np.asarray(data.displacement), np.asarray(data.mean)
     peak_to_peak = float(np.max(np.ptp(mean, axis=1) / np.ptp(displacement, axis=1)))
@@ -142,7 +142,7 @@ def _secants(y: Float[np.ndarray, " time"], force: Float[np.ndarray, " time"]) -
 def zeros_of_load_cells(
     kinds: Sequence[str], counted: Sequence[np.ndarray]
 ) -> Float[np.ndarray, "test 2 time"] | None:
-    """Return offset and linear drift columns for tests whose load cells have them."""
+    """Return offset and drift columns for tests whose load cells have such errors, or None."""
     if all(kind == "exact" for kind in kinds):
         return None
     columns = np.zeros((len(kinds), 2, max(map(len, counted))))
@@ -157,8 +157,8 @@ def zeros_of_load_cells(
 def together(displacement: Float[np.ndarray, " time"]) -> int:
     r"""Return the number of samples to average: a sine moves 6e-3 of its amplitude in them.
 
-    Only of records so long that their samples are what a prediction costs. A mean of so few falls
-    short of a peak by $(6\times10^{-3})^2 / 24$ of the amplitude.
+    Only records so long that their samples dominate the cost of a prediction are averaged. The mean
+    of so few samples is below a peak by $(6\times10^{-3})^2 / 24$ of the amplitude.
     """
     if len(displacement) <= LONG:
         return 1
@@ -170,7 +170,7 @@ def together(displacement: Float[np.ndarray, " time"]) -> int:
 def blocks_of(
     rows: Float[np.ndarray, "*batch time"], size: int
 ) -> Float[np.ndarray, "*batch block"]:
-    """Return the means of so many neighbours; what the last block lacks is left out."""
+    """Return the means of blocks of `size` neighbours; an incomplete last block is dropped."""
     count = rows.shape[-1] // size
     in_blocks = rows[..., : count * size]
     return in_blocks.reshape(*rows.shape[:-1], count, size).mean(axis=-1)

@@ -1,8 +1,8 @@
-"""The residual of repeated data: its share of the response, and what the data count for then.
+"""The misfit of a law to repeated data, as a share of the response, and the weights from it.
 
-Weights that followed the misfit of every group by itself would let a record that a poor fit misses
-lose its voice, and the next fit would miss it more. So the law's misfit is one share of the
-response for all groups of an observable, and each counts by that.
+Weights by each group's own misfit would give little weight to a record that a poor fit misses, and
+the next fit would miss it more. Therefore the law's misfit is taken as one share of the response
+for all groups of an observable, and this share sets the weight of each group.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from jbw.observables.groups import Covariance, Groups, Rows
 
 
 class GroupResidual(NamedTuple):
-    """Mean squares of noise and of misfit in a group's residual, and whether it is misfit."""
+    """The mean squares of noise and misfit in a group's residual, and whether misfit counts."""
 
     noise: float
     misfit: float
@@ -30,7 +30,7 @@ class GroupResidual(NamedTuple):
 
 
 def group_residuals(groups: Groups, residuals: Rows) -> list[GroupResidual]:
-    """Return noise and misfit of each group, with noise from repeats where there are any."""
+    """Return the noise and misfit of each group, with noise from repeats if there are any."""
     misfits, arrays = [], (groups.num_repeats, groups.size, groups.within)
     numbers = zip(groups.labels, *(np.asarray(x, float).tolist() for x in arrays), strict=True)
     for label, count, size, within in numbers:
@@ -48,12 +48,12 @@ def group_residuals(groups: Groups, residuals: Rows) -> list[GroupResidual]:
 def shared_misfit(
     groups: Groups, sizes: Float[np.ndarray, " group"], residuals: Rows
 ) -> Float[np.ndarray, " group"]:
-    r"""Return the mean square that the law is expected to leave of every value of a group.
+    r"""Return the mean-square misfit that the law is expected to have in every value of a group.
 
     $$\tau_g^2 = \rho^2\,\frac{|\bar d_g|^2}{N_g}, \qquad
       \rho^2 = \frac1G \sum_g \frac{|r_g|^2 - N_g \sigma_g^2 / K_g}{|\bar d_g|^2}$$
 
-    of residuals r_g and means of size $|\bar d_g|$, with sigma the scatter of the repeats; a group
+    for residuals r_g and means of size $|\bar d_g|$, with sigma the scatter of the repeats; a group
     whose residual is noise adds nothing to rho.
     """
     square = sizes**2 / np.asarray(groups.size)
@@ -71,10 +71,10 @@ def independent_fractions(
     $$f = \frac{(a + b)^2}{a^2 + 2ab + b^2 / w}\,\frac{m^2 + \sigma^2 + \tau^2}{a + b}, \qquad
       a = \sigma^2, \quad b = K \tau^2$$
 
-    of the misfit m^2 and its expectation tau^2, the same in all K repeats. The first factor is the
-    effective number of a sum of white noise and of misfit, of which the share w is independent; the
-    second undoes what the likelihood, which has m, sigma and tau in its noise, takes for variance.
-    w, for the colour, is the harmonic mean over the groups that are misfitted.
+    for the misfit m^2 and its expectation tau^2, which are the same in all K repeats. The first
+    factor is the effective number of values of a sum of white noise and misfit, of which the share
+    w is independent. The second corrects for the likelihood, whose noise includes m, sigma and tau
+    as variance. w, a measure of the colour, is the harmonic mean over the misfitted groups.
     """
     fractions, colours = {}, []
     group_misfits = group_residuals(groups, residuals)
@@ -83,7 +83,7 @@ def independent_fractions(
         fraction = effective_fraction(residuals[label], slopes, covariance)
         if group.is_misfit:
             colours.append(fraction)
-        elif fraction <= BY_CHANCE:  # noise that is loud where the prediction moves
+        elif fraction <= BY_CHANCE:  # noise that is large where parameters move the prediction
             fractions[label] = fraction
     if not colours:
         return fractions

@@ -1,19 +1,21 @@
-r"""Free decays of several modes that meet in one joint, each with its own start integrated out.
+r"""Free decays of several modes that share one joint, with each record's start integrated out.
 
-Two modes that ring at once do not run along one decay, as one does: how strongly either slips
-depends on both. So every record is simulated from a start of its own, a displacement and a velocity
-of every mode, $q_i(0)$ and $\dot q_i(0)$, and compared in a band that holds all modes, as the
-complex envelope about its centre: the filter takes out what else rings, and leaves as few values as
-the band has degrees of freedom. The start has flat priors, and so has a small shift of the natural
-frequencies, all alike in proportion: structures are never twice the same. Shifts share one scatter.
+Two modes that ring together do not follow one decay curve, as a single mode does: the slip in
+either depends on both. Therefore every record is simulated from its own start, a displacement and a
+velocity of every mode, $q_i(0)$ and $\dot q_i(0)$. It is compared in a band that contains all
+modes, as the complex envelope about the band's centre: the filter removes all other ringing, and
+leaves as few values as the band has degrees of freedom. The start has flat priors. Each record also
+has a small shift of its natural frequencies, all in proportion, because structures are never
+exactly the same twice. The shifts share one scatter.
 
-For any parameters the best start is found by Gauss and Newton, from the one that the modes' own
-envelopes show. Parameters move the rest of the residual, with Q a basis of the changes by the start
+For any parameters the best start is found by Gauss-Newton, from the start that the modes' own
+envelopes show. Parameters change only the rest of the residual, with Q a basis of the changes by
+the start,
 
 $$r = (1 - Q Q^T)\,(X - \hat X(\theta, s)), \qquad J = \hat X_s = Q R$$
 
-which at the best s is the residual of least squares with the right derivative of its size; the
-change of Q itself is left out.
+which at the best s is the residual of least squares with the correct derivative of its size; the
+change of Q itself is neglected.
 """
 
 from collections.abc import Mapping, Sequence
@@ -43,11 +45,11 @@ from jbw.oscillator.response import simulate
 from jbw.quantities import DEFAULT_LAWS, LETTER_OF, OSCILLATOR
 from jbw.report.messages import observed as messages
 
-STEPS_A_PERIOD = 20.0  # of the highest mode; of fewer, turns come and go within a step
-STEP = 1e-6  # of a mode's amplitude: differences by the start, beside rounding of 1e-10
-NUM_STEPS = 2  # to the best start that are looked at, each by one solve; a last one is taken
+STEPS_A_PERIOD = 20.0  # of the highest mode; with fewer, reversals within a step are missed
+STEP = 1e-6  # of a mode's amplitude: finite differences by the start; rounding is 1e-10
+NUM_STEPS = 2  # trial steps to the best start, each with one solve, before a last step is taken
 TINY = np.finfo(float).tiny
-SHORTER = 0.25  # of a step: what is tried where the whole of it leaves more
+SHORTER = 0.25  # of a step: tried next where the whole step increases the residual
 FIRST = tuple(quantity.name for quantity in OSCILLATOR)
 
 
@@ -61,7 +63,7 @@ class Start(NamedTuple):
 class Matched(NamedTuple):
     """A record matched by least squares; misfit is the sum of squared moduli of the residual.
 
-    The normal matrix is of the state and the shift, for noise of unit variance.
+    `precision` is the normal matrix of the state and the shift, for noise of unit variance.
     """
 
     entry: Start
@@ -71,13 +73,14 @@ class Matched(NamedTuple):
 
 
 class ModalDecays(Decays):
-    """Free decays of several modes with what a likelihood asks of them.
+    """The free decays of several modes, with the quantities that a likelihood needs.
 
     Attributes:
-        begun: Own unknowns of each record from which its best ones are looked for, as `Start`.
-        amplitude: Of each record's modes where it begins, as displacements [m].
-        alone: Decays of each mode as of one, the others filtered out.
-        bands_hz: The bands of these.
+        begun: Own unknowns of each record, as in `Start`, from which the search for the best
+            begins.
+        amplitude: Amplitudes of each record's modes at its beginning, as displacements [m].
+        alone: Decays of each mode alone, with the other modes filtered out.
+        bands_hz: Bands of these single-mode decays [Hz].
     """
 
     several: ClassVar[bool | None] = True
@@ -135,8 +138,11 @@ class ModalDecays(Decays):
             bands_hz=tuple(bands_of(modes.hz, test)),
         )
 
+    def solved(self, *points: Any, **asked: Any) -> None:
+        """Return None: of several modes no part is solved by itself."""
+
     def matches(self, theta: Theta) -> Any:
-        """Return every record at its best start, one after another; a leading axis of records."""
+        """Match every record at its best start, one after another; fields have a record axis."""
         structure = structure_of(theta, self.laws)
         records = MatchedEnvelopes(self.mean, self.begun, self.amplitude)
         return jax.lax.map(lambda seen: match(structure, seen, self), records)
@@ -160,7 +166,7 @@ class ModalDecays(Decays):
         return replace(super().with_fitted_noise(theta, residuals), begun=begun)
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return what the decays of each mode show as those of one; the curve of the first."""
+        """Return the model-free facts of each mode's decay alone; the curve is the first mode's."""
         curve = partial(amplitude_curve, self.alone[0])
         peaks = tuple(np.max(np.asarray(self.amplitude), axis=0).tolist())
         values = partial(_first_values, self)
@@ -171,6 +177,7 @@ class ModalDecays(Decays):
                 first_values=values,
                 amplitude_curve=curve,
                 amplitude_readings=curve,
+                y_peak=float(self.y_start),
                 peaks_of_modes=peaks,
             )
         )
@@ -189,7 +196,7 @@ class ModalDecays(Decays):
 
 
 def _first_values(data: ModalDecays) -> dict[str, float]:
-    """Return omega_n and zeta of every mode at no amplitude."""
+    """Return starting values of omega_n and zeta of every mode, at zero amplitude."""
     values: dict[str, float] = {}
     others = data.modes.names if data.modes is not None else ()
     for decays, (omega, zeta, *_) in zip(data.alone, (FIRST, *others), strict=True):
@@ -210,11 +217,11 @@ def memory_at(structure: Structure, q: Array, v: Array) -> Memories:
 
     $$X = \sum_i |h_i| \sqrt{q_i^2 + (\dot q_i/\omega_i)^2}, \qquad x = \sum_i h_i q_i$$
 
-    of every joint, on the way down from X or up from -X, as x moves.
+    for every joint, on the unloading branch from X or the loading branch from -X, as x moves.
     """
     whole = by_joint(structure)
     h = jnp.asarray(whole.h)
-    omega_n = jnp.maximum(jnp.asarray(structure.omega_n), TINY)  # of one at rest that is rigid
+    omega_n = jnp.maximum(jnp.asarray(structure.omega_n), TINY)  # a rigid-body mode has omega_n = 0
     sizes, x, moves = jnp.abs(h) @ jnp.hypot(q, v / omega_n), h @ q, h @ v
 
     def of_law(law: Any, size: Array, x: Array, moves: Array) -> Memory:
@@ -255,10 +262,11 @@ def held_by_joints(structure: Structure, q: Array, v: Array) -> Float[Array, " m
 def modal_envelopes(
     structure: Structure, own: Float[Array, " own"], data: ModalDecays
 ) -> Complex[Array, "mode step"]:
-    r"""Return each mode's part of a record's envelope, from its own unknowns as in `Start`.
+    r"""Return each mode's part of a record's envelope, for the record's unknowns as in `Start`.
 
-    Modes that do not ring, beside those of the decays, begin where the joints' forces hold them,
-    $q_i = -\sum_j p_{ij} r_j / \omega_i^2$; what they move is counted with the first.
+    Modes other than those of the decays do not ring: they begin at their static position under the
+    joints' forces, $q_i = -\sum_j p_{ij} r_j / \omega_i^2$; their motion is counted with the first
+    mode.
     """
     num_ringing, c = len(data.modes.hz), jnp.asarray(structure.c)
     y, over = jnp.split(own[:-1], 2)
@@ -306,7 +314,7 @@ def match(structure: Structure, seen: MatchedEnvelopes, data: ModalDecays) -> Ma
     def onward(carry: tuple[Array, Array, Array], _: None) -> tuple[Any, None]:
         start, least, move = carry
         deviation = seen.envelope - modal_envelopes(still, start + scale * move, data).sum(axis=0)
-        better = _square(deviation) < least  # not where it is no number
+        better = _square(deviation) < least  # false if it is NaN
         start = jnp.where(better, start + scale * move, start)
         move = jnp.where(better, step(deviation), SHORTER * move)
         return (start, jnp.where(better, _square(deviation), least), move), None
@@ -335,7 +343,7 @@ def _square(residual: Complex[Array, " step"]) -> Float[Array, ""]:
 
 
 def errors_by_mode(residual: Complex[np.ndarray, "record step"], data: ModalDecays) -> list[float]:
-    """Return residual over measured norm in the band of each mode, from envelope spectra."""
+    """Return the relative residual in the band of each mode, from spectra of the envelopes."""
     hz = data.centre_hz + np.fft.fftfreq(residual.shape[1], data.step_s)
     lines, measured_lines = (np.fft.fft(np.asarray(rows)) for rows in (residual, data.mean))
     mode_lines = [lines_within(hz, band) for band in data.bands_hz]

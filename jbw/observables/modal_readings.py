@@ -1,4 +1,4 @@
-"""The readings of several modes from driven records' spectra, at every point, before any fit."""
+"""Readings of several modes from the spectra of driven records, at every point, before any fit."""
 
 from collections.abc import Iterable, Sequence
 from itertools import product
@@ -11,14 +11,15 @@ from scipy.optimize import least_squares
 from jbw.measurement.channels import lines_within
 from jbw.observables.modes import FIRST, Modes, Reals
 
-DRIVEN = 0.1  # of the largest: lines that first values are read from
-FEWEST = 6  # of them
-SPANNED = 0.5  # of a mode's window: a harmonic that a shaker's force has passes through less of it
-LEAST_ZETA, USUAL_ZETA, MOST_ZETA = 1e-4, 5e-3, 0.2  # of first values: bounds, and where to begin
+DRIVEN = 0.1  # of the largest line: stronger lines give the starting values
+FEWEST = 6  # lines of a mode
+# Part of a mode's window that lines must span; a harmonic of a shaker's force spans less.
+SPANNED = 0.5
+LEAST_ZETA, USUAL_ZETA, MOST_ZETA = 1e-4, 5e-3, 0.2  # of starting values: bounds and first guess
 
 
 class MotionSpectra(NamedTuple):
-    """Lines of one motion's spectra: of its source, and of displacements by their points."""
+    """The spectral lines of one motion: of its source, and of displacements by measured point."""
 
     omega: Float[np.ndarray, " line"]  # [rad/s]
     source: Complex[np.ndarray, " line"]
@@ -26,10 +27,10 @@ class MotionSpectra(NamedTuple):
 
 
 def read_modes(modes: Modes, motions: Sequence[MotionSpectra]) -> dict[str, float]:
-    """Return the first values of every mode that is driven, by the first motion that drives it.
+    """Return starting values of every driven mode, each from the first motion that drives it.
 
-    By one that passes through it, where there is one. What is seen of it is a gain at every point,
-    no ratio yet. Modes that one motion drives are fitted together, for the flank of one is under
+    A motion that passes through the mode is preferred. The reading at each point is a gain, not yet
+    a ratio. Modes that one motion drives are fitted together, because the flank of one lies under
     the peak of its neighbour.
     """
     readings: dict[str, float] = {}
@@ -68,7 +69,7 @@ def _near(
 def _poles_and_gains(
     lines: MotionSpectra, windows_hz: Sequence[tuple[float, float]]
 ) -> tuple[Float[np.ndarray, "mode two"], Float[np.ndarray, "point mode"]]:
-    r"""Fit poles by least squares, with gains and terms of other modes solved at each trial.
+    r"""Fit poles of modes by least squares, with gains and added terms solved at each trial.
 
     $$Y_o = \Big(\sum_i \frac{R_{oi}}{\omega_i^2 - \omega^2 + 2j\zeta_i\omega_i\omega} + U_o
       + \frac{L_o}{\omega^2}\Big) U$$
@@ -107,7 +108,7 @@ def _parts(rows: Complex[np.ndarray, "row line"]) -> Float[np.ndarray, "row part
 def band_peak(
     x: Float[np.ndarray, "level time"], fs: float, order: int, band_hz: tuple[float, float]
 ) -> float:
-    """Return the largest displacement [m] in a band of responses of this order."""
+    """Return the largest displacement [m] within a band, from responses of a derivative order."""
     freq = np.fft.rfftfreq(x.shape[1], 1 / fs)
     in_band = (freq > 0) & lines_within(freq, band_hz)
     factor = np.where(in_band, (2j * np.pi * np.where(in_band, freq, 1.0)) ** -order, 0.0)
@@ -121,7 +122,8 @@ def lines_of_motions(
 ) -> list[MotionSpectra]:
     """Return the spectra of each motion, weakest first, from (number, point, source, response).
 
-    Responses are of this order; a motion that is seen at several points is several levels.
+    Responses are derivatives of displacement of this order. A motion that is observed at several
+    points appears as several levels.
     """
     motions: dict[int, tuple[Reals, dict[str, Reals]]] = {}
     for number, point, source, x in sorted(levels, key=lambda level: np.mean(level[3] ** 2)):

@@ -1,4 +1,4 @@
-"""Modes that ring at once, read one by one: from what start."""
+"""The starts of modes that ring together, each read from its own envelope."""
 
 import numpy as np
 from jaxtyping import Complex
@@ -7,14 +7,14 @@ from jbw.measurement.envelopes import envelopes, filter_of
 from jbw.measurement.records import Test
 from jbw.quantities import derivative_order
 
-LEAST = 4  # independent values that a mode's start is read from
+LEAST = 4  # independent values from which a mode's start is read
 
 
 def starts_of(test: Test) -> Complex[np.ndarray, " record"]:
     r"""Return each record's start $q(0) + j\,\dot q(0)/\omega$ [m] in one mode, from its envelope.
 
-    Its logarithm is continued by a straight line to the first sample, which the filter does not
-    reach.
+    The envelope's logarithm is extrapolated by a straight line to the first sample, which the
+    filter does not reach.
     """
     chosen, starts = filter_of(test), []
     order, nominal = derivative_order(test.records[0].response), np.pi * sum(test.band_hz or ())

@@ -1,11 +1,11 @@
-r"""Modes of a structure that meet in one joint: what is known of them before any fit.
+r"""The modes of a structure that share one joint: what is known of them before any fit.
 
-Their frequencies are stated; first values are read off spectra. Of what a mode does to the joint
-nothing is known but its size,
+Their frequencies are stated; starting values are read from spectra. Of a mode's coupling to the
+joint only the order of magnitude is known,
 
 $$\ln|h_i| \sim N(0, 1.5^2), \qquad \ln\kappa_i \sim N(0, 2^2)$$
 
-and the sign of h_i, which is held, is that of the better fit.
+and the sign of h_i, which is fixed, is that of the better fit.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,43 +26,43 @@ from jbw.report.messages import observed as messages
 
 FIRST = tuple(quantity.name for quantity in OSCILLATOR)
 LABEL = "modes at the joint"
-SHAPE_STD, COUPLING_STD = 1.5, 2.0  # of logarithms
-REACH = 3.0  # of these: where boxes end
-WITHIN = 0.07  # of a stated frequency: where a mode is looked for, and stays
-HARDLY_SEEN = 0.02  # of the largest gain: less tells no frequency of a mode
-LEAST_ZETA = 1e-4  # of a first value
-CLEAR = 9.0  # of chi-square: by less the other sign is not ruled out
+SHAPE_STD, COUPLING_STD = 1.5, 2.0  # standard deviations of logarithms
+REACH = 3.0  # standard deviations at which boxes end
+WITHIN = 0.07  # of a stated frequency: the range in which a mode is searched, and stays
+HARDLY_SEEN = 0.02  # of the largest gain: with less, a mode's frequency is not determined
+LEAST_ZETA = 1e-4  # of a starting value
+CLEAR = 9.0  # of chi-square: with less, the other sign is not ruled out
 Bounds = dict[str, tuple[float, float]]
 Reals = NDArray[np.float64]
 
 
 class Modes(NamedTuple):
-    """Modes that a campaign states, the first of which is the laws' own; static."""
+    """The modes that a campaign states, of which the first has the laws; static."""
 
     hz: tuple[float, ...]
     driving_point: bool = False  # whether the output is where the source pushes
-    joint_shape: tuple[float, ...] = ()  # h_i / h_1 of every mode, where they were measured
-    points: tuple[str, ...] = ()  # names of those where responses are measured beside the first
-    # In a common joint; "apart" with laws of their own; "first": it alone; "assembled" in several
-    # joints of a reduced model.
+    joint_shape: tuple[float, ...] = ()  # h_i / h_1 of every mode, if measured
+    points: tuple[str, ...] = ()  # names of additional points where responses are measured
+    # Coupling of the modes: "common" by one joint; "apart" not at all, with separate laws; "first"
+    # if only the first mode has the joint; "assembled" by several joints of a reduced model.
     meet: str = "common"
-    numbers: tuple[tuple[str, float], ...] = ()  # of that model, by name
-    uncertain: bool = False  # whether joints move in its modes by other factors than it says
+    numbers: tuple[tuple[str, float], ...] = ()  # of the reduced model, by name
+    uncertain: bool = False  # whether joints move by uncertain factors in the model's modes
 
     @property
     def names(self) -> tuple[Names, ...]:
-        """Names of the parameters of every mode but the first, as `NAMES`."""
+        """The parameter names of every mode except the first, as in `NAMES`."""
         return NAMES[: len(self.hz) - 1]
 
     @property
     def seen(self) -> dict[str, tuple[str, ...]]:
-        """The parameter names, by additional point, of modal responses over those at the first."""
+        """The parameter names, by additional point, of modal responses over those at point one."""
         rows = (names[: len(self.hz)] for names in SEEN)
         return dict(zip(self.points, rows, strict=False))
 
     @property
     def free(self) -> tuple[str, ...]:
-        """Names of what is unknown of the modes at the joint: shapes, couplings, or neither."""
+        """The names of unknown quantities of the modes at the joint: shapes, couplings, or none."""
         if self.meet != "common":
             return ()
         shapes = () if self.joint_shape else tuple(names.shape for names in self.names)
@@ -71,7 +71,7 @@ class Modes(NamedTuple):
 
     @property
     def held(self) -> dict[str, float]:
-        """The held parameters: signs, which begin as positive, and measured shapes."""
+        """The fixed parameters of the modes: signs, which start positive, and measured shapes."""
         if self.meet != "common":
             return dict(self.numbers)
         signs = {names.sign: 1.0 for names in self.names}
@@ -82,12 +82,12 @@ class Modes(NamedTuple):
 
     @property
     def ratios(self) -> tuple[str, ...]:
-        """Names of the further modes' gains over that of the first."""
+        """The names of the other modes' gains relative to that of the first mode."""
         return tuple(names.ratio for names in self.names)
 
     @property
     def windows_hz(self) -> list[tuple[float, float]]:
-        """The search window of each mode: about its frequency, nearer to it than to others."""
+        """The search window of each mode [Hz]: about its frequency, nearer to it than to others."""
         windows = []
         for centre in self.hz:
             middles = [0.5 * (centre + other) for other in self.hz if other != centre]
@@ -97,9 +97,10 @@ class Modes(NamedTuple):
 
     @property
     def regions_hz(self) -> list[tuple[float, float]]:
-        """The region of a mode's motion: nearer to its frequency than to others', from half of it.
+        """The region of each mode's motion [Hz]: nearer to it than to others, and within 50 %.
 
-        Wider than its window, for a sweep that passes quickly has much of its motion beside it.
+        It is wider than the search window, because a fast sweep has much of a mode's motion outside
+        that window.
         """
         regions = []
         for centre in self.hz:
@@ -110,7 +111,7 @@ class Modes(NamedTuple):
 
 
 def with_ratios(found: Mapping[str, float]) -> dict[str, float]:
-    """Return starting values with gains of other modes and points relative to the first."""
+    """Return starting values with the gains of other modes and points relative to the first."""
     if not found.get("gain"):
         return dict(found)
     ratios = {n.ratio: found[n.ratio] / found["gain"] for n in NAMES if n.ratio in found}
@@ -121,7 +122,7 @@ def with_ratios(found: Mapping[str, float]) -> dict[str, float]:
 
 
 def gain_shares(modes: Modes, point: str = "") -> Reals:
-    """Return a point's gain in each driven mode of a reduced model over the first gain."""
+    """Return a point's gain in each driven mode of a reduced model, relative to the first gain."""
     numbers, driven = dict(modes.numbers), range(1, len(modes.hz) + 1)
     gains = [numbers[numbered(PUSH, i)] * numbers[seen_name(i, point)] for i in driven]
     return np.array(gains) / (numbers[numbered(PUSH, 1)] * numbers[seen_name(1)])
@@ -133,7 +134,7 @@ def by_model(modes: Modes, readings: Mapping[str, float]) -> dict[str, float]:
     $$g = \frac{\sum_{io} w_{io}g_{io}}{\sum_{io} w_{io}^2}, \qquad
       w_{io} = \frac{b_ic_{oi}}{b_1c_{11}}$$
 
-    Frequencies and damping of modes that the points hardly see are those of the model.
+    Frequencies and damping ratios of modes that are hardly visible at the points are the model's.
     """
     numbers, names = dict(modes.numbers), (FIRST, *(mode_names[:3] for mode_names in modes.names))
     gains = {"": [mode_names[2] for mode_names in names]} | {
@@ -159,16 +160,16 @@ def by_model(modes: Modes, readings: Mapping[str, float]) -> dict[str, float]:
 
 
 def bounds_of(modes: Modes, known: Mapping[str, float], *, with_joint: bool) -> Bounds:
-    """Return modal parameter bounds about starting values; at the joint only with a law."""
+    """Return bounds of modal parameters about starting values; at the joint only with a law."""
     bounds: Bounds = {}
     for names, (low, high) in zip(modes.names, modes.windows_hz[1:], strict=True):
         bounds[names.omega] = 2 * np.pi * low, 2 * np.pi * high
         bounds[names.zeta] = 0.005 * known[names.zeta], 3.0 * known[names.zeta]
-        if names.ratio not in known:  # nothing drives the motion, or the model tells it
+        if names.ratio not in known:  # nothing drives the motion, or the model determines it
             continue
         ratio = known[names.ratio]
         reach = 2 * max(abs(ratio), 0.05)
-        # Where the output is the drive point, gains are squares of shapes.
+        # If the output is the drive point, gains are squares of shapes.
         least = 1e-3 * ratio if modes.driving_point else ratio - reach
         bounds[names.ratio] = least, ratio + reach
     for name in (name for names in modes.seen.values() for name in names if name in known):
@@ -185,14 +186,14 @@ def _std(name: str) -> float:
 
 
 class ModesAtJoint(KnownReading):
-    """The prior knowledge of the sizes of modes at the joint, as an observable.
+    """The prior knowledge of how strongly modes move the joint, as an observable.
 
     Attributes:
-        growth: Chi-square by which the other sign of each mode fits worse, in the order of `names`;
-            NaN where it was not tried.
-        mean: Zero: of the logarithms of the sizes.
-        names: Of parameters whose logarithms are normal about zero; static.
-        modes: As stated; static.
+        growth: Increase of chi-square with the other sign of each mode, in the order of `names`;
+            NaN if not tried.
+        mean: Zeros, the prior means of the logarithms of the sizes.
+        names: Names of parameters whose logarithms are normal about zero; static.
+        modes: Stated modes; static.
     """
 
     moved_by_runs: ClassVar[bool] = False
@@ -204,21 +205,21 @@ class ModesAtJoint(KnownReading):
     def of(
         cls, modes: Modes, stated: Sequence[str], run: str, *, laws: Laws = DEFAULT_LAWS
     ) -> Self:
-        """Build the prior of modal motions of the joint for which a campaign states none."""
+        """Build the prior of those modal motions of the joint for which a campaign states none."""
         names = tuple(name for name in modes.free if name not in stated)
         growth = jnp.full(len(modes.names), jnp.nan)
         mean, groups = jnp.zeros((1, len(names))), read_before(LABEL, run, len(names))
         return cls(growth, names, mean=mean, groups=groups, laws=laws, modes=modes)
 
     def predict(self, theta: Theta) -> Float[Array, "1 size"]:
-        """Return logarithms of the sizes; zero of a joint without a law."""
+        """Return the logarithms of the modes' sizes at the joint; zero without a law."""
         sizes = [jnp.log(theta.get(name, jnp.ones(()))) for name in self.names]
         return jnp.stack(sizes)[None]
 
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 size"], Float[Array, "1 offset size"], Float[Array, ""] | float]:
-        """Return logarithms in standard deviations, and their density over that of their box."""
+        """Return the logarithms in standard deviations, and their log density over the box's."""
         logs, std = self.predict(theta), np.array([_std(name) for name in self.names])
         rows, directions = logs / std, self.groups.directions
         if not set(self.names) <= theta.keys():
@@ -227,11 +228,11 @@ class ModesAtJoint(KnownReading):
         return rows, directions, box - jnp.sum(logs)
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return starting values: every mode as strong at the joint as the first."""
+        """Return starting values: every mode moves the joint as much as the first mode."""
         return Shown(lambda: dict.fromkeys(self.modes.free, 1.0) if self.modes else {})
 
     def statements(self, theta: Theta) -> list[str]:
-        """Return sentences on each further mode at the optimum and its sign at the joint."""
+        """Return sentences on each mode after the first: its motion of the joint, and its sign."""
         if self.modes is None or self.modes.meet != "common" or not self.laws:
             return []
         structure = structure_of(theta, self.laws)

@@ -1,6 +1,6 @@
 r"""The noise of a dataset from repeats and fits, and the number of values each group counts.
 
-Every function reads columns of `Groups` alone: a mean of K repeats of N values, of which n are
+All functions read only columns of `Groups`: a mean of K repeats of N values, of which n are
 independent, with the scatter S of the repeats about it.
 """
 
@@ -21,14 +21,14 @@ from jbw.observables.groups import Covariance, Rows, changed, sizes
 from jbw.observables.misfit import independent_fractions, shared_misfit
 from jbw.observables.observable import Observable, Theta, alone
 
-SILENT = 1e-12  # of the values of a group that counts for nothing
+SILENT = 1e-12  # of the values of a group that shall not count
 
 Draws = Float[np.ndarray, "chain draw"]
-Drawn = Mapping[str, Float[np.ndarray, "..."]]  # parameters by name, and what was held
+Drawn = Mapping[str, Float[np.ndarray, "..."]]  # parameters by name, fixed ones included
 
 
 def num_known(data: Dataset) -> dict[str, float]:
-    """Return the number of values of each group whose noise is known, by repeats or before."""
+    """Return the number of values of each group whose noise is known, from repeats or before."""
     known = {}
     for groups in (part.groups for part in data.parts):
         counts = np.asarray(groups.num_repeats), np.asarray(groups.size)
@@ -38,9 +38,9 @@ def num_known(data: Dataset) -> dict[str, float]:
 
 
 def repeatability(data: Dataset, *, of_mean: bool = False) -> dict[str, float]:
-    r"""Return the scatter of each group's repeats, or of their mean, over the size of that mean.
+    r"""Return the relative scatter of each group's repeats, or of their mean.
 
-    Of the mean of K repeats it is that of a single one over $\sqrt K$.
+    The scatter of the mean of K repeats is that of a single one divided by $\sqrt K$.
     """
     scatter: dict[str, float] = {}
     for part in measured_parts(data):
@@ -52,7 +52,7 @@ def repeatability(data: Dataset, *, of_mean: bool = False) -> dict[str, float]:
 
 
 def evenly(part: Observable) -> Observable | None:
-    """Return data whose groups count by their relative errors; None where that is meaningless."""
+    """Return data whose groups count by their relative errors; None if that is meaningless."""
     groups = part.groups
     if groups.is_prior or part.own_shifts:
         return None
@@ -67,7 +67,7 @@ def evenly(part: Observable) -> Observable | None:
 
 
 def with_discrepancy(residuals: Rows, data: Dataset) -> Dataset:
-    """Return the dataset with what the law is expected to leave, one share of each response."""
+    """Return the dataset with the law's expected misfit, one share of each response."""
 
     def with_share(part: Observable) -> Observable:
         if part.groups.is_prior or part.own_shifts:
@@ -79,7 +79,7 @@ def with_discrepancy(residuals: Rows, data: Dataset) -> Dataset:
 
 
 def with_fitted_noise(theta: Mapping[str, float], residuals: Rows, data: Dataset) -> Dataset:
-    """Return the dataset with the noise that a fit leaves in every group."""
+    """Return the dataset with the noise of every group from the residuals of a fit."""
     everything = as_arrays(theta, data)
     parts = tuple(
         p if p.groups.is_prior else p.with_fitted_noise(of_part(everything, p), residuals)
@@ -95,9 +95,9 @@ def effective_fractions(
     data: Dataset,
     expected: Dataset | None = None,
 ) -> dict[str, float]:
-    """Return the fraction of independent values of each group that is coloured, or misfitted.
+    """Return the fraction of independent values of each group with a coloured or misfit residual.
 
-    `rows` and the others are of a fit to `data`, `expected` has the misfit that is expected of it.
+    `rows`, `jacobian` and `covariance` are of a fit to `data`; `expected` has the expected misfit.
     """
     residuals = residual_by_label(rows, data)
     columns = [residual_by_label(column, data) for column in np.asarray(jacobian).T]
@@ -119,14 +119,14 @@ def fractions_counted(data: Dataset) -> dict[str, float]:
 
 
 def with_effective_values(fractions: Mapping[str, float], data: Dataset) -> Dataset:
-    """Return the dataset with as many values as are independent, all where not named."""
+    """Return the dataset with its numbers of independent values; all for labels not named."""
     groups = (table.with_effective_values(fractions, part.groups) for part in data.parts)
     pairs = zip(data.parts, groups, strict=True)
     return replace(data, parts=tuple(replace(part, groups=own) for part, own in pairs))
 
 
 def silenced(labels: Collection[str], data: Dataset) -> Dataset:
-    """Return the dataset of the same shapes in which some groups count for nothing."""
+    """Return the dataset, with the same shapes, in which the named groups count for nothing."""
     return with_effective_values(fractions_counted(data) | dict.fromkeys(labels, SILENT), data)
 
 
@@ -142,8 +142,8 @@ def draw_noise(
     $$\sigma^2 \mid \theta \sim \frac{n}{NK}\,Q(\theta) / \chi^2_{n - q}, \qquad
       \log p = -\tfrac n2 \log Q$$
 
-    Q, of all N K values, is read off the stored terms of the log likelihood: no other solve. Of
-    records with q unknowns of their own it is not in these, and is solved for.
+    Q, over all N K values, is taken from the stored terms of the log likelihood, without another
+    solve. Records with q own unknowns are not in these terms, and are solved for.
     """
     groups, count = part.groups, np.asarray(part.groups.num_values)
     if part.own_shifts:
@@ -157,7 +157,7 @@ def draw_noise(
 
 
 def squares_at(theta: Drawn, part: Observable) -> Float[np.ndarray, "... group"]:
-    """Return squares of the residual of every group of a part at draws of the parameters."""
+    """Return each group's sum of squared residuals at draws of the parameters."""
     shape = np.broadcast_shapes(*(np.shape(values) for values in theta.values()))
     points = {name: np.ravel(np.broadcast_to(values, shape)) for name, values in theta.items()}
     squares = _squares_at(jax.device_put(points), alone(part))

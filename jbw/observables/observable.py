@@ -1,8 +1,8 @@
 """The interface of a kind of test to a likelihood: one class of few methods on a group table.
 
-What all kinds share reads the columns of that table (`jbw.observables.groups`, `noise`), or is in
-`jbw.observables.dataset`, which knows no kind. `reduce` and `predict` are a kind of test that is
-measured repeatedly.
+Everything that the kinds share either reads the columns of that table (`jbw.observables.groups`,
+`noise`), or is in `jbw.observables.dataset`, which depends on no kind. A kind of test that is
+measured repeatedly needs only `reduce` and `predict`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -30,16 +30,16 @@ from jbw.observables.groups import (
 from jbw.observables.spectra import Spectrum
 from jbw.quantities import DEFAULT_LAWS
 
-OFFSETS = ("omega_n", "zeta")  # of a run, where it has its own
+OFFSETS = ("omega_n", "zeta")  # of a run that has its own
 
 Theta = Mapping[str, Array]
 Weighted = tuple[Float[Array, "group value"], Float[Array, "group own value"]]
 Laws = tuple[str, ...]
-Names = Mapping[str, str]  # what programs call a group or a run, by its name
+Names = Mapping[str, str]  # name of each group or run in compiled programs
 
 
 class SteadyLines(NamedTuple):
-    """First harmonics of load and displacement [m] at frequencies [rad/s]; at 0 of a slow loop."""
+    """First harmonics of load and displacement [m] at frequencies [rad/s]; 0 for a slow loop."""
 
     omega: Float[np.ndarray, " line"]
     load: Complex[np.ndarray, " line"]
@@ -47,35 +47,36 @@ class SteadyLines(NamedTuple):
 
 
 def _nothing() -> None:
-    """Return None: the data do not show it."""
+    """Return None, because the data do not show this quantity."""
 
 
 def _no_spectra(residuals: Rows) -> dict[str, Spectrum]:
-    """Return no spectrum: the data have none."""
+    """Return no spectra, because the data have none."""
     return {}
 
 
 class Shown(NamedTuple):
     """The model-free facts of data: starting values of fits, scales of priors, axes of figures.
 
-    What costs, or may fail, is a function without arguments.
+    Facts that are costly, or may fail, are functions without arguments.
 
     Attributes:
-        first_values: Starting values of omega_n [rad/s], zeta [-] and gain; those that are known.
-        steady_lines: Steady motion whose load was measured; one line is too little for a start.
+        first_values: Starting values of omega_n [rad/s], zeta [-] and gain, as far as known.
+        steady_lines: Steady motion with measured load; one line is too little for starting values.
         amplitude_curve: Frequency and damping against amplitude.
-        amplitude_readings: Frequency and damping, too coarse to start a fit from: a point a level.
-        stiffness: Force over prescribed displacement [N/m]; None where it was not prescribed.
-        gain_std: Standard deviation of the starting value of the gain; infinite if not known.
-        y_peak: Largest displacement [m], of noise its rms; 0 where it was not measured.
-        begins: Displacement that each free decay begins with [m], by run.
-        peaks_of_modes: Largest displacement [m] about each of several modes, where measured.
-        axis: Name and unit of what values stand over in figures.
-        places: Where the compared values of each group stand on it; None for their numbers.
-        spreads: Noise of every compared value over that of its group; None for one.
-        references: What the errors of every compared value are relative to, in its unit; None for
-            the root mean square of its group.
-        spectra: What residuals by label are tried against usual causes by; a spectrum a label.
+        amplitude_readings: Frequency and damping, one point per level, too coarse to start a fit
+            from.
+        stiffness: Force over prescribed displacement [N/m]; None if it was not prescribed.
+        gain_std: Standard deviation of the starting value of the gain; infinite if unknown.
+        y_peak: Largest displacement [m], for noise that of 99 % of its peaks; 0 if not measured.
+        begins: Initial displacement of each free decay [m], by run.
+        peaks_of_modes: Largest displacement [m] near each of several modes, if measured.
+        axis: Name and unit of the horizontal axis of the values in figures.
+        places: Position of each group's compared values on that axis; None for their numbers.
+        spreads: Noise of every compared value relative to that of its group; None for 1.
+        references: Reference of every compared value's relative error, in its unit; None for the
+            root mean square of its group.
+        spectra: Function from residuals to one spectrum per label, to test them for usual causes.
     """
 
     first_values: Callable[[], dict[str, float]] = dict
@@ -95,37 +96,37 @@ class Shown(NamedTuple):
 
 
 class Observable(eqx.Module):
-    """Reduced data of one kind of test, with what a likelihood asks of it.
+    """The reduced data of one kind of test, with the quantities that a likelihood needs.
 
-    `reduce` and `predict` are required. All else has a body that serves a mean of repeats less its
-    prediction; functions of `groups` and `noise` read the columns of the table `groups`.
+    `reduce` and `predict` are required. All other methods have defaults for a mean of repeats minus
+    its prediction; functions of `groups` and `noise` read the columns of the table `groups`.
 
     Attributes:
         kinds: Kinds of tests that `reduce` takes.
-        suffix: Of the variable of its noise in a posterior, `noise_std` and this.
-        dimension: Of that variable; empty where its noise is no variable.
-        informs: What of omega_n, zeta and gain the data can tell.
+        suffix: Suffix of the name of its noise variable in a posterior, after `noise_std`.
+        dimension: Dimension of that variable; empty if its noise is not a variable.
+        informs: Names among omega_n, zeta and gain that the data can constrain.
         stepped: Whether a prediction steps through time, and costs accordingly.
-        is_linear: Whether its first values were read where the joint hardly slips.
+        is_linear: Whether its starting values were read where the joint hardly slips.
         is_prescribed: Whether its displacement is prescribed, so that a force is measured [N] and
             nothing moves freely.
-        own_shifts: Whether its records shift on their own account, integrated out here, so that
-            they take no part in the offsets of runs.
+        own_shifts: Whether each record has its own frequency shift, which is integrated out here,
+            so that records take no part in the offsets of runs.
         moved_by_runs: Whether offsets of runs change its prediction.
-        several: Whether it takes tests of several modes (True), of one (False) or of either (None).
-        most_misfit: What a fit may leave of a group, over the group; None for anything.
-        unread: Fields that no program reads, with the values that programs see.
+        several: Whether it takes tests of several modes (True), of one (False) or of both (None).
+        most_misfit: Largest acceptable relative residual of a group; None for no limit.
+        unread: Fields that no program reads, with the values that programs receive instead.
         reads_hz: Whether programs read the stated frequencies of the modes.
-        mean: Mean of the repeats of every group, as `predict` predicts it.
+        mean: Mean of the repeats of every group, in the form of `predict`.
         groups: The table of groups.
-        laws: Names of the laws of the joint; static as all below.
-        residuals: Which residual terms its prediction takes, of those that theta has: none, upper,
-            both, auto or own. None where nothing drives the motion.
-        drive: What drives it, one of `DRIVES`. Empty where that does not matter.
-        modes: Modes of the structure that meet in the joint, as a campaign states them
-            (`jbw.observables.modes`). None of one mode.
-        substeps: Steps of the solver between samples; None where time is not stepped.
-        depth: Reversals that laws of Masing's kind remember in time; None where they need not.
+        laws: Names of the laws of the joint; static, like all below.
+        residuals: Residual terms of theta that its prediction includes: none, upper, both, auto or
+            own; none if nothing drives the motion.
+        drive: Source that drives the motion, one of `DRIVES`; empty if it does not matter.
+        modes: Modes of the structure that share the joint, as a campaign states them
+            (`jbw.observables.modes`); None for one mode.
+        substeps: Solver steps between samples; None if time is not stepped.
+        depth: Reversals that Masing laws remember in time; None if they need not.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ()
@@ -155,18 +156,18 @@ class Observable(eqx.Module):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Return sufficient statistics of tests, in as many parts as their forms ask for.
+        """Return the sufficient statistics of tests, in one part per form of test.
 
-        `substeps` are those of the solver between samples; None for its own.
+        `substeps` is the number of solver steps between samples; None for the default.
         """
         raise NotImplementedError
 
     def predict(self, theta: Theta) -> Any:
-        """Return what the parameters predict, a row a group, in the unit of the measured values."""
+        """Return the prediction at given parameters, one row per group, in the measured unit."""
         raise NotImplementedError
 
     def compared(self, values: Any) -> Float[Array, "group value"]:
-        """Return values as they are compared: real parts, then imaginary parts; 0 for no value."""
+        """Return values in compared form: real parts, then imaginary parts; 0 for missing ones."""
         if self.groups.counted is not None:
             values = self.groups.counted * values
         if not jnp.iscomplexobj(values):
@@ -174,17 +175,17 @@ class Observable(eqx.Module):
         return jnp.concatenate([values.real, values.imag], axis=1)
 
     def misfit(self, theta: Theta) -> Float[Array, "group value"]:
-        """Return means less predictions as they are compared."""
+        """Return mean minus prediction of every group, in compared form."""
         return self.compared(self.mean - self.predict(theta))
 
     def weighted(self, theta: Theta) -> Weighted:
-        """Return residuals, and directions of the run's offsets, in standard errors of a mean."""
+        """Return residuals and directions of the run's offsets, in standard errors of a mean."""
         weight = weights(self.groups)
         residual = weight[:, None] * beside_own(self.misfit(theta), self.groups)
         return residual, weight[:, None, None] * self.groups.directions
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
-        """Return what each group says of its run's offsets, its noise integrated out."""
+        """Estimate each group's run offsets, with the noise of the group integrated out."""
         groups = self.groups
         scatter = groups.within + groups.size * groups.num_repeats * groups.discrepancy
         square, along = self.residual_sums(theta)
@@ -197,12 +198,13 @@ class Observable(eqx.Module):
         rows: Float[Array, "group row value"] | None = None,
         offset: Float[Array, "group own"] | None = None,
     ) -> tuple[Float[Array, " group"], Float[Array, "group row"]]:
-        """Return squares of the residual of every group, and its products with rows.
+        """Return each group's sum of squared residuals, and the residual's products with rows.
 
         Args:
             theta: The parameters.
-            rows: What the residual of every group is multiplied with; None for the directions.
-            offset: Offsets of each group's run; None for none.
+            rows: Rows with which the residual of every group is multiplied; None for the
+                directions.
+            offset: Offsets of each group's run; None for zero.
         """
         residual, directions = beside_own(self.misfit(theta), self.groups), self.groups.directions
         if offset is not None and directions.shape[1]:
@@ -218,65 +220,66 @@ class Observable(eqx.Module):
         writes: bool,
         rows: Float[np.ndarray, "group row value"] | None = None,
     ) -> Self | None:
-        """Return data that hold what costs most of a prediction at points; None if nothing does.
+        """Return data with the costly part of predictions at points solved; None if there is none.
 
         Args:
             theta: The parameters at points.
-            threads: So many at once.
-            writes: Whether the misfit itself is asked for, and not its sums alone.
-            rows: What `residual_sums` will be asked for, beside the directions.
+            threads: Number of threads.
+            writes: Whether the misfit itself is needed, and not only its sums.
+            rows: Rows that `residual_sums` will receive in addition to the directions.
         """
         return None
 
     def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
-        """Return data with the change of every prediction by its run's offsets, about known."""
+        """Return data with the derivatives of predictions by run offsets, about given offsets."""
         none = np.zeros((len(self.groups.labels), len(OFFSETS), self.groups.width))
         if not self.moved_by_runs:
             return replace(self, groups=changed(self.groups, directions=none))
-        bare = replace(self, groups=changed(self.groups, directions=none[:, :0]))  # one program
+        # Without directions, one compiled program serves all calls.
+        bare = replace(self, groups=changed(self.groups, directions=none[:, :0]))
         slope = -slope_by_offsets(alone(bare).misfit, theta)
         return replace(self, groups=with_slope(self.groups, slope))
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
-        """Return data with the noise of every group that a fit leaves, by `in_units`."""
+        """Return data with each group's noise from a fit's residuals, in the form of `in_units`."""
         return replace(self, groups=with_fitted_noise(residuals, self.groups))
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return what the data show without a model, by omega_n [rad/s] where that is asked for."""
+        """Return the model-free facts of the data; some need omega_n [rad/s]."""
         return Shown()
 
     def statements(self, theta: Theta) -> list[str]:
-        """Return what is to be said of the data at the optimum, a sentence each."""
+        """Return sentences about the data at the optimum."""
         return []
 
 
 class KnownReading(Observable):
-    """Values that were read before, of one group and of known covariance: a prior density."""
+    """Readings with known covariance, made before the fit, as one group: a prior density."""
 
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 value"], Float[Array, "1 own value"], Any]:
-        """Return residual and directions in standard deviations, and what the density has besides.
+        """Return residual and directions in standard deviations, and a term of the log density.
 
-        The last is a term of the log density of the values [nats].
+        The term is that of the values' density [nats].
         """
         raise NotImplementedError
 
     def weighted(self, theta: Theta) -> Weighted:
-        """Return residual and directions of the offsets, in standard deviations."""
+        """Return the residual and the directions of the offsets, in standard deviations."""
         return self.whitened(theta)[:2]
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
-        """Return what the reading says of its run's offsets, its covariance known."""
+        """Estimate the run's offsets from the reading, with its known covariance."""
         residual, directions, term = self.whitened(theta)
         estimate = known_estimate(residual, directions[:, :num_offsets])
         return estimate._replace(log_density=estimate.log_density + term)
 
 
 def numbers_of(labels: Sequence[str], runs: Sequence[str]) -> tuple[Names, Names]:
-    """Return numbers by the names of groups and of runs, in the order in which names come.
+    """Return numbers for the names of groups and of runs, in order of first appearance.
 
-    Those of runs stand behind those of their assemblies.
+    The number of a run follows that of its assembly.
     """
     owners = {run: run.partition(OF)[0] for run in runs}
     number_of = {owner: f"#{i}" for i, owner in enumerate(dict.fromkeys(owners.values()))}
@@ -288,9 +291,9 @@ def numbers_of(labels: Sequence[str], runs: Sequence[str]) -> tuple[Names, Names
 
 
 def unnamed(data: Any, labels: Names, runs: Names) -> Any:
-    """Return data of one kind as programs see them: groups and runs have numbers for names.
+    """Return data with numbers in place of group and run names, for compiled programs.
 
-    Nor has it units, words, or numbers that no program reads but is compiled for.
+    Units, words and numbers that no program reads are removed, so that they cause no compilation.
     """
     groups = replace(
         data.groups,
@@ -307,7 +310,7 @@ def unnamed(data: Any, labels: Names, runs: Names) -> Any:
 
 
 def alone(data: Any) -> Any:
-    """Return the data of a single observable with numbers in place of names."""
+    """Return the data of one observable with numbers in place of group and run names."""
     return unnamed(data, *numbers_of(data.groups.labels, data.groups.runs))
 
 
@@ -318,7 +321,7 @@ def prediction(theta: Theta, data: Observable) -> Any:
 
 @eqx.filter_jit
 def slope_by_offsets(predict: Callable[[Theta], Array], theta: Theta) -> Float[Array, "*row own"]:
-    """Return a prediction's derivative by the offsets of omega_n and zeta, on a last axis."""
+    """Return a prediction's derivative by offsets of omega_n and zeta, along a last axis."""
 
     def shifted(offset: Float[Array, " own"]) -> Array:
         shifted_theta = {name: theta[name] + b for name, b in zip(OFFSETS, offset, strict=True)}
@@ -328,7 +331,7 @@ def slope_by_offsets(predict: Callable[[Theta], Array], theta: Theta) -> Float[A
 
 
 def assemblies_of(runs: tuple[str, ...]) -> tuple[int, ...]:
-    """Number of each run's assembly; nothing unless there are several, one with several runs."""
+    """Return each run's assembly number; () unless several assemblies have repeated runs."""
     owners = [run.partition(OF)[0] for run in runs]
     order = list(dict.fromkeys(owners))
     if not 1 < len(order) < len(runs):

@@ -1,14 +1,14 @@
-r"""Every record of a dataset by itself: its log likelihood, and its size as the draws predict it.
+r"""The single records of a dataset: their log likelihood, and their size as the draws predict it.
 
-The joint posterior integrates noise and offsets out. Given a draw of them too, records are
-independent, and what a record says is
+The joint posterior integrates noise and offsets out. Given a draw of these too, records are
+independent, and the log likelihood of one record is
 
 $$\log p(d_j | \theta, b, \sigma) = -\frac{n_j}{2} \log 2\pi\sigma^2 - \frac{f\,Q_j}{2\sigma^2},
   \qquad Q_j = K_j\,|\bar d_j - m - J^T b|^2 + S_j + N K_j \tau^2, \qquad n_j = f N K_j$$
 
-of N values each, of which the fraction f is independent, in K_j repeats of scatter S_j (the periods
-of a multisine; else one, and none). This is what leaving out one record asks for. The repeats of a
-group share one prediction m, so that one solve a draw is enough for all of them.
+for N values each, of which the fraction f is independent, in K_j repeats with scatter S_j (the
+periods of a multisine; otherwise one repeat without scatter). Leaving out one record needs this.
+The records of a group share one prediction m, so that one solve per draw serves all of them.
 """
 
 from collections.abc import Mapping
@@ -27,18 +27,18 @@ from jbw.observables.drives import of_part
 from jbw.observables.groups import beside_own, fractions_counted, single_records
 from jbw.observables.observable import Observable, Theta
 
-SEED = "seed of the draw"  # beside the parameters, of which none is called so
+SEED = "seed of the draw"  # its key among the parameters, none of which has this name
 
 
 class RecordRows(NamedTuple):
-    """Records of one part as its misfit has them, group by group.
+    """The records of one part in the form of its misfit, group by group.
 
     Attributes:
         group: Number of the group of each record within the part.
         place: Number of each record within its group, from 1.
         num_repeats: Repeats of each record.
-        within: Scatter of these about their mean.
-        rows: Of every group its mean, then what its records deviate from it; zero after the last.
+        within: Scatter of these repeats about their mean.
+        rows: For every group its mean, then the deviations of its records; zero after the last.
     """
 
     group: Int[np.ndarray, " record"]
@@ -49,24 +49,25 @@ class RecordRows(NamedTuple):
 
 
 class OfPart(NamedTuple):
-    """Records of one part: names, and a row of draws each."""
+    """The records of one part: their names, and the draws of each."""
 
     name: list[str]
     group: list[str]  # label of the group
     run: list[str]
     repeat: list[int]
     log_likelihood: Float[np.ndarray, "draw record"]  # [nats], in the values' unit
-    reference: Float[np.ndarray, " record"]  # the same about the mean of its repeats, see below
-    observed: Float[np.ndarray, " record"]  # root mean square over that of the group's mean
+    # Log likelihood about the mean of the repeats, without a model.
+    reference: Float[np.ndarray, " record"]
+    observed: Float[np.ndarray, " record"]  # root mean square relative to that of the group's mean
     predicted: Float[np.ndarray, "draw record"]
 
 
 class RecordTerms(NamedTuple):
-    """Records of a dataset, part by part, and what stands beside them in a density."""
+    """The records of a dataset, part by part, and the other terms of the log density."""
 
     parts: tuple[OfPart, ...]
-    known: dict[str, Float[np.ndarray, " draw"]]  # of what was read off a record before [nats]
-    offsets: Float[np.ndarray, "draw run"] | None  # log density of every run's [nats]
+    known: dict[str, Float[np.ndarray, " draw"]]  # of readings made before the fit [nats]
+    offsets: Float[np.ndarray, "draw run"] | None  # log density of every run's offsets [nats]
 
 
 def records_of(
@@ -75,13 +76,13 @@ def records_of(
     noise: Mapping[str, Float[np.ndarray, " draw"]],
     data: Dataset,
 ) -> RecordTerms:
-    """Return all records at every draw.
+    """Return the log likelihood and predicted size of all records at every draw.
 
     Args:
-        key: Of the offsets, the noise and the chi-square of the predicted sizes.
+        key: Random key for the offsets, the noise, and the chi-square of the predicted sizes.
         theta: Draws of the parameters by name.
         noise: Draws of every group's noise by its label, in the unit of its values.
-        data: What the posterior was made from.
+        data: Dataset from which the posterior was made.
     """
     rows = tuple(None if part.groups.is_prior else record_rows(part) for part in data.parts)
     count = len(next(iter(theta.values())))
@@ -100,7 +101,7 @@ def records_of(
 
 
 def record_rows(part: Observable) -> RecordRows:
-    """Return the records of a part as its misfit has them."""
+    """Return the records of a part in the form of its misfit."""
     groups, mean = part.groups, np.asarray(part.mean)[:, None]
     single = single_records(mean[:, 0], groups)
     is_record = single.num_repeats > 0
@@ -138,7 +139,7 @@ def _seen(
 @seeing(_seen)
 @solved_first(_solved)
 def _sums(theta: Theta, task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -> dict[str, Any]:
-    """Compute the sums requested of each part at one draw, with random draws of run offsets."""
+    """Return the sums that are needed from each part at one draw, with drawn run offsets."""
     key, data, rows = task
     everything = {**data.held, **{name: x for name, x in theta.items() if name != SEED}}
     sums: dict[str, Any] = {}
@@ -170,7 +171,7 @@ def _sums(theta: Theta, task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -
 
 
 def _known(theta: Theta, part: Observable, offset: Array | None) -> Float[Array, " group"]:
-    """Log density of groups whose covariance is known, at their run's offsets."""
+    """Return the log density of groups with known covariance, at their run's offsets."""
     free = part.estimate(theta, 0).log_density
     if offset is None:
         return free
@@ -186,7 +187,7 @@ def _of_part(
     sums: Mapping[str, Float[np.ndarray, "draw record"]],
     noise: Mapping[str, Float[np.ndarray, " draw"]],
 ) -> OfPart:
-    """Return the records of a part from what it was asked at the draws."""
+    """Return the records of a part from its residual sums at the draws."""
     groups, group, count = part.groups, records.group, records.num_repeats
     measured, deviation = records.rows[:, 0], records.rows[group, records.place]
     size, discrepancy = (np.asarray(x)[group] for x in (groups.size, groups.discrepancy))
@@ -200,8 +201,8 @@ def _of_part(
         size * count / 2 * np.log(2 * np.pi * std**2) + squares / (2 * std**2)
     )
     norm = np.sum(measured**2, axis=1)
-    # What no model knows, at the scatter of the repeats: a density has a unit, and a ratio none.
-    # Alone, a record has no scatter: its size stands in.
+    # The reference uses no model, only the scatter of the repeats: it makes a density with a unit a
+    # ratio without one. A single record has no scatter; its size is used instead.
     num_repeats, within = (np.asarray(x)[group] for x in (groups.num_repeats, groups.within))
     within = np.where(num_repeats > 1, within, norm[group])
     total = np.maximum(num_repeats - 1, 1)
@@ -212,7 +213,7 @@ def _of_part(
     )
     own_norm = np.sum((measured[group] + deviation) ** 2, axis=1)
     observed = np.sqrt(own_norm / norm[group])
-    # Noise along the prediction and across it: N - 1 directions more.
+    # Noise acts along the prediction and across it, in N - 1 more directions.
     model = np.maximum(norm[group] - 2 * sums["along"] + sums["square"], 0.0)
     rng, mean_std = generator(key), std / np.sqrt(count)
     ahead = np.sqrt(model) + mean_std * rng.standard_normal(model.shape)

@@ -54,27 +54,29 @@ from jbw.oscillator.residual_sums import Compared, Sums, residual_sums
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 from jbw.report.messages import observed as messages
 
-NEAR_PEAK = 0.3  # of the peak: lines of a spectrum that the first values are read from
-ABSURD = 1e6  # times the largest of what was measured: no prediction of it
-MOST_ROWS = 12  # that the time loop multiplies with: beyond, a written response costs less
-# Steps of differences, relative: a change of the motion of a thousandth, and an error of its fourth
-# power and of 1e-12 of rounding.
+# Starting values are read from spectral lines above this part of the peak.
+NEAR_PEAK = 0.3
+ABSURD = 1e6  # times the largest measured value: a larger prediction is invalid
+# Largest number of rows for the time loop; with more, a written response costs less.
+MOST_ROWS = 12
+# Relative steps of finite differences: the motion changes by about a thousandth. The error is of
+# its fourth power, plus 1e-12 of rounding.
 DIFFERENCE = {"omega_n": 3e-6, "zeta": 5e-4}
-NUM_POWERS = 6  # of the polynomials of a band-limited input
-SUBSTEPS = 2  # of the solver between samples at least, unless stated
+NUM_POWERS = 6  # powers of the polynomials of a band-limited input
+SUBSTEPS = 2  # solver steps between samples at least, unless stated
 
 
 class Solution(eqx.Module):
-    """The precomputed responses and misfits of records, at one point or at many.
+    """The precomputed responses and misfits of records, at one parameter point or at many.
 
     Attributes:
-        response: Of every level, from the first sample that is compared; None where only the
-            following was asked for.
-        square: Squares of the misfit of every level.
-        along: Its products with the directions.
+        response: Response of every level from the first compared sample; None if only the sums
+            below were requested.
+        square: Sum of squares of the misfit of every level.
+        along: Products of the misfit with the directions.
         peak: Largest response.
         y_peak: Largest displacement [m].
-        products: Of the response with rows that were given; None where none were.
+        products: Products of the response with given rows; None if none were given.
     """
 
     response: Float[Array, "*point level compared"] | None
@@ -86,23 +88,24 @@ class Solution(eqx.Module):
 
 
 class Records(Observable):
-    """Repeats of several levels, each reduced to its sufficient statistics.
+    """Records of several levels, each reduced to the sufficient statistics of its repeats.
 
     Attributes:
         held: Mean measured input of each level [V, N or N/kg], with its polynomials between the
-            samples; periodic where each record is one period of a steady motion.
-        mean: Mean measured response of each level [m, m/s or m/s^2], a group each, from the first
-            sample that is compared; at the origin of its group where that has one, for a record
-            follows the phase for so many periods that no line through the common omega_n reaches
-            another day's.
-        fs: Sampling frequency [Hz], static as all below.
+            samples; periodic if each record is one period of a steady motion.
+        mean: Mean measured response of each level [m, m/s or m/s^2], one group each, from the first
+            compared sample. It is predicted at the origin of its group, if that has one: a record
+            follows the phase over so many periods that no linearisation about the common omega_n
+            reaches another day's frequency.
+        fs: Sampling frequency [Hz]; static, like all below.
         response: displacement, velocity or acceleration.
-        lines: First and end of the spectrum's lines that are compared; None compares the samples.
-        skipped: Samples at the start that are followed from rest but not compared, `settle`.
-        points: Where each level's response is measured: names of further points of `modes`, empty
-            of the first one.
-        moved: Of each level, the first one of the same input: one motion, seen at several points.
-        solution: What was solved before at the point that is asked for; None for nothing.
+        lines: First and end of the compared lines of the spectrum; None compares the samples.
+        skipped: Samples at the start that are simulated from rest but not compared, `settle`.
+        points: Point at which each level's response is measured: name of an additional point of
+            `modes`, empty for the first point.
+        moved: For each level, the first level with the same input: one motion, observed at several
+            points.
+        solution: Precomputed solution at the requested points; None if there is none.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ("sweep", "multisine")
@@ -123,7 +126,7 @@ class Records(Observable):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Reduce sweeps in time and whole periods of multisines, one part per record form."""
+        """Reduce sweeps in time, and multisines by whole periods, in one part per record form."""
         sweeps = [on_time(test) for test in tests if test.kind != "multisine"]
         steady = [periods(test) for test in tests if test.kind == "multisine"]
         steady = [test for test in steady if test is not None]
@@ -142,7 +145,7 @@ class Records(Observable):
         substeps: int | None = None,
         periodic: bool = False,
     ) -> Self:
-        """Return sufficient statistics of repeats of one form; with a band, of its lines."""
+        """Build sufficient statistics of repeats of one form; with a band, those of its lines."""
         tests = [on_time(test) for test in tests]
         fs, response, length, skipped, residuals, *band_hz = common_form(tests)
         lines = lines_of(band_hz, length - skipped, fs)
@@ -160,7 +163,7 @@ class Records(Observable):
             laws=laws,
             held=band_limited(inputs, periodic=periodic),
             mean=jax.device_put(means),
-            groups=repeated(  # in a band, the scatter over time is that over its lines
+            groups=repeated(  # in a band, the scatter over time equals that over its lines
                 of_records,
                 np.full(len(tests), size),
                 [test.name for test in tests],
@@ -184,7 +187,7 @@ class Records(Observable):
 
     @property
     def source(self) -> Float[Array, "level time"]:
-        """Mean measured input of each level [V, N or N/kg]."""
+        """The mean measured input of each level [V, N or N/kg]."""
         return self.held.u
 
     @property
@@ -194,11 +197,11 @@ class Records(Observable):
 
     @property
     def solving(self) -> dict[str, Any]:
-        """How the motion is found, as `motion_under` takes it."""
+        """The options of the simulation, in the form that `motion_under` takes."""
         return {"laws": self.laws, "substeps": self.substeps, "depth": self.depth}
 
     def predict(self, theta: Theta) -> Float[Array, "level compared"]:
-        """Predict each level's response to its mean input, about its run's offsets if any."""
+        """Predict each level's response to its mean input, at its run's offsets if it has any."""
         if self.solution is not None and self.solution.response is not None:
             return self.solution.response
         several = any(self.points)
@@ -217,7 +220,8 @@ class Records(Observable):
             )
             return motion[..., self.skipped :]
 
-        # One level after another, not batched: alone, the solver skips the work of rare events.
+        # Levels are solved one by one, not batched: alone, the solver skips the work of rare
+        # events.
         if not several:
             return jax.lax.map(one, (self.held, self.groups.origin))
         motions = sorted(set(self.moved))
@@ -228,13 +232,13 @@ class Records(Observable):
         return rows[tuple(map(np.array, where))]
 
     def compared(self, values: Array) -> Float[Array, "level value"]:
-        """Return samples of responses, or the lines of their spectra in a band."""
+        """Return responses in compared form: samples, or in a band the lines of their spectra."""
         return values_of(values, self.lines)
 
     def misfit(self, theta: Theta) -> Float[Array, "level value"]:
-        r"""Return mean response less prediction, $d - m(o) - J^T (\theta - o)$ about an origin."""
+        r"""Return mean response minus prediction, $d - m(o) - J^T (\theta - o)$ about an origin."""
         predicted = self.predict(theta)
-        # Beside a motion that large rounding hides the data, and a band may not see it.
+        # Very large motion hides the data by rounding, and a band may not show such motion.
         hidden = self._hidden(jnp.max(jnp.abs(predicted), axis=1))
         residual = self.compared(self.mean - predicted)
         residual = jnp.where(hidden[:, None], jnp.nan, residual)
@@ -249,7 +253,7 @@ class Records(Observable):
         rows: Float[Array, "level row value"] | None = None,
         offset: Float[Array, "level own"] | None = None,
     ) -> tuple[Float[Array, " level"], Float[Array, "level row"]]:
-        """Return the sums, added up in the time loop where no response need be written."""
+        """Return residual sums, accumulated in the time loop if no response need be written."""
         groups, solution = self.groups, self.solution
         if solution is not None and solution.response is None:
             if rows is not None and solution.products is not None:
@@ -273,13 +277,13 @@ class Records(Observable):
 
         arrays = self.mean, groups.directions, offset_from_origin, rows
         sums = jax.lax.map(summed, (self.held, groups.origin, arrays))
-        # Beside a motion that large rounding hides the data.
+        # Very large motion hides the data by rounding.
         return jnp.where(self._hidden(sums.peak), jnp.nan, sums.square), sums.along
 
     def _from_origin(
         self, theta: Theta, offset: Float[Array, "level of_run"] | None
     ) -> Float[Array, "level own"]:
-        """Return how far omega_n and zeta of every level's run are from where it was linearised."""
+        """Return omega_n and zeta of every level's run relative to their linearisation point."""
         away = jnp.zeros((len(self.groups.origin), self.groups.directions.shape[1]))
         if self.groups.origin.shape[1]:
             away = jnp.stack([theta[name] for name in OFFSETS]) - self.groups.origin
@@ -296,7 +300,8 @@ class Records(Observable):
 
         $$Q_b = Q - 2 b^T s + b^T J J^T b, \qquad R r_b = R d - R m - R J^T (a + b)$$
 
-        at the offsets b, from Q and s = J r without them, linearised a away.
+        at the offsets b, from Q and s = J r without offsets, for parameters at a distance a from
+        the point of linearisation.
         """
         directions = self.groups.directions
         square, along = self.residual_sums(theta)
@@ -317,10 +322,11 @@ class Records(Observable):
         writes: bool,
         rows: Float[np.ndarray, "level row value"] | None = None,
     ) -> Self | None:
-        """Return the records with solutions at points; None where the batch solver cannot be used.
+        """Return the records with solutions at points; None if the batch solver cannot be used.
 
-        Those of several modes, residual terms or periodic motions are, and laws that our own step
-        does not know. The steps of the solver, which are no matter any more, are those of any.
+        It cannot be used for several modes, residual terms or periodic motion, nor for laws that
+        the exact step does not support. The number of solver steps, which no longer matters, is
+        reset.
         """
         if (joints := self._joints_of_levels(theta, range(len(self.groups.labels)))) is None:
             return None
@@ -365,14 +371,15 @@ class Records(Observable):
         rows: Float[np.ndarray, "row value"] | None = None,
         writes: bool,
     ) -> Motions:
-        """Return the motions of one level at points, at its own origin where it has one.
+        """Return the motions of one level at many points, at its own origin if it has one.
 
-        And their products with rows of what is compared. Joints that are there are not made.
+        Products with rows of compared values are included. If `joints` are given, they are not
+        built again.
         """
         joints = self._joints_at(theta, number) if joints is None else joints
         if joints is None:
             raise TypeError("Records that are not `solved` are not marched.")
-        measured = None  # of a band nothing is added up sample by sample
+        measured = None  # in a band, nothing is summed sample by sample
         if self.lines is None:
             measured = MeasuredResponse(self.mean, self.groups.directions, self.skipped)
         record = record_of(self.held, number, measured)
@@ -384,20 +391,20 @@ class Records(Observable):
         )  # fmt: skip
 
     def is_marched(self, theta: Mapping[str, Float[np.ndarray, " point"]]) -> bool:
-        """Return whether points are `solved` for these records."""
+        """Return True if the batch solver can be used for these records."""
         return self._joints_at(theta, 0) is not None
 
     def _joints_at(
         self, theta: Mapping[str, Float[np.ndarray, " point"]], number: int
     ) -> Oscillator | None:
-        """Return the joints at points as a level sees them; None of those that are not marched."""
+        """Return one level's oscillators at many points; None if they cannot be marched."""
         joints = self._joints_of_levels(theta, [number])
         return None if joints is None else joints[0]
 
     def _joints_of_levels(
         self, theta: Mapping[str, Float[np.ndarray, " point"]], numbers: Sequence[int]
     ) -> list[Oscillator] | None:
-        """Return oscillators of several levels in one call; the last point fills spare lanes."""
+        """Return several levels' oscillators at many points; the last point fills spare lanes."""
         if self.periodic or any(self.points):
             return None
         count, origin = len(numbers), np.asarray(self.groups.origin)[list(numbers)]
@@ -414,12 +421,12 @@ class Records(Observable):
         return [jax.tree.map(lambda x, level=level: x[level], rows) for level in range(count)]
 
     def _hidden(self, peak: Float[Array, " level"]) -> Bool[Array, " level"]:
-        """Return whether a prediction is absurdly larger than the measurement, if any."""
-        size = jnp.max(jnp.abs(self.mean), axis=1)  # zero of what is planned alone
+        """Return True for levels whose prediction is absurdly larger than the measurement."""
+        size = jnp.max(jnp.abs(self.mean), axis=1)  # zero for planned levels
         return (size > 0) & (peak > ABSURD * size)
 
     def _summed(self, theta: Mapping[str, Any]) -> bool:
-        """Return whether the time loop sums the misfit: samples of one mode, from rest."""
+        """Return True if the time loop sums the misfit: samples of one mode, from rest."""
         plain = not (self.periodic or self.groups.is_complex or any(self.points))
         return (
             plain
@@ -429,12 +436,12 @@ class Records(Observable):
         )
 
     def squares(self, theta: Theta) -> Float[Array, " level"]:
-        r"""Return all repeats' squares, $Q = \sum_k |d_k - m|^2 = K\,|\bar d - m|^2 + S$."""
+        r"""Return squares over repeats, $Q = \sum_k |d_k - m|^2 = K\,|\bar d - m|^2 + S$."""
         square, _ = self.residual_sums(theta)
         return self.groups.num_repeats * square + self.groups.within
 
     def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
-        """Return each level about the omega_n and zeta of its own run, where these are known."""
+        """Return each level linearised about its own run's omega_n and zeta, where known."""
         centre = np.array([float(theta[name]) for name in OFFSETS])
         origin = np.stack([centre + offsets.get(run, 0.0) for run in self.groups.runs])
         placed = replace(self, groups=changed(self.groups, origin=origin))
@@ -443,13 +450,14 @@ class Records(Observable):
         return replace(placed, groups=with_slope(placed.groups, slope))
 
     def slope_by_differences(self, theta: Theta) -> Float[np.ndarray, "level value own"] | None:
-        r"""Return the derivative of what is compared by each level's own omega_n and zeta.
+        r"""Return the derivative of compared values by each level's own omega_n and zeta.
 
         $$x'(0) \approx \frac{8 (x(h) - x(-h)) - (x(2h) - x(-2h))}{12 h}$$
 
-        by the program that fits them, where derivatives through time would be one of their own;
-        None where that does not know them. To 1e-8 of the derivative: turning points fall into
-        other steps of the solver from one side to the other, more of them the longer these are.
+        It uses the program that fits them; derivatives through time would need another one. None is
+        returned if that program does not support the laws. The error is 1e-8 of the derivative,
+        because turning points fall into other solver steps on either side, the more so the longer
+        the steps.
         """
         middle = dict.fromkeys(OFFSETS, 0.0) | {n: float(x) for n, x in theta.items()}
         steps = np.array([DIFFERENCE[name] * middle[name] for name in OFFSETS])
@@ -470,7 +478,7 @@ class Records(Observable):
         return np.moveaxis(slope, 1, -1)
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return an oscillator through a spectrum's peak, and the largest displacement."""
+        """Return the model-free facts: an oscillator at a spectrum's peak, largest displacement."""
         order = derivative_order(self.response)
         first_values, spectra = partial(_first_values, self), partial(_spectra, self)
         if self.modes is None:
@@ -486,12 +494,12 @@ class Records(Observable):
         return Shown(first_values, y_peak=peak, peaks_of_modes=tuple(peaks), spectra=spectra)
 
     def statements(self, theta: Theta) -> list[str]:
-        """Return sentences on motion that returns to reversals that a law has discarded."""
+        """Return sentences on motion that returns to reversals that a law has dropped."""
         return remembered.told(theta, self)
 
 
 def _spectra(data: Records, residuals: Rows) -> dict[str, Spectrum]:
-    """Return samples of every level in time, or lines of a band."""
+    """Return each level's spectrum, from its samples in time or from the lines of a band."""
     order, length, spectra = derivative_order(data.response), data.mean.shape[1], {}
     omega = 2 * np.pi * np.fft.rfftfreq(length, 1 / data.fs)
     for i, label in enumerate(data.groups.labels):
@@ -502,7 +510,7 @@ def _spectra(data: Records, residuals: Rows) -> dict[str, Spectrum]:
             )
             continue
         band = slice(*data.lines)
-        # Of a band the samples in time are those measured, noise outside it with them.
+        # For a band, the samples in time are the measured ones, with the noise outside the band.
         rate = np.fft.irfft(1j * omega * np.fft.rfft(mean), length)
         late = None if data.periodic else np.arange(length) / data.fs * rate
         rows = (mean, source, 0.0 * mean if late is None else late)
@@ -515,7 +523,7 @@ def _spectra(data: Records, residuals: Rows) -> dict[str, Spectrum]:
 
 
 def _first_values(data: Records) -> dict[str, float]:
-    """Return linear least squares over the lines near the peak of the lowest level's spectrum."""
+    """Return starting values by linear least squares near the lowest level's spectral peak."""
     mean, source = np.asarray(data.mean), np.asarray(data.source[:, data.skipped :])
     if data.modes is not None:
         motions = zip(data.moved, data.points, source, mean, strict=True)
@@ -533,10 +541,10 @@ def _first_values(data: Records) -> dict[str, float]:
 
 
 def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
-    """Begin to compile, in a thread, what sweeps among tests are solved by; None where nothing is.
+    """Start a thread that compiles the solver of swept tests; return None if there are none.
 
-    All that comes before the first solve goes on meanwhile. Laws with a stack of reversals ask for
-    one program a depth, which nobody knows yet.
+    Everything before the first solve continues meanwhile. Laws with a stack of reversals need one
+    program per depth, which is not known yet.
     """
     swept = [test for test in tests if test.kind == "sweep" and not test.point]
     if not swept:
@@ -545,7 +553,7 @@ def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
     names = ("omega_n", "zeta", *(quantity.name for quantity in quantities_of(laws)))
 
     def compiled() -> None:
-        # What fails here fails again where it is needed, and is said there.
+        # An error here occurs again, and is reported, where the program is needed.
         with suppress(Exception):
             joints = joints_at(dict.fromkeys(names, np.ones(1)), laws)
             if joints is not None and not any(law.depth for law in joints.laws):
@@ -559,13 +567,13 @@ def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
 def _behind(
     rows: Float[np.ndarray, "row value"] | None, skipped: int
 ) -> Float[np.ndarray, "row time"] | None:
-    """Return the rows of what is compared as rows of all samples."""
+    """Return rows of compared values as rows of all samples, padded with zeros."""
     return None if rows is None else np.pad(rows, ((0, 0), (skipped, 0)))
 
 
 @eqx.filter_jit
 def _slope_at_origin(theta: Theta, data: Records) -> Float[Array, "level value own"]:
-    """Return the derivative of what is compared by each level's own omega_n and zeta."""
+    """Return the derivative of compared values by each level's own omega_n and zeta, by JAX."""
 
     def moved(offset: Float[Array, " own"]) -> Float[Array, "level value"]:
         groups = replace(data.groups, origin=data.groups.origin + offset)

@@ -1,7 +1,7 @@
-"""The register of kinds of tests: one file and one class a kind, one line of registration here.
+"""The register of kinds of tests: one file and one class per kind, one line of registration here.
 
-A kind that is defined elsewhere, in a test or a notebook, joins by `register` and is then part of
-every identification whose campaign has such tests.
+A kind that is defined elsewhere, in a test or a notebook, is added by `register` and is then part
+of every identification whose campaign has such tests.
 """
 
 from jbw.observables.controlled import ControlledPoints
@@ -12,7 +12,8 @@ from jbw.observables.observable import Observable
 from jbw.observables.records import Records
 from jbw.observables.steady import Points
 
-# In the order of the parts of a dataset. What a line fit reads of noise is Step 2's to add.
+# The order is that of the parts of a dataset. Step 2 itself adds the reading of a line fit of
+# noise.
 OBSERVABLES: list[type[Observable]] = [
     Records,
     Points,
@@ -24,12 +25,12 @@ OBSERVABLES: list[type[Observable]] = [
 
 
 def register(observable: type[Observable]) -> type[Observable]:
-    """Make an observable take its kinds of tests; usable as a decorator."""
+    """Add an observable class to the register, for its kinds of tests; usable as a decorator."""
     if observable not in OBSERVABLES:
         OBSERVABLES.append(observable)
     return observable
 
 
 def taking(*, several: bool) -> list[type[Observable]]:
-    """Return the observables that take tests of a structure with several modes, or one."""
+    """Return the observable classes that take tests of several modes (`several`), or of one."""
     return [kind for kind in OBSERVABLES if kind.several in (None, several)]

@@ -1,15 +1,16 @@
-r"""Residual terms: what other modes add to the response of the joint's own mode.
+r"""Residual terms: the contribution of other modes to the response of the joint's own mode.
 
 $$y(\omega) = y_{joint}(\omega) + \left(U + \frac{L}{\omega^2} +
   \sum_k \frac{s_k}{\omega_k^2 - \omega^2 + 2j\zeta_k\omega_k\omega}\right) g\,u(\omega)$$
 
-with U of the modes above and L of those below, a rigid body among them, both real. In a narrow band
-the two are one number. A neighbour within the band is linear, which the joint does not feel. They
-belong to the place where the response is measured, so that all tests share them, and they are
-parameters like omega_n: absent from theta, there is nothing to add.
+with U for the modes above and L for those below, rigid-body modes included; both are real. In a
+narrow band the two are one number. A neighbour within the band is linear and does not move the
+joint. The terms belong to the point where the response is measured, so that all tests share them.
+They are parameters like omega_n: terms that are absent from theta add nothing.
 
-A test may have a U and an L of its own, of a sensor that was moved, say. Both act along columns
-that hold no parameter: a flat prior integrates them out, the misfit along these is not counted.
+A test may have its own U and L, for example because a sensor was moved. Both act along columns that
+contain no parameter: a flat prior integrates them out, and misfit along these columns does not
+count.
 
 Reference:
     Ewins (2000), Modal Testing, section 4.4.
@@ -28,35 +29,37 @@ from jbw.quantities import CONSTANT_TERMS, NEIGHBOURS, derivative_order
 UPPER, LOWER = (quantity.name for quantity in CONSTANT_TERMS)
 MODES = tuple(tuple(quantity.name for quantity in mode) for mode in NEIGHBOURS)
 OF_MODES = tuple(name for mode in MODES for name in mode)
-# What a test may take of them, by what its campaign says.
+# Terms that a test may include, by the setting of its campaign.
 TAKEN: Mapping[str, tuple[str, ...]] = {
     "none": (), "own": OF_MODES, "upper": (UPPER, *OF_MODES),
     "both": (UPPER, LOWER, *OF_MODES), "auto": (UPPER, LOWER, *OF_MODES),
 }  # fmt: skip
-DRIVEN = 0.05  # of the largest line of an input: beyond, 1 / omega^2 would raise what is noise
-LARGEST = 30.0  # of any, where the mode alone responds with 1 / (2 zeta) at its peak
-NEAR = 0.07  # of a neighbour's frequency, which a free one would leave to mend the joint's law
+DRIVEN = 0.05  # of the largest line of an input: below it, 1 / omega^2 would amplify noise
+LARGEST = 30.0  # bound of any term; the mode alone responds with 1 / (2 zeta) at its peak
+# Relative range of a neighbour's frequency; a free one would compensate errors of the joint's law.
+NEAR = 0.07
 DAMPED = (1e-4, 0.2)  # damping ratio of a neighbour
 
 
 def has_own(residuals: str, *, several_modes: bool) -> bool:
-    """Return whether a test's constants are its own: as it states, or as all are of several modes.
+    """Return True if a test has its own constants: if stated, or for all tests of several modes.
 
-    What a mode above adds differs from band to band and from point to point. One constant for all
-    would be a compromise that gains and shapes make up for, and no residual shows it.
+    The contribution of a mode above the band differs from band to band and from point to point. One
+    constant for all would be a compromise that gains and shapes compensate, and no residual would
+    show it.
     """
     return residuals == "own" or (residuals == "auto" and several_modes)
 
 
 def taken(theta: Mapping[str, Any], residuals: str) -> dict[str, Any]:
-    """Return the terms that theta has and a test takes, by name."""
+    """Return the residual terms that theta contains and a test includes, by name."""
     return {name: theta[name] for name in TAKEN[residuals] if name in theta}
 
 
 def receptance(
     terms: Mapping[str, Array], omega: Float[Array, "*batch"]
 ) -> Inexact[Array, "*batch"]:
-    r"""Return the sum in brackets above [m per N/kg]; L is zero at omega = 0."""
+    r"""Return the terms' receptance, the sum in brackets above [m per N/kg]; no L at omega = 0."""
     squared = jnp.where(omega > 0, omega, jnp.inf) ** 2
     total = terms.get(UPPER, 0.0) + terms.get(LOWER, 0.0) / squared
     for omega_k, zeta, share in ([terms[n] for n in mode] for mode in MODES if mode[0] in terms):
@@ -72,10 +75,10 @@ def added_response(
     response: str,
     periodic: bool,
 ) -> Float[Array, " time"]:
-    """Return the terms' response to a force per unit mass, between its first and last driven line.
+    """Return the terms' response to a force per unit mass, within the range of driven lines.
 
-    The record is one period, or at rest before and after. A constant force is none: it is an
-    amplifier's offset, which 1 / omega^2 would raise to a drift.
+    The record is one period, or at rest before and after. A constant force is ignored: it is an
+    amplifier's offset, which 1 / omega^2 would turn into a drift.
     """
     length = force.shape[-1]
     padded = length if periodic else 2 * length
@@ -91,7 +94,8 @@ def own_columns(
 ) -> Float[np.ndarray, "level 2 value"]:
     r"""Return the columns of tests' own U and L: $F_k (j\omega_k)^o$ and it over $\omega_k^2$.
 
-    Of lines the real parts, then the imaginary parts; of samples what the driven lines come to.
+    For lines these are the real parts, then the imaginary parts; for samples, the signal of the
+    driven lines in time.
     """
     length = force.shape[1]
     omega = 2 * np.pi * np.fft.rfftfreq(length, 1 / fs)
@@ -107,25 +111,25 @@ def own_columns(
 
 
 def driven(size: Float[Array, " line"]) -> Bool[Array, " line"]:
-    """Return the lines of a spectrum from the first that is driven to the last.
+    """Return True for the lines of a spectrum from the first driven line to the last.
 
-    Between them none is left out: a shaker's force drops off where the structure resonates.
+    All lines between them are included: a shaker's force drops off where the structure resonates.
     """
     loud = size > DRIVEN * jnp.max(size)
     return (jnp.cumsum(loud) > 0) & (jnp.cumsum(loud[::-1])[::-1] > 0)
 
 
 def neighbours_of(theta: Mapping[str, float]) -> tuple[float, ...]:
-    """Return the natural frequencies of the neighbours that theta has [rad/s]."""
+    """Return the natural frequencies of the neighbouring modes in theta [rad/s]."""
     return tuple(float(theta[mode[0]]) for mode in MODES if mode[0] in theta)
 
 
 def bounds(omega_n: float, neighbours: Sequence[float] = ()) -> dict[str, tuple[float, float]]:
-    """Return bounds by term: wide for added terms, narrow for frequencies of neighbours.
+    """Return bounds by residual term: wide for added terms, narrow for neighbours' frequencies.
 
-    Of a constant thirty times what the mode's own static response is, of a neighbour's gain thirty
-    times the mode's. A neighbour stays within 7 % of where it was seen, and nearer to that than to
-    any other mode.
+    A constant is bounded by thirty times the mode's own static response, a neighbour's gain by
+    thirty times the mode's. A neighbour stays within 7 % of its observed frequency, and nearer to
+    that than to any other mode.
     """
     limits = {UPPER: (-LARGEST / omega_n**2, LARGEST / omega_n**2), LOWER: (-LARGEST, LARGEST)}
     for (name, zeta, share), neighbour in zip(MODES, neighbours, strict=False):

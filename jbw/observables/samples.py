@@ -1,4 +1,4 @@
-"""Samples that are compared: brought to one time and into a band, and predicted from the joint."""
+"""Record samples as they are compared: their lines in a band, and prediction from the joint."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -28,8 +28,8 @@ from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.response import simulate, simulate_apart
 from jbw.quantities import DEFAULT_LAWS, LETTER_OF
 
-STEPS_A_PERIOD = 50.0  # until a fit shows what data take
-Lines = tuple[int, int]  # the first line of a spectrum that counts, and the one after the last
+STEPS_A_PERIOD = 50.0  # until a fit shows how many steps the data need
+Lines = tuple[int, int]  # first compared line of a spectrum, and the line after the last
 
 
 def lines_of(band_hz: Sequence[float], length: int, fs: float) -> Lines | None:
@@ -48,7 +48,7 @@ def lines_of(band_hz: Sequence[float], length: int, fs: float) -> Lines | None:
 
 
 def in_band(samples: np.ndarray, lines: Lines | None) -> np.ndarray:
-    """Return the samples along the last axis with nothing left but some lines of their spectrum."""
+    """Return samples along the last axis, reduced to a band's lines of their spectrum."""
     if lines is None:
         return samples
     spectrum = np.fft.rfft(samples)
@@ -58,7 +58,7 @@ def in_band(samples: np.ndarray, lines: Lines | None) -> np.ndarray:
 
 
 def noise_share(lines: Lines | None, length: int) -> float:
-    """Share of white noise that is left in some lines of its spectrum, as a standard deviation."""
+    """Return the share of white noise within a band's lines, as a standard deviation."""
     return 1.0 if lines is None else float(np.sqrt(2 * (lines[1] - lines[0]) / length))
 
 
@@ -73,13 +73,13 @@ def values_of(samples: Float[Array | np.ndarray, "*batch time"], lines: Lines | 
 
 
 def loudest_hz(means: Float[np.ndarray, "level time"], fs: float) -> float:
-    """Return the frequency at which the responses together have the most power [Hz]."""
+    """Return the frequency at which all responses together have the most power [Hz]."""
     power = np.sum(np.abs(np.fft.rfft(means)) ** 2, axis=0)
     return float(np.fft.rfftfreq(means.shape[1], 1 / fs)[np.argmax(power)])
 
 
 def substeps_for(hz: float, fs: float, least: int) -> int:
-    """Return solver steps per sample, a power of two, for 50 steps in a period of a motion."""
+    """Return solver steps per sample, a power of two, for 50 steps per period at a frequency."""
     steps = max(STEPS_A_PERIOD * hz / fs, least)
     return 2 ** whole_up(float(np.log2(steps)))
 
@@ -87,7 +87,7 @@ def substeps_for(hz: float, fs: float, least: int) -> int:
 def band_limited(
     source: Float[np.ndarray | Array, "*level time"], *, periodic: bool = False
 ) -> HeldInput:
-    """Return a measured input, between its samples the band-limited one that the sampling saw."""
+    """Return a measured input, reconstructed as a band-limited signal between its samples."""
     return held(source, "band_limited", periodic=periodic)
 
 
@@ -107,8 +107,8 @@ def joints_at(
 ) -> Oscillator | None:
     """Return oscillators at points for `jbw.oscillator.batch`; the last point fills spare lanes.
 
-    Their laws remember `depth` reversals. None where theta has several modes or residual terms, or
-    where a stock solver integrates a law.
+    Their laws remember `depth` reversals. None is returned if theta has several modes or residual
+    terms, or if a law needs a stock solver.
     """
     if has_further_modes(theta) or taken(theta, residuals):
         return None
@@ -128,12 +128,12 @@ def motion_under(
 ) -> Any:
     """Return the motion of the joint by eqs. (1), (2) under a measured input, from rest or steady.
 
-    Of a structure's output where theta has further modes (`jbw.oscillator.modes.parameters`), or
-    of its outputs at every point, along a first axis.
+    If theta has several modes (`jbw.oscillator.modes.parameters`), the motion is that of the
+    structure's output or, with `every_point`, of its outputs at all points along a first axis.
 
-    The `source` is that of `band_limited`; theta has the `gain` [N/kg per unit of the input]
-    besides. `substeps` are those of the solver between samples, `depth` the reversals that laws of
-    Masing's kind remember.
+    The `source` is that of `band_limited`; theta also contains the `gain` [N/kg per unit of the
+    input]. `substeps` are solver steps between samples; `depth` is the number of reversals that
+    Masing laws remember.
     """
     force = source.times(theta["gain"])
     if (apart := modes_apart(theta, laws)) is not None:
@@ -156,10 +156,11 @@ def response_to(
     residuals: str = "none",
     **options: Any,
 ) -> Float[Array, "*point time"]:
-    """Return the displacement [m], velocity [m/s] or acceleration [m/s^2] of `motion_under`.
+    """Return the displacement [m], velocity [m/s] or acceleration [m/s^2] under a measured input.
 
-    With what the modes outside the band add to it, as far as theta has that and `residuals` say:
-    theta has none where there are further points, to which a term of the first does not belong.
+    The contribution of modes outside the band is included if theta has it and `residuals` asks for
+    it. With additional points theta has none, because a term of the first point does not hold
+    there.
     """
     motion = motion_under(theta, source, fs, **options)
     return response_of(motion, theta, source, fs, response=response, residuals=residuals)
@@ -174,7 +175,7 @@ def response_of(
     response: str,
     residuals: str,
 ) -> Float[Array, "*point time"]:
-    """Return a sensor's response for a motion under an input, residual terms included."""
+    """Return a sensor's response in a given motion under an input, with residual terms."""
     sensed = getattr(motion, LETTER_OF[response])
     if not (terms := taken(theta, residuals)):
         return sensed

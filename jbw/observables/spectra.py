@@ -1,7 +1,7 @@
-r"""The residuals of records and harmonics, and the spectra that their usual causes act on.
+r"""The residuals of records and harmonics, with spectra on which their usual causes act.
 
-A delay, another mode or the input's way around the mode are products in the frequency domain; a
-record in time and a curve of harmonics differ by how they come from there.
+A delay, another mode, or an input that bypasses the mode is a product in the frequency domain.
+Records in time and curves of harmonics differ in how they are computed from there.
 """
 
 from collections.abc import Callable
@@ -15,25 +15,25 @@ Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
 
 
 def real_rows(table: Inexact[np.ndarray, "value column"]) -> Float[np.ndarray, "part column"]:
-    """Return the real parts above the imaginary parts; what is real stays as it is."""
+    """Return a complex table as real parts above imaginary parts; return a real table unchanged."""
     values: Any = table
     return np.concatenate([values.real, values.imag]) if np.iscomplexobj(values) else values
 
 
 class Spectrum(NamedTuple):
-    """One group's measured values, what a fit leaves of them, and the spectra behind them.
+    """One group's measured values, the residual of a fit, and the spectra that belong to them.
 
     Attributes:
-        values: The mean measured, samples or lines.
+        values: Measured mean, as samples or lines.
         residual: Residual of the fit.
         omega: Frequencies of the lines [rad/s].
-        measured: Of the response.
-        predicted: Of the response, by the fit.
-        source: Of the input; zero where it has no such harmonic.
-        factor: From displacement to the response: one, j omega or its square.
-        row: From a spectrum to what is compared.
-        stretched: Time times the rate of the response: what a clock that is fast by a part takes
-            from it for each unit of that part; None of what has no time.
+        measured: Spectrum of the measured response.
+        predicted: Spectrum of the response predicted by the fit.
+        source: Spectrum of the input; zero if it has no such harmonic.
+        factor: Factor from displacement to the response: one, j omega or its square.
+        row: Function from a spectrum to the compared values.
+        stretched: Time times the rate of the response: how much a clock that is too fast by a
+            fraction takes from the response, per unit of that fraction; None without a time axis.
         source_role: Channel of the input in a campaign: input or force.
     """
 
@@ -58,7 +58,7 @@ def of_samples(
     *,
     periodic: bool,
 ) -> Spectrum:
-    """Return a record in time, at rest before and after unless it is one period."""
+    """Return the spectrum of a record in time, at rest before and after unless it is one period."""
     length = len(mean)
     padded = length if periodic else 2 * length
     measured, predicted, driven = (np.fft.rfft(x, padded) for x in (mean, mean - residual, source))
@@ -81,7 +81,7 @@ def of_lines(
     factor: Spectral,
     stretched: Row | None = None,
 ) -> Spectrum:
-    """Return the lines of a spectrum, or harmonics at some frequencies."""
+    """Return the spectrum of a group of spectral lines, or of harmonics at some frequencies."""
     return Spectrum(
         values, residual, omega, values, values - residual, source, factor,
         lambda spectrum: spectrum, stretched,

@@ -1,7 +1,7 @@
 r"""Steady harmonics of tones, stepped sines and response curves as an observable.
 
-The measured motion is the guess from which harmonic balance finds the model's, so no curve is
-lost where it bends over, and a point costs two steps of Newton's iteration and no search.
+The measured motion is the guess from which harmonic balance finds the model's, so that no curve is
+lost where it folds, and a point costs two Newton steps without a search.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,21 +36,22 @@ from jbw.oscillator.steady.cycle import steady_state
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
 NUM_NODES = 16
-LEAST_POINTS = 6  # of a curve through which an oscillator is laid
+LEAST_POINTS = 6  # of a curve to which an oscillator is fitted
 
 
 class Points(Observable):
-    """Harmonics of the steady motion at many frequencies and levels, group by group.
+    """The harmonics of steady motion at many frequencies and levels, group by group.
 
-    In a force-controlled test the response is compared, in a response-controlled one the force is.
+    In a force-controlled test the response is compared, in a response-controlled test the force.
 
     Attributes:
         omega: Frequency of each point [rad/s].
         load: Measured odd harmonics of the source at each point [V, N or N/kg].
-        motion: Measured odd harmonics of the displacement [m], zero where not measured.
-        point: Number of the point of each value.
-        position: Position of each group's order among the odd ones.
-        factor: From displacement or force per unit mass to the value's unit; zero behind the last.
+        motion: Measured odd harmonics of the displacement [m], zero if not measured.
+        point: Number of each value's point.
+        position: Position of each group's order among the odd orders.
+        factor: Factor from displacement or force per unit mass to the value's unit; zero for
+            padding.
         of_force: Whether a group's values are the force; static.
     """
 
@@ -135,7 +136,8 @@ class Points(Observable):
     ) -> Self:
         r"""Return planned tones with odd harmonics `motion` [m] and expected reading noise.
 
-        Real and imaginary parts of N samples' harmonic have the variance $2\sigma^2 / N$ each.
+        The real and imaginary parts of a harmonic of N samples have the variance $2\sigma^2 / N$
+        each.
         """
         load = level * np.tile(np.arange(NUM_HARMONICS) == 0, (len(omega), 1)) + 0j
         groups = []
@@ -151,7 +153,7 @@ class Points(Observable):
         return replace(data, groups=changed(data.groups, noise_std=np.full(len(groups), std)))
 
     def predict(self, theta: Theta) -> Complex[Array, "group value"]:
-        """Predict the response in its unit or the force in the source's; pad with zeros."""
+        """Predict the response in its unit, or the force in the source's unit; pad with zeros."""
         column, of_force = self.position[:, None], np.array(self.of_force)
         forced = moved = jnp.zeros(self.point.shape, complex)
         if of_force.any():
@@ -161,7 +163,7 @@ class Points(Observable):
         return self.factor * jnp.where(of_force[:, None], forced, moved)
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return what first harmonics show: an oscillator, lines, a reading of every curve."""
+        """Return the model-free facts: an oscillator, steady lines, and a reading per curve."""
         return Shown(
             partial(_first_values, self),
             partial(_steady_lines, self),
@@ -172,7 +174,7 @@ class Points(Observable):
 
 
 def _first_values(data: Points) -> dict[str, float]:
-    """Return least squares over the first harmonics of the smallest motion at its peak."""
+    """Return starting values by least squares over the first harmonics of the weakest curve."""
     motion, load, omega = (np.asarray(x) for x in (data.motion, data.load, data.omega))
     first = [points for points in _first_points(data).values() if len(points) >= LEAST_LINES]
     first = [points for points in first if len(points) > LEAST_LINES] or first
@@ -183,20 +185,20 @@ def _first_values(data: Points) -> dict[str, float]:
 
 
 def _steady_lines(data: Points) -> SteadyLines:
-    """Return every point of a first harmonic."""
+    """Return load and motion at every point that has a first harmonic."""
     every = np.unique(np.concatenate(list(_first_points(data).values())))
     columns = data.omega[every], data.load[every, 0], data.motion[every, 0]
     return SteadyLines(*(np.asarray(x) for x in columns))
 
 
 def _first_points(data: Points) -> dict[int, Int[np.ndarray, " point"]]:
-    """Return the points of every group of first harmonics, by its number."""
+    """Return the points of every group of first harmonics, by the group's number."""
     rows, first = np.asarray(data.point), np.flatnonzero(np.asarray(data.position) == 0)
     return {i: rows[i][compared(data.groups, i)] for i in first.tolist()}
 
 
 def _amplitude_readings(data: Points) -> AmplitudeCurve | None:
-    """Return a point of every curve: where the response was held, or lags by a quarter turn."""
+    """Return a reading per curve: of the held response, or where the motion lags by 90 degrees."""
     gain, readings = _first_values(data)["gain"], []
     columns = data.omega, data.load[:, 0], data.motion[:, 0]
     for i, points in _first_points(data).items():
@@ -212,7 +214,7 @@ def _amplitude_readings(data: Points) -> AmplitudeCurve | None:
 
 
 def _spectra(data: Points, residuals: Rows) -> dict[str, Spectrum]:
-    """Return the harmonic of every measured response at the frequencies of its points."""
+    """Return the spectrum of every measured response harmonic, at the frequencies of its points."""
     spectra = {}
     for i, label in enumerate(data.groups.labels):
         if data.of_force[i]:
@@ -221,7 +223,7 @@ def _spectra(data: Points, residuals: Rows) -> dict[str, Spectrum]:
         point, factor = (np.asarray(x[i])[where] for x in (data.point, data.factor))
         omega, source = (np.asarray(x)[point] for x in (data.omega, data.load))
         values = np.asarray(data.mean[i])[where]
-        driven = source[:, 0] * (order == 1)  # higher ones are the amplifier's distortion
+        driven = source[:, 0] * (order == 1)  # higher orders are the amplifier's distortion
         spectra[label] = of_lines(values, residuals[label], order * omega, driven, factor)
     return spectra
 
@@ -231,7 +233,7 @@ def _held(
     load: Complex[np.ndarray, " point"],
     motion: Inexact[np.ndarray, " point"],
 ) -> tuple[float, float, float]:
-    """Return amplitude, frequency and damping of a held response, for one linear oscillator."""
+    """Return amplitude, frequency and damping of a held response, by a linear oscillator."""
     read = oscillator_through(omega, load, motion)
     near = np.argmin(np.abs(omega - read["omega_n"]))
     return abs(motion[near]), read["omega_n"], read["zeta"]
@@ -265,19 +267,19 @@ def motion_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, "point
 def planned_motion(
     theta: Mapping[str, Array], omega: Any, level: Any, laws: Laws
 ) -> Complex[Array, "*point harmonic"]:
-    """Return the odd harmonics of the displacement [m] under tones that nobody measured.
+    """Return the odd harmonics of the displacement [m] under planned tones, not yet measured.
 
-    They are not a number where no steady motion was found.
+    They are NaN where no steady motion was found.
 
     Args:
-        theta: The parameters; those of several joints as columns.
+        theta: Parameters; for several joints as columns.
         omega: Frequencies of the tones [rad/s].
-        level: Amplitude of their source.
+        level: Amplitude of the tones' source.
         laws: Names of the laws.
     """
     gain, joint = theta["gain"], oscillator_of(theta, laws)
     motion = steady_state(joint, omega, jnp.abs(gain) * level, NUM_HARMONICS)
-    # A turned channel moves half a period later: odd harmonics change their sign.
+    # With a reversed channel the motion is half a period later: odd harmonics change their sign.
     return jnp.sign(gain)[..., None] * motion
 
 
@@ -290,12 +292,13 @@ def added_motion(theta: Mapping[str, Array], data: Points) -> Complex[Array, "po
 
 
 def force_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, " point"]:
-    r"""Return the force per unit mass [N/kg] that the measured fundamental needs: eqs. (1), (2).
+    r"""Return the force per unit mass [N/kg] required for the measured fundamental: eqs. (1), (2).
 
     $$F_1 = (k - \omega^2 + 2j\zeta\omega_n\omega + K(|Y_1|) + jC(|Y_1|))\,Y_1$$
 
-    with Y_1 the joint's own: what was measured, less what the modes outside the band add to it. The
-    third harmonic of the motion, which a controller leaves free, changes it by 3e-4 at most.
+    with Y_1 the joint's own motion: the measured motion minus the contribution of modes outside the
+    band. The third harmonic of the motion, which a controller leaves free, changes it by 3e-4 at
+    most.
     """
     joint, y = oscillator_of(theta, data.laws), (data.motion - added_motion(theta, data))[:, 0]
     stiffness = joint.k - data.omega**2 + 2j * joint.zeta * joint.omega_n * data.omega
@@ -305,10 +308,11 @@ def force_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, " point
 def equivalent_stiffness(
     joint: Joint, y_peak: Float[Array, " point"], omega: Float[Array, " point"] | None = None
 ) -> Complex[Array, " point"]:
-    """Return K + jC = F_1(Y) / Y of all laws, by a polynomial at sixteen Chebyshev nodes.
+    """Return the laws' equivalent stiffness K + jC = F_1(Y) / Y, by a polynomial in amplitude.
 
-    It is smooth in the amplitude: this is exact to 1e-9 over a decade. Where a law feels the rate,
-    each point is taken by itself, at its frequency omega [rad/s].
+    It has sixteen Chebyshev nodes. Because the stiffness is smooth in the amplitude, this is exact
+    to 1e-9 over a decade. With a rate-dependent law, each point is computed separately, at its
+    frequency omega [rad/s].
     """
     if omega is not None and any(law.feels_rate for law in joint.laws):
         stiffness, damping = jax.vmap(as_oscillator(joint).loop)(y_peak, omega)

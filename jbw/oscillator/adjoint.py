@@ -1,21 +1,21 @@
-r"""Derivatives of the hysteresis-exact solve: one function for forward and reverse mode.
+r"""Derivatives of the hysteresis-exact solve, by one function for forward and reverse mode.
 
-The primal is the diffrax solve, its states saved at the samples, or at every substep where
-derivatives are asked for. The tangent needs no second solve: the derivatives of all steps at the
-saved states are independent of each other and are taken for many steps at once; only the
-recurrence $\dot x_{n+1} = J_n \dot x_n + b_n$ with its small matrices (3 x 3 with one memory) is
-sequential. It is linear in the tangents, so JAX transposes it for `jax.grad`.
+The primal is the diffrax solve. Its states are saved at the samples, or at every substep where
+derivatives are needed. The tangent needs no second solve: the derivatives of all steps at the saved
+states are independent of each other and are computed for many steps at once; only the recurrence
+$\dot x_{n+1} = J_n \dot x_n + b_n$ with its small matrices (3 x 3 with one memory) is sequential.
+It is linear in the tangents, so JAX transposes it for `jax.grad`.
 
-Of laws whose memory is a stack of reversals, such as Masing's, tangents are carried by y, v, the
-memories of other laws and the reversals; the rest of a branch follows from these. The tangents of
-all states solve a linear system,
+For laws whose memory is a stack of reversals, such as Masing's, tangents are carried by y, v, the
+memories of the other laws and the reversals; all other quantities of a branch follow from these.
+The tangents of all states solve a linear system,
 
 $$\dot x_0 = \dot x(0), \qquad
   \dot x_{n+1} = J_n \dot x_n + K_n \dot\theta + P_n \dot p_n,$$
 
-forward in time for `jax.jvp`, its transpose backward for `jax.grad`: the derivative of one step
-after the other, each at the state that the solve has saved. A step without a kink leaves the
-reversals as they are, so that its derivative is short; the long one is taken where there is a kink.
+solved forward in time for `jax.jvp`, and its transpose backward for `jax.grad`: one step's
+derivative after another, each at its saved state. A step without a kink leaves the reversals
+unchanged, so its derivative is short; the long derivative is used only at a kink.
 """
 
 from collections.abc import Callable
@@ -36,10 +36,10 @@ from jbw.oscillator.step import ExactStep, Kinks, Push, State, advance, meets_ki
 # A `State` with time as the axis of every leaf.
 Trajectory = tuple[Float[Array, " time"], Float[Array, " time"], Any]
 Columns = tuple[tuple[Scalar, ...], ...]
-# Steps that are differentiated at once: the intermediate arrays stay in the cache, and
+# Number of steps that are differentiated at once: the intermediate arrays stay in the cache, and
 # the memory of a gradient does not grow with the record.
 _CHUNK = 128
-Laws = tuple[Any, ...]  # those that stack say more than a `Law`
+Laws = tuple[Any, ...]  # laws with a stack of reversals have more methods than `Law`
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -70,7 +70,7 @@ def _states(substeps: int, every: int, stepping: Stepping, initial: State) -> Tr
 
 
 def packed(stepping: Stepping, state: State) -> State:
-    """Return a state in the layout of the time loop."""
+    """Return an oscillator's state in the layout of the time loop, with stacked reversals."""
     y, v, memory = state
     return y, v, pack_memories(stepping.step.laws, memory)
 
@@ -117,13 +117,13 @@ def in_chunks(
     """Compute the tangent of a trajectory in consecutive chunks of steps.
 
     Args:
-        linearised: The derivatives of many steps at their constants, starts and pushes, and the
-            tangents of constants, one a step, and pushes.
-        recurrence: The scan of tangents of states over it.
+        linearised: Derivatives of many steps at their constants, starts and pushes, with the
+            tangents of the constants (one copy per step) and of the pushes.
+        recurrence: Body of the scan that advances the tangent of the state over these derivatives.
         stepping: Constants and pushes of all steps.
-        trajectory: States before and after them.
-        stepping_dot: Tangents of the stepping.
-        initial_dot: That of the first state.
+        trajectory: States before and after the steps.
+        stepping_dot: Tangents of the constants and pushes.
+        initial_dot: Tangent of the first state.
     """
     num_steps = jax.tree.leaves(stepping.push)[0].shape[0]
     size = min(_CHUNK, num_steps)
@@ -133,7 +133,7 @@ def in_chunks(
 
     starts = jax.tree.map(lambda x: chunks(x[:-1]), trajectory)
     push, push_dot = (jax.tree.map(chunks, s.push) for s in (stepping, stepping_dot))
-    # One copy a lane: transposed, the lanes are summed once and not in every chunk.
+    # There is one copy per lane: transposed, the lanes are summed once and not in every chunk.
     step_dot = jax.tree.map(lambda x: jnp.broadcast_to(x, (size,)), stepping_dot.step)
 
     @jax.checkpoint
@@ -171,7 +171,7 @@ def _linearised(
 
 
 def _recurrence(x_dot: State, inputs) -> tuple[State, State]:
-    """Return one step of the tangent recurrence; matrices come column by column."""
+    """Advance the tangent of a state by one step; the matrix comes column by column."""
     columns, offset = inputs
     leaves, tree = jax.tree.flatten(x_dot)
     after = [
@@ -187,7 +187,7 @@ class Carriers(NamedTuple):
 
     Attributes:
         heads: y, v and the memories of laws without a stack.
-        columns: Displacements and forces of the reversals, an array each.
+        columns: Displacements and forces of the reversals, one array each.
     """
 
     heads: tuple[Scalar, ...]
@@ -195,7 +195,7 @@ class Carriers(NamedTuple):
 
 
 class _Steps(NamedTuple):
-    """Linearisation points of all steps: states, pushes and kinks."""
+    """The linearisation points of all steps: states, pushes and kinks."""
 
     starts: State
     push: Push
@@ -203,7 +203,7 @@ class _Steps(NamedTuple):
 
 
 class _Tangents(NamedTuple):
-    """Unknowns of the linear system, and its right-hand side."""
+    """The unknowns of the linear system of tangents, or its right-hand side."""
 
     x: Carriers  # at every state
     step: ExactStep
@@ -236,20 +236,21 @@ def tangent_of_stacks(
 
 
 def _kinked(step: ExactStep, before: State, after: State, push: Push) -> Bool[Array, ""]:
-    """Return whether the solve has taken a step through a kink."""
+    """Return True if the solve took a step through a kink."""
     kinked = meets_kink(step, before, push)
     laws: Laws = step.laws
     for law, a, b in zip(laws, before[2], after[2], strict=True):
-        if law.depth:  # to rounding `meets_kink` may see another side of a kink
+        if law.depth:  # because of rounding, `meets_kink` may see the other side of a kink
             kinked = kinked | law.turned_or_closed(a, b)
     return kinked
 
 
 # -- the linear system -----------------------------------------------------------------------------
 def _right_hand_side(first: Carriers, stepping_dot: Pushed, num_states: int) -> _Tangents:
-    """Assemble the tangents of the initial state, of the step's constants and of the pushes."""
+    """Assemble the right-hand side of the tangents' linear system."""
     step, push = stepping_dot.step, stepping_dot.push
-    # JAX transposes a linear solve where all of its right-hand side depends on what is transposed.
+    # JAX transposes a linear solve only if its whole right-hand side depends on the transposed
+    # input.
     leaves = jax.tree.leaves((first, step, tuple(p[0] for p in push)))
     none = 0.0 * sum(jnp.sum(x) for x in leaves)
     return _Tangents(
@@ -260,7 +261,7 @@ def _right_hand_side(first: Carriers, stepping_dot: Pushed, num_states: int) -> 
 
 
 def _system(step: ExactStep, steps: _Steps, unknown: _Tangents) -> _Tangents:
-    """Return the system's left-hand side."""
+    """Return the left-hand side of the linear system of tangents."""
     advanced = jax.vmap(partial(_after, step), (0, 0, None, 0))(
         steps, _but_last(unknown.x), unknown.step, unknown.push
     )
@@ -301,9 +302,9 @@ def _backward(at: tuple[ExactStep, _Steps], c: _Tangents) -> _Tangents:
 
 
 def _lanes_apart(solve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """Return the same solve; under vmap one lane after another, but many right-hand sides at once.
+    """Return a solve that vmap runs lane after lane, but for many right-hand sides at once.
 
-    Lanes side by side take the long derivative of a kink always.
+    Lanes side by side would always compute the long derivative of a kink.
     """
     sequential = jax.custom_batching.custom_vmap(solve)
 
@@ -348,12 +349,12 @@ def _before(step: ExactStep, at: Any, x_bar: Carriers) -> tuple[Carriers, ExactS
 
 
 def _stepped(kinks: Kinks, start: State, step: ExactStep, x: Carriers, push: Push) -> Carriers:
-    """Return the carriers after a step."""
+    """Return the variables that carry tangents (carriers) after a step from given ones."""
     return _split(step.laws, advance(step, _joined(step.laws, start, x), push, kinks=kinks))
 
 
 def _split(laws: Laws, state: State) -> Carriers:
-    """Return the carriers of a state."""
+    """Return the carriers of a state: the variables whose tangents are carried."""
     y, v, memory = state
     heads, columns = [jnp.asarray(y), jnp.asarray(v)], []
     for law, law_memory in zip(laws, memory, strict=True):
@@ -365,7 +366,7 @@ def _split(laws: Laws, state: State) -> Carriers:
 
 
 def _joined(laws: Laws, state: State, x: Carriers) -> State:
-    """Return a state with these carriers; everything else follows from them."""
+    """Return a state with these carriers; all its other entries follow from them."""
     (y, v, *heads), columns = x.heads, list(x.columns)
     memory = []
     for law, law_memory in zip(laws, state[2], strict=True):

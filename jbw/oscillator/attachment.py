@@ -1,11 +1,12 @@
 r"""A shaker on a structure: its armature is a linear attachment at the drive point.
 
-A voltage V drives an armature that is tied to the structure where this moves by $x_d$,
+A voltage V drives an armature that is tied to the structure at a point that moves by $x_d$,
 
 $$F = g\,V - (m_a \ddot x_d + c_a \dot x_d + k_a x_d)$$
 
-with the back-EMF in $c_a$. A force that is measured has the structure alone for its response, a
-voltage the structure with its attachment: omega_n and zeta differ, the joint does not.
+where $c_a$ includes the back-EMF. The response to a measured force is that of the structure alone;
+the response to a voltage is that of the structure with its attachment. The two differ in omega_n
+and zeta, but not in the joint.
 
 Reference:
     McConnell and Varoto (2008), Vibration Testing; Tomlinson, J. Sound Vib. 63 (1979) 337.
@@ -23,7 +24,7 @@ Modal = Float[np.ndarray, " mode"]
 
 
 class Attachment(NamedTuple):
-    """A linear attachment at one point.
+    """A linear attachment (mass, damper and spring) at one point of a structure.
 
     Examples:
         A mass of 1 kg tied to a mode of 4 kg lowers its frequency by the factor 1 / sqrt(1 + 1/4):
@@ -52,13 +53,13 @@ def attached(
         omega: Natural frequencies without it [rad/s], shape (mode,).
         zeta: Damping ratios without it.
         shape: Mass-normalised mode shapes phi at the drive point [1/sqrt(kg)].
-        attachment: What is tied there.
+        attachment: The attachment at the drive point.
 
     Returns:
-        Frequencies in rising order, and the damping ratios beside them.
+        Frequencies in rising order, and the damping ratio of each.
 
     Raises:
-        ModelError: Modes that are no oscillators, or that the attachment makes unstable.
+        ModelError: A mode does not oscillate, or the attachment makes it unstable.
 
     Examples:
         A spring of 8400 N/m tied to a mode of 4 kg raises 100 rad/s to sqrt(100^2 + 8400 / 4):

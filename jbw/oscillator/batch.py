@@ -1,14 +1,14 @@
-r"""Many oscillators side by side under one record: one program for records of all lengths.
+r"""Simulation of many oscillators at once under one record, by one program for all record lengths.
 
-A record is marched in pieces of so many intervals between samples at most, from rest, the state
-carried from each to the next. How many a piece has, the sampling rate and the steps between two
-samples are arguments: the program depends on the laws, the measured derivative and the number of
-lanes alone. Every solve of a campaign can share it: fits, weights, draws, checks, predictions. On
-the way it adds up
+A record is marched in pieces with a limited number of sample intervals. The march starts at rest,
+and the state is carried from each piece to the next. The number of intervals, the sampling rate and
+the steps between two samples are arguments: the program depends only on the laws, the measured
+derivative and the number of lanes. All solves of a campaign can share it: fits, weights, draws,
+checks, predictions. On the way it sums
 
 $$r_n = d_n - x_n - \sum_k a_k J_{kn}, \qquad Q = \sum_n r_n^2, \qquad s_k = \sum_n J_{kn} r_n$$
 
-which a likelihood asks for. It has no derivatives of its own: for these, `jbw.simulate`.
+which a likelihood needs. It has no derivatives; for these, use `jbw.simulate`.
 """
 
 import weakref
@@ -29,11 +29,11 @@ from jbw.oscillator.residual_sums import response_of
 from jbw.oscillator.solver import Stepping
 from jbw.oscillator.step import State, advance, exact_step
 
-LANES = 32  # oscillators side by side: fewer take as long
-INTERVALS = 4096  # of a piece: what it writes stays in the cache
-# Registers that lanes fill, where a processor has them: XLA's own choice is half as wide.
+LANES = 32  # oscillators at once; fewer take just as long
+INTERVALS = 4096  # per piece; the results of a piece stay in the cache
+# Lanes fill the widest registers, if the processor has them: XLA's own choice is half as wide.
 WIDE = {"xla_cpu_prefer_vector_width": 512}
-NUM_DIRECTIONS = 2  # rows J; fewer are filled up with zeros
+NUM_DIRECTIONS = 2  # rows J; missing rows are filled with zeros
 
 
 class MeasuredResponse(NamedTuple):
@@ -42,7 +42,7 @@ class MeasuredResponse(NamedTuple):
     Attributes:
         values: Measured response d [m, m/s or m/s^2].
         directions: Rows J, two at most.
-        first: First sample that counts.
+        first: First compared sample.
     """
 
     values: Float[Any, "*record time"]
@@ -51,16 +51,16 @@ class MeasuredResponse(NamedTuple):
 
 
 class Motions(NamedTuple):
-    """The results of all lanes: response, peaks, and sums over the samples that count.
+    """The results of all oscillators: responses, peaks, and sums over the compared samples.
 
     Attributes:
-        response: Displacement [m], velocity [m/s] or acceleration [m/s^2] at the samples; None
-            where it was not written.
+        response: Displacement [m], velocity [m/s] or acceleration [m/s^2] at the samples; None if
+            it was not requested.
         y_peak: Largest displacement [m].
-        square: Q of the samples that count; as they are where nothing is compared.
-        along: s_k of the same.
-        peak: Largest response of the same.
-        products: Sums of the response times each row of the record; None where it has none.
+        square: Sum Q over the compared samples; without a measured response, that of the response.
+        along: Sums s_k over the same samples.
+        peak: Largest response at the same samples.
+        products: Sums of the response times each row of the record; None if it has no rows.
     """
 
     response: Any  # Float[np.ndarray, "lane time"] | None
@@ -72,7 +72,7 @@ class Motions(NamedTuple):
 
 
 class _Totals(NamedTuple):
-    """The sums and peaks that a piece passes on in addition to the state."""
+    """The sums and peaks that are carried, with the state, from one piece to the next."""
 
     square: Any
     along: tuple[Any, ...]
@@ -81,7 +81,7 @@ class _Totals(NamedTuple):
 
 
 class _Piece(NamedTuple):
-    """A piece of a record, filled up with zeros; rows are samples, or intervals between them."""
+    """One piece of a record, padded with zeros; array rows are samples or intervals between."""
 
     polynomials: Float[Array, "interval power"]
     samples: Float[Array, " sample"]
@@ -89,30 +89,30 @@ class _Piece(NamedTuple):
 
 
 class _Lanes(NamedTuple):
-    """The values that differ from lane to lane: joint, gain and parts of the directions."""
+    """The values that differ between lanes: joint, input gain and known parts of the directions."""
 
     joints: Oscillator
     gain: Float[Any, " lane"]  # of the input
-    parts: Float[Any, "lane direction"]  # of the directions, that are no residual
+    parts: Float[Any, "lane direction"]  # of the directions; these parts are no residual
 
 
 class _Span(NamedTuple):
-    """The steps along a piece; numbers, so that others do not compile again."""
+    """The step counts along a piece, as traced numbers: other values need no new compilation."""
 
     fs: Any  # sampling rate [Hz]
     substeps: Any  # between samples
     num_steps: Any
-    first: Any  # sample that counts, from the piece's begin
+    first: Any  # first compared sample, counted from the start of the piece
     begins: Any  # whether the sample before the first step counts
 
 
 class MarchedRecord(NamedTuple):
-    """A record ready to be marched along, by `record_of`."""
+    """A record in pieces that is ready for simulation by `march`, made by `record_of`."""
 
     pieces: tuple[_Piece, ...]
     num_intervals: int
     first: int
-    rows: Float[np.ndarray, "row time"] | None = None  # that responses are multiplied with
+    rows: Float[np.ndarray, "row time"] | None = None  # rows to multiply responses with
 
 
 def march(
@@ -126,18 +126,18 @@ def march(
     known: Float[np.ndarray, "lane direction"] | None = None,
     writes: bool = True,
 ) -> Motions:
-    """Return the motions of oscillators, from rest, under one sampled input.
+    """Return the motions of many oscillators, from rest, under one sampled input.
 
     Args:
-        joints: The oscillators, at most `LANES` along the first axis of every leaf; their laws are
-            stepped.
-        gains: Gain of the input of each.
-        record: The input, and what they are compared with.
+        joints: The oscillators, at most `LANES` along the first axis of every leaf; the exact step
+            must support their laws.
+        gains: Gain of the input for each oscillator.
+        record: The input, and the measured response to compare with.
         fs: Sampling rate [Hz].
         substeps: Steps between samples.
-        order: Derivative that is given: 0 displacement, 1 velocity, 2 acceleration.
-        known: Parts a of the directions that are no residual; none when None.
-        writes: Whether the responses are wanted beside the sums.
+        order: Derivative that is returned: 0 displacement, 1 velocity, 2 acceleration.
+        known: Known parts a of the directions, which are no residual; None for zero.
+        writes: Whether to return the responses in addition to the sums.
     """
     count = len(gains)
     joints, gain = filled_up((joints, gains))
@@ -156,8 +156,8 @@ def march(
         )  # fmt: skip
         lanes = _Lanes(joints, gain, parts)
         state, totals, written = _marched(order, lanes, piece, steps, state, totals)
-        begin = 0 if number == 0 else 1  # a piece begins with the last sample of that before
-        if rows is not None:  # while the piece is in the cache
+        begin = 0 if number == 0 else 1  # a piece begins with the last sample of the previous one
+        if rows is not None:  # the product is formed while the piece is in the cache
             response = np.asarray(written)[begin : size + 1]
             products += (rows[:, done + begin : done + size + 1] @ response).T[:count]
         if writes:
@@ -171,12 +171,12 @@ def march(
 
 
 def compile_ahead(joints: Oscillator, num_powers: int, order: int) -> None:
-    """Compile the program of these laws, or wait until it is: a march of no step.
+    """Compile the program of these laws, or wait for its compilation, by a march without steps.
 
     Args:
-        joints: Oscillators of the laws, whatever their parameters.
+        joints: Oscillators with these laws and any parameters.
         num_powers: Powers of the input's polynomials.
-        order: Derivative that is measured.
+        order: Measured derivative.
     """
     joints = filled_up(joints)
     piece = _Piece(
@@ -221,12 +221,12 @@ def _none() -> _Totals:
 def record_of(
     source: HeldInput, number: int | None = None, measured: MeasuredResponse | None = None
 ) -> MarchedRecord:
-    """Return a record on the device, in pieces, made once as long as its arrays are there.
+    """Return a record on the device, in pieces; reuse it as long as its arrays exist.
 
     Args:
-        source: The input, which is not periodic; its gain is left out.
-        number: Which one of several along a first axis; None for one alone.
-        measured: What its motions are compared with, of as many records.
+        source: The input, which is not periodic; its gain is ignored.
+        number: Index of the record along a first axis; None if there is no such axis.
+        measured: Measured response to compare with, of the same number of records.
     """
     arrays = source.polynomials, source.samples
     inputs = _CACHE.of(arrays, number, lambda: [*_input_pieces(source, number)])
@@ -273,7 +273,7 @@ def _starts(num_samples: int) -> range:
 
 
 def _filled(rows: np.ndarray, size: int) -> Array:
-    """Return the rows with zeros behind them, on the device."""
+    """Return the rows on the device, padded with zeros to `size`."""
     filled = np.zeros((size, *rows.shape[1:]))
     filled[: len(rows)] = rows
     return jax.device_put(filled)
@@ -316,7 +316,7 @@ def _marched(
     stepping = jax.vmap(constants)(joints, gain)
 
     def seen(state: State, totals: _Totals, sample: Array, ends: Array) -> tuple[_Totals, Array]:
-        """Return the response after a sample, and the totals; add the sample if it counts."""
+        """Return the totals, with the sample added if it counts, and the response at it."""
         row, counts = piece.measured[sample], ends & (sample >= first)
 
         def of_lane(joint, gain, parts, state, totals):
@@ -348,11 +348,11 @@ def _marched(
         def of_lane(stepping: Stepping, state: State) -> State:
             return advance(stepping.step, state, stepping.push_of(powers), kinks="met")
 
-        with unshared():  # the arguments are NumPy's: all on one device
+        with unshared():  # all arguments are NumPy arrays, on one device
             state = jax.vmap(of_lane)(stepping, state)
         sample = interval + 1
         totals, response = seen(state, totals, sample, step + 1 == sample * substeps)
-        # The last step of an interval writes last.
+        # Every step of an interval writes this row, so that the last one remains.
         return state, totals, _written(written, response, sample)
 
     none = jnp.zeros((), jnp.int32)

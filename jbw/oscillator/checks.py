@@ -20,16 +20,16 @@ from jbw.report.messages.joint import stiffer_than_structure
 
 
 def is_concrete(*values: object) -> bool:
-    """Return whether none of the values (arrays or records) is being traced by a transformation.
+    """Return True if none of the values (arrays or records) is traced by a JAX transformation.
 
-    Under `jit` what is computed of constants is traced all the same: before a result is looked at,
-    the result itself must be concrete.
+    Under `jit`, even results of constants are traced: before you look at a result, check that the
+    result itself is concrete.
     """
     return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))
 
 
 def require_closed_form(joint: Any) -> None:
-    """Raise unless nu = 1, which has a closed form; nu is static, so under tracing too."""
+    """Raise unless nu = 1, which has a closed form; nu is static, so this works under tracing."""
     if joint.nu != 1.0:
         raise ModelError(
             f"Parameter `nu` must be 1 for the closed-form hysteresis, but nu = {joint.nu:g}.",
@@ -38,7 +38,7 @@ def require_closed_form(joint: Any) -> None:
 
 
 def require_finite(joint: Any, **arguments: ArrayLike) -> None:
-    """Raise where a parameter of the joint or an argument is NaN or infinite."""
+    """Raise if a parameter of the joint or an argument is NaN or infinite."""
     for kind, group in (("Parameter", parameters(joint)), ("Argument", arguments)):
         for name, value in group.items():
             if is_concrete(value) and not np.all(np.isfinite(np.asarray(value))):
@@ -48,7 +48,7 @@ def require_finite(joint: Any, **arguments: ArrayLike) -> None:
 
 
 def parameters(joint: Any) -> dict[str, ArrayLike]:
-    """Return the parameters by name; a restoring force has names like `restoring.lambda_3`."""
+    """Return a joint's parameters by name, such as `restoring.lambda_3` of a restoring force."""
     if hasattr(joint, "parameters"):
         return joint.parameters()
     leaves = jax.tree_util.tree_leaves_with_path(joint)
@@ -56,7 +56,7 @@ def parameters(joint: Any) -> dict[str, ArrayLike]:
 
 
 def require_at_least(name: str, value: ArrayLike, bound: float, *, open_end: bool = False) -> None:
-    """Raise where an argument lies below its bound, or on it where that is excluded."""
+    """Raise if an argument lies below its bound, or on the bound if that is excluded."""
     if not is_concrete(value):
         return
     least = float(np.min(np.asarray(value)))
@@ -66,7 +66,7 @@ def require_at_least(name: str, value: ArrayLike, bound: float, *, open_end: boo
 
 
 def require_none(joint: Any, function: str) -> None:
-    """Raise where a joint has a restoring force that a formula does not include."""
+    """Raise if the joint has a restoring force, which the formula of `function` excludes."""
     if joint.restoring is not None:
         raise ModelError(
             f"Parameter `restoring` must be None for `{function}`, but it is a force of kind "
@@ -80,7 +80,7 @@ def require_float64(
     what: str = "The periodic response",
     why: str = "Near resonance the balance cancels half of the digits",
 ) -> None:
-    """Raise in a float32 session."""
+    """Raise if JAX runs in float32."""
     if not jax.config.jax_enable_x64:
         raise ConfigError(
             f"{what} needs float64, but JAX runs in float32.",
@@ -93,7 +93,7 @@ def require_float64(
 def check_options(
     fs: float, hold: str, substeps: int, num_samples: int | None, callable_input: bool
 ) -> None:
-    """Refuse a float32 session and invalid options."""
+    """Raise if JAX runs in float32, or if an option of `simulate` is invalid."""
     require_float64("Time integration", "A sweep keeps no correct digit of its gradients")
     if hold not in HOLDS:
         raise ConfigError(f"Argument `hold` must be one of {', '.join(HOLDS)}, but is {hold!r}.")
@@ -108,7 +108,7 @@ def check_options(
 
 
 def check_input(u: Any, num_samples: int | None) -> None:
-    """Refuse an input without a time axis or with values that are not finite."""
+    """Raise if an input has no time axis, or values that are not finite."""
     if u.ndim == 0 or u.shape[-1] < 2:
         raise DataError(
             f"Argument `u` must have at least 2 samples on its last axis, but has shape {u.shape}."
@@ -127,7 +127,10 @@ def check_input(u: Any, num_samples: int | None) -> None:
 
 
 def initial_state(joint: Any, initial: tuple) -> tuple:
-    """State of a start: (y, v), (y, v, z) of the only law with a memory, or (y, v, memories)."""
+    """Return the initial state from (y, v), with or without the z or memories of the laws.
+
+    `initial` is (y, v), (y, v, z) if only one law has a memory, or (y, v, memories).
+    """
     if len(initial) not in (2, 3):
         raise ConfigError(f"Argument `initial` must be (y, v, z), but has {len(initial)} entries.")
     y, v, *start_memory = initial
@@ -159,7 +162,7 @@ def initial_state(joint: Any, initial: tuple) -> tuple:
 
 
 def _admit(law: Any, memory: Any) -> None:
-    """Raise a ModelError for a start that the law cannot hold, where it knows of such."""
+    """Raise a ModelError if a law, by its `admits`, cannot have this memory at the start."""
     if hasattr(law, "admits"):
         law.admits(memory)
 
@@ -172,11 +175,11 @@ def warn_of_unbounded_law(joint: Any) -> None:
 
 
 def warn_of_negative_stiffness(oscillator: Any) -> None:
-    r"""Warn where the joint is stiffer than all of the structure.
+    r"""Warn if the joint is stiffer than the whole structure.
 
     $$\alpha > \omega_n^2$$
 
-    of the laws' stiffness alpha: once the joint slips, nothing holds the structure.
+    Here alpha is the stiffness of the laws: once the joint slips, no positive stiffness is left.
     """
     if not oscillator.laws or not is_concrete(oscillator):
         return
@@ -190,7 +193,7 @@ def warn_of_negative_stiffness(oscillator: Any) -> None:
 
 
 def warn_of_long_steps(fs: Any, substeps: int, y: Any, v: Any) -> None:
-    """Warn where the motion turns twice within a step, as the cubic through its ends shows.
+    """Warn if the motion turns twice within a step, judged by the cubic through the step's ends.
 
     With equal signs of v at both ends, v is least (or largest) at the cubic's inflection; it has
     turned twice if v has the other sign there, by more than 1 % of the largest velocity.
@@ -231,7 +234,7 @@ def warn_of_guesses(guesses: Any) -> None:
 
 
 def check_bounded(joint: Any, y: Any) -> None:
-    """Report a trajectory that diverged, naming the parameters."""
+    """Raise if a trajectory has diverged; name the parameters."""
     if not is_concrete(joint, y) or np.all(finite := np.isfinite(y)):
         return
     sample = int(np.argwhere(~finite)[0][-1])
@@ -255,7 +258,7 @@ def check_bounded(joint: Any, y: Any) -> None:
 
 
 def check_settled(residual: Any) -> None:
-    """Report a periodic record for which Newton's iteration did not converge."""
+    """Raise if Newton's iteration did not find the steady state of a periodic record."""
     if not is_concrete(residual) or np.all(np.asarray(residual) < 1e-8):
         return
     raise ModelError(
@@ -267,21 +270,21 @@ def check_settled(residual: Any) -> None:
 
 
 def require_periodic(joint: Any) -> None:
-    """Raise where a law does not hold along a periodic motion of odd orders."""
+    """Raise if a law is not valid for periodic motion with odd harmonics."""
     require_contracts(joint)
     for law in laws_in(joint.laws):
         law.check_periodic()
 
 
 def require_contracts(joint: Any) -> None:
-    """Raise where a law from outside does not keep its contract."""
+    """Raise if a law from outside jbw breaks its contract (see `jbw.oscillator.contract`)."""
     require_contract({type(law) for law in laws_in(joint.laws)})
 
 
 def require_sense(
     joint: Any, omega: ArrayLike, amplitude: ArrayLike, num_harmonics: int, max_turns: int
 ) -> None:
-    """Raise where an argument of a periodic response is invalid."""
+    """Raise if an argument of a periodic response is invalid."""
     require_periodic(joint)
     require_finite(joint, omega=omega, amplitude=amplitude)
     require_float64()
@@ -294,7 +297,7 @@ def require_sense(
 
 
 def require_concrete(function: str, *values: object) -> None:
-    """Raise where a function that branches on its values is being traced."""
+    """Raise if a function that branches on the values of its arguments is being traced."""
     if is_concrete(*values, jnp.zeros(())):
         return
     raise ConfigError(
@@ -311,7 +314,7 @@ def require_converged(
     harmonics: Complex[Array, "... harmonic"],
     turns: Int[Array, "..."],
 ) -> None:
-    """Raise with the first tone whose response was not found, where its harmonics are NaN."""
+    """Raise if harmonics are NaN; name the first tone whose response was not found."""
     failed = np.isnan(np.asarray(harmonics)).any(axis=-1)
     if not failed.any():
         return

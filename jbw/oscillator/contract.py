@@ -1,8 +1,8 @@
-"""The contract of a law from outside: what its methods say agrees with its force and its rate.
+"""A check of laws from outside jbw: their methods must agree with their force and rate.
 
-What follows from force and rate by the defaults of `Law` agrees by the tests of these defaults; a
-part of the protocol is tried where a law offers its own. Laws of the register keep the contract by
-their tests, and are not tried when a program starts.
+Methods that are defaults of `Law` follow from force and rate; the tests of jbw cover them. Parts of
+the interface are checked only where a law overrides them. The laws of the register are covered by
+their own tests and are not checked when a program starts.
 """
 
 from collections.abc import Callable, Iterator
@@ -26,37 +26,40 @@ from jbw.oscillator.steady.waveform import exponentials, synthesis
 from jbw.report.messages import joint as messages
 
 SCALES = Scales(118.0, 0.01, 5e-3)
-PLACE = 0.6  # of the way through the prior: its middle may be no force at all
-# Of the largest value: grids of the defaults leave 1e-3 where a force yields between their points,
-# and a method that is wrong by a factor or a sign misses by far more.
+# Trial parameters lie at this fraction of the prior's width: in its middle a force may vanish.
+PLACE = 0.6
+# The tolerance is relative to the largest value. The grids of the defaults cause errors of 1e-3
+# where a force yields between their points; a method with a wrong factor or sign is far worse.
 NEAR = 5e-3
-OMEGA, AMPLITUDE = 112.0, 4.0  # of the tone [rad/s, N/kg]
+OMEGA, AMPLITUDE = 112.0, 4.0  # of the trial tone [rad/s, N/kg]
 Y = 0.6 * SCALES.y_peak
-MOTION = np.array([Y, 0.05j * Y])  # first and third harmonic [m]
-SETTLED = 8  # periods, of which the last is compared
-POINTS = 256  # of a period
+MOTION = np.array([Y, 0.05j * Y])  # first and third harmonic of the trial motion [m]
+SETTLED = 8  # simulated periods, of which only the last is compared
+POINTS = 256  # per period
 
-# Parts of the time step: with the defaults a record agrees with the steady state.
+# Methods of the time step. With their defaults, a simulated record agrees with the steady state.
 STEP = ("branch", "remainder", "bend", "glide", "turn", "shift", "missed", "packed")
 
 _TRIED: dict[type[Law], str | None] = {}
-# A method, what it gives, what that must be, its value, and a size that matters less than NEAR.
+# Method name, found value, description of the right value, right value, and a size: a thousandth of
+# it is the smallest value to which the tolerance is relative.
 Check = tuple[str, Any, str, Any, Any]
 
 
 def require_contract(kinds: Any) -> None:
-    """Try every kind of law from outside once, and refuse one of which the methods disagree.
+    """Check every law class from outside jbw once; raise if its methods contradict each other.
 
-    Within a traced function nothing is tried.
+    Nothing is checked inside a traced function.
 
     Raises:
-        ConfigError: A method disagrees with the law's force and rate, with its name and numbers.
+        ConfigError: A method disagrees with the law's force and rate; the message states both
+            values.
     """
     for kind in kinds:
         if not is_concrete(jnp.zeros(())):
             continue
         if kind not in _TRIED:
-            _TRIED[kind] = None  # its own checks come by here
+            _TRIED[kind] = None  # the checks below call this function again
             with jax.enable_x64(True):
                 _TRIED[kind] = broken(kind)
         if (fault := _TRIED[kind]) is not None:
@@ -68,7 +71,7 @@ def require_contract(kinds: Any) -> None:
 
 
 def broken(kind: type[Law]) -> str | None:
-    """Return how the first method of a law breaks the contract, or None."""
+    """Return a description of a law's first method that breaks the contract, or None."""
     bounds = kind.prior(SCALES) if has_prior(kind) else dict.fromkeys(kind.names(), (0.5, 1.5))
     if absent := [name for name in kind.names() if name not in bounds]:
         return messages.no_bounds(absent)
@@ -86,18 +89,18 @@ def broken(kind: type[Law]) -> str | None:
             for method, found, what, right, least in checks(law, joint):
                 if not _agree(found, right, least):
                     return messages.law_disagrees(method, *_worst(found, what, right))
-    except Exception as error:  # whatever it raises is what its user would meet
+    except Exception as error:  # a user of the law would meet the same error
         return messages.law_fails(method, reason_of(error))
     return None
 
 
 def has_prior(kind: type[Law]) -> bool:
-    """Return whether a law states a prior; without one it is simulated, and never identified."""
+    """Return True if a law class states a prior; without one it is simulated, but never fitted."""
     return kind.prior.__func__ is not Law.prior.__func__  # pyright: ignore
 
 
 def offers(kind: type[Law], *parts: str) -> bool:
-    """Return whether a law has its own of any of these parts, and not the default."""
+    """Return True if a law class overrides any of these methods of `Law`."""
     return any(getattr(kind, part, None) is not getattr(Law, part, None) for part in parts)
 
 
@@ -111,14 +114,14 @@ def _agree(found: Any, right: Any, least: Any) -> bool:
 
 
 def _worst(found: Any, what: str, right: Any) -> tuple[Any, str, Any]:
-    """Return the pair of numbers that lie farthest apart."""
+    """Return the found and the right number that lie farthest apart, with their description."""
     found, right = np.broadcast_arrays(np.atleast_1d(found), np.atleast_1d(right))
     at = np.unravel_index(np.argmax(np.nan_to_num(np.abs(found - right), nan=np.inf)), found.shape)
     return found[at], what, right[at]
 
 
 def _of_force(law: Law, joint: Oscillator) -> Iterator[Check]:
-    """Yield a finite number with finite slopes at rest."""
+    """Yield the checks that the force is a finite scalar with finite slopes at rest."""
     force = np.asarray(law.force(0.3 * Y, 0.3 * Y * OMEGA, law.at_rest()))
     yield "force", force.ndim, messages.A_SCALAR, 0, 0.0
     yield "force", force, "finite, such as", np.nan_to_num(force, posinf=0.0, neginf=0.0), 0.0
@@ -135,7 +138,7 @@ def _of_force(law: Law, joint: Oscillator) -> Iterator[Check]:
 
 
 def _of_memory(law: Law, joint: Oscillator) -> Iterator[Check]:
-    """Yield the memory moves with the displacement alone, as its rate says."""
+    """Yield the checks that the memory follows displacement alone, by the integral of `rate`."""
     if not law.remembers:
         return
     start = law.move(0.0, law.at_rest(), 0.2 * Y)
@@ -166,7 +169,7 @@ def _of_memory(law: Law, joint: Oscillator) -> Iterator[Check]:
 
 
 def _of_stiffness(law: Law, joint: Oscillator) -> Iterator[Check]:
-    """Yield the slope by displacement at rest is the stiffness."""
+    """Yield the check that the stiffness is the slope of the force by displacement at rest."""
     dy, size = 1e-9 * Y, np.abs(law.force(0.3 * Y, 0.3 * Y * OMEGA, law.at_rest()))
     after = law.move(0.0, law.at_rest(), dy)
     slope = (law.force(dy, SLOW, after) - law.force(0.0, SLOW, law.at_rest())) / dy
@@ -174,7 +177,7 @@ def _of_stiffness(law: Law, joint: Oscillator) -> Iterator[Check]:
 
 
 def _of_motion(law: Law, joint: Oscillator) -> Iterator[Check]:
-    """Yield a record's derivative is the difference of two records."""
+    """Yield the check that the derivative of a record is the difference of two records."""
     if not offers(type(law), *STEP):
         return
     time = np.arange(64) / 512.0
@@ -197,7 +200,7 @@ def _of_motion(law: Law, joint: Oscillator) -> Iterator[Check]:
 
 
 def _of_period(law: Law, joint: Oscillator) -> Iterator[Check]:
-    """Compare a law's harmonics, loop, backbone and steady state with its force along a motion."""
+    """Yield the checks of harmonics, loop, backbone, steady state by the force along a motion."""
     if law.degrades or refuses(law.check_periodic):
         return
 
@@ -257,7 +260,7 @@ def _of_period(law: Law, joint: Oscillator) -> Iterator[Check]:
 
 
 def refuses(check: Callable[[], None]) -> bool:
-    """Return whether a check raises an error of jbw's own, and so refuses in words."""
+    """Return True if a check raises one of jbw's own errors, and so refuses with a message."""
     try:
         check()
     except JbwError:

@@ -1,6 +1,7 @@
-"""The joint in the parameters of Baber and Noori, of OpenSees and of the hysteretic benchmark.
+"""Conversions of a joint to the parameters of Baber and Noori, OpenSees and the benchmark.
 
 Public as `jbw.conventions`: `to_...` converts our parameters to theirs, `from_...` theirs to ours.
+The benchmark is the hysteretic (Bouc-Wen) benchmark of system identification.
 
 Examples:
     The stiffness is m omega_n^2, and the ratio of stiffness after slip 1 - alpha / omega_n^2:
@@ -35,7 +36,7 @@ def from_baber_noori(other: BaberNoori) -> BoucWen:
     """Return the joint of a Bouc-Wen-Baber-Noori oscillator; the inverse of `to_baber_noori`.
 
     Args:
-        other: Its parameters, A = 1 and no degradation.
+        other: Parameters of that oscillator, with A = 1 and no degradation.
 
     Raises:
         ModelError: Mass, stiffness or the hysteretic share is not positive.

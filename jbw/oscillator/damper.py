@@ -1,6 +1,7 @@
-r"""Forces $g(v)$ of the velocity alone, in parallel with other laws.
+r"""Damper laws: forces $g(v)$ of the velocity alone, in parallel with other laws.
 
-The rate of such a force needs the acceleration, its harmonics and its losses the frequency.
+The rate of such a force depends on the acceleration; its harmonics and losses depend on the
+frequency.
 """
 
 from jbw.oscillator.law import Law
@@ -8,14 +9,14 @@ from jbw.oscillator.parameters import Scalar
 
 
 class Damper(Law):
-    """The base of laws that are a function of the velocity, which may be called with it."""
+    """The base class of laws whose force depends on the velocity alone, callable with it."""
 
     def __call__(self, v: Scalar) -> Scalar:
         """Return the force at the velocity v [N/kg]."""
         raise NotImplementedError
 
     def stiffness(self) -> Scalar:
-        """Return zero [1/s^2]."""
+        """Return zero, the stiffness of a damper [1/s^2]."""
         return 0.0
 
     def force(self, y: Scalar, v: Scalar, memory: tuple[()]) -> Scalar:
@@ -25,5 +26,5 @@ class Damper(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: tuple[()], branch: tuple[()]
     ) -> tuple[Scalar, Scalar]:
-        """Return the force; its rate is dg/dv times the acceleration, which the step knows."""
+        """Return the force, and zero for its rate: the step adds dg/dv times the acceleration."""
         return self(v), 0.0 * v

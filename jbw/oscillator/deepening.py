@@ -1,4 +1,4 @@
-"""A deeper memory of reversals for Masing's laws, where a motion needs one."""
+"""A deeper memory of reversals for Masing laws, for motions that need one."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,8 +13,8 @@ from jbw.oscillator.laws.reversals import with_room
 from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Oscillator
 
-MOST = 160  # reversals: noise of a thousand turns holds some twenty at once
-OF_SEVERAL_MODES = 24  # where loops are nested deeper from the start
+MOST = 160  # reversals: noise with a thousand turning points holds some twenty at once
+OF_SEVERAL_MODES = 24  # initial depth for several modes, whose loops are nested deeper
 
 
 class Guessing(Protocol):
@@ -29,9 +29,9 @@ class Guessing(Protocol):
 def deep_enough[Model: Oscillator | Structure, Solved: Guessing](
     solve: Callable[[Model, Any], Solved], joint: Model, initial: Any
 ) -> Solved:
-    """Solve; repeat with doubled memory while it was too short and doubling helps.
+    """Solve; repeat with a doubled memory of reversals while it was too short and doubling helps.
 
-    `solve` takes the model and its state at the start, whose last part are the laws' memories.
+    `solve` takes the model and its initial state, whose last part is the laws' memories.
     """
     if isinstance(joint, Structure) and jnp.size(joint.omega_n) > 1:
         joint, initial = with_places(joint, initial, OF_SEVERAL_MODES)
@@ -56,7 +56,7 @@ def forgot(joint: Oscillator | Structure, guesses: object) -> bool:
 def with_places[Model: Oscillator | Structure](
     joint: Model, start: Any, depth: int
 ) -> tuple[Model, Any]:
-    """Return the same model and its state with memory for at least `depth` reversals."""
+    """Return a model and its state with memory for at least `depth` reversals in every law."""
     *motion, memory = start
 
     def short(law: Any) -> bool:

@@ -1,9 +1,9 @@
-r"""The joint in its own units: time in 1/omega_n, displacement in A/omega_n^2.
+r"""The Bouc-Wen joint in dimensionless form: time in 1/omega_n, displacement in A/omega_n^2.
 
-The oscillator under u = A cos(omega t) is then the joint of omega_n = 1 under cos(Omega theta),
-its alpha over omega_n^2, its delta and gamma times A/omega_n^2. The amplitude A enters through
-these two alone (and through the restoring force beside them, where there is one), so A = 0 is the
-linear oscillator and an ordinary point.
+The oscillator under u = A cos(omega t) becomes a joint with omega_n = 1 under cos(Omega theta),
+with alpha divided by omega_n^2, and delta and gamma multiplied by A/omega_n^2. The amplitude A
+enters only through these two (and through the restoring force, if there is one), so A = 0 is the
+linear oscillator and a regular point.
 """
 
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from jbw.oscillator.parameters import Restoring, Scalar
 
 
 class Dimensionless(NamedTuple):
-    """A joint under a tone, in its own units.
+    """A joint under a tone, in dimensionless form.
 
     Attributes:
         joint: Joint of omega_n = 1 under a tone of amplitude 1.
@@ -36,7 +36,7 @@ class ScaledForce(eqx.Module):
     r"""A restoring force in other units, $f(\ell q)/(\kappa\ell)$; $f'(0)\,q/\kappa$ at l = 0.
 
     Attributes:
-        force: f, from the displacement to the force.
+        force: Force f as a function of displacement.
         length: Unit l of displacement.
         stiffness: Unit kappa of stiffness.
     """
@@ -46,7 +46,7 @@ class ScaledForce(eqx.Module):
     stiffness: Scalar
 
     def __call__(self, q: Scalar) -> Scalar:
-        """Return the force at the displacement q."""
+        """Return the scaled force at the scaled displacement q."""
         length = jnp.asarray(self.length)
         at_rest = length == 0.0
         safe = jnp.where(at_rest, 1.0, length)
@@ -55,7 +55,7 @@ class ScaledForce(eqx.Module):
 
 
 def dimensionless(joint: BoucWen, omega: Scalar, amplitude: Scalar) -> Dimensionless:
-    r"""Return the joint under a tone in its own units: four numbers and a frequency.
+    r"""Return the joint under a tone in dimensionless form: four numbers and a frequency.
 
     $$\Omega = \omega/\omega_n, \quad \alpha/\omega_n^2, \quad \delta A/\omega_n^2, \quad
       \gamma A/\omega_n^2, \quad f\!\left((A/\omega_n^2)\,q\right)/A, \quad y = (A/\omega_n^2)\, q$$

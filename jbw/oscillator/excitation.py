@@ -1,7 +1,7 @@
 """Inputs of tests: tone, multisine, swept sine and band noise, public as `jbw.excitation`.
 
-Functions of time come from `tone`, `multisine` and `sweep`; `sampled` makes a record of one. Random
-inputs take a key first and are one period of a periodic signal.
+`tone`, `multisine` and `sweep` return functions of time; `sampled` returns the record of such a
+function. Random inputs take a key first and are one period of a periodic signal.
 
 Examples:
     A sweep of 16 s from 10 to 25 Hz is followed by 4 s of rest:
@@ -31,7 +31,7 @@ Input = Callable[[Scalar], Scalar]
 
 
 def sampled(u: Input, fs: float, num_samples: int) -> Float[Array, " time"]:
-    """Return the values of an input at t = n / fs.
+    """Return the values of an input function at t = n / fs.
 
     Args:
         u: Input as a function of time [s].
@@ -61,7 +61,7 @@ def tone(amplitude: Scalar, omega: Scalar, phase: Scalar = 0.0) -> Input:
 def multisine(
     amplitudes: Float[Array, " tone"], omegas: Float[Array, " tone"], phases: Float[Array, " tone"]
 ) -> Input:
-    r"""Sum of tones, $u(t) = \sum_i A_i\cos(\omega_i t + \varphi_i)$.
+    r"""Return a sum of tones, $u(t) = \sum_i A_i\cos(\omega_i t + \varphi_i)$.
 
     Args:
         amplitudes: Peak amplitudes A_i [N/kg].
@@ -87,7 +87,7 @@ def sweep(
     $$u(t) = A\,g(t)\sin 2\pi\left(f_0 t + \frac{f_1 - f_0}{2T} t^2\right), \quad 0 \le t < T$$
 
     Over the last `fade` seconds the gain g falls from 1 to 0 as half a cosine, so that the burst
-    ends without a step that no band-limited record could hold.
+    ends without a step, which no band-limited record could represent.
 
     Args:
         amplitude: Amplitude A [N/kg].
@@ -123,8 +123,9 @@ def band_noise(
 
     Args:
         key: Random key.
-        rms: Root mean square [N/kg]; of the ensemble for Gaussian noise, of each period otherwise.
-        band_hz: Lowest and highest frequency [Hz], the mean excluded, below fs / 2.
+        rms: Root mean square [N/kg]; for Gaussian noise that of the ensemble, otherwise of each
+            period.
+        band_hz: Lowest and highest frequency [Hz], below fs / 2; the mean (0 Hz) is excluded.
         fs: Sampling rate [Hz].
         num_samples: Number of samples N of the period.
         gaussian: Whether the lines are complex Gaussian (noise) or have equal amplitudes and
@@ -137,7 +138,7 @@ def band_noise(
         ConfigError: No line of the record lies in the band.
     """
 
-    def inside(xp: Any) -> Any:  # made in the program where it is JAX's, and no constant of it
+    def inside(xp: Any) -> Any:  # with JAX it is computed inside the program, not a constant
         frequencies = line_frequencies(num_samples, 1.0 / fs, xp)
         beside_ends = (frequencies > 0.0) & (frequencies < 0.5 * fs * (1.0 - 1e-12))
         return (frequencies >= band_hz[0]) & (frequencies <= band_hz[1]) & beside_ends

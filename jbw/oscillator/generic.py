@@ -1,7 +1,7 @@
-r"""Defaults of every law, from its force, its rate and its move alone.
+r"""The generic defaults of a law's methods, from its force, its rate and its move alone.
 
-Exact for no law, right for all whose force is odd and whose memory's rate is proportional to the
-velocity.
+They are exact for no law, but valid for every law with an odd force and a memory whose rate is
+proportional to the velocity.
 """
 
 from collections.abc import Callable
@@ -23,15 +23,16 @@ from jbw.report.messages import joint as messages
 Law = Any  # a `jbw.oscillator.law.Law`, whose methods call these functions
 Memory = Any
 
-_MOVE_STEPS = 8  # along a monotone path
-_LOOP_POINTS = 128  # moves of half a cycle
+_MOVE_STEPS = 8  # per monotone move
+_LOOP_POINTS = 128  # moves per half cycle
 _PERIOD_POINTS = 512
 
 
 def feels_rate(law: Law) -> bool:
-    """Return whether dF/dv is anything but a symbolic zero, as the force is written.
+    """Return True if the force depends on the size of the velocity: dF/dv is no symbolic zero.
 
-    A force of the sign of v alone has none: it is the same for fast and slow motion.
+    A force that depends only on the sign of v has no such slope: it is equal in fast and slow
+    motion.
     """
     leaves, form = jax.tree.flatten(law)
     return _form_feels_rate(type(law).force, form, tuple(jnp.shape(leaf) for leaf in leaves))
@@ -65,18 +66,18 @@ def _memory_at_rest(law: Law) -> Memory:
 
 
 def drag(law: Law, y: Scalar, v: Scalar, memory: Memory) -> Scalar:
-    """Return the slope dF/dv of the force [1/s]."""
+    """Return the slope dF/dv of a law's force [1/s]."""
     return jax.jvp(lambda v: law.force(y, v, memory), (v,), (jnp.ones_like(v),))[1]
 
 
 def drag_at_rest(law: Law) -> Scalar:
-    """Return dF/dv before any motion [1/s]."""
+    """Return the slope dF/dv of a law's force before any motion [1/s]."""
     none = jnp.zeros(jnp.broadcast_shapes(*(jnp.shape(leaf) for leaf in jax.tree.leaves(law))))
     return drag(law, none, none, _memory_at_rest(law))
 
 
 def slope(law: Law, y: Scalar, memory: Memory, direction: Scalar) -> Scalar:
-    """Return the slope dF/dy of a motion in a direction [1/s^2]."""
+    """Return the slope dF/dy of a law's force for motion in a given direction [1/s^2]."""
     like = jnp.broadcast_shapes(
         *(jnp.shape(x) for x in jax.tree.leaves((law, y, memory, direction)))
     )
@@ -129,7 +130,7 @@ def remainder_by_rates(
 def bend_by_rates(
     law: Law, h: Scalar, state: tuple[Scalar, Scalar, Memory], a: Scalar, branch: Any
 ) -> Scalar:
-    """Return half of h^2 times the remainder's second derivative at an acceleration."""
+    """Return half of h^2 times the remainder's second time derivative at an acceleration a."""
     y, v, memory = state
     rate = jax.tree.map(lambda x: jnp.asarray(x, float), law.rate(y, v, memory))
     _, bend = jax.jvp(
@@ -141,7 +142,7 @@ def bend_by_rates(
 def turn_by_slopes(
     law: Law, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
 ) -> tuple[Memory, Scalar, Scalar]:
-    """Return two moves through a turning point, and the impulse of the slope's jump there."""
+    """Return the memory after moves to and from a turning point, and the slope jump's impulses."""
     path = StepPath.through(ends, quartic)
     top = y + path.before
     memory_at_top = law.move(y, memory, path.before)
@@ -153,7 +154,7 @@ def turn_by_slopes(
 def loop_by_moves(
     law: Law, y_peak: Scalar, omega: Scalar
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Return equivalent stiffness and damping by the trapezium rule, half a cycle from the tip."""
+    """Return a loop's equivalent stiffness and damping by the trapezium rule, tip to tip."""
     y_peak = jnp.asarray(y_peak, float)
     at_zero = y_peak == 0.0
     peak, stiffness = jnp.where(at_zero, 1.0, y_peak), law.stiffness()
@@ -195,7 +196,7 @@ def harmonics_by_moves(
 def force_by_moves(
     law: Law, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], omega: Scalar
 ) -> Float[Array, " time"]:
-    """Return the force in the second of two periods, whose first sets the memory."""
+    """Return the steady force: that in the second of two periods; the first sets the memory."""
     y, v = synthesis(q, theta), omega * synthesis(q, theta, 1)
 
     def onward(carry: tuple, point: tuple) -> tuple[tuple, Array]:
@@ -209,7 +210,7 @@ def force_by_moves(
 
 
 def no_force(law: Law) -> str | None:
-    """Return a warning of a parameter below its least value, or None; concrete values only."""
+    """Return a warning if a (concrete) parameter is below its least value, else None."""
     parameters = law.parameters()
     for quantity in law.table:
         least = float(np.min(np.asarray(parameters[quantity.name])))

@@ -1,15 +1,16 @@
-"""Laws from outside of jbw, which are tried before they are used."""
+"""The check of laws from outside jbw, which runs before they are used."""
 
 from collections.abc import Iterable
 from importlib import import_module
 from typing import Any
 
-# Loaded for a law from outside alone: it solves for motions, which stand above the laws.
+# This module is loaded only for a law from outside: it solves for motions, in modules above the
+# laws.
 CONTRACT = "jbw.oscillator.contract"
 
 
 def require_contract(kinds: Iterable[type]) -> None:
-    """Raise where a law from outside does not keep its contract, which is tried once a class.
+    """Raise if a law class from outside jbw breaks its contract; check each class only once.
 
     Raises:
         ConfigError: A method disagrees with the law's force and rate.

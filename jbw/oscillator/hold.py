@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 
 from jbw.oscillator.parameters import Scalar
 
-# One-sided second difference of order 4.
+# Coefficients of a one-sided second difference of order 4.
 _END_CURVATURE = (15 / 4, -77 / 6, 107 / 6, -13.0, 61 / 12, -5 / 6)
 _BUMP_WIDTH = 8.0
 Hold = Literal["first", "zero", "band_limited"]
@@ -27,7 +27,7 @@ class HeldInput(eqx.Module):
 
     $$u_n(s) = g \sum_j c_{jn} s^j, \qquad 0 \le s < 1$$
 
-    The polynomials depend on the samples alone: they are made once for all gains and parameters.
+    The polynomials depend only on the samples: they are computed once for all gains and parameters.
 
     Attributes:
         samples: The input at the samples, without the gain [N/kg over the unit of g].
@@ -53,7 +53,7 @@ class HeldInput(eqx.Module):
         return eqx.tree_at(lambda held: held.gain, self, factor * self.gain)
 
     def pieces(self, substeps: int) -> tuple[Float[Array, " substep"], ...]:
-        """Return polynomial coefficients of all substeps without the gain, one row per power."""
+        """Return the input's polynomials in all substeps, without the gain, a row per power."""
         parts = substep_matrices(self.polynomials.shape[-2], substeps)
         rows = jnp.einsum("ilj,jn->lni", parts, self.polynomials)
         return tuple(rows.reshape(len(rows), -1))
@@ -62,15 +62,15 @@ class HeldInput(eqx.Module):
 def held(
     u: Float[np.ndarray | Array, "*batch time"] | HeldInput, hold: Hold, *, periodic: bool
 ) -> HeldInput:
-    """Return a sampled input and its polynomials, by NumPy where the samples are NumPy's.
+    """Return a sampled input together with the polynomials between its samples.
 
-    A `HeldInput` stays as it is.
+    A `HeldInput` is returned unchanged. NumPy samples are processed by NumPy.
     """
     if isinstance(u, HeldInput):
         return u
     polynomials = _namespace(u).moveaxis(input_polynomials(u, hold, periodic=periodic), -1, -2)
     arrays: Any = u, polynomials, np.ones(u.shape[:-1])
-    if _namespace(u) is np:  # `jnp.asarray` would compile a program a shape
+    if _namespace(u) is np:  # `jnp.asarray` would compile a program per shape
         samples, rows, gain = jax.device_put(arrays)
     else:
         samples, rows, gain = map(jnp.asarray, arrays)
@@ -80,7 +80,7 @@ def held(
 def input_polynomials(
     u: Float[np.ndarray | Array, "... time"], hold: str, *, periodic: bool
 ) -> Float[np.ndarray | Array, "... interval power"]:
-    """Return polynomials of a sampled input under a named hold; NumPy input gives NumPy output."""
+    """Return the polynomials of a sampled input for a named hold; by NumPy for NumPy input."""
     xp = _namespace(u)
     if hold == "zero":
         return (u if periodic else u[..., :-1])[..., None]
@@ -140,7 +140,7 @@ def periodic_derivatives(
 def line_frequencies(num: int, spacing: Scalar, xp: Any = jnp) -> Float[Array, " line"]:
     """Return the frequencies of a real Fourier transform of `num` samples [1/spacing] (`rfftfreq`).
 
-    Made in the program where they are JAX's: a constant of a program is as long as the record.
+    JAX's are computed inside the program: as a constant they would be as long as the record.
     """
     return xp.arange(num // 2 + 1) * (1.0 / (num * spacing))
 
@@ -150,9 +150,9 @@ def record_derivatives(
 ) -> tuple[Float[Array, "... time"], Float[Array, "... time"]]:
     """Return the slope and curvature per sample of a record that is not periodic.
 
-    The line from the first to the last sample and a bump with the curvature of either end are
-    taken off and the rest is continued as an odd function about both ends. That continuation is
-    smooth up to its third derivative, so what the unknown outside does to the reconstruction stays
+    The line from the first to the last sample, and a bump with the curvature of each end, are
+    subtracted. The rest is continued as an odd function about both ends. That continuation is
+    smooth up to its third derivative, so the effect of the unknown signal outside the record stays
     small and fades within a few samples of the ends.
     """
     xp = _namespace(u)
@@ -184,15 +184,15 @@ def _bump(
 
 
 def _namespace(x: Any) -> Any:
-    """Return the module of an array's functions: `numpy`, or `jax.numpy`."""
+    """Return the module with the functions of an array: `numpy` or `jax.numpy`."""
     return jnp if isinstance(x, jax.Array) else np
 
 
 def substep_matrices(num_powers: int, substeps: int) -> Float[np.ndarray, "substep power power"]:
-    """Change of polynomial coefficients from an interval to each of its equal parts.
+    """Return matrices that convert polynomials of an interval to those of its equal parts.
 
-    Entry [i, l, j] is what c_j of the interval gives to the power l of the local coordinate of
-    part i.
+    Entry [i, l, j] is the contribution of c_j of the interval to the power l of the local
+    coordinate of part i.
     """
     return np.array(
         [

@@ -1,4 +1,4 @@
-r"""Kinks inside one time step: where v or z passes zero, and what the step's cubics miss there.
+r"""Kinks inside a time step, where v or z passes zero, and the error of the step's cubics there.
 
 Displacement within a step of length h is a cubic in $s \in [0, 1]$; slopes are per step.
 """
@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from jbw.oscillator.parameters import Scalar
 
-# Slopes h v of a step's cubic path at its start and end, and its rise.
+# Slopes h v of a step's cubic path at its start and end, and its total rise.
 Ends = tuple[Scalar, Scalar, Scalar]
 
 
@@ -27,22 +27,22 @@ def barrier(values: Any) -> Any:
 
 
 class CubicPath(NamedTuple):
-    r"""Path $y(s) - y(0) = c_1 s + c_2 s^2 + c_3 s^3$ [m]."""
+    r"""The displacement path $y(s) - y(0) = c_1 s + c_2 s^2 + c_3 s^3$ [m] of a step."""
 
     c_1: Scalar
     c_2: Scalar
     c_3: Scalar
 
     def move(self, s: Scalar) -> Scalar:
-        """Move from the start of the step [m]."""
+        """Return the displacement since the start of the step [m]."""
         return s * (self.c_1 + s * (self.c_2 + s * self.c_3))
 
     def slope(self, s: Scalar) -> Scalar:
-        """Return the first derivative, h v [m]."""
+        """Return the first derivative of the path by s, h v [m]."""
         return self.c_1 + s * (2.0 * self.c_2 + 3.0 * s * self.c_3)
 
     def bend(self, s: Scalar) -> Scalar:
-        """Return the second derivative, h^2 dv/dt [m]."""
+        """Return the second derivative of the path by s, h^2 dv/dt [m]."""
         return 2.0 * self.c_2 + 6.0 * s * self.c_3
 
 
@@ -52,7 +52,7 @@ def hermite(start: Scalar, end: Scalar, rise: Scalar) -> CubicPath:
 
 
 class PathSlopes(NamedTuple):
-    """Derivatives with respect to a Hermite path's slope at the start, at the end, and its rise."""
+    """The derivatives by a Hermite path's slope at the start, slope at the end, and rise."""
 
     start: Scalar
     end: Scalar
@@ -73,8 +73,9 @@ def hermite_basis(s: Scalar) -> tuple[PathSlopes, PathSlopes, PathSlopes]:
 def turning_point(turns: Bool[Array, "..."] | bool, path: CubicPath) -> tuple[Scalar, Scalar]:
     r"""Return the fraction at which the path turns, $y'(s) = 0$, and the sharpness of the turn.
 
-    Of the two roots $s = c_1/(-c_2 \pm \sqrt{c_2^2 - 3 c_1 c_3})$ the one in (0, 1), given slopes
-    of opposite signs at the ends; 1 where it does not turn. The root is half of |y''| there [m].
+    Of the two roots $s = c_1/(-c_2 \pm \sqrt{c_2^2 - 3 c_1 c_3})$ the one in (0, 1) is taken, for
+    slopes of opposite signs at the ends; s is 1 where the path does not turn. The square root is
+    half of |y''| there [m].
     """
     square = path.c_2**2 - 3.0 * path.c_1 * path.c_3
     root = barrier(jnp.sqrt(jnp.where(turns, jnp.maximum(square, 1e-300), 1.0)))
@@ -83,15 +84,15 @@ def turning_point(turns: Bool[Array, "..."] | bool, path: CubicPath) -> tuple[Sc
 
 
 class StepPath(NamedTuple):
-    """Path of a step that may turn once.
+    """The displacement path of a time step that may turn once.
 
     Attributes:
         cubic: Its cubic part.
-        turns: Whether it turns.
-        fraction: Where, as a fraction of the step; 1 where it does not.
-        bend: Second derivative there, h^2 dv/dt [m].
-        before: Move until there [m].
-        after: Move from there to the end [m].
+        turns: Whether the path turns.
+        fraction: Step fraction of the turning point; 1 if the path does not turn.
+        bend: Second derivative at the turning point, h^2 dv/dt [m].
+        before: Move from the start to the turning point [m].
+        after: Move from the turning point to the end [m].
         quartic: Quartic term of the path [m].
     """
 
@@ -105,7 +106,7 @@ class StepPath(NamedTuple):
 
     @classmethod
     def through(cls, ends: Ends, quartic: Scalar) -> Self:
-        """Return the path of given slopes and rise, with a quartic term for the turning point."""
+        """Return the path with given slopes and rise, and a quartic term for the turning point."""
         start, end, rise = ends
         turns = jnp.asarray(start * end < 0.0)
         cubic = barrier(hermite(*ends))
@@ -117,8 +118,8 @@ class StepPath(NamedTuple):
     def passage(self, target: Scalar, *, first: bool) -> Scalar:
         """Return the step fraction at which the path reaches a move before or after its turn.
 
-        Three steps of Newton's iteration from the parabola about the turning point, or the chord
-        where it does not turn; the last one carries the derivative.
+        Newton's iteration takes three steps, from the parabola about the turning point, or from the
+        chord if the path does not turn. Only the last step carries the derivative.
         """
         fixed, aim = jax.lax.stop_gradient((self, target))
         part = fixed.before if first else fixed.after
@@ -134,7 +135,7 @@ class StepPath(NamedTuple):
         return self._nearer(s, target)
 
     def _nearer(self, s: Scalar, target: Scalar) -> Scalar:
-        """Return one step of Newton's iteration."""
+        """Return a step fraction nearer to the target, by one Newton step."""
         weight = s * (1.0 - s)
         move = self.cubic.move(s) + self.quartic * weight**2
         slope = self.cubic.slope(s) + 2.0 * self.quartic * weight * (1.0 - 2.0 * s)
@@ -144,13 +145,16 @@ class StepPath(NamedTuple):
 def passage(
     steady: Bool[Array, "..."] | bool, path: CubicPath, guess: Scalar, target: Scalar
 ) -> Scalar:
-    """Return the fraction s where a `steady` path reaches a target (one Newton step, O(h^3))."""
+    """Return the fraction s at which the path reaches a target, if `steady`; else return `guess`.
+
+    It takes one Newton step, with an error of O(h^3).
+    """
     slope = jnp.where(steady, path.slope(guess), 1.0)
     return barrier(guess - jnp.where(steady, (path.move(guess) - target) / slope, 0.0))
 
 
 class KinkImpulse(NamedTuple):
-    """Impulses on v [m/s] and on y / h [m/s], each with its derivatives by x and the jumps."""
+    """A kink's impulses on v [m/s] and on y / h [m/s], with derivatives by x and by the jumps."""
 
     v: Scalar
     y: Scalar
@@ -189,7 +193,8 @@ def slope_jump_impulse(
 ) -> tuple[Scalar, Scalar]:
     r"""Return the impulses of a kink at which the first derivative of r jumps, as at slip onset.
 
-    From h J_1, h^2 J_2 and h^3 J_3 [N/kg], on v over h and on y over h^2 [m/s^2]:
+    The jumps are given as h J_1, h^2 J_2 and h^3 J_3 [N/kg]; the impulses are those on v over h and
+    on y over h^2 [m/s^2]:
 
     $$\int_0^h (r - H)\,ds = h^2 J_1
       \left(\tfrac{x^2}{2} - \tfrac{x}{2} + \tfrac{1}{12}\right) + \dots$$
@@ -205,8 +210,8 @@ def slope_jump_impulse(
 def cusp_impulse(start: tuple[Scalar, ...], end: tuple[Scalar, ...]) -> tuple[Scalar, Scalar]:
     r"""Return the impulses of a remainder whose rate has a power-law kink, from integrals F_k.
 
-    r' = F_0 and its first three integrals from where it breaks, at both ends of the step, all over
-    steps of length one; on v over h and on y over h^2 [m/s^2]:
+    F_0 = r' and its first three integrals from the kink are given at both ends of the step, for
+    steps of length one. The impulses are those on v over h and on y over h^2 [m/s^2]:
 
     $$\int_0^1 (r - H)\,ds = [F_2] - \tfrac12 (F_1 + F_1') + \tfrac1{12} [F_0]$$
     $$\int_0^1 (1 - s)(r - H)\,ds = [F_3] - F_2 - \tfrac7{20} F_1 - \tfrac3{20} F_1'

@@ -1,12 +1,13 @@
-r"""The protocol of a joint's law, and the defaults of every law.
+r"""The interface of a joint's force law, and generic defaults for most of its methods.
 
 A law is one force across the joint, per unit modal mass. It is a record whose leaves are its
-parameters, a table that names them, and a few functions; `jbw.oscillator.laws` holds the register.
-Several laws may stand beside each other in one `Oscillator`.
+parameters, with a table that describes them and a few methods. `jbw.oscillator.laws` is the
+register of laws. One `Oscillator` may have several laws in parallel.
 
-The oscillator solves the linear part with the stuck stiffness K exactly; a law acts there through
-its remainder $r = F - K y$, small and with few kinks. How it goes through a time step is said by
-`branch`, `remainder`, `glide`, `turn`, `shift`, whose defaults need `move`, `force` and `rate`.
+The oscillator solves the linear part exactly, including the laws' stiffness at rest K. A law enters
+the time step only through its remainder $r = F - K y$, which is small and has few kinks. The
+methods `branch`, `remainder`, `glide`, `turn` and `shift` describe it there; their defaults need
+only `move`, `force` and `rate`.
 """
 
 from collections.abc import Callable, Mapping
@@ -31,29 +32,31 @@ from jbw.oscillator.parameters import Threshold as Threshold
 from jbw.oscillator.steady.waveform import orders
 from jbw.quantities import Quantity
 
-Branch = Any  # a pytree, what holds between two kinks
-Memory = Any  # a pytree of scalars: z of Bouc-Wen, the sliders' forces, () of a spring
+Branch = Any  # a pytree: the quantities that are constant between two kinks
+Memory = Any  # a pytree of scalars: z of Bouc-Wen, the forces of sliders, () for a spring
 
 
 class Law(eqx.Module):
-    r"""One force F across the joint, per unit modal mass; its leaves are its parameters.
+    r"""A force F across the joint, per unit modal mass; its leaves are its parameters.
 
-    A law defines `table`, `prior`, `force` and, with a memory, `at_rest` and `rate`. The rest has a
-    generic default here, to be overridden by exact methods.
+    A law defines `table`, `prior`, `force` and, if it has a memory, `at_rest` and `rate`. All other
+    methods have generic defaults here; a law may override them by exact methods.
 
     Attributes:
         name: Name in a campaign, `[joint] laws = ["bouc_wen"]`; a class variable.
         table: Every parameter's name, symbol, unit, meaning and least value; a class variable.
-        fields: Fields that hold parameters of other names, by these; a class variable.
-        products: Products of them that weak motion identifies; a class variable.
-        coordinates: Other parameters to sample in, by name; a class variable. A law that has some
-            defines their `coordinate_bounds` about a fit, as `BoucWenLaw` does.
-        degrades: Whether every cycle changes the joint for good; a class variable. Tip, loop and
+        fields: Field name by parameter name, where the two differ; a class variable.
+        products: Products of parameters that small motion determines; a class variable.
+        coordinates: Alternative parametrisations for sampling, by name; a class variable. A law
+            with alternatives defines their `coordinate_bounds` about a fit, as `BoucWenLaw` does.
+        degrades: Whether every cycle changes the joint permanently; a class variable. Tip, loop and
             periodic force are then those of `undamaged`.
         is_even: Whether the force is `k_2` times y^2, which moves the mean; a class variable.
         stepped: Whether the time step supports the law; otherwise a stock solver integrates `rate`.
-        depth: Reversals that the memory holds, which few steps change; see `Masing`.
-        same_as: Why no motion tells the law from others with the same words; a class variable.
+        depth: Number of reversals in the memory, 0 for most laws; few steps change it; see
+            `Masing`.
+        same_as: Why no motion distinguishes the law from others with the same text; a class
+            variable.
     """
 
     name: ClassVar[str]
@@ -68,32 +71,32 @@ class Law(eqx.Module):
     depth: ClassVar[int] = 0
     same_as: ClassVar[str] = ""
 
-    # -- of the kind of law ------------------------------------------------------------------------
+    # -- of the class of law -----------------------------------------------------------------------
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """Return the names of the parameters."""
+        """Return the names of the law's parameters."""
         return tuple(quantity.name for quantity in cls.table)
 
     @classmethod
     def build(cls, theta: Mapping[str, Any]) -> Self:
-        """Return the law from a dictionary of its parameters, which may hold others too."""
+        """Return the law with the parameters of a dictionary, which may have other entries too."""
         return cls(**{cls.fields.get(name, name): theta[name] for name in cls.names()})
 
     @classmethod
     def of(cls, theta: Mapping[str, Any]) -> Self:
-        """Return the law from a dictionary of its parameters or of any of its other coordinates."""
+        """Return the law from a dictionary of its parameters or of its alternative coordinates."""
         for coordinates in cls.coordinates.values():
             if set(coordinates.names) <= theta.keys():
                 return cls.build(coordinates.to_parameters(theta))
         return cls.build(theta)
 
     def parameters(self) -> dict[str, Any]:
-        """Return the values of the parameters by name, the inverse of `build`."""
+        """Return the law's parameter values by name, the inverse of `build`."""
         return {name: getattr(self, self.fields.get(name, name)) for name in self.names()}
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return wide bounds of the parameters from scales alone, never from a fit of this law."""
+        """Return wide prior bounds of the parameters from scales alone, not from a fit."""
         raise ConfigError(
             f"The law `{cls.name}` must have a `prior` to be identified, but has none.",
             remedy="Define `prior(scales)`, bounds of every parameter of its `table`.",
@@ -101,41 +104,47 @@ class Law(eqx.Module):
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """Return a warning about bounds within which the law misbehaves, or None."""
+        """Return a warning if the law misbehaves within the prior bounds, else None."""
         return None
 
     # -- of one law --------------------------------------------------------------------------------
     def at_rest(self) -> Memory:
-        """Return the memory before any motion."""
+        """Return the law's memory (internal state) before any motion."""
         return ()
 
     def force(self, y: Scalar, v: Scalar, memory: Memory) -> Scalar:
-        """Return the force F, on the side of the springs [N/kg]."""
+        """Return the law's force F [N/kg], which adds to the spring forces of the oscillator."""
         raise NotImplementedError
 
     def rate(self, y: Scalar, v: Scalar, memory: Memory) -> Memory:
-        """Return the memory's rate; a rate-independent law's is proportional to the velocity v."""
+        """Return the memory's time derivative; for rate-independent laws proportional to v."""
         return ()
 
     def stiffness(self) -> Scalar:
-        """Return the slope dF/dy at rest, which omega_n^2 includes [1/s^2]."""
+        """Return the law's stiffness: the slope dF/dy at rest, part of omega_n^2 [1/s^2]."""
         rest = jax.tree.map(lambda x: jnp.asarray(x, float), self.at_rest())
         return generic.slope(self, jnp.zeros(()), rest, jnp.ones(()))
 
     def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """Return the memory after a monotone move from y (Runge-Kutta; rates proportional to v)."""
+        """Return the memory after a monotone move from y to y + dy, by Runge-Kutta steps.
+
+        The rate must be proportional to v.
+        """
         return generic.move_by_rates(self, y, memory, dy)
 
     def follow(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """`move` as one of many moves along a record, where the exact one would be costly."""
+        """Return the law's memory after one of many moves along a record.
+
+        This is `move`, unless a law has a cheaper method than its exact move.
+        """
         return self.move(y, memory, dy)
 
     def undamaged(self) -> "Law":
-        """Return the law before any cycle has changed it; itself where none does."""
+        """Return the law before any cycle has degraded it (itself if no cycle does)."""
         return self
 
     def at_tip(self, y_peak: Scalar) -> Memory:
-        """Return the memory at y = Y on the steady loop between -Y and Y; the second time there."""
+        """Return the memory at the tip y = Y of the steady loop, after moves to Y, -Y and Y."""
         memory = self.move(0.0 * y_peak, self.at_rest(), y_peak)
         memory = self.move(y_peak, memory, -2.0 * y_peak)
         return self.move(-y_peak, memory, 2.0 * y_peak)
@@ -146,54 +155,55 @@ class Law(eqx.Module):
         return generic.feels_rate(self)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Return equivalent stiffness and damping of the steady loop of frequency omega [rad/s].
+        """Return the equivalent stiffness and damping of the steady loop at a frequency [rad/s].
 
-        The trapezium rule on half a cycle of moves from the tip, of which the other half is the
-        mirror; good to about 1e-4 where the force has kinks. At Y = 0 the limit of weak motion.
-        Only a law that feels the rate depends on omega, which is that of slow motion by default.
+        The trapezium rule is applied to half a cycle of moves from the tip; the other half mirrors
+        it. The error is about 1e-4 where the force has kinks. At Y = 0 the result is the limit of
+        small motion. Only rate-dependent laws depend on the frequency omega; the default is slow
+        motion.
         """
         return Loop(*generic.loop_by_moves(self, y_peak, omega))
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Return by name the powers of length that parameters and products have beyond their units.
+        """Return, by name, each parameter's power of length in addition to that of its unit.
 
-        Of what is stated at a fixed displacement: a stiffness lost at 1 mm by the power q of the
-        displacement has the power -q of the unit of length.
+        Such powers belong to values stated at a fixed displacement: a stiffness loss at 1 mm that
+        grows with the power q of the displacement scales with the power -q of the unit of length.
         """
         return {}
 
     def thresholds(self) -> tuple[Threshold, ...]:
-        """Return the displacements that a motion must exceed to identify all parameters."""
+        """Return the displacements that a motion must exceed to determine all parameters."""
         return ()
 
     # -- through a time step of length h ---------------------------------------------------------
     def branch(self, v: Scalar, memory: Memory) -> Branch:
-        """Return the quantities that are constant until the next kink, such as signs."""
+        """Return the law's quantities that are constant until its next kink, such as signs."""
         return ()
 
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Memory, branch: Branch
     ) -> tuple[Scalar, Scalar]:
-        """Return the remainder r = F - K y [N/kg] and h times its rate."""
+        """Return the law's remainder r = F - K y [N/kg] and h times its rate."""
         return generic.remainder_by_rates(self, h, y, v, memory)
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Memory, branch: Branch
     ) -> Scalar:
-        """Return half of h^2 times the remainder's second derivative on the branch."""
+        """Return half of h^2 times the remainder's second time derivative on this branch."""
         return generic.bend_by_rates(self, h, (y, v, memory), a, branch)
 
     def glide(
         self, y: Scalar, memory: Memory, dy: Scalar, branch: Branch
     ) -> tuple[Memory, Bool[Array, "..."] | bool]:
-        """Return the memory after a step without a turn; True if a kink requires `turn`."""
-        # A kink that is not reported here, such as a yield, leaves the step first order in h.
+        """Return the memory after a step without a reversal; True if a kink requires `turn`."""
+        # A kink that is not reported here, such as a yield, makes the step first order in h.
         return self.move(y, memory, dy), False
 
     def turn(
         self, h: Scalar, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
-        """Return the memory after a step that may turn, and its kinks' impulses on the motion.
+        """Return the memory after a step that may turn, and the impulses of its kinks on v and y.
 
         Args:
             h: Length of the step [s].
@@ -208,7 +218,7 @@ class Law(eqx.Module):
         return generic.turn_by_slopes(self, y, memory, ends, quartic)
 
     def shift(self, y: Scalar, memory: Memory, dy: Scalar, branch: Branch) -> Memory:
-        """Return the memory after the corrector's small change of y, on the branch at the end."""
+        """Return the memory after the corrector's small change dy at the end of a step."""
         return self.move(y, memory, dy)
 
     # -- along a periodic motion -----------------------------------------------------------------
@@ -219,10 +229,11 @@ class Law(eqx.Module):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Return the odd harmonics of the remainder r along the motion, by moves over two periods.
+        """Return the odd harmonics of the remainder r along a periodic motion with harmonics q.
 
-        On a uniform grid from the crest; the first period sets the memory, which is exact for laws
-        that forget all but their last turns. With kinks the error falls with the square of points.
+        They come from moves over two periods, on a uniform grid from the crest. The first period
+        sets the memory, which is exact for laws that forget all but their last turning points. With
+        kinks the error falls with the square of the number of points.
         """
         return generic.harmonics_by_moves(self, q, max_turns, omega)
 
@@ -233,24 +244,27 @@ class Law(eqx.Module):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Return the steady force at rising angles of a period by moves over two periods [N/kg]."""
+        """Return the steady force [N/kg] at rising angles of a period by moves over two periods."""
         return generic.force_by_moves(self, q, theta, omega)
 
     # -- for other programs ------------------------------------------------------------------------
     def convert(self, omega_n: float, zeta: float, mass: float) -> Mapping[str, Conversion]:
-        """Return the oscillator of this law alone, of a modal mass [kg], in other conventions."""
+        """Return this law's oscillator, of a modal mass [kg], in other programs' conventions."""
         return {}
 
-    # -- at the doors ------------------------------------------------------------------------------
+    # -- checks of the law ------------------------------------------------------------------------
     def check_periodic(self) -> None:
-        """Raise a ModelError where `harmonics` do not hold."""
+        """Raise a ModelError if `harmonics` is not valid for this law; do nothing by default."""
 
     def doubts(self) -> str | None:
-        """Warn of parameters for which the force may diverge, else return None; concrete only."""
+        """Return a warning if the force may diverge for these (concrete) parameters, else None."""
         return generic.no_force(self)
 
     def memory_unit(self, omega_n: Scalar) -> Memory:
-        """Return factors from memory to velocity; by default as for forces, zero for counters."""
+        """Return the factors that convert the law's memory to velocities; zero for counters.
+
+        By default every entry is a force [N/kg] and its factor is 1 / omega_n.
+        """
         return jax.tree.map(lambda _: 1.0 / omega_n, self.at_rest())
 
     @property
@@ -265,34 +279,34 @@ class Law(eqx.Module):
 
 
 def laws_in(laws: Any) -> list[Law]:
-    """Return all laws of one joint, a tuple of them, or of several, a tuple a joint."""
+    """Return all laws as one list, from one joint (a tuple of laws) or several (a tuple each)."""
     return jax.tree.leaves(laws, is_leaf=_is_law)
 
 
 def map_laws(function: Callable[..., Any], laws: Any, *others: Any) -> Any:
-    """Apply a function to every law and its counterparts in other trees, such as memories."""
+    """Apply a function to every law and to its counterparts in other trees, such as memories."""
     return jax.tree.map(function, laws, *others, is_leaf=_is_law)
 
 
 def feels_rate(kind: type[Law]) -> bool:
-    """Return whether the force of a kind of law depends on the size of the velocity."""
+    """Return True if the force of a law class depends on the size of the velocity."""
     return kind.build(dict.fromkeys(kind.names(), 1.0)).feels_rate
 
 
 def pack_memories(laws: Any, memories: Any) -> Any:
-    """Return memories in the layout of the time loop, with reversals in arrays."""
+    """Return the laws' memories in the layout of the time loop, with reversals in arrays."""
     return map_laws(lambda law, memory: law.packed(memory) if law.depth else memory, laws, memories)
 
 
 def unpack_memories(laws: Any, memories: Any) -> Any:
-    """Return memories of scalars from the layout of the time loop."""
+    """Return the laws' memories as scalars, from the layout of the time loop."""
     return map_laws(
         lambda law, memory: law.unpacked(memory) if law.depth else memory, laws, memories
     )
 
 
 def count_guesses(law: Law, memory: Memory) -> Scalar:
-    """Return how often the memory was too short, so that the force may be a guess."""
+    """Return how often the law's memory of reversals was too short, so that its force may err."""
     return law.guesses(memory) if law.depth else 0.0  # pyright: ignore[reportAttributeAccessIssue]
 
 
@@ -304,8 +318,8 @@ class ScaledLaw(Law):
     r"""A law in other units, $F(\ell q, \ell\sqrt\kappa\,\dot q)/(\kappa\ell)$, for the balance.
 
     Attributes:
-        law: F.
-        length: Unit l of displacement; at l = 0 the limit, the slope of F at rest.
+        law: The law F in its own units.
+        length: Unit l of displacement; at l = 0 the force is its limit, the slope of F at rest.
         unit: Unit kappa of stiffness.
     """
 
@@ -330,15 +344,15 @@ class ScaledLaw(Law):
         return self.law.force(self.length * y, speed, memory) / (self.unit * self.length)
 
     def rate(self, y: Scalar, v: Scalar, memory: Memory) -> Memory:
-        """Return the rate of the law's memory at l q."""
+        """Return the rate of the original law's memory at the displacement l q."""
         return self.law.rate(self.length * y, self.length * v, memory)
 
     def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """Return the law's memory after a move of l q."""
+        """Return the original law's memory after a move of the displacement l q."""
         return self.law.move(self.length * y, memory, self.length * dy)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Return the law's loop at l Y, over kappa."""
+        """Return the original law's loop at amplitude l Y, divided by kappa."""
         loop = self.law.loop(self.length * y_peak, omega * jnp.sqrt(self.unit))
         return Loop(loop.stiffness / self.unit, loop.damping / self.unit)
 
@@ -349,7 +363,7 @@ class ScaledLaw(Law):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Return those of the law along the motion l q, at the frequency omega sqrt(kappa)."""
+        """Return the scaled harmonics along l q, at the frequency omega sqrt(kappa)."""
         at_rest = self.length == 0.0
         length = jnp.where(at_rest, 1.0, self.length)
         omega = omega * jnp.sqrt(self.unit)

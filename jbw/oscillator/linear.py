@@ -1,4 +1,4 @@
-r"""Exact linear propagation over one step, from a series: no linear algebra, any damping.
+r"""Exact linear propagation over one step, from a power series: no linear algebra, any damping.
 
 The input within a step is a polynomial, $f(s) = \sum_j f_j (s/h)^j$; its effect is a sum of
 moments of the impulse response.
@@ -18,13 +18,13 @@ _NUM_DOUBLINGS = 4
 
 
 class Moments(eqx.Module):
-    r"""Free motion and input moments of $\ddot y + c\dot y + \kappa y = f$ over one step h.
+    r"""The free motion and input moments of $\ddot y + c\dot y + \kappa y = f$ over one step h.
 
     $$q(h) = E\,q(0) + \sum_j W_j f_j, \qquad q = (y, v)$$
 
     Attributes:
-        f_11: Entry of F = E - 1, E = exp(L h) [-]; E itself would hide the phase of a short step
-            behind its ones.
+        f_11: Entry of F = E - 1, E = exp(L h) [-]. E itself would lose the phase of a short step in
+            the rounding of its ones.
         f_12: Entry of F [s].
         f_21: Entry of F [1/s].
         f_22: Entry of F [-].
@@ -74,7 +74,7 @@ def impulse_moments(stiffness: Scalar, damping: Scalar, dt: Scalar, num: int) ->
 def _double(kappa, c, f_12, f_22, w_y, w_v):
     r"""Update the moments for two steps: $W_j \leftarrow 2^{-j}(E W_j + \sum_i \binom{j}{i} W_i)$.
 
-    In the scaled state (y, h v), whose unit of velocity doubles with the step.
+    The state is scaled to (y, h v); its unit of velocity doubles with the step.
     """
     num = w_y.shape[-1]
     shift = np.array([[comb(j, i) for j in range(num)] for i in range(num)], float)

@@ -1,4 +1,4 @@
-"""Newton's iteration for a root, differentiable in its arguments by the implicit function."""
+"""Newton's iteration for a root, differentiable in its arguments (implicit function theorem)."""
 
 from collections.abc import Callable
 from typing import Any
@@ -18,11 +18,11 @@ def newton_root(
     """Return the root of function(x, args) from `start`, and whether the iteration converged.
 
     Args:
-        function: Vanishes at the root.
-        start: Where the iteration begins.
-        args: What the root is differentiable in.
-        tolerance: Relative and absolute.
-        max_steps: Iterations at most.
+        function: Function of x and `args` that vanishes at the root.
+        start: Starting value of the iteration.
+        args: Arguments in which the root is differentiable.
+        tolerance: Relative and absolute tolerance.
+        max_steps: Largest number of iterations.
     """
     solution = optimistix.root_find(
         function,

@@ -1,4 +1,4 @@
-"""The oscillator with any laws in parallel across its joint."""
+"""The single-mode oscillator, with any number of force laws in parallel across its joint."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -19,13 +19,14 @@ from jbw.quantities import are_at_joints
 
 
 class Oscillator(eqx.Module):
-    r"""Single-mode oscillator, per unit modal mass, with the forces F_l of its laws.
+    r"""A single-mode oscillator, per unit modal mass, with the forces F_l of its laws.
 
     $$\ddot y + 2\zeta\omega_n\dot y + k\,y + \sum_l F_l = u, \qquad
       k = \omega_n^2 - \sum_l K_l$$
 
-    `omega_n` is the natural frequency at small amplitude, where every law has its stiffness K_l of
-    rest. Without a law it is linear. Leaves are scalars or arrays of one shape, a batch.
+    `omega_n` is the natural frequency at small amplitude, where each law acts with its stiffness at
+    rest K_l. An oscillator without laws is linear. Leaves are scalars, or arrays of one shape for a
+    batch of oscillators.
 
     Attributes:
         omega_n: Natural frequency at small amplitude [rad/s].
@@ -52,39 +53,39 @@ class Oscillator(eqx.Module):
 
     @property
     def k(self) -> Scalar:
-        """Stiffness in parallel with the laws, omega_n^2 - sum K [1/s^2]."""
+        """The stiffness in parallel with the laws, omega_n^2 - sum K [1/s^2]."""
         return self.omega_n**2 - sum(law.stiffness() for law in self.laws)
 
     def at_rest(self) -> tuple[Memory, ...]:
-        """Return the memories of the laws before any motion."""
+        """Return the memories (internal states) of the laws before any motion."""
         return tuple(law.at_rest() for law in self.laws)
 
     def force(self, y: Scalar, v: Scalar, memory: tuple[Memory, ...]) -> Scalar:
-        """Sum of the laws' forces [N/kg]."""
+        """Return the sum of the laws' forces [N/kg]."""
         pairs = zip(self.laws, memory, strict=True)
         return sum((law.force(y, v, law_memory) for law, law_memory in pairs), 0.0 * y)
 
     def move(self, y: Scalar, memory: tuple[Memory, ...], dy: Scalar) -> tuple[Memory, ...]:
-        """Return the memories after a monotone move from y by dy."""
+        """Return the laws' memories after a monotone move of the displacement from y to y + dy."""
         pairs = zip(self.laws, memory, strict=True)
         return tuple(law.move(y, law_memory, dy) for law, law_memory in pairs)
 
     def follow(self, y: Scalar, memory: tuple[Memory, ...], dy: Scalar) -> tuple[Memory, ...]:
-        """Return the same of one of many moves along a record."""
+        """Return the laws' memories after one of many moves along a record; see `Law.follow`."""
         pairs = zip(self.laws, memory, strict=True)
         return tuple(law.follow(y, law_memory, dy) for law, law_memory in pairs)
 
     def at_tip(self, y_peak: Scalar) -> tuple[Memory, ...]:
-        """Return the memories at y = Y on the steady loops between -Y and Y."""
+        """Return the laws' memories at the tip y = Y of the steady loop between -Y and Y."""
         return tuple(law.at_tip(y_peak) for law in self.laws)
 
     def loop(self, y_peak: Scalar, omega: Scalar | None = None) -> Loop:
-        """Return equivalent stiffness and damping of all laws together at amplitude Y [m].
+        """Return the equivalent stiffness and damping of all laws together at amplitude Y [m].
 
-        A force of the velocity acts as at omega [rad/s], by default in resonance at this amplitude,
-        where its own effect on the frequency is taken to first order. Even springs k_2 y^2 move the
-        mean by -k_2 Y^2/(2 omega_n^2) and add a second harmonic of k_2 Y^2/(6 omega_n^2); through
-        both they soften by 5 k_2^2 Y^2/(6 omega_n^2).
+        Velocity-dependent forces are evaluated at omega [rad/s]. By default this is the resonance
+        at this amplitude, with the effect of these forces on the frequency to first order. Even
+        springs k_2 y^2 shift the mean by -k_2 Y^2/(2 omega_n^2) and add a second harmonic of k_2
+        Y^2/(6 omega_n^2). Together these lower the stiffness by 5 k_2^2 Y^2/(6 omega_n^2).
         """
         none = 0.0 * jnp.asarray(y_peak, float)
         loops = [law.loop(y_peak) for law in self.laws]
@@ -101,11 +102,11 @@ class Oscillator(eqx.Module):
 
     @property
     def undamaged(self) -> "Oscillator":
-        """The oscillator of the same joint before any cycle has changed it."""
+        """The oscillator before damage, with its laws before any cycle has degraded them."""
         return Oscillator(self.omega_n, self.zeta, tuple(law.undamaged() for law in self.laws))
 
     def force_along(self, y: Float[Array, " time"]) -> Float[Array, " time"]:
-        """Return the force k y + sum F along a slow displacement from rest at y = 0 [N/kg]."""
+        """Return the force k y + sum F [N/kg] along a slow displacement path from rest at y = 0."""
 
         def onward(carry: tuple, y_next: Array) -> tuple[tuple, Array]:
             y_last, memory = carry
@@ -117,7 +118,7 @@ class Oscillator(eqx.Module):
         return self.k * y + jax.lax.scan(onward, start, y)[1]  # pyright: ignore[reportReturnType]
 
     def force_unloading(self, y_peak: Scalar, y: Float[Array, " phase"]) -> Float[Array, " phase"]:
-        """Sum of the laws' forces on the way down of the steady loop from y = Y [N/kg]."""
+        """Return the laws' total force [N/kg] on the unloading branch of the steady loop from Y."""
         top = self.at_tip(y_peak)
         return jax.vmap(lambda to: self.force(to, -SLOW, self.move(y_peak, top, to - y_peak)))(y)  # pyright: ignore[reportReturnType]
 
@@ -130,19 +131,19 @@ class Oscillator(eqx.Module):
 
 
 def _as_pytree(force: Restoring | None) -> Restoring | None:
-    """Return a plain function as a pytree without leaves; a pytree as it is."""
+    """Wrap a plain function as a pytree without leaves; return a pytree unchanged."""
     return Partial(force) if callable(force) and all_leaves([force]) else force
 
 
 class BoucWen(eqx.Module):
-    r"""Single-mode Bouc-Wen oscillator, per unit modal mass.
+    r"""A single-mode Bouc-Wen oscillator, per unit modal mass.
 
     $$\ddot y + 2\zeta\omega_n\dot y + k\,y + Z = u, \qquad k = \omega_n^2 - \alpha$$
     $$\dot Z = \alpha\dot y - \gamma|\dot y||Z|^{\nu-1}Z - \delta\dot y|Z|^\nu$$
 
-    `omega_n` is the natural frequency at small amplitude, where the joint sticks. Leaves may be
-    scalars or arrays of one shape (a batch of joints). A force f(y) of `restoring` is added to
-    the left side of the first equation; None, the default, is the paper's model.
+    `omega_n` is the natural frequency at small amplitude, where the joint is fully stuck. Leaves
+    may be scalars or arrays of one shape (a batch of joints). `restoring` adds a force f(y) to the
+    left side of the first equation; None, the default, gives the model of the paper.
 
     Attributes:
         omega_n: Natural frequency at small amplitude [rad/s].
@@ -151,8 +152,8 @@ class BoucWen(eqx.Module):
         delta: Softening of the hysteresis [1/m for nu = 1].
         gamma: Opening of the hysteresis loop [1/m for nu = 1].
         nu: Smoothness exponent [-]; static.
-        restoring: Smooth force beside the hysteretic one, from y [m] to f(y) [N/kg], such as
-            `Cubic`; a pytree whose leaves are parameters too.
+        restoring: Smooth force in addition to the hysteretic one, from y [m] to f(y) [N/kg], such
+            as `Cubic`; a pytree whose leaves are parameters too.
 
     Reference:
         Eqs. (1), (2), (39).
@@ -177,12 +178,12 @@ class BoucWen(eqx.Module):
 
     @property
     def k(self) -> Scalar:
-        """Stiffness in parallel with the joint, omega_n^2 - alpha [1/s^2]."""
+        """The stiffness in parallel with the joint, omega_n^2 - alpha [1/s^2]."""
         return self.omega_n**2 - self.alpha
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """The laws across the joint: Bouc-Wen's, and that of `restoring` if any."""
+        """The laws across the joint: the Bouc-Wen law and, if given, that of `restoring`."""
         springs = () if self.restoring is None else (as_law(self.restoring),)
         return (BoucWenLaw(self.alpha, self.delta, self.gamma, self.nu), *springs)
 
@@ -191,14 +192,14 @@ Joint = Oscillator | BoucWen
 
 
 def as_oscillator(joint: Joint) -> Oscillator:
-    """Return an oscillator of laws; a `BoucWen` is one."""
+    """Return a joint as an `Oscillator`; convert it if it is a `BoucWen`."""
     if isinstance(joint, Oscillator):
         return joint
     return Oscillator(joint.omega_n, joint.zeta, joint.laws)
 
 
 def oscillator_of(theta: Mapping[str, Any], laws: Iterable[str | Kind]) -> Oscillator:
-    """Build the oscillator of a parameter dictionary; several joints act through the first mode."""
+    """Build the oscillator from parameters by name; laws at several joints act in its one mode."""
     laws = tuple(laws)
     if are_at_joints(laws):
         forces = first_mode_laws(theta, laws)  # pyright: ignore[reportArgumentType]
@@ -208,7 +209,7 @@ def oscillator_of(theta: Mapping[str, Any], laws: Iterable[str | Kind]) -> Oscil
 
 
 def prior_of(laws: Iterable[str | Kind], scales: Scales) -> Bounds:
-    """Return wide bounds of all parameters of several laws, from scales alone."""
+    """Return wide prior bounds of all parameters of several laws, from scales of the motion."""
     bounds: Bounds = {}
     for law in laws_named(laws):
         bounds |= law.prior(scales)

@@ -1,4 +1,4 @@
-"""Types of parameters, and the records with which a law is described."""
+"""The types of parameters, and the records that describe a law."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -11,14 +11,15 @@ from jaxtyping import Array, Float
 from jbw.quantities import Quantity
 from jbw.report.messages import joint as messages
 
-# A caller may give NumPy's; inside of what is traced all is JAX's, which pyright cannot know.
+# Callers may pass NumPy values; inside traced functions all values are JAX's, which pyright cannot
+# know.
 Scalar = Float[Array, "..."] | Float[np.ndarray, "..."] | float
 Restoring = Callable[[Scalar], Scalar]
 
 
 @runtime_checkable
 class Hysteresis(Protocol):
-    """Whatever holds the parameters of Eq. (2): the record `BoucWen`, or the law alone."""
+    """Any object with the Bouc-Wen parameters of Eq. (2): a `BoucWen` record, or the law alone."""
 
     alpha: Any
     delta: Any
@@ -27,7 +28,7 @@ class Hysteresis(Protocol):
 
 
 def batched(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Apply a function of scalar leaves over the broadcast shape of all leaves."""
+    """Apply a function of scalar leaves to every element of the broadcast shape of all leaves."""
     leaves, structure = jax.tree.flatten(arguments)
     leaves = jnp.broadcast_arrays(*(jnp.asarray(leaf, float) for leaf in leaves))
     shape = leaves[0].shape
@@ -39,21 +40,22 @@ def batched(function: Callable[..., Any], *arguments: Any) -> Any:
 Powers = Mapping[str, int]
 Bounds = dict[str, tuple[float, float]]
 
-# Frequency of a motion that no force of the velocity resists [rad/s].
+# Frequency of slow motion, in which velocity-dependent forces are negligible [rad/s].
 SLOW = 1e-12
-MOST_SOFTENING = 10.0  # stiffness at rest over the secant of the widest loop, at most
+# Largest admitted ratio of the stiffness at rest to the secant stiffness of the widest loop.
+MOST_SOFTENING = 10.0
 
 
 class Scales(NamedTuple):
-    """Scales of the motion, from before any law is fitted.
+    """The scales of the measured motion, which are available before any law is fitted.
 
     Attributes:
-        omega_n: Natural frequency at small amplitude [rad/s]; where tests are `forced`, that of the
-            secant of the stiffest loop.
+        omega_n: Natural frequency at small amplitude [rad/s]; if `forced`, the frequency that
+            belongs to the secant stiffness of the stiffest loop.
         zeta: Damping ratio [-].
         y_peak: Largest displacement measured [m].
-        forced: Whether all tests prescribe the displacement, so that nothing else than the joint
-            need carry.
+        forced: Whether all tests prescribe the displacement, so that the joint may carry all of the
+            force.
     """
 
     omega_n: float
@@ -63,11 +65,11 @@ class Scales(NamedTuple):
 
 
 class Monomial(NamedTuple):
-    r"""A quantity that is a product of powers of others, $\prod_i \theta_i^{p_i}$.
+    r"""A quantity that is a product of powers of other quantities, $\prod_i \theta_i^{p_i}$.
 
     Attributes:
         quantity: The quantity: name, symbol, unit, meaning.
-        powers: Whole exponents by name of the factor.
+        powers: Integer exponents by name of the factor.
     """
 
     quantity: Quantity
@@ -75,7 +77,7 @@ class Monomial(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Name of the quantity."""
+        """The name of the quantity."""
         return self.quantity.name
 
     def of(self, theta: Mapping[str, Any]) -> Any:
@@ -102,21 +104,21 @@ class Coordinates(NamedTuple):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the coordinates."""
+        """The names of the coordinates."""
         return tuple(monomial.name for monomial in self.inverse)
 
     @property
     def table(self) -> tuple[Quantity, ...]:
-        """The coordinates' quantities."""
+        """The coordinates' quantities, each with name, symbol, unit and meaning."""
         return tuple(monomial.quantity for monomial in self.inverse)
 
     def to_parameters(self, theta: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the same point in the law's own parameters; everything else in theta as it is."""
+        """Convert these coordinates to the law's own parameters; keep other entries of theta."""
         rest = {name: value for name, value in theta.items() if name not in self.names}
         return rest | {monomial.name: monomial.of(theta) for monomial in self.forward}
 
     def from_parameters(self, theta: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the same point in these coordinates; everything else in theta as it is."""
+        """Convert the law's own parameters to these coordinates; keep other entries of theta."""
         law_names = {monomial.name for monomial in self.forward}
         rest = {name: value for name, value in theta.items() if name not in law_names}
         return rest | {monomial.name: monomial.of(theta) for monomial in self.inverse}
@@ -132,12 +134,12 @@ class Coordinates(NamedTuple):
 
 
 class Threshold(NamedTuple):
-    """A displacement beyond which a mechanism of a law acts that smaller motions do not identify.
+    """A displacement that a motion must exceed before a mechanism of a law, such as slip, acts.
 
     Attributes:
-        what: The mechanism that begins there, such as "macroslip".
+        what: Mechanism that begins at this displacement, such as "macroslip".
         y: The displacement [m].
-        rests: What the prior alone determines where no motion reaches it.
+        rests: Quantities that only the prior determines if no motion reaches the displacement.
     """
 
     what: str
@@ -146,7 +148,7 @@ class Threshold(NamedTuple):
 
 
 class Loop(NamedTuple):
-    r"""Steady loop of a law for y = Y cos(theta), F = Re sum F_n exp(j n theta).
+    r"""The steady loop of a law for y = Y cos(theta), F = Re sum F_n exp(j n theta).
 
     Attributes:
         stiffness: Equivalent stiffness, Re F_1 / Y [1/s^2].
@@ -162,11 +164,11 @@ class Loop(NamedTuple):
 
 
 class Material(NamedTuple):
-    """A uniaxial material of OpenSees, in N, m and kg.
+    """A uniaxial material of OpenSees, in units of N, m and kg.
 
     Attributes:
-        kind: Its name there, such as `ElasticPP`.
-        arguments: What follows its tag, words among them.
+        kind: Name of the material in OpenSees, such as `ElasticPP`.
+        arguments: Arguments after the material's tag; some may be words.
     """
 
     kind: str
@@ -177,9 +179,10 @@ class Conversion(NamedTuple):
     """An oscillator in the convention of another program.
 
     Attributes:
-        values: Its parameters by their names there.
-        units: Their units.
-        materials: The law's own force in OpenSees, without the spring beside it; in parallel.
+        values: Parameters by their names in the other program.
+        units: Units of these parameters.
+        materials: The law's own force as OpenSees materials in parallel, without the parallel
+            spring.
     """
 
     values: Mapping[str, float]
@@ -188,11 +191,11 @@ class Conversion(NamedTuple):
 
 
 def of_opensees(*materials: Material) -> dict[str, Conversion]:
-    """Return the conversions of a law that only OpenSees has, as materials."""
+    """Return the conversions of a law that only OpenSees has, as OpenSees materials."""
     return {"OpenSees": Conversion({}, {}, materials)}
 
 
 def beyond_all_motion(name: str, bounds: tuple[float, float], y_peak: float) -> str | None:
-    """Return a warning of a prior on a gap that is wider than the largest motion [m], or None."""
+    """Return a warning if the prior of a gap is wider than the largest motion [m], else None."""
     least, most = bounds
     return None if most <= y_peak else messages.prior_beyond_motion(name, least, most, y_peak)

@@ -1,9 +1,9 @@
-r"""Periodic motion in time: the fixed point of a period's map, by Newton, and shooting for a tone.
+r"""Periodic motion in the time domain: Newton on the map of one period, and shooting for a tone.
 
-A period of many cycles forgets nearly all of its start, and is marched. A short one is a trap: its
-hysteresis forgets only by a few per cent a period at small amplitude. Newton settles it, with the
-map's slope by differences: a few runs of the solve that is compiled anyway, where exact tangents
-are a second program, four times as long to compile.
+A period of many cycles forgets nearly all of its initial state, and is marched. A short period does
+not: at small amplitude its hysteresis forgets only a few per cent per period. Newton's iteration
+settles it, with the map's slope by finite differences: a few runs of the solve that is compiled
+anyway. Exact tangents would be a second program, four times as long to compile.
 
 Shooting over half a period of a tone is an alternative to harmonic balance.
 """
@@ -34,16 +34,20 @@ from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import orders
 
 MAX_ITERATIONS = 400
-_PATIENCE, _PROGRESS = 20, 0.9  # rounds in which the gap falls by a tenth, or no end is in sight
-_DIFFERENCE = 1e-7  # of the state, for its slope; less than this the slope does not know
-_SLOW = 1e-2  # m/s, of which the difference is the part at rest
-_NOTHING = 1e-14  # of the largest of the state
-_TOLERANCE = 1e-12  # rounding over a long period leaves a few parts in 1e13
-_NEWTON_STEPS = 4  # that a steady state takes, about
-_MAX_STEPS = 16384  # of the integration of a period
-_MAX_NEWTON = 32  # iterations of shooting
-# Above the integration's noise (1e-13), which an orbit near a fold magnifies; Newton's last step
-# gains the digits beyond.
+# The search stops if the gap has not fallen by a tenth within this many rounds.
+_PATIENCE, _PROGRESS = 20, 0.9
+# Finite difference for the slope, relative to the state; a smaller one gives no reliable slope.
+_DIFFERENCE = 1e-7
+# Velocity [m/s] to which the finite difference is relative at rest.
+_SLOW = 1e-2
+# Changes smaller than this part of the state's largest entry are round-off.
+_NOTHING = 1e-14
+_TOLERANCE = 1e-12  # rounding over a long period causes errors of a few parts in 1e13
+_NEWTON_STEPS = 4  # typical number of Newton steps to a steady state
+_MAX_STEPS = 16384  # largest number of steps of the integration over a period
+_MAX_NEWTON = 32  # largest number of iterations of shooting
+# This is above the integration's noise (1e-13), which an orbit near a fold magnifies; Newton's last
+# step gains the remaining digits.
 _SHOOTING_TOLERANCE = 1e-8
 
 State = Float[Array, "3"]
@@ -52,14 +56,14 @@ State = Float[Array, "3"]
 def steady_period(
     period: Callable[[Any], Any], guess: Any, unit: Any, *, one_by_one: bool = False
 ) -> tuple[Any, Float[Array, ""]]:
-    """Return the trajectory over the period that ends in its initial state.
+    """Return the periodic trajectory: the one over a period that ends in its initial state.
 
-    States are pytrees of scalars, of one mode or several.
-    Newton's step is tried and taken where it leaves less of the gap; else one period is marched.
-    Derivatives of the result come from the implicit function, exact.
-    `unit` makes the leaves of the state comparable with a velocity, and is zero for what counts up
-    for ever and need not come back; the residual is what the state still changes, relative to its
-    largest value. Under vmap, states settle `one_by_one` where that is asked for.
+    States are pytrees of scalars, of one mode or several. A Newton step is accepted if it reduces
+    the gap; otherwise one period is marched. Derivatives of the result come from the implicit
+    function theorem and are exact. `unit` converts the leaves of the state to velocities; it is
+    zero for counters, which grow for ever and need not return. The residual is the remaining change
+    of the state relative to its largest value. Under vmap, states settle one after another if
+    `one_by_one` is set.
     """
     _, tree = jax.tree.flatten(guess)
     units = jax.lax.stop_gradient(jnp.stack([jnp.asarray(x) for x in jax.tree.leaves(unit)]))
@@ -86,9 +90,9 @@ def steady_period(
 
 
 def _settle_one_by_one(gap: Callable, x: Float[Array, " state"]) -> Float[Array, " state"]:
-    """Return the same, under vmap one point after another.
+    """Find the gap's root as `_settle` does, but under vmap for one lane after another.
 
-    Side by side all are solved again until the last has settled.
+    Side by side, all lanes would be solved again until the last one has settled.
     """
     of_all, hidden = jax.closure_convert(gap, x)  # vmap must see every value that differs by lane
 
@@ -100,12 +104,12 @@ def _settle_one_by_one(gap: Callable, x: Float[Array, " state"]) -> Float[Array,
 
 
 def _settle(gap: Callable, x: Float[Array, " state"]) -> Float[Array, " state"]:
-    r"""Find the gap's root: march periods while that is efficient, then use Newton's steps.
+    r"""Find the gap's root: march periods while that is efficient, then take Newton steps.
 
-    Each period marched multiplies the gap by some $\rho$, and costs 1; a Newton step of n numbers
-    costs n + 1, and four of them do: marching costs less where $\rho^{4(n + 1)}$ is the tolerance.
-    The map stands in the loop once: a solver in time is long to compile. A motion that comes to no
-    period, as laws have that feed it, is given up.
+    Each marched period multiplies the gap by some $\rho$, and costs 1. A Newton step of n numbers
+    costs n + 1, and four of them suffice: marching costs less where $\rho^{4(n + 1)}$ is the
+    tolerance. The map appears in the loop only once, because a time solver is slow to compile. The
+    search stops if the motion approaches no period, as with laws that feed energy into it.
     """
     pays = _TOLERANCE ** (1.0 / (_NEWTON_STEPS * (x.size + 1)))
 
@@ -136,7 +140,7 @@ def _value_and_slope(
 ) -> tuple[Float[Array, " state"], Float[Array, "state state"]]:
     """Return the gap and, where `sloped`, its slope by differences, one column after another.
 
-    Newton's steps outdo the slope's error in the next round.
+    Later Newton steps correct the error of the slope.
     """
     size = _DIFFERENCE * (_norm(x) + _SLOW)
     points = jnp.concatenate([x[None], x + size * jnp.eye(x.size)])
@@ -159,7 +163,7 @@ def _solved(
 ) -> Float[Array, " state"]:
     """Solve a small system; take the shortest solution if constant memories make it singular.
 
-    One memory, of a law that always relaxes, leaves a regular system.
+    With a single memory, of a law that always relaxes, the system is regular.
     """
     if y.size <= 3:
         return jnp.linalg.solve(matrix, y)
@@ -171,7 +175,7 @@ def _norm(x: Float[Array, " state"]) -> Float[Array, ""]:
 
 
 class PeriodicOrbit(eqx.Module):
-    """Periodic response to u = A cos(omega t), found in time.
+    """A periodic response to u = A cos(omega t), found by integration in time.
 
     Attributes:
         initial: (y [m], v [m/s], z [N/kg]) at t = 0.
@@ -199,9 +203,9 @@ def shooting(
     $$x(T/2; x_0) = -x_0, \qquad x = (y, v, z), \quad T = 2\pi/\omega$$
 
     The rates (1)-(2) are integrated by Dormand and Prince's eighth-order method under a tight
-    tolerance, and the harmonics as integrals beside them; no closed form of the hysteresis and no
-    truncation enters, so this is independent of `steady_state`. One
-    tone a call (`jax.vmap` for more); differentiable in forward mode.
+    tolerance, and the harmonics are integrated with them. No closed form of the hysteresis and no
+    truncation enters, so the result is independent of `steady_state`. Each call solves one tone
+    (use `jax.vmap` for more); the result is differentiable in forward mode.
 
     Args:
         joint: Bouc-Wen parameters, scalars, with nu = 1.
@@ -286,7 +290,7 @@ def _shoot(
 def _half_period(
     x: State, problem: tuple[BoucWen, Scalar], num_harmonics: int, rtol: float
 ) -> tuple[State, Complex[Array, " harmonic"]]:
-    """State after half a period, and the harmonics of y as integrals over it."""
+    """Return the state after half a period, and the harmonics of y as integrals over it."""
     unit, ratio = problem
     unity = jnp.ones_like(ratio)
     law = BoucWen(unity, unity, unity, unit.delta, unit.gamma)

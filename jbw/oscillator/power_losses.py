@@ -1,4 +1,4 @@
-"""The losses of a loop whose lag grows with a power of the displacement, in closed form."""
+"""The stiffness loss and damping of a loop whose lag is a power of displacement, in closed form."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,13 +10,13 @@ from scipy.special import gammaln
 def power_losses(
     exponent: Any, xp: Any = np, log_gamma: Callable[[Any], Any] = gammaln
 ) -> tuple[Any, Any]:
-    r"""Return stiffness loss and damping of the lag $c\,x^{1+q}$, over $c\,Y^q$; exact.
+    r"""Return the exact stiffness loss and damping of the lag $c\,x^{1+q}$, divided by $c\,Y^q$.
 
     $$C_s = \frac{8}{\pi} I(2q+2) \frac{1+q}{2+q}, \qquad C_d = \frac{4q}{\pi (2+q)}, \qquad
       I(n) = \int_0^{\pi/2} \sin^n = \frac{\sqrt\pi}{2}
       \frac{\Gamma((n+1)/2)}{\Gamma(n/2+1)}$$
 
-    By NumPy, or by another module `xp` of its functions with its own logarithm of Gamma.
+    NumPy is used, or another module `xp` with its functions and its own logarithm of Gamma.
     """
     q = exponent
     integral = 0.5 * np.sqrt(np.pi) * xp.exp(log_gamma(q + 1.5) - log_gamma(q + 2.0))

@@ -1,8 +1,8 @@
-"""A branch that few steps take, for many lanes at once: computed where any lane needs it.
+"""A branch that few steps take, for many lanes at once: computed only if some lane needs it.
 
-Under `jax.vmap` a condition becomes a selection, which works out both sides in every step. Here it
-stays a condition: lanes of like parameters turn within a few steps of each other, and between
-these none of them pays for the long side.
+Under `jax.vmap` a condition becomes a selection, which evaluates both sides in every step. Here it
+stays a condition: lanes with similar parameters turn within a few steps of each other, and between
+these turns no lane pays for the long side.
 """
 
 from collections.abc import Callable, Iterator
@@ -19,7 +19,7 @@ _UNSHARED = ContextVar("unshared", default=False)
 
 @contextmanager
 def unshared() -> Iterator[None]:
-    """Mark the context in which a traced program never shares its lanes among devices."""
+    """Mark a context in which traced programs never share their lanes among devices."""
     token = _UNSHARED.set(True)
     try:
         yield
@@ -28,18 +28,18 @@ def unshared() -> Iterator[None]:
 
 
 def where_rare(met: Bool[Array, ""], rare: Callable[[Any], Any], operands: Any, usual: Any) -> Any:
-    """Return the value `rare(operands)` where a step has `met` a rare event, else `usual`.
+    """Return `rare(operands)` where a step has met a rare event, else `usual`.
 
     Args:
-        met: Whether it has.
+        met: Whether the step has met the event.
         rare: A pure function of the operands, not evaluated where no lane has met the event.
         operands: A pytree of arrays: everything that `rare` depends on.
-        usual: The values of any other step, of the structure of what `rare` returns.
+        usual: Values for all other steps, with the structure that `rare` returns.
     """
     if not on_one_device():
         return jax.lax.cond(met, rare, lambda _: usual, operands)
 
-    # Derivatives go through the plain condition: a batching rule defines none.
+    # Derivatives use the plain condition: a custom batching rule defines none.
     condition = jax.custom_jvp(_condition(rare, 0))
 
     @condition.defjvp
@@ -53,18 +53,21 @@ def where_rare(met: Bool[Array, ""], rare: Callable[[Any], Any], operands: Any, 
 
 
 def on_one_device() -> bool:
-    """Return whether all lanes of a program lie on one device.
+    """Return True if all lanes of a program lie on one device.
 
-    Where JAX shares lanes among devices by itself, any of all lanes is a sum over the devices in
-    every step, which costs the time loop its native call. Within `jax.shard_map` it is not, nor
-    where a caller says so by `unshared`.
+    Where JAX shares lanes among devices by itself, testing whether any lane met an event is a sum
+    over the devices in every step, and the time loop is then no native call. Within `jax.shard_map`
+    this does not happen, nor where a caller declares `unshared`.
     """
     lanes_unshared = _UNSHARED.get() or bool(jax.sharding.get_abstract_mesh().manual_axes)
     return lanes_unshared or jax.device_count() == 1
 
 
 def _condition(rare: Callable[[Any], Any], depth: int) -> Callable[..., Any]:
-    """Build a condition on any lane, with `depth` lane axes; vmap adds an axis."""
+    """Build a condition that holds if any lane meets it, with `depth` axes of lanes.
+
+    vmap adds an axis.
+    """
     rare_of_lanes = rare
     for _ in range(depth):
         rare_of_lanes = jax.vmap(rare_of_lanes)
@@ -94,5 +97,5 @@ def _condition(rare: Callable[[Any], Any], depth: int) -> Callable[..., Any]:
 
 
 def _spread(met: Array, ndim: int) -> Array:
-    """Return one flag a lane, with axes of length one for those of a lane's value."""
+    """Return one flag per lane, with axes of length one in place of the axes of a lane's value."""
     return met.reshape(met.shape + (1,) * (ndim - met.ndim))

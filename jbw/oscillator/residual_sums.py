@@ -1,9 +1,9 @@
-r"""Sums over the residual of a record, added up in the time loop: no response is written to memory.
+r"""Sums over the residual of a record, accumulated in the time loop without storing the response.
 
 $$r_n = d_n - x_n - \sum_k a_k J_{kn}, \qquad
   Q = \sum_n r_n^2, \quad s_k = \sum_n R_{kn} r_n, \quad p = \max_n |x_n|$$
 
-A likelihood of white noise asks for these few numbers and not for the response x: writing 20,000
+A likelihood with white noise needs only these few numbers, not the response x. Writing 20,000
 samples for each of many parameter sets, and reading them again, costs as much as the steps do.
 """
 
@@ -26,17 +26,17 @@ from jbw.oscillator.step import State
 
 
 class Compared(eqx.Module):
-    """Measured response and rows that a response is compared with, sample by sample.
+    """A measured response to compare with a computed one, and rows to project the residual on.
 
-    Rows begin at the first sample that counts.
+    All rows begin at the first compared sample.
 
     Attributes:
         measured: Measured response d [m, m/s or m/s^2].
-        directions: Rows J, of which a known part of each is no residual.
-        parts: Those parts a.
-        rows: Rows R that the residual is multiplied with.
-        order: Derivative that was measured: 0 of displacement, 1 velocity, 2 acceleration; static.
-        first: First sample that counts; static.
+        directions: Rows J; a known multiple of each is subtracted from the residual.
+        parts: These known multiples a.
+        rows: Rows R; each sum s_k is the product of one row and the residual.
+        order: Measured derivative: 0 for displacement, 1 velocity, 2 acceleration; static.
+        first: First compared sample; static.
     """
 
     measured: Float[Array, " compared"]
@@ -48,7 +48,7 @@ class Compared(eqx.Module):
 
 
 class Sums(NamedTuple):
-    """Sums over the samples that count: Q, s_k, and the largest response."""
+    """The sums over the compared samples: Q, s_k, and the largest response p."""
 
     square: Float[Array, "..."]
     along: Float[Array, "... row"]
@@ -56,7 +56,7 @@ class Sums(NamedTuple):
 
 
 class _Task(eqx.Module):
-    """Arguments of the time loop."""
+    """The arguments of the time loop that sums a record's residual."""
 
     stepping: Stepping
     joint: Oscillator
@@ -67,17 +67,17 @@ class _Task(eqx.Module):
 def residual_sums(
     joint: Oscillator, source: HeldInput, fs: Scalar, substeps: int, compared: Compared
 ) -> Sums:
-    """Return sums over a record's residual, differentiable in the joint and the gain.
+    """Return the sums over a record's residual, differentiable in the joint and the input's gain.
 
     Args:
-        joint: The oscillator; all laws are stepped.
+        joint: The oscillator; the exact step must support all of its laws.
         source: The input.
         fs: Sampling rate [Hz].
         substeps: Steps between samples.
         compared: The measured response and its rows.
 
     Returns:
-        The sums; of the response of `jbw.simulate` to rounding.
+        The sums; up to rounding those of the response of `jbw.simulate`.
     """
     steps = stepping(joint, source, fs, substeps)
     return _sums(substeps, _Task(steps, joint, source.u, compared))
@@ -85,10 +85,11 @@ def residual_sums(
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _sums(substeps: int, task: _Task) -> Sums:
-    """Return the sums by one loop that carries them."""
+    """Return the sums over the residual by one time loop that accumulates them."""
     rest = _at_rest(task)
     none = jnp.zeros(())
-    task = eqx.tree_at(  # rows by themselves: the loop would slice their array in every step
+    # The rows are passed one by one: the loop would slice an array of rows in every step.
+    task = eqx.tree_at(
         lambda task: (task.compared.directions, task.compared.rows, task.compared.parts),
         task,
         tuple(map(tuple, (task.compared.directions, task.compared.rows, task.compared.parts))),
@@ -120,7 +121,7 @@ def _sums_jvp(substeps, primals, tangents):
 
 
 def _of_trajectory(substeps: int, task: _Task) -> Sums:
-    """Return the same from the states at the samples, for derivatives."""
+    """Return the sums over the residual from the states at the samples; this has derivatives."""
     compared = task.compared
     trajectory = solve(substeps, task.stepping, _at_rest(task))
     response = response_of(task.joint, compared.order, trajectory, task.force)[compared.first :]
@@ -136,7 +137,7 @@ def _at_rest(task: _Task) -> State:
 
 
 def response_of(joint: Oscillator, order: int, state: Any, u: Any) -> Any:
-    """Return the displacement, velocity or acceleration of a state, or of many along an axis."""
+    """Return displacement, velocity or acceleration (`order` 0, 1, 2) of one or many states."""
     y, v, memory = state
     if order < 2:
         return v if order else y
@@ -162,12 +163,12 @@ def _added(task: _Task, state: State, substep: Array, totals: Any, every: int = 
 
 
 class _Summing(HysteresisExact):
-    """The step, and the sums behind it."""
+    """A `HysteresisExact` solver that also accumulates the sums over the residual."""
 
     substeps: int
 
     def step(self, terms, t0, t1, y0, args: _Task, *progress):
-        """Advance by one substep."""
+        """Advance by one substep and add its residual to the sums."""
         rest = packed(args.stepping, _at_rest(args))
         count = len(jax.tree.leaves(rest))
         state, totals = y0[:count], y0[count:]

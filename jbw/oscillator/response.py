@@ -1,4 +1,4 @@
-"""Time response of the bolted joint's oscillator to a sampled or callable input."""
+"""The time response of the bolted joint's oscillator to a sampled or callable input."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -45,7 +45,7 @@ _Input = Float[Array, "... time"] | HeldInput | Callable[[Array], ArrayLike]  # 
 
 
 class SimulateOptions(TypedDict, total=False):
-    """Keyword arguments of `simulate`, for both kinds of joint."""
+    """The keyword arguments of `simulate`, for both kinds of joint."""
 
     hold: Hold
     initial: tuple[Scalar | Memory, ...]
@@ -57,18 +57,18 @@ class SimulateOptions(TypedDict, total=False):
 
 
 class Response(eqx.Module):
-    """Motion at the samples; sample 0 is the initial state.
+    """The motion at the samples; sample 0 is the initial state.
 
     Attributes:
         t: Time [s].
         y: Displacement [m].
         v: Velocity [m/s].
-        z: Force per unit mass of all laws with a memory, the hysteretic ones [N/kg].
+        z: Force per unit mass of all laws with a memory, the hysteretic laws [N/kg].
         a: Acceleration [m/s^2].
-        residual: For a periodic record, what the state still changes over one period relative to
-            its largest value in it; 0 otherwise [-].
-        guesses: How often a law's memory was too short, so that its force may have been a guess
-            for a time; 0 but for laws that remember many reversals [-].
+        residual: For a periodic record, the remaining change of the state over one period, relative
+            to its largest value; otherwise 0 [-].
+        guesses: How often a law's memory was too short, so that its force may have been wrong for a
+            time; 0 except for laws that remember many reversals [-].
 
     Examples:
         A tone of 1 N/kg at resonance moves a linear oscillator by 1 / (2 zeta omega_n^2):
@@ -110,43 +110,42 @@ def simulate(
     solver: AbstractSolver | None = None,
     controller: AbstractStepSizeController | None = None,
 ) -> Response | StructureResponse:
-    r"""Return the response of the oscillator, N samples in and N samples out.
+    r"""Return the response of an oscillator to N samples of input, at the same N samples.
 
     $$\ddot y + 2\zeta\omega_n\dot y + k y + \sum F = u$$
 
-    A sampled input goes through our own step with the laws' exact moves (of order 4 with
-    Bouc-Wen's at nu = 1; one step a sample unless `substeps` says more; two are advised where
-    gradients are taken). Everything else goes through a stock diffrax solver: the given one
-    with `substeps` equal steps a sample or under an adaptive `controller`, or else Dopri8,
-    adaptive to 1e-9. Leaves of the joint, of `initial` and of `u` before the time axis broadcast.
-    Differentiable in the joint, `u` and `initial`; works under jit, vmap, grad and jvp.
+    A sampled input is integrated by jbw's own step with the laws' exact moves (order 4 with
+    Bouc-Wen's at nu = 1). The default is one step per sample; two are advised where gradients are
+    taken. In all other cases a stock diffrax solver is used: the given one with `substeps` equal
+    steps per sample or under an adaptive `controller`, or else Dopri8, adaptive to 1e-9. Leaves of
+    the joint, of `initial` and of `u` before the time axis broadcast. The result is differentiable
+    in the joint, `u` and `initial`, and works under jit, vmap, grad and jvp.
 
     A trajectory that diverges (possible where delta < |gamma|, or under a restoring force that
-    softens without bound) is nan or inf from there on; the
-    eager call raises.
+    softens without bound) is nan or inf from there on; an eager call raises.
 
     Args:
         joint: A `BoucWen`, an `Oscillator` with any laws, or a `Structure` of several modes.
-        u: Input per unit mass at the samples [N/kg], or a function of time [s]; or samples with
-            their polynomials and a gain, a `HeldInput`, whose own `hold` and `periodic` count.
+        u: Input per unit mass at the samples [N/kg], or a function of time [s]. A `HeldInput` has
+            its own polynomials, gain, `hold` and `periodic`, which are then used.
         fs: Sampling rate [Hz].
         hold: Input between the samples: "first" (lines), "zero" (u[n] on [n, n + 1)) or
             "band_limited" (local quintics through FFT slopes and curvatures).
-        initial: (y [m], v [m/s]) at t = 0, the first guess when `periodic`; with the memories of
-            the laws behind them where they are not at rest: Bouc-Wen's Z alone, or a tuple with
-            the memory of every law as `Oscillator.at_rest` gives it. Of a `Structure` one
-            number a mode, (q, q').
+        initial: (y [m], v [m/s]) at t = 0; if `periodic`, the first guess. If the laws do not start
+            at rest, their memories follow: Z alone for Bouc-Wen, or a tuple with the memory of
+            every law in the form of `Oscillator.at_rest`. For a `Structure`, (q, q') with one
+            number per mode.
         substeps: Integration steps per sample interval.
-        periodic: Whether u is one period of a steady test: the steady state is returned.
+        periodic: Whether u is one period of a steady test; then the steady state is returned.
         num_samples: Number of samples; needed for a callable input, otherwise the length of u.
-        solver: Stock diffrax solver; None chooses.
+        solver: Stock diffrax solver; None selects one as described above.
         controller: Diffrax step-size controller for a stock solver.
 
     Returns:
         The response at t = n / fs.
 
     Raises:
-        ConfigError: An option that cannot be meant, or a float32 session.
+        ConfigError: An invalid option, or a float32 session.
         DataError: An input that is not finite or has no time axis.
         ModelError: An initial z that the joint cannot hold, a diverging trajectory, or a periodic
             record whose steady state was not found.
@@ -196,7 +195,7 @@ def simulate(
 
 
 class _Options(NamedTuple):
-    """Arguments of `simulate` that are no arrays."""
+    """The arguments of `simulate` that are no arrays."""
 
     hold: Hold
     substeps: int
@@ -213,7 +212,7 @@ def _simulate_batch(
     """Simulate over the common batch shape of joint, input and initial state."""
     source = u if callable(u) else held(u, options.hold, periodic=options.periodic)
     lead = () if callable(source) else source.gain.shape
-    # A memory may be an array, of `iwan5` one of sliders: its own axes are no batch.
+    # A memory may be an array, such as that of the sliders of `iwan5`: its axes are no batch axes.
     starts, tree = jax.tree.flatten(initial)
     rest_shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves((0.0, 0.0, joint.at_rest()))]
     shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(joint)]
@@ -247,8 +246,8 @@ def _is_stepped(joint: Oscillator) -> bool:
 def _simulate(
     options: _Options, joint: Oscillator, u: HeldInput | Callable, fs: Scalar, initial: State
 ) -> Response:
-    """Return one oscillator under one input."""
-    t = jnp.arange(options.num_samples) / fs  # no constant of the program
+    """Return the response of one oscillator to one input."""
+    t = jnp.arange(options.num_samples) / fs  # computed inside the program, not a constant
     if callable(u):
         u_sampled = jnp.asarray(jax.vmap(u)(t))
         trajectory_from = partial(_stock, options, joint, lambda tau: u(tau / fs), fs)
@@ -282,7 +281,7 @@ def _simulate(
 def _stock(
     options: _Options, joint: Oscillator, u: Callable, fs: Scalar, initial: State
 ) -> Trajectory:
-    """Solve with a stock solver; a periodic trajectory extends to the next period's start."""
+    """Solve with a stock solver; a periodic trajectory extends to the start of the next period."""
     default = ConstantStepSize() if options.solver else PIDController(rtol=1e-9, atol=1e-12)
     scheme = StockScheme(
         options.solver or Dopri8(), options.controller or default, options.substeps
@@ -292,7 +291,7 @@ def _stock(
 
 
 class MotionApart(NamedTuple):
-    """Motion of the outputs of uncoupled modes, as `jbw.simulate` has it of one oscillator."""
+    """The motion at the outputs of uncoupled modes, with y, v and a as in a `Response`."""
 
     y: Float[Array, "*point time"]
     v: Float[Array, "*point time"]

@@ -1,6 +1,6 @@
-r"""The oscillator under an input, for diffrax: our step, and stock solvers.
+r"""Time integration of the oscillator by diffrax: by jbw's own step, and by stock solvers.
 
-Time counts samples, $\tau = t f_s$, so that no rounding of 1/fs accumulates over a record.
+Time is counted in samples, $\tau = t f_s$, so that no rounding of 1/fs accumulates over a record.
 `HysteresisExact` steps with the laws' own moves; stock solvers integrate `oscillate`.
 """
 
@@ -20,28 +20,28 @@ from jbw.oscillator.oscillator import Oscillator
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.step import ExactStep, Push, State, added, advance, exact_step
 
-# An adaptive solver may take this many steps a sample on average before it gives up.
+# An adaptive solver gives up after this many steps per sample on average.
 _MAX_STEPS_PER_SAMPLE = 64
 
 
 class Pushed(NamedTuple):
-    """Constants of the step, and what the input adds in every substep."""
+    """The constants of the step, and the input's contribution to every substep."""
 
     step: Any
     push: Any
 
 
 class Stepping(eqx.Module):
-    r"""The constants and input for the hysteresis-exact stepping of a record.
+    r"""The constants and the input for stepping a record with the hysteresis-exact solver.
 
     $$p = g \sum_j W_j c_j$$
 
     Attributes:
         step: Constants of the step.
-        on_y: What each power of the input's polynomial adds to y in a substep, g W_j [s^2].
-        on_v: What it adds to v [s].
+        on_y: Effect of each power of the input's polynomial on y in a substep, g W_j [s^2].
+        on_v: Effect of each power on v [s].
         gain: Gain g of the input.
-        pieces: Coefficients c_j of the input in every substep, a row a power.
+        pieces: Coefficients c_j of the input in every substep, one row per power.
     """
 
     step: ExactStep
@@ -52,21 +52,21 @@ class Stepping(eqx.Module):
 
     @property
     def num_steps(self) -> int:
-        """Number of substeps."""
+        """The number of substeps of the record."""
         return self.pieces[0].shape[0]
 
     def push(self, substep: Array) -> Push:
-        """Change of y [m] and v [m/s] by the input in a substep, and the input there [N/kg]."""
+        """Return the input's effect on y [m] and v [m/s] in a substep, and the input [N/kg]."""
         return self.push_of(tuple(piece[substep] for piece in self.pieces))
 
     def push_of(self, powers: tuple[Scalar, ...]) -> Push:
-        """Return the same by the coefficients of the input in a substep."""
+        """Return the input's effect on y and v, and the input, from its polynomial coefficients."""
         start = self.gain * powers[0]
         push = weighted(self.on_y, powers), weighted(self.on_v, powers), start
         return (*push, self.gain * added(powers)) if self._is_damped else push
 
     def pushed(self) -> "Pushed":
-        """Return the same of all substeps at once, by one product, as derivatives take it."""
+        """Return the input's effect in all substeps at once, by one product (for derivatives)."""
         count = len(self.pieces)
         weights = [
             jnp.stack(self.on_y), jnp.stack(self.on_v), self.gain * np.eye(1, count)[0],
@@ -76,12 +76,12 @@ class Stepping(eqx.Module):
 
     @property
     def _is_damped(self) -> bool:
-        """Whether a law asks for the input at the end of a substep too."""
+        """Whether a law also needs the input at the end of a substep."""
         return any(law.feels_rate for law in self.step.laws)
 
 
 def stepping(oscillator: Oscillator, held: HeldInput, fs: Scalar, substeps: int) -> Stepping:
-    """Return the step's constants, the input's moments times its gain, and input coefficients."""
+    """Return the step's constants and the input's moments and coefficients to step a record."""
     step, moments_y, moments_v = exact_step(oscillator, 1.0 / (fs * substeps))
     pieces = held.pieces(substeps)
     on_y, on_v = (
@@ -92,12 +92,15 @@ def stepping(oscillator: Oscillator, held: HeldInput, fs: Scalar, substeps: int)
 
 
 def weighted(weights: Iterable[Scalar], powers: Iterable[Any]) -> Any:
-    """Sum of products, written out: the time loop is one call as long as it has no small dots."""
+    """Return the sum of weights times powers, written out term by term.
+
+    The time loop is one native call only if it contains no small dot products.
+    """
     return added(weight * power for weight, power in zip(weights, powers, strict=True))
 
 
 def sampled_input(held: HeldInput, tau: Scalar) -> Scalar:
-    """Return the input at time tau [samples], whose interval is found by index [N/kg]."""
+    """Return the input [N/kg] at time tau [samples]."""
     num_powers, num_intervals = held.polynomials.shape
     interval = jnp.clip(jnp.floor(tau).astype(jnp.int32), 0, num_intervals - 1)
     s = tau - interval
@@ -108,7 +111,7 @@ def sampled_input(held: HeldInput, tau: Scalar) -> Scalar:
 
 
 def oscillate(oscillator: Oscillator, u: Scalar, state: State) -> State:
-    r"""Return the rates of (y, v, memories) [per s], for every law.
+    r"""Return the time derivatives of (y, v, memories) of an oscillator with any laws [per s].
 
     $$\dot v = u - 2\zeta\omega_n v - k y - \sum F$$
 
@@ -125,10 +128,10 @@ def oscillate(oscillator: Oscillator, u: Scalar, state: State) -> State:
 
 
 class HysteresisExact(diffrax.AbstractSolver):
-    """The step of `exact_step` as a diffrax solver, for a sampled input.
+    """A diffrax solver that takes the steps of `exact_step` under a sampled input.
 
-    Takes a `Stepping` as `args`, which holds the laws and the input; the n-th step uses the n-th
-    push, and the vector field is never evaluated. For `diffrax.ConstantStepSize`.
+    It takes a `Stepping` as `args`, which contains the laws and the input. The n-th step uses the
+    n-th push, and the vector field is never evaluated. Use it with `diffrax.ConstantStepSize`.
     """
 
     term_structure: ClassVar = diffrax.AbstractTerm
@@ -137,18 +140,19 @@ class HysteresisExact(diffrax.AbstractSolver):
     )
 
     def order(self, terms) -> int:
-        """Return the global order of the method."""
+        """Return the global order of the solver."""
         return 4
 
     def init(self, terms, t0, t1, y0, args):
-        """Index of the next substep."""
+        """Return the index of the first substep."""
         return jnp.zeros((), jnp.int32)
 
     def step(self, terms, t0, t1, y0, args: Stepping, *progress):
         """Advance one substep; `progress` is its index and diffrax's jump flag, always False."""
         substep, _ = progress
         push = args.push(substep)
-        # As a flat tuple: empty memories, of springs, have no place in the loop's buffers.
+        # The state is a flat tuple: springs have empty memories, with no place in the loop's
+        # buffers.
         laws = args.step.laws
         memory = pack_memories(laws, tuple(law.at_rest() for law in laws))
         state = jax.tree.unflatten(jax.tree.structure((0.0, 0.0, memory)), y0)
@@ -157,12 +161,12 @@ class HysteresisExact(diffrax.AbstractSolver):
         return y1, None, dense_info, substep + 1, diffrax.RESULTS.successful
 
     def func(self, terms, t0, y0, args):
-        """Return the vector field."""
+        """Return the vector field of the diffrax terms at a state."""
         return terms.vf(t0, y0, args)
 
 
 class StockScheme(NamedTuple):
-    """How a stock solver integrates: its method, its step sizes, and substeps a sample."""
+    """The settings of a stock solver: method, step-size controller, and substeps per sample."""
 
     solver: diffrax.AbstractSolver
     controller: diffrax.AbstractStepSizeController
@@ -178,9 +182,10 @@ def solve_stock(
     scheme: StockScheme,
     field: Callable[[Any, Scalar, Any], Any] = oscillate,
 ) -> Any:
-    """Return the states at the samples (inf where an adaptive solver failed); time in samples.
+    """Integrate with a stock solver; return states at the samples, inf where it failed.
 
-    `field` gives the rates of a state of the oscillator under an input.
+    Time is counted in samples. `field` gives the time derivative of the oscillator's state under an
+    input. Only an adaptive solver can fail.
     """
     leaves, tree = jax.tree.flatten(initial)
     solver, controller, substeps = scheme

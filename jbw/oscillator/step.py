@@ -1,11 +1,11 @@
-r"""One step of the oscillator: the linear part exactly, the laws by their remainders.
+r"""One time step of the oscillator: the linear part exactly, the laws through their remainders.
 
-With every law's stiffness K of rest moved to the exactly solved linear part, the laws act through
-the small remainder $r = \sum (F - K y)$, whose rate is continuous where they have no kink but
-turning points. One step predicts (y, v) with r and its rate, moves the memories, and corrects
-(y, v) with the cubic through r and its rate at both ends. What that cubic misses of a kink inside
-the step is paid back as an impulse on v and y. With Bouc-Wen's exact map (nu = 1) the order is 4
-through the kinks at v = 0 and z = 0.
+Every law's stiffness at rest K is part of the exactly solved linear part. The laws act only through
+the small remainder $r = \sum (F - K y)$, whose rate is continuous if they have no kinks other than
+turning points. One step predicts (y, v) from r and its rate, moves the memories, and corrects (y,
+v) with the cubic through r and its rate at both ends. An impulse on v and y compensates the error
+of that cubic at a kink inside the step. With Bouc-Wen's exact map (nu = 1) the order is 4 through
+the kinks at v = 0 and z = 0.
 """
 
 from collections.abc import Iterable
@@ -28,14 +28,14 @@ from jbw.oscillator.rare import on_one_device, where_rare
 
 NUM_MOMENTS = 6
 State = tuple[Scalar, Scalar, tuple[Memory, ...]]
-# What the input adds to y and v, and the input at the start; with a damper also that at the end.
+# Contributions of the input to y and v, and the input at the start; with a damper also at the end.
 Push = tuple[Scalar, ...]
-# Whether a step goes through kinks: where it meets one, always (for many steps at once), or never.
+# Whether a step handles kinks: only where it meets one, always (for many steps at once), or never.
 Kinks = Literal["met", "always", "never"]
 
 
 class End(NamedTuple):
-    """End of a step before it is corrected, and what its kinks give to v [m/s] and y [m]."""
+    """The end of a step before correction, with the impulses of its kinks on v [m/s] and y [m]."""
 
     y: Scalar
     v: Scalar
@@ -46,11 +46,11 @@ class End(NamedTuple):
 
 
 class ExactStep(eqx.Module):
-    """Constants of the step, made once per set of parameters; all leaves are scalars.
+    """The constants of a time step, computed once per set of parameters; all leaves are scalars.
 
-    `f_*` are what (y, v) change by freely; `r_*`, `s_*` are the effect of r and of h times its
-    rate in the predictor; `d_*`, `a_*`, `b_*` those of the change of r and of its two rates in
-    the corrector.
+    `f_*` are the changes of (y, v) in free motion; `r_*`, `s_*` are the effects of r and of h times
+    its rate in the predictor; `d_*`, `a_*`, `b_*` are the effects of the change of r and of its two
+    rates in the corrector.
     """
 
     laws: tuple[Law, ...]
@@ -74,7 +74,7 @@ class ExactStep(eqx.Module):
 
 
 def exact_step(oscillator: Oscillator, dt: Scalar) -> tuple[ExactStep, Array, Array]:
-    """Return constants of the step dt [s] and the input's moments W_j on y [s^2] and v [s]."""
+    """Return the constants of a step dt [s], and the input's moments W_j on y [s^2] and v [s]."""
     stiffness = oscillator.omega_n**2
     damping = 2.0 * oscillator.zeta * oscillator.omega_n
     m = impulse_moments(stiffness, damping, dt, NUM_MOMENTS)
@@ -94,7 +94,7 @@ def exact_step(oscillator: Oscillator, dt: Scalar) -> tuple[ExactStep, Array, Ar
 
 
 def advance(step: ExactStep, state: State, push: Push, *, kinks: Kinks) -> State:
-    r"""Return one step.
+    r"""Advance the oscillator's state by one time step.
 
     $$q_1 = E q + p - W_0 r - W_1 h\dot r, \quad m_1 = M(m, y_1 - y), \quad
       q_2 = q_1 - W_2 c_2 - W_3 c_3, \quad m_2 = M(m_1, y_2 - y_1)$$
@@ -104,8 +104,8 @@ def advance(step: ExactStep, state: State, push: Push, *, kinks: Kinks) -> State
     return _advanced(step, state, push, kinks, on_one_device())
 
 
-# Traced once for all programs that step a law, and once for each answer to whether their lanes lie
-# on one device, which `where_rare` asks for.
+# This is traced once for all programs that step a law, and separately for lanes on one device and
+# on several, because `where_rare` distinguishes these cases.
 @partial(jax.jit, static_argnums=(3, 4))
 def _advanced(
     step: ExactStep, state: State, push: Push, kinks: Kinks, _on_one_device: bool
@@ -126,7 +126,8 @@ def _advanced(
                 end = where_rare(kinked, _through_kinks, operands, smooth)
     end = past_cusps(laws, step.dt, state, end)
     dv = 0.0
-    # A force of the velocity follows v, whose prediction is an order worse than that of y: repeat.
+    # A velocity-dependent force follows v, which is predicted one order worse than y: correct
+    # twice.
     for _ in range(1 + any(law.feels_rate for law in laws)):
         corrected = end.y, end.v + dv, end.memory
         r_1, rate_1 = _remainder(step, corrected, end.branches, push[-1])
@@ -141,13 +142,13 @@ def _advanced(
 
 
 def meets_kink(step: ExactStep, state: State, push: Push) -> Bool[Array, "..."]:
-    """Return whether a step turns or meets a kink of a law, so that it is a rare one."""
+    """Return True if a step turns or meets a kink of a law, and so needs the long (rare) branch."""
     branches, _, _, y_1, v_1 = _predicted(step, state, push)
     return glided(step.laws, state, branches, y_1, v_1)[1]
 
 
 def _predicted(step: ExactStep, state: State, push: Push) -> tuple[Any, ...]:
-    """Return the laws' branches, their remainder and its rate, and the predictor's y and v."""
+    """Return the laws' branches, their total remainder and its rate, and the predicted y and v."""
     y, v, memory = state
     branches = tuple(
         law.branch(v, law_memory) for law, law_memory in zip(step.laws, memory, strict=True)
@@ -161,9 +162,9 @@ def _predicted(step: ExactStep, state: State, push: Push) -> tuple[Any, ...]:
 def _remainder(
     step: ExactStep, state: State, branches: tuple[Any, ...], u: Scalar
 ) -> tuple[Scalar, Scalar]:
-    """Return the laws' remainders r and h times their rates, summed.
+    """Return the total remainder r of the laws, and h times its rate, under the input u.
 
-    Only the rate of a force of the velocity, dF/dv times the acceleration, needs the input u.
+    Only the rate of a velocity-dependent force, dF/dv times the acceleration, needs the input u.
     """
     y, v, memories = state
     r, rate = remainders(step.laws, step.dt, state, branches)
@@ -183,9 +184,9 @@ def _acceleration(step: ExactStep, y: Scalar, v: Scalar, r: Scalar, u: Scalar) -
 def _through_kinks(
     start: tuple[ExactStep, State, tuple[Any, ...], Scalar, Scalar, Scalar],
 ) -> End:
-    """End of a step that may hold kinks, whose kicks are less what the predictor holds of them.
+    """Return the end of a step that may contain kinks, without the part of them already predicted.
 
-    It starts from the step, its state, branches and input u, and from y and v as predicted.
+    `start` contains the step, its state, branches and input u, and the predicted y and v.
     """
     step, state, branches, u, y_1, v_1 = start
     y, v, _ = state
@@ -199,11 +200,11 @@ def _through_kinks(
     return end._replace(kick_y=end.kick_y - shift_y, kick_v=end.kick_v - shift_v)
 
 
-# -- of the laws alone, whether one mode moves them or several ------------------------------------
+# -- for the laws alone, moved by one mode or by several --------------------------------------
 def remainders(
     laws: tuple[Law, ...], h: Scalar, state: State, branches: tuple[Any, ...]
 ) -> tuple[Scalar, Scalar]:
-    """Return the sums of the laws' remainders r and of h times their rates."""
+    """Return the total remainder r of several laws, and h times its rate."""
     y, v, memory = state
     parts = [
         law.remainder(h, y, v, law_memory, at)
@@ -217,7 +218,7 @@ def remainders(
 def glided(
     laws: tuple[Law, ...], state: State, branches: tuple[Any, ...], y_1: Scalar, v_1: Scalar
 ) -> tuple[tuple[Memory, ...], Bool[Array, "..."]]:
-    """Return the memories after a step to (y_1, v_1) without a kink, and True if it met a kink."""
+    """Return the laws' memories after a step to (y_1, v_1) without kinks; True if it met one."""
     y, v, memory = state
     moves = [
         law.glide(y, law_memory, y_1 - y, at)
@@ -230,7 +231,7 @@ def glided(
 def bend(
     laws: tuple[Law, ...], h: Scalar, state: State, branches: tuple[Any, ...], a: Scalar
 ) -> Scalar:
-    """Return half of h^2 times the summed second derivative of the remainders."""
+    """Return half of h^2 times the second time derivative of the laws' total remainder."""
     y, v, memory = state
     return added(
         law.bend(h, y, v, a, law_memory, at)
@@ -246,21 +247,21 @@ def through_kinks(
     predicted: tuple[Scalar, Scalar],
     others: tuple[Scalar, ...] = (),
 ) -> tuple[End, tuple[Scalar, Scalar]]:
-    r"""End of a step that may hold a turning point, a kink of a law, or both.
+    r"""Return the end of a step that may contain a turning point, a kink of a law, or both.
 
-    A turning point is of the motion before it, so that $\ddot r$ on the branch of the start, by
-    its weights on y and v, is added to what was predicted.
+    A turning point depends on the motion before it. Therefore $\ddot r$ on the branch of the start,
+    times its weights on y and v, is added to the prediction.
 
     Args:
         laws: The laws.
         h: Length of the step [s].
         start: State, branches and acceleration [m/s^2] at the start.
-        weights: What half of $h^2 \ddot r$ there does to y and to v.
-        predicted: y and v at the end by r and its rate alone.
-        others: What the same of forces elsewhere does to y and to v, where there are some.
+        weights: Effects of half of $h^2 \ddot r$ at the start on y and on v.
+        predicted: y and v at the end, from r and its rate alone.
+        others: Effects on y and v of half of $h^2 \ddot r$ of forces elsewhere, if there are any.
 
     Returns:
-        The end, and what its y and v already hold of the kicks.
+        The end, and the part of the impulses that its y and v already contain.
     """
     (y, v, memory), branches, a = start
     y_1, v_1 = predicted
@@ -304,7 +305,7 @@ def past_cusps(laws: tuple[Law, ...], h: Scalar, state: State, end: End) -> End:
 
 
 def shifted(laws: tuple[Law, ...], end: End, dy: Scalar) -> tuple[Memory, ...]:
-    """Return the memories at the end after the corrector's change of y."""
+    """Return the laws' memories at the end of a step, after the corrector's change of y."""
     return tuple(
         law.shift(end.y, law_memory, dy, at)
         for law, law_memory, at in zip(laws, end.memory, end.branches, strict=True)
@@ -312,5 +313,5 @@ def shifted(laws: tuple[Law, ...], end: End, dy: Scalar) -> tuple[Memory, ...]:
 
 
 def added(parts: Iterable[Any]) -> Any:
-    """Sum without a zero to begin with, of which XLA would make an addition."""
+    """Return the sum of the parts without a zero to start from, which XLA would add."""
     return reduce(add, parts)

@@ -1,9 +1,9 @@
-"""The mathematics of the paper, Eqs. (1)-(42), one function an equation.
+"""The mathematics of the paper, Eqs. (1)-(42), with one function per equation.
 
-Functions are pure, work under `jit`, `vmap` and `grad`, and say in their docstring under
-`Reference` which equation they are and whether the print holds; `variant="printed"` is the print
-where it is wrong. `equations()` lists them all. Names load on first use, and `import jbw` does not
-load this module.
+Functions are pure and work under `jit`, `vmap` and `grad`. Their docstrings state under `Reference`
+which equation they compute and whether the printed one is correct; where it is wrong,
+`variant="printed"` computes the printed one. `equations()` lists them all. Names load on first use,
+and `import jbw` does not load this module.
 
 Examples:
     The cubic stiffness of a joint is a function of the paper, and a table lists all functions:
@@ -94,7 +94,7 @@ if TYPE_CHECKING:
     from jbw.paper.walk import kl_normal as kl_normal
     from jbw.paper.walk import random_walk as random_walk
 
-# Files of this room to the public names in them, in the order of the paper's sections.
+# Modules of this package to their public names, in the order of the paper's sections.
 _NAMES = {
     "coefficients": (
         "branch", "Smoothing", "smoothing", "smoothing_error", "loading_force",

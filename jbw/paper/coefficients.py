@@ -31,9 +31,10 @@ from jbw.oscillator.steady.waveform import gauss_legendre_between
 Path = Literal[1, 2, 3, 4]
 Variant = Literal["least_squares", "chebyshev", "taylor_least_squares", "printed", "printed_closed"]
 _NUM_NODES = 48
-_STRONG = 1.0  # delta Y: from here on the loop is no small departure from a line
+_STRONG = 1.0  # delta Y above which the loop deviates strongly from a line
 # The fits are in units of Y and alpha Y: d = delta Y, g = gamma Y, eta = y_open/Y, s = y/Y. They
-# return lambda_0..lambda_3 of s - eta - lag; the line is in the span, so only the lag is fitted.
+# return lambda_0..lambda_3 of s - eta - lag. The polynomials contain the line, so only the lag is
+# fitted.
 Coefficients = tuple[Array, Array, Array, Array]
 
 
@@ -93,7 +94,7 @@ def _taylor(c: Scalar, x: Array, order: int) -> Array:
 
 
 class Smoothing(eqx.Module):
-    """Coefficients of the smoothed hysteretic force, switched on the sign of the velocity.
+    """The coefficients of the smoothed hysteretic force, switched on the sign of the velocity.
 
     Attributes:
         lambda_0: Force at y = 0, opposing the motion [N/kg].
@@ -114,7 +115,7 @@ def smoothing(
     variant: Variant = "least_squares",
     y_open: Real[ArrayLike, "..."] | None = None,
 ) -> Smoothing:
-    r"""Return coefficients lambda_0..lambda_3 of the polynomial that replaces Z for peak Y.
+    r"""Return the coefficients lambda_0..lambda_3 of the polynomial that replaces Z for peak Y.
 
     The unloading force c_0 + c_1 y + c_2 y^2 + c_3 y^3 is fitted over [-Y, Y], and
 
@@ -178,7 +179,7 @@ def smoothing(
 
 
 def _threshold(joint: BoucWen, y_peak: ArrayLike, y_open: ArrayLike | None) -> ArrayLike:
-    """Return the threshold y_0 for peak Y: the given value, checked, or the steady loop's."""
+    """Return the threshold y_0 of a loop with peak Y: the given value, or the steady loop's."""
     require_at_least("y_peak", y_peak, 0.0, open_end=True)
     if y_open is None:
         return steady_loop(joint, y_peak).y_open
@@ -192,7 +193,7 @@ def _threshold(joint: BoucWen, y_peak: ArrayLike, y_open: ArrayLike | None) -> A
 
 
 def _warn_of_strong_motion(joint: BoucWen, y_peak: ArrayLike) -> None:
-    """Warn where the loop is too open for a cubic."""
+    """Warn where a cubic polynomial cannot follow the open loop."""
     if not is_concrete(joint.delta, y_peak):
         return
     reach = float(np.max(np.abs(np.asarray(joint.delta)) * np.asarray(y_peak)))
@@ -237,7 +238,7 @@ def closed_loop_stiffness(
         alpha: Stiffness of the hysteretic part [1/s^2].
         delta: Softening of the hysteresis [1/m].
         y_peak: Largest displacement Y [m].
-        gamma: Opening of the loop [1/m]; 0, which the print takes, when left out.
+        gamma: Opening of the loop [1/m]; the default 0 is that of the printed equation.
 
     Returns:
         lambda_3 [1/(m^2 s^2)].
@@ -300,8 +301,9 @@ def smoothed_force(
     Args:
         polynomial: Coefficients of the smoothed force, with the sign rule of `smoothing`.
         y: Displacement [m].
-        v: Velocity, or what the branches are to switch with; at zero the two are averaged.
-        width: w, over which the branches pass into each other, in the unit of `v`; 0 for a jump.
+        v: Velocity, or another signal whose sign switches the branches; at zero the two are
+            averaged.
+        width: Width w of the transition between the branches, in the unit of `v`; 0 for a jump.
 
     Returns:
         Force [N/kg].
@@ -317,7 +319,7 @@ def smoothed_force(
 
 
 def switch(v: Real[ArrayLike, "..."], width: Scalar = 0.0) -> Float[Array, "..."]:
-    """Sign of v, or tanh(v/width) where a width above zero is given."""
+    """Return the sign of the velocity v, or tanh(v/width) if a width above zero is given."""
     v, width = jnp.asarray(v, float), jnp.asarray(width, float)
     safe = jnp.where(width > 0.0, width, 1.0)
     return jnp.where(width > 0.0, jnp.tanh(v / safe), jnp.sign(v))
@@ -329,7 +331,7 @@ def smoothing_error(
     y_peak: Real[ArrayLike, "..."],
     y_open: Real[ArrayLike, "..."] | None = None,
 ) -> Float[Array, "..."]:
-    r"""Return the unloading polynomial's squared error over the loop, minimised by least squares.
+    r"""Return the squared error of the smoothed unloading force, which the fit minimises.
 
     $$J = \int_{-Y}^{y_0} (Z_2 - F)^2\,dy + \int_{y_0}^{Y} (Z_1 - F)^2\,dy$$
 
@@ -364,8 +366,8 @@ def smoothing_error(
 
 
 def _least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
-    """Project on the Legendre polynomials P_0..P_3."""
-    # The lag has a kink at the threshold.
+    """Fit the smoothed force by least squares, as a projection on Legendre polynomials P_0..P_3."""
+    # The lag has a kink at the threshold, which splits the integration.
     s, weights = gauss_legendre_between(_NUM_NODES, -1.0, eta, 1.0)
     lost = weights * unloading_lag(s, *(x[..., None] for x in (eta, d, g)))
     basis = (1.0, s, 1.5 * s**2 - 0.5, 2.5 * s**3 - 1.5 * s)
@@ -374,7 +376,7 @@ def _least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
 
 
 def _chebyshev(d: Array, g: Array, eta: Array) -> Coefficients:
-    """Project on T_0..T_3 by the cosine series of the lag in theta, s = cos(theta)."""
+    """Fit the smoothed force by a Chebyshev projection, T_0..T_3, of the lag."""
     theta, weights = gauss_legendre_between(_NUM_NODES, 0.0, jnp.arccos(eta), jnp.pi)
     lost = weights * unloading_lag(jnp.cos(theta), *(x[..., None] for x in (eta, d, g)))
     t_0, t_1, t_2, t_3 = (2.0 / jnp.pi * jnp.sum(lost * jnp.cos(n * theta), -1) for n in range(4))
@@ -382,7 +384,7 @@ def _chebyshev(d: Array, g: Array, eta: Array) -> Coefficients:
 
 
 def _taylor_least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
-    """Return the exact minimiser of Eq. (9) for paths truncated after the cubic term."""
+    """Return the coefficients that minimise Eq. (9) for paths truncated after the cubic term."""
     dg, dd_gg = d * g, d**2 + g**2
     c_0 = (
         (-eta + 3 * d * eta / 16 + g * eta**2 / 2 + dg / 48 - 3 * dg * eta**2 / 16)

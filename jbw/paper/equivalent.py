@@ -1,4 +1,4 @@
-"""The equivalent system, whose hysteresis is a switched polynomial, Eqs. (14), (15)."""
+"""The equivalent system, where a switched polynomial replaces the hysteresis, Eqs. (14), (15)."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -26,13 +26,13 @@ def square_wave(
     variant: Variant = "corrected",
     num_terms: int = 2,
 ) -> Float[Array, "..."]:
-    r"""Return the fourier series of the switched force u_0 = lambda_0 sgn(v) for y = Y cos(theta).
+    r"""Return the Fourier series of the switched force u_0 = lambda_0 sgn(v) for y = Y cos(theta).
 
     $$u_0 = -\frac{4\lambda_0}{\pi} \sum_{m = 1, 3, \dots} \frac{\sin m\theta}{m}$$
 
-    Two terms hold 90.1 % of the square wave's power. The printed series has the opposite sign, as
-    has the lambda_0 of Eq. (10): printed with printed is right again. theta is the phase of y; the
-    paper's phase of u is the same below resonance only.
+    Two terms contain 90.1 % of the square wave's power. The printed series has the opposite sign,
+    and so has the lambda_0 of Eq. (10): the two printed signs cancel. theta is the phase of y; the
+    paper's phase of u is the same only below resonance.
 
     Args:
         lambda_0: Force at y = 0 [N/kg].
@@ -58,7 +58,7 @@ def square_wave(
 
 
 def require_variant(variant: str) -> None:
-    """Raise unless the variant is "corrected" or "printed"."""
+    """Raise an error unless the variant is "corrected" or "printed"."""
     if variant not in get_args(Variant):
         raise ConfigError(
             f'Argument `variant` must be "corrected" or "printed", but it is "{variant}".'
@@ -68,7 +68,7 @@ def require_variant(variant: str) -> None:
 def smoothed_harmonics(
     smoothing: Smoothing, y_peak: Real[ArrayLike, "..."]
 ) -> tuple[Complex[Array, "..."], Complex[Array, "..."]]:
-    r"""Return the first and third harmonic of the smoothed force for y = Y cos(theta).
+    r"""Return the first and third harmonics of the smoothed force for y = Y cos(theta).
 
     $$Z_1 = \lambda_1 Y + \tfrac34 \lambda_3 Y^3
       + \frac{4j}{\pi}\left(\lambda_0 - \tfrac13 \lambda_2 Y^2\right)$$
@@ -101,16 +101,16 @@ def equivalent_force(
     *,
     width: Scalar = 0.0,
 ) -> Float[Array, "..."]:
-    r"""Return the smoothed hysteretic force, with its switched part optionally supplied as u_0.
+    r"""Return the smoothed hysteretic force; u_0 may replace its switched constant part.
 
     $$Z = \lambda_1 y + \rho\,y^2 + \lambda_3 y^3 + u_0, \qquad \rho = -\lambda_2\,\mathrm{sgn}(v)$$
 
     Args:
         smoothing: Coefficients of the smoothed force.
         y: Displacement [m].
-        v: Velocity [m/s], or what the branches are to switch with.
+        v: Velocity [m/s], or another signal whose sign switches the branches.
         u_0: Switched force [N/kg]; lambda_0 sgn(v) when None.
-        width: Of the switching, as in `smoothed_force`; 0 for a jump.
+        width: Width of the switching, as in `smoothed_force`; 0 for a jump.
 
     Returns:
         Force [N/kg].
@@ -133,11 +133,11 @@ def equivalent_acceleration(
     direction: Real[ArrayLike, "..."] | None = None,
     width: Scalar = 0.0,
 ) -> Float[Array, "..."]:
-    r"""Return the acceleration of the equivalent system.
+    r"""Return the acceleration of the equivalent system, whose hysteresis is a switched polynomial.
 
     $$\ddot y = u - 2\zeta\omega_n\dot y - (k+\lambda_1)\,y - \rho\,y^2 - \lambda_3 y^3 - u_0$$
 
-    less the restoring force f(y) of the joint, where it has one.
+    minus the restoring force f(y) of the joint, where it has one.
 
     Args:
         joint: Bouc-Wen parameters; k, zeta, omega_n and `restoring` are used.
@@ -146,8 +146,8 @@ def equivalent_acceleration(
         v: Velocity [m/s].
         u: Input [N/kg].
         u_0: Switched force [N/kg]; lambda_0 sgn(v) when None.
-        direction: What the branches switch with the sign of; v when None. du/dt is as printed.
-        width: Of the switching, as in `smoothed_force`; 0 for a jump.
+        direction: Signal whose sign switches the branches; v when None, du/dt as printed.
+        width: Width of the switching, as in `smoothed_force`; 0 for a jump.
 
     Returns:
         Acceleration [m/s^2].
@@ -166,11 +166,11 @@ InputFunction = Callable[[Float[Array, ""]], Float[Array, ""]]
 
 
 class Switching(eqx.Module):
-    """How the branches of the equivalent system switch.
+    """The rule by which the branches of the equivalent system switch.
 
     Attributes:
-        variant: "corrected" with the sign of dy/dt, "printed" with that of du/dt.
-        width: Of the switching [m/s; N/(kg s) when printed]; 0 for a jump.
+        variant: "corrected" for the sign of dy/dt, "printed" for that of du/dt.
+        width: Width of the switching [m/s; N/(kg s) when printed]; 0 for a jump.
         u_0: Switched force as a function of time [N/kg]; lambda_0 sgn(v) when None.
     """
 
@@ -179,13 +179,13 @@ class Switching(eqx.Module):
     u_0: InputFunction | None = None
 
     def __check_init__(self) -> None:
-        """Raise where the branches cannot switch so."""
+        """Raise an error if the variant or the width is invalid."""
         require_variant(self.variant)
         require_at_least("width", self.width, 0.0)
 
 
 class EquivalentResponse(eqx.Module):
-    """Response of the equivalent system at the sampling instants.
+    """The response of the equivalent system at the sampling instants.
 
     Attributes:
         t: Time [s].
@@ -214,11 +214,12 @@ def simulate_equivalent(
     adjoint: diffrax.AbstractAdjoint | None = None,
     **switching: Any,
 ) -> EquivalentResponse:
-    """Time response of the equivalent system.
+    """Integrate the equivalent system in time, whose hysteresis is a switched polynomial.
 
-    Tsit5 with a fixed step of 1/(substeps fs); a sampled input is linear between its samples. The
-    force jumps at every turning point, by 2 (lambda_0 - lambda_2 y^2): little near the peak Y of
-    the fit, more elsewhere, and there the error falls with the first power of the step only.
+    The method is Tsit5 with a fixed step of 1/(substeps fs); a sampled input is linear between its
+    samples. The force jumps at every turning point, by 2 (lambda_0 - lambda_2 y^2). That is little
+    near the peak Y of the fit and more elsewhere, where the error decreases only with the first
+    power of the step.
 
     Args:
         joint: Bouc-Wen parameters; k, zeta, omega_n and `restoring` are used.
@@ -227,17 +228,17 @@ def simulate_equivalent(
         fs: Sampling frequency [Hz].
         initial: Displacement [m] and velocity [m/s] at t = 0.
         substeps: Steps per sample.
-        num_samples: Number of samples out; needed with a function, and the input's own otherwise.
-        adjoint: How diffrax differentiates; for forward mode pass `diffrax.ForwardMode()`.
-        **switching: How the branches switch. `variant`: with the sign of dy/dt when "corrected", as
-            they do when nothing is said, of du/dt when "printed", which dissipates nothing at
-            resonance and feeds the motion above it. `width`: of the switching, as in
-            `smoothed_force` [m/s; N/(kg s) when printed]; 0, that of a jump, when not said. `u_0`:
-            the switched force as a function of time [N/kg], say that of `square_wave`;
-            lambda_0 sgn(v) when None.
+        num_samples: Number of output samples; required for a function, otherwise that of the input.
+        adjoint: Method by which diffrax differentiates; for forward mode pass
+            `diffrax.ForwardMode()`.
+        **switching: Rule by which the branches switch. `variant`: "corrected" (the default) with
+            the sign of dy/dt, "printed" with that of du/dt, which dissipates nothing at resonance
+            and adds energy above it. `width`: width of the switching, as in `smoothed_force` [m/s;
+            N/(kg s) when printed]; 0 (the default) for a jump. `u_0`: the switched force as a
+            function of time [N/kg], such as `square_wave`; lambda_0 sgn(v) when None.
 
     Returns:
-        Response at t = n/fs, sample 0 being `initial`.
+        Response at t = n/fs; sample 0 is `initial`.
 
     Raises:
         ModelError: A concrete argument is not finite.
@@ -260,7 +261,7 @@ def simulate_equivalent(
         num_samples = _length(u, num_samples)
     require_at_least("num_samples", num_samples, 2)
     adjoint = diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint
-    # As arrays the numbers are traced: other values do not compile again.
+    # As arrays the numbers are traced, so that other values do not compile again.
     joint, smoothing, rate, state, width = jax.tree.map(
         lambda x: jnp.asarray(x, float), (joint, smoothing, substeps * fs, initial, branches.width)
     )
@@ -269,7 +270,7 @@ def simulate_equivalent(
 
 
 def _length(u: Array, num_samples: int | None) -> int:
-    """Number of samples of a sampled input."""
+    """Return the number of samples of a sampled input; raise an error if it is invalid."""
     if u.ndim != 1:
         raise ConfigError(
             f"Argument `u` must have one axis, time, but its shape is {u.shape}.",
@@ -284,9 +285,9 @@ def _length(u: Array, num_samples: int | None) -> int:
 
 
 class _Drive(eqx.Module):
-    """Input, switched force and switching of the equivalent system; time counts steps.
+    """The input, switched force and switching of the equivalent system; its time counts steps.
 
-    A step is a whole number then, so no rounding piles up over a long record.
+    A step is then a whole number, so that no rounding accumulates over a long record.
     """
 
     u: Array | InputFunction
@@ -306,7 +307,7 @@ class _Drive(eqx.Module):
         return None if u_0 is None else u_0(step / self.rate)
 
     def direction(self, step: Array, v: Array) -> Array:
-        """Return the switching signal: the velocity, or as printed the rate of the input."""
+        """Return the signal that switches the branches: velocity, or as printed the input rate."""
         if self.switching.variant == "corrected":
             return v
         _, slope = jax.jvp(self.force, (step,), (jnp.ones_like(step),))

@@ -1,8 +1,8 @@
-r"""Volterra kernels of the polynomial oscillator in time, in closed form, Eqs. (17), (18).
+r"""The Volterra kernels of the polynomial oscillator in time, in closed form, Eqs. (17), (18).
 
-The impulse response is a sum over the two poles, $h_1(\tau) = \sum_a c_a e^{p_a\tau}$, so the
-nested integrals of the higher kernels are sums of exponentials too. All are causal: zero unless
-every delay is positive. They hold for an underdamped oscillator with some damping.
+The impulse response is a sum over the two poles, $h_1(\tau) = \sum_a c_a e^{p_a\tau}$, so that the
+nested integrals of the higher kernels are sums of exponentials too. All kernels are causal: zero
+unless every delay is positive. They require an underdamped oscillator with some damping.
 """
 
 import jax.numpy as jnp
@@ -18,7 +18,7 @@ Delay = Float[ArrayLike, "..."]
 
 
 def impulse_1(system: PolynomialOscillator, tau: Delay) -> Float[Array, "..."]:
-    r"""Return the impulse response of the linear part.
+    r"""Return the impulse response of a polynomial oscillator's linear part.
 
     $$h_1(\tau) = \frac{1}{\omega_d}e^{-\zeta\omega_n\tau}\sin\omega_d\tau, \qquad
       \omega_d^2 = \omega_0^2 - (\zeta\omega_n)^2$$
@@ -42,7 +42,7 @@ def impulse_1(system: PolynomialOscillator, tau: Delay) -> Float[Array, "..."]:
 
 
 def impulse_2(system: PolynomialOscillator, tau_1: Delay, tau_2: Delay) -> Float[Array, "..."]:
-    r"""Return the second-order kernel in time.
+    r"""Return the second-order Volterra kernel of a polynomial oscillator in time.
 
     $$h_2(\tau_1,\tau_2) = -\rho\int_0^{\min\tau} h_1(s)\,h_1(\tau_1-s)\,h_1(\tau_2-s)\,ds$$
 
@@ -70,7 +70,7 @@ def impulse_2(system: PolynomialOscillator, tau_1: Delay, tau_2: Delay) -> Float
 def impulse_3(
     system: PolynomialOscillator, tau_1: Delay, tau_2: Delay, tau_3: Delay
 ) -> Float[Array, "..."]:
-    r"""Return the third-order kernel in time, symmetric in its delays.
+    r"""Return the third-order kernel of a polynomial oscillator in time, symmetric in its delays.
 
     $$h_3 = -\int_0^{\min\tau} h_1(s)\Bigl[\lambda_3 \prod_i h_1(\tau_i-s)
       + \tfrac{2}{3}\rho\sum_{i} h_1(\tau_i-s)\,h_2(\tau_k-s,\tau_l-s)\Bigr]ds$$
@@ -120,7 +120,8 @@ def _linear_times_second(
     tau_1, tau_2, tau_3 = (_spread(tau, 5) for tau in (tau_1, tau_2, tau_3))
     inner = jnp.minimum(tau_2, tau_3)
     until = jnp.minimum(tau_1, inner)
-    # h_2(tau_2 - s, tau_3 - s) holds _ramp(rate, inner - s): the integral of its two parts.
+    # h_2(tau_2 - s, tau_3 - s) contains _ramp(rate, inner - s), whose two parts are integrated
+    # here.
     rate = p_2 - p_3 - p_4
     grown = jnp.exp(rate * inner) * _ramp(p_0 - p_1 - p_2, until)
     ramps = (grown - _ramp(p_0 - p_1 - p_3 - p_4, until)) / rate
@@ -129,7 +130,7 @@ def _linear_times_second(
 
 
 def _poles(system: PolynomialOscillator, count: int) -> list[Complex[Array, "..."]]:
-    """Return the two poles of the linear part, on each of so many last axes."""
+    """Return the two poles of an oscillator's linear part, along each of `count` last axes."""
     decay = jnp.asarray(system.damping) / 2.0
     poles = -decay + 1j * jnp.array([1.0, -1.0]) * _damped(system)
     return [poles.reshape(2, *(1,) * (count - 1 - axis)) for axis in range(count)]
@@ -138,7 +139,10 @@ def _poles(system: PolynomialOscillator, count: int) -> list[Complex[Array, "...
 def _summed(
     system: PolynomialOscillator, terms: Complex[Array, "..."], count: int
 ) -> Float[Array, "..."]:
-    """Sum over the poles on the last axes, each with its weight in h_1, +-1/(2j omega_d)."""
+    """Sum terms over the two poles of the linear part, with their weights in h_1.
+
+    The poles are on the last axes, and the weights are +-1/(2j omega_d).
+    """
     weight = jnp.array([1.0, -1.0]) / (2j * _damped(system))
     for _ in range(count):
         terms = terms @ weight

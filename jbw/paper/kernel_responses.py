@@ -1,13 +1,13 @@
-r"""Responses of the polynomial oscillator by its Volterra kernels: to tones, and to any record.
+r"""The responses of the polynomial oscillator from its Volterra kernels, to tones and to records.
 
-To several tones line by line, Eqs. (19)-(22): the input is
-$u(t) = \mathrm{Re}\sum_i A_i e^{j\omega_i t}$ with complex peak amplitudes, so phases are free. A
-line is a combination of the tones' frequencies, $N\omega_a + M\omega_b + L\omega_c$.
+The response to several tones is computed line by line, Eqs. (19)-(22). The input is $u(t) =
+\mathrm{Re}\sum_i A_i e^{j\omega_i t}$ with complex peak amplitudes, so that phases are free. A line
+is a combination of the tones' frequencies, $N\omega_a + M\omega_b + L\omega_c$.
 
-To a record, Eqs. (16), (17), by three routes to $y = y_1 + y_2 + y_3 + \dots$: the multiple
-convolutions with the kernels in time, which are the definition and cost memory^order a sample; the
-cascade of linear oscillators to which they reduce for this system, which costs a few linear
-responses; and the same cascade in frequency, for one period of a periodic record.
+The response to a record, Eqs. (16), (17), is computed as $y = y_1 + y_2 + y_3 + \dots$ by three
+methods. The multiple convolutions with the kernels in time are the definition and cost memory^order
+per sample. For this system they reduce to a cascade of linear oscillators, which costs a few linear
+responses. The same cascade in frequency serves for one period of a periodic record.
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ def tones(
     amplitude: Inexact[ArrayLike, " _tone"],
     t: Float[ArrayLike, "..."],
 ) -> Float[Array, "..."]:
-    r"""Return an input of several tones, $u(t) = \mathrm{Re}\sum_i A_i e^{j\omega_i t}$.
+    r"""Return an input that is a sum of tones, $u(t) = \mathrm{Re}\sum_i A_i e^{j\omega_i t}$.
 
     Args:
         omega: Angular frequencies of the tones [rad/s]; the paper has three.
@@ -48,7 +48,7 @@ def tones(
         Input [N/kg].
 
     Raises:
-        ConfigError: The tones are not two equal rows.
+        ConfigError: `omega` and `amplitude` are not two rows of equal length.
 
     Reference:
         Eq. (19), as printed; here for any number of tones.
@@ -59,10 +59,10 @@ def tones(
 
 
 def multinomial(powers: Sequence[int]) -> int:
-    r"""Number of ways to order the factors of a term, $\eta!/(p!\,q!\,r!\,s!\,v!\,w!)$.
+    r"""Return in how many orders the factors of a term occur, $\eta!/(p!\,q!\,r!\,s!\,v!\,w!)$.
 
     Args:
-        powers: The powers p, q, r, s, v, w, of sum eta; any number of them.
+        powers: The powers p, q, r, s, v, w, whose sum is eta; any number of them.
 
     Returns:
         The multinomial coefficient [-].
@@ -81,7 +81,7 @@ def multinomial(powers: Sequence[int]) -> int:
 def repeated_kernel(
     system: PolynomialOscillator, omega: Float[ArrayLike, " tone"], powers: Sequence[int]
 ) -> Complex[Array, ""]:
-    r"""Return the kernel at repeated frequencies of a few tones, as the response needs it.
+    r"""Return the Volterra kernel at repeated frequencies of a few tones.
 
     $$H_\eta(\underbrace{\omega_a, \dots}_{p}, \underbrace{-\omega_a, \dots}_{q},
       \underbrace{\omega_b, \dots}_{r}, \dots)$$
@@ -89,7 +89,8 @@ def repeated_kernel(
     Args:
         system: Polynomial oscillator.
         omega: Angular frequencies of the tones [rad/s].
-        powers: How often each frequency and its negative stand: (p, q, r, s, v, w) for three tones.
+        powers: Number of repetitions of each frequency and of its negative: (p, q, r, s, v, w) for
+            three tones.
 
     Returns:
         Kernel [m^(1-n) s^(2n)] of order n, the sum of the powers.
@@ -111,7 +112,7 @@ def repeated_kernel(
 
 
 class Terms(eqx.Module):
-    r"""Every term of one order: $y_\eta(t) = \sum c\,e^{j\Omega t}$, conjugates included.
+    r"""The terms of one order of a response to tones: $y_\eta(t) = \sum c\,e^{j\Omega t}$.
 
     Attributes:
         exponents: The powers (p, q, r, s, v, w) of (A, A*, B, B*, C, C*) [-].
@@ -129,12 +130,12 @@ class Terms(eqx.Module):
 
 
 class Lines(eqx.Module):
-    r"""Lines of a response, $y(t) = \mathrm{Re}\sum Y\,e^{j\Omega t}$.
+    r"""The spectral lines of a response to tones, $y(t) = \mathrm{Re}\sum Y\,e^{j\Omega t}$.
 
     Attributes:
-        combination: Multiples of the tones; the first that is not zero is positive [-].
-        omega: Frequency Omega of the line; negative ones may occur [rad/s].
-        amplitude: Complex peak amplitude Y; the mean for the line of zero multiples [m].
+        combination: Multiples of the tones; the first nonzero one is positive [-].
+        omega: Frequency Omega of the line, which may be negative [rad/s].
+        amplitude: Complex peak amplitude Y; for the line with all multiples zero the mean [m].
     """
 
     combination: Int[ArrayLike, "line tone"]
@@ -148,7 +149,7 @@ def tone_terms(
     amplitude: Inexact[ArrayLike, " _tone"],
     order: int,
 ) -> Terms:
-    r"""Return the terms of one homogeneous order in the response to a few tones.
+    r"""Return the terms of one order in the Volterra response to a few tones.
 
     $$y_\eta = \frac{1}{2^\eta}\sum_{p+q+r+s+v+w=\eta} \frac{\eta!}{p!\,q!\,r!\,s!\,v!\,w!}
       A^p \bar A^q B^r \bar B^s C^v \bar C^w\, H_\eta\, e^{j(N\omega_a+M\omega_b+L\omega_c)t}$$
@@ -163,10 +164,10 @@ def tone_terms(
         order: Order eta.
 
     Returns:
-        The terms, two-sided.
+        The terms, with positive and negative frequencies.
 
     Raises:
-        ConfigError: If `order` is less than 1, or the tones are not two equal rows.
+        ConfigError: `order` is less than 1, or the tones are not two rows of equal length.
         ModelError: The oscillator has no damping and a sum of tones meets its natural frequency.
 
     Reference:
@@ -177,7 +178,7 @@ def tone_terms(
     if order < 1:
         raise ConfigError(f"`order` must be 1 or more, but is {order}.")
     slots, exponents = _slots(omega.size, order)
-    for lower in range(1, order + 1):  # a term has the receptance at every part of its sum
+    for lower in range(1, order + 1):  # A term contains the receptance at every part of its sum.
         _, parts = _slots(omega.size, lower)
         sums = (parts[:, 0::2] - parts[:, 1::2]) @ omega
         require_no_pole(system.stiffness, system.damping, sums)
@@ -188,13 +189,13 @@ def tone_terms(
 
 
 def _slots(num_tones: int, order: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return every choice of `order` factors of (A, A*, B, B*, ...), and their powers."""
+    """Return every choice of `order` factors from the tones' amplitudes, and their powers."""
     slots = np.array(list(combinations_with_replacement(range(2 * num_tones), order)))
     return slots, (slots[:, :, None] == np.arange(2 * num_tones)).sum(axis=1)
 
 
 def _rows(omega: ArrayLike, amplitude: ArrayLike) -> tuple[Array, Array]:
-    """Return the frequencies and amplitudes as arrays, one value of each for every tone."""
+    """Return the frequencies and amplitudes of tones as arrays, after checking their shapes."""
     omega, amplitude = jnp.asarray(omega), jnp.asarray(amplitude)
     if omega.ndim != 1 or omega.shape != amplitude.shape:
         raise ConfigError(
@@ -212,7 +213,7 @@ def _coefficients(
     slots: Int[ArrayLike, "term order"],
     weight: Int[ArrayLike, " term"],
 ) -> Complex[Array, " term"]:
-    """Return the coefficients of the terms that take these slots of (A, A*, B, B*, ...)."""
+    """Return the coefficients of the terms with given factors of the tones' amplitudes."""
     signed = jnp.stack([omega, -omega], axis=1).ravel()
     half = jnp.stack([amplitude, jnp.conj(amplitude)], axis=1).ravel() / 2.0
     return jnp.asarray(weight) * jnp.prod(half[slots], axis=1) * kernel(system, *signed[slots].T)
@@ -224,25 +225,25 @@ def tone_response(
     amplitude: Inexact[ArrayLike, " _tone"],
     max_order: int = 3,
 ) -> Lines:
-    r"""Return the steady response to one or more tones, up to a given order.
+    r"""Return the steady Volterra response to one or more tones, up to a given order.
 
     $$y(t) = y_1 + \dots + y_\eta = \mathrm{Re}\sum_{N,M,L} Y_{NML}\,
       e^{j(N\omega_a+M\omega_b+L\omega_c)t}$$
 
-    Terms of all orders on one combination are summed. The error is of the next order in the
-    amplitude (the next but one without `rho`), where the series converges at all.
+    Terms of all orders with one combination are summed. Where the series converges, the error is of
+    the next order in the amplitude (without `rho` of the next but one).
 
     Args:
         system: Polynomial oscillator.
         omega: Angular frequencies of the tones [rad/s].
         amplitude: Complex peak amplitudes of the tones [N/kg].
-        max_order: Highest order kept.
+        max_order: Highest order included.
 
     Returns:
         One line for each combination, in lexical order from the mean up.
 
     Raises:
-        ConfigError: If `max_order` is less than 1, or the tones are not two equal rows.
+        ConfigError: `max_order` is less than 1, or the tones are not two rows of equal length.
 
     Reference:
         Eq. (16), as printed, for an input of tones; y_0 there is the mean, not the threshold.
@@ -260,17 +261,17 @@ def tone_response(
 
 
 def merge_lines(lines: Lines, tolerance: float = 1e-9) -> Lines:
-    r"""Sum the lines that fall on one frequency, as with tones at omega and 3 omega.
+    r"""Sum the lines of a response at one frequency, such as of tones at omega and 3 omega.
 
-    Negative frequencies are turned positive by $\mathrm{Re}\,Y e^{j\Omega t} =
-    \mathrm{Re}\,\bar Y e^{-j\Omega t}$. Not under `jit`: which lines meet depends on values.
+    Negative frequencies become positive by $\mathrm{Re}\,Y e^{j\Omega t} = \mathrm{Re}\,\bar Y
+    e^{-j\Omega t}$. The function cannot run under `jit`, as the lines to sum depend on values.
 
     Args:
         lines: Lines as `tone_response` returns them.
-        tolerance: Lines closer than this, over the highest frequency, are one [-].
+        tolerance: Largest distance of lines that are summed, relative to the highest frequency [-].
 
     Returns:
-        Lines in rising frequency; each keeps the combination of least order.
+        Lines in order of rising frequency; each keeps the combination of lowest order.
 
     Reference:
         Eq. (20), as printed, where several combinations meet.
@@ -292,7 +293,7 @@ def merge_lines(lines: Lines, tolerance: float = 1e-9) -> Lines:
 
 
 def synthesize(lines: Lines, t: Float[ArrayLike, "..."]) -> Float[Array, "..."]:
-    r"""Return the response in time from its lines, $y(t) = \mathrm{Re}\sum Y\,e^{j\Omega t}$.
+    r"""Return a response in time from its lines, $y(t) = \mathrm{Re}\sum Y\,e^{j\Omega t}$.
 
     Args:
         lines: Lines of the response.
@@ -312,12 +313,12 @@ Hold = Literal["first", "zero"]
 
 
 class VolterraResponse(eqx.Module):
-    """Homogeneous parts of a response; their sum over orders is the response.
+    """The parts of each order of a Volterra response; their sum is the response.
 
     Attributes:
-        t: Time, from 0 at the first sample [s].
-        y: Displacement of each order, from 1 up [m].
-        v: Velocity of each order [m/s].
+        t: Time, which is 0 at the first sample [s].
+        y: Displacement of each order, from order 1 [m].
+        v: Velocity of each order, from order 1 [m/s].
     """
 
     t: Float[Array, " time"]
@@ -339,25 +340,26 @@ def volterra_response(
     $$y_1 = h_1 * u, \quad y_2 = -h_1 * \rho y_1^2, \quad
       y_3 = -h_1 * (2\rho y_1 y_2 + \lambda_3 y_1^3)$$
 
-    Equal to the convolutions with h_2 and h_3, whose kernels are those of this cascade. y_1 is
-    exact for the held input. The drives of the higher orders are known at the samples with their
-    rates and joined by cubics: their error falls as the fourth power of the step. With m steps to
-    a cycle of omega_0, y_2 and y_3 are good to about (2.5/m)^4 of their peaks.
+    The result equals the convolutions with h_2 and h_3, which are the kernels of this cascade. y_1
+    is exact for the interpolated input. The inputs of the higher orders are known at the samples,
+    with their rates, and interpolated by cubics: their error decreases with the fourth power of the
+    step. With m steps per cycle of omega_0, y_2 and y_3 are accurate to about (2.5/m)^4 of their
+    peaks.
 
     Args:
         system: Polynomial oscillator.
         u: Input at the samples [N/kg].
         fs: Sampling rate [Hz].
-        hold: Input between samples: "first" joins them by lines, "zero" keeps u[n] on [n, n + 1).
-        substeps: Steps to a sample, of the same held input.
+        hold: Input between samples: "first" interpolates linearly, "zero" keeps u[n] on [n, n + 1).
+        substeps: Steps per sample, with the same interpolated input.
         max_order: Highest order returned.
 
     Returns:
         Time, and displacement and velocity of each order, at the samples.
 
     Raises:
-        ConfigError: If `hold` is unknown, or `substeps` or `max_order` is less than 1.
-        DataError: If `u` is not one finite record of at least two samples.
+        ConfigError: `hold` is unknown, or `substeps` or `max_order` is less than 1.
+        DataError: `u` is not one finite record of at least two samples.
 
     Reference:
         Eq. (16), corrected: y_0 there is the mean and not the threshold of the loop; here zero.
@@ -383,7 +385,7 @@ def _cascade(
     substeps: int,
     max_order: int,
 ) -> tuple[Float[Array, "order time"], Float[Array, "order time"]]:
-    """Return the displacement and velocity of each order at the samples."""
+    """Return each order's displacement and velocity at the samples, by a cascade of systems."""
     step = dt / substeps
     moments = impulse_moments(system.stiffness, system.damping, step, 4)
     y, v = _propagate(moments, _held(_refined(u, hold, substeps), hold))
@@ -396,14 +398,14 @@ def _cascade(
 
 
 def _held(f: Float[Array, " time"], hold: Hold) -> Float[Array, "step 4"]:
-    """Return each step's polynomial of an input that is held ("zero") or linear ("first")."""
+    """Return each step's polynomial for an input that is held ("zero") or linear ("first")."""
     slope = f[1:] - f[:-1] if hold == "first" else jnp.zeros_like(f[1:])
     none = jnp.zeros_like(slope)
     return jnp.stack([f[:-1], slope, none, none], axis=-1)
 
 
 def _hermite(f: Float[Array, " time"], rise: Float[Array, " time"]) -> Float[Array, "step 4"]:
-    """Return each step's cubic for an input given with its rise over a step at each sample."""
+    """Return each step's cubic polynomial for an input known with its rate at each sample."""
     change, start, end = f[1:] - f[:-1], rise[:-1], rise[1:]
     return jnp.stack([f[:-1], start, 3 * change - 2 * start - end, start + end - 2 * change], -1)
 
@@ -411,7 +413,7 @@ def _hermite(f: Float[Array, " time"], rise: Float[Array, " time"]) -> Float[Arr
 def _propagate(
     moments: Moments, polynomials: Float[Array, "step 4"]
 ) -> tuple[Float[Array, " time"], Float[Array, " time"]]:
-    """Return displacement and velocity at the samples, from rest, under stepwise polynomials."""
+    """Return an oscillator's displacement and velocity, from rest, under stepwise polynomials."""
     push = polynomials @ moments.y, polynomials @ moments.v
 
     def advance(state: tuple, push: tuple) -> tuple:
@@ -433,9 +435,9 @@ def periodic_response(
     $$Y_1 = H_1 U, \qquad Y_\eta(\omega) = -H_1(\omega)\,\mathcal F\bigl[\rho \sum y_i y_k
       + \lambda_3 \sum y_i y_k y_l\bigr](\omega)$$
 
-    which sums H_eta over every way to make omega of eta lines of U. The products are taken on a
-    grid max_order + 1 times as fine, so that no line of them folds back; at the samples the
-    response is that of the input between them, joined by its own Fourier series.
+    which sums H_eta over all ways to obtain omega from eta lines of U. The products are taken on a
+    grid max_order + 1 times as fine, so that none of their lines is aliased. At the samples the
+    response is that to the input's own Fourier series.
 
     Args:
         system: Polynomial oscillator.
@@ -449,7 +451,7 @@ def periodic_response(
     Raises:
         ConfigError: `max_order` is less than 1.
         DataError: `u` is not one finite record of at least two samples.
-        ModelError: The oscillator has no damping and a line of the record is its pole.
+        ModelError: The oscillator has no damping and a line of the record is at its pole.
 
     Reference:
         Eq. (16), as printed; every term is (17) transformed by (18).
@@ -474,7 +476,7 @@ def _lines_response(
     """Return each order's displacement and velocity at the samples, from the input's lines."""
     oversampling, fine = max_order + 1, (max_order + 1) * u.size
     lines = jnp.fft.rfft(u) * oversampling
-    if u.size % 2 == 0:  # the line at the old Nyquist frequency has a partner on the finer grid
+    if u.size % 2 == 0:  # On the finer grid the line at the old Nyquist frequency has a partner.
         lines = lines.at[-1].divide(2.0)
     spectrum = jnp.zeros(omega.size, lines.dtype).at[: lines.size].set(lines)
     parts, rates = [], []
@@ -489,27 +491,27 @@ def _lines_response(
 def volterra_sums(
     system: PolynomialOscillator, u: Float[ArrayLike, "..."], fs: float, memory: int
 ) -> Float[Array, "order time"]:
-    r"""Return the response's first three orders, from rest, as multiple convolutions of a record.
+    r"""Return the first three orders of a record's response, from rest, as multiple convolutions.
 
     $$y_\eta(t) = \int\!\cdots\!\int h_\eta(\tau_1,\dots,\tau_\eta)\,
       u(t-\tau_1)\cdots u(t-\tau_\eta)\,d\tau_1\cdots d\tau_\eta$$
 
-    by the trapezoid rule at the samples, which suits an input joined by lines: the error falls as
-    the square of the step. Work and memory grow as memory^3: for short records, to check or to
-    teach; `volterra_response` is the route for data.
+    by the trapezoid rule at the samples, which suits a linearly interpolated input: the error
+    decreases with the square of the step. Work and memory grow as memory^3, so that it is for short
+    records, to check or to teach; use `volterra_response` for data.
 
     Args:
         system: Polynomial oscillator, underdamped.
         u: Input at the samples, zero before the first [N/kg].
         fs: Sampling rate [Hz].
-        memory: Samples kept of the kernels; as many as u has leave nothing out.
+        memory: Number of samples of the kernels; with the length of u nothing is truncated.
 
     Returns:
         Displacement of orders 1, 2 and 3 [m].
 
     Raises:
-        ConfigError: If `memory` is less than 1.
-        DataError: If `u` is not one finite record of at least two samples.
+        ConfigError: `memory` is less than 1.
+        DataError: `u` is not one finite record of at least two samples.
 
     Reference:
         Eq. (17), corrected: the printed product sign is superfluous.
@@ -524,8 +526,8 @@ def volterra_sums(
 def _sums(
     system: PolynomialOscillator, u: Float[Array, " time"], dt: Scalar, memory: int
 ) -> Float[Array, "order time"]:
-    """Return the three convolutions over the last `memory` samples of each instant."""
-    # The record starts at its first sample: the trapezoid there has one side only.
+    """Return the multiple convolutions over the last `memory` samples of each instant."""
+    # The record starts at its first sample, where the trapezoid has only one side.
     padded = jnp.concatenate([jnp.zeros(memory - 1), u.at[0].divide(2.0)])
     past = dt * padded[jnp.arange(u.size)[:, None] + memory - 1 - jnp.arange(memory)]
     tau = dt * jnp.arange(memory)
@@ -537,7 +539,7 @@ def _sums(
 
 
 def _record(u: Float[ArrayLike, "..."]) -> Float[Array, " time"]:
-    """Return the record as an array, checked to be one."""
+    """Return a record as an array; raise an error if it is invalid."""
     u = jnp.asarray(u, dtype=float)
     if u.ndim != 1 or u.size < 2:
         raise DataError(
@@ -551,7 +553,7 @@ def _record(u: Float[ArrayLike, "..."]) -> Float[Array, " time"]:
 
 
 def _refined(u: Float[Array, " time"], hold: Hold, substeps: int) -> Float[Array, " fine"]:
-    """Return the held input on a grid `substeps` times as fine; the last sample stays the last."""
+    """Return the interpolated input on a grid `substeps` times as fine; keep the last sample."""
     if hold == "zero":
         return jnp.concatenate([jnp.repeat(u[:-1], substeps), u[-1:]])
     fine = u[:-1, None] + (u[1:] - u[:-1])[:, None] * jnp.arange(substeps) / substeps

@@ -1,7 +1,8 @@
-r"""Receptance and third-order kernel of the joint, predicted and from harmonics, Eqs. (23)-(31).
+r"""The receptance and the third-order kernel of the joint, Eqs. (23)-(31).
 
-Peak complex amplitudes and $e^{+j\omega t}$ throughout. Kernels are symmetric in their
-frequencies, and the frequencies of one call broadcast.
+Both are predicted from parameters and estimated from harmonics. Amplitudes are complex peak
+amplitudes, with $e^{+j\omega t}$. Kernels are symmetric in their frequencies, and the frequencies
+of one call broadcast.
 """
 
 import jax.numpy as jnp
@@ -80,10 +81,10 @@ def h3(
 
     $$H_3(\omega) = -\lambda_3(Y)\,H_1(\omega)^3\,H_1(3\omega)$$
 
-    H_1 takes omega_n, as in the paper; the shift of omega_0 by lambda_1 is left out. Holds where
-    the loop hardly opens (below resonance, around omega_n / 3). At the paper's probing frequencies
-    and 0.8 mm the true joint's kernel differs from it by up to 12 % and 8 degrees, and by 25
-    degrees at omega_n / 3. `third_harmonic` is the accurate formula.
+    H_1 uses omega_n, as in the paper; the shift of omega_0 by lambda_1 is neglected. The formula
+    holds where the loop hardly opens (below resonance, around omega_n / 3). At the paper's probing
+    frequencies and 0.8 mm the exact kernel of the joint differs from it by up to 12 % and 8
+    degrees, and by 25 degrees at omega_n / 3. `third_harmonic` is the accurate formula.
 
     Args:
         joint: Bouc-Wen parameters.
@@ -96,9 +97,9 @@ def h3(
         Kernel [m^-2 s^6], complex.
 
     Raises:
-        ConfigError: If `variant` is unknown, or a concrete `y_peak` is not positive.
-        ModelError: If nu is not 1, the joint has a restoring force beside the hysteretic one, or a
-            concrete argument is not finite.
+        ConfigError: `variant` is unknown, or a concrete `y_peak` is not positive.
+        ModelError: nu is not 1, the joint has another restoring force next to the hysteretic one,
+            or a concrete argument is not finite.
 
     Reference:
         Eqs. (25), (31), corrected: lambda_3 keeps gamma; printed by variant="printed". The error
@@ -124,14 +125,14 @@ def h3(
 def third_harmonic(
     joint: BoucWen, omega: Real, y_1: Inexact[ArrayLike, "..."]
 ) -> Complex[Array, "..."]:
-    r"""Return the third harmonic of displacement from the first, under a harmonic-free tone.
+    r"""Return the third harmonic of displacement from the first, under a tone without harmonics.
 
     $$Y(3\omega) = -\frac{Z_3(|Y_1|)\,(Y_1/|Y_1|)^3}{1/H_1(3\omega) - 2\alpha\delta|Y_1|/\pi}$$
 
-    Z_3 is that of the exact loop, so its phase carries gamma; the correction of the denominator is
-    the mean softening that the ripple at 3 omega sees. Good to 0.6 % and 0.3 degrees while
-    delta |Y_1| is small, away from 3 omega = omega_n; there to 1.2 % and 5 degrees. The steady
-    state by harmonic balance is exact.
+    Z_3 is that of the exact loop, so that its phase depends on gamma. The correction of the
+    denominator is the mean softening for a ripple at 3 omega. The result is accurate to 0.6 % and
+    0.3 degrees while delta |Y_1| is small, away from 3 omega = omega_n; there to 1.2 % and 5
+    degrees. The steady state by harmonic balance is exact.
 
     Args:
         joint: Bouc-Wen parameters.
@@ -142,10 +143,11 @@ def third_harmonic(
         Complex peak amplitude at 3 omega [m].
 
     Raises:
-        ModelError: The joint has a restoring force beside the hysteretic one, or as `steady_loop`.
+        ModelError: The joint has another restoring force next to the hysteretic one, or for reasons
+            that `steady_loop` states.
 
     Reference:
-        Eq. (29), replaced: the third harmonic of the loop itself, which knows gamma.
+        Eq. (29), replaced: the third harmonic of the loop itself, which depends on gamma.
 
     Examples:
         The formula agrees with harmonic balance away from a third of the resonance:
@@ -166,12 +168,12 @@ def third_harmonic(
 
 
 def softened_receptance(omega: Real, omega_n: Real, zeta: Real, softening: Real) -> Kernel:
-    r"""Return the receptance for a small ripple on the joint's motion under a tone.
+    r"""Return the receptance for a small ripple on the motion of a joint under a tone.
 
     $$H(\omega) = \frac{1}{1/H_1(\omega) - s}, \qquad s = \frac{2\,\alpha\delta\,|Y_1|}{\pi}$$
 
-    s is what the mean of alpha delta |y| over a period takes from the stiffness, by Eq. (2) to
-    first order.
+    s is the mean of alpha delta |y| over a period, which reduces the stiffness by Eq. (2) to first
+    order.
 
     Args:
         omega: Angular frequency of the ripple, such as three times the tone's [rad/s].
@@ -191,7 +193,7 @@ def softened_receptance(omega: Real, omega_n: Real, zeta: Real, softening: Real)
 def cubic_stiffness(
     h_3: Inexact[ArrayLike, "..."], omega: Real, omega_n: Real, zeta: Real
 ) -> Array:
-    r"""Return the cubic stiffness for a third-order kernel: the inverse of `cubic_kernel`.
+    r"""Return the cubic stiffness from a third-order kernel: the inverse of `cubic_kernel`.
 
     $$\lambda_3 = -\mathrm{Re}\,\frac{H_3(\omega)}{H_1(\omega)^3\,H_1(3\omega)}$$
 
@@ -214,7 +216,7 @@ def cubic_stiffness(
 def harmonic_response(
     h_1: Values, h_3: Values, amplitude: Values
 ) -> tuple[Complex[Array, "..."], Complex[Array, "..."]]:
-    r"""Return the first and third harmonic of the response to a tone, by the leading kernels.
+    r"""Return the first and third harmonics of the response to a tone, from the leading kernels.
 
     $$y(t) = \mathrm{Re}\,[Y(\omega)\,e^{j\omega t} + Y(3\omega)\,e^{3j\omega t}], \qquad
       Y(\omega) = A\,H_1(\omega), \quad Y(3\omega) = \tfrac14 A^3 H_3(\omega,\omega,\omega)$$
@@ -240,14 +242,14 @@ def harmonic_amplitudes(
     omega: Float[ArrayLike, ""],
     num_harmonics: int = 7,
 ) -> Complex[Array, "... harmonic"]:
-    r"""Fit complex peak amplitudes of a tone's harmonics by least squares (a harmonic filter).
+    r"""Fit the complex peak amplitudes of a tone's harmonics to a record by least squares.
 
     $$x(t) \approx X_0 + \mathrm{Re}\sum_{n=1}^{N} X_n\,e^{jn\omega t}$$
 
-    `jbw.harmonics` does the same for records with other tones and a noise to be judged, in NumPy.
+    `jbw.harmonics` does the same in NumPy for records with other tones, and estimates the noise.
 
     Args:
-        x: Record, the time on its last axis, from t = 0.
+        x: Record with time on its last axis, from t = 0.
         fs: Sampling rate [Hz].
         omega: Angular frequency of the tone [rad/s].
         num_harmonics: Highest order N fitted.
@@ -292,8 +294,8 @@ def estimated_kernel(y_3: Values, amplitude: Values) -> Complex[Array, "..."]:
 
     $$H_3(\omega) = \frac{4\,Y(3\omega)}{A^3}$$
 
-    Of a joint by Bouc and Wen it changes with the amplitude: keep the displacement beside it.
-    `jbw.third_order_kernel` takes the source's own third harmonic out first.
+    For a Bouc-Wen joint it depends on the amplitude: store the displacement with it.
+    `jbw.third_order_kernel` first removes the third harmonic of the source itself.
 
     Args:
         y_3: Complex peak amplitude of the response at 3 omega [m].

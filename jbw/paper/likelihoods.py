@@ -1,6 +1,6 @@
-r"""Posterior, noise and likelihoods of Steps 3 and 4, Eqs. (32)-(37).
+r"""The posterior, the noise and the likelihoods of Steps 3 and 4, Eqs. (32)-(37).
 
-K repeats d_k enter by their mean, their sum of squares about it, and K:
+The K repeats d_k enter by their mean, the sum of squared deviations from it, and K:
 
 $$\sum_k |d_k - m|^2 = K\,|\bar d - m|^2 + S, \qquad S = \sum_k |d_k - \bar d|^2$$
 """
@@ -29,7 +29,7 @@ Prior = Mapping[str, tuple[float, float]]
 
 
 class Repeats(eqx.Module):
-    """Sufficient statistics of repeated measurements, one value a point.
+    """The sufficient statistics of repeated measurements, one value per point.
 
     Attributes:
         mean: Mean over the repeats.
@@ -43,13 +43,13 @@ class Repeats(eqx.Module):
 
 
 def repeats(measured: Inexact[ArrayLike, "repeat ..."]) -> Repeats:
-    """Return sufficient statistics of repeats, which lie along the first axis.
+    """Return the sufficient statistics of repeated measurements along the first axis.
 
     Args:
-        measured: Kernel of every repeat, complex, or response, real.
+        measured: Kernel of every repeat (complex), or response of every repeat (real).
 
     Returns:
-        Mean, sum of squares about it and number of repeats.
+        Mean, sum of squared deviations from it, and number of repeats.
 
     Reference:
         Eq. (36), as printed: all that its sum over the repeats needs.
@@ -63,7 +63,7 @@ def repeats(measured: Inexact[ArrayLike, "repeat ..."]) -> Repeats:
 def log_posterior(
     theta: Mapping[str, Scalar], prior: Prior, log_likelihood: Float[ArrayLike, "..."]
 ) -> Float[Array, ""]:
-    r"""Log posterior density, not divided by the evidence.
+    r"""Return the unnormalised log posterior density of parameters.
 
     $$\log p(\theta | D) = \sum \log L(\theta) + \log\pi(\theta) + \mathrm{const}$$
 
@@ -76,7 +76,7 @@ def log_posterior(
         Log density [nats]; -inf outside the prior.
 
     Raises:
-        ConfigError: A prior is no pair of finite numbers, lower below upper.
+        ConfigError: A prior is not a pair of finite numbers, the lower one first.
 
     Reference:
         Eq. (32), as printed.
@@ -116,13 +116,13 @@ def gaussian_log_likelihood(
     num_values: Float[ArrayLike, "..."],
     noise_std: Float[ArrayLike, "..."] | None = None,
 ) -> Float[Array, "..."]:
-    r"""Log likelihood of Gaussian noise, from the sum of squared residuals.
+    r"""Return the log likelihood of Gaussian noise, from the sum of squared residuals.
 
     $$\log L = -\frac n2 \log(2\pi\sigma^2) - \frac{Q}{2\sigma^2}, \qquad
       Q = \sum |d - m|^2$$
 
-    Without sigma it is integrated out under the prior 1/sigma: $-\tfrac n2 \log Q$, but for a
-    constant.
+    Without sigma the likelihood is marginal over sigma with the prior 1/sigma: $-\tfrac n2 \log Q$,
+    up to a constant.
 
     Args:
         squares: Sum Q of squared residuals, conjugated where they are complex.
@@ -147,17 +147,17 @@ def kernel_log_likelihood(
     model: Inexact[ArrayLike, "..."],
     noise_std: Float[ArrayLike, "..."] | None = None,
 ) -> Float[Array, "..."]:
-    r"""Log likelihood of a measured kernel, a term a frequency.
+    r"""Return the log likelihood of a measured kernel, one term per frequency.
 
     $$\log L = -K \log(2\pi\sigma^2) - \frac{K\,|\bar H_3 - H_3(\theta)|^2 + S}{2\sigma^2}$$
 
-    Without sigma it is integrated out at each frequency under the prior 1/sigma:
+    Without sigma the likelihood is marginal over sigma at each frequency with the prior 1/sigma:
     $-K \log(K\,|\bar H_3 - H_3(\theta)|^2 + S)$.
 
     Args:
         measured: Repeats of the kernel at the probing frequencies [m^-2 s^6].
         model: Kernel at the same frequencies [m^-2 s^6].
-        noise_std: Standard deviation of one repeat, of each real component; None when unknown.
+        noise_std: Standard deviation of one repeat, of each real component; None if unknown.
 
     Returns:
         Log likelihood of each frequency [nats].
@@ -181,16 +181,16 @@ def response_log_likelihood(
     model: Float[ArrayLike, "... time"],
     noise_std: Float[ArrayLike, "..."] | None = None,
 ) -> Float[Array, "..."]:
-    r"""Log likelihood of a measured velocity in time, a term a level.
+    r"""Return the log likelihood of a measured velocity in time, one term per level.
 
     $$\log L = -\frac{KN}{2} \log(2\pi\sigma^2)
       - \frac{K\sum_n (\bar v_n - v_n(\theta))^2 + S}{2\sigma^2}$$
 
     Args:
-        measured: Repeats of the velocity, the time on the last axis [m/s].
+        measured: Repeats of the velocity, with time on the last axis [m/s].
         model: Velocity at the same instants [m/s].
-        noise_std: Standard deviation of one repeat [m/s]; None to have it integrated out under
-            the prior 1/sigma.
+        noise_std: Standard deviation of one repeat [m/s]; if None, the likelihood is marginal over
+            it with the prior 1/sigma.
 
     Returns:
         Log likelihood [nats].
@@ -211,22 +211,22 @@ def map_estimate(
     *,
     max_steps: int = 256,
 ) -> Theta:
-    r"""Return the parameters of the greatest posterior density, $\arg\max_\theta p(\theta | D)$.
+    r"""Return the parameters of greatest posterior density, $\arg\max_\theta p(\theta | D)$.
 
-    It is the least-squares estimate only under a uniform prior, one known noise and away from the
-    prior's bounds. BFGS from `start` in the logit of the box: a maximum nearby.
+    It is the least-squares estimate only under a uniform prior, with one known noise and away from
+    the bounds. BFGS begins at `start`, in the logit of the box, and finds a nearby maximum.
 
     Args:
         log_density: Log density of theta, terms to be summed [nats].
         prior: Bounds of each parameter.
-        start: Where to start, inside the prior.
-        max_steps: Steps at most.
+        start: Starting values of the parameters, inside the prior.
+        max_steps: Largest number of steps.
 
     Returns:
         Parameters by name.
 
     Raises:
-        ConfigError: A prior is no pair of finite numbers, or `start` lies outside of it.
+        ConfigError: A prior is not a pair of finite numbers, or `start` lies outside of it.
         ModelError: The search did not converge.
 
     Reference:
@@ -251,7 +251,7 @@ def map_estimate(
 
 
 def unit_of(theta: Mapping[str, float], bounds: Box) -> Float[Array, " parameter"]:
-    """Place of the parameters between their bounds, strictly between 0 and 1."""
+    """Return parameters' relative positions between their bounds, strictly between 0 and 1."""
     missing = [name for name in bounds.names if name not in theta]
     if missing:
         raise ConfigError(f"`start` must name every parameter, but lacks {', '.join(missing)}.")

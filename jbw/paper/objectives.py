@@ -1,4 +1,4 @@
-r"""Least squares of Steps 3 and 4 with their constraints, and conv(n), Eqs. (38)-(42)."""
+r"""The least-squares objectives of Steps 3 and 4, constraints, and conv(n), Eqs. (38)-(42)."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, Inexact
@@ -8,7 +8,7 @@ from jbw.oscillator.checks import is_concrete, require_at_least
 from jbw.paper.equivalent import Variant, require_variant
 
 Bounds = dict[str, tuple[float, float]]
-MAX_DELTA = 500.0  # of (39) [1/m]
+MAX_DELTA = 500.0  # upper bound of delta in (39) [1/m]
 
 
 def kernel_residual(
@@ -16,7 +16,7 @@ def kernel_residual(
     model: Inexact[ArrayLike, " freq"],
     weight: Float[ArrayLike, "..."] = 1.0,
 ) -> Float[Array, " values"]:
-    r"""Return the residuals of a measured kernel, real parts then imaginary parts.
+    r"""Return the residuals of a kernel: measured minus model, real parts, then imaginary parts.
 
     $$r_i = w_i\,\bigl(H_3(\omega_i) - H_3(\omega_i; \theta)\bigr)$$
 
@@ -40,7 +40,7 @@ def kernel_objective(
     model: Inexact[ArrayLike, " freq"],
     weight: Float[ArrayLike, "..."] = 1.0,
 ) -> Float[Array, ""]:
-    r"""Sum of squares that Step 3 minimises, $J = \sum_i w_i^2\,|H_3 - H_3(\theta)|^2$.
+    r"""Return the sum of squares that Step 3 minimises, $J = \sum_i w_i^2\,|H_3 - H_3(\theta)|^2$.
 
     Args:
         measured: Measured kernel at the probing frequencies [m^-2 s^6].
@@ -48,7 +48,7 @@ def kernel_objective(
         weight: Weight of each frequency, one over its standard error; 1 as printed.
 
     Returns:
-        The objective.
+        Objective J.
 
     Reference:
         Eq. (38), as printed for unit weight.
@@ -59,7 +59,7 @@ def kernel_objective(
 def kernel_constraints(omega_n: float) -> Bounds:
     r"""Return the bounds of Step 3: $0 < \alpha \le \omega_n^2$ and $0 < \delta \le 500$.
 
-    With them k = omega_n^2 - alpha, which is not negative.
+    With these bounds k = omega_n^2 - alpha is not negative.
 
     Args:
         omega_n: Natural frequency at small amplitude [rad/s].
@@ -102,7 +102,7 @@ def convergence(energy: Float[ArrayLike, "... draw"]) -> Float[Array, "... draw"
         energy: Energy of each draw, as `kernel_energy` returns it.
 
     Returns:
-        The mean of the first n draws, for every n.
+        Mean of the first n draws, for every n.
 
     Reference:
         Eq. (40), corrected: a flat running mean is no test of convergence; look at the R-hat of
@@ -116,11 +116,11 @@ def response_misfit(
     measured: Float[ArrayLike, "... time"],
     model: Float[ArrayLike, "... time"],
 ) -> Float[Array, "..."]:
-    r"""Return the velocity misfit that Step 4 minimises, over the measured standard deviation.
+    r"""Return the relative velocity misfit that Step 4 minimises.
 
     $$J = \sqrt{\frac{\sum_n (v_n - v_n(\theta))^2}{N\,\mathrm{var}(v)}}$$
 
-    J^2 N var(v)/(2 sigma^2) is the negative log likelihood (37), but for a constant.
+    J^2 N var(v)/(2 sigma^2) is the negative log likelihood (37), up to a constant.
 
     Args:
         measured: Measured velocity [m/s].
@@ -143,11 +143,11 @@ def response_misfit(
 
 
 def opening_constraints(delta: float, variant: Variant = "corrected") -> Bounds:
-    r"""Bound gamma in Step 4: as printed $0 < \gamma \le \delta$, corrected $\gamma > -\delta$.
+    r"""Bound gamma in Step 4: printed $0 < \gamma \le \delta$, corrected $\gamma > -\delta$.
 
     Args:
         delta: Softening of the joint [1/m].
-        variant: "corrected", all that a bounded force needs, or "printed".
+        variant: "corrected", which suffices for a bounded force, or "printed".
 
     Returns:
         Bounds of gamma [1/m].

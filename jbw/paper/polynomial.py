@@ -1,6 +1,6 @@
-r"""The polynomial oscillator, and its Volterra kernels to third order written out.
+r"""The polynomial oscillator, and formulas of its Volterra kernels up to third order.
 
-Peak complex amplitudes and $e^{+j\omega t}$ throughout. Kernels are symmetric in their
+Amplitudes are complex peak amplitudes, with $e^{+j\omega t}$. Kernels are symmetric in their
 frequencies, and the frequencies of one call broadcast.
 """
 
@@ -22,12 +22,12 @@ Kernel = Complex[Array, "..."]
 
 
 class PolynomialOscillator(eqx.Module):
-    r"""Oscillator with a quadratic and a cubic spring, per unit mass.
+    r"""An oscillator with a quadratic and a cubic spring, per unit mass.
 
     $$\ddot y + 2\zeta\omega_n\dot y + \omega_0^2\,y + \rho\,y^2 + \lambda_3\,y^3 = u$$
 
     The coefficients are constant. In the smoothed joint `rho` switches with the sign of the
-    velocity; there a steady response has no even harmonics, and `rho = 0` is the system to probe.
+    velocity. A steady response has no even harmonics there, so that probing uses `rho = 0`.
 
     Attributes:
         damping: Viscous damping, 2 zeta omega_n [1/s]; omega_n need not be omega_0.
@@ -52,13 +52,14 @@ def cubic_oscillator(joint: BoucWen, polynomial: Smoothing) -> PolynomialOscilla
 
     Args:
         joint: Bouc-Wen parameters.
-        polynomial: Coefficients that smooth its loop; only lambda_1 and lambda_3 are used.
+        polynomial: Coefficients that smooth the loop of the joint; only lambda_1 and lambda_3 are
+            used.
 
     Returns:
         The cubic oscillator, with `rho` zero.
 
     Raises:
-        ModelError: The joint has a restoring force beside the hysteretic one.
+        ModelError: The joint has another restoring force next to the hysteretic one.
 
     Reference:
         Eq. (26), as printed.
@@ -75,18 +76,18 @@ def cubic_oscillator(joint: BoucWen, polynomial: Smoothing) -> PolynomialOscilla
 def nonlinear_force(
     system: PolynomialOscillator, parts: Sequence[Inexact[Array, "..."]]
 ) -> Inexact[Array, "..."]:
-    r"""Return the part of homogeneous order n in the force $\rho y^2 + \lambda_3 y^3$.
+    r"""Return the part of order n of the nonlinear force $\rho y^2 + \lambda_3 y^3$.
 
     $$f_n = \rho\sum_{i+k=n} y_i y_k + \lambda_3\sum_{i+k+l=n} y_i y_k y_l$$
 
-    It needs the parts of y of lower order only, and drives the next: $y_n = -h_1 * f_n$.
+    It needs only the lower orders of y, and drives the next one: $y_n = -h_1 * f_n$.
 
     Args:
         system: Polynomial oscillator.
-        parts: The parts of y of orders 1 to n - 1 [m].
+        parts: Parts of y of orders 1 to n - 1 [m].
 
     Returns:
-        The force of order n [N/kg].
+        Force of order n [N/kg].
 
     Reference:
         Eq. (17), corrected: the printed product sign is superfluous.
@@ -121,11 +122,11 @@ def kernel_1(system: PolynomialOscillator, omega: Real) -> Kernel:
 
 
 def require_no_pole(stiffness: Real, damping: Real, omega: Real) -> None:
-    """Raise where a concrete frequency is a pole of the undamped receptance."""
+    """Raise an error if a concrete frequency is a pole of the undamped receptance."""
     if not is_concrete(stiffness, damping, omega):
         return
     stiffness, damping, omega = (np.asarray(x) for x in (stiffness, damping, omega))
-    # A sum of frequencies that meets the pole does so to a few roundings.
+    # A sum of frequencies at the pole may differ from it by a few roundings.
     close = np.abs(stiffness - omega**2) <= 1e-14 * np.abs(stiffness)
     if np.any(pole := close & (damping == 0.0)):
         value = float(np.broadcast_to(omega, pole.shape)[pole].ravel()[0])

@@ -1,4 +1,4 @@
-r"""Harmonic probing: the Volterra kernels of the polynomial oscillator at any order.
+r"""The Volterra kernels of the polynomial oscillator at any order, by harmonic probing.
 
 Kernels are symmetric in their frequencies; the frequencies of one call broadcast.
 """
@@ -15,24 +15,24 @@ from jbw.paper.polynomial import PolynomialOscillator, kernel_1, nonlinear_force
 
 
 def kernel(system: PolynomialOscillator, *omega: Float[ArrayLike, "..."]) -> Complex[Array, "..."]:
-    r"""Return the symmetric kernel whose order is the number of frequencies.
+    r"""Return the symmetric Volterra kernel whose order is the number of given frequencies.
 
     With $G(S) = |S|!\,H_{|S|}$ on a set S of frequencies with sum $\omega_S$,
 
     $$G(S) = -H_1(\omega_S)\Bigl[2\rho\sum_{\{A,B\}} G(A)G(B)
       + 6\lambda_3\sum_{\{A,B,C\}} G(A)G(B)G(C)\Bigr],$$
 
-    the sums over the ways to part S into two or three sets. The work grows like 4^order.
+    with sums over the ways to divide S into two or three sets. The work grows like 4^order.
 
     Args:
         system: Polynomial oscillator.
-        *omega: Angular frequencies, one for each order [rad/s].
+        *omega: Angular frequencies, one per order [rad/s].
 
     Returns:
         Kernel [m^(1-n) s^(2n)] of order n, complex.
 
     Raises:
-        ConfigError: If there is no frequency.
+        ConfigError: No frequency is given.
 
     Reference:
         Eqs. (18), (27), as printed; here to any order.
@@ -54,7 +54,7 @@ def kernel(system: PolynomialOscillator, *omega: Float[ArrayLike, "..."]) -> Com
 
 
 def _partitions(items: tuple[int, ...], blocks: int) -> Iterator[tuple[tuple[int, ...], ...]]:
-    """Yield every way to part `items` into so many non-empty blocks, each counted once."""
+    """Yield every way to divide `items` into `blocks` non-empty sets, each way once."""
     if blocks == 1:
         yield (items,)
         return
@@ -69,7 +69,7 @@ def _partitions(items: tuple[int, ...], blocks: int) -> Iterator[tuple[tuple[int
 def leading_diagonals(
     system: PolynomialOscillator, omega: Float[ArrayLike, "..."], max_order: int = 5
 ) -> tuple[Complex[Array, "..."], ...]:
-    r"""Return leading diagonals $H_n(\omega,\dots,\omega)$ of the kernels from order 1 up.
+    r"""Return the leading diagonals $H_n(\omega,\dots,\omega)$ of the Volterra kernels.
 
     $$H_n = -H_1(n\omega)\Bigl[\rho\sum_{i+k=n} H_i H_k
       + \lambda_3\sum_{i+k+l=n} H_i H_k H_l\Bigr]$$
@@ -98,22 +98,22 @@ def cross_kernel(
     omega: Sequence[Float[ArrayLike, "..."]],
     inputs: Sequence[int],
 ) -> Complex[Array, "..."]:
-    r"""Return the symmetric kernel for inputs u (the excitation) and u_0 (the square wave).
+    r"""Return the symmetric Volterra kernel for inputs u (excitation) and u_0 (square wave).
 
     $$H_\eta^{(i_1\dots i_\eta)} = (-1)^{\#0}\,H_\eta$$
 
-    u_0 stands on the left of the equation of motion and so drives it as -u_0, at the same point.
+    u_0 is on the left of the equation of motion and thus drives it as -u_0, at the same point.
 
     Args:
         system: Polynomial oscillator.
-        omega: Angular frequencies, one for each order [rad/s].
+        omega: Angular frequencies, one per order [rad/s].
         inputs: Input of each frequency: 1 for u, 0 for u_0.
 
     Returns:
         Kernel [m^(1-n) s^(2n)] of order n, complex.
 
     Raises:
-        ConfigError: If `inputs` does not name 0 or 1 for each frequency.
+        ConfigError: `inputs` does not name 0 or 1 for each frequency.
 
     Reference:
         Eq. (18), as printed; the sign of each input u_0 is that of (14).

@@ -1,4 +1,4 @@
-"""The paper's equations (1) to (42), each with the functions that compute it, from docstrings."""
+"""The paper's equations (1) to (42) with the functions that compute them, read from docstrings."""
 
 import re
 from importlib import import_module
@@ -15,13 +15,13 @@ _SPAN = re.compile(r"\((\d+)\)(?:-\((\d+)\))?")
 
 
 class Equation(NamedTuple):
-    """A function that computes an equation of the paper.
+    """One equation of the paper with a function that computes it.
 
     Attributes:
         number: Number of the equation, 1 to 42.
         function: Public name, such as `jbw.paper.branch`.
         status: "as printed", "corrected", or "replaced" by a better formula.
-        note: What was wrong, or what is to be known; may be empty.
+        note: Error of the printed equation, or another remark; may be empty.
     """
 
     number: int
@@ -31,7 +31,7 @@ class Equation(NamedTuple):
 
 
 def equations() -> tuple[Equation, ...]:
-    """Return every public function with the equations of the paper that it computes, by number.
+    """Return the table of the paper's equations and the public functions that compute them.
 
     Returns:
         Rows in the order of the equations; one equation may have several functions.
@@ -49,7 +49,7 @@ def equations() -> tuple[Equation, ...]:
 
 
 def rows_of(function: str, docstring: str) -> list[Equation]:
-    """Return the equations that a docstring refers to."""
+    """Return the paper's equations to which a function's docstring refers."""
     import inspect
 
     section = _SECTION.search(inspect.cleandoc(docstring))
@@ -66,6 +66,6 @@ def rows_of(function: str, docstring: str) -> list[Equation]:
 
 
 def numbers(text: str) -> list[int]:
-    """Return the numbers of a list of equations, such as (3)-(6), (9)."""
+    """Return the numbers in a list of equations, such as (3)-(6), (9)."""
     spans = ((int(first), int(last or first)) for first, last in _SPAN.findall(text))
     return [number for first, last in spans for number in range(first, last + 1)]

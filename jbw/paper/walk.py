@@ -1,11 +1,12 @@
-r"""Section 3.2: the random walk of Metropolis and Hastings, and its draws beside the prior.
+r"""The random walk of Metropolis and Hastings, Section 3.2, and its draws relative to the prior.
 
-In a box of uniform priors the walk moves by
+In a box of uniform priors the walk proposes
 
 $$\theta = (1 - x)\,\theta_{min} + x\,\theta_{max}, \qquad x' = x + \sigma_p \eta, \quad
   \eta \sim N(0, I)$$
 
-and what the data add to them is said by the variation and the Kullback-Leibler divergence.
+The coefficient of variation and the Kullback-Leibler divergence show what the data add to the
+prior.
 """
 
 import math
@@ -37,12 +38,12 @@ Real = Float[ArrayLike, "..."]
 
 
 class Walk(eqx.Module):
-    """Draws of one random walk, its burn-in left out.
+    """The draws of one random walk, without its burn-in.
 
     Attributes:
-        theta: Draws by name of the parameter.
+        theta: Draws by parameter name.
         log_density: Log posterior density of each draw [nats].
-        accepted: Whether the step that led to the draw was accepted.
+        accepted: Whether the proposal at each draw was accepted.
     """
 
     theta: dict[str, Float[Array, " draw"]]
@@ -51,7 +52,7 @@ class Walk(eqx.Module):
 
     @property
     def map(self) -> Theta:
-        """The draw of the greatest density."""
+        """The draw of greatest posterior density."""
         best = jnp.argmax(self.log_density)
         return {name: draws[best] for name, draws in self.theta.items()}
 
@@ -66,19 +67,19 @@ def random_walk(
     burn_in: float = 0.1,
     step_size: float | None = STEP_SIZE,
 ) -> Walk:
-    r"""Return one chain of the paper's sampler.
+    r"""Return one chain of the paper's random-walk sampler.
 
     A proposal outside the box is rejected and the state repeated. 850 steps of the published size
-    cannot cross the box: the draws then show where the walk began, not the posterior. Run several
-    chains from dispersed starts, or let the step be tuned.
+    cannot cross the box: the draws then show the starting values, not the posterior. Run several
+    chains from dispersed starts, or let the step size be tuned.
 
     Args:
         key: Random key.
         log_likelihood: Log likelihood of theta, terms to be summed [nats].
         prior: Bounds of each parameter's uniform prior.
-        start: Where the chain starts, inside the prior.
-        num_steps: Steps in all.
-        burn_in: Part of the steps that is left out at the beginning [-].
+        start: Starting values of the chain, inside the prior.
+        num_steps: Total number of steps.
+        burn_in: Fraction of the steps that is discarded at the beginning [-].
         step_size: Standard deviation sigma_p of the proposals in x [-]; None tunes it during the
             burn-in until half of the proposals are accepted.
 
@@ -86,8 +87,8 @@ def random_walk(
         The draws after the burn-in.
 
     Raises:
-        ConfigError: A prior is no pair of finite numbers, `start` lies outside, an option is out of
-            range, or JAX runs in float32.
+        ConfigError: A prior is not a pair of finite numbers, `start` lies outside, an option is out
+            of range, or JAX runs in float32.
 
     Reference:
         Section 3.2.
@@ -112,7 +113,7 @@ def _walk(
     x: Float[Array, " parameter"],
     options: Options,
 ) -> Walk:
-    """Return every step of one chain."""
+    """Return the states of one chain after every step."""
 
     def terms(theta: Any, _: Any) -> Array:
         return log_likelihood(theta)
@@ -129,7 +130,7 @@ def _walk(
 
 
 def coefficient_of_variation(draws: Float[ArrayLike, "... draw"]) -> Float[Array, "..."]:
-    r"""Return the standard deviation of draws over the modulus of their mean.
+    r"""Return the coefficient of variation of draws: sd over the modulus of the mean.
 
     Args:
         draws: Draws of a parameter.
@@ -145,7 +146,7 @@ def coefficient_of_variation(draws: Float[ArrayLike, "... draw"]) -> Float[Array
 
 
 def kl_normal(mean: Real, std: Real, lower: Real = 0.0, upper: Real = 1.0) -> Float[Array, "..."]:
-    r"""Return the divergence of a normal, truncated to the prior's box, from the uniform prior.
+    r"""Return the KL divergence of a normal, truncated to the prior's box, from the uniform prior.
 
     $$D = -\left[\ln(\sqrt{2\pi e}\,s\,C) + \frac{a\phi(a) - b\phi(b)}{2C}\right], \quad
       a = -\mu/s, \quad b = (1 - \mu)/s, \quad C = \Phi(b) - \Phi(a)$$
@@ -153,8 +154,8 @@ def kl_normal(mean: Real, std: Real, lower: Real = 0.0, upper: Real = 1.0) -> Fl
     with mu and s in the unit coordinate x = (theta - lower)/(upper - lower).
 
     Args:
-        mean: Mean of the normal distribution before it is cut.
-        std: Its standard deviation.
+        mean: Mean of the normal distribution before truncation.
+        std: Standard deviation of the normal distribution before truncation.
         lower: Lower bound of the prior.
         upper: Upper bound of the prior.
 
@@ -171,7 +172,8 @@ def kl_normal(mean: Real, std: Real, lower: Real = 0.0, upper: Real = 1.0) -> Fl
     _require_width(lower, upper)
     require_at_least("std", std, 0.0, open_end=True)
     mu, s = (mean - lower) / (upper - lower), std / (upper - lower)
-    # Mirrored where both ends lie in the upper tail, so that the difference keeps its digits.
+    # If both ends are in the upper tail, they are mirrored, so that the difference keeps its
+    # digits.
     mu = jnp.where(mu < 0.0, 1.0 - mu, mu)
     a, b = -mu / s, (1.0 - mu) / s
     log_c = log_ndtr(b) + jnp.log1p(-jnp.exp(log_ndtr(a) - log_ndtr(b)))
@@ -181,19 +183,19 @@ def kl_normal(mean: Real, std: Real, lower: Real = 0.0, upper: Real = 1.0) -> Fl
 
 
 def kl_draws(draws: Float[ArrayLike, " draw"], lower: float = 0.0, upper: float = 1.0) -> float:
-    r"""Return the divergence of draws from the uniform prior, by spacings of ordered draws.
+    r"""Return the KL divergence of one parameter's draws from its uniform prior.
 
     $$D = -h(x), \qquad x = \frac{\theta - \theta_{min}}{\theta_{max} - \theta_{min}}$$
 
-    In NumPy; infinite where one value repeats more often than a spacing spans.
+    The result, in NumPy, is infinite where a value repeats more often than a spacing spans.
 
     Args:
-        draws: Draws of one parameter, repeated ones counted.
+        draws: Draws of one parameter, with repeated ones.
         lower: Lower bound of the prior.
         upper: Upper bound of the prior.
 
     Returns:
-        Divergence [nats]; a little below zero at times for draws of the prior itself.
+        Divergence [nats]; sometimes slightly below zero for draws of the prior itself.
 
     Raises:
         ConfigError: The prior has no width.
@@ -219,20 +221,20 @@ def kl_joint(
     lower: Float[ArrayLike, "..."] = 0.0,
     upper: Float[ArrayLike, "..."] = 1.0,
 ) -> float:
-    r"""Return the joint divergence of parameters from their uniform box, by a Gaussian copula.
+    r"""Return the joint KL divergence of several parameters' draws from their uniform priors.
 
     $$D = \sum_i D_i - \tfrac12 \log\det R$$
 
-    R is the correlation of the normal scores of the ranks. Exact for a Gaussian posterior inside
-    the box and for independent parameters of any shape; in NumPy.
+    R is the correlation of the normal scores of the ranks. The result, in NumPy, is exact for a
+    Gaussian posterior inside the box and for independent parameters of any shape.
 
     Args:
-        draws: Draws, one column a parameter.
-        lower: Lower bound of each prior, or of all.
-        upper: Upper bound of each prior, or of all.
+        draws: Draws, one column per parameter.
+        lower: Lower bound of each prior, or one bound for all.
+        upper: Upper bound of each prior, or one bound for all.
 
     Returns:
-        Divergence [nats], not below the sum of the marginal ones.
+        Divergence [nats], at least the sum of the marginal ones.
 
     Raises:
         ConfigError: A prior has no width.
@@ -253,7 +255,6 @@ def kl_joint(
 
 
 def _require_width(lower: Real, upper: Real) -> None:
-    """Raise where a prior has no width."""
     if is_concrete(lower, upper) and not np.all(np.asarray(upper) > np.asarray(lower)):
         raise ConfigError(
             "The prior must have a width above zero for a divergence, but reaches from "

@@ -1,4 +1,4 @@
-"""Planning: what a test would tell of a joint that is only guessed, before it is measured."""
+"""Planning of tests from guessed joints: the information of a test before it is measured."""
 
 from pathlib import Path
 

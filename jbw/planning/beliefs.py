@@ -1,7 +1,7 @@
-r"""The joints considered possible: by ranges before any test, by the posterior after a run.
+r"""Joints considered possible: from ranges before any test, from the posterior after a run.
 
-The joint is only guessed, and what a test tells depends on it. So every number of a plan is made
-at several joints, and judged by the worst of ten.
+The information of a test depends on the joint, which is only guessed. So every number of a plan is
+computed for several joints; nine joints in ten must meet the wish.
 """
 
 from collections.abc import Iterator, Mapping
@@ -21,44 +21,45 @@ from jbw.oscillator.modes.parameters import NAMES, own_quantities
 from jbw.quantities import DEFAULT_LAWS, MODAL
 from jbw.verification.predictive_basis import Draws, laws_of_run, parameter_names, thin
 
-# A single value is known to a factor of two; the natural frequency, which a tap shows, far better.
+# A single stated value is assumed known to a factor of two; the natural frequency, which a tap
+# shows, far better.
 REACH = {"omega_n": 1.1}
 FACTOR = 2.0
 Range = tuple[float, float]
-UNBOUNDED = 10.0  # factor to either side, where a posterior tells nothing of its prior's box
+UNBOUNDED = 10.0  # factor to either side if a posterior does not state its prior's box
 
 
 class Mode(NamedTuple):
-    """A mode at every joint that is held possible."""
+    """One mode of the structure, for every joint considered possible."""
 
     omega: Float[np.ndarray, " joint"]  # natural frequency [rad/s]
-    h: Float[np.ndarray, " joint"]  # motion of the joint over that of the response; 1 of the first
+    h: Float[np.ndarray, " joint"]  # joint motion over response motion; 1 for the first mode
 
 
 @dataclass(frozen=True)
 class Beliefs:
-    """Joints that are held possible, and what is known before the test."""
+    """The joints considered possible, and the knowledge before the test."""
 
-    joints: Draws  # all parameters and `gain`, one value a joint, in their units
-    names: tuple[str, ...]  # those that are inferred
+    joints: Draws  # all parameters and `gain`, one value per joint, in their units
+    names: tuple[str, ...]  # inferred parameters
     scale: Float[np.ndarray, "joint parameter"]  # units of their relative changes
-    precision: Float[np.ndarray, "parameter parameter"]  # known of the relative changes [-]
-    box: Box  # of the inferred parameters, for telling what stays undetermined
+    precision: Float[np.ndarray, "parameter parameter"]  # prior, of relative changes [-]
+    box: Box  # of the inferred parameters, to find undetermined ones
     laws: tuple[str, ...] = DEFAULT_LAWS
 
     @property
     def num_joints(self) -> int:
-        """How many joints."""
+        """The number of joints considered possible."""
         return len(self.scale)
 
     def joint_by_joint(self) -> Iterator[dict[str, Array]]:
-        """Yield every joint's parameters by name."""
+        """Yield the parameters of one joint after another, by name."""
         for i in range(self.num_joints):
             yield {name: jnp.asarray(values[i]) for name, values in self.joints.items()}
 
 
 def modes_of(joints: Mapping[str, np.ndarray]) -> list[Mode]:
-    """Return each mode's natural frequency, and its motion of the joint over the first mode's."""
+    """Return each mode's natural frequency and relative motion of the joint."""
     omega_n = np.asarray(joints["omega_n"])
     modes = [Mode(omega_n, np.ones_like(omega_n))]
     for names in NAMES:
@@ -69,7 +70,7 @@ def modes_of(joints: Mapping[str, np.ndarray]) -> list[Mode]:
 
 
 def shares_of(laws: tuple[str, ...]) -> dict[str, str]:
-    """Return the names of stiffnesses as a share of omega_n^2, each with its law's stiffness."""
+    """Return the names of stiffness shares of omega_n^2, and of the stiffnesses."""
     return {
         monomial.name: name
         for law in laws_named(laws)
@@ -81,14 +82,14 @@ def shares_of(laws: tuple[str, ...]) -> dict[str, str]:
 
 
 def usual_of(laws: tuple[str, ...]) -> dict[str, tuple[str, Range]]:
-    """Return the parameters that a default stands for: what they are parts of, and which parts."""
+    """Return default ranges of parameters, relative to other parameters."""
     return {name: part for law in laws_named(laws) for name, part in law.usual.items()}
 
 
 def ranges_of(
     omega_n: Range, stated: Mapping[str, Range | None], laws: tuple[str, ...]
 ) -> dict[str, Range]:
-    """Return ranges of all the joint's parameters, the usual ranges where nothing is stated."""
+    """Return ranges of all parameters of a joint: stated ones, else defaults."""
     ranges = {"omega_n": omega_n, "zeta": stated["zeta"]}
     share_of = {stiffness: share for share, stiffness in shares_of(laws).items()}
     usual = usual_of(laws)
@@ -113,13 +114,13 @@ def before(
     seed: int,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Beliefs:
-    r"""Build beliefs from ranges, each uniform in the logarithm of its parameter.
+    r"""Return beliefs about the joint from ranges, each uniform in the logarithm.
 
     $$\mathrm{sd}(\log\theta) = \log(\theta_{max} / \theta_{min}) / \sqrt{12}$$
 
-    A range without width is a guess: joints are drawn at it, and the prior reaches a factor of two
-    to either side (a tenth for omega_n). A share of omega_n^2 may stand for a law's stiffness, as
-    `share` does for alpha. What is known exactly, such as `gain`, is `held`; joints are drawn by a
+    A range without width is a guess: joints are drawn at it, and the prior extends by a factor of
+    two to either side (a tenth for omega_n). A share of omega_n^2 may replace a law's stiffness, as
+    `share` does for alpha. Exactly known values, such as `gain`, are `held`. Joints are drawn by a
     Latin hypercube.
     """
     wide = {}
@@ -163,7 +164,7 @@ def before(
 
 
 def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> Beliefs:
-    """Build beliefs from evenly spaced draws of a run's main posterior and from its held values."""
+    """Return beliefs about the joint from draws of a run's main posterior."""
     laws, posterior = laws_of_run(tree), tree["posterior"].to_dataset()
     names = parameter_names(laws)
     needed = [name for name in names if name != "gain"]
@@ -204,7 +205,7 @@ def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> B
 
 
 def _bounds(values: xr.DataArray, mean: float) -> Range:
-    """Return a parameter's box as the run states it, else a wide box about the mean."""
+    """Return a parameter's box as the run states it, else a wide box around the mean."""
     if "lower" in values.attrs and "upper" in values.attrs:
         return float(values.attrs["lower"]), float(values.attrs["upper"])
     return bounds_about(mean, 1 / UNBOUNDED, UNBOUNDED)

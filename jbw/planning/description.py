@@ -1,4 +1,4 @@
-"""The plan file: its typed tables, and what they say is believed, wanted and possible."""
+"""The plan file: its typed tables, and the beliefs, wishes and limits that they state."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -34,9 +34,9 @@ POSITIVE = Quantity("positive", "", "1", "a positive number", 0.0)
 
 
 def _range(value: Any) -> Range:
-    """Return [lower, upper] of one sign from a nonzero number or a range.
+    """Return [lower, upper] from a number or a pair; raise a ValueError unless of one sign.
 
-    A coefficient of variation (CV) needs a value away from zero.
+    A coefficient of variation (CV) needs a value that cannot be zero.
     """
     if not isinstance(value, list | tuple):
         value = [value, value]
@@ -60,7 +60,7 @@ def _within(quantity: Quantity, bounds: Range) -> Range:
 
 
 def _part(bounds: Range) -> Range:
-    """Return a share below one: the rest is the stiffness beside the joint."""
+    """Return a stiffness share; raise a ValueError unless it is below one."""
     if bounds[1] >= 1:
         raise ValueError(
             f"must lie between 0 and 1, a part of the stiffness, but reaches {bounds[1]:g}."
@@ -85,7 +85,7 @@ Part = Annotated[PositiveRange, AfterValidator(_part)]
 
 
 class PlanTable(FileTable):
-    """The [plan] table but for the parameters of the laws; every default stands here."""
+    """The [plan] table without the parameters of the laws, with all its defaults."""
 
     natural_hz: PositiveRange | None = key(None, "natural frequency at small amplitude [Hz]")
     omega_n: PositiveRange | None = key(None, "the same [rad/s], instead")
@@ -116,7 +116,7 @@ class PlanTable(FileTable):
 
 @cache
 def plan_table(laws: tuple[str, ...] = DEFAULT_LAWS) -> type[PlanTable]:
-    """Return the [plan] table of a joint with these laws, whose parameters are keys too."""
+    """Return the [plan] table for a joint with these laws, whose parameters are keys too."""
     fields: dict[str, Any] = {}
     for quantity in quantities_of(laws):
         kind: Any = Annotated[AnyRange, AfterValidator(partial(_within, quantity))]
@@ -135,7 +135,7 @@ TABLES: dict[str, type[FileTable]] = {"joint": JointLaws, "plan": PlanTable, **G
 
 
 def plan_file() -> type[FileTable]:
-    """Return the whole file, as its JSON Schema tells it to editors."""
+    """Return the model of the whole plan file, for its JSON Schema in editors."""
     fields: dict[str, Any] = {name: (table | None, None) for name, table in TABLES.items()}
     fields["plan"] = plan_table() | None, None
     return create_model("PlanFile", __base__=FileTable, **fields)
@@ -143,25 +143,25 @@ def plan_file() -> type[FileTable]:
 
 @dataclass(frozen=True)
 class Description:
-    """A plan file, checked; None where nothing is said."""
+    """A checked plan file; None for values that it does not state."""
 
-    ranges: Mapping[str, Range]  # of the joint's parameters, and of a gain of no single value
+    ranges: Mapping[str, Range]  # of the joint's parameters, and of a gain without a single value
     gain: float | None = None  # force per modal mass for one unit of the input, known exactly
     input_unit: str | None = None  # V, N or N/kg
-    noise: ResponseNoise | None = None  # of the response
+    noise: ResponseNoise | None = None  # noise of the response
     settings: PlanTable = field(default_factory=PlanTable)
     grids: Mapping[str, Grid] = field(default_factory=dict)  # candidates by kind
     laws: tuple[str, ...] = DEFAULT_LAWS
 
 
 def read_description(path: Path, *, of_run: bool = False) -> Description:
-    """Read and check a plan file; `parse` says more."""
+    """Read and check a plan file."""
     source = text_of(path, "Plan file", planning.WRITE_PLAN)
     return parse(source, path.name, of_run=of_run)
 
 
 def parse(source: str, file: str = "plan.toml", *, of_run: bool = False) -> Description:
-    """Check the text of a plan file, all faults at once; a run tells the joint itself."""
+    """Parse and check the text of a plan file; report all faults at once."""
     document = document_of(source, file)
     errors = unknown_tables(document, TABLES)
     joint = checked(JointLaws, document.get("joint", {}), "[joint]", errors) or JointLaws()
@@ -214,7 +214,7 @@ def _told_by_run(plan: PlanTable | None, stated_keys: set[str], laws: tuple[str,
 
 
 def _missing(plan: PlanTable | None, stated_keys: set[str], laws: tuple[str, ...]) -> list[str]:
-    """Return the keys that no default stands for, and stiffnesses of the joint beyond the whole."""
+    """Return faults: missing keys without default, and joint stiffnesses above the whole."""
     faults, usual, fields = [], usual_of(laws), plan_table(laws).model_fields
     tells_frequency = bool({"natural_hz", "omega_n"} & stated_keys)
     if not tells_frequency:

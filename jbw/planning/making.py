@@ -1,7 +1,8 @@
-"""Plans: before any test from ranges, after a run from its posterior.
+"""Plans of tests: from ranges before any test, from the posterior after a run.
 
-Candidates are judged by what repeats would tell and how many the wished CV takes, and combined.
-Parameters enter as relative changes, so that standard deviations are coefficients of variation.
+Candidate tests are judged by the expected information of repeats and by the number of repeats for
+the wished coefficient of variation (CV), and combined. Parameters enter as relative changes, so
+that standard deviations are CVs.
 """
 
 import json
@@ -37,7 +38,7 @@ from jbw.planning.prospects import Prospect, prospects
 from jbw.quantities import UNIT_OF, in_dialect
 from jbw.report.messages import planning
 
-ADMITTED = ("ok", "too few")  # alone; together they may meet the wish
+ADMITTED = ("ok", "too few")  # statuses of candidates that may be combined
 RESPONSE_OF = {unit: response for response, unit in UNIT_OF.items()}
 INPUT_UNITS = ("V", "N", "N/kg")
 STATUSES = ("ok", "too few", "not predicted", "not feasible")
@@ -51,19 +52,19 @@ def plan_tests(
     report: Callable[[str], None] = lambda sentence: None,
     parts: Parts = unkept,
 ) -> MeasurementPlan:
-    """Plan tests of a joint: which level, rate, tones and repeats a wished CV takes.
+    """Plan tests of a joint: the level, rate, tones and repeats that a wished CV needs.
 
     Args:
-        description: What is guessed, wanted and possible, or its plan file; defaults beside a run,
-            which tells the joint itself.
-        tree: A run's result, as `posterior.nc` holds it; None before any test.
-        report: Called with one sentence at every candidate.
-        parts: Keeps every candidate's prospect, so that a killed plan goes on.
+        description: Guesses, wishes and limits, or their plan file; if a run is given, which
+            describes the joint, None for defaults.
+        tree: A run's result, as in `posterior.nc`; None before any test.
+        report: Function that is called with one sentence at every candidate.
+        parts: Storage of every candidate's prospect, so that an interrupted plan continues.
 
     Raises:
-        ConfigError: A plan file against the schema, neither a description nor a run, a run that
-            does not tell the noise, which the description leaves out too, nothing wanted that is
-            inferred, or a gain beside a run that inferred it.
+        ConfigError: The plan file is invalid, there is neither a description nor a run, neither of
+            them states the noise, no wanted parameter is inferred, or a gain is given although the
+            run inferred it.
         DataError: The run's posterior lacks a parameter of the joint.
 
     Examples:
@@ -127,7 +128,7 @@ def plan_tests(
 
 
 def _before(description: Description) -> tuple[Beliefs, ResponseNoise, str | None]:
-    """Return beliefs from the description, the noise, and the input's unit if it is stated."""
+    """Return beliefs, noise and input unit from a description alone."""
     if not description.ranges or description.noise is None:
         raise ConfigError(
             "A plan needs a description of the joint and its noise, or a run, but has neither.",
@@ -146,7 +147,7 @@ def _before(description: Description) -> tuple[Beliefs, ResponseNoise, str | Non
 def _after(
     description: Description, rig: "Rig", tree: xr.DataTree
 ) -> tuple[Beliefs, ResponseNoise, str | None]:
-    """Return beliefs from a run, the noise, and the input's unit if the gain is known."""
+    """Return beliefs, noise and input unit from a run and a description."""
     inferred = "gain" in tree["posterior"].data_vars
     if inferred and description.gain is not None:
         raise ConfigError(
@@ -190,18 +191,18 @@ def _wish(description: Description, beliefs: Beliefs, input_unit: str) -> Wish:
 
 @dataclass(frozen=True)
 class Rig:
-    """The rig that a run was measured on; None where the run does not tell."""
+    """The test rig of a run; None for values that the run does not state."""
 
     noise: ResponseNoise | None = None  # of a sample of the response
     fs: float | None = None  # [Hz]
     input_unit: str | None = None
-    y_peak: float | None = None  # largest displacement that was fitted [m]
+    y_peak: float | None = None  # largest fitted displacement [m]
     # Parameters that were not inferred, such as a known gain.
     held: Mapping[str, float] = field(default_factory=dict)
 
 
 def rig_of(tree: xr.DataTree) -> Rig:
-    """Read a run's rig from its result, as stored in `posterior.nc`."""
+    """Return a run's rig from its result, as stored in `posterior.nc`."""
     verified = "verification" in tree.children
     tests = [node.to_dataset() for node in tree["verification"].subtree] if verified else []
     seen = json.loads(str(tree.attrs.get("tests", "{}")))
@@ -223,8 +224,8 @@ def rig_of(tree: xr.DataTree) -> Rig:
 
 
 def _noise(posterior: xr.Dataset) -> ResponseNoise | None:
-    """Return the median over levels and draws of the noise of a sample."""
-    # That of free decays, which were filtered, and that of harmonics are none of a sample.
+    """Return the median over levels and draws of the noise of a sample; None if unknown."""
+    # The noise of free decays, which were filtered, and that of harmonics do not apply to a sample.
     for name, values in posterior.data_vars.items():
         response = RESPONSE_OF.get(in_dialect(str(values.attrs.get("units", ""))))
         sampled = str(values.dims[-1]).startswith("level")
@@ -234,14 +235,14 @@ def _noise(posterior: xr.Dataset) -> ResponseNoise | None:
 
 
 class InformationModes(NamedTuple):
-    """Prior and information of one repeat, made diagonal together."""
+    """The modes that make prior and information of one repeat diagonal."""
 
-    values: Float[np.ndarray, "joint mode"]  # information f_k along mode k, in units of the prior's
+    values: Float[np.ndarray, "joint mode"]  # information f_k along mode k over the prior's
     shares: Float[np.ndarray, "joint parameter mode"]  # prior variance w_ik^2 along mode k
 
 
 def modes(precision: Matrices, information: Matrices) -> InformationModes:
-    """Solve for modes F w_k = f_k P w_k, w_k^T P w_k = 1 of prior P and information F, by joint."""
+    """Return modes F w_k = f_k P w_k, w_k^T P w_k = 1 of prior P and information F, by joint."""
     values, vectors = zip(
         *(eigh(fisher_matrix, precision) for fisher_matrix in information), strict=True
     )
@@ -256,7 +257,7 @@ def spread(eigenmodes: InformationModes, repeats: float) -> Float[np.ndarray, "j
 
 
 def covariance(precision: Matrices) -> Matrices:
-    """Invert an information matrix after scaling its parameters to one size."""
+    """Return the inverse of an information matrix, computed with scaled parameters."""
     scale = 1 / np.sqrt(np.diagonal(precision, axis1=-2, axis2=-1))
     both = scale[..., :, None] * scale[..., None, :]
     return both * np.linalg.inv(both * precision)
@@ -275,7 +276,7 @@ def repeats_needed(
     def enough(repeats: int) -> bool:
         return bool(np.all(worst_decile(spread(eigenmodes, repeats))[positions] <= cv))
 
-    # The spread falls with every repeat.
+    # The spread decreases with every repeat, so bisection applies.
     repeats = 1 + bisect_left(range(1, most + 1), True, key=enough)
     return repeats if repeats <= most else None
 
@@ -288,8 +289,8 @@ def information_gain(
     $$I_w = \tfrac12 \left(\log\det \Sigma_{ww} - \log\det \Sigma'_{ww}\right), \qquad
       \Sigma = P^{-1}, \quad \Sigma' = (P + F)^{-1}$$
 
-    P is the information that there is already, F that of the test. The gain [nats] is about the
-    parameters at the `positions`, the others unknown beside them; about all when None.
+    P is the existing information, F that of the test. The gain [nats] concerns the parameters at
+    the `positions`, with the others unknown; all parameters if None.
     """
     chosen = list(range(precision.shape[-1]) if positions is None else positions)
     before, after = (
@@ -300,7 +301,7 @@ def information_gain(
 
 
 def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> CandidateRow:
-    """Return a candidate judged: repeats, spread, gain and limits."""
+    """Return the row of a candidate test in the plan: repeats, accuracy, information."""
     candidate, information = prospect.candidate, prospect.information
     positions = [beliefs.names.index(name) for name in wish.wanted]
     eigenmodes = modes(beliefs.precision, information)
@@ -342,7 +343,7 @@ def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> CandidateRow:
 def expected(
     spreads: Float[np.ndarray, "joint parameter"], beliefs: Beliefs, wish: Wish
 ) -> dict[str, Expected]:
-    """Return the median and worst decile over joints of the spread of the wanted parameters."""
+    """Return median and worst decile over joints of the wanted parameters' accuracy."""
     worst, middle = worst_decile(spreads), np.median(spreads, axis=0)
     return {
         name: Expected(float(middle[i]), float(worst[i]))
@@ -354,8 +355,8 @@ def expected(
 def _undetermined(
     beliefs: Beliefs, precision: Matrices, positions: Sequence[int]
 ) -> tuple[str, ...]:
-    """Name the only combination of parameters that tests determine; empty if all are determined."""
-    # Told at the joint whose wanted parameters are known as well as at half of the joints.
+    """Return a sentence on parameters that tests determine only in combination, if any."""
+    # Evaluate this at the joint whose accuracy of the wanted parameters is the median.
     remaining = covariance(precision)
     poorest = np.max(np.diagonal(remaining, axis1=1, axis2=2)[:, list(positions)], axis=1)
     i = int(np.argsort(poorest)[len(poorest) // 2])
@@ -366,7 +367,7 @@ def _undetermined(
 
 
 def ordered(rows: Sequence[CandidateRow]) -> tuple[CandidateRow, ...]:
-    """Return the rows by status, then by measuring time, then by what they tell."""
+    """Return the rows by status, then by measuring time, then by information."""
 
     def place(candidate: CandidateRow) -> tuple[int, float, float]:
         seconds = candidate.seconds_each * (candidate.repeats or 1)
@@ -376,10 +377,10 @@ def ordered(rows: Sequence[CandidateRow]) -> tuple[CandidateRow, ...]:
 
 
 def combine(prospects: Sequence[Prospect], beliefs: Beliefs, wish: Wish) -> Combination:
-    """Add repeats of candidates, one at a time, until the wish is met."""
-    # Each step adds the repeat that gains most about the wanted parameters for a second of
-    # measuring, on an average over the joints. What no longer is needed at the end, because a later
-    # test told more, is taken away again, the longest first.
+    """Return a combination of tests that meets the wish, built repeat by repeat."""
+    # Each step adds the repeat with the largest information gain about the wanted parameters per
+    # second of measuring, averaged over the joints. Repeats that are no longer needed at the end
+    # are removed again, the longest first.
     positions = [beliefs.names.index(name) for name in wish.wanted]
     seconds = np.array([prospect.candidate.seconds for prospect in prospects])
     counts = np.zeros(len(prospects), int)

@@ -1,8 +1,8 @@
 r"""The elements of a plan: candidate tests, the wish, and the expected information.
 
-How much a fleet tells before it is measured follows from the assemblies and torques alone. With n
-units at ln torques t about their mean, in units of the scatter tau and for records whose own error
-is small beside it:
+The accuracy of a fleet study (several assemblies at several torques) can be computed before any
+measurement from the numbers of assemblies and torques alone. With n units at ln torques t around
+their mean, in units of the scatter tau, and for records with negligible errors:
 
 $$\mathrm{sd}\,b_1 = \Big(\sum (t - \bar t)^2\Big)^{-1/2}, \qquad
   b_1 \pm t_{n-2}\,\mathrm{sd}\,b_1, \qquad y_{new} \pm t_{n-2}\sqrt{1 + 1/n}$$
@@ -17,46 +17,46 @@ from scipy.stats import t as student
 
 from jbw.errors import ConfigError
 
-FADE_PERIODS = 8  # of the last frequency, over which a burst fades out
-MOST_FADED = 0.1  # of a burst
+FADE_PERIODS = 8  # periods of the last frequency over which a burst fades out
+MOST_FADED = 0.1  # largest faded share of a burst
 DESIGNS = ((3, 1), (3, 2), (3, 3), (4, 2), (5, 1), (5, 3))
 LEVEL = 0.995  # quantile of both ends of a 99 % interval
 
 
 @dataclass(frozen=True)
 class PlannedSweep:
-    """A linear sweep from rest, recorded through its burst and the free decay behind it."""
+    """A linear sweep from rest, recorded during its burst and the following free decay."""
 
     level: float  # peak of the input [V, N or N/kg]
     start_hz: float
     stop_hz: float
     rate: float  # [Hz/s]
-    rest: float  # free decay behind the burst; the joint is at rest at its end [s]
+    rest: float  # free decay after the burst, at whose end the joint is at rest [s]
     fs: float  # sampling frequency [Hz]
 
     @property
     def burst(self) -> float:
-        """Length of the sweep [s]."""
+        """The duration of the sweep [s]."""
         return (self.stop_hz - self.start_hz) / self.rate
 
     @property
     def fade(self) -> float:
-        """Length of the fade, the last part of the burst [s]."""
+        """The duration of the fade-out, the last part of the burst [s]."""
         return min(FADE_PERIODS / self.stop_hz, MOST_FADED * self.burst)
 
     @property
     def highest_hz(self) -> float:
-        """Highest frequency that is read: its last one [Hz]."""
+        """The highest evaluated frequency: the last one of the sweep [Hz]."""
         return self.stop_hz
 
     @property
     def num_samples(self) -> int:
-        """Samples of one record."""
+        """The number of samples of one record."""
         return round(self.seconds * self.fs)
 
     @property
     def seconds(self) -> float:
-        """Measuring time of one repeat [s]."""
+        """The measuring time of one repeat [s]."""
         return self.burst + self.rest
 
     def __str__(self) -> str:
@@ -65,27 +65,27 @@ class PlannedSweep:
 
 @dataclass(frozen=True)
 class PlannedTones:
-    """Steady tones, each alone in a record of its own."""
+    """Steady tones, each in a separate record."""
 
     level: float  # peak of the input [V, N or N/kg]
     frequencies_hz: tuple[float, ...]
-    dwell: float  # time on each of them [s]
-    settle: float  # of that, the first part, which is discarded [s]
+    dwell: float  # time on each step [s]
+    settle: float  # discarded first part of that time [s]
     fs: float  # sampling frequency [Hz]
 
     @property
     def highest_hz(self) -> float:
-        """Highest frequency that is read: the third harmonic of the highest tone [Hz]."""
+        """The highest evaluated frequency: the third harmonic of the highest tone [Hz]."""
         return 3 * max(self.frequencies_hz)
 
     @property
     def num_samples(self) -> int:
-        """Samples that are read of each frequency."""
+        """The number of evaluated samples of each frequency."""
         return round((self.dwell - self.settle) * self.fs)
 
     @property
     def seconds(self) -> float:
-        """Measuring time of one repeat [s]."""
+        """The measuring time of one repeat [s]."""
         return self.dwell * len(self.frequencies_hz)
 
     def __str__(self) -> str:
@@ -95,28 +95,28 @@ class PlannedTones:
 
 @dataclass(frozen=True)
 class PlannedBackbone:
-    """Points at phase resonance that a controller holds, at amplitudes in turn."""
+    """Points at phase resonance under amplitude control, at several amplitudes in turn."""
 
     level: float  # largest peak of the input, median over the joints [V, N or N/kg]
-    amplitudes: tuple[float, ...]  # of the displacement [m]
-    dwell: float  # time on each of them [s]
-    settle: float  # of that, the first part, in which the controller locks [s]
+    amplitudes: tuple[float, ...]  # amplitudes of the displacement [m]
+    dwell: float  # time on each step [s]
+    settle: float  # first part of the dwell, in which the controller locks [s]
     fs: float  # sampling frequency [Hz]
-    natural_hz: float  # about which the frequencies lie [Hz]
+    natural_hz: float  # natural frequency, near all frequencies [Hz]
 
     @property
     def num_samples(self) -> int:
-        """Samples that are read of each point."""
+        """The number of evaluated samples of each point."""
         return round((self.dwell - self.settle) * self.fs)
 
     @property
     def seconds(self) -> float:
-        """Measuring time of one repeat [s]."""
+        """The measuring time of one repeat [s]."""
         return self.dwell * len(self.amplitudes)
 
     @property
     def highest_hz(self) -> float:
-        """Highest frequency that is read: the fundamental's [Hz]."""
+        """The highest evaluated frequency: that of the fundamental [Hz]."""
         return self.natural_hz
 
     def __str__(self) -> str:
@@ -140,7 +140,7 @@ Candidate = PlannedSweep | PlannedTones | PlannedBackbone
 
 @dataclass(frozen=True)
 class ResponseNoise:
-    """Noise of the response channel."""
+    """The noise of the response channel."""
 
     std: float  # standard deviation of a sample [m, m/s or m/s^2]
     response: str  # displacement, velocity or acceleration
@@ -150,9 +150,9 @@ class ResponseNoise:
 class Wish:
     """The wanted parameters with their accuracy, and the limits of the tests."""
 
-    wanted: tuple[str, ...]  # parameters to be known
+    wanted: tuple[str, ...]  # parameters to determine
     cv: float  # their wished coefficient of variation [-]
-    max_repeats: int = 1000  # of one test
+    max_repeats: int = 1000  # most repeats of one test
     max_displacement: float = np.inf  # [m]
     max_input: float = np.inf  # [V, N or N/kg]
     input_unit: str = "N/kg"  # V, N or N/kg
@@ -160,70 +160,70 @@ class Wish:
 
 @dataclass(frozen=True)
 class Expected:
-    """Coefficient of variation of a parameter over the joints held possible [-]."""
+    """The expected coefficient of variation of a parameter over the possible joints [-]."""
 
-    median: float  # at half of the joints or more
-    worst_decile: float  # at nine joints in ten or more; the wish is judged by it
+    median: float  # not exceeded for half of the joints
+    worst_decile: float  # not exceeded for nine joints in ten; compared with the wish
 
 
 @dataclass(frozen=True)
 class CandidateRow:
     """One candidate; its status is "ok", "too few", "not feasible" or "not predicted"."""
 
-    test: str  # in words
+    test: str  # description of the test
     level: float  # peak of the input [V, N or N/kg]
     y_peak: float  # predicted peak displacement, median over joints [m]
     y_peak_largest: float  # the largest over joints [m]
-    repeats: int | None  # that the wish takes; None where no admitted number suffices
+    repeats: int | None  # needed for the wish; None if the allowed number is too small
     seconds_each: float  # measuring time of one repeat [s]
-    seconds: float | None  # of all repeats [s]
-    cv: dict[str, Expected]  # after these repeats, or after the most admitted, by parameter
-    information_gain: float  # expected of one repeat, mean over joints [nats]
+    seconds: float | None  # measuring time of all repeats [s]
+    cv: dict[str, Expected]  # after these repeats, or the most allowed, by parameter
+    information_gain: float  # expectation for one repeat, mean over joints [nats]
     status: str
-    notes: tuple[str, ...] = ()  # what stands against the test, or stays undetermined
+    notes: tuple[str, ...] = ()  # objections to the test, and undetermined parameters
 
 
 @dataclass(frozen=True)
 class Chosen:
-    """A test of a combination."""
+    """A test in a combination of tests, with its number of repeats."""
 
-    test: str  # in words
+    test: str  # description of the test
     level: float  # peak of the input [V, N or N/kg]
     repeats: int
 
 
 @dataclass(frozen=True)
 class Combination:
-    """Tests to make together."""
+    """A set of tests to measure together."""
 
     tests: tuple[Chosen, ...]
     seconds: float  # measuring time [s]
-    cv: dict[str, Expected]  # after all of them, by parameter
+    cv: dict[str, Expected]  # after all tests, by parameter
     met: bool  # whether the wish is met
-    notes: tuple[str, ...] = ()  # what stays undetermined
+    notes: tuple[str, ...] = ()  # undetermined parameters
 
 
 @dataclass(frozen=True)
 class MeasurementPlan:
-    """Candidates by measuring time, those that meet the wish within the limits first."""
+    """The plan: candidate tests by measuring time, and a combination that meets the wish."""
 
     rows: tuple[CandidateRow, ...]
     combination: Combination  # tests that meet the wish together
     wish: Wish
-    num_joints: int  # that every number was made at
+    num_joints: int  # number of joints behind every number
     before: dict[str, Expected]  # before any of these tests, by parameter
-    notes: tuple[str, ...] = ()  # what was assumed
+    notes: tuple[str, ...] = ()  # assumptions
 
 
 class FleetDesign(NamedTuple):
     """The expected accuracy of one fleet design, in units of the scatter between units.
 
     Attributes:
-        levels: Torques, evenly on logarithms.
-        assemblies: At each of them.
+        levels: Number of torques, evenly spaced in the logarithm.
+        assemblies: Number of assemblies at each torque.
         slope_sd: Standard deviation of the slope on ln torque.
-        slope: Half of the slope's 99 % interval.
-        new_unit: Half of the 99 % interval of a further assembly at the middle torque.
+        slope: Half-width of the slope's 99 % interval.
+        new_unit: Half-width of the 99 % interval of a new assembly at the middle torque.
     """
 
     levels: int
@@ -236,10 +236,10 @@ class FleetDesign(NamedTuple):
 def fleet_designs(
     torque: tuple[float, float], designs: Iterable[tuple[int, int]] = DESIGNS
 ) -> list[FleetDesign]:
-    """Return each design between the least and the largest torque [N m].
+    """Return the expected accuracy of fleet designs between two torques [N m].
 
     Raises:
-        ConfigError: Torques that are no range, or a design of fewer than three units.
+        ConfigError: The torques are no range, or a design has fewer than three units.
     """
     low, high = torque
     if not 0.0 < low < high < np.inf:

@@ -1,4 +1,4 @@
-"""Candidates by default: sweeps, tones and steps that the joint calls for, at useful levels."""
+"""Default candidate tests: sweeps, tones and steps that suit the joint, at useful levels."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,22 +26,22 @@ from jbw.planning.plan import (
 from jbw.planning.prospects import peak_displacements
 from jbw.report.messages import planning
 
-SHARES = (0.2, 0.45, 0.9)  # of the largest displacement, that levels aim at
-SPAN = (0.5, 1.5)  # of the natural frequency
-PERIODS = (200, 800)  # of the natural frequency in a sweep, on an average
-THIRDS = (0.80, 0.88, 0.96, 1.04, 1.08)  # of omega_n / 3: the paper's probing tones
+SHARES = (0.2, 0.45, 0.9)  # target displacements of levels over the largest displacement
+SPAN = (0.5, 1.5)  # frequency range of a sweep over the natural frequency
+PERIODS = (200, 800)  # average numbers of natural periods in a sweep
+THIRDS = (0.80, 0.88, 0.96, 1.04, 1.08)  # the paper's probing tones over omega_n / 3
 NUM_STEPS = 15
-NUM_POINTS, LEAST_SHARE = 14, 0.03  # of a backbone, and its least of the largest displacement
-BANDWIDTHS = 4  # to either side of the resonances that a stepped sine passes
-READ_PERIODS = 100  # of the natural frequency, read of each tone
-DECAY = np.log(1000.0)  # what a transient falls by, in nepers, before the next thing is measured
-NUM_TRIES = 3  # of a sweep's level; each brings its peak several times closer
-PER_PERIOD = 40  # samples a period, at least
+NUM_POINTS, LEAST_SHARE = 14, 0.03  # number of backbone points; least over largest amplitude
+BANDWIDTHS = 4  # margin of a stepped sine on either side of the resonances
+READ_PERIODS = 100  # evaluated natural periods of each tone
+DECAY = np.log(1000.0)  # decay of a transient before the next measurement, in nepers
+NUM_TRIES = 3  # corrections of a sweep's level; each brings its peak several times closer
+PER_PERIOD = 40  # least number of samples per period
 DIGITS = 3
 
 
 class SweepTable(FileTable):
-    """The [sweep] table."""
+    """The [sweep] table of a plan file."""
 
     levels: Numbers | None = key(None, "peaks of the input [V, N or N/kg]")
     span: Span | None = key(None, "first and last frequency [Hz]")
@@ -50,7 +50,7 @@ class SweepTable(FileTable):
 
 
 class DwellingTable(FileTable):
-    """The shared keys of tables for tests that dwell on one point after the other."""
+    """The keys that tables of tests with several steady points share."""
 
     dwell: Positive | None = key(None, "time on each point [s]")
     settle: NonNegative | None = key(None, "of that, the first part, which is discarded [s]")
@@ -66,20 +66,20 @@ class DwellingTable(FileTable):
 
 
 class TonesTable(DwellingTable):
-    """The [tones] table."""
+    """The [tones] table of a plan file."""
 
     levels: Numbers | None = key(None, "peaks of the input [V, N or N/kg]")
     frequencies: Numbers | None = key(None, "tones, each alone [Hz]")
 
 
 class SteppedTable(TonesTable):
-    """The [stepped] table."""
+    """The [stepped] table of a plan file."""
 
     frequencies: Numbers | None = key(None, "steps, in turn [Hz]")
 
 
 class BackboneTable(DwellingTable):
-    """The [backbone] table."""
+    """The [backbone] table of a plan file."""
 
     amplitudes: Numbers | None = key(None, "peaks of the displacement, held in turn [m]")
 
@@ -90,7 +90,7 @@ READ = {
     PlannedSteppedSine: planning.THIRD_HARMONIC,
     PlannedBackbone: planning.NATURAL_FREQUENCY,
 }
-Grid = SweepTable | TonesTable | BackboneTable  # what is left out the joint decides
+Grid = SweepTable | TonesTable | BackboneTable  # the joint determines missing values
 GRIDS: dict[str, type[Grid]] = {
     "sweep": SweepTable,
     "tones": TonesTable,
@@ -101,25 +101,25 @@ USUAL = (
     "sweep",
     "tones",
     "stepped",
-)  # where none are stated: not every laboratory has a controller
+)  # kinds if none are stated; backbones need a controller
 
 
 @dataclass(frozen=True)
 class Reach:
-    """How far a test may go."""
+    """The limits of tests: sampling frequency, displacement and input."""
 
     fs: float  # sampling frequency [Hz]
-    max_displacement: float  # [m]; levels aim at parts of it
+    max_displacement: float  # [m]; levels aim at fractions of it
     max_input: float = np.inf  # [V, N or N/kg]
 
     @property
     def goals(self) -> list[float]:
-        """Displacements that levels aim at [m]."""
+        """The target displacements of levels [m]."""
         return [share * self.max_displacement for share in SHARES]
 
 
 def sampling_for(natural_hz: float) -> float:
-    """Return a power of two with forty samples a period or more [Hz]."""
+    """Return a sampling frequency [Hz], a power of two, with at least forty samples per period."""
     return float(2 ** np.ceil(np.log2(PER_PERIOD * natural_hz)))
 
 
@@ -136,7 +136,7 @@ def displacement_for(beliefs: Beliefs) -> float:
 
 
 def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[Candidate]:
-    """Propose candidates of every kind, aimed by default at parts of the largest displacement."""
+    """Return candidate tests of all kinds, by default at parts of the largest displacement."""
     makers = {"sweep": _sweeps, "tones": _tones, "stepped": _steps, "backbone": _backbones}
     _require_one_mode(grids, beliefs)
     candidates = [
@@ -156,13 +156,13 @@ def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[C
 
 
 def default_grids(beliefs: Beliefs) -> dict[str, Grid]:
-    """Return default kinds of candidates; for several modes only the kinds that support them."""
+    """Return the default kinds of candidate tests that support the structure's modes."""
     kinds = ("sweep",) if len(modes_of(beliefs.joints)) > 1 else USUAL
     return {kind: GRIDS[kind]() for kind in kinds}
 
 
 def _require_one_mode(grids: Mapping[str, Grid], beliefs: Beliefs) -> None:
-    """Refuse steady tones where several modes meet in the joint."""
+    """Raise a ConfigError for steady tones if several modes move the joint."""
     others = [kind for kind in grids if kind != "sweep"]
     if others and len(modes_of(beliefs.joints)) > 1:
         raise ConfigError(
@@ -172,7 +172,7 @@ def _require_one_mode(grids: Mapping[str, Grid], beliefs: Beliefs) -> None:
 
 
 def _sweeps(grid: SweepTable, beliefs: Beliefs, reach: Reach) -> list[PlannedSweep]:
-    """Return sweeps about every mode, at levels that move the joint equally."""
+    """Return sweeps around every mode, at levels that move the joint equally."""
     modes = modes_of(beliefs.joints)
     centres = [float(np.median(mode.omega) / (2 * np.pi)) for mode in modes]
     spans = [grid.span] if grid.span else [_span_about(centre, centres) for centre in centres]
@@ -193,7 +193,7 @@ def _sweeps(grid: SweepTable, beliefs: Beliefs, reach: Reach) -> list[PlannedSwe
 
 
 def _span_about(natural: float, every: Sequence[float]) -> tuple[float, float]:
-    """Return the frequency range [Hz] of a sweep about a mode, at most halfway to another mode."""
+    """Return the frequency range [Hz] of a sweep around a mode, at most halfway to another mode."""
     low, high = (share * natural for share in SPAN)
     middles = [0.5 * (natural + other) for other in every if other != natural]
     low = max([low, *(x for x in middles if x < natural)])
@@ -201,7 +201,7 @@ def _span_about(natural: float, every: Sequence[float]) -> tuple[float, float]:
 
 
 def _aimed(shape: PlannedSweep, level: float, y: float, beliefs: Beliefs) -> float:
-    """Return the level at which a sweep moves the joint that responds most to y."""
+    """Return the level at which a sweep moves the most responsive joint by y."""
     for _ in range(NUM_TRIES):
         peaks = peak_displacements(replace(shape, level=level), beliefs)
         bounded = peaks[np.isfinite(peaks)]
@@ -214,7 +214,7 @@ def _aimed(shape: PlannedSweep, level: float, y: float, beliefs: Beliefs) -> flo
 def _tones(grid: TonesTable, beliefs: Beliefs, reach: Reach) -> list[PlannedTones]:
     third = _natural(beliefs) / 3
     frequencies = grid.frequencies or tuple(_rounded(share * third) for share in THIRDS)
-    # Far below its resonance the joint is a spring.
+    # Far below its resonance, the structure responds like a spring.
     omega_n, gain = beliefs.joints["omega_n"], np.abs(beliefs.joints["gain"])
     per_metre = float(np.min(np.abs(omega_n**2 - (2 * np.pi * max(frequencies)) ** 2) / gain))
     levels = grid.levels or _within([per_metre * y for y in reach.goals], reach)
@@ -230,9 +230,9 @@ def _steps(grid: TonesTable, beliefs: Beliefs, reach: Reach) -> list[PlannedStep
 
 
 def _backbones(grid: BackboneTable, beliefs: Beliefs, reach: Reach) -> list[PlannedBackbone]:
-    """Return backbone tests up to the largest displacement, with settling and reading times.
+    """Return backbone tests up to the largest displacement.
 
-    By default transients decay to a thousandth, then 100 periods are read.
+    By default, transients decay to a thousandth, and then 100 periods are evaluated.
     """
     lowest = LEAST_SHARE * reach.max_displacement
     usual = tuple(_rounded(y) for y in np.geomspace(lowest, reach.max_displacement, NUM_POINTS))
@@ -254,9 +254,9 @@ def _backbones(grid: BackboneTable, beliefs: Beliefs, reach: Reach) -> list[Plan
 
 
 def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:
-    """Return frequencies from below the lowest resonance at large motion to above the highest.
+    """Return the frequencies [Hz] of a stepped sine over all resonances of possible joints.
 
-    The highest resonance is that of the least motion.
+    The lowest resonance is that at the largest displacement, the highest that of small motion.
     """
     sliding = _resonance(beliefs, reach.max_displacement).omega
     sticking = beliefs.joints["omega_n"]
@@ -266,8 +266,8 @@ def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:
 
 
 def _steady_levels(beliefs: Beliefs, reach: Reach) -> list[float]:
-    """Return inputs that reach each goal at resonance in the most responsive joint."""
-    gain = np.abs(beliefs.joints["gain"])  # the sign of a channel, which moves nothing less
+    """Return inputs that reach each target displacement in the most responsive joint."""
+    gain = np.abs(beliefs.joints["gain"])  # the sign does not change the motion
     return [float(np.min(_resonance(beliefs, y).amplitude / gain)) for y in reach.goals]
 
 
@@ -277,12 +277,12 @@ def _resonance(beliefs: Beliefs, y: float) -> Resonances:
 
 
 def _within(levels: Sequence[float], reach: Reach) -> tuple[float, ...]:
-    """Return the levels in few digits, those beyond the largest input brought down to it."""
+    """Return rounded levels, limited to the largest input."""
     return tuple(sorted({min(_rounded(level), reach.max_input) for level in levels}))
 
 
 def _times(grid: TonesTable, beliefs: Beliefs) -> tuple[float, float]:
-    """Return the settling time and the time on each tone [s]."""
+    """Return the settling time and the dwell time of each tone [s]."""
     settle = _decay(beliefs) if grid.settle is None else grid.settle
     read = READ_PERIODS / _natural(beliefs)
     dwell = settle + max(_rounded(read), read) if grid.dwell is None else grid.dwell
@@ -296,7 +296,7 @@ def _times(grid: TonesTable, beliefs: Beliefs) -> tuple[float, float]:
 
 
 def _decay(beliefs: Beliefs) -> float:
-    """Time in which a transient of the least damped joint falls to a thousandth [s]."""
+    """Return the time in which a transient of the least damped joint falls to a thousandth [s]."""
     return _rounded(float(np.max(DECAY / (beliefs.joints["zeta"] * beliefs.joints["omega_n"]))))
 
 

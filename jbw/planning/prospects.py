@@ -27,25 +27,25 @@ from jbw.quantities import UNIT_OF, Motion
 from jbw.report.messages import planning
 from jbw.verification.in_time import responses_at
 
-# A test as the identification would reduce it, and 1 for each of its values that is measured.
+# A test as the identification would reduce it, and 1 for each measured value.
 Design = tuple[Dataset, Float[np.ndarray, " value"]]
-SUBSTEPS = 1  # the exact step at the samples: derivatives to a few parts in a thousand
-RELATIVE_STEP = 1e-5  # of differences: an error of the square of it over the damping ratio
-NUM_PHASES = 256  # of a period, where its peak is looked for
+SUBSTEPS = 1  # one step per sample gives derivatives to a few parts in a thousand
+RELATIVE_STEP = 1e-5  # of differences; their error is its square over the damping ratio
+NUM_PHASES = 256  # points of a period to find its peak
 
 
 @dataclass(frozen=True)
 class Prospect:
-    """A candidate at every joint that is held possible."""
+    """The information and peak displacement of a candidate test at every possible joint."""
 
     candidate: Candidate
-    # Fisher information of one repeat; zero where no response was found.
+    # Fisher information of one repeat; zero if no response was found.
     information: Float[np.ndarray, " joint parameter parameter"]
-    y_peak: Float[np.ndarray, " joint"]  # [m]; NaN where no response was found
+    y_peak: Float[np.ndarray, " joint"]  # peak displacement [m]; NaN if no response was found
 
     @property
     def num_lost(self) -> int:
-        """Joints for which no response was found."""
+        """The number of joints for which no response was found."""
         return int(np.sum(~np.isfinite(self.y_peak)))
 
 
@@ -56,9 +56,12 @@ def prospects(
     report: Callable[[str], None] = lambda _: None,
     parts: Parts = unkept,
 ) -> tuple[Prospect, ...]:
-    """Return information and peak displacement of candidates at every joint; `parts` keeps each."""
-    # Records of sweeps are filled up to the length of the longest, for each new length would be
-    # compiled anew; what fills them up is not counted.
+    """Return the information and peak displacement of candidate tests at every joint.
+
+    `parts` stores the prospect of each candidate.
+    """
+    # Records of sweeps are padded to the longest one, because each new length would be compiled
+    # again; the padding does not count.
     sweeps = [candidate for candidate in candidates if isinstance(candidate, PlannedSweep)]
     longest = max((candidate.num_samples for candidate in sweeps), default=0)
     report(planning.TIMING)
@@ -83,7 +86,7 @@ def prospects(
 def _timed(
     candidate: Candidate, beliefs: Beliefs, noise: ResponseNoise, longest: int
 ) -> tuple[float, Prospect]:
-    """Time that a candidate takes once compiled [s], and the candidate at every joint."""
+    """Return a candidate's computing time once compiled [s], and its prospect."""
     _prospect(candidate, beliefs, noise, longest)
     began = perf_counter()
     prospect = _prospect(candidate, beliefs, noise, longest)
@@ -93,7 +96,7 @@ def _timed(
 def cost_sentence(
     candidates: Sequence[Candidate], seconds_of_form: Mapping[type, float], beliefs: Beliefs
 ) -> str:
-    """Return the sentence on a plan's cost: time of each form's first candidate times number."""
+    """Return the sentence on a plan's computing time, estimated from one candidate per kind."""
     seconds = sum(seconds_of_form[type(candidate)] for candidate in candidates)
     return planning.cost(len(candidates), beliefs.num_joints, seconds)
 
@@ -122,7 +125,7 @@ def _found(
     information: Float[np.ndarray, "joint parameter parameter"],
     y_peak: Float[np.ndarray, " joint"],
 ) -> Prospect:
-    """Return a candidate with what was found, without joints for which no response was."""
+    """Return a candidate's prospect; joints without a response get zero information."""
     lost = ~np.isfinite(information).all(axis=(1, 2)) | ~np.isfinite(y_peak)
     information[lost], y_peak[lost] = 0.0, np.nan
     return Prospect(candidate, information, y_peak)
@@ -140,12 +143,12 @@ def peak_displacements(
 def _planned_sweep(
     candidate: PlannedSweep, laws: tuple[str, ...], response: str, longest: int
 ) -> Records:
-    """Return a sweep's record without a response, which is left at zero."""
+    """Return a sweep's record with a response of zeros."""
     played = sweep(
         candidate.level, candidate.start_hz, candidate.stop_hz, candidate.burst,
         fade=candidate.fade,
     )  # fmt: skip
-    # There is silence after the sweep up to the longest one.
+    # Pad with silence up to the longest sweep.
     source = np.asarray(sampled(played, candidate.fs, max(candidate.num_samples, longest)))
     channels = {"input": source, response: np.zeros_like(source)}
     units = {"input": "V", response: UNIT_OF[response]}
@@ -156,7 +159,7 @@ def _planned_sweep(
 def _sweep_design(
     candidate: PlannedSweep, laws: tuple[str, ...], noise: ResponseNoise, longest: int
 ) -> Design:
-    """Return a sweep's record, whose information does not depend on the response."""
+    """Return a planned sweep as data for the model, with the mask of its samples."""
     planned = _planned_sweep(candidate, laws, noise.response, longest)
     groups = changed(planned.groups, noise_std=np.full(1, noise.std))
     is_measured = np.arange(planned.mean.shape[1]) < candidate.num_samples
@@ -166,7 +169,7 @@ def _sweep_design(
 def _tones_designs(
     candidate: PlannedTones, beliefs: Beliefs, noise: ResponseNoise
 ) -> tuple[Float[np.ndarray, " joint"], list[Design]]:
-    """Return peak displacement [m] and measured odd harmonics of steady tones, by joint."""
+    """Return the peak displacement [m] and the planned harmonics of steady tones, by joint."""
     omega, level = 2 * np.pi * np.array(candidate.frequencies_hz), jnp.asarray(candidate.level)
     phase = jnp.linspace(0.0, 2 * np.pi, NUM_PHASES, endpoint=False)
     y_peak, designs = [], []
@@ -185,7 +188,7 @@ def _tones_designs(
 def _backbone_designs(
     candidate: PlannedBackbone, beliefs: Beliefs, noise: ResponseNoise
 ) -> tuple[Float[np.ndarray, " joint"], list[Design]]:
-    """Return peak displacement [m] and measured points at phase resonance, by joint."""
+    """Return the peak displacement [m] and the planned points at phase resonance, by joint."""
     amplitudes = np.array(candidate.amplitudes)
     designs = []
     for theta in beliefs.joint_by_joint():
@@ -208,16 +211,16 @@ def fisher(
 
     $$F = J^T J, \qquad J = \partial r / \partial x, \qquad \theta_i = \theta_{0,i} + s_i x_i$$
 
-    r being the residual in standard errors, whose derivative does not depend on what is measured,
-    and s, the `scale`, the parameter itself where it is positive, so that the standard deviations
-    of x are coefficients of variation. The noise, which the identification integrates out, costs
-    the parameters nothing at this order. `is_measured` is 1 for values that are measured, 0 for
-    those that only fill up the record. Derivatives are differences,
+    where r is the residual in standard errors, whose derivative does not depend on the measured
+    values, and s, the `scale`, is the parameter itself if it is positive, so that the standard
+    deviations of x are coefficients of variation. The unknown noise, which the identification
+    integrates out, costs no accuracy of the parameters at this order. `is_measured` is 1 for
+    measured values, 0 for padding. Derivatives are differences,
 
     $$J \approx \frac{r(h) - r(-h)}{2 h}$$
 
-    by the program that predicts: one of derivatives through time takes several times as long to
-    compile.
+    computed by the program of the predictions: a program with derivatives through time takes
+    several times as long to compile.
     """
     count, size = scale.shape
     away = RELATIVE_STEP * np.concatenate([np.eye(size), -np.eye(size)])

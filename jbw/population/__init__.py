@@ -1,1 +1,1 @@
-"""Several units of one joint: their runs collected, and what scatters between them."""
+"""The population of nominally equal units: their runs collected, and the variation between them."""

@@ -1,4 +1,4 @@
-"""A unit that nobody measured as a run that predicts: its draws, and what else predictions need."""
+"""An unmeasured unit in the form of a run that predicts: its draws and the data for predictions."""
 
 import json
 from typing import Any
@@ -18,7 +18,7 @@ from jbw.verification.predictive_basis import NUM_DRAWS, basis_of
 
 CONSTANTS = tuple(quantity.name for quantity in CONSTANT_TERMS)
 TERMS = tuple(quantity.name for quantity in RESIDUAL_TERMS)
-TERMS_KEY = 3  # of the seed: no other numbers move by these
+TERMS_KEY = 3  # added to the seed, so that no other random number changes
 
 
 def new_terms(
@@ -26,16 +26,17 @@ def new_terms(
 ) -> dict[str, Float[np.ndarray, " unit"]]:
     r"""Draw residual constants of `num` new units: the contribution of other modes to responses.
 
-    They may have either sign, so that no logarithm of theirs is pooled. Of K units that all have
-    the constants c_k a further one has, by the normal theory of a mean and a covariance that are
-    not known,
+    The constants may have either sign, so that their logarithms cannot be pooled. Given K units,
+    each with constants c_k, those of a new unit are, by the normal theory of a mean and a
+    covariance that are both unknown,
 
     $$c = \bar c + \sqrt{\frac{1 + 1/K}{\chi^2_{K-1}}}\,\sum_k g_k (c_k - \bar c), \qquad
       g_k \sim N(0, 1)$$
 
-    each Student's t with K - 1 degrees of freedom, together as the units have them; c_k are draws
-    of the units' posteriors. A term that only some units have, and linear neighbours, whose place
-    belongs to one structure, are left out, and named.
+    Each has Student's t distribution with K - 1 degrees of freedom, with the correlation between
+    the constants that the units show; c_k are draws of the units' posteriors. A term that only some
+    units have is left out, and so are linear neighbour modes, whose place belongs to one structure;
+    predictions name them.
 
     Reference:
         Gelman et al. (2013), Bayesian Data Analysis, 3rd ed., sections 3.2 and 3.6.
@@ -56,7 +57,7 @@ def new_terms(
 
 
 def terms_of(fleet: xr.DataTree) -> tuple[list[str], list[str]]:
-    """Return the names of terms that a new unit has, and of terms that only some units have."""
+    """Return the residual terms that a new unit has, and the terms that only some units have."""
     held = [set(map(str, fleet[unit].data_vars)) & set(TERMS) for unit in unit_names(fleet)]
     every = [name for name in CONSTANTS if all(name in unit_terms for unit_terms in held)]
     return every, [name for name in TERMS if name not in every and any(name in o for o in held)]
@@ -72,9 +73,9 @@ def new_unit(
 ) -> xr.DataTree:
     """Return new units as the posterior of one run, in the form that `basis_of` reads.
 
-    Runs scatter as they do within the units, and the noise is the mean of the units' tests alike.
-    What counts as fitted ends where the unit that was driven least does. Constant residual terms
-    that every unit has go with it; others are left out, and its predictions say so.
+    The variation between runs is that within the units, and the noise is the mean over the tests of
+    all units. The fitted range ends at the smallest of the units' largest displacements. Constant
+    residual terms that every unit has are included; others are left out, and predictions name them.
     """
     draws = new_units(population, fleet, torque, seed=seed, num=num)
     units = json.loads(fleet.attrs["units"])
@@ -104,24 +105,26 @@ def new_prediction(
     gain: float | None = None,
     seed: int = 0,
 ) -> xr.Dataset:
-    """Predict bands of a new unit on any test, from the scatter between units and its uncertainty.
+    """Predict any test of a new unit: bands from the variation between units and its uncertainty.
 
     Args:
-        population: From `jbw.population_of`.
-        fleet: The fleet that it was made from.
-        test: What is predicted, measured or planned.
-        torque: At which the unit is tightened [N m]; the reference when None.
-        num_draws: Units carried through the model; fewer through long records.
-        noise: Whether the bands include the noise, where it is known.
-        gain: Of the test's source, or 1 / modal mass, where it is known; else the units' own.
-        seed: Of everything random.
+        population: A population from `jbw.population_of`.
+        fleet: The fleet from which the population was made.
+        test: The predicted test, measured or planned.
+        torque: Torque at which the unit is tightened [N m]; the reference torque when None.
+        num_draws: Number of units that the model propagates; fewer for long records.
+        noise: Whether the bands include the measurement noise, where it is known.
+        gain: Gain of the test's source, or 1 / modal mass, where it is known; otherwise the units'
+            own gains.
+        seed: Seed of all random numbers.
 
     Returns:
-        As `Study.predict`.
+        A dataset like that of `Study.predict`.
 
     Raises:
-        ConfigError: A torque that is not positive, or too few draws.
-        DataError: A torque where no trend with it is known, or a source that no gain is known for.
+        ConfigError: The torque is not positive, or there are too few draws.
+        DataError: A torque is given but the fleet has no trend with it, or no gain is known for the
+            source.
 
     Examples:
         The band of a new unit contains the noise test of a measured unit:
@@ -142,7 +145,10 @@ def new_prediction(
 
 
 def _facts(population: Population, fleet: xr.DataTree, torque: float | None) -> dict[str, Any]:
-    """Return attributes that `basis_of` reads; tests by unit, none of the new unit itself."""
+    """Return the attributes of new units from which tests are predicted.
+
+    `basis_of` reads them; tests are those of all measured units, not of the new unit.
+    """
     names = unit_names(fleet)
     attrs = [fleet[name].attrs for name in names]
     seen = {}
@@ -166,7 +172,7 @@ def _facts(population: Population, fleet: xr.DataTree, torque: float | None) -> 
 
 
 def torque_of(population: Population, torque: float | None) -> float | None:
-    """Return a new unit's torque: as asked, else the reference, else that common to all units."""
+    """Return a new unit's torque [N m]: the given one, the reference, or that of all units."""
     stated = {unit_torque for unit_torque in population.record["torque"] if unit_torque is not None}
     common = stated.pop() if len(stated) == 1 else None
     return next(
@@ -175,7 +181,7 @@ def torque_of(population: Population, torque: float | None) -> float | None:
 
 
 def _noise(fleet: xr.DataTree) -> tuple[list[str], np.ndarray]:
-    """Return labels of all units' data groups, prefixed by the unit's name, and their noise."""
+    """Return the labels of all units' data groups, prefixed by the unit, and their noise."""
     labels, values = [], []
     for name in unit_names(fleet):
         group = fleet[name].to_dataset()

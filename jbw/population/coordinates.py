@@ -1,4 +1,4 @@
-"""In which logarithms a fleet is pooled, and how units are found again from them."""
+"""The logarithmic coordinates in which a fleet is pooled, and its units' summaries in them."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,9 +15,11 @@ from jbw.population.model import UnitPosteriors
 from jbw.population.unit import GAIN
 
 STRUCTURE = ("omega_n", "zeta")
-NUM_KEPT = 400  # draws of a unit, evenly from its own
-CUT = 0.01  # of a unit's posterior beyond the bounds of its prior, from which it is not pooled
-KNOWN = 0.2  # sd of a logarithm, up to which a unit knows what its law's products leave open
+NUM_KEPT = 400  # draws of a unit, evenly spaced among all of its draws
+# Share of a unit's posterior beyond the bounds of its prior, above which it is not pooled.
+CUT = 0.01
+# sd of a logarithm up to which a unit determines what the products of its law leave open
+KNOWN = 0.2
 
 Rows = Float[np.ndarray, "coordinate parameter"]
 
@@ -26,13 +28,13 @@ class Pooled(NamedTuple):
     """The pooled coordinates of a fleet, with each unit's mean and covariance in them.
 
     Attributes:
-        names: The coordinates, of whose logarithms the population is made.
-        mean: Of each unit's own posterior.
-        cov: Its covariance.
-        powers: Each coordinate's exponents of the parameters, the rows by which logarithms add up.
-        parameters: Their names: of the structure and of the laws.
-        common: Exponents of what the laws are written in beside these, which has one value at every
-            torque: of Bouc-Wen's law its share of the stiffness, where no unit knows it.
+        names: Coordinates, whose logarithms have the population's distribution.
+        mean: Mean of each unit's own posterior.
+        cov: Covariance of each unit's own posterior.
+        powers: Exponents of the parameters in each coordinate; logarithms add up by these rows.
+        parameters: Names of the parameters of the structure and of the laws.
+        common: Exponents of the laws' remaining coordinates, which have one value at every torque.
+            For Bouc-Wen's law this is its share of the stiffness, where no unit determines it.
     """
 
     names: tuple[str, ...]
@@ -44,7 +46,7 @@ class Pooled(NamedTuple):
 
 
 def unit_names(fleet: xr.DataTree) -> list[str]:
-    """Return the names of the units, in order."""
+    """Return the names of the units of a fleet, in order."""
     return [str(name) for name in fleet.to_dataset()["unit"].values]
 
 
@@ -55,14 +57,15 @@ def parameters_of(fleet: xr.DataTree) -> tuple[str, ...]:
 
 
 def pooled(fleet: xr.DataTree, names: Sequence[str] | None = None) -> Pooled:
-    """Return a fleet's coordinates: the named ones, else coordinates that every unit determines.
+    """Return a fleet's pooled coordinates: named ones, or those that every unit determines.
 
-    Of a law its products, which are known where its parameters trade, the parameters that are in
-    none of them, and what these leave open where every unit knows that too.
+    The usual coordinates of a law are its products, which the data determine where parameters
+    trade; the parameters that are in no product; and further coordinates where every unit
+    determines those too.
 
     Raises:
-        ConfigError: A name that the fleet does not have.
-        DataError: One that some units do not know, or whose posterior the prior cuts.
+        ConfigError: The fleet has no quantity of that name.
+        DataError: Some units do not determine a named quantity, or the prior cuts its posterior.
     """
     parameters = parameters_of(fleet)
     names = _usual(fleet, parameters) if names is None else list(names)
@@ -89,7 +92,7 @@ def laws_of(fleet: xr.DataTree) -> tuple[str, ...]:
 
 
 def monomials_of(laws: Sequence[str]) -> dict[str, Mapping[str, float]]:
-    """Return exponents of the laws' products, and of the other coordinates of the laws."""
+    """Return the parameters' exponents in each product and coordinate of some laws."""
     return {
         monomial.name: monomial.powers
         for law in laws_named(laws)
@@ -101,7 +104,7 @@ def monomials_of(laws: Sequence[str]) -> dict[str, Mapping[str, float]]:
 
 
 def rows_of(laws: Sequence[str], names: Sequence[str], parameters: Sequence[str]) -> Rows:
-    """Return the exponents of parameters in the named quantities, one row per quantity."""
+    """Return the parameters' exponents in named quantities, one row per quantity."""
     powers = monomials_of(laws)
     rows = [
         [powers.get(name, {name: 1}).get(parameter, 0) for parameter in parameters]
@@ -124,7 +127,7 @@ def _usual(fleet: xr.DataTree, parameters: Sequence[str]) -> list[str]:
 
 
 def _independent_of(fleet: xr.DataTree, powers: Rows, parameters: Sequence[str]) -> Iterator[str]:
-    """Yield further coordinates of the laws that no product of powers of earlier ones gives."""
+    """Yield further coordinates of the laws that are independent of given ones."""
     for name in monomials_of(laws_of(fleet)):
         longer = np.concatenate([powers, rows_of(laws_of(fleet), [name], parameters)])
         if np.linalg.matrix_rank(longer) > np.linalg.matrix_rank(powers):
@@ -160,11 +163,11 @@ def _require_whole(fleet: xr.DataTree, name: str) -> None:
 
 
 def cut_of(fleet: xr.DataTree, name: str) -> tuple[Float[np.ndarray, " unit"], Any]:
-    r"""Return how much of each unit's posterior a prior cuts, and the parameter whose prior does.
+    r"""Return the part of each unit's posterior that a prior cuts, and the parameter of that prior.
 
-    Of a quantity that was not sampled itself, what the bounds of each that was cut, times the part
-    $\rho^2$ of its variance that goes with that one: a product stays whole where its factors trade
-    up to their bounds.
+    For a quantity that was not sampled itself, it is the part cut from each sampled parameter,
+    times the share $\rho^2$ of the quantity's variance that this parameter explains. A product is
+    thus not cut where its factors trade up to their bounds.
     """
     root = fleet.to_dataset()
     beyond = root["beyond"].values
@@ -187,14 +190,16 @@ def _identifiable_of(law: type[Law]) -> list[str]:
 
 
 def units_of_fleet(fleet: xr.DataTree, pooled_coordinates: Pooled) -> UnitPosteriors:
-    r"""Return summaries and draws of every unit in the pooled coordinates, not yet weighted.
+    r"""Return the posteriors of all units of a fleet in its pooled coordinates.
 
-    A run's prior is uniform in what it sampled: over logarithms its density is their product. A
-    normal summary is rid of it in closed form, over the logarithms of all that was sampled,
+    A run's prior is uniform in the sampled parameters, so that over their logarithms its density is
+    their product. A normal summary is freed from it in closed form, over the logarithms of all
+    sampled parameters,
 
     $$N(m, C) / e^{1^T \varphi} \propto N(m - C 1, C)$$
 
-    The source's gain keeps its prior, and so does what has no logarithm in the fleet.
+    The prior remains for the gain of the source and for quantities without a logarithm in the
+    fleet.
     """
     root = fleet.to_dataset()
     parameters = root["parameter"].values.astype(str)

@@ -1,4 +1,4 @@
-"""Covariates of units: torque, sequence, assembly and temperature, as stated, or from a table."""
+"""The covariates of units, as stated or from a table: torque, sequence, assembly, temperature."""
 
 import csv
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ class Covariates(NamedTuple):
 def covariates_of(
     records: Mapping[str, Mapping[str, Any]], overrides: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Covariates]:
-    """Return every run's covariates: from its summary, replaced by given values."""
+    """Return each run's covariates from its summary; given values take precedence."""
     for run in overrides:
         if run not in records:
             raise ConfigError(
@@ -68,7 +68,7 @@ def _number(run: str, name: str, value: Any) -> float:
 
 
 def require_torque_of_all(stated: Mapping[str, Covariates]) -> None:
-    """Refuse a torque that some units state and others do not."""
+    """Raise an error if some units state a torque and others do not."""
     lacking = [run for run, covariates in stated.items() if covariates.torque != covariates.torque]
     if lacking and len(lacking) < len(stated):
         raise DataError(
@@ -84,7 +84,7 @@ def read_covariates(path: Path) -> dict[str, dict[str, str]]:
     """Read covariates by run from a CSV file with a column `run` and any covariate names.
 
     Raises:
-        ConfigError: No such file, no column `run`, or a run that stands there twice.
+        ConfigError: The file or its column `run` does not exist, or a run occurs twice.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:

@@ -1,60 +1,63 @@
-"""A fleet: the posteriors of several runs, one unit each, as one tree on logarithms.
+"""A fleet: the posteriors of several runs, one per unit, as one tree of logarithms.
 
-What `fleet_of` returns and `fleet.nc` holds, an `xr.DataTree`:
+The `xr.DataTree` that `fleet_of` returns and `fleet.nc` stores contains:
 
 At the root, attributes
 
     format    1, of this description
     laws      JSON list of the laws of the joint, the same in every run
-    units     JSON: parameter to the SI unit of the value whose logarithm is held
-    symbols   JSON: parameter to its symbol for people
-    meanings  JSON: parameter to what it is, in a few words
-    versions  JSON: package to its version, the same in every run (jbw and what it computes with)
-    left_out  JSON: quantity to the units that do not know it, or hold draws that are not positive
-              and have no logarithm; it is in none of the variables
+    units     JSON: parameter to the SI unit of the value whose logarithm is stored
+    symbols   JSON: parameter to its displayed symbol
+    meanings  JSON: parameter to its meaning in a few words
+    versions  JSON: package to its version, the same in every run (jbw and numerical packages)
+    left_out  JSON: quantity to the units that do not determine it, or have draws that are not
+              positive and thus no logarithm; no variable contains it
 
 coordinates
 
-    unit       name of each run, unique: that of its folder; in the order given (`mean_run` for
+    unit       unique name of each run, that of its folder, in the given order (`mean_run` for
                `mean` and other names of variables)
     parameter  omega_n, zeta, the laws' own parameters, their products (`alpha_delta`) and their
                other coordinates (`softening` = alpha delta/omega_n^2), `gain` where every run
-               inferred it; those that every run has, positive in all of its draws
+               inferred it; only those that every run has, positive in all of its draws
 
 and variables
 
-    torque       (unit)  [N m], NaN where no run states one; one that some state alone is refused
+    torque       (unit)  tightening torque [N m], NaN where no run states one; either all runs or
+                 none must state it
     sequence     (unit)  number of the tightening, NaN where not stated
-    temperature  (unit)  [degC], NaN where not stated
+    temperature  (unit)  temperature [degC], NaN where not stated
     assembly     (unit)  name of the assembly, empty where not stated
-    verdict      (unit)  of the run: ok, usable, failed, not assessed
-    sampling     (unit)  the same of the computation alone, of `jbw`'s answers; empty in old runs
-    num_draws    (unit)  draws of the unit, all of equal weight
-    ess          (unit)  effective draws of the parameter of the posterior that has fewest
-    mean         (unit, parameter)  of the natural logarithms
-    covariance   (unit, parameter, other)  of them; `other` has the names of `parameter`
+    verdict      (unit)  verdict on the run: ok, usable, failed, not assessed
+    sampling     (unit)  verdict on the computation alone, from `jbw`'s answers; empty in old runs
+    num_draws    (unit)  number of draws of the unit, all of equal weight
+    ess          (unit)  smallest effective number of draws among the posterior's parameters
+    mean         (unit, parameter)  means of the natural logarithms
+    covariance   (unit, parameter, other)  covariances of the natural logarithms; `other` has the
+                 names of `parameter`
     lower, upper (unit, parameter)  logarithms of the bounds of the uniform prior where the
                  parameter itself was sampled, NaN where it was not; lower is -inf where the bound
                  is not positive
     beyond       (unit, parameter)  probability beyond these bounds of a Gaussian in the sampled
-                 coordinate (no logarithm) of the draws' mean and sd: near 0 where the prior leaves
-                 the posterior alone, some 0.04 and more where it cuts it; NaN where not sampled
+                 coordinate (no logarithm) with the draws' mean and sd: near 0 where the prior does
+                 not affect the posterior, about 0.04 and more where it cuts it; NaN where not
+                 sampled
     run_scatter  (unit, parameter)  sd over the runs within the unit, over the mean, of omega_n and
                  zeta where the unit has several runs; NaN elsewhere
 
 A group for each unit, `fleet[unit]`, with
 
-    draws  (draw, parameter)  natural logarithms, chains one after the other; as many as the run has
-    gain   (draw)  of the source, itself, as inferred or held; not there where the run knows none
-    noise  (label)  noise of every group of data, in the unit of what was compared
-    residual_upper and others  (draw)  residual terms, themselves, those that the run has
+    draws  (draw, parameter)  natural logarithms, chains one after the other; as many as in the run
+    gain   (draw)  gain of the source (no logarithm), inferred or fixed; missing where unknown
+    noise  (label)  noise of every group of data, in the unit of the compared values
+    residual_upper and others  (draw)  residual terms of the run (no logarithms)
     attributes  campaign (its name), folder (of the run), source (the campaign file), y_peak (the
-                largest displacement that was fitted, m; NaN where the run does not say); tests,
-                substeps and scatter as the run has them, with which it predicts
+                largest fitted displacement [m]; NaN where the run does not state it); tests,
+                substeps and scatter as in the run, for predictions
 
 Logarithms of monomials are sums of those of their factors: ln(alpha delta/omega_n^2) is
 `draws.sel(parameter="alpha_delta") - 2 draws.sel(parameter="omega_n")`. The uniform prior in theta
-has the density exp(sum ln theta) over ln theta: nothing here takes it out.
+has the density exp(sum ln theta) over ln theta; nothing here removes it.
 """
 
 import json
@@ -74,7 +77,7 @@ from jbw.run.netcdf import read_tree, write_tree
 from jbw.study.study import Study
 
 FORMAT = 1
-FEWEST = 2  # units, below which nothing scatters between them
+FEWEST = 2  # Nothing varies between fewer units.
 ABOUT = {
     "torque": {"units": "N m", "long_name": "tightening torque"},
     "sequence": {"units": "1", "long_name": "number of the tightening"},
@@ -88,19 +91,20 @@ def fleet_of(
     covariates: Mapping[str, Mapping[str, Any]] | None = None,
     mixed_versions: bool = False,
 ) -> xr.DataTree:
-    """Return the draws of several finished runs with their covariates, as this module describes it.
+    """Return the draws of several finished runs with their covariates, as this module describes.
 
     Args:
-        runs: Folders of finished runs, or what `jbw.identify` and `jbw.load_study` return; one a
-            unit, in this order.
+        runs: Folders of finished runs, or results of `jbw.identify` and `jbw.load_study`; one per
+            unit, in the order of the units.
         covariates: Name of a run to `torque` [N m], `sequence`, `assembly`, `temperature` [degC],
-            in the place of what its campaign states in [assembly].
-        mixed_versions: Take runs of different versions of jbw or of what it computes with.
+            which replace those that its campaign states in [assembly].
+        mixed_versions: Whether runs of different versions of jbw or its numerical packages are
+            accepted.
 
     Raises:
-        ConfigError: Covariates of a run that is not there, or that are none.
-        DataError: Fewer than two runs; runs of different laws, units or versions, or of the same
-            records; one that is not finished; a torque that some runs state and others do not.
+        ConfigError: Covariates are given for an unknown run, or are unknown.
+        DataError: There are fewer than two runs; runs have different laws, units or versions, or
+            the same records; a run is not finished; or some runs state a torque and others do not.
 
     Examples:
         The finished runs of two torques make a fleet:
@@ -126,10 +130,10 @@ def fleet_of(
 
 
 def read_fleet(path: str | Path) -> xr.DataTree:
-    """Return a fleet from the file that `write_fleet` or `jbw collect` wrote.
+    """Read a fleet from the file that `write_fleet` or `jbw collect` wrote.
 
     Raises:
-        DataError: No such file, or one that holds no fleet of this format.
+        DataError: The file does not exist, or contains no fleet of this format.
 
     Examples:
         The torques of a fleet are read from its file:
@@ -153,7 +157,7 @@ def read_fleet(path: str | Path) -> xr.DataTree:
 
 
 def write_fleet(path: str | Path, fleet: xr.DataTree) -> None:
-    """Write a fleet to one NetCDF file, whole or not at all.
+    """Write a fleet to one NetCDF file, completely or not at all.
 
     Examples:
         A fleet is kept in one file:
@@ -238,7 +242,7 @@ def _words(texts: Iterable[str]) -> Any:
 
 
 def _common(units: Sequence[Unit]) -> tuple[list[str], dict[str, list[str]]]:
-    """Return quantities with logarithms in every unit; for other quantities, the units without."""
+    """Return the quantities that have logarithms in every unit of a fleet, and the others."""
     every = dict.fromkeys(name for unit in units for name in unit.draws)
     lacking = {
         name: [u.name for u in units if name not in u.draws or not np.all(u.draws[name] > 0)]
@@ -248,16 +252,16 @@ def _common(units: Sequence[Unit]) -> tuple[list[str], dict[str, list[str]]]:
 
 
 def _log_bounds(unit: Unit, name: str) -> tuple[float, float]:
-    """Return logarithms of the prior's bounds; -inf below zero, NaN where not sampled."""
+    """Return the logarithms of the prior's bounds; -inf below zero, NaN where not sampled."""
     lower, upper = unit.bounds.get(name, (np.nan, np.nan))
     return float(np.log(lower)) if not lower <= 0 else -np.inf, float(np.log(upper))
 
 
 def beyond(unit: Unit, name: str) -> float:
-    """Return the probability beyond the prior's bounds of a Gaussian of the draws' mean and sd.
+    """Return the probability beyond the prior's bounds, for a Gaussian of the draws' mean and sd.
 
-    A posterior that the box leaves alone has next to none there; one that is cut at its mode,
-    half a Gaussian, has 9 %, one that is flat up to a bound 4 %. NaN where not sampled.
+    A posterior that the box does not affect has next to none there; one that is cut at its mode,
+    half a Gaussian, has 9 %; one that is flat up to a bound has 4 %. NaN where not sampled.
     """
     if name not in unit.bounds:
         return np.nan

@@ -1,4 +1,4 @@
-"""The folder of a population: draws of further units, and the torque they are predicted at."""
+"""The folder of a population: draws of new units, and the torque for which they are predicted."""
 
 import json
 from pathlib import Path
@@ -8,19 +8,19 @@ from jbw.report.result import require_finite
 from jbw.run.netcdf import read_tree
 from jbw.verification.predictive_basis import Basis, basis_of
 
-SAME_TORQUE = 1e-3  # a part: what is stated with three digits
+SAME_TORQUE = 1e-3  # relative: torques stated with three digits are equal
 
 
 def holds_population(folder: Path) -> bool:
-    """Return whether a folder is that of a population of units."""
+    """Return whether a folder contains the population of a fleet."""
     return (folder / "population.json").is_file()
 
 
 def basis_of_population(folder: Path) -> Basis:
-    """Return the basis for predicting new units of the population in a folder.
+    """Return the draws and settings that predict new units of the population in a folder.
 
     Raises:
-        DataError: The folder holds no whole population.
+        DataError: The folder contains no complete population.
     """
     try:
         tree = read_tree(folder / "population.nc")
@@ -34,9 +34,9 @@ def basis_of_population(folder: Path) -> Basis:
 
 
 def require_same_torque(folder: Path, torque: float | None) -> float | None:
-    """Return the torque [N m] of the units that a population predicts, which that of tests must be.
+    """Return a population's torque [N m]; raise an error if the tests have another torque.
 
-    None where the folder holds no population, or one without a torque.
+    The result is None where the folder contains no population, or one without a torque.
     """
     if not holds_population(folder):
         return None

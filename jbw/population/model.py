@@ -1,20 +1,21 @@
-r"""The population of several coordinates at once, sampled by NUTS.
+r"""The population's distribution of several coordinates at once, sampled by NUTS.
 
 $$\varphi_k \sim N(\mu_k, T), \qquad \mu_k = B x_k, \qquad T = \mathrm{diag}(\tau)\,R\,
   \mathrm{diag}(\tau)$$
 $$\tau_j \sim \text{half-normal}(A_j), \qquad R \sim \mathrm{LKJ}(2)$$
 
-The units themselves are integrated out, which leaves no funnel: where a unit is the normal summary
-of its posterior in closed form, else over its draws, each weighed by what its run took for a prior,
+The posterior is marginal over the units, which avoids a funnel. A unit that is represented by the
+normal summary of its posterior is integrated out in closed form; any other one over its draws, each
+with the inverse of the run's prior density as its weight,
 
 $$m_k \sim N(\mu_k,\ T + C_k), \qquad
   p(\text{data}_k) \propto \frac1S \sum_s \frac{N(\varphi_{ks};\ \mu_k, T)}{\pi_0(\varphi_{ks})}$$
 
-B is sampled in units of A about the mean of all units.
+B is sampled relative to the mean of all units, in units of A.
 
 Reference:
-    Lunn, Barrett, Sweeting and Thompson (2013), J. R. Stat. Soc. C 62, 551, on draws weighed anew
-    in a second stage.
+    Lunn, Barrett, Sweeting and Thompson (2013), J. R. Stat. Soc. C 62, 551, on draws that a second
+    stage weights again.
 """
 
 from collections.abc import Callable
@@ -32,21 +33,21 @@ from numpyro.infer import MCMC, NUTS
 from jbw.population.prior import ALIKE, TORQUE, CovariateDesign, Prior
 from jbw.population.trend import SPREAD, expected
 
-FULL = (500, 1000, 2)  # warm-up, draws, chains: of NUTS
-ROUGH = (300, 200, 1)  # to see how much units scatter
-ACCEPTED = 0.98  # scatters near zero and correlations near one bend the density
-EVEN = 2.0  # of the correlations' prior: above 1 it leans to none
+FULL = (500, 1000, 2)  # warm-up, draws and chains of NUTS
+ROUGH = (300, 200, 1)  # the same for a first look at the variation between units
+ACCEPTED = 0.98  # Standard deviations near zero and correlations near one curve the density.
+EVEN = 2.0  # concentration of the correlations' prior; above 1 it prefers zero correlation
 
 
 class UnitPosteriors(NamedTuple):
     """The posteriors of all units in the pooled coordinates.
 
     Attributes:
-        mean: Of its posterior, rid of its run's prior.
-        cov: Its covariance.
-        draws: Some of its draws.
-        log_prior: Of each, what its run took for a prior, up to a constant.
-        weighed: Whether its draws stand for it, or their normal summary.
+        mean: Mean of each unit's posterior, without the prior of its run.
+        cov: Covariance of each unit's posterior.
+        draws: Some of the draws of each unit.
+        log_prior: Log density of the run's prior at each draw, up to a constant.
+        weighed: Whether a unit is represented by its draws; otherwise by its normal summary.
     """
 
     mean: Float[np.ndarray, "unit d"]
@@ -59,7 +60,10 @@ class UnitPosteriors(NamedTuple):
 def population_model(
     units: UnitPosteriors, design: CovariateDesign, prior: Prior, included: Any
 ) -> None:
-    """Define the NumPyro model with units integrated out; `included` marks kept units by 1."""
+    """Define the NumPyro model of a population, marginal over its units.
+
+    `included` is 1 for each unit that counts, otherwise 0.
+    """
     means, factor = population_of_units(design, prior)
     log_density = log_likelihoods(units, means, factor)
     numpyro.factor("units", jnp.sum(jnp.asarray(included) * log_density))
@@ -68,9 +72,10 @@ def population_model(
 def population_of_units(
     design: CovariateDesign, prior: Prior
 ) -> tuple[Float[Array, "unit d"], Float[Array, "d d"]]:
-    """Return all units' means and the root of T, sampling `line` (d, covariate), `tau` and `root`.
+    """Sample the parameters of a population in NumPyro; return its units' means and the root of T.
 
-    `root` is of the correlations; `u` is there where a coordinate saturates.
+    The sites are `line` (d, covariate), `tau`, `root` (the Cholesky root of the correlations) and,
+    where a coordinate saturates, `u`.
     """
     middle, scale = jnp.asarray(prior.mean), jnp.asarray(prior.tau)
     spread = jnp.asarray(prior.sd) / scale[:, None]
@@ -90,7 +95,7 @@ def population_of_units(
 def log_likelihoods(
     units: UnitPosteriors, means: Float[Array, "unit d"], factor: Float[Array, "d d"]
 ) -> Float[Array, " unit"]:
-    """Log density of every unit's records, itself integrated out, up to a constant of each."""
+    """Return the log density of each unit's records, given the population, up to a constant."""
     normal, weighed = np.flatnonzero(~units.weighed), np.flatnonzero(units.weighed)
     log_density = jnp.zeros(len(units.mean))
     if len(normal):
@@ -108,9 +113,9 @@ def log_weights(
     means: Float[Array, "unit d"],
     factor: Any,
 ) -> Float[Array, "which draw"]:
-    """Return log weights of units' draws under a population of these means and root of T."""
+    """Return the log weights of units' draws under a population with these means and root of T."""
     apart = jnp.asarray(units.draws[which]) - means[which][:, None]
-    # One small inverse for all draws: solved one by one they cost thirty times as much.
+    # One small inverse serves all draws; solving draw by draw takes thirty times as long.
     root = jax.scipy.linalg.solve_triangular(factor, jnp.eye(len(factor)), lower=True)
     squares = jnp.sum((apart @ root.T) ** 2, axis=-1)
     log_det = jnp.sum(jnp.log(jnp.abs(jnp.diagonal(root))))
@@ -123,10 +128,11 @@ Sampler = Callable[[Key[Array, ""], Float[np.ndarray, " unit"]], dict[str, np.nd
 def sampler(
     units: UnitPosteriors, design: CovariateDesign, prior: Prior, lengths: tuple[int, int, int]
 ) -> Sampler:
-    """Return the function that draws the population, given a key and kept units (1, else 0).
+    """Return a function that draws the parameters of a population by NUTS.
 
-    They are `line`, `tau`, `scatter` (T), `u` where a coordinate saturates, and divergences, axes
-    (chain, draw). What is compiled serves any number of calls.
+    It draws `line`, `tau`, `scatter` (T), `u` where a coordinate saturates, and divergences, with
+    axes (chain, draw). The mask is 1 for an included unit, otherwise 0. The compiled code serves
+    any number of calls.
     """
     warmup, samples, chains = lengths
     model = partial(population_model, units, design, prior)
@@ -140,7 +146,7 @@ def sampler(
 
 
 def draws_of(mcmc: MCMC, key: Key[Array, ""], *args: Any) -> dict[str, np.ndarray]:
-    """Draw from a population's model by name, with divergences; axes are (chain, draw)."""
+    """Draw the parameters of a population by MCMC, with divergences; axes are (chain, draw)."""
     mcmc.run(key, *args, extra_fields=("diverging",))
     sites = {name: np.asarray(v) for name, v in mcmc.get_samples(group_by_chain=True).items()}
     diverging = np.asarray(mcmc.get_extra_fields(group_by_chain=True)["diverging"])
@@ -148,7 +154,10 @@ def draws_of(mcmc: MCMC, key: Key[Array, ""], *args: Any) -> dict[str, np.ndarra
 
 
 def named_draws(sites: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return draws of `line`, `tau`, `scatter` and `u` from the model's sites."""
+    """Return the draws of a population's parameters by their public names.
+
+    They are `line`, `tau`, `scatter` and, where a coordinate saturates, `u`.
+    """
     root = sites.get("root", np.ones((*sites["tau"].shape, 1)))
     factor = sites["tau"][..., :, None] * root
     named = {name: sites[name] for name in ("line", "tau", "u") if name in sites}

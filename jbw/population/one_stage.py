@@ -1,11 +1,12 @@
-r"""All records of a small fleet at once: units and population in one posterior.
+r"""The joint posterior of a small fleet's records: units and population in one stage.
 
 $$p(B, T, \theta_1 \dots \theta_K\,|\,\text{data}) \propto p(B, T)
   \prod_k p(\text{data}_k | \theta_k)\,N(\varphi_k;\ B x_k, T)$$
 
-What `population_of` has in two stages, summaries or draws weighed anew, without either's
-approximation, at the price of a solve of every record a step: to check it, on a few units. What is
-not pooled of a unit is flat in its logarithm between the bounds of its run's prior.
+`population_of` computes the same in two stages, from summaries or from weighted draws. One stage
+avoids both approximations, at the price of a solution of every record in each step; it serves to
+check the two stages on a few units. A unit's sampled quantities that are not pooled are flat in
+their logarithms between the bounds of the run's prior.
 """
 
 import logging
@@ -34,21 +35,23 @@ from jbw.study.study import Study
 
 logger = logging.getLogger("jbw")
 NUM_WARMUP, NUM_SAMPLES = 500, 1000
-LEAST = 1e-6  # of its upper bound: where the logarithm of what may be zero or less ends
+# Smallest lower bound relative to the upper one, since zero has no logarithm.
+LEAST = 1e-6
 
 
 class MeasuredUnit(NamedTuple):
-    """One unit with its records.
+    """One unit with its records and the scale of its posterior.
 
     Attributes:
-        data: The records as its own posterior was made from them.
-        names: What was sampled of it.
-        lower: Logarithms of the bounds of its prior.
-        upper: The same.
-        mean: In its own posterior, of the logits of the places of the logarithms between these.
-        root: Of their covariance.
-        powers: The pooled coordinates' exponents of what was sampled.
-        gain: Where the source's gain stands among it, whose prior stays uniform.
+        data: Records, as prepared for the unit's own posterior.
+        names: Names of the sampled parameters.
+        lower: Logarithms of the lower bounds of their prior.
+        upper: Logarithms of the upper bounds of their prior.
+        mean: Posterior mean of logit(p), where p is the relative position of a logarithm between
+            its bounds.
+        root: Cholesky root of the posterior covariance of logit(p).
+        powers: Exponents of the sampled parameters in the pooled coordinates.
+        gain: Index of the source's gain among the parameters; its prior stays uniform.
     """
 
     data: Dataset
@@ -68,17 +71,20 @@ def one_stage(
     seed: int = 0,
     report: Callable[[str], Any] = logger.info,
 ) -> dict[str, np.ndarray]:
-    """Return the draws of `line`, `tau` and `scatter` from all records at once, axes (chain, draw).
+    """Draw a population's parameters from all records of a small fleet in one stage.
+
+    The draws are `line`, `tau` and `scatter`, with axes (chain, draw).
 
     Args:
-        studies: What `jbw.identify` returned of every unit, in the order of the fleet.
-        population: In two stages; its coordinates, covariates and priors are taken.
-        seed: Of the sampler.
-        report: Called with one sentence.
+        studies: Results of `jbw.identify` for every unit, in the order of the fleet.
+        population: The population from two stages, whose coordinates, covariates and priors are
+            used.
+        seed: Seed of the sampler.
+        report: A function that is called with one sentence.
 
     Raises:
-        ConfigError: Not as many studies as the population has units.
-        DataError: A unit without a joint posterior, or with draws that have no logarithm.
+        ConfigError: The numbers of studies and of the population's units differ.
+        DataError: A unit has no joint posterior, or draws without a logarithm.
 
     Examples:
         A thousand draws of the standard deviation between units come from all records at once:
@@ -103,7 +109,7 @@ def one_stage(
 
 
 def measured_units(studies: Sequence[Study], population: Population) -> list[MeasuredUnit]:
-    """Return every unit with its records."""
+    """Return every unit of a fleet with its records and the scale of its posterior."""
     if len(studies) != len(population.record["units"]):
         raise ConfigError(
             f"Argument `studies` must hold the {len(population.record['units'])} units of the "
@@ -114,7 +120,10 @@ def measured_units(studies: Sequence[Study], population: Population) -> list[Mea
 
 
 def joint_model(units: Sequence[MeasuredUnit], population: Population) -> None:
-    """Define the NumPyro model: the population, and `z_k` of each unit in its posterior's scale."""
+    """Define the NumPyro model of a population together with the records of its units.
+
+    `z_k` is a unit's parameters in the scale of its own posterior.
+    """
     means, factor = population_of_units(population.design, population.prior)
     for k, unit in enumerate(units):
         flat = dist.ImproperUniform(dist.constraints.real_vector, (), (len(unit.names),))
@@ -162,7 +171,7 @@ def _measured_unit(study: Study, population: Population) -> MeasuredUnit:
 def _powers(
     population: Population, laws: Sequence[str], names: Sequence[str]
 ) -> Float[np.ndarray, "d parameter"]:
-    """Return exponents of sampled parameters or products in the pooled coordinates."""
+    """Return the exponents of sampled parameters in the pooled coordinates."""
     pooled = population.pooled
     sampled = rows_of(laws, names, pooled.parameters)
     powers = pooled.powers @ np.linalg.pinv(sampled)

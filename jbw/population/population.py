@@ -1,18 +1,18 @@
-r"""`jbw.population_of`: what a fleet says of its units, of their scatter and of their trends.
+r"""`jbw.population_of`: the mean, the variation and the trends of a fleet's units.
 
-Whether a unit belongs with the others is judged by the population that those alone have. Under a
-scatter T the line of all units but k is normal in closed form, and so is where it expects the
-summary of unit k,
+Whether a unit belongs to the population is judged by the population of all other units. For a given
+covariance T between units, the line of all units but k has a normal posterior in closed form, and
+so has the predicted summary of unit k,
 
 $$m_k\,|\,T, m_{-k} \sim N(x_k B_{-k},\ S_k), \qquad S_k = T + C_k + x_k P_{-k}^{-1} x_k^T, \qquad
   P_k = E\big[P(\chi^2_d > r^T S_k^{-1} r)\,\big|\,m_{-k}\big]$$
 
-with r the unit's distance from there. Draws of T are those of all units, each weighed by
-$1/p(m_k | T, m_{-k})$, the weights smoothed by a Pareto tail. For a unit that may be another, and
-where that tail is too heavy, the population without it is sampled, of normal summaries: draws of a
-scatter that one unit made large hardly reach what it is without.
+with r the deviation of the unit from its prediction. Draws of T are those from all units, each with
+the weight $1/p(m_k | T, m_{-k})$, where a Pareto tail smooths the weights. If a unit may not
+belong, or if that tail is too heavy, the population without it is sampled, from normal summaries:
+draws of a T that one unit made large hardly reach the values of T without that unit.
 
-All is in numbers, as `population.json` holds them, and in sentences of these.
+All results are in numbers, as stored in `population.json`, and in sentences about them.
 
 Reference:
     Vehtari, Gelman and Gabry (2017), Statistics and Computing 27, 1413.
@@ -63,33 +63,37 @@ from jbw.report.messages import population as messages
 
 logger = logging.getLogger("jbw")
 Report = Callable[[str], None]
-HEAVY = 0.7  # Pareto's k-hat, from which weights are not to be trusted
-# From which probability a unit is beyond doubt: in the scatter that it made large itself, one that
-# is far off in one coordinate lies at chi-square = d - 1 + n, 0.2 and less.
+HEAVY = 0.7  # Pareto's k-hat above which weights are not reliable
+# Above this probability a unit belongs without doubt. A unit that is far off in one coordinate
+# enlarges T itself and lies at chi-square = d - 1 + n, a probability of 0.2 and less.
 BEYOND_DOUBT = 0.3
-# Up to which one is sampled anew whatever k-hat says: chains that missed the tail do not show it.
+# Below this probability the population without the unit is sampled whatever k-hat is: chains that
+# missed the tail do not show it.
 DOUBTFUL = 0.05
-LENGTHS = (500, 1000, 1)  # of a population without a unit
-BATCH = 20  # draws side by side
-FEWEST = 3  # units, below which a scatter is its prior's
-FEWEST_FREE = 3  # degrees of freedom, below which a trend's intervals are
+LENGTHS = (500, 1000, 1)  # warm-up, draws and chains for a population without one unit
+BATCH = 20  # number of draws that are computed at once
+FEWEST = 3  # With fewer units the variation between them is mostly that of its prior.
+# With fewer degrees of freedom the intervals of a trend are mostly those of its prior.
+FEWEST_FREE = 3
 GOOD_R_HAT, FEW_DIVERGENT = 1.01, 0.002
 Draws = dict[str, np.ndarray]
-ODD = 0.01  # probability, over the number of units, from which one does not belong
-OWN = 2.0  # a unit's own error over the scatter, above which its normal summary stands for it
-TOGETHER = 0.95  # correlation of torque and number of the tightening that hides one by the other
+ODD = 0.01  # probability, to be divided by the number of units, below which a unit does not belong
+# A unit's own sd relative to the variation, above which its normal summary represents it.
+OWN = 2.0
+# Correlation of torque and tightening number above which their effects cannot be separated.
+TOGETHER = 0.95
 Record = Mapping[str, Any]
 
 
 class Population(NamedTuple):
-    """The result of `population_of`.
+    """The result of `population_of`: the draws of a population and its numbers.
 
     Attributes:
-        pooled: The coordinates and each unit's summary in them.
-        design: Covariates.
-        prior: Priors.
-        draws: `line`, `tau` and `scatter`, axes (chain, draw).
-        record: All numbers as plain values, as `population.json` holds them.
+        pooled: The coordinates, with each unit's summary in them.
+        design: Covariates of the units.
+        prior: Priors of the population.
+        draws: Draws of `line`, `tau` and `scatter`, with axes (chain, draw).
+        record: All numbers as plain values, as stored in `population.json`.
     """
 
     pooled: Pooled
@@ -110,27 +114,28 @@ def population_of(
     report: Report = logger.info,
     parts: Parts = unkept,
 ) -> Population:
-    r"""Return the population that the units of a fleet come from.
+    r"""Fit the population from which the units of a fleet come.
 
-    Units scatter normally, in logarithms, about a line in ln torque and in ln of the number of the
-    tightening, as far as these vary. A unit that knows itself better than the population does is
-    its draws, weighed anew; one whose own error is more than twice the scatter is the normal
-    summary of its posterior, for hardly a draw would count.
+    The logarithms of units are normal about a line in ln torque and in ln of the tightening number,
+    as far as these vary. A unit whose posterior is narrower than the population is represented by
+    its draws with new weights; a unit whose own error is more than twice the variation between
+    units by the normal summary of its posterior, since hardly any of its draws would count.
 
     Args:
-        fleet: From `jbw.fleet_of` or `jbw.read_fleet`.
-        parameters: What is pooled; frequency, damping and the laws' products when None.
+        fleet: A fleet from `jbw.fleet_of` or `jbw.read_fleet`.
+        parameters: Pooled quantities; frequency, damping and the laws' products when None.
         saturating: Coordinates that follow a saturating curve of the torque, not a power.
-        summaries: Take the normal summary of every unit.
-        all_verdicts: Pool though most runs failed.
-        seed: Of the sampler.
-        report: Called with one sentence at every stage.
-        parts: Keeps the draws of all units and of all but one, so that a killed call goes on.
+        summaries: Whether every unit is represented by its normal summary.
+        all_verdicts: Whether to pool even if most runs failed.
+        seed: Seed of the sampler.
+        report: A function that is called with one sentence at every stage.
+        parts: A store of the draws of all units and of all but one, so that a killed call can
+            continue.
 
     Raises:
-        ConfigError: A name that the fleet does not have.
-        DataError: One unit alone, most runs failed, a prior that cuts a posterior, or covariates
-            that some units state and others do not.
+        ConfigError: The fleet has no quantity of that name.
+        DataError: There is only one unit, most runs failed, a prior cuts a posterior, or some units
+            state covariates that others do not.
 
     Examples:
         Three assemblies of the virtual rig, whose frequencies vary about 118.1 rad/s, are pooled:
@@ -176,13 +181,13 @@ def population_of(
 
 
 def covariates_in(fleet: xr.DataTree) -> CovariateDesign:
-    """Return the design of covariates that vary between the units of a fleet."""
+    """Return the design of the covariates that vary between the units of a fleet."""
     root = fleet.to_dataset()
     return design_of(root["torque"].values.tolist(), root["sequence"].values.tolist())
 
 
 def require_torque(design: CovariateDesign, torque: float | None) -> None:
-    """Refuse a torque that no trend is known for."""
+    """Raise an error if the fleet shows no trend with torque but a torque is given."""
     if torque is None:
         return
     if not torque > 0.0:
@@ -204,7 +209,7 @@ def belonging(
     report: Callable[[str], Any],
     parts: Parts = unkept,
 ) -> Float[np.ndarray, " unit"]:
-    """Return each unit's probability that a unit of the others' population lies as far off."""
+    """Return each unit's p-value of belonging to the population of the other units."""
     log_density, far = left_out(units, design, prior, draws)
     probability, doubted = np.zeros(len(units.mean)), []
     for k, unit_log_density in enumerate(log_density.T):
@@ -225,7 +230,7 @@ def belonging(
 def left_out(
     units: UnitPosteriors, design: CovariateDesign, prior: Prior, draws: dict[str, np.ndarray]
 ) -> tuple[Float[np.ndarray, "draw unit"], Float[np.ndarray, "draw unit"]]:
-    """Return each unit's log density given the others, by draw of T, and P of a unit as far off."""
+    """Return each unit's log density under the other units' population, and its tail P."""
     m, c = jnp.asarray(units.mean), jnp.asarray(units.cov)
     d = m.shape[1]
     before = jnp.asarray(precision_of(prior, design))
@@ -235,7 +240,7 @@ def left_out(
         rows = _design_rows(design, d, drawn.get("u"))
         weighed = jnp.swapaxes(rows, 1, 2) @ jnp.linalg.inv(drawn["scatter"] + c)
         tells, pull = weighed @ rows, jnp.einsum("kij,kj->ki", weighed, m)
-        # What all tell, less what the unit does: its line without it.
+        # The sums over all units, minus the unit's own part, give the line without that unit.
         others = jnp.linalg.inv(before + tells.sum(0) - tells)
         line = jnp.einsum("kij,kj->ki", others, at_zero + pull.sum(0) - pull)
         off = m - jnp.einsum("kij,kj->ki", rows, line)
@@ -253,7 +258,7 @@ def left_out(
 def _design_rows(
     design: CovariateDesign, d: int, u: Array | None
 ) -> Float[Array, "unit d coefficient"]:
-    """Return the design matrix of every unit: its coordinates are this matrix times the line."""
+    """Return the matrix of every unit that turns the line's coefficients into its coordinates."""
     x = jnp.repeat(jnp.asarray(design.x)[:, None], d, axis=1)
     if u is not None:
         j = design.columns.index(TORQUE)
@@ -262,7 +267,7 @@ def _design_rows(
 
 
 class Pooling(NamedTuple):
-    """Draws of a population model, and what it was made of."""
+    """The draws of a population model, with the data and priors behind them."""
 
     pooled: Pooled
     units: UnitPosteriors
@@ -274,7 +279,10 @@ class Pooling(NamedTuple):
 def record_of(
     fleet: xr.DataTree, pooling: Pooling, belongs: Float[np.ndarray, " unit"]
 ) -> dict[str, Any]:
-    """Return all numbers of a population; `belongs` as `belonging` has it."""
+    """Return all results of a population as plain values.
+
+    `belongs` is the result of `belonging`.
+    """
     pooled, units, design, prior, draws = pooling
     root, names = fleet.to_dataset(), unit_names(fleet)
     torque = root["torque"].values.tolist()
@@ -300,13 +308,13 @@ def record_of(
 
 
 def own_over_scatter(pooled: Pooled, draws: Draws) -> Float[np.ndarray, "unit d"]:
-    """Return each unit's own error over the median scatter."""
+    """Return the ratio of each unit's own standard deviation to the variation between units."""
     unit_sd = np.sqrt(np.diagonal(pooled.cov, axis1=1, axis2=2))
     return unit_sd / np.median(draws["tau"], axis=(0, 1))
 
 
 def interval(values: np.ndarray) -> dict[str, float]:
-    """Return the median and 99 % interval."""
+    """Return the median and the ends of the 99 % interval of draws."""
     low, median, high = np.quantile(values, QUANTILES)
     return {"median": float(median), "q005": float(low), "q995": float(high)}
 
@@ -314,7 +322,7 @@ def interval(values: np.ndarray) -> dict[str, float]:
 def _rows(
     fleet: xr.DataTree, pooled: Pooled, design: CovariateDesign, draws: Draws
 ) -> dict[str, dict[str, Any]]:
-    """Return a row a coordinate: mean, scatter between units and between runs, powers."""
+    """Return a population's table: mean, variation and exponents of each coordinate."""
     units, symbols = (json.loads(fleet.attrs[key]) for key in ("units", "symbols"))
     line, tau = draws["line"], draws["tau"]
     ratio = own_over_scatter(pooled, draws).max(axis=0)
@@ -341,7 +349,7 @@ def _rows(
 def _ratios(
     fleet: xr.DataTree, pooled: Pooled, design: CovariateDesign, prior: Prior, draws: Draws
 ) -> dict[str, dict[str, float]]:
-    """Return torque exponents of ratios of two products by text: gamma/delta of Bouc-Wen's law."""
+    """Return the torque exponents of ratios of two products, such as gamma/delta."""
     if TORQUE not in design.columns:
         return {}
     slope = draws["line"][..., design.columns.index(TORQUE)]
@@ -362,7 +370,7 @@ def _shares(
 ) -> dict[str, float]:
     r"""Return the Kish share of each weighted unit's draws, $(\sum w)^2 / (S \sum w^2)$.
 
-    Under the population's median.
+    The weights are those under the median of the population.
     """
     which = np.flatnonzero(units.weighed)
     line, scatter = (np.median(draws[name], axis=(0, 1)) for name in ("line", "scatter"))
@@ -375,14 +383,14 @@ def _shares(
 
 
 def _correlation(design: CovariateDesign) -> float | None:
-    """Return the correlation over units of ln torque and ln tightening number, if both vary."""
+    """Return the correlation of ln torque and ln tightening number over units, if both vary."""
     if len(design.columns) < 3:
         return None
     return float(np.corrcoef(design.x[:, 1], design.x[:, 2])[0, 1])
 
 
 def _no_logarithm(fleet: xr.DataTree) -> dict[str, list[str]]:
-    """Return parameters that are not positive or not known in some units, with these units."""
+    """Return parameters that are not positive or undetermined in some units, with these units."""
     lacking = json.loads(fleet.attrs["left_out"])
     return {n: lacking[n] for n in parameters_of(fleet) if n in lacking and n != GAIN}
 
@@ -404,7 +412,7 @@ def _sampling(draws: Draws) -> dict[str, float]:
 
 
 def status_of(record: Mapping[str, Any]) -> str:
-    """Return `ok`, `failed` if the sampler failed, or `not assessed` if units are too few."""
+    """Return `ok`, `failed` if sampling failed, or `not assessed` if there are too few units."""
     sampling, num, columns = record["sampling"], len(record["units"]), len(record["columns"])
     if num < FEWEST or (columns > 1 and num - columns < FEWEST_FREE):
         return "not assessed"
@@ -414,7 +422,7 @@ def status_of(record: Mapping[str, Any]) -> str:
 
 
 def statements(record: Record) -> list[str]:
-    """Return the sentences of a record: how far to trust it first, then what it says."""
+    """Return the sentences on a population: first its reliability, then its results."""
     topics = (
         _few_units, _failed, _confounded, _without_logarithm, _trends, _ratio_trends, _runs, _odd,
         _stands, _weak, _saturates, _wrench,
@@ -498,7 +506,7 @@ def _saturates(record: Record) -> Iterator[str]:
 
 
 def _wrench(record: Record) -> Iterator[str]:
-    """Yield the sentence on Berkson's error of a set torque and attenuation by a read torque."""
+    """Yield the sentence on errors of a trend from the uncertainty of the set or read torque."""
     if TORQUE not in record["columns"]:
         return
     rows = record["parameters"].items()
@@ -510,5 +518,4 @@ def _wrench(record: Record) -> Iterator[str]:
 
 
 def _holds_zero(slope: Mapping[str, float]) -> bool:
-    """Return whether a 99 % interval holds zero."""
     return slope["q005"] <= 0.0 <= slope["q995"]

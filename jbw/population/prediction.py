@@ -1,4 +1,4 @@
-"""A unit of the population that nobody measured: its parameters, frequency and damping."""
+"""The prediction of an unmeasured unit of the population: parameters, frequency and damping."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -39,28 +39,29 @@ def new_units(
     seed: int = 0,
     num: int = NUM_UNITS,
 ) -> dict[str, Float[np.ndarray, " unit"]]:
-    r"""Return the parameters of further units, at a torque [N m] or at the reference.
+    r"""Return the parameters of new units, at a torque [N m] or at the reference torque.
 
-    What is pooled may be fewer numbers than the parameters: products, where data know no factor. A
-    draw of a measured unit is moved by the least step, in logarithms, that gives it the pooled
-    coordinates of the new one and leaves what its law is written in beside them,
+    The pooled coordinates may be fewer than the parameters: products, where data do not determine
+    the factors. A draw of a measured unit is moved by the least step, in logarithms, that gives it
+    the pooled coordinates of the new unit and keeps the other coordinates of its law,
 
     $$\ln\theta' = \ln\theta + (P, Q)^+ (\varphi - P \ln\theta,\ 0)$$
 
-    so that what is pooled scatters as the population does, and the rest as within the units: Q is
-    the share of the stiffness where no unit knows it. The source's `gain` is that of the measured
-    unit whose draw was moved, where all units know theirs: it is no part of the population.
+    so that the pooled coordinates vary as in the population, and the rest as within the units. Q is
+    the share of the stiffness where no unit determines it. The `gain` of the source is no part of
+    the population: it is that of the measured unit whose draw was moved, where all units determine
+    theirs.
 
     Args:
-        population: From `jbw.population_of`.
-        fleet: The fleet that it was made from.
-        torque: At which the units are tightened [N m].
-        seed: Of everything random.
-        num: How many.
+        population: A population from `jbw.population_of`.
+        fleet: The fleet from which the population was made.
+        torque: Torque at which the units are tightened [N m].
+        seed: Seed of all random numbers.
+        num: Number of units.
 
     Raises:
-        ConfigError: A torque that is not positive.
-        DataError: A torque where no trend with it is known.
+        ConfigError: The torque is not positive.
+        DataError: A torque is given but the fleet has no trend with it.
 
     Examples:
         The frequency of new units varies as that of the measured ones, about 118.1 rad/s:
@@ -94,7 +95,7 @@ def new_units(
 
 
 def gains_of(fleet: xr.DataTree) -> list[Float[np.ndarray, " draw"]] | None:
-    """Return draws of each unit's source gain, inferred or held; None if one unit lacks it."""
+    """Return the draws of each unit's source gain, sampled or fixed; None if one unit lacks it."""
     gains = []
     for name in unit_names(fleet):
         group = fleet[name].to_dataset()
@@ -106,7 +107,7 @@ def gains_of(fleet: xr.DataTree) -> list[Float[np.ndarray, " draw"]] | None:
 
 
 def y_peak_of(fleet: xr.DataTree) -> float:
-    """Return the displacement that every unit was driven to [m]; NaN where none says."""
+    """Return the displacement [m] that the tests of all units reached; NaN where none states it."""
     peaks = np.array([fleet[name].attrs.get("y_peak", np.nan) for name in unit_names(fleet)], float)
     return float(np.min(peaks[np.isfinite(peaks)], initial=np.inf)) if np.any(peaks > 0) else np.nan
 
@@ -116,7 +117,7 @@ def new_backbone(
 ) -> xr.Dataset:
     """Return 99 % bands of a new unit's frequency and damping, up to motion that all units reached.
 
-    Arguments and errors as of `jbw.new_units`.
+    For arguments and errors see `jbw.new_units`.
 
     Examples:
         The median frequency of a new unit is near the 18.8 Hz of the virtual rig:

@@ -1,4 +1,4 @@
-"""Priors of a population: how much units scatter, and how they go with torque and sequence."""
+"""The priors of a population: the variation between units, its trend with torque and sequence."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -10,27 +10,31 @@ from jaxtyping import Bool, Float
 from jbw.errors import DataError
 
 TORQUE = "torque"
-ANYWHERE = 5.0  # sd of the mean of all units, in logarithms
-# Scale of the half-normal scatter of a logarithm, and mean and sd of its slope on ln torque. Slip
-# limits rise with the preload while contact stiffness rises by its half power or more, so that what
-# slips and is lost falls with torque by about its first power; the frequency hardly rises.
+ANYWHERE = 5.0  # sd of the mean logarithm of all units
+# Scale of the half-normal variation of a logarithm, and mean and sd of its slope on ln torque. Slip
+# limits rise with the preload, and contact stiffness with its square root or faster. The slipping
+# part and its loss therefore fall with torque to about the power 1; the frequency hardly rises.
 SCATTER = {"omega_n": 5e-3, "zeta": 0.3}
 SLOPE = {"omega_n": (0.0, 0.05), "zeta": (0.0, 0.5)}
 JOINT_SCATTER, JOINT_SLOPE = 0.5, (-1.0, 1.0)
-PARAMETER_SLOPE = (0.0, 1.0)  # of a law's own parameters, whose signs differ with the load path
-BEDDING = 0.3  # sd of a slope on ln of the number of the tightening, over that of the scatter
-ALIKE = 0.3  # sd of the difference of two products' slopes that have one unit, as gamma/delta's
-WRENCH = 0.1  # sd of ln preload at a torque, of torque control
+# Prior slope of a law's own parameters, whose trend has either sign, depending on the load path.
+PARAMETER_SLOPE = (0.0, 1.0)
+# sd of a slope on ln of the tightening number, relative to the variation between units
+BEDDING = 0.3
+# sd of the difference between the slopes of two products with the same unit, such as gamma/delta
+ALIKE = 0.3
+WRENCH = 0.1  # sd of ln preload at a given torque, for tightening by torque control
 
 
 class Prior(NamedTuple):
-    """Priors of every coordinate.
+    """The priors of every pooled coordinate.
 
     Attributes:
-        mean: Of the line's coefficients.
-        sd: Their standard deviations.
-        tau: Scales of the half-normal scatter.
-        alike: Pairs of coordinates whose ratio hardly goes with torque: products of one unit.
+        mean: Prior means of the line's coefficients.
+        sd: Prior standard deviations of the line's coefficients.
+        tau: Scales of the half-normal priors of the variation between units.
+        same_unit: Pairs of coordinates whose ratio hardly depends on torque: products with the same
+            unit.
     """
 
     mean: Float[np.ndarray, "d covariate"]
@@ -40,14 +44,14 @@ class Prior(NamedTuple):
 
 
 class CovariateDesign(NamedTuple):
-    """Covariates of the units, columns of numbers beside a one.
+    """The covariates of the units, as columns next to a column of ones.
 
     Attributes:
-        columns: Their names: `mean`, then of `torque` and `sequence` what varies.
-        x: Of every unit: 1, ln(torque / reference), ln(sequence).
-        reference: Geometric mean of the torques [N m]; NaN where it is no covariate.
-        saturates: Which coordinates follow a saturating curve of the torque, not a power; none
-            where it is empty.
+        columns: Names of the columns: `mean`, then `torque` and `sequence`, as far as they vary.
+        x: Columns of every unit: 1, ln(torque / reference), ln(sequence).
+        reference: Geometric mean of the torques [N m]; NaN where torque is no covariate.
+        saturates: Whether each coordinate follows a saturating curve of the torque, not a power;
+            empty where none does.
     """
 
     columns: tuple[str, ...]
@@ -56,7 +60,7 @@ class CovariateDesign(NamedTuple):
     saturates: Bool[np.ndarray, " d"] = np.zeros(0, bool)
 
     def at(self, torque: float | None) -> Float[np.ndarray, " covariate"]:
-        """Return the covariates of a unit at a torque, tightened for the first time."""
+        """Return the covariates of a unit with a given torque and its first tightening."""
         row = np.zeros(len(self.columns))
         row[0] = 1.0
         if TORQUE in self.columns:
@@ -65,7 +69,7 @@ class CovariateDesign(NamedTuple):
 
 
 def design_of(torque: Sequence[float], sequence: Sequence[float]) -> CovariateDesign:
-    """Return the design of covariates that vary between the units, on logarithms."""
+    """Return the logarithmic design of the covariates that vary between the units."""
     columns, x, reference = ["mean"], [np.ones(len(torque))], np.nan
     for name, values in ((TORQUE, np.asarray(torque)), ("sequence", np.asarray(sequence))):
         if np.isnan(values).all() or np.ptp(values[~np.isnan(values)]) == 0.0:
@@ -90,13 +94,13 @@ def prior_of(
     mean: Float[np.ndarray, "unit d"],
     design: CovariateDesign,
 ) -> Prior:
-    """Return priors from knowledge of joints; the prior of the units' mean is wide.
+    """Return the priors of a population from knowledge of joints; that of the mean is wide.
 
     Args:
-        names: Coordinates.
-        products: Those among them that may be products of a law's parameters, with their units.
-        mean: Of every unit.
-        design: Covariates.
+        names: Names of the coordinates.
+        products: Names of coordinates that may be products of a law's parameters, with their units.
+        mean: Mean of every unit's posterior.
+        design: Covariates of the units.
     """
     tau = np.array([SCATTER.get(name, JOINT_SCATTER) for name in names])
     middle, spread = [mean.mean(0)], [np.full(len(names), ANYWHERE)]
@@ -119,7 +123,7 @@ def prior_of(
 def precision_of(
     prior: Prior, design: CovariateDesign
 ) -> Float[np.ndarray, "coefficient coefficient"]:
-    """Return the inverse covariance of the line's coefficients, coordinate by coordinate."""
+    """Return the prior precision of the coefficients of a population's line."""
     d, p = prior.sd.shape
     precision = np.diag(np.ravel(prior.sd) ** -2.0)
     if TORQUE in design.columns:

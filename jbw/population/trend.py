@@ -1,10 +1,11 @@
-r"""The expected coordinates of units by torque: powers of the torque, or curves that saturate.
+r"""The expected coordinates of units against torque: powers of the torque, or saturating curves.
 
 $$E\,\varphi_k = B x_k \qquad\text{or}\qquad
   a + b\,u\,(1 - e^{(1 - T_k / T_{ref})/u}), \quad u = T_0 / T_{ref}$$
 
-of a coordinate that is said to saturate, as the natural frequency does where a joint closes:
-$a - d\,e^{-T/T_0}$, written by its slope b on ln T at the reference, which is what the line's is.
+The second form is that of a coordinate that saturates, as the natural frequency does where a joint
+closes: $a - d\,e^{-T/T_0}$, written with its slope b on ln T at the reference, which is the slope
+of the line.
 """
 
 from collections.abc import Sequence
@@ -16,26 +17,27 @@ from jaxtyping import Array, Bool, Float
 from jbw.errors import ConfigError, DataError, did_you_mean
 from jbw.population.prior import TORQUE, CovariateDesign
 
-SPREAD = 0.7  # sd of ln(T_0/T_ref): over 2 to 12 N m a power is like a curve of 3 T_ref to 3 %
+# sd of ln(T_0/T_ref): over 2 to 12 N m a power is like a curve with T_0 = 3 T_ref to 3 %
+SPREAD = 0.7
 
 Reals = Float[Array, "..."] | Float[np.ndarray, "..."]
 
 
 def saturating(ratio: Reals, u: Reals) -> Float[Array, "..."]:
-    """Return the curve at T/T_ref = `ratio`: zero there, with the slope 1 on ln T."""
+    """Return the saturating curve at T/T_ref = `ratio`; at 1 it is zero with slope 1 on ln T."""
     return jnp.asarray(u * (1.0 - jnp.exp((1.0 - ratio) / u)))
 
 
 def expected(
     line: Reals, x: Reals, design: CovariateDesign, u: Reals | None
 ) -> Float[Array, "... unit d"]:
-    """Return the coordinates of units at their covariates, axes (..., unit, d).
+    """Return the population's expected coordinates of units at their covariates.
 
     Args:
-        line: Axes (..., d, covariate).
-        x: Covariates.
-        design: What they are, and which coordinates saturate.
-        u: Of the curve, axes (...); None where nothing saturates.
+        line: Coefficients, with axes (..., d, covariate).
+        x: Covariates of the units.
+        design: Names of the covariates, and which coordinates saturate.
+        u: Parameter of the saturating curve, with axes (...); None where nothing saturates.
     """
     straight = jnp.einsum("kp,...dp->...kd", x, line)
     if u is None:
@@ -46,14 +48,14 @@ def expected(
 
 
 def bent(log_ratio: Reals, u: Reals) -> Float[Array, "..."]:
-    """Return the saturating curve of slope 1 minus its power law's line, at ln(T/T_ref)."""
+    """Return the saturating curve with slope 1 minus the tangent power law, at ln(T/T_ref)."""
     return saturating(jnp.exp(jnp.asarray(log_ratio)), u) - jnp.asarray(log_ratio)
 
 
 def mask_of(
     saturating: Sequence[str], names: Sequence[str], columns: Sequence[str]
 ) -> Bool[np.ndarray, " d"]:
-    """Return which coordinates saturate, from the names of saturating coordinates."""
+    """Return a mask of the coordinates that saturate, from their names."""
     for name in saturating:
         if name not in names:
             raise ConfigError(

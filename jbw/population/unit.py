@@ -1,4 +1,4 @@
-"""One run as a unit of a fleet: its draws of the joint in SI, and what must be equal in all."""
+"""One run as a unit of a fleet: its draws of the joint in SI, and the checks that units agree."""
 
 import json
 from collections import Counter
@@ -19,11 +19,11 @@ from jbw.report.result import laws_of, read_result, unit_of
 from jbw.study.study import Study
 from jbw.verification.predicted import noise_by_label
 
-GAIN = "gain"  # the source's, no coordinate of a joint
+GAIN = "gain"  # a property of the source, not of the joint
 NOISE = "noise"
-STARTS = ("tests", "substeps", "scatter")  # attributes of a run that its predictions start from
-DEEPEST = 3  # folders in the name of a unit, where that of the run alone is not unique
-# Names of the fleet's own variables, beside which no group may have the same.
+STARTS = ("tests", "substeps", "scatter")  # attributes of a run that its predictions need
+DEEPEST = 3  # most folders in the name of a unit, if the name of the run's folder is not unique
+# A group must not have the name of one of the fleet's own variables.
 TAKEN = set(
     "torque sequence temperature assembly verdict sampling num_draws ess mean covariance lower "
     "upper beyond run_scatter unit parameter other".split()
@@ -31,40 +31,44 @@ TAKEN = set(
 
 
 class Unit(NamedTuple):
-    """One run, as it goes into a fleet."""
+    """One run as a unit of a fleet."""
 
     name: str
     laws: tuple[str, ...]
-    draws: Mapping[str, NDArray[np.float64]]  # of each quantity [its unit], all chains in one row
-    quantities: Mapping[str, Quantity]  # of these names
-    bounds: Mapping[str, tuple[float, float]]  # of the uniform prior, of what was sampled
-    scatter: Mapping[str, float]  # sd over runs within the unit, as a part of the mean
+    # Draws of each quantity in its unit, all chains in one row.
+    draws: Mapping[str, NDArray[np.float64]]
+    quantities: Mapping[str, Quantity]  # unit, symbol and meaning of each of these names
+    # Bounds of the uniform prior of each sampled parameter.
+    bounds: Mapping[str, tuple[float, float]]
+    scatter: Mapping[str, float]  # sd over runs within the unit, relative to the mean
     record: Mapping[str, Any]  # its summary.json
-    # Campaign, folder, source; y_peak, largest displacement fitted [m]; what it predicts with.
+    # Campaign, folder, source, largest fitted displacement y_peak [m], settings of predictions.
     origin: Mapping[str, Any]
-    gain: NDArray[np.float64] | None  # draws of the source's, or as held; None: not known
-    noise: Mapping[str, float]  # of every group of data, by its label
-    terms: Mapping[str, NDArray[np.float64]]  # draws of what other modes add, residual terms
+    # Draws of the source's gain, or its fixed value; None where unknown.
+    gain: NDArray[np.float64] | None
+    noise: Mapping[str, float]  # noise of every group of data, by the group's label
+    # Draws of the residual terms, which represent other modes.
+    terms: Mapping[str, NDArray[np.float64]]
 
     @property
     def versions(self) -> dict[str, str]:
-        """Versions of jbw and of what it computes with, by package."""
+        """The versions of jbw and of its numerical packages, by package."""
         return dict(self.record.get("versions", {}))
 
     @property
     def verdict(self) -> str:
-        """The verdict on the run."""
+        """The verdict on the unit's run."""
         return str(self.record["verdict"]["status"])
 
     @property
     def sampling(self) -> str:
-        """The verdict on the computation alone; empty where an old run does not say."""
+        """The verdict on the sampling alone; an empty text in old runs without one."""
         answers = self.record["verdict"].get("answers", {})
         return str(answers.get("sampling", {}).get("status", ""))
 
     @property
     def ess(self) -> float:
-        """Effective draws of the parameter of the main posterior that has fewest."""
+        """The smallest effective number of draws among the parameters of the main posterior."""
         rows = self.record["steps"][self.record["main"]].get("parameters") or {}
         effective_sizes = [
             row["ess_bulk"] for row in rows.values() if row.get("ess_bulk") is not None
@@ -73,7 +77,7 @@ class Unit(NamedTuple):
 
 
 def units_of(runs: Sequence[Study | str | Path]) -> list[Unit]:
-    """Return every run as a unit, under a name that is its own: that of its folder."""
+    """Return every run as a unit with a unique name: that of its folder."""
     folders = [None if isinstance(run, Study) else Path(run).resolve() for run in runs]
     for folder in folders:
         if folder is not None and folders.count(folder) > 1:
@@ -89,7 +93,7 @@ def units_of(runs: Sequence[Study | str | Path]) -> list[Unit]:
 
 
 def _names(folders: Sequence[Path | None], campaigns: Sequence[str]) -> list[str]:
-    """Return run names: folders, with parent folders if needed, or campaigns of runs in memory."""
+    """Return a unique name for each run, from its folder and parents, or its campaign."""
     names: list[str] = []
     for depth in range(1, DEEPEST + 1):
         names = [
@@ -168,9 +172,10 @@ def _gain(
 def _quantities(
     posterior: xr.Dataset, laws: Sequence[str]
 ) -> tuple[dict[str, NDArray[np.float64]], dict[str, Quantity]]:
-    """Return draws of oscillator, laws, their products and other coordinates, and the gain."""
+    """Return draws of a run's parameters, products and other coordinates, with their units."""
     by_name = {quantity.name: quantity for quantity in (*OSCILLATOR, *quantities_of(laws))}
-    by_name[GAIN] = by_name.pop(GAIN)  # the source's, not the joint's: last
+    # The gain belongs to the source, not to the joint, and comes last.
+    by_name[GAIN] = by_name.pop(GAIN)
     present = [name for name in by_name if name in posterior]
     draws = {name: np.ravel(posterior[name].values).astype(float) for name in present}
     quantities = {
@@ -189,7 +194,7 @@ def _quantities(
 
 
 def require_alike(units: Sequence[Unit], *, mixed_versions: bool) -> None:
-    """Refuse runs of different laws, units or versions, and two of the same records."""
+    """Raise an error if runs differ in laws, units or versions, or if two have the same records."""
     for first, second in pairwise(units):
         pair = f"The runs {first.name} and {second.name}"
         if first.laws != second.laws:
@@ -219,7 +224,7 @@ def require_alike(units: Sequence[Unit], *, mixed_versions: bool) -> None:
 
 
 def _require_own_records(units: Sequence[Unit]) -> None:
-    """Refuse two runs of the same records: one unit would count twice."""
+    """Raise an error if two runs have the same records, since one unit would count twice."""
     seen: dict[frozenset[str], str] = {}
     for unit in units:
         records = frozenset(dict(unit.record.get("inputs", {})).values())

@@ -1,1 +1,1 @@
-"""Figures and the one-file page; reads results, computes none."""
+"""The figures and the one-file page of a run; they read results and compute none."""

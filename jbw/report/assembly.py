@@ -1,4 +1,4 @@
-"""An assembled structure: its modes with its joints, and the loop of every joint."""
+"""The figures of an assembled structure: its modes with its joints, and the loop of every joint."""
 
 from typing import Any, NamedTuple
 
@@ -18,14 +18,14 @@ from jbw.report.text import axis_label, length_unit, number, percent
 JOINTS, ASSEMBLY = "joints", "assembly"
 EXAGGERATED = 0.12  # largest deflection over the structure's largest extent
 MOST_MODES, COLUMNS = 6, 2
-MOST_NAMED = 3  # joints in a title
+MOST_NAMED = 3  # joints named in a title
 ISOMETRIC = np.array([[np.sqrt(0.75), -np.sqrt(0.75), 0.0], [-0.5, -0.5, 1.0]])
-FLAT = 1e-9  # of the largest extent: a direction in which a structure is flat
+FLAT = 1e-9  # largest extent of a flat direction, relative to the structure's largest extent
 SMALLEST, LARGEST = 12.0, 160.0  # areas of the mark of a joint [pt^2]
 
 
 class View(NamedTuple):
-    """Two directions in which a structure is seen, and what they are called."""
+    """Two directions from which a drawing of a structure is made, and their names."""
 
     directions: Float[np.ndarray, "2 3"]
     names: tuple[str, str]
@@ -39,7 +39,7 @@ def structure(tree: xr.DataTree, ax: Any = None) -> Panels:
     the mode's strain energy; the largest shares are named. Without positions bars have the share of
     each joint in the joints' losses in every mode, with 99 % intervals.
 
-    Panels: a mode each, in pairs; or one panel of bars.
+    Panels: one per mode, in pairs; or one panel of bars.
     """
     joints = branch(tree, JOINTS, "energy_share", "loss_share", "frequency_hz")
     group = branch(tree, ASSEMBLY, "weight")
@@ -66,7 +66,7 @@ def structure(tree: xr.DataTree, ax: Any = None) -> Panels:
 def view_of(
     position: Float[np.ndarray, "node 3"], deflection: Float[np.ndarray, "mode node 3"]
 ) -> View:
-    """Return a view along the direction in which a structure is flat and still, or isometric."""
+    """Return a view of a structure along a direction in which it is flat, or isometric."""
     extent = np.ptp(position, axis=0)
     is_moved = np.abs(deflection).max(axis=(0, 1)) > FLAT
     for along, seen in ((1, (0, 2)), (2, (0, 1)), (0, (1, 2))):
@@ -77,7 +77,7 @@ def view_of(
 
 
 def _moved(group: xr.Dataset, mode: int, view: View) -> Float[np.ndarray, "node 2"]:
-    """Return the nodes of a mode's shape, as they are seen."""
+    """Return the displaced nodes of a mode shape, as projected in a view."""
     position = group["position"].values
     scale = EXAGGERATED * np.ptp(position, axis=0).max()
     return (position + scale * group["deflection"].values[mode]) @ view.directions.T
@@ -95,7 +95,7 @@ def _draw_shape(panel: Axes, group: xr.Dataset, mode: int, view: View) -> None:
 
 
 def _draw_joints(panel: Axes, group: xr.Dataset, joints: xr.Dataset, mode: int, view: View) -> None:
-    """Draw a mark at each joint, larger for a larger share in the strain energy."""
+    """Draw a mark at each joint, whose area grows with the joint's share in the strain energy."""
     moved, nodes = _moved(group, mode, view), group["node"].values.tolist()
     for i, name in enumerate(joints["joint"].values):
         weights = group["weight"].sel(joint=name)
@@ -112,7 +112,7 @@ def _draw_joints(panel: Axes, group: xr.Dataset, joints: xr.Dataset, mode: int, 
 
 
 def _title(joints: xr.Dataset) -> str:
-    """Return a mode, and the joints with the largest shares in its strain energy."""
+    """Return a title: the mode, and the joints with the largest shares in its strain energy."""
     shares = joints["energy_share"].values
     largest = np.argsort(-shares, kind="stable")[:MOST_NAMED]
     named = ", ".join(
@@ -123,12 +123,11 @@ def _title(joints: xr.Dataset) -> str:
 
 
 def _colour(joint: int) -> str:
-    """Return the colour of a joint by its index."""
     return style.LEVELS[(joint + 1) % len(style.LEVELS)]
 
 
 def _bars(joints: xr.Dataset, ax: Any) -> Panels:
-    """Return the shares in the joints' losses by mode, a bar a joint."""
+    """Draw the shares of the joints' losses by mode, with one bar per joint."""
     axes = panels(ax, 1, 1, height=2.6)
     panel = axes[0, 0]
     names, modes = joints["joint"].values, joints["mode"].values
@@ -157,7 +156,7 @@ def joint_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
     tests moved it by; below, less the secant of the loop, which shows its opening. A joint that is
     not identified by itself has a loop that other joints could have in its place.
 
-    Panels: a column a joint; the loop and the same less its secant.
+    Panels: one column per joint, with the loop and the loop less its secant.
     """
     joints = branch(tree, JOINTS, "motion", "loop", "identified")
     names = joints["joint"].values

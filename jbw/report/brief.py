@@ -1,7 +1,8 @@
-"""One page for whoever decides: verdict, frequency, damping, Q, and what was measured.
+"""The one-page brief of a run: verdict, frequency, damping, Q, and the measurements.
 
-A4 upright, drawn by matplotlib alone. Every text is measured before it is placed: it is broken or
-shortened to its room, so that nothing overlaps and nothing leaves the page, whatever names hold.
+The page is A4 upright, drawn by matplotlib alone. Every text is measured before it is placed, and
+broken or shortened to the available width. Nothing therefore overlaps or leaves the page, whatever
+names contain.
 """
 
 import datetime
@@ -32,12 +33,12 @@ from jbw.report.words import badge, in_symbols, law_words
 
 WIDTH, HEIGHT = 8.27, 11.69  # A4 [in]
 MARGIN = 0.7  # on every side [in]
-ROOM = WIDTH - 2 * MARGIN  # for a line [in]
-LEADING = 1.45  # distance of two lines over their size
+ROOM = WIDTH - 2 * MARGIN  # width for a line [in]
+LEADING = 1.45  # distance of two lines relative to their font size
 POINT = 1 / 72  # [in]
 FIGURE = 3.1  # height of the backbone with its legend [in]
-FOOT = 0.5  # height kept for the last lines [in]
-PARTS = (0.1, 0.25, 0.5, 1.0)  # of the largest fitted amplitude: lines of the table
+FOOT = 0.5  # height reserved for the last lines [in]
+PARTS = (0.1, 0.25, 0.5, 1.0)  # times the largest fitted amplitude: lines of the table
 USUAL = {"size": 9.0, "color": INK}
 COLOURS = {"ok": GREEN, "usable": GREEN, "failed": VERMILLION}
 MEASURE = TextToPath()
@@ -45,33 +46,35 @@ Summary = Mapping[str, Any]
 
 
 class Cells(NamedTuple):
-    """A small table: where its columns lie [part of the line], headings and rows."""
+    """A small table: heading, positions of columns [fraction of the line], names and rows."""
 
     heading: str
-    columns: Sequence[tuple[float, float, str]]  # where each begins and ends, and to which side
+    # Position of each column's beginning and end, and its alignment.
+    columns: Sequence[tuple[float, float, str]]
     names: Sequence[str]
     rows: Sequence[Sequence[str]]
 
 
 def write_brief(summary: Summary, tree: xr.DataTree, today: datetime.date | None = None) -> bytes:
-    """Return the page as PDF: one page of A4.
+    """Return the brief as a PDF file with one A4 page.
 
     Args:
-        summary: Of a finished run.
-        tree: Of the same.
-        today: The date that is printed; this day when None.
+        summary: Summary of a finished run.
+        tree: Result tree of the same run.
+        today: The printed date; the present day when None.
     """
     figure = draw_brief(summary, tree, today)
     buffer = io.BytesIO()
     metadata = {"Title": _name(summary), "Creator": f"jbw {__version__}", "Producer": None}
     with warnings.catch_warnings(), matplotlib.rc_context({"pdf.fonttype": 42}):
-        warnings.filterwarnings("ignore", message="Glyph")  # a letter that the font lacks is a box
+        # A letter that the font lacks is shown as a box.
+        warnings.filterwarnings("ignore", message="Glyph")
         figure.savefig(buffer, format="pdf", metadata={**metadata, "CreationDate": None})
     return buffer.getvalue()
 
 
 def draw_brief(summary: Summary, tree: xr.DataTree, today: datetime.date | None = None) -> Figure:
-    """Draw the page; arguments as for `write_brief`."""
+    """Draw the brief as a figure; arguments as for `write_brief`."""
     figure = Figure(figsize=(WIDTH, HEIGHT))
     quantities = names_of(tree, summary)
     top = HEIGHT - MARGIN
@@ -102,7 +105,7 @@ def _name(summary: Summary) -> str:
 
 
 def _verdict(figure: Figure, top: float, summary: Summary, quantities: Any) -> float:
-    """Draw a box with the valid use of the numbers and the first reason against it."""
+    """Draw a box with the valid use of the results and the first reason against them."""
     verdict = summary.get("verdict") or {}
     word = badge(verdict).word
     use, colour = messages.USE.get(word, messages.PROVISIONAL), COLOURS.get(word, ORANGE)
@@ -126,7 +129,7 @@ def _verdict(figure: Figure, top: float, summary: Summary, quantities: Any) -> f
 
 
 def _draw_backbone(figure: Figure, top: float, tree: xr.DataTree) -> float:
-    """Draw frequency and damping ratio over amplitude with measured points and legend."""
+    """Draw the backbone over amplitude: frequency and damping ratio, measured points, legend."""
     indent, gap, below = 0.62, 0.75, 0.78
     wide = (ROOM - indent - gap) / 2
     high = FIGURE - below
@@ -156,7 +159,7 @@ def _draw_backbone(figure: Figure, top: float, tree: xr.DataTree) -> float:
 
 
 def _levels(summary: Summary, tree: xr.DataTree) -> Cells:
-    """Return frequency, its shift, damping ratio and Q at parts of the largest fitted amplitude."""
+    """Return a table of frequency, shift, damping ratio and Q at parts of the largest amplitude."""
     curve = tree[BACKBONE].to_dataset()
     y_peak = float(curve.attrs["y_fitted"])
     factor, unit = length_unit(y_peak)
@@ -170,7 +173,7 @@ def _levels(summary: Summary, tree: xr.DataTree) -> Cells:
     for part, (low, hertz, high), (least, ratio, most) in zip(
         PARTS, frequency, damping, strict=True
     ):
-        # Q falls where damping rises: the ends change places. Without damping it has none.
+        # Q falls where damping rises, so the ends change places. Without damping Q is infinite.
         quality = NOTHING if least <= 0 else _interval(*(0.5 / x for x in (most, ratio, least)))
         rows.append(
             (
@@ -197,7 +200,7 @@ def _interval(low: float, middle: float, high: float) -> str:
 
 
 def _modes(tree: xr.DataTree) -> Cells:
-    """Return every mode at small motion, of a structure of several; no rows of one mode."""
+    """Return a table of all modes at small motion; empty for a structure with one mode."""
     group = node(tree, "posterior")
     drawn = {} if group is None else group.to_dataset().data_vars
     pairs = [("omega_n", "zeta"), *((f"omega_{k}", f"zeta_{k}") for k in range(2, 20))]
@@ -218,7 +221,7 @@ def _modes(tree: xr.DataTree) -> Cells:
 
 
 def _measured(summary: Summary, tree: xr.DataTree) -> Cells:
-    """Return rows on the measurements, with tests of equal kind and level on one line."""
+    """Return a table of the measured tests; tests of equal kind and level share one line."""
     read = {row["test"]: row for row in (summary.get("look") or {}).get("tests") or []}
     families: dict[tuple[str, float, bool], list[dict[str, Any]]] = {}
     every = every_test(summary, tree)
@@ -275,7 +278,7 @@ def _worst(rows: Sequence[Summary]) -> str:
 
 
 def _foot(figure: Figure, summary: Summary, tree: xr.DataTree) -> None:
-    """Draw the foot line that describes the numbers and identifies the run."""
+    """Draw the last lines of the brief, which explain the results and identify the run."""
     created_at = (
         str(tree["posterior"].attrs.get("created_at", "")) if "posterior" in tree.children else ""
     )
@@ -291,7 +294,7 @@ def _foot(figure: Figure, summary: Summary, tree: xr.DataTree) -> None:
 def _table(
     figure: Figure, top: float, cells: Cells, most: int = 99, floor: float = MARGIN
 ) -> float:
-    """Draw a table with as many rows as there is room for, and say how many are left."""
+    """Draw a table on the brief, with as many rows as fit."""
     if not cells.rows:
         return top
     height = USUAL["size"] * POINT * LEADING
@@ -316,7 +319,7 @@ def _table(
 
 
 def _line(figure: Figure, top: float, text: str, indent: float = 0.0, **look: Any) -> float:
-    """Write one line, shortened to the page's width; return where the next begins."""
+    """Write one line on the brief, shortened to the page's width; return the next position."""
     size = float(look.get("size", USUAL["size"]))
     shortened = _shortened(text, ROOM - indent, size, str(look.get("weight", "normal")))
     _put(figure, MARGIN + indent, top, shortened, **look)
@@ -324,20 +327,20 @@ def _line(figure: Figure, top: float, text: str, indent: float = 0.0, **look: An
 
 
 def _paragraph(figure: Figure, top: float, text: str, most: int, indent: float = 0.0) -> float:
-    """Write a text in so many lines at most; return where the next begins."""
+    """Write a text on the brief in at most `most` lines; return the next position."""
     for line in _broken(text, ROOM - indent, USUAL["size"], most):
         top = _line(figure, top, line, indent=indent)
     return top - 0.03
 
 
 def _put(figure: Figure, x: float, top: float, text: str, **look: Any) -> None:
-    """Write a text at a place [in] as it is: a dollar sign starts no formula."""
+    """Write a text on a figure at a position [in], without interpreting dollar signs."""
     if text:
         figure.text(x / WIDTH, top / HEIGHT, text, va="top", parse_math=False, **{**USUAL, **look})
 
 
 def _broken(text: str, width: float, size: float, most: int) -> list[str]:
-    """Return a text in lines of a width [in], the last one shortened where there are more."""
+    """Return a text broken into lines of a width [in]; shorten the last line if it is too long."""
     lines = [""]
     words = list(_pieces(printable(text).split(), width, size))
     for i, word in enumerate(words):
@@ -353,7 +356,7 @@ def _broken(text: str, width: float, size: float, most: int) -> list[str]:
 
 
 def _pieces(words: Sequence[str], width: float, size: float) -> Iterator[str]:
-    """Yield the words, those longer than a line in parts."""
+    """Yield words, with those longer than a line split into parts."""
     for word in words:
         while _width(word, size) > width:
             count = next(
@@ -365,12 +368,12 @@ def _pieces(words: Sequence[str], width: float, size: float) -> Iterator[str]:
 
 
 def _shortened(text: str, width: float, size: float, weight: str = "normal") -> str:
-    """Return a text that fits into a width [in], with an ellipsis where it was longer."""
+    """Return a text that fits into a width [in], shortened with an ellipsis if necessary."""
     text = " ".join(printable(text).split())
     if _width(text, size, weight) <= width:
         return text
     low, high = 0, len(text)
-    while low < high:  # the longest beginning that fits
+    while low < high:  # The search finds the longest beginning that fits.
         middle = (low + high + 1) // 2
         fits = _width(f"{text[:middle].rstrip()}…", size, weight) <= width
         low, high = (middle, high) if fits else (low, middle - 1)
@@ -378,7 +381,7 @@ def _shortened(text: str, width: float, size: float, weight: str = "normal") -> 
 
 
 def _width(text: str, size: float, weight: str = "normal") -> float:
-    """Return the width of a line [in]."""
+    """Return the printed width of a line [in]."""
     font = FontProperties(size=size, weight=weight)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph")

@@ -1,4 +1,4 @@
-"""A joint that has changed: two runs beside each other, and a watch, record by record."""
+"""Tables and figures of a changed joint: two runs compared, and a watch record by record."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -30,13 +30,13 @@ from jbw.report.words import Badge
 
 Row = Mapping[str, Any]
 RUNS = ("A", "B")
-LEAST = 1e-3  # that a probability is said to, or 1 less that
+LEAST = 1e-3  # Probabilities below this, or above 1 minus this, are stated as bounds.
 QUANTITIES = {"frequency": "frequency [Hz]", "damping": "damping ratio [%]"}
-LEVEL = 0.99  # of the band in which a further reading of an unchanged joint lies
+LEVEL = 0.99  # probability of the band for a new reading of an unchanged joint
 
 
 def parameters_table(record: Row) -> Table:
-    """Return a row a quantity that both runs know."""
+    """Return a table with one row per quantity that both runs drew."""
     return table(
         messages.TABLE,
         record["parameters"],
@@ -48,7 +48,7 @@ def parameters_table(record: Row) -> Table:
 
 
 def backbone_table(record: Row) -> Table:
-    """Return the frequency and damping at amplitudes that both runs fitted."""
+    """Return a table of frequency and damping at amplitudes that both runs fitted."""
     factor, unit = length_unit(max((row["amplitude"] for row in record["backbone"]), default=1.0))
     return table(
         messages.BACKBONE_TABLE,
@@ -60,7 +60,7 @@ def backbone_table(record: Row) -> Table:
 
 
 def side_by_side_table(record: Row) -> Table:
-    """Return a table of runs by torque, at a tenth and all of the motion common to all fits."""
+    """Return a table of runs by torque, at two amplitudes (a tenth and all of the common range)."""
     amplitudes = sorted({row["amplitude"] for row in record["readings"]})
     factor, unit = length_unit(amplitudes[-1])
     read = {(row["run"], row["amplitude"]): row for row in record["readings"]}
@@ -89,10 +89,10 @@ def _torque(run: Row) -> str:
 
 
 def side_by_side_figure(record: Row, bands: xr.Dataset, ax: Any = None) -> Panels:
-    """Draw frequency and damping of several runs against amplitude, a colour a run."""
+    """Draw frequency and damping of several runs against amplitude, with one colour per run."""
     axes = panels(ax, 1, 2, height=3.2)
     factor, unit = length_unit(float(bands["amplitude"][-1]))
-    # From dark to light in the order of torque, told apart in grey too.
+    # Colours go from dark to light in the order of torque, so that they also differ in grey.
     colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.85, len(record["runs"])))
     x = factor * bands["amplitude"].values
     for only, (name, label) in zip(axes[0], QUANTITIES.items(), strict=True):
@@ -108,7 +108,7 @@ def side_by_side_figure(record: Row, bands: xr.Dataset, ax: Any = None) -> Panel
 
 
 def _columns() -> tuple[Column, ...]:
-    """Return both intervals, that of the difference, and the probability."""
+    """Return the columns of a comparison of two runs: intervals of A, B and A - B, P(A > B)."""
     return (
         *(Column(run, partial(_interval, key=run.lower())) for run in RUNS),
         Column("A - B", partial(_interval, key="difference")),
@@ -118,12 +118,12 @@ def _columns() -> tuple[Column, ...]:
 
 def _interval(row: Row, key: str) -> str:
     low, middle, high = row[key]
-    sd = 0.2 * (high - low)  # a 99 % interval is five of them wide
+    sd = 0.2 * (high - low)  # A 99 % interval is about five standard deviations wide.
     return f"{number(middle, sd)} [{number(low, sd)}, {number(high, sd)}]"
 
 
 def probability_text(row: Row) -> str:
-    """Format P(A > B) to three digits; `prior` where a run has only prior information."""
+    """Format the probability P(A > B) to three digits, or as `prior`."""
     if row.get("of_prior"):
         return "prior"
     value = row["probability"]
@@ -131,7 +131,8 @@ def probability_text(row: Row) -> str:
         return f"< {LEAST:g}"
     if value > 1 - LEAST:
         return f"> {1 - LEAST:g}"
-    return f"{value:.{2 if 0.05 < value < 0.95 else 3}f}"  # as many as the draws are worth
+    # The number of draws justifies this many digits.
+    return f"{value:.{2 if 0.05 < value < 0.95 else 3}f}"
 
 
 def _in_per_cent(row: Row) -> dict[str, Any]:
@@ -144,7 +145,7 @@ def _note(record: Row) -> str:
 
 
 def backbones_figure(bands: xr.Dataset, ax: Any = None) -> Any:
-    """Draw frequency and damping of both runs against amplitude, with their 99 % bands."""
+    """Draw frequency and damping of two runs against amplitude, with their 99 % bands."""
     axes = panels(ax, 1, 2, height=3.2)
     factor, unit = length_unit(float(bands["amplitude"][-1]))
     for only, (name, label) in zip(axes[0], QUANTITIES.items(), strict=True):
@@ -162,7 +163,7 @@ def backbones_figure(bands: xr.Dataset, ax: Any = None) -> Any:
 def watch_figure(
     settings: Mapping[str, Any], readings: Sequence[Mapping[str, Any]], ax: Any = None
 ) -> Panels:
-    """Draw the readings at the first amplitude, the band of the references, and every alarm."""
+    """Draw a watch's readings at the first amplitude, its references' band and all alarms."""
     axes = panels(ax, 2, 1, height=4.6)
     values = np.array([reading["values"][:2] for reading in readings]).reshape(-1, 2)
     values[:, 1] = 100 * np.exp(values[:, 1])
@@ -194,7 +195,7 @@ def watch_figure(
 def watch_sheet(
     name: str, settings: Mapping[str, Any], readings: Sequence[Mapping[str, Any]]
 ) -> Sheet:
-    """Return the page of a watch: figure, what was said at every alarm, every reading."""
+    """Return the page of a watch: figure, statement at every alarm, table of all readings."""
     alarms = [reading for reading in readings if reading.get("alarm")]
     stated = [f"{row['record']}: {row['statement']}" for row in alarms if "statement" in row]
     last = [reading["statement"] for reading in readings if "statement" in reading][-1:]
@@ -210,7 +211,7 @@ def watch_sheet(
 
 
 def watch_table(settings: Mapping[str, Any], entries: Any) -> Table:
-    """Return a line a record, with its readings at the first amplitude."""
+    """Return a table with one line per record, with its readings at the first amplitude."""
 
     def number(heading: str, read: Any, form: str) -> Column:
         def shown(reading: Mapping[str, Any]) -> str:
@@ -240,5 +241,5 @@ def watch_table(settings: Mapping[str, Any], entries: Any) -> Table:
 
 
 def _damping(reading: Mapping[str, Any]) -> float | None:
-    """Return the damping ratio in per cent at the first amplitude."""
+    """Return the damping ratio of a watch's reading at the first amplitude, in per cent."""
     return 100 * float(np.exp(reading["values"][1])) if "values" in reading else None

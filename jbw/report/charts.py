@@ -1,6 +1,6 @@
-"""The interactive page: responses, loops and curves of a run, read from the report's axes.
+"""The charts of the interactive page: responses, loops and curves, read from the report's axes.
 
-Curves have fewer points there: their extremes stay, their size does not.
+Curves have fewer points than in the report: thinning keeps their extremes.
 """
 
 import html
@@ -30,7 +30,8 @@ from jbw.report.result import fitted_text, frequency, node, quantiles, tests, un
 from jbw.report.style import MODEL, shade
 from jbw.report.text import axis_label
 
-LONGEST = 12000  # samples of a record, around its largest: what a browser moves without stutter
+# Largest number of samples of a record that a browser moves smoothly, around its largest response.
+LONGEST = 12000
 HERTZ = "frequency [Hz]"
 DASHES = {"-": "solid", "--": "dash", "-.": "dashdot", ":": "dot"}
 Trace = dict[str, Any]
@@ -39,7 +40,7 @@ Values = Float[np.ndarray, " point"]
 
 
 class Chart(NamedTuple):
-    """One interactive figure: labels of abscissa and ordinate, plotly's traces as dictionaries."""
+    """One interactive figure: heading, axis labels, and plotly's traces as dictionaries."""
 
     heading: str
     axes: tuple[str, str]
@@ -48,12 +49,12 @@ class Chart(NamedTuple):
 
 
 def shown_text(name: object) -> str:
-    """Return a name as plotly is to show it: its labels read a part of HTML, entities included."""
+    """Return a name for plotly's labels, with the special characters of HTML escaped."""
     return html.escape(printable(str(name)).replace(r"\$", "$"))
 
 
 def traces(ax: Axes) -> list[Trace]:
-    """Return the bands and lines of axes; a click in the legend hides all of one colour."""
+    """Return the bands and lines of matplotlib axes as plotly traces."""
     drawn_traces = []
     artists: list[Any] = [*ax.collections, *ax.lines]
     for artist in artists:
@@ -64,7 +65,7 @@ def traces(ax: Axes) -> list[Trace]:
             red, green, blue = (round(255 * part) for part in to_rgb(colour))
             look = {"fill": "toself", "fillcolor": f"rgba({red},{green},{blue},0.3)"}
             look |= {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
-        elif isinstance(artist, LineCollection):  # bars of points
+        elif isinstance(artist, LineCollection):  # error bars of points
             gap = [[np.nan] * 2]
             x, y = np.concatenate(
                 [np.append(segment, gap, axis=0) for segment in artist.get_segments()]
@@ -79,7 +80,7 @@ def traces(ax: Axes) -> list[Trace]:
             look = {"mode": "markers" if marked else "lines", "marker": {"color": colour}}
             look |= {"line": {"color": colour, "width": 1.3, "dash": dash}}
         label = str(artist.get_label())
-        # Numbers as 32-bit floats, half as large in the file.
+        # Numbers are stored as 32-bit floats, which halves the size of the file.
         values = {"x": np.asarray(x, np.float32), "y": np.asarray(y, np.float32)}
         legend = {"name": shown_text(label), "showlegend": not label.startswith("_")}
         drawn_traces.append({**values, **legend, "legendgroup": colour, **look})
@@ -87,13 +88,13 @@ def traces(ax: Axes) -> list[Trace]:
 
 
 def charts_of(tree: xr.DataTree) -> list[Chart]:
-    """Return the charts that the result of a run allows."""
+    """Return all interactive charts for which the result of a run has data."""
     charts = []
     for draw in (_frfs, _curves, _records, _loops, _forced_loops, _groups, _backbone):
         try:
             drawn = list(draw(tree))
         except DataError:
-            # The campaign has no such tests.
+            # The campaign has no tests for this chart.
             continue
         for heading, ax in drawn:
             labels = (ax.get_xlabel(), ax.get_ylabel())
@@ -110,7 +111,7 @@ def _called(name: str, test: xr.Dataset) -> str:
 
 
 def _draw(ax: Axes, x: Any, model: Any, measured: Any, colour: str, name: str) -> None:
-    """Draw one test among several, all of it in its colour."""
+    """Draw one of several tests on an interactive chart, with all of its parts in one colour."""
     shade(ax, x, model[0], model[2], colour, "_band")
     ax.plot(x, model[1], color=colour, label="_median")
     ax.plot(x, measured, "o", color=colour, label=f"measured, {name}")
@@ -140,7 +141,7 @@ def _curves(tree: xr.DataTree) -> Drawn:
 
 
 def _records(tree: xr.DataTree) -> Drawn:
-    """Draw every record against its bands, around its largest response."""
+    """Draw every measured record with its predicted bands, around its largest response."""
     needed = ("measured", "model_band")
     for group, kind in (("sweep", "Sweep"), ("decay", "Free decay")):
         path = f"verification/{group}"
@@ -156,7 +157,7 @@ def _records(tree: xr.DataTree) -> Drawn:
 
 
 def _loops(tree: xr.DataTree) -> Drawn:
-    """Draw the loops of all levels, less their secants, which leaves their areas."""
+    """Draw the hysteresis loops of all levels less their secants, so that areas are visible."""
     needed = ("measured_y", "measured_force", "model_y", "model_force")
     for name, test in tests(tree, "validation/loops", *needed):
         ax = _blank(xlabel="displacement [mm]", ylabel=labels.LESS_SECANT)
@@ -172,7 +173,7 @@ def _forced_loops(tree: xr.DataTree) -> Drawn:
 
 
 def _groups(tree: xr.DataTree) -> Drawn:
-    """Draw tests of further kinds over their own coordinate, a chart a group of values."""
+    """Draw tests of added kinds over their own coordinate, with one chart per group of values."""
     for _, name, test in verified(tree, "axis"):
         axis = str(test.attrs["axis"])
         kind = str(test.attrs.get("kind", "response")).replace("_", " ")
@@ -191,14 +192,14 @@ def _backbone(tree: xr.DataTree) -> Drawn:
 
 
 class CurvePoints(NamedTuple):
-    """The points of a curve or of a band's outline; a NaN separates its parts."""
+    """The points of a curve or of a band's outline; NaN separates its parts."""
 
     x: Values
     y: Values
 
 
 def shared_limit(sizes: Sequence[int], total: int) -> int:
-    """Return the largest points per curve with at most `total` points in all; two at least."""
+    """Return the largest number of points per curve (two at least) for at most `total` in all."""
     low, high = 2, max([2, *sizes])
     while low < high:
         middle = (low + high + 1) // 2
@@ -208,15 +209,15 @@ def shared_limit(sizes: Sequence[int], total: int) -> int:
 
 
 def decimated(points: CurvePoints, most: int) -> CurvePoints:
-    """Reduce a curve to each stretch's least and largest ordinate, about `most` points in all.
+    """Reduce a curve to the least and largest ordinate of each stretch, about `most` points.
 
-    Each part between values that are no numbers keeps its first and last point, so that a band
-    stays closed and a gap stays a gap; a curve of `most` points or fewer is returned as it is.
+    Each part between NaN values keeps its first and last point, so that a band stays closed and a
+    gap stays a gap. A curve of `most` points or fewer is returned unchanged.
     """
     size = len(points.x)
     if size <= most:
         return points
-    width = max(1, int(np.ceil(2 * size / max(most, 1))))  # two points remain of each stretch
+    width = max(1, int(np.ceil(2 * size / max(most, 1))))  # Two points remain of each stretch.
     gaps = np.flatnonzero(~(np.isfinite(points.x) & np.isfinite(points.y)))
     ends = np.concatenate([[-1], gaps, [size]])
     indices = [gaps]
@@ -229,7 +230,7 @@ def decimated(points: CurvePoints, most: int) -> CurvePoints:
 
 
 def _extremes(y: Values, width: int) -> np.ndarray:
-    """Return the places of the least and the largest value of every stretch, and of both ends."""
+    """Return the indices of each stretch's least and largest value, and of both ends."""
     starts = np.arange(0, len(y), width)
     padded = np.append(y, np.full(-len(y) % width, y[-1])).reshape(-1, width)
     extremes = (starts + padded.argmin(axis=1), starts + padded.argmax(axis=1))

@@ -1,4 +1,4 @@
-"""The choice of the tests that a figure draws, where a campaign has too many for a page."""
+"""The selection of the tests that a figure draws, if a campaign has too many for one page."""
 
 from typing import Literal
 
@@ -6,17 +6,17 @@ import xarray as xr
 
 from jbw.errors import ConfigError, DataError
 
-MOST = 3  # tests that a figure draws beside each other
+MOST = 3  # tests that a figure draws side by side
 Tests = list[tuple[str, xr.Dataset]]
 Part = Literal["chosen", "rest", "all"]
 
 
 def selected(tests: Tests, part: Part) -> Tests:
-    """Return the chosen tests, those that the choice leaves, or all of them, in their order.
+    """Return the tests that a figure draws: the chosen ones, the remaining ones, or all.
 
     Raises:
-        ConfigError: Another part.
-        DataError: The rest, where every test is chosen.
+        ConfigError: `part` has another value.
+        DataError: The remaining tests are requested but every test is chosen.
     """
     if part not in ("chosen", "rest", "all"):
         raise ConfigError(
@@ -35,7 +35,7 @@ def selected(tests: Tests, part: Part) -> Tests:
 def chosen_names(tests: Tests) -> set[str]:
     """Choose three representative tests: the weakest and strongest fitted, and a held-out one.
 
-    The first test of a kind and level stands for all of these.
+    The first test of a kind and level represents all tests of that kind and level.
     """
     first: dict[tuple[bool, str, float], str] = {}
     for name, test in tests:

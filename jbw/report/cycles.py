@@ -1,4 +1,4 @@
-"""Force loops without a model: their secant stiffness, and their cycles one by one."""
+"""Tables of force loops without a model: secant stiffness, and all cycles."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -9,20 +9,20 @@ from jbw.report.messages import tables as notes
 from jbw.report.table import Column, Table, table, words
 from jbw.report.text import NOTHING, length_unit, number, percent
 
-MOST_CYCLES = 12  # of a test that a table shows
+MOST_CYCLES = 12  # of a test in a table
 ANGLES = ((1.0, "rad"), (1e3, "mrad"), (1e6, "µrad"))  # factor and unit
 Row = Mapping[str, Any]
 
 
 def motion_unit(largest: float, unit: str = "m") -> tuple[float, str]:
-    """Factor and unit that write a displacement [m], or a rotation [rad], with digits before it."""
+    """Return the factor and the unit in which a displacement [m] or rotation [rad] exceeds one."""
     if unit != "rad":
         return length_unit(largest)
     return next((prefix for prefix in ANGLES if largest * prefix[0] >= 1.0), ANGLES[-1])
 
 
 def loops_table(loops: Sequence[Row]) -> Table:
-    """Return a row a force loop: its largest motion and the secant stiffness there."""
+    """Return a table of force loops: largest motion and secant stiffness there."""
     motion, stiffness = _written(loops)
     return table(
         "Force loops",
@@ -59,14 +59,14 @@ def unit_of_motion(loops: Sequence[Row]) -> str:
 
 
 def _written(loops: Sequence[Row]) -> tuple[tuple[float, str], str]:
-    """Factor and unit of the motion, and the unit of stiffness, of loops of one kind."""
+    """Return factor and unit of the motion, and the unit of stiffness, for a table of loops."""
     unit = unit_of_motion(loops)
     largest = max((row["y"] for row in loops), default=1e-3)
     return motion_unit(largest, unit), "N m/rad" if unit == "rad" else "N/m"
 
 
 def _shown(loops: Sequence[Row]) -> Iterator[dict[str, Any]]:
-    """Yield the cycles of each test: first, last, and some between if there are many."""
+    """Yield the cycles of each test: all, or evenly spaced ones with first and last if many."""
     for loop in loops:
         cycles = loop.get("cycles") or []
         chosen = np.unique(np.linspace(0, len(cycles) - 1, min(len(cycles), MOST_CYCLES)).round())

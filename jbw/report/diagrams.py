@@ -1,4 +1,4 @@
-"""The oscillator and the procedure as drawings, with the run's own numbers."""
+"""The figures of the oscillator and of the procedure, with the results of a run."""
 
 from typing import Any, NamedTuple
 
@@ -27,10 +27,10 @@ from jbw.report.result import (
 from jbw.report.style import INK, SOFT, VERMILLION, Panels, finish, panels, plain, title
 from jbw.report.text import NOTHING, number, percent, quantity, shown_as, spread_text
 
-# Of a law with memory: the stiffness that it takes over from the spring, and the rate of its force.
+# Of a law with memory: the stiffness that it takes from the spring, and the rate of its force.
 RATES = {"bouc_wen": ("α", "Ż = α ẏ − γ |ẏ| Z − δ ẏ |Z|")}
 SPRINGS = {"cubic": "λ₃ y³"}
-MOST = 6  # parameters that have room below the drawing
+MOST = 6  # parameters that fit below the drawing
 WALL, MASS, RIGHT = 0.6, 4.6, 7.0  # abscissae of the drawing
 SPRING, DAMPER, HYSTERESIS = 9.6, 8.2, 6.8  # ordinates of its elements
 STROKE: Any = {"color": INK, "lw": 1.2, "solid_capstyle": "round"}
@@ -39,7 +39,7 @@ ARROW: Any = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0}
 SAMPLERS = {"nuts": "NUTS", "paper": "paper's walk", "walk": "tuned walk"}
 COLOURS = {"ok": style.GREEN, "failed": VERMILLION, "not assessed": INK}
 LINE = 0.17  # height of a line of text [in]
-PAD, GAP = 0.1, 0.2  # above and below the text of a box, and between boxes [in]
+PAD, GAP = 0.1, 0.2  # space above and below the text of a box, and between boxes [in]
 
 
 def oscillator(tree: xr.DataTree, ax: Any = None) -> Panels:
@@ -49,7 +49,7 @@ def oscillator(tree: xr.DataTree, ax: Any = None) -> Panels:
     their 99 % intervals. Right, the element's force along cycles of a quarter, half and all of the
     largest fitted displacement: the harder the cycle, the softer and the wider.
 
-    Panels: the schematic; the loops of the hysteretic element where the run keeps them (2 axes).
+    Panels: the schematic; the loops of the hysteretic element where the run stored them (2 axes).
 
     Reference:
         Eqs. (1), (2).
@@ -87,13 +87,13 @@ def oscillator(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _elements(ax: Axes, stiffness: str, *, hysteretic: bool) -> None:
-    """Draw a wall, the elements side by side, the mass, force and motion."""
+    """Draw the oscillator: a wall, the elements in parallel, the mass, its force and motion."""
     ax.plot([WALL, WALL], [6.0, 10.4], **STROKE)
     for y in np.arange(6.2, 10.5, 0.5):
         ax.plot([WALL - 0.35, WALL], [y - 0.35, y], color=SOFT, lw=0.8)
     ax.add_patch(Rectangle((MASS, 6.0), RIGHT - MASS, 4.4, fc="none", ec=INK, lw=1.2))
     _write(ax, (MASS + RIGHT) / 2, 8.2, "unit\nmass")
-    # The spring that stays when the joint slips.
+    # This spring remains when the joint slips.
     coil = np.array([0.0, 0.0, *([0.28, -0.28] * 5), 0.0, 0.0])
     x = np.concatenate([[WALL], np.linspace(1.5, 3.7, coil.size - 2), [MASS]])
     ax.plot(x, SPRING + coil, **STROKE)
@@ -104,7 +104,7 @@ def _elements(ax: Axes, stiffness: str, *, hysteretic: bool) -> None:
     ax.plot([2.0, 2.9, 2.9, 2.0], DAMPER + np.array([0.34, 0.34, -0.34, -0.34]), **STROKE)
     ax.plot([2.9, MASS], [DAMPER, DAMPER], **STROKE)
     _write(ax, 3.75, DAMPER + 0.38, "2ζωₙ")
-    if hysteretic:  # a box with a loop
+    if hysteretic:  # The joint is a box that contains a loop.
         stroke = {**STROKE, "color": VERMILLION}
         ax.plot([WALL, 1.9], [HYSTERESIS, HYSTERESIS], **stroke)
         ax.plot([3.3, MASS], [HYSTERESIS, HYSTERESIS], **stroke)
@@ -125,7 +125,7 @@ def _write(ax: Axes, x: float, y: float, text: str, size: float = 9.0, **look: A
 
 
 def _spread(parameter: PosteriorParameter) -> str:
-    """Return the median of a parameter with half of its 99 % interval, as a page shows it."""
+    """Return the displayed median of a parameter with half of its 99 % interval."""
     shown = shown_as(parameter.name, parameter.unit)
     return spread_text(shown.factor * parameter.draws, shown.unit)
 
@@ -135,7 +135,7 @@ def _symbol(parameter: PosteriorParameter) -> str:
 
 
 class StepOutcome(NamedTuple):
-    """The outcome of one sampler of a step: its estimates, its mixing and its verdict."""
+    """The outcome of one sampler of a step: estimates, mixing and verdict."""
 
     words: str
     mixing: str = ""
@@ -143,7 +143,7 @@ class StepOutcome(NamedTuple):
 
 
 class StepBox(NamedTuple):
-    """One step of the procedure; without outcomes it is not drawn."""
+    """One step of the procedure; it is not drawn without outcomes."""
 
     name: str
     does: str
@@ -151,7 +151,7 @@ class StepBox(NamedTuple):
 
 
 def _height(box: StepBox) -> float:
-    """Return the height of a box [in]: two lines for its name at least."""
+    """Return the height of a step's box [in], with two lines at least for its name."""
     return 2 * PAD + LINE * max(2, sum(1 + outcome.words.count("\n") for outcome in box.outcomes))
 
 
@@ -222,7 +222,7 @@ def _sampled(tree: xr.DataTree, facts: xr.Dataset, step: str) -> list[StepOutcom
     for name, called in SAMPLERS.items():
         group = node(tree, f"steps/{step}{name}/posterior")
         if group is not None and f"{step}{name}" in facts["step"].values:
-            # The product of the law's parameters is all that weak motion knows.
+            # Weak motion determines only the product of the law's parameters.
             law = of_law(of_joint(group.to_dataset()))
             product = quantity("_".join(parameter.name for parameter in law))
             draws = np.prod([parameter.draws for parameter in law], axis=0)
@@ -232,7 +232,7 @@ def _sampled(tree: xr.DataTree, facts: xr.Dataset, step: str) -> list[StepOutcom
 
 
 def _main(tree: xr.DataTree, facts: xr.Dataset) -> list[StepOutcome]:
-    """Return the main posterior's numbers, two in a line, and below them how it mixed."""
+    """Return the main posterior's estimates as texts, two per line, with its mixing below."""
     stored = parameters(branch(tree, "posterior"))
     shown = [
         parameter

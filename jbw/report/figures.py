@@ -1,8 +1,9 @@
-"""The figures of a run, by number and by name, as pictures and as SVG.
+"""All figures of a run, by number and by name, as image files and as SVG.
 
-`figures.figure_1`, `figure_2` and `figure_4` to `figure_13` are the paper's, with the run's own
-numbers (its figure 3 shows the rig); the others go beyond it. ArviZ's own plots take a run's tree
-as it is, as in `arviz.plot_rank(tree)`; unused here, they need pyplot and JAX and take no axes.
+`figures.figure_1`, `figure_2` and `figure_4` to `figure_13` are those of the paper, with the run's
+own results (figure 3 of the paper shows the rig); the others are additional. ArviZ's own plots
+accept a run's tree, such as `arviz.plot_rank(tree)`. They are not used here, since they need pyplot
+and JAX and take no axes.
 """
 
 import io
@@ -39,9 +40,9 @@ from jbw.report.messages import opening as messages
 from jbw.run.netcdf import read_tree
 
 under_way = logging.getLogger("jbw.progress")
-DPI = 130  # of the PNG
-EMBEDDED = 42  # fonts of a PDF as TrueType, which journals ask for
-# Without a date two runs write the same bytes.
+DPI = 130  # resolution of a PNG
+EMBEDDED = 42  # embeds fonts of a PDF as TrueType, which journals require
+# Without a date two runs write identical bytes.
 DATES: dict[str, dict[str, None]] = {
     "png": {},
     "svg": {"Date": None},
@@ -50,15 +51,17 @@ DATES: dict[str, dict[str, None]] = {
 
 
 class ReportFigure(NamedTuple):
-    """One figure of the report."""
+    """One figure of the report: its name, function, texts and group."""
 
-    slug: str  # its file name, without ending
-    name: str  # figure_1 to figure_13 as in the paper, or its own
-    draw: Callable[..., Any]  # of (tree, ax); its docstring begins with the other two
-    question: str  # what it answers, its title on the page
-    caption: str  # what is drawn and what to look for
-    group: str = "structure"  # the group in which it stands on the page, of `GROUPS`
-    rest: Callable[..., Any] | None = None  # of (tree): the tests that `draw` leaves
+    slug: str  # file name without suffix
+    name: str  # figure_1 to figure_13 as in the paper, or another name
+    # Function of (tree, ax); its docstring begins with question and caption.
+    draw: Callable[..., Any]
+    question: str  # question that the figure answers, which is its title on the page
+    caption: str  # what the figure shows and what to look for
+    group: str = "structure"  # group of the figure on the page, a key of `GROUPS`
+    # Function of (tree), for the tests that `draw` leaves out.
+    rest: Callable[..., Any] | None = None
 
 
 # Groups of figures on the page by name, with their headings, in the page's order.
@@ -120,33 +123,33 @@ def __getattr__(name: str) -> Callable[..., Any]:
 
 
 def figure_of(drawn: Any) -> Figure:
-    """Return the figure that holds what a figure function returned."""
+    """Return the matplotlib figure to which a figure function's axes belong."""
     return np.asarray(drawn, dtype=object).reshape(-1)[0].figure
 
 
 class DrawnFigure(NamedTuple):
-    """The outcome of drawing one figure."""
+    """The outcome of drawing one figure: pictures as SVG, or the reason why it failed."""
 
-    svg: str = ""  # in the page's themes
-    rest: str = ""  # the same of the tests that it leaves, where there are some
-    missing: str = ""  # why there is none, a sentence
+    svg: str = ""  # SVG in the page's themes
+    rest: str = ""  # SVG with the tests that the first picture leaves out, if any
+    missing: str = ""  # reason why there is no picture, as a sentence
 
 
 class Files(NamedTuple):
-    """The folder and the formats in which figures are written to files."""
+    """The folder and the formats for saving figures as files."""
 
     folder: Path
     formats: Sequence[str]
 
     def write(self, figure: Figure, slug: str) -> None:
-        """Write a figure in every format."""
+        """Write a figure in every requested format."""
         for ending in self.formats:
             with matplotlib.rc_context({"svg.hashsalt": slug, "pdf.fonttype": EMBEDDED}):
                 figure.savefig(
                     self.folder / f"{slug}.{ending}", dpi=DPI, facecolor="white",
                     metadata=DATES[ending],
                 )  # fmt: skip
-            # The next format reuses the layout, which takes long to compute.
+            # The next format reuses this layout, which takes long to compute.
             figure.set_layout_engine("none")
 
     def remove(self, slug: str) -> None:
@@ -156,28 +159,28 @@ class Files(NamedTuple):
 
 
 class Beside(Protocol):
-    """A process beside this one that draws figures of a saved result."""
+    """A second process that draws figures of a saved result."""
 
     def ask(self, result: Path, names: Sequence[str], files: "Files | None") -> bool:
-        """Ask for figures by name; False where that is in vain."""
+        """Ask the process for figures by name; return False if it cannot draw them."""
         ...
 
     def drawn(self) -> Mapping[str, Sequence[str]]:
-        """Return the fields of each requested `DrawnFigure`, by name; nothing if it failed."""
+        """Return the fields of each requested `DrawnFigure` by name; empty if drawing failed."""
         ...
 
 
 def draw_figures(
     tree: xr.DataTree, files: Files | None = None, beside: tuple[Beside, Path] | None = None
 ) -> dict[str, DrawnFigure]:
-    """Draw every figure that a result allows, by name.
+    """Draw every figure for which a result has data, and return the pictures by name.
 
     Args:
-        tree: The result.
-        files: Where each goes to files too, in a folder that is made when absent; None for none.
-        beside: A process that draws all groups but that of the tests, which takes as long as the
-            others together, and the file where the result is saved. What it does not bring is
-            drawn here.
+        tree: Result of the run.
+        files: Folder and formats for additional files; the folder is created if necessary.
+        beside: A second process and the file of the saved result. The process draws all groups
+            except that of the tests, which takes as long as the other groups together. Figures that
+            it does not return are drawn here.
     """
     drawn, elsewhere = {}, []
     if files is not None:
@@ -199,9 +202,11 @@ def draw_figures(
 
 
 def draw_when_asked() -> None:
-    """Draw what a line of standard input asks for: what `Beside` runs."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that asks hears of it, and ends this
-    answer, sys.stdout = sys.stdout, sys.stderr  # nothing else is written between
+    """Draw the figures that one line of standard input requests: the program of `Beside`."""
+    # The requesting process handles the interrupt and ends this one.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Standard output must contain nothing but the answer.
+    answer, sys.stdout = sys.stdout, sys.stderr
     if not (line := sys.stdin.readline()):
         return
     asked = json.loads(line)
@@ -216,7 +221,7 @@ def draw_when_asked() -> None:
 
 
 def _drawn(entry: ReportFigure, tree: xr.DataTree, files: Files | None) -> DrawnFigure:
-    """Return one figure; one that fails costs neither the others nor the tables."""
+    """Draw one figure; if it fails, return the reason, so that other figures and tables remain."""
     drawn = DrawnFigure()
 
     def written(figure: Figure, end: str = "") -> str:
@@ -228,13 +233,13 @@ def _drawn(entry: ReportFigure, tree: xr.DataTree, files: Files | None) -> Drawn
         drawn = DrawnFigure(svg=written(figure_of(entry.draw(tree))))
         if entry.rest is None:
             return drawn
-        with suppress(DataError):  # there are no further tests
+        with suppress(DataError):  # There are no more tests.
             return drawn._replace(rest=written(figure_of(entry.rest(tree)), "_rest"))
         return drawn
-    except DataError as cause:  # a run that left out a step has no such figure
+    except DataError as cause:  # A run that omitted a step has no such figure.
         return drawn._replace(missing=cause.what)
     except Exception as cause:
-        if files is not None and isinstance(cause, OSError):  # it cannot be written
+        if files is not None and isinstance(cause, OSError):  # The file cannot be written.
             raise
         if files is not None and not drawn.svg:
             files.remove(entry.slug)
@@ -242,13 +247,13 @@ def _drawn(entry: ReportFigure, tree: xr.DataTree, files: Files | None) -> Drawn
 
 
 def svg(figure: Figure, name: str) -> str:
-    """Return a figure as SVG in the page's light or dark theme; the name keeps its ids apart."""
+    """Return a figure as SVG for the page's light and dark themes; `name` makes its ids unique."""
     buffer = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "path", "svg.hashsalt": name}):
         figure.savefig(buffer, format="svg", transparent=True, dpi=160, metadata={"Date": None})
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
-    # Glyphs are shared between figures by their id; a prefix keeps each figure whole by itself.
+    # Figures share glyphs by id; a prefix makes each figure independent of the others.
     text = re.sub(r'(\bid="|xlink:href="#|url\(#)', rf"\g<1>{name}-", text)
     for role in ("INK", "SOFT", "GRID", "BLUE", "VERMILLION", "GREEN", "ORANGE", "SKY", "PURPLE"):
         text = text.replace(getattr(style, role), f"var(--{role.lower()})")

@@ -1,4 +1,4 @@
-"""Formats of files that figures are written in."""
+"""The file formats of saved figures."""
 
 from collections.abc import Iterable
 
@@ -8,10 +8,12 @@ FORMATS = ("png", "svg", "pdf")
 
 
 def formats_of(names: Iterable[str], source: str) -> tuple[str, ...]:
-    """Return the formats of these names, each once; `source` says where the names stand.
+    """Return the named file formats, each once; raise an error for an unknown one.
+
+    `source` tells error messages where the names are given.
 
     Raises:
-        ConfigError: A name that is no format.
+        ConfigError: A name is no format.
     """
     formats = tuple(dict.fromkeys(name.strip().lower().removeprefix(".") for name in names))
     for name in formats:

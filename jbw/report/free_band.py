@@ -1,4 +1,4 @@
-"""The band of the law without a form, drawn beside a law's backbone."""
+"""The band of the law without a prescribed form, drawn with a law's backbone."""
 
 import numpy as np
 import xarray as xr
@@ -10,10 +10,10 @@ from jbw.report.style import INK
 
 
 def draw_free_band(ax: Axes, tree: xr.DataTree, name: str, factor: float, scale: float) -> None:
-    """Draw both ends of the 99 % band of a quantity without a form, within the axes' limits.
+    """Draw both ends of a quantity's 99 % band without a prescribed law, within the axes' limits.
 
-    Nothing where a result has none. The band widens beyond the readings without end: limits of the
-    axes are those of what was drawn before.
+    Nothing is drawn if a result has no such band. The band widens without limit beyond the
+    readings; the limits of the axes therefore stay as they were before.
     """
     group = node(tree, FREE_LAW)
     if group is None:

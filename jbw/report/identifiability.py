@@ -1,4 +1,4 @@
-"""The parameters and combinations that the data constrain: spectrum, profiles, tables."""
+"""The figures and tables of the parameters and combinations that the data constrain."""
 
 import re
 from functools import partial
@@ -21,8 +21,8 @@ from jbw.report.text import NOTHING, Names, axis_label, number, percent, quantit
 from jbw.report.words import combination
 
 GROUP = "identifiability"
-LEAST = 1e-6  # of the prior's standard deviation: bars of less would squeeze the others
-LISTED = 3  # names of a long mixture that its label holds
+LEAST = 1e-6  # relative to the prior's standard deviation; shorter bars would compress the others
+LISTED = 3  # names of a long combination in its label
 
 
 def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
@@ -39,7 +39,7 @@ def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
     quantities = [str(name) for kind in kinds for name in group[kind].values]
     axes = panels(ax, 1, 2, height=1.3 + 0.3 * max(group.sizes["direction"], len(quantities)))
     directions, right = axes[0]
-    # Bars, the strongest direction on top.
+    # Bars are ordered with the strongest direction on top.
     ratio = np.maximum(np.asarray(group["direction_ratio"], float), LEAST)
     texts = [plain(combination(str(text), names)) for text in group["direction_text"].values]
     start = 0.5 * ratio.min()
@@ -47,7 +47,7 @@ def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
         np.arange(len(ratio)), ratio - start, 0.6, left=start, color=style.BLUE, alpha=0.8
     )
     title(directions, captions.DIRECTIONS)
-    # Parameters and combinations: by the fit, and by the draws where there are any.
+    # Parameters and combinations are shown from the fit, and from the draws where there are any.
     rows = np.arange(len(quantities))
     before = np.maximum(_column(group, "ratio"), LEAST)
     look = {"ms": 6, "mfc": "none", "color": style.BLUE, "label": captions.BEFORE_SAMPLING}
@@ -67,9 +67,9 @@ def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _in_lines(text: str, most: int = 22) -> str:
-    """Wrap a combination after its signs and a list after its names, where a line is full.
+    """Wrap a combination after its signs, or a list after its names, where a line is full.
 
-    Of a long list the first names stand, and how many more there are.
+    A long list is shortened to its first names and the number of the others.
     """
     names = re.split(r", | and ", text)
     if len(names) > LISTED + 1:
@@ -92,7 +92,7 @@ def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
     on both sides gives a 99 % interval; a curve that stays below it up to the bound is a limit that
     the data do not set.
 
-    Panels: one a parameter.
+    Panels: one per parameter.
     """
     group = branch(tree, GROUP)
     if "profile_value" not in group:
@@ -106,7 +106,7 @@ def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
         name = str(group["parameter"].values[i])
         values, rise = group["profile_value"][i], group["profile_chi_square"][i]
         panel.plot(values, rise, ".-", color=style.BLUE, lw=1.2, ms=5, label="profile")
-        # The threshold of the 99 % interval.
+        # This line is the threshold of the 99 % interval.
         panel.axhline(THRESHOLD, color=style.VERMILLION, lw=0.9, ls="--", label="99 %")
         panel.axhline(0.0, color=style.SOFT, lw=0.7)
         panel.set_ylim(-0.6, 2.2 * THRESHOLD)
@@ -116,7 +116,7 @@ def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def directions_table(summary: Row, quantities: Names) -> Table:
-    """Return the information spectrum of a summary, a row a direction, the strongest first."""
+    """Return the table of the information spectrum, one row per direction, the strongest first."""
 
     def direction(row: Row) -> Cell:
         return Cell(combination(row["combination"], quantities), typed=row["combination"])
@@ -162,7 +162,7 @@ def quantities_table(summary: Row, quantities: Names) -> Table:
 
 
 def _waterfall(summary: Row) -> str:
-    """Return a sentence on the final costs of the fit's starts, once if all are equal."""
+    """Return a sentence on the final costs of the fit's starts."""
     costs = (summary.get("waterfall") or {}).get("costs") or []
     if len(costs) < 2:
         return ""
@@ -171,7 +171,7 @@ def _waterfall(summary: Row) -> str:
 
 
 def _shift(row: Row, quantities: Names) -> str:
-    """Return how far a mean follows the box, and which bound moves it."""
+    """Return how far a parameter's mean follows its prior box [sd], and which bound moves it."""
     shift = row["box_sensitivity"]
     if shift is None or not shift.get("box"):
         return NOTHING
@@ -180,7 +180,7 @@ def _shift(row: Row, quantities: Names) -> str:
 
 
 def _interval(row: Row) -> str:
-    """Return the interval of a profile; an open side has no number."""
+    """Return the interval of a profile likelihood as text; an open end has no number."""
     profile = row["profiles"]
     if profile is None:
         return NOTHING

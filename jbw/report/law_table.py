@@ -1,4 +1,4 @@
-"""The table of laws of the joint, a line a law."""
+"""The table that compares laws of the joint, one row per law."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,21 +10,21 @@ from jbw.report.text import NOTHING
 
 
 def law_order(record: Mapping[str, Any]) -> list[str]:
-    """Return the names of the laws: the preferred one, then by their scores."""
+    """Return the names of compared laws: the preferred law first, then the others by score."""
     worst = -float("inf")
 
     def rank(name: str) -> tuple[bool, float]:
         row = record["laws"][name]
         keys = ("elpd", "log_evidence")
         score = next((row[key] for key in keys if row[key] is not None), worst)
-        # Of few runs the evidence decides, whatever their scores.
+        # With few runs the evidence decides, whatever the scores are.
         return row.get("answer") == "best", score
 
     return sorted(record["laws"], key=rank, reverse=True)
 
 
 def laws_table(record: Mapping[str, Any]) -> Table:
-    """Return a line a law, the best first."""
+    """Return the table of a comparison of laws, the best law first."""
     laws = record["laws"]
     rows = [{"law": name, "floor": record["line"], **laws[name]} for name in law_order(record)]
     return table(
@@ -47,7 +47,7 @@ def laws_table(record: Mapping[str, Any]) -> Table:
 
 
 def free_law_table(record: Mapping[str, Any]) -> Table | None:
-    """Return a table of laws by evidence of the readings alone, best first; None without."""
+    """Return a table of laws by evidence of the readings alone, best first; None if not read."""
     free = record.get("free_law")
     if free is None:
         return None
@@ -65,7 +65,7 @@ def free_law_table(record: Mapping[str, Any]) -> Table | None:
 
 
 def _across_kinds(row: Mapping[str, Any]) -> str:
-    """Return the largest error of a kind of test as the others predict it."""
+    """Return the largest error [%] of a kind of test that is predicted from the other kinds."""
     errors = row.get("error_across")
     return f"{100 * max(errors.values()):.3g}" if errors else NOTHING
 

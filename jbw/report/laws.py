@@ -1,4 +1,4 @@
-"""Laws side by side, what each makes of amplitude and of runs it has not seen; and their page."""
+"""The figures and the page of a comparison of laws: amplitude, loops, residuals, left-out runs."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,18 +20,18 @@ from jbw.report.words import Badge
 
 LOOKS = [(colour, dashes) for dashes in ("-", "--", ":") for colour in LEVELS]
 RUN_ROW = 0.22  # height of a run's line [in]
-MOST = 4  # laws drawn at once; the others are folded
+MOST = 4  # laws drawn at once; the others are in a folded figure
 LAW_ROW = 1.9  # height of a law's panels [in]
-ROUND = 0.35  # of the reach of points and best law: what is shown beyond them
+ROUND = 0.35  # margin around points and best law, relative to their range
 
 Looks = dict[str, tuple[str, str]]
 
 
 def laws_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw laws side by side.
+    """Draw a comparison of laws, with one colour and line style per law.
 
-    Frequency and damping against amplitude under every law, its loop at the largest, its residual
-    along one record, and the error of each run, predicted from the others.
+    The rows show frequency and damping against amplitude, the loop at the largest amplitude, the
+    residual along one record, and the error of each run when it is predicted from the others.
     """
     curves, scores = tree["curves"].to_dataset(), tree["scores"].to_dataset()
     runs = [str(run) for run in scores["run"].values] if scores.sizes["law"] else []
@@ -51,7 +51,7 @@ def laws_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 def _against_amplitude(axes: Any, curves: xr.Dataset, looks: Looks) -> None:
     amplitude = 1e3 * curves["amplitude"].values
-    # A comparison of an earlier version does not say.
+    # A comparison by an earlier version lacks this entry.
     hopeless = curves.get("hopeless", xr.zeros_like(curves["law"], bool))
     for panel, name, unit, scale in (
         (axes[0], "frequency", "Hz", 1.0),
@@ -110,11 +110,12 @@ def _left_out(here: Any, scores: xr.Dataset, runs: list[str], looks: Looks) -> N
 
 
 def render_laws(tree: xr.DataTree, record: Mapping[str, Any]) -> str:
-    """Return the page of a comparison of laws as HTML; names from files are escaped.
+    """Return the HTML page of a comparison of laws; names from files are escaped.
 
     Args:
-        tree: Of `compare_laws`, with `curves`, `scores` and, where the records were read, `look`.
-        record: Of the same.
+        tree: Tree of `compare_laws`, with `curves`, `scores` and, where the records were read,
+            `look`.
+        record: Record of the same comparison.
     """
     drawn_laws = tree["curves"].to_dataset()["law"].values.tolist()
     order = [name for name in law_order(record) if name in drawn_laws]
@@ -133,9 +134,9 @@ def render_laws(tree: xr.DataTree, record: Mapping[str, Any]) -> str:
 def law_backbones(
     tree: xr.DataTree, record: Mapping[str, Any], laws: Sequence[str], ax: Any = None
 ) -> Panels:
-    """Draw what was measured on the backbone of each law, a row a law, all at the same scale.
+    """Draw measured points on the backbone of each law, one row per law, all with the same scale.
 
-    Panels: frequency and damping ratio of each law (2 axes a law, row by row).
+    Panels: frequency and damping ratio of each law (2 axes per law, row by row).
     """
     curves = tree["curves"].to_dataset()
     best = curves.sel(law=law_order(record)[0])
@@ -171,7 +172,7 @@ def law_backbones(
 
 
 def laws_sheet(record: Mapping[str, Any]) -> Sheet:
-    """Return the content of the laws page except its figures."""
+    """Return the content of the laws page, without its figures."""
     rows = record["laws"]
     best = law_order(record)[0]
     best = next((name for name, row in rows.items() if row["answer"] == "best"), best)

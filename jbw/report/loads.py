@@ -1,4 +1,4 @@
-"""Figures of predictions under other loads: response curves, notches, spectra, shocks."""
+"""The figures of predictions under other loads: response curves, notches, spectra, shocks."""
 
 from typing import Any
 

@@ -19,12 +19,12 @@ from jbw.report.result import node
 from jbw.report.style import Panels, finish, log_y, panels, plain, shade, title
 from jbw.report.text import axis_label, length_unit, unit_text
 
-MOST_NAMED = 12  # tests in a legend
+MOST_NAMED = 12  # tests named in a legend
 DOTS = {"ls": "", "marker": ".", "ms": 4}
-COLUMNS = 400  # of a spectrogram, and extremes drawn of a channel
-LONGEST, SHORTEST = 1024, 32  # windows of a spectrogram [samples]
-WINDOWS = 24  # of a spectrogram, end to end, in a short record
-RANGE = 90.0  # that a spectrogram shows below its largest value [dB]
+COLUMNS = 400  # columns of a spectrogram, and extremes drawn of a channel
+LONGEST, SHORTEST = 1024, 32  # longest and shortest window of a spectrogram [samples]
+WINDOWS = 24  # number of adjacent windows of a spectrogram in a short record
+RANGE = 90.0  # range of a spectrogram below its largest value [dB]
 CURVE = "frequency"  # channel of a record that is a measured response curve
 COLOURS = (style.BLUE, style.VERMILLION, style.GREEN, style.INK)
 
@@ -63,7 +63,7 @@ def look_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _families(tests: list[xr.Dataset]) -> list[str]:
-    """Return each test's label: kind and level if several tests are alike, else its name."""
+    """Return each test's label: kind and level if several tests share them, otherwise its name."""
     kind_and_level = [(test.attrs["kind"], test.attrs.get("level")) for test in tests]
     return [
         f"{kind}, {level:g}" if level is not None and kind_and_level.count((kind, level)) > 1
@@ -73,7 +73,7 @@ def _families(tests: list[xr.Dataset]) -> list[str]:
 
 
 def _responses(only: Axes, tests: list[xr.Dataset], colours: list[str]) -> None:
-    """Plot each test's response over its source."""
+    """Plot each driven test's response over its source."""
     driven = [pair for pair in zip(tests, colours, strict=True) if "response" in pair[0]]
     for test, colour in driven:
         only.plot(test["freq"], test["response"], color=colour, lw=0.8)
@@ -86,7 +86,7 @@ def _responses(only: Axes, tests: list[xr.Dataset], colours: list[str]) -> None:
 
 
 def channel_overview(record: Record, ax: Any = None) -> Panels:
-    """Draw every channel over time, its power spectral density and its spectrogram, a row each."""
+    """Draw every channel in one row: over time, as power spectral density and as spectrogram."""
     if CURVE in record.channels:
         return _curve(record, ax)
     names = list(record.channels)
@@ -103,12 +103,12 @@ def channel_overview(record: Record, ax: Any = None) -> Panels:
 def time_history(
     record: Record, channel: str, ax: Axes | None = None, *, colour: str = style.BLUE
 ) -> Axes:
-    """Draw a channel over time, as extremes where it is long; gaps stay empty."""
+    """Draw a channel over time, as an envelope of extremes if it is long; gaps stay empty."""
     only: Axes = panels(ax, 1, 1, height=2.4)[0, 0]
     samples = np.asarray(record.channels[channel], float)
     time = np.arange(samples.size) / record.fs
     if samples.size > 2 * COLUMNS:
-        # A slow motion's extremes lie close together: the edge keeps them visible.
+        # The extremes of a slow motion are close together; the edge keeps them visible.
         ends = extremes(time, samples, samples, COLUMNS)
         shade(only, *ends, colour, channel, alpha=0.8, lw=0.6)
     else:
@@ -121,10 +121,10 @@ def time_history(
 def power_spectrum(
     record: Record, channel: str, ax: Axes | None = None, *, colour: str = style.BLUE
 ) -> Axes:
-    """Draw a channel's power spectral density, Welch's estimate with Hann windows."""
+    """Draw a channel's power spectral density, by Welch's estimate with Hann windows."""
     only: Axes = panels(ax, 1, 1, height=2.4)[0, 0]
     samples = _complete(record, channel)
-    # An eighth of the record: fine lines, and some averages.
+    # Windows of an eighth of the record give narrow lines and some averaging.
     freq, power = welch(samples, record.fs, nperseg=max(8, samples.size // 8))
     only.loglog(freq[1:], np.maximum(power[1:], np.finfo(float).tiny), color=colour, lw=0.8)
     only.set(xlabel="frequency [Hz]", ylabel=f"density [{_density_unit(record, channel)}]")
@@ -133,7 +133,7 @@ def power_spectrum(
 
 
 def spectrogram(record: Record, channel: str, ax: Axes | None = None) -> Axes:
-    """Draw a channel's spectrogram, 90 dB below its largest value at most."""
+    """Draw a channel's spectrogram, with a range of at most 90 dB below its largest value."""
     only: Axes = panels(ax, 1, 1, height=3.0)[0, 0]
     samples = _complete(record, channel)
     wished = 2 ** int(np.log2(max(samples.size / WINDOWS, 1)))
@@ -158,7 +158,7 @@ def spectrogram(record: Record, channel: str, ax: Axes | None = None) -> Axes:
 
 
 def _complete(record: Record, channel: str) -> Samples:
-    """Return a channel less its mean, zero where a sample is missing."""
+    """Return a channel minus its mean, with zero for missing samples."""
     samples = np.asarray(record.channels[channel], float)
     is_finite = np.isfinite(samples)
     return np.where(
@@ -189,7 +189,7 @@ def _density_unit(record: Record, channel: str) -> str:
 def save_overviews(
     records: Iterable[tuple[str, Record]], folder: Path, dpi: int = 110
 ) -> list[Path]:
-    """Write one PNG a test and return the paths, given each test's name and one of its records."""
+    """Save one overview per test as PNG, given test names with one record each; return paths."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for place, (name, record) in enumerate(records, start=1):
@@ -197,7 +197,7 @@ def save_overviews(
         try:
             channel_overview(record)[0, 0].figure.savefig(path, dpi=dpi, facecolor="white")
         except OSError:
-            path.unlink(missing_ok=True)  # what a full disk left of it
+            path.unlink(missing_ok=True)  # A full disk left an incomplete file.
             raise
         written.append(path)
     return written

@@ -1,4 +1,4 @@
-"""Hysteresis loops with their areas, and frequency and damping against amplitude."""
+"""The figures of hysteresis loops with their areas, and of frequency and damping over amplitude."""
 
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -31,20 +31,20 @@ from jbw.report.text import axis_label, length_unit, number, unit_text
 MILLI, KILO, PERCENT = 1e3, 1e3, 100.0
 BAND_SDS = 5.15
 """Width of a normal variable's 99 % interval in standard deviations."""
-LITTLE = 0.2  # of the hysteretic force: below, only what slip changes can be seen
+LITTLE = 0.2  # relative to the hysteretic force: a smaller effect of slip is drawn by itself
 Curve = Float[np.ndarray, " point"]
 Ring = Float[np.ndarray, " point+1"]
 
 
 class Areas(NamedTuple):
-    """Enclosed areas, lower, median, upper [J/kg]; the measured three agree without a band."""
+    """The enclosed areas [J/kg] at lower end, median and upper end of their bands."""
 
     measured: Float[np.ndarray, "3"]
     model: Float[np.ndarray, "3"]
 
 
 def enclosed_areas(test: xr.Dataset, ending: str = "") -> Areas | None:
-    """Return a validated test's loop areas, `_viscous` with that force; None if absent."""
+    """Return a test's loop areas (with viscous force for `_viscous`); None if absent."""
     names = (f"measured_area{ending}", f"model_area{ending}")
     if any(name not in test for name in names):
         return None
@@ -57,7 +57,7 @@ def validation_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
     Restoring force against displacement; below, less the secant of the measured loop, which shows
     its opening. The enclosed area is the energy lost in the joint per cycle and per unit mass.
 
-    Panels: for each test a column (2 axes a test, row by row). The secant has no area.
+    Panels: one column per test (2 axes per test, row by row). The secant encloses no area.
     """
     needed = ("measured_y", "measured_force", "model_y", "model_force")
     loop_tests = tests(tree, "validation/loops", *needed)
@@ -74,7 +74,7 @@ def validation_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def secant(y: Curve, force: Curve) -> float:
-    """Return the stiffness between the turning points of a loop [1/s^2]."""
+    """Return the secant stiffness between the turning points of a loop [1/s^2]."""
     top, bottom = int(np.nanargmax(y)), int(np.nanargmin(y))
     return float((force[top] - force[bottom]) / (y[top] - y[bottom]))
 
@@ -92,7 +92,7 @@ def _areas_text(areas: Areas | None) -> str:
 
 
 def draw_loop(ax: Axes, test: xr.Dataset, slope: float) -> None:
-    """Draw one test's loops and bands, less a line of that slope."""
+    """Draw one test's loops and bands, minus a straight line of the given slope."""
     y = np.asarray(test["measured_y"], float)
     model_y = quantiles(test, "model_y")[1]
     if "measured_force_band" in test:
@@ -110,20 +110,20 @@ def draw_loop(ax: Axes, test: xr.Dataset, slope: float) -> None:
 
 
 def closed(y: Curve, force: Curve) -> tuple[Ring, Ring]:
-    """Return a cycle with its first point again at its end."""
+    """Return a closed cycle of a loop: its first point is repeated at its end."""
     return np.append(y, y[0]), np.append(force, force[0])
 
 
 def _ring(
     ax: Axes, y: Curve, band: Float[np.ndarray, "quantile point"], colour: str, label: str
 ) -> None:
-    """Fill a band of force around a loop, its falling and its rising half in turn."""
+    """Fill a force band around a loop, first its falling half, then its rising half."""
     for part, name in zip(strokes(y), (label, "_rising"), strict=True):
         shade(ax, y[part] * MILLI, band[0][part], band[2][part], colour, name, alpha=0.4)
 
 
 def strokes(y: Curve) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the samples of the falling and of the rising half of a closed cycle."""
+    """Return the sample indices of the falling and of the rising half of a closed cycle."""
     turned = np.roll(np.arange(y.size), -int(np.argmax(y)))
     bottom = int(np.argmin(y[turned]))
     return turned[: bottom + 1], np.append(turned[bottom:], turned[0])
@@ -135,7 +135,7 @@ def verification_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
     Measured loops and the model's 99 % parameter band, beside the best linear spring. The energy
     lost is the work of the force over the whole record. Of torsion, torque along a rotation.
 
-    Panels: one a test, lowest level first.
+    Panels: one per test, lowest level first.
     """
     loop_tests = tests(tree, "verification/loop", "displacement", "measured_force", "model_force")
     axes, stack = style.stacks(ax, len(loop_tests), 1, height=2.5)
@@ -155,7 +155,7 @@ def verification_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def draw_forced_loop(ax: Axes, test: xr.Dataset) -> None:
-    """Draw one record of a loop, its band stretch by stretch between the turning points."""
+    """Draw a prescribed loop: measured force, and the model's band between turning points."""
     y = MILLI * np.asarray(test["displacement"], float)
     low, median, high = quantiles(test, "model_force") / KILO
     for i, part in enumerate(monotone(y)):
@@ -168,7 +168,10 @@ def draw_forced_loop(ax: Axes, test: xr.Dataset) -> None:
 
 
 def monotone(y: Curve, least: float = 0.05) -> list[NDArray[np.intp]]:
-    """Return the stretches between turning points farther apart than `least` of the whole range."""
+    """Return the stretches of a displacement between its main turning points.
+
+    Turning points that differ by less than `least` of the whole range are ignored.
+    """
     turns = [find_peaks(sign * y, prominence=least * np.ptp(y))[0] for sign in (1.0, -1.0)]
     ends = [0, *np.sort(np.concatenate(turns)), y.size - 1]
     return [np.arange(a, b + 1) for a, b in pairwise(ends)]
@@ -183,7 +186,7 @@ def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
     form, by the readings of fitted tests; it widens where there are none. Beyond the amplitudes
     that were fitted (grey) the law is trusted, not tested.
 
-    Panels: frequency, damping (2 axes); grey beyond the amplitudes that were fitted.
+    Panels: frequency, damping (2 axes); grey beyond the fitted amplitudes.
     """
     curve = branch(tree, BACKBONE, "frequency", "damping")
     axes = panels(ax, 1, 2, height=3.0)
@@ -206,7 +209,7 @@ def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 def draw_loops(tree: xr.DataTree, only: Axes) -> None:
     """Draw the hysteretic force of the identified joint along cycles of three amplitudes."""
-    # Where slip changes it by less than a fifth, only the change is drawn.
+    # If slip changes the force by less than a fifth, only the change is drawn.
     curve = branch(tree, BACKBONE, "loop_y", "loop_z", "loop_slip", "stuck")
     y = np.asarray(curve["loop_y"].transpose("loop", "phase"), float)
     z, slip = (
@@ -217,7 +220,7 @@ def draw_loops(tree: xr.DataTree, only: Axes) -> None:
     small = bool(np.nanmax(np.abs(slip)) < LITTLE * np.nanmax(np.abs(z)))
     largest = float(y.max())
     factor, unit = length_unit(largest)
-    if not small:  # Z = K y, the joint without slip, not far above the loops
+    if not small:  # This line is Z = K y, the joint without slip; it ends slightly above the loops.
         stiffness, top = float(curve["stuck"].isel(quantile=1)), 1.15 * float(np.nanmax(z))
         end = min(largest, top / abs(stiffness)) if stiffness else largest
         stuck = np.array([-end, end])
@@ -252,7 +255,7 @@ def amplitude_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
             x, values = curves["measured_amplitude"][i], factor * curves[f"measured_{name}"][i]
             label = "fitted records" if is_fitted else "held-out records"
             look = {"color": INK if is_fitted else style.SKY, "ms": 4, "lw": 0.7, "label": label}
-            errors = curves.get(f"measured_{name}_sd")  # which runs of earlier versions lack
+            errors = curves.get(f"measured_{name}_sd")  # Runs of earlier versions lack the errors.
             reach = None if errors is None else 0.5 * BAND_SDS * factor * errors[i]
             panel.errorbar(x, values, reach, fmt=".", **look)
     axes[0, 0].set_ylabel(axis_label("frequency", "Hz"))

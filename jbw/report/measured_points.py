@@ -10,30 +10,31 @@ from matplotlib.axes import Axes
 from jbw.report.result import HELD_OUT, node
 from jbw.report.style import INK, SKY, plain
 
-MARKERS = "osD^v<>"  # a kind of test each, again from the first on
-ALIKE = 0.1  # of the largest motion: readings that spread no more are repeats of one another
-OTHER_MODE = 0.15  # of the joint's frequency: what is farther away belongs to another mode
+MARKERS = "osD^v<>"  # one marker per kind of test, repeated if there are more kinds
+ALIKE = 0.1  # relative to the largest motion: readings within this range are repeats of one another
+# Relative distance from the joint's frequency, above which a reading belongs to another mode.
+OTHER_MODE = 0.15
 
 Values = Float[np.ndarray, " reading"]
 
 
 class MeasuredPoints(NamedTuple):
-    """Readings of one test, with errors: its records' mean, or along decays and sweeps."""
+    """The readings of one test, with errors: means over records, or readings along a record."""
 
     kind: str
     is_fitted: bool
     y: Values  # amplitude of the displacement [m]
     values: dict[str, Values]  # frequency [Hz] and damping [-]
-    std: dict[str, Values]  # by the scatter of repeats, or of the reading; nan where neither tells
+    std: dict[str, Values]  # sd of repeats, or of the reading; NaN where neither is known
 
 
 def measured_points(tree: xr.DataTree, curve: xr.Dataset) -> list[MeasuredPoints]:
-    """Return the readings within a backbone's scope, in order of motion; none without any.
+    """Return the readings within a backbone's range, in order of motion; empty without readings.
 
     Decays and sweeps are read along the amplitudes that they pass, from the smallest amplitude of
-    the curve on. Everything else is read as a whole, at the mean amplitude weighed by its energy,
-    sum A^3 / sum A^2. Not drawn are readings of other modes, of drives with an omega_n of their
-    own, and beyond the curve's largest amplitude.
+    the curve. Other tests are read as a whole, at the mean amplitude weighted by energy, sum A^3 /
+    sum A^2. Left out are readings of other modes, readings beyond the curve's largest amplitude,
+    and those of drives that have a separate omega_n.
     """
     parent = node(tree, "look")
     posterior = node(tree, "posterior")
@@ -74,7 +75,7 @@ def _points(test: xr.Dataset, curve: xr.Dataset) -> MeasuredPoints:
 def draw_points(
     ax: Axes, points: list[MeasuredPoints], name: str, factor: float, scale: float
 ) -> None:
-    """Draw points of a quantity against the amplitude, an open symbol a kind of test."""
+    """Draw readings of a quantity against amplitude, with one open symbol per kind of test."""
     kinds = list(dict.fromkeys(reading.kind for reading in points))
     for kind, is_fitted in dict.fromkeys((reading.kind, reading.is_fitted) for reading in points):
         of_kind = [

@@ -1,4 +1,4 @@
-"""Backbones of every mode of a structure, and how their shapes change with amplitude."""
+"""The backbones of every mode of a structure, and the change of mode shapes with amplitude."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -16,27 +16,27 @@ from jbw.report.text import length_unit, number
 
 TURN = 2 * np.pi
 ORDERS = (3, 5, 7)
-NEAR = 0.01  # of the harmonic's frequency: an internal resonance
-MAX_TURNS = 2  # of a joint in a period: beyond, a backbone ends
+NEAR = 0.01  # relative distance from the harmonic's frequency that counts as an internal resonance
+MAX_TURNS = 2  # turning points of a joint's motion in a period, above which a backbone ends
 
 Levels = Float[np.ndarray, " level"]
 
 
 class Interaction(NamedTuple):
-    """A harmonic of one mode's motion that meets another mode."""
+    """An internal resonance: a harmonic of one mode's motion has the frequency of another mode."""
 
     order: int
-    mode: int  # that it meets, from 0
-    x_peak: float  # where it is nearest [m]
+    mode: int  # index of the other mode, counted from 0
+    x_peak: float  # amplitude at which the frequencies are nearest [m]
 
 
 class BackboneCurve(NamedTuple):
-    """Backbone of one mode; not a number beyond its end."""
+    """The backbone of one mode; NaN beyond its end."""
 
     omega: Levels
     zeta: Levels
     shape: Float[np.ndarray, "level mode"]  # |q_i / X|
-    end: float | None  # largest amplitude that was reached, where it was not the last [m]
+    end: float | None  # largest solved amplitude [m]; None if all are solved
 
 
 def draw_backbones(
@@ -49,26 +49,27 @@ def draw_backbones(
 ) -> Panels:
     r"""Draw frequency, damping and deflection shape of modes against amplitude.
 
-    A column a mode, three of them side by side: its resonance frequency, its equivalent damping
-    ratio and the first harmonics $|q_i / X|$ of all modal coordinates over that of the joint's
-    displacement. Of a structure with an axis of joints X is the amplitude of the mode's own
-    coordinate. Where a harmonic meets another mode, $\omega_j = n\,\omega_i(X)$ within 1 %, stands
-    which, as "1:3 with mode 3". Where a backbone folds over it ends, and its title says at what
-    amplitude.
+    Each mode has one column, with three columns side by side: its resonance frequency, its
+    equivalent damping ratio, and the first harmonics $|q_i / X|$ of all modal coordinates relative
+    to that of the joint's displacement. For a structure with an axis of joints X is the amplitude
+    of the mode's own coordinate. Where a harmonic meets another mode, $\omega_j = n\,\omega_i(X)$
+    within 1 %, the figure names it, as "1:3 with mode 3". A backbone that folds ends there, and its
+    title states the amplitude.
 
     Args:
-        structure: The modes and their joints.
-        x_peak: Rising amplitudes X [m], from zero or from small ones.
-        modes: Which, from 0; every one that vibrates when None. Behind the kept modes of a reduced
-            model stand residual modes, which are no modes of the structure: leave them out.
+        structure: Modes of the structure, with their joints.
+        x_peak: Rising amplitudes X [m], from zero or from a small one.
+        modes: Indices of the modes, from 0; all modes that vibrate when None. After the kept modes
+            of a reduced model follow residual modes, which are no modes of the structure and should
+            be left out.
         num_harmonics: Number of odd harmonics.
-        ax: Three axes a mode, row by row; a figure of its own when None.
+        ax: Three axes per mode, row by row; a new figure when None.
 
     Returns:
-        The axes, three rows of as many columns as modes that are drawn.
+        Axes in three rows, with one column per drawn mode.
 
     Raises:
-        ConfigError: Amplitudes that do not rise, or as for `jbw.backbone`.
+        ConfigError: The amplitudes do not rise, or for reasons that `jbw.backbone` states.
 
     Reference:
         Krack (2015), Computers and Structures 154, 59.
@@ -111,7 +112,7 @@ def draw_backbones(
 
 
 def curve_of(structure: Structure, levels: Levels, mode: int, num_harmonics: int) -> BackboneCurve:
-    """Return the backbone of one mode up to the last solved amplitude."""
+    """Return the backbone of one mode up to the last amplitude that could be solved."""
     motion = modal_backbone(
         structure, levels, mode=mode, num_harmonics=num_harmonics, max_turns=MAX_TURNS, may_end=True
     )
@@ -124,7 +125,7 @@ def curve_of(structure: Structure, levels: Levels, mode: int, num_harmonics: int
 def interactions(
     omega_n: Float[np.ndarray, " mode"], mode: int, levels: Levels, omega: Levels
 ) -> list[Interaction]:
-    """Return the modes within 1 % of a harmonic of one mode's motion, with the nearest place."""
+    """Return the modes within 1 % of a harmonic of one mode's motion, with the amplitudes."""
     met = []
     solved = np.isfinite(omega)
     for order in ORDERS:
@@ -138,7 +139,7 @@ def interactions(
 
 
 def _crossing(away: Levels, levels: Levels, nearest: int) -> float:
-    """Return the amplitude between two levels where a detuning is zero, else where it is least."""
+    """Return the amplitude at which a detuning is zero, or otherwise smallest."""
     turns = np.flatnonzero(np.diff(np.sign(away)) != 0)
     if not len(turns):
         return float(levels[nearest])
@@ -148,7 +149,6 @@ def _crossing(away: Levels, levels: Levels, nearest: int) -> float:
 
 
 def _draw(column: Panels, x: Levels, curve: BackboneCurve) -> None:
-    """Draw the three panels of one mode."""
     column[0].plot(x, curve.omega / TURN, color=MODEL, lw=1.2)
     column[1].plot(x, 100 * curve.zeta, color=MODEL, lw=1.2)
     for i, share in enumerate(curve.shape.T):
@@ -168,7 +168,7 @@ def _title(mode: int, curve: BackboneCurve, factor: float, unit: str) -> str:
 
 
 def _mark(column: Panels, interaction: Interaction, factor: float, unit: str) -> None:
-    """Mark with a line where a harmonic meets another mode, and name that mode."""
+    """Mark the amplitude at which a harmonic meets another mode with a line, and name that mode."""
     place = factor * interaction.x_peak
     for panel in column:
         panel.axvline(place, color=SOFT, lw=0.8, ls=":")

@@ -1,4 +1,4 @@
-"""Backbones of the modes of a run with several joints: bands, and how their shapes change."""
+"""The backbones of the modes of a run with several joints: bands and change of mode shapes."""
 
 from typing import Any
 
@@ -36,7 +36,7 @@ def mode_backbones(tree: xr.DataTree, ax: Any = None) -> Panels:
     a mode that keeps its shape. Abscissae are amplitudes at the first point, up to the largest that
     was measured.
 
-    Panels: a column a mode; its frequency, its equivalent damping ratio, and its shape.
+    Panels: one column per mode, with its frequency, its equivalent damping ratio and its shape.
     """
     group = branch(tree, BACKBONES, "frequency_hz", "damping", "shape", "displacement")
     chosen = [mode for mode in group["mode"].values if _is_seen(group.sel(mode=mode))]
@@ -55,12 +55,11 @@ def _is_seen(of_mode: xr.Dataset) -> bool:
 
 
 def _stuck_hz(of_mode: xr.Dataset) -> float:
-    """Return the frequency at the smallest amplitude."""
+    """Return a mode's frequency at the smallest amplitude [Hz]."""
     return float(of_mode["frequency_hz"].values[0, 1])
 
 
 def _draw_bands(column: Panels, of_mode: xr.Dataset) -> None:
-    """Draw the three panels of one mode of a run."""
     largest = float(of_mode["displacement"].values[-1])
     factor, unit = length_unit(largest)
     x = factor * of_mode["displacement"].values
@@ -86,7 +85,7 @@ def _draw_bands(column: Panels, of_mode: xr.Dataset) -> None:
 
 
 def _beside(of_mode: xr.Dataset, quantity: str) -> tuple[str, tuple[str, str]]:
-    """Return the name of the additional curve for a quantity, and the labels of both curves."""
+    """Return the name of the second curve of a mode's backbone, and the labels of both curves."""
     other = f"{quantity}_in_full_stick"
     if other in of_mode:
         return other, (labels.MEDIAN_FREE, labels.MEDIANS_STUCK)
@@ -94,12 +93,13 @@ def _beside(of_mode: xr.Dataset, quantity: str) -> tuple[str, tuple[str, str]]:
 
 
 def mode_columns(ax: Any, num_modes: int) -> tuple[Panels, list[Panels]]:
-    """Return all axes, and three axes per mode; beyond three modes in several lines."""
+    """Return the axes of a figure with three panels per mode, and the panels of each mode."""
     if ax is not None:
         axes = panels(ax, 3, num_modes, height=HEIGHT)
         return axes, list(axes.T)
     height = HEIGHT if num_modes <= ONE_LINE else HEIGHT_OF_LINE
     axes, columns = stacks(None, num_modes, 3, height=height, sharex="col")
     for *_, lowest in columns:
-        lowest.tick_params(labelbottom=True)  # axes that are shared have it in the last line alone
+        # Shared axes would have tick labels only in the last line.
+        lowest.tick_params(labelbottom=True)
     return axes, [np.ravel(column) for column in columns]

@@ -1,7 +1,7 @@
-"""The findings of a run before any table: five sentences, the known parameters, one picture.
+"""The first findings of a run: five sentences, the determined parameters and one picture.
 
-The sentences: what the joint does, the errors of the fitted tests and of those held out, which
-parameters are not identified, what to do next.
+The sentences state the effect of the joint, the errors of fitted and of held-out tests, the
+parameters that are not identified, and the next step.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,21 +21,24 @@ from jbw.report.result import BACKBONE, laws_of, node
 from jbw.report.words import TRUNCATED, grades, unseen_hysteresis
 
 Summary = Mapping[str, Any]
-LOW = 0.1  # of the largest displacement fitted: where the joint hardly slips
+LOW = 0.1  # times the largest fitted displacement, where the joint hardly slips
 MOST_SHOWN = 8
-LARGE_ODDS = 4  # digits from which odds are a power of ten
+LARGE_ODDS = 4  # number of digits above which odds are written as a power of ten
 JOINT_EFFECTS = ("frequency_change", "damping_added")
-# Pictures that may stand first, and where the tree has no readings of the records; of a joint whose
-# motion is prescribed its loops.
+# Candidates for the first picture, in order; the second list if the tree has no readings of
+# records. If a joint's motion is prescribed, its loops come first.
 LEADS, UNREAD = ("backbone", "amplitude", "loops"), ("amplitude", "backbone", "loops")
-UNMEASURED = "zeta"  # what a campaign without a free or driven mode cannot know
-CAUSE = "cause"  # finding that names what was done to the data
-POORLY = 2  # the grade of what the data tell to more than 30 %, and better than the prior
-ABSENT = "no_joint"  # finding that says something first
+UNMEASURED = "zeta"  # parameter that a campaign without a free or driven mode cannot determine
+CAUSE = "cause"  # finding that names an action on the data
+POORLY = 2  # grade of a parameter that data constrain more than the prior, but not to 30 %
+ABSENT = "no_joint"  # finding that replaces the first sentence
 
 
 def opening(summary: Summary, tree: xr.DataTree) -> list[str]:
-    """Return the sentences on a run and its doubts; none if summary or tree lacks them."""
+    """Return the opening sentences on a run: effect of the joint, errors, limits, next step.
+
+    The list is empty if the summary or the tree lacks their data.
+    """
     steps = summary.get("steps") or {}
     if summary.get("main") not in steps or not summary.get("verdict"):
         return []
@@ -63,7 +66,7 @@ def split_sentence(summary: Summary) -> str | None:
 
 
 def lead(summary: Summary, drawn: Sequence[str]) -> str | None:
-    """Return the name of the figure that stands first, of those that could be drawn."""
+    """Return the name of the first figure of the report, among those that could be drawn."""
     moves = "loops" if not _has_mode(summary) else None
     leads = LEADS if (summary.get("look") or {}).get("tests") else UNREAD
     return next((name for name in (moves, *leads) if name in drawn), None)
@@ -98,7 +101,7 @@ def _has_mode(summary: Summary) -> bool:
 
 
 def with_interval(row: Mapping[str, Any]) -> tuple[str, str, str]:
-    """Return mean and 99 % interval to two digits of its width, and the unit."""
+    """Return a parameter's mean and 99 % interval to two digits of its width, and the unit."""
     ends = row["mean"], row["q005"], row["q995"]
     mean, low, high = (f"{value:.{_digits(*ends[1:])}g}" for value in ends)
     unit = str(row.get("unit") or "1")
@@ -106,7 +109,7 @@ def with_interval(row: Mapping[str, Any]) -> tuple[str, str, str]:
 
 
 def _digits(low: float, high: float) -> int:
-    """Return the digits that leave two of an interval's width; three to fifteen."""
+    """Return the number of digits (3 to 15) that shows two digits of an interval's width."""
     largest = max(abs(low), abs(high))
     if not high - low > 0.0 or not largest:
         return 6
@@ -114,7 +117,7 @@ def _digits(low: float, high: float) -> int:
 
 
 def effect_sentence(summary: Summary, tree: xr.DataTree) -> str:
-    """Return the frequency and damping at a tenth of the largest displacement fitted, and there."""
+    """Return the sentence on frequency and damping at a tenth and all of the fitted amplitude."""
     for finding in summary["verdict"]["findings"]:
         if finding["code"] == ABSENT and finding["status"] != "ok":
             return finding["reason"]
@@ -142,7 +145,7 @@ def effect_sentence(summary: Summary, tree: xr.DataTree) -> str:
 def joint_sentences(summary: Summary) -> list[str]:
     """Return sentences on several joints: effect on each mode, damping, unidentified joints.
 
-    Nothing of one joint.
+    The list is empty for a single joint.
     """
     joints = summary.get("joints")
     if not joints:
@@ -168,7 +171,7 @@ def joint_sentences(summary: Summary) -> list[str]:
 
 
 def _joints_effect(mode: Summary) -> str:
-    """Return the sentence on all joints' effect on a mode, in full stick for older runs."""
+    """Return the sentence on all joints' effect on a mode; for older runs with stuck shapes."""
     effect = messages.joints_effect(
         mode["mode"], *(_per_cents(mode[name]) for name in JOINT_EFFECTS)
     )
@@ -176,7 +179,7 @@ def _joints_effect(mode: Summary) -> str:
 
 
 def tied_sentences(joint_facts: Summary) -> list[str]:
-    """Return sentences on whether joints of one law share parameters, by evidence, if compared."""
+    """Return the sentence on whether joints share one law, by the evidence, if it was compared."""
     tied = joint_facts.get("tied")
     if not tied:
         return []
@@ -205,7 +208,7 @@ def _odds(nats: float, *, at_least: bool) -> str:
 
 
 def _per_cents(ends: Mapping[str, float]) -> str:
-    """Return the median and 99 % interval in per cent."""
+    """Return the median and 99 % interval of a ratio in per cent."""
     low, middle, high = (f"{100 * ends[quantile]:.3g}" for quantile in ("0.005", "0.5", "0.995"))
     return f"{middle} % [{low}, {high}]"
 
@@ -221,7 +224,7 @@ def _change(what: str, values: np.ndarray, unit: str) -> str:
 
 
 def _misfits(summary: Summary) -> Iterator[str]:
-    """Yield the errors of the fitted tests, and of those held out."""
+    """Yield the sentences on the errors of fitted and of held-out tests."""
     tests = [row for row in (summary.get("predictions") or {}).values() if row.get("nrmse")]
     fitted = [row for row in tests if row.get("fitted")]
     held_out = [row for row in tests if not row.get("fitted")]
@@ -243,7 +246,7 @@ def _misfits(summary: Summary) -> Iterator[str]:
 
 
 def _of_held_out(tests: Sequence[Summary]) -> str:
-    """Return the errors of tests that were held out, and how much of them the bands hold."""
+    """Return the sentence on errors of held-out tests, and on the coverage of their bands."""
     inside = [row["coverage"] for row in tests if row.get("coverage") is not None]
     widths = [width for row in tests if (width := row.get("half_width")) is not None]
     return messages.held_out_errors(
@@ -254,7 +257,7 @@ def _of_held_out(tests: Sequence[Summary]) -> str:
 
 
 def _noun(tests: Sequence[Summary]) -> str:
-    """Return the noun for a predicted unit: record if there are free decays, else test."""
+    """Return the noun for a predicted unit: record if there are free decays, otherwise test."""
     is_free = (KINDS[kind].is_free for row in tests if (kind := row.get("kind")) in KINDS)
     return "record" if any(is_free) else "test"
 
@@ -269,9 +272,9 @@ def fit_sentence(summary: Summary) -> str:
 
 
 def _errors(tests: Sequence[Summary]) -> str:
-    """Return the errors over the rms of the record, of the joint and of the best linear oscillator.
+    """Return the text on relative errors of the joint and of the best linear oscillator.
 
-    Of held-out free decays also with each record's own natural frequency.
+    For held-out free decays it adds the errors with each record's own natural frequency.
     """
     keys = "nrmse_linear", "nrmse_own_frequency"
     unseen = [[row for row in tests if key == keys[0] or not row.get("fitted")] for key in keys]
@@ -284,7 +287,7 @@ def _errors(tests: Sequence[Summary]) -> str:
 
 
 def _span(ratios: Sequence[float], digits: int = 2) -> str:
-    """Return the least and largest ratio in per cent."""
+    """Return the smallest and largest of some ratios in per cent, as text."""
     ends = min(ratios), max(ratios)
     return messages.span(*(f"{float(f'{100 * ratio:.{digits}g}'):g}" for ratio in ends))
 
@@ -317,10 +320,10 @@ def _per_cent(cv: float) -> str:
 
 
 def _following(summary: Summary) -> str:
-    """Return the remedy of the first finding that fails, else of the first that is not ok.
+    """Return the sentence on the next step: the remedy of the most important finding.
 
-    A cause that explains what the fit leaves comes before what follows from it. Of a joint
-    that is not seen no parameter can be identified: its bounds are no remedy.
+    Failed findings come before other findings, and a cause before its consequences. If the data
+    show no joint, no parameter can be identified, so that remedies for its parameters are left out.
     """
     against = [row for row in summary["verdict"]["findings"] if row["status"] != "ok"]
     if any(row["code"] == ABSENT for row in against):

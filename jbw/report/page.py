@@ -1,4 +1,4 @@
-"""The report as one HTML file that needs nothing else, and the same to zoom into by plotly."""
+"""The report of a run as one self-contained HTML file, and its interactive version by plotly."""
 
 import gzip
 import logging
@@ -20,6 +20,7 @@ from jbw.report.charts import CurvePoints, charts_of, decimated, shared_limit, s
 from jbw.report.cycles import cycles_table
 from jbw.report.figures import FIGURE_LIST, GROUPS, DrawnFigure, ReportFigure, draw_figures
 from jbw.report.identifiability import directions_table, quantities_table
+from jbw.report.load_section import LoadSection
 from jbw.report.messages import opening as messages
 from jbw.report.opening import lead, opening
 from jbw.report.result import laws_of, names_of
@@ -35,11 +36,12 @@ from jbw.report.words import (
 from jbw.run.files import write_whole
 
 under_way = logging.getLogger("jbw.progress")
-# Nothing that was measured leaves the interactive page: no button that uploads a chart.
+# No measured data leave the interactive page: it has no button that uploads a chart.
 PRIVATE = {"showSendToCloud": False, "plotlyServerURL": ""}
-# Points of all charts together: 2 x 4 bytes each, in base64 2.4 MB beside plotly's 2.0 MB packed.
+# Limit on the points of all charts: 2 x 4 bytes each make 2.4 MB in base64, next to 2.0 MB of
+# compressed plotly.
 MOST_POINTS = 230_000
-LOOK = "look"  # the figure that stands with the sentences of its own section
+LOOK = "look"  # the figure that is shown with the sentences on the readings
 ENVIRONMENT = jinja2.Environment(
     loader=jinja2.PackageLoader("jbw.report"),
     autoescape=True,
@@ -54,17 +56,25 @@ def write_page(
     tree: xr.DataTree,
     path: Path,
     drawn: Mapping[str, DrawnFigure] | None = None,
+    loads: LoadSection | None = None,
 ) -> None:
-    """Write the report of a run with its summary and its tree to a file, whole or not at all."""
-    write_whole(path, render_page(summary, tree, drawn).encode())
+    """Write the report of a run to a file, completely or not at all."""
+    write_whole(path, render_page(summary, tree, drawn, loads).encode())
 
 
 def render_page(
-    summary: Mapping[str, Any], tree: xr.DataTree, drawn: Mapping[str, DrawnFigure] | None = None
+    summary: Mapping[str, Any],
+    tree: xr.DataTree,
+    drawn: Mapping[str, DrawnFigure] | None = None,
+    loads: LoadSection | None = None,
 ) -> str:
-    """Return the report as HTML; every name that comes from a file is escaped.
+    """Return the report of a run as HTML; every name that comes from a file is escaped.
 
-    Figures are those `drawn` before, by name, or drawn here.
+    Args:
+        summary: Summary of the run.
+        tree: Result tree of the run, with all groups.
+        drawn: Figures that have been drawn before, by name; others are drawn here.
+        loads: Predictions under other loads, if the run has any.
     """
     quantities, look = names_of(tree, summary), summary.get("look") or {}
     identifiability = summary.get("identifiability") or {}
@@ -81,6 +91,7 @@ def render_page(
         look={"statements": [], "seen": []} | look,
         **_figures(summary, drawn or draw_figures(tree)),
         predictions=tables.table_of_tests(summary, tree),
+        loads=loads,
         directions=directions_table(identifiability, quantities),
         quantities=quantities_table(identifiability, quantities),
         identified=identified_words(summary, quantities),
@@ -97,7 +108,7 @@ def render_page(
 
 
 def _verdict(verdict: Mapping[str, Any], quantities: Names) -> dict[str, Any]:
-    """Return the verdict: its badge in words, its findings, and what it answers."""
+    """Return the page's data on a verdict: badge, words, findings and answers."""
     status = badge(verdict)
     answers = [
         {
@@ -119,7 +130,7 @@ def _verdict(verdict: Mapping[str, Any], quantities: Names) -> dict[str, Any]:
 def _step(
     name: str, step: Mapping[str, Any], summary: Mapping[str, Any], quantities: Names
 ) -> dict[str, Any]:
-    """Return a step of the identification, with its findings and statements."""
+    """Return the page's data on a step of the identification: findings and statements."""
     return {
         "name": tables.step_heading(name, summary),
         "main": name == summary.get("main"),
@@ -132,7 +143,7 @@ def _step(
 
 
 def _parameters(summary: Mapping[str, Any], quantities: Names) -> dict[str, Table]:
-    """Return the parameters of the main posterior, of other steps, and of the paper's route."""
+    """Return tables of parameters: main posterior, other steps, and the paper's route."""
     parameters = tables.parameters_table(summary, quantities, shown=True)
     main, of_route = summary.get("main"), partial(tables.of_route, summary=summary)
     return {
@@ -143,7 +154,7 @@ def _parameters(summary: Mapping[str, Any], quantities: Names) -> dict[str, Tabl
 
 
 def _figures(summary: Mapping[str, Any], drawn: Mapping[str, DrawnFigure]) -> dict[str, Any]:
-    """Collect all figures: the lead, that of the look, other groups, and missing figures."""
+    """Collect all figures for the page: first figure, readings, groups, and missing figures."""
     by_name = {entry.name: _shown(entry, drawn[entry.name]) for entry in FIGURE_LIST}
     first = lead(summary, [name for name, figure in by_name.items() if figure["svg"]])
     others = [f for name, f in by_name.items() if f["svg"] and name not in (first, LOOK)]
@@ -156,7 +167,7 @@ def _figures(summary: Mapping[str, Any], drawn: Mapping[str, DrawnFigure]) -> di
 
 
 def _groups(drawn: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Group figures in the order of the groups; omit empty groups."""
+    """Return the page's figures by group, without empty groups."""
     groups = (
         {"id": f"figures-{name}", "title": title, "drawn": [
             figure for figure in drawn if figure["entry"].group == name]}
@@ -179,7 +190,7 @@ def _statements(part: Any, quantities: Names) -> list[str]:
 
 
 def _inputs(hashes: Mapping[str, str]) -> dict[str, Any]:
-    """Return the folder that all input files lie in, and the rest and the hash of each."""
+    """Return the common folder of a run's input files, with each file's path and hash."""
     paths = sorted(hashes)
     folders = {os.path.dirname(path) for path in paths}
     folder = os.path.commonpath(folders) if folders and "" not in folders else ""
@@ -194,9 +205,9 @@ def campaign_name(summary: Mapping[str, Any]) -> str:
 
 
 def _shown(entry: ReportFigure, drawn: DrawnFigure) -> dict[str, Any]:
-    """Return one figure as the page has it."""
+    """Return the page's data on one figure: number, pictures, or the reason why it is missing."""
     number = entry.name.removeprefix("figure_") if entry.name.startswith("figure_") else ""
-    # The SVG is our own drawing of numbers, its texts outlines: safe to insert as it is.
+    # The SVG is jbw's own drawing with texts as outlines, so that it is safe to insert unescaped.
     pictures = {"svg": Markup(drawn.svg), "rest": Markup(drawn.rest)}
     return {"entry": entry, "number": number, "missing": drawn.missing, **pictures}
 
@@ -215,14 +226,14 @@ def _provenance(summary: Mapping[str, Any]) -> dict[str, str]:
 
 
 def write_interactive(tree: xr.DataTree, path: Path, campaign: str = "") -> None:
-    """Write the interactive figures of a run to a file, whole or not at all."""
+    """Write the interactive figures of a run to a file, completely or not at all."""
     write_whole(path, render_interactive(tree, campaign).encode())
 
 
 def render_interactive(tree: xr.DataTree, campaign: str = "") -> str:
     """Return the interactive page as HTML; every name that comes from a file is escaped."""
     try:
-        # An extra of a megabyte and a second, wanted here alone.
+        # This optional package takes a megabyte and a second, and only this page needs it.
         from plotly.graph_objects import Figure
         from plotly.offline import get_plotlyjs
     except ImportError as error:
@@ -243,7 +254,7 @@ def render_interactive(tree: xr.DataTree, campaign: str = "") -> str:
             legend={"orientation": "h", "y": -0.2, "groupclick": "togglegroup"},
         )  # fmt: skip
         figure.update_yaxes(type="log" if chart.log else "linear", exponentformat="power")
-        # JSON within a script: no letter of it ends the script.
+        # In JSON within a script no character may end the script.
         data = Markup(str(figure.to_json()).replace("<", "\\u003c"))
         drawn.append((f"chart-{number}", chart.heading, data))
     packed = b64encode(gzip.compress(get_plotlyjs().encode(), 9, mtime=0)).decode()
@@ -254,6 +265,6 @@ def render_interactive(tree: xr.DataTree, campaign: str = "") -> str:
 
 
 def _lighter(line: Mapping[str, Any], limit: int) -> dict[str, Any]:
-    """Return a trace of plotly with so many points at most."""
+    """Return a trace of plotly with at most `limit` points."""
     x, y = decimated(CurvePoints(line["x"], line["y"]), limit)
     return {**line, "x": x, "y": y}

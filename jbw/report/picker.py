@@ -1,4 +1,4 @@
-"""A page to choose the band and the modes on the spectra of a campaign's tests, and their peaks."""
+"""The page on which to choose band and modes, with the spectra of a campaign's tests."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,42 +14,43 @@ from jbw.measurement.records import Record, Test
 from jbw.measurement.resonances import swept
 from jbw.report.page import ENVIRONMENT
 
-NUM_SHOWN = 1500  # lines of a spectrum that are shown, the largest of each stretch
-NEAR_LINES = 9  # whose mean power stands for a line, for single lines scatter
-# Decades by which a peak stands above what surrounds it: the mean power of nine lines of noise
-# scatters by a third, its extremes over thousands of lines lie up to 0.6 decades apart.
+NUM_SHOWN = 1500  # displayed lines of a spectrum, the largest one of each stretch
+# Number of lines whose mean power replaces one line, since single lines vary strongly.
+NEAR_LINES = 9
+# Decades by which a peak must exceed its surroundings: the mean power of nine lines of noise varies
+# by a third, and its extremes over thousands of lines are up to 0.6 decades apart.
 STANDS_OUT = 0.8
-LEAST = 1e-4  # of the largest of a spectrum: below, a peak is noise
+LEAST = 1e-4  # relative to the largest value of a spectrum, below which a peak is noise
 MOST_PEAKS = 8
-APART = 0.05  # relative: peaks of several tests that lie closer are one mode
-ABOUT = 0.15  # of a peak's frequency to either side: its band, up to half-way to its neighbours
-SLOWEST = 3.0  # periods in a record: below, a drift of the mean is no mode
-DIGITS = 5  # of a frequency and of a size on the page
+APART = 0.05  # relative distance below which peaks of several tests are one mode
+ABOUT = 0.15  # relative half width of a peak's band, which ends half-way to its neighbours at most
+SLOWEST = 3.0  # periods in a record, below which a drift of the mean may look like a mode
+DIGITS = 5  # digits of a frequency and of a value on the page
 
 Lines = Float[np.ndarray, " line"]
 
 
 class ShownSpectrum(NamedTuple):
-    """The response as it was measured along frequency, over the source where a test has one."""
+    """A measured response against frequency, relative to the source where a test has one."""
 
     freq_hz: Lines
     size: Lines
 
 
 class Peak(NamedTuple):
-    """A peak, and the band about it in which no other peak lies."""
+    """A peak of a spectrum, and a band around it that contains no other peak."""
 
     freq_hz: float
     band_hz: tuple[float, float]
-    tests: tuple[str, ...]  # in which it stands out
+    tests: tuple[str, ...]  # names of the tests in which the peak is clear
 
 
 def render_picker(campaign: str, tests: Sequence[Test]) -> str:
-    """Return the page as HTML: one file, nothing from a network; names are escaped.
+    """Return the page as one HTML file that needs no network; names are escaped.
 
     Args:
-        campaign: Its name.
-        tests: Of the campaign.
+        campaign: Name of the campaign.
+        tests: Tests of the campaign.
 
     Raises:
         DataError: No test has a spectrum.
@@ -68,7 +69,7 @@ def render_picker(campaign: str, tests: Sequence[Test]) -> str:
     return ENVIRONMENT.get_template("picker.html").render(
         campaign=printable(campaign),
         peaks=peaks,
-        # JSON within a script: no letter of it ends the script.
+        # In JSON within a script no character may end the script.
         data=Markup(data.replace("<", "\\u003c")),
     )
 
@@ -100,10 +101,10 @@ def _rounded(values: Any) -> list[float]:
 
 
 def spectrum_of(test: Test) -> ShownSpectrum | None:
-    """Return a test's response spectrum, of its repeats' mean power; None for tones and loops.
+    """Return a test's response spectrum, from its repeats' mean power; None for tones and loops.
 
-    Of a response curve the curve itself. Of a driven test the ratio to the source, between the
-    ends of what this sweeps.
+    A measured response curve is returned itself. For a driven test the spectrum is the ratio to the
+    source, in the frequency range of the source.
     """
     if test.traits.is_controlled:
         return None
@@ -126,7 +127,7 @@ def spectrum_of(test: Test) -> ShownSpectrum | None:
 
 
 def peaks_of(spectra: dict[str, ShownSpectrum]) -> list[Peak]:
-    """Return clear peaks of the spectra, from low to high, each with a separate band."""
+    """Return the clear peaks of the spectra, from low to high, each with a separate band."""
     peaks: list[tuple[float, float, str]] = []
     for name, (freq, size) in spectra.items():
         log = np.log10(np.maximum(size, size.max() * 1e-12))
@@ -149,7 +150,7 @@ def peaks_of(spectra: dict[str, ShownSpectrum]) -> list[Peak]:
 def _together(
     peaks: Sequence[tuple[float, float, str]],
 ) -> Iterator[list[tuple[float, float, str]]]:
-    """Yield the peaks of one mode: along the frequency each close to the one before."""
+    """Yield groups of spectral peaks that belong to one mode."""
     mode: list[tuple[float, float, str]] = []
     for peak in sorted(peaks):
         if mode and peak[0] > (1 + APART) * mode[-1][0]:
@@ -165,14 +166,17 @@ def _centre(mode: Sequence[tuple[float, float, str]]) -> float:
 
 
 def _band(before: float, centre: float, after: float) -> tuple[float, float]:
-    """Return a band [Hz] about a peak, up to half-way to its neighbours, to three digits."""
+    """Return a band [Hz] around a peak, up to half-way to its neighbours, to three digits."""
     low = max((1 - ABOUT) * centre, 0.5 * (before + centre))
     high = min((1 + ABOUT) * centre, 0.5 * (centre + after))
     return float(f"{low:.3g}"), float(f"{high:.3g}")
 
 
 def _powers(record: Record, *, is_driven: bool) -> tuple[Lines, Lines, Lines]:
-    """Return the frequencies [Hz], power of the response there and of the source, 1 without one."""
+    """Return a record's frequencies [Hz], and its powers of response and source there.
+
+    Without a source its power is 1.
+    """
     freq = np.fft.rfftfreq(record.num_samples, 1 / record.fs)[1:]
     response = _power(record.channels[record.response])
     source = _power(record.channels[record.source]) if is_driven else np.ones_like(freq)
@@ -180,9 +184,9 @@ def _powers(record: Record, *, is_driven: bool) -> tuple[Lines, Lines, Lines]:
 
 
 def _power(samples: Float[np.ndarray, " time"]) -> Lines:
-    """Return the squares of a transform's lines less the mean's, each the mean of those beside it.
+    """Return the power spectrum of samples, averaged over neighbouring lines.
 
-    Zero stands where a sample is missing.
+    Missing samples are replaced by zero.
     """
     x = np.where(np.isfinite(samples), samples - np.nanmean(samples), 0.0)
     squares = np.abs(np.fft.rfft(x)[1:]) ** 2 * (2.0 / len(x)) ** 2
@@ -199,7 +203,7 @@ def _of_curves(test: Test) -> ShownSpectrum:
 
 
 def shown(spectrum: ShownSpectrum) -> ShownSpectrum:
-    """Return the largest line of every stretch, so that no peak is lost."""
+    """Reduce a spectrum for display: keep the largest line of each stretch."""
     width = -(-len(spectrum.size) // NUM_SHOWN)
     starts = range(0, len(spectrum.size), width)
     largest = [start + int(np.argmax(spectrum.size[start : start + width])) for start in starts]

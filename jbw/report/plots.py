@@ -1,7 +1,7 @@
-"""Figures of results, public as `jbw.plots`: of a run, of laws, of a population, of a prediction.
+"""The figures of results, public as `jbw.plots`: runs, laws, populations, predictions.
 
-`draw` draws a figure of a run's report by its name, `laws` the tree of `jbw.compare_laws` and
-`prediction` the bands of `Study.predict`. A notebook shows the figure that is returned.
+`draw` draws a figure of a run's report by its name, `laws` draws the tree of `jbw.compare_laws`,
+and `prediction` the bands of `Study.predict`. A notebook shows the returned figure.
 
 Examples:
     The first figure of a report is drawn by its name:
@@ -28,15 +28,15 @@ __all__ = ["draw", "enclosed_areas", "laws", "names", "population_figure", "pred
 
 
 def names() -> tuple[str, ...]:
-    """Return the names of the report's figures, in its order."""
+    """Return the names of the report's figures, in the report's order."""
     return tuple(FIGURES)
 
 
 def draw(tree: xr.DataTree, name: str) -> Figure:
-    """Draw a figure of a run's report by its name, as "figure_7" or "backbone".
+    """Draw a figure of a run's report by its name, such as "figure_7" or "backbone".
 
     Args:
-        tree: A run's result, as `Study.tree` or `posterior.nc` holds it.
+        tree: Result of a run, from `Study.tree` or `posterior.nc`.
         name: One of `jbw.plots.names()`.
 
     Raises:
@@ -51,19 +51,19 @@ def draw(tree: xr.DataTree, name: str) -> Figure:
 
 
 def laws(tree: xr.DataTree) -> Figure:
-    """Draw laws side by side: curves, loops, residuals and errors of runs that were left out.
+    """Draw a comparison of laws: curves, loops, residuals and errors of left-out runs.
 
     Args:
-        tree: Of `jbw.compare_laws`.
+        tree: Tree of `jbw.compare_laws`.
     """
     return figure_of(laws_figure(tree))
 
 
 def prediction(name: str, bands: xr.Dataset) -> Figure:
-    """Draw the bands of a test beside what was measured of it.
+    """Draw the predicted bands of a test with its measured values.
 
     Args:
         name: Title of the figure.
-        bands: Of `Study.predict`.
+        bands: Result of `Study.predict`.
     """
     return figure_of(prediction_panels(name, bands))

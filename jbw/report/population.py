@@ -1,4 +1,4 @@
-"""A fleet: every unit beside the others, what they have in common, and where a new one lies."""
+"""The figure, page and tables of a fleet: its units, their population, and a new unit."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,9 +12,9 @@ from jbw.report.table import Cell, Column, Table, digits, table, words
 from jbw.report.text import NOTHING, axis_label
 from jbw.report.words import badge
 
-HALF_99 = 2.5758  # sd of a normal interval of 99 %
-MOST = 6  # coordinates of a table of units
-ODD = 0.01  # probability, over the number of units, from which one does not belong
+HALF_99 = 2.5758  # sds from the median to the ends of a normal 99 % interval
+MOST = 6  # coordinates in one table of units
+ODD = 0.01  # probability, to be divided by the number of units, below which a unit does not belong
 
 
 def population_figure(
@@ -28,12 +28,13 @@ def population_figure(
     """Draw each coordinate of every unit against torque, or in order where there is no trend.
 
     Args:
-        record: Of `population_of`.
-        mean: Logarithms, axes (unit, coordinate).
-        sd: Their errors.
-        at: Torques at which the population is drawn [N m], or two ends of the order.
-        new: 99 % bands of a new unit there, logarithms, axes (quantile, place, coordinate).
-        ax: Axes to draw in.
+        record: Record of `population_of`.
+        mean: Mean logarithms, with axes (unit, coordinate).
+        sd: Standard deviations of the logarithms, with the same axes.
+        at: Torques at which the population is drawn [N m], or the two ends of the order.
+        new: 99 % bands of a new unit at `at`, in logarithms, with axes (quantile, place,
+            coordinate).
+        ax: Axes of the figure; a new figure when None.
     """
     rows, trend = record["parameters"], "torque" in record["columns"]
     axes = panels(ax, len(rows), 1, height=1.7 * len(rows))
@@ -58,14 +59,14 @@ def population_figure(
 def population_sheet(
     name: str, record: Mapping[str, Any], mean: np.ndarray, sd: np.ndarray, pooled: Table
 ) -> Sheet:
-    """Return the page of a fleet: figure, statements, the population, every unit.
+    """Return the page of a fleet: figure, statements, table of the population, tables of units.
 
     Args:
-        name: Of the fleet.
-        record: Of `population_of`.
-        mean: Logarithms, axes (unit, coordinate).
-        sd: Their errors.
-        pooled: The table of the population.
+        name: Name of the fleet.
+        record: Record of `population_of`.
+        mean: Mean logarithms, with axes (unit, coordinate).
+        sd: Standard deviations of the logarithms, with the same axes.
+        pooled: Table of the population.
     """
     return Sheet(
         title=f"Population of {name}",
@@ -79,7 +80,7 @@ def population_sheet(
 
 
 def population_table(record: Mapping[str, Any]) -> Table:
-    """Return a line a coordinate, with a new unit's."""
+    """Return the table of a population, one line per coordinate, with a new unit's value."""
     torque = record["new_unit"]["torque"]
     at = torque if torque is not None else record["reference_torque"]
     where = "" if at is None else f" at {at:.3g} N m"

@@ -25,14 +25,14 @@ from jbw.report.result import (
 from jbw.report.style import Panels, finish, panels, plain, title
 from jbw.report.text import axis_label
 
-POINTS = 400  # of a density, and of a running mean
-BINS = 20  # of a histogram of ranks
-MOST = 12  # parameters traced at most; the first are the joint's, Table 1 has the others
-MOST_DRAWS = 2000  # in a cloud
+POINTS = 400  # points of a density, and of a running mean
+BINS = 20  # bins of a histogram of ranks
+MOST = 12  # most parameters in a trace figure; the joint's come first, and the table has all
+MOST_DRAWS = 2000  # draws in a scatter plot
 
 
 class ShownPosterior(NamedTuple):
-    """One posterior of the run: where it lies and how it is drawn."""
+    """One posterior of the run: its place in the tree, its label and its line style."""
 
     path: str
     label: str
@@ -55,7 +55,7 @@ JOINT = ShownPosterior("", "Step 4, all parameters", style.GREEN, "-")
 def _sampled(
     tree: xr.DataTree, sources: Iterable[ShownPosterior]
 ) -> dict[ShownPosterior, dict[str, PosteriorParameter]]:
-    """Return the parameters of the joint by source, of those that were run, and by name."""
+    """Return the joint's parameters by name, for each source with a posterior in the run."""
     groups = {source: node(tree, f"{source.path}/posterior") for source in sources}
     by_source = {
         source: {parameter.name: parameter for parameter in of_joint(group.to_dataset())}
@@ -103,7 +103,10 @@ def _densities(
 
 
 def _density(ax: Axes, posteriors: Sequence[tuple[ShownPosterior, PosteriorParameter]]) -> None:
-    """Draw one parameter: the prior as 1, each posterior over it, 99 % intervals below."""
+    """Draw the densities of one parameter relative to its prior, with 99 % intervals below.
+
+    The prior has the density 1.
+    """
     draws = np.concatenate([parameter.draws.reshape(-1) for _, parameter in posteriors])
     span = (float(np.nanmin(draws)), float(np.nanmax(draws)))
     low, high = next(
@@ -168,12 +171,12 @@ def ridge(tree: xr.DataTree, ax: Any = None) -> Panels:
     Draws of α against δ. Where they lie along the dashed curve, only the product α δ is determined;
     strong sweeps, fitted with all parameters free, break the tie.
 
-    Panels: Step 3 in the prior box, and enlarged the joint posterior, where the run has them.
+    Panels: Step 3 in the prior box, and the joint posterior enlarged, where the run has them.
     """
     if laws_of(tree)[:1] != ("bouc_wen",):
         raise DataError("The law of this joint has no such pair of parameters.")
     by_source = _sampled(tree, (*reversed(THIRD_ORDER), JOINT))
-    # Of the law's parameters the first two: weak motion knows their product.
+    # The first two parameters of the law form the product that weak motion determines.
     laws = {source: of_law(sampled.values()) for source, sampled in by_source.items()}
     pairs = {source: (law[0], law[1]) for source, law in laws.items() if len(law) > 1}
     third, joint = ([s for s in pairs if (s == JOINT) == is_joint] for is_joint in (False, True))
@@ -201,7 +204,7 @@ def ridge(tree: xr.DataTree, ax: Any = None) -> Panels:
 def _cloud(
     ax: Axes, source: ShownPosterior, above: PosteriorParameter, along: PosteriorParameter
 ) -> None:
-    """Draw one parameter of a pair against the other, so many draws at most, and the truth."""
+    """Draw a scatter plot of one parameter against another, with at most `MOST_DRAWS` draws."""
     every = max(1, above.draws.size // MOST_DRAWS)
     y, x = (parameter.draws.reshape(-1)[::every] for parameter in (above, along))
     ax.plot(x, y, ".", ms=2.5, color=source.colour, alpha=0.4, mew=0, rasterized=True)
@@ -215,7 +218,7 @@ def _cloud(
 def marginal_density(
     draws: Float[np.ndarray, "..."], box: tuple[float, float] | None
 ) -> tuple[Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
-    """Return the kernel density sum phi((x - x_i) / h) / (n h) of draws, reflected at their box."""
+    """Return the kernel density of draws, reflected at the bounds of their prior box."""
     # h = 0.9 min(s, IQR / 1.34) n^(-1/5): Silverman, Density Estimation (1986), eq. (3.31).
     values = np.asarray(draws, float).reshape(-1)
     values = values[np.isfinite(values)]
@@ -228,7 +231,7 @@ def marginal_density(
         low, high = max(low, box[0]), min(high, box[1])
         values = np.concatenate([values, 2.0 * box[0] - values, 2.0 * box[1] - values])
     points = np.linspace(low, high, POINTS)
-    # Draws are counted in fine cells first: the cost no longer grows with points times draws.
+    # Draws are first counted in fine bins, so that the cost does not grow with points times draws.
     counts, edges = np.histogram(values, 8 * POINTS, (low - 5.0 * width, high + 5.0 * width))
     centres = 0.5 * (edges[1:] + edges[:-1])
     weights = np.exp(-0.5 * ((points[:, None] - centres) / width) ** 2)
@@ -257,7 +260,7 @@ def running_means(tree: xr.DataTree, ax: Any = None) -> Panels:
             continue
         conv = np.asarray(stats["conv"].transpose("chain", "draw"), float)
         conv = conv / np.nanmean(conv[:, -1])
-        # Thinned to what can be seen.
+        # The lines are thinned to the resolution of the figure.
         shown = np.unique(np.linspace(0, conv.shape[1] - 1, POINTS).astype(int))
         look = {"color": source.colour, "ls": source.line, "lw": 0.9, "alpha": 0.8}
         panel.plot(shown + 1, conv[:, shown].T, **look)[0].set_label(source.label)
@@ -271,18 +274,19 @@ def trace_rank(tree: xr.DataTree, ax: Any = None) -> Panels:
 
     Good traces look alike and show no trend; good ranks stay near 1 for every chain.
 
-    Panels: trace and ranks of every parameter in turn (2 axes a parameter).
+    Panels: trace and ranks of every parameter in turn (2 axes per parameter).
     """
     shown = parameters(branch(tree, "posterior"))[:MOST]
     axes = panels(ax, len(shown), 2, height=0.5 + 0.85 * len(shown), sharex="col")
     for (trace, rank), parameter in zip(axes, shown, strict=True):
-        # Each chain's count in every twentieth of the pooled ranks, over the even count.
+        # Ranks show each chain's count in twentieths of the pooled ranks, relative to an even
+        # count.
         ranks = np.argsort(np.argsort(parameter.draws.reshape(-1), kind="stable"), kind="stable")
         chains = zip(parameter.draws, ranks.reshape(parameter.draws.shape), strict=True)
         for (draws, placed), colour in zip(
             chains, style.LEVELS * len(parameter.draws), strict=False
         ):
-            # An image, since lines this dense hide in a vector.
+            # The lines are drawn as an image, since such dense vector lines take long to show.
             trace.plot(draws, color=colour, lw=0.4, alpha=0.8, rasterized=True)
             counts, edges = np.histogram(placed, BINS, (0, ranks.size))
             rank.stairs(counts * BINS / draws.size, edges, color=colour, lw=1.0, baseline=None)

@@ -1,4 +1,4 @@
-"""Predictions of a run: one figure a test, beside what was measured where something was."""
+"""The figures of predicted tests, one per test, with measured values where there are any."""
 
 from collections.abc import Callable, Iterator
 from itertools import product
@@ -24,7 +24,7 @@ from jbw.report.result import level_text, near_branch, quantiles, unit_of, unwra
 from jbw.report.style import Panels, finish, log_y, panels, plain, shade, title
 from jbw.report.text import axis_label
 
-# Variables that a figure of the report needs, the group it reads, and the figure.
+# Variables that a figure of the report needs, the group that it reads, and the figure.
 FIGURES: tuple[tuple[set[str], str, Callable[..., Panels]], ...] = (
     ({"measured", "error_spectrum"}, "multisine", verification_multisine),
     ({"measured_force", "model_force"}, "loop", verification_loops),
@@ -37,10 +37,13 @@ LOOKS = {
 
 
 def prediction(name: str, dataset: xr.Dataset) -> Panels:
-    """Draw the bands of `jbw.verification.predict` by the report's figure for such a test."""
+    """Draw the bands of a predicted test, by the report's figure for such a test.
+
+    The bands are the result of `jbw.verification.predict`.
+    """
     if "axis" in dataset.attrs:
         apart = {name: dataset}
-        if "unit" in dataset.coords:  # of several units, which no axis has together
+        if "unit" in dataset.coords:  # Groups in several units cannot share an axis.
             apart = dict(_groups(dataset))
         return verification_groups(_tree(str(dataset.attrs["kind"]), apart))
     variables = set(map(str, dataset.data_vars))
@@ -59,7 +62,7 @@ def prediction(name: str, dataset: xr.Dataset) -> Panels:
 
 
 def _tree(group: str, datasets: dict[str, xr.Dataset]) -> xr.DataTree:
-    """Return a result that holds nothing but these."""
+    """Return a result tree that contains only the given predictions."""
     safe = {name.replace("/", "\N{DIVISION SLASH}"): dataset for name, dataset in datasets.items()}
     return xr.DataTree.from_dict(
         {f"/verification/{group}/{n}": dataset for n, dataset in safe.items()}
@@ -67,14 +70,14 @@ def _tree(group: str, datasets: dict[str, xr.Dataset]) -> xr.DataTree:
 
 
 def _groups(dataset: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]:
-    """Yield every group of a test by its label, in its unit."""
+    """Yield every group of a test with its label and its unit."""
     for label, group in dataset.groupby("group"):
         unit = {"units": str(group["unit"].values[0])}
         yield str(label), group.assign({n: x.assign_attrs(unit) for n, x in group.items()})
 
 
 def _records(name: str, dataset: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]:
-    """Yield the records of a test of decays, each without what fills it up."""
+    """Yield the records of a test of decays, each without its padding."""
     for i in range(dataset.sizes["record"]):
         record = dataset.isel(record=i).dropna("time", subset=["measured"])
         yield f"{name} {i + 1}", record.assign_attrs(nrmse=float(record["nrmse_of_record"]))
@@ -104,7 +107,7 @@ def _over_frequency(name: str, dataset: xr.Dataset) -> Panels:
         for kind, what in product(("predictive", "model", "measured"), panels_of):
             if f"{kind}_{what}{suffix}" in dataset:
                 shown = np.asarray(dataset[f"{kind}_{what}{suffix}"].transpose(..., "freq"), float)
-                # All phases within half a turn of the model's median.
+                # All phases are shown within half a turn of the model's median.
                 shown = near_branch(shown, phase) if what == "phase" else shown
                 label = style.band_label(dataset.attrs, noise=kind == "predictive")
                 _harmonic(panels_of[what], kind, dataset["freq"], shown, label)
@@ -118,7 +121,7 @@ def _over_frequency(name: str, dataset: xr.Dataset) -> Panels:
 
 
 def _harmonic(ax: Axes, kind: str, freq: Any, values: Any, label: str) -> None:
-    """Draw one quantity of a harmonic: a band, of a single frequency as a bar, or marks."""
+    """Draw one quantity of a harmonic: bands (bars at a single frequency) or measured marks."""
     if kind == "measured":
         ax.plot(freq, values, "o", color=style.INK, ms=4, mfc="none", label="measured")
         return

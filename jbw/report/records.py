@@ -1,4 +1,4 @@
-"""Measured records in time against what the posterior predicts: sweeps, decays, multisines."""
+"""The figures of measured records with predicted bands in time: sweeps, decays, multisines."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -16,9 +16,10 @@ from jbw.report.result import fitted_text, frequency, level_text, quantiles, tes
 from jbw.report.style import INK, MODEL, Panels, band_label, finish, panels, plain, shade, title
 from jbw.report.text import axis_label, percent
 
-COLUMNS = 1000  # extremes drawn of a full record: as many as the figure has points across
+# Stretches of a full record whose extremes are drawn, as many as the figure has points across.
+COLUMNS = 1000
 FEWER = 300  # the same where three panels share the width
-MOST_DECAYS = 6  # records drawn: the first held-out ones, then the fitted ones
+MOST_DECAYS = 6  # most drawn records: first the held-out ones, then the fitted ones
 PERIODS, WIDE_PERIODS = 6, 8
 SPECTRA = (
     ("measured", INK, "measured"),
@@ -31,7 +32,10 @@ Samples = Float[np.ndarray, " time"]
 def extremes(
     time: Samples, lower: Samples, upper: Samples, count: int | None = COLUMNS
 ) -> tuple[Float[np.ndarray, " bin"], Float[np.ndarray, " bin"], Float[np.ndarray, " bin"]]:
-    """Return minima of `lower`, maxima of `upper` in `count` stretches; as they are for None."""
+    """Return the extremes of a band in `count` stretches of time, for drawing a long record.
+
+    They are the minima of `lower` and the maxima of `upper`; with None nothing is thinned.
+    """
     if count is None:
         return time, lower, upper
     size = max(1, -(-time.size // count))
@@ -41,13 +45,13 @@ def extremes(
 
 
 def bands_of(test: xr.Dataset) -> Iterator[tuple[str, str, str]]:
-    """Return variable, colour and label of a test's bands, the widest first."""
+    """Yield variable, colour and label of each of a test's bands, the widest first."""
     looks = (
         ("predictive_band", style.PREDICTIVE, band_label(test.attrs, noise=True)),
         ("measured_band", style.REPEATS, labels.REPEATS_BAND),
         ("model_band", MODEL, band_label(test.attrs)),
     )
-    several = test.sizes.get("repeat", 2) > 1  # one repeat has no band of its own
+    several = test.sizes.get("repeat", 2) > 1  # A single repeat has no band.
     return (look for look in looks if look[0] in test and (several or look[0] != "measured_band"))
 
 
@@ -59,7 +63,10 @@ def draw_record(
     count: int | None = None,
     measured: str = "_measured",
 ) -> None:
-    """Draw a record and what bands it has, all `less` a curve; extremes of `count` stretches."""
+    """Draw a record and its bands minus a curve, thinned to extremes if requested.
+
+    `less` is the subtracted curve; a record is thinned to extremes of `count` stretches.
+    """
     time = np.asarray(part["time"], float)
     for name, colour, label in bands_of(part):
         low, _, high = quantiles(part, name) - less
@@ -76,35 +83,35 @@ def draw_record(
 
 
 def draw_outline(ax: Axes, time: Samples, low: Samples, high: Samples, label: str) -> None:
-    """Draw the edges of a band."""
+    """Draw the lower and upper edges of a band."""
     ax.plot(time, low, color=MODEL, lw=0.9)
     ax.plot(time, high, color=MODEL, lw=0.9, label=label)
 
 
 def response_label(test: xr.Dataset, name: str = "measured") -> str:
-    """Return the label of a record's ordinate."""
+    """Return the axis label of a record's response."""
     return axis_label(plain(test.attrs.get("response", "response")), unit_of(test[name]))
 
 
 def short(name: str, most: int = 16) -> str:
-    """Return a name that fits a panel's title."""
+    """Return a name shortened to fit a panel's title."""
     return name if len(name) <= most else name[: most - 1] + "…"
 
 
 def length_of(part: Samples, periods: int) -> int:
-    """Return the samples of so many periods of a motion, by its crossings of zero."""
+    """Return the number of samples in some periods of a motion, from its zero crossings."""
     crossings = max(1, np.count_nonzero(np.diff(np.signbit(part))))
     return int(2 * periods * part.size / crossings)
 
 
 def around(measured: Samples, half: int) -> slice:
-    """Return `half` samples on either side of the largest swing."""
+    """Return a slice of `half` samples on either side of the largest response."""
     peak = int(np.nanargmax(np.abs(measured)))
     return slice(max(0, peak - half), min(measured.size, peak + half))
 
 
 def resonance_slice(measured: Samples, periods: int = PERIODS) -> slice:
-    """Return the samples of some `periods` of the response around its largest swing."""
+    """Return a slice of about `periods` periods around the largest response."""
     near = measured[around(measured, max(16, measured.size // 40))]
     return around(measured, length_of(near, periods) // 2)
 
@@ -117,8 +124,8 @@ def verification_sweep(tree: xr.DataTree, ax: Any = None, part: Part = "chosen")
     uncertainty, the predictive band adds the noise and is the one that should hold 99 % of the
     measured points. Each title says whether the test was fitted or held out.
 
-    Panels: for each test a row of three (3 axes a test); of more than three tests the weakest, the
-    strongest and a held-out one, the `rest`, or `all` of them.
+    Panels: one row of three per test (3 axes per test). Of more than three tests the figure shows
+    the weakest, the strongest and a held-out one, or with `part` the `rest` or `all` of them.
     """
     bands = ("measured_band", "model_band")
     sweeps = selected(tests(tree, "verification/sweep", "measured", *bands), part)
@@ -128,7 +135,8 @@ def verification_sweep(tree: xr.DataTree, ax: Any = None, part: Part = "chosen")
         several = test.sizes.get("repeat", 2) > 1
         label = labels.REPEATS_MEAN if several else "measured"
         shade(full, *extremes(time, measured, measured), INK, label, alpha=0.75)
-        stated = "predictive_band" in test  # else withheld: that of the parameters alone
+        # If the predictive band is withheld, the figure shows that of the parameters alone.
+        stated = "predictive_band" in test
         low, _, high = quantiles(test, "predictive_band" if stated else "model_band")
         reach = max(3, time.size // 96)
         shown = slice(None, None, max(1, reach // 4))
@@ -155,7 +163,7 @@ def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
     of the model's median. Of a held-out record the model sees the first part, up to the dashed
     line, and predicts the rest; an error of frequency builds up towards its end.
 
-    Panels: for each record a row of three (3 axes a record), held-out records first, 6 at most.
+    Panels: one row of three per record (3 axes per record), held-out records first, 6 at most.
     """
     decays = tests(tree, "verification/decay", "measured", "model_band")
     ordered = sorted(decays, key=lambda test: int(test[1].attrs.get("fitted", 1)))[:MOST_DECAYS]
@@ -166,12 +174,14 @@ def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
         draw_record(full, test[["measured"]], **look)
         edges = extremes(np.asarray(test["time"], float), low, high, FEWER)
         draw_outline(full, *edges, "outline of the model")
-        # Some periods at two thirds, where an error of frequency has built up.
+        # Periods at two thirds of the record are shown, where an error of frequency has
+        # accumulated.
         late, size = 2 * test.sizes["time"] // 3, max(64, test.sizes["time"] // 20)
         near = np.asarray(test["measured"], float)[late : late + size]
         draw_record(zoom, test.isel(time=slice(late, late + length_of(near, PERIODS))))
         draw_record(rest, test, less=middle, **look)
-        # Until where a held-out record gave its initial state.
+        # The line marks the end of the part from which a held-out record's initial state was
+        # estimated.
         seen = float(test.attrs.get("seen_s", 0.0))
         for panel in (full, rest) if seen > 0 else ():
             panel.axvline(float(test["time"][0]) + seen, color=style.SOFT, lw=0.8, ls="--")
@@ -189,7 +199,8 @@ def verification_multisine(tree: xr.DataTree, ax: Any = None) -> Panels:
     Left, the response around its largest swing; right, the amplitudes of the lines of one period,
     and of the residuals of the model and of the best linear oscillator.
 
-    Panels: for each test some periods around the largest response, and the spectra (2 axes a test).
+    Panels: for each test some periods around the largest response, and the spectra (2 axes per
+        test).
     """
     multisines = tests(tree, "verification/multisine", "measured", "model_band", "error_spectrum")
     axes = panels(
@@ -201,7 +212,7 @@ def verification_multisine(tree: xr.DataTree, ax: Any = None) -> Panels:
         draw_record(response, largest[["measured", "model_band"]], measured="measured")
         response.set(xlabel="time [s]", ylabel=response_label(test))
         title(response, f"{short(plain(name))}, {fitted_text(test)}", size=8)
-        # Points, since between the lines of a period there is nothing.
+        # Spectra are drawn as points, since there are no lines in between.
         for kind, colour, label in SPECTRA:
             if f"{kind}_spectrum" in test:
                 values = np.asarray(test[f"{kind}_spectrum"], float)

@@ -1,6 +1,6 @@
-"""Frequency responses and response curves: the linear regime, and what rises with the level.
+"""The figures of frequency responses and response curves: linear regime and growth with level.
 
-The third harmonic of a probing tone, and the kernel H3, measured and predicted.
+They include the third harmonic of a probing tone, and the kernel H3, measured and predicted.
 """
 
 from collections.abc import Mapping
@@ -73,7 +73,7 @@ def linear_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
     should run through the points on both sides of the peak; a coherence below one at the peak tells
     of leakage or of hysteresis already at work.
 
-    Panels, in reading order: magnitude, phase, coherence, each full and zoomed (6 axes).
+    Panels, in reading order: magnitude, phase, coherence, each in full and enlarged (6 axes).
     """
     needed = ("h_magnitude", "h_phase", "coherence", "fit_magnitude", "fit_phase")
     line = branch(tree, "steps/linear", *needed)
@@ -89,7 +89,7 @@ def linear_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
         shown = (freq >= low) & (freq <= high)
         part = line.isel({line["h_magnitude"].dims[0]: shown})
         measured = {"color": INK, **marks}
-        # The measured points lie on the fit, so the fit is the wider of the two and below.
+        # The measured points lie on the fit, so that the fit is drawn wider and behind them.
         fit = {"color": MODEL, "lw": 3.0, "alpha": 0.6, "zorder": 1.5}
         column[0].plot(freq[shown], part["h_magnitude"], label=label, **measured)
         column[0].plot(freq[shown], part["fit_magnitude"], label="line fit", **fit)
@@ -148,7 +148,10 @@ def _level_and_kind(test: xr.Dataset) -> str:
 
 
 def _family_of(family: list[xr.Dataset]) -> tuple[Curve, Float[np.ndarray, "3 freq"]]:
-    """Return the first test's frequencies [Hz] and there least, mean, largest of all repeats."""
+    """Return the least, mean and largest frequency response of tests of one kind and level.
+
+    They are stated at the frequencies of the first test [Hz].
+    """
     freq = frequency(family[0])
     every = np.concatenate(
         [
@@ -157,7 +160,7 @@ def _family_of(family: list[xr.Dataset]) -> tuple[Curve, Float[np.ndarray, "3 fr
             for repeats in [np.asarray(test["measured_magnitude"].transpose("repeat", ...), float)]
         ]
     )
-    # Frequencies at which another test has none keep what the first one has.
+    # At frequencies that another test lacks, only the first test counts.
     return freq, np.stack([np.nanmin(every, 0), np.nanmean(every, 0), np.nanmax(every, 0)])
 
 
@@ -168,8 +171,9 @@ def verification_frf(tree: xr.DataTree, ax: Any = None, part: Part = "chosen") -
     measured input and passed through the same estimator; the lowest row is how far the magnitude
     lies from the model's median. Each title says whether the test was fitted or held out.
 
-    Panels: magnitude, phase and that distance of each test (3 axes a test, row by row); of more
-    than three tests the weakest, the strongest and a held-out one, the `rest`, or `all` of them.
+    Panels: magnitude, phase and that distance for each test (3 axes per test, row by row). Of more
+    than three tests the figure shows the weakest, the strongest and a held-out one, or with `part`
+    the `rest` or `all` of them.
     """
     needed = ("measured_magnitude", "measured_phase", "model_magnitude", "model_phase")
     frf_tests = selected(tests(tree, "verification/frf", *needed), part)
@@ -182,7 +186,7 @@ def verification_frf(tree: xr.DataTree, ax: Any = None, part: Part = "chosen") -
 
 
 def _frf_column(column: Panels, test: xr.Dataset) -> None:
-    """Draw one test around its resonance: magnitude, phase, and magnitude off the median."""
+    """Draw one test around its resonance: magnitude, phase, and deviation from the median."""
     freq = frequency(test)
     low, high = resonance_window(freq, _mean_magnitude(test), depth=0.05)
     shown = (freq >= low) & (freq <= high)
@@ -217,7 +221,7 @@ def verification_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
     held-out tests hold the scatter of runs, which the legend then says. Below, how far the
     measured curve lies from the median, over the curve's peak.
 
-    Panels: a column for each measured quantity and harmonic (3 axes a column, row by row).
+    Panels: one column per measured quantity and harmonic (3 axes per column, row by row).
     """
     curve_tests = tests(tree, "verification/curve", "measured_magnitude", "model_magnitude")
     columns = curve_columns(curve_tests)
@@ -229,7 +233,7 @@ def verification_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def draw_curves(column: Panels, suffix: str, family: Family, palette: Mapping[str, str]) -> None:
-    """Draw one harmonic, by its suffix, of all levels in the three panels of a column."""
+    """Draw one harmonic, given by its suffix, of all levels in the three panels of a column."""
     for _, test in family:
         _curve(column, test, suffix, palette[level_text(test)])
     test = family[0][1]
@@ -246,7 +250,7 @@ def verification_groups(tree: xr.DataTree, ax: Any = None) -> Panels:
 
     Means of the repeats over the coordinate of such a test, with the model's 99 % bands.
 
-    Panels: one a test.
+    Panels: one per test.
     """
     group_tests = [(name, test) for _, name, test in verified(tree, "axis")]
     if not group_tests:
@@ -274,7 +278,7 @@ def verification_groups(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def curve_columns(tests: Family) -> list[tuple[str, Family]]:
-    """Return tests of one quantity and kind together, each harmonic by itself."""
+    """Group tests by quantity, kind and harmonic, for the columns of a figure."""
     groups: dict[tuple[str, str, str], Family] = {}
     for name, test in tests:
         for suffix in ("", "_3"):
@@ -285,14 +289,14 @@ def curve_columns(tests: Family) -> list[tuple[str, Family]]:
 
 
 def level_palette(tests: Family) -> dict[str, str]:
-    """Return a colour for every level of tests, by its text."""
+    """Return a colour for every level of the tests, by the level's text."""
     levels = {level_text(test): float(test.attrs.get("level", 0.0)) for _, test in tests}
     ordered = sorted(levels, key=lambda text: levels[text])
     return dict(zip(ordered, level_colours(len(ordered)), strict=True))
 
 
 def level_colours(count: int) -> list[str]:
-    """Return colours told apart for few levels, and a ramp from dark to light for many."""
+    """Return distinct colours for few levels, and a ramp from dark to light for many."""
     if count <= len(LEVELS):
         return list(LEVELS[:count])
     return [to_hex(colormaps["viridis"](x)) for x in np.linspace(0.25, 0.85, count)]
@@ -410,8 +414,8 @@ def kernel_bands(tree: xr.DataTree, ax: Any = None) -> Panels:
     a sampler's median, where small differences show. The bands carry the parameters' uncertainty
     only, no noise: single repeats scatter beyond them, but their middle should not lie outside.
 
-    Panels: magnitude, phase; below, both against the median of NUTS (4 axes). The bands are drawn
-    at the probing frequencies only, side by side, since nothing was measured between them.
+    Panels: magnitude and phase; below, both relative to the median of NUTS (4 axes). The bands are
+    drawn side by side at the probing frequencies only, since nothing was measured between them.
     """
     kernel = branch(tree, "verification/h3", "measured_magnitude", "measured_phase")
     present = [name for name in SAMPLERS if f"{name}_magnitude" in kernel]
@@ -438,7 +442,7 @@ def kernel_bands(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def relative_to_median(kernel: xr.Dataset, name: str) -> xr.Dataset:
-    """Return magnitudes over, and phases within half a turn of, the median of a sampler."""
+    """Return kernel magnitudes relative to a sampler's median, and phases minus its median."""
     middle = kernel.isel(quantile=1, drop=True)
     magnitude, phase = middle[f"{name}_magnitude"], middle[f"{name}_phase"]
     relative = {}

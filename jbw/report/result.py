@@ -1,4 +1,4 @@
-"""The result of a run, as figures and tables read it: groups, names, parameters, tests."""
+"""The access of figures and tables to a run's result: groups, names, parameters, tests."""
 
 import json
 import shlex
@@ -20,12 +20,13 @@ from jbw.run.netcdf import read_tree
 TURN = 360.0  # degrees
 BACKBONE = "verification/backbone"
 FREE_LAW = "free_law"
-DRAWN = ("posterior", "as_recorded", "runs")  # groups of draws, wherever they stand
-HELD_OUT = "held out"  # of every fit
+# Names of groups that contain draws, anywhere in the tree.
+DRAWN = ("posterior", "as_recorded", "runs")
+HELD_OUT = "held out"  # in no fit
 
 
 class PosteriorParameter(NamedTuple):
-    """Draws of a parameter or array element, with its prior box (lower, upper) and rig's truth."""
+    """The draws of a parameter or array element, with its prior box and the rig's truth."""
 
     name: str
     symbol: str
@@ -37,9 +38,9 @@ class PosteriorParameter(NamedTuple):
 
 
 def read_result(folder: Path, *groups: str) -> tuple[dict[str, Any], xr.DataTree]:
-    """Read the summary and the posterior of a run's folder, or raise a DataError.
+    """Read the summary and the posterior of a run's folder; raise a DataError if this fails.
 
-    Of the posterior only `groups` below the root are read, or all if none is given.
+    Only `groups` below the root of the posterior's file are read; all groups if none is given.
     """
     for name in ("summary.json", "posterior.nc"):
         if not (folder / name).is_file():
@@ -54,12 +55,14 @@ def read_result(folder: Path, *groups: str) -> tuple[dict[str, Any], xr.DataTree
         if tree.attrs.pop(MARK, None) is not None and not has_hashes:
             raise damaged(folder / "summary.json")
     except DataError as error:
-        if _is_unfinished(folder):  # killed after the posterior took the place of a first answer's
+        # The run was killed after its posterior replaced that of a first answer.
+        if _is_unfinished(folder):
             raise _completed_by_resume(folder, error.what) from None
         raise
-    except (ImportError, MemoryError):  # of this process: the result may be whole
+    # The error is one of this process: the result may be undamaged.
+    except (ImportError, MemoryError):
         raise
-    except Exception as cause:  # JSON and HDF5 raise what they like where a file is damaged
+    except Exception as cause:  # For damaged files JSON and HDF5 may raise any exception.
         raise DataError(
             f"The result in {folder} cannot be read, it is damaged: {reason_of(cause)}",
             remedy="Run the identification again, or restore the folder from a copy.",
@@ -69,7 +72,7 @@ def read_result(folder: Path, *groups: str) -> tuple[dict[str, Any], xr.DataTree
 
 
 def require_finite(tree: xr.DataTree, path: Path) -> None:
-    """Refuse a result of which a draw is no finite number.
+    """Raise an error if a draw in a result is not finite.
 
     Raises:
         DataError: A variable of a posterior, or of the runs' parameters, has such draws.
@@ -100,7 +103,7 @@ def _completed_by_resume(folder: Path, what: str) -> DataError:
 
 
 def _unfinished(folder: Path, name: str) -> DataError:
-    """Return the error for a folder that lacks a part of a result, with its remedy."""
+    """Return the error for a folder that lacks a file of a result, with its remedy."""
     what = f"The folder {folder} has no {name}, so there is nothing to report."
     if _is_unfinished(folder):
         return _completed_by_resume(folder, what)
@@ -111,7 +114,7 @@ def _unfinished(folder: Path, name: str) -> DataError:
 
 
 def node(tree: xr.DataTree, path: str) -> xr.DataTree | None:
-    """Return the node at `path`, or None where the run did not write it."""
+    """Return the node of a result tree at `path`, or None if it does not exist."""
     group: xr.DataTree | None = tree
     for part in path.strip("/").split("/"):
         group = None if group is None else group.children.get(part)
@@ -119,7 +122,7 @@ def node(tree: xr.DataTree, path: str) -> xr.DataTree | None:
 
 
 def branch(tree: xr.DataTree, path: str, *needed: str) -> xr.Dataset:
-    """Return the group at `path` as a dataset, or a DataError where it or a variable is missing."""
+    """Return the group of a result at `path` as a dataset; raise a DataError if it is missing."""
     group = node(tree, path)
     if group is None:
         raise DataError(f"The result has no group /{path.strip('/')}.")
@@ -129,7 +132,7 @@ def branch(tree: xr.DataTree, path: str, *needed: str) -> xr.Dataset:
 
 
 def tests(tree: xr.DataTree, path: str, *needed: str) -> list[tuple[str, xr.Dataset]]:
-    """Return the tests under `path` by name, in order of their level, or a DataError."""
+    """Return the tests of a result under `path`, by level; raise a DataError if none."""
     parent = node(tree, path)
     if parent is None or not parent.children:
         raise DataError(f"The result has no test under /{path.strip('/')}.")
@@ -138,7 +141,7 @@ def tests(tree: xr.DataTree, path: str, *needed: str) -> list[tuple[str, xr.Data
 
 
 def verified(tree: xr.DataTree, attribute: str) -> list[tuple[str, str, xr.Dataset]]:
-    """Return every test beside its prediction that has an attribute: its group, name and bands."""
+    """Return the group, name and bands of each predicted test that has an attribute."""
     verification = node(tree, "verification")
     return [
         (group, name, test.to_dataset())
@@ -150,8 +153,8 @@ def verified(tree: xr.DataTree, attribute: str) -> list[tuple[str, str, xr.Datas
 
 def names_of(tree: xr.DataTree, summary: Mapping[str, Any] | None = None) -> dict[str, Quantity]:
     """Return symbol, unit and meaning of each parameter of a run, by name."""
-    # What a run of jbw 0.1 did not write comes from the tables of today; a summary may tell of
-    # steps that the tree lacks.
+    # Entries that a run of jbw 0.1 lacks come from the present tables; a summary may have steps
+    # that the tree lacks.
     quantities = {}
     for group in tree.subtree:
         for name, values in group.data_vars.items() if group.name == "posterior" else ():
@@ -171,14 +174,14 @@ def names_of(tree: xr.DataTree, summary: Mapping[str, Any] | None = None) -> dic
 
 
 def parameters(group: xr.Dataset) -> list[PosteriorParameter]:
-    """Return the parameters of a posterior group, an array element by element."""
+    """Return the parameters of a posterior group, with each element of an array separately."""
     sampled = []
     quantities = names_of(xr.DataTree.from_dict({"/posterior": group}))
     for name, values in group.data_vars.items():
         rest = [dim for dim in values.dims if dim not in ("chain", "draw")]
         for index, place in enumerate(np.ndindex(*(values.sizes[dim] for dim in rest))):
             single = values.isel(dict(zip(rest, place, strict=True)))
-            # The coordinates of the element, as in [0.05]; nothing of a scalar.
+            # These are the coordinates of the element, as in [0.05]; a scalar has none.
             marks = [
                 single[d].item() if d in single.coords else at
                 for d, at in zip(rest, place, strict=True)
@@ -207,8 +210,8 @@ def _element(value: Any, index: int) -> float | None:
 
 
 def of_joint(group: xr.Dataset) -> list[PosteriorParameter]:
-    """Return the oscillator's and its laws' own parameters: no gain, no noise, no products."""
-    # The symbol of a product has several letters with spaces between them.
+    """Return the parameters of oscillator and laws, without gains, noise and products."""
+    # The symbol of a product contains spaces.
     return [
         parameter
         for parameter in parameters(group)
@@ -217,12 +220,12 @@ def of_joint(group: xr.Dataset) -> list[PosteriorParameter]:
 
 
 def of_law(joint: Iterable[PosteriorParameter]) -> list[PosteriorParameter]:
-    """Return those of the joint's parameters that are its laws'."""
+    """Return those parameters of the joint that belong to its laws."""
     return [parameter for parameter in joint if parameter.name not in BY_NAME]
 
 
 def laws_of(tree: xr.DataTree) -> tuple[str, ...]:
-    """Return the laws of the joint by name; a run of jbw 0.1 knew Bouc-Wen's and a cubic spring."""
+    """Return the names of the joint's laws; for runs of jbw 0.1 Bouc-Wen and a cubic spring."""
     if "laws" in tree.attrs:
         return tuple(json.loads(str(tree.attrs["laws"])))
     main = node(tree, "posterior")
@@ -238,25 +241,25 @@ def frequency(test: xr.Dataset) -> Float[np.ndarray, " freq"]:
 
 
 def unit_of(values: xr.DataArray) -> str:
-    """Return the unit of a variable, in the dialect of today."""
+    """Return the unit of a variable, as jbw writes it now."""
     return in_dialect(str(values.attrs.get("units", "")))
 
 
 def quantiles(group: xr.Dataset, name: str) -> Float[np.ndarray, "quantile ..."]:
-    """Return a band: lower end, median and upper end along the first axis."""
+    """Return a variable's band: lower end, median and upper end along the first axis."""
     return np.asarray(group[name].transpose("quantile", ...), float)
 
 
 def level_text(test: xr.Dataset) -> str:
-    """Return a test's level with its unit."""
+    """Return a test's level with its unit, as text."""
     unit = plain(unit_text(str(test.attrs.get("level_unit", ""))))
     return f"{float(test.attrs.get('level', np.nan)):g} {unit}".strip()
 
 
 def fitted_text(test: xr.Dataset) -> str:
-    """Return whether a test was fitted or held out, empty where the run does not say.
+    """Return whether a test was fitted or held out; an empty text where the run does not state it.
 
-    Where some repeats of a test were fitted and the others are shown, that is said.
+    If some repeats were fitted and others are shown, the text says so.
     """
     if "fitted" not in test.attrs:
         return ""
@@ -271,14 +274,14 @@ def wrap_degrees(phase: Any) -> Any:
 
 
 def wrap_band(phase: Any) -> Float[np.ndarray, "quantile freq"]:
-    """Return a phase band [rad] in degrees, each frequency turned as a whole by its median."""
+    """Return a phase band [rad] in degrees, each frequency shifted by full turns of its median."""
     degrees = np.degrees(phase)
     return degrees + (wrap_degrees(np.asarray(phase)[1]) - degrees[1])
 
 
 def unwrapped_band(phase: Any) -> Float[np.ndarray, "quantile freq"]:
-    """Convert a phase band [rad] to degrees: continuous median centred within half a turn."""
-    # A velocity's phase then runs from 90 to -90 degrees, a force's from 0 to 180.
+    """Return a phase band [rad] in degrees, with a continuous median centred within half a turn."""
+    # The phase of a velocity then runs from 90 to -90 degrees, that of a force from 0 to 180.
     degrees = np.degrees(phase)
     middle = np.unwrap(degrees[1], period=TURN)
     centre = 0.5 * (np.nanmax(middle) + np.nanmin(middle))

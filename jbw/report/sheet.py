@@ -1,4 +1,4 @@
-"""A page of a figure, some sentences and tables: of a fleet, of a watch, of laws."""
+"""A page with a figure, sentences and tables, for a fleet, a watch or laws."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,15 +19,15 @@ class Sheet:
 
     title: str
     subtitle: str  # one line below the title
-    caption: str  # of the figure
+    caption: str  # caption of the figure
     sentences: Sequence[str]
-    tables: Sequence[tuple[str, Table]]  # each with its heading
+    tables: Sequence[tuple[str, Table]]  # tables with their headings
     status: Badge | None = None
     status_words: str = ""
 
 
 class Folded(NamedTuple):
-    """A further figure, which is folded away below the tables."""
+    """An additional figure, folded away below the tables."""
 
     title: str
     caption: str
@@ -35,12 +35,12 @@ class Folded(NamedTuple):
 
 
 def render_sheet(sheet: Sheet, drawn: Panels, folded: Sequence[Folded] = ()) -> str:
-    """Return the page as HTML, one file that needs nothing else; names from files are escaped.
+    """Return a page as one self-contained HTML file; names from files are escaped.
 
     Args:
-        sheet: Everything but the figures.
+        sheet: Content of the page without its figures.
         drawn: Axes of the figure, as its function returns them.
-        folded: Further figures.
+        folded: Additional figures below the tables.
     """
     folded_figures = [
         {"id": f"further-{i}", "title": figure.title, "caption": figure.caption,
@@ -53,5 +53,5 @@ def render_sheet(sheet: Sheet, drawn: Panels, folded: Sequence[Folded] = ()) -> 
 
 
 def _svg(drawn: Panels, name: str) -> Markup:
-    # The SVG is our own drawing of numbers, its texts outlines: safe to insert as it is.
+    # The SVG is jbw's own drawing with texts as outlines, so that it is safe to insert unescaped.
     return Markup(svg(drawn.flat[0].figure, name))

@@ -1,4 +1,4 @@
-"""Figures of studies: samplers side by side, and the ranks of a calibration."""
+"""The figures of method studies: comparison of samplers, and ranks of a calibration."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,14 +12,14 @@ from jbw.report.messages import figures as labels
 from jbw.report.style import Panels, finish, panels, shade, stacks, title
 from jbw.report.text import number, symbol
 
-ERRORS = 2.0  # standard errors that a bar shows to either side
-NEAR = 0.3  # standard deviations that are drawn to scale; what lies further is compressed
+ERRORS = 2.0  # standard errors shown on either side by a bar
+NEAR = 0.3  # standard deviations drawn to scale; larger distances are compressed
 ROW = 0.24  # height of one sampler's line [in]
 STATUS = {"ok": style.GREEN, "failed": style.VERMILLION}
 
 
 def comparison(record: Mapping[str, Any], ax: Any = None) -> Panels:
-    """Draw means and effective draws a second, by sampler, of what `compare.json` holds."""
+    """Draw means and effective draws per second of each sampler, from the record `compare.json`."""
     names, count = record["parameters"], len(record["samplers"])
     axes = panels(ax, len(names) + 1, 1, height=(len(names) + 1) * (0.55 + ROW * count))
     for panel, name in zip(axes[:-1, 0], names, strict=True):
@@ -29,7 +29,10 @@ def comparison(record: Mapping[str, Any], ax: Any = None) -> Panels:
 
 
 def means(record: Mapping[str, Any], parameter: str, ax: Axes | None = None) -> Axes:
-    """Plot one parameter's mean by sampler +- 2 Monte Carlo errors, in reference deviations."""
+    """Plot one parameter's mean by sampler with Monte Carlo errors, relative to the reference.
+
+    Bars show +- 2 Monte Carlo errors, in standard deviations of the reference.
+    """
     here = _one_line_each(record, ax)
     truth = record["samplers"][record["reference"]]["parameters"][parameter]
     here.axvline(0.0, color=style.SOFT, lw=0.8)
@@ -56,7 +59,7 @@ def means(record: Mapping[str, Any], parameter: str, ax: Axes | None = None) -> 
 
 
 def effective_rates(record: Mapping[str, Any], ax: Axes | None = None) -> Axes:
-    """Draw effective draws a second by every sampler, compiled and from a cold start."""
+    """Draw effective draws per second of every sampler, compiled and from a cold start."""
     here = _one_line_each(record, ax)
     for shift, kind, colour, label in (
         (-0.18, "warm", style.BLUE, "compiled before"),
@@ -81,7 +84,7 @@ def effective_rates(record: Mapping[str, Any], ax: Axes | None = None) -> Axes:
 
 
 def _one_line_each(record: Mapping[str, Any], ax: Axes | None) -> Axes:
-    """Return axes with one line a sampler, the first on top."""
+    """Return axes with one line per sampler, the first sampler on top."""
     names = [name.replace("_", " ") for name in record["samplers"]]
     here: Axes = panels(ax, 1, 1, height=0.55 + ROW * len(names))[0, 0]
     here.set_yticks(range(len(names)), names)
@@ -90,7 +93,7 @@ def _one_line_each(record: Mapping[str, Any], ax: Axes | None) -> Axes:
 
 
 def _scaled(ax: Axes) -> None:
-    """Scale distances linearly near zero, compressed further off, with ticks at round numbers."""
+    """Scale an axis linearly near zero and logarithmically beyond, with round ticks."""
     low, high = ax.get_xlim()
     reach = max(-low, high, NEAR)
     ax.set_xscale("symlog", linthresh=NEAR)
@@ -104,8 +107,8 @@ def _scaled(ax: Axes) -> None:
 
 
 def rank_ecdfs(calibration: Calibration, ax: Any = None) -> Panels:
-    """Draw every quantity's rank ECDF less i / (L + 1), in the 99 % envelope of uniform ranks."""
-    # A slope is a bias; an S a posterior too narrow or too wide.
+    """Draw every quantity's rank ECDF minus i / (L + 1), in the 99 % envelope of uniform ranks."""
+    # A slope shows a bias; an S-shape a posterior that is too narrow or too wide.
     axes, stack = stacks(ax, len(calibration.names), 1, height=1.9, sharex=True, sharey=True)
     lower, upper = ecdf_envelope(len(calibration.ranks), calibration.num_ranks, LEVEL)
     even = np.arange(1, calibration.num_ranks + 1) / (calibration.num_ranks + 1)

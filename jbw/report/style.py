@@ -1,4 +1,4 @@
-"""How every figure looks: one palette, one width, units on the axes, no display needed."""
+"""The common look of all figures: one palette, one width, units on the axes, no display needed."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,7 +12,7 @@ from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 from jbw.errors import ConfigError, printable
 from jbw.report.messages import figures as labels
 
-# Okabe and Ito's palette, told apart with any colour vision and in grey.
+# Okabe and Ito's palette differs for any colour vision and in grey.
 BLUE, VERMILLION, GREEN = "#0072b2", "#d55e00", "#009e73"
 ORANGE, SKY, PURPLE = "#e69f00", "#56b4e9", "#cc79a7"
 INK, SOFT, GRID = "#20242a", "#68707a", "#d9dde2"
@@ -28,7 +28,8 @@ Panels = np.ndarray
 WIDTH = 7.2
 """Width of a figure [in]: two columns of a paper, one column of the page."""
 
-LETTERS = 120  # of a legend's line, a handle being seven
+NARROW = 4.0  # ratio of the ends of an ordinate below which it is linear
+LETTERS = 120  # letters in a line of the legend, where a handle counts as seven
 
 RC: Any = {
     "font.size": 9,
@@ -48,7 +49,7 @@ RC: Any = {
 
 
 def panels(ax: Any, rows: int, columns: int, *, height: float, **layout: Any) -> Panels:
-    """Return axes, `rows` by `columns`: the given ones, or of a new figure `height` high [in]."""
+    """Return `rows` by `columns` axes: the given ones, or new ones with a `height` [in]."""
     if ax is not None:
         axes = np.asarray(ax, dtype=object).reshape(-1)
         if axes.size != rows * columns:
@@ -62,7 +63,8 @@ def panels(ax: Any, rows: int, columns: int, *, height: float, **layout: Any) ->
         figure = Figure(figsize=(WIDTH, height), layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False, **layout)
     for panel in axes.flat:
-        # The looks of ticks and grid now: matplotlib makes them late, in the caller's style.
+        # The look of ticks and grid is set now: matplotlib creates them late, in the caller's
+        # style.
         panel.tick_params(which="both", color=SOFT, labelsize=8, labelcolor=INK)
         panel.tick_params(which="major", width=0.7, length=3)
         panel.tick_params(which="minor", width=0.5, length=2)
@@ -75,8 +77,11 @@ def panels(ax: Any, rows: int, columns: int, *, height: float, **layout: Any) ->
 def stacks(
     ax: Any, count: int, rows: int, *, height: float, **layout: Any
 ) -> tuple[Panels, list[Panels]]:
-    """Return all axes, and a stack of `rows` panels per test (`count`); `height` of a line [in]."""
-    # Three of them stand side by side at most, but four in two pairs; axes go row by row.
+    """Return all axes of a figure, and one stack of `rows` panels for each of `count` tests.
+
+    `height` is that of one line of stacks [in].
+    """
+    # At most three stacks are side by side, but four are in two pairs; axes go row by row.
     columns = 2 if count == 4 else min(count, 3)
     lines = -(-count // columns)
     if "height_ratios" in layout:
@@ -93,7 +98,7 @@ def stacks(
 
 
 def finish(axes: Panels, ax: Any, below: str = "", ylabels: str | Sequence[str] = "") -> Panels:
-    """Label the lowest and the leftmost axes, place the legend and return the axes."""
+    """Label a figure's lowest and leftmost axes, place the legend and return the axes."""
     labels = [ylabels] * len(axes) if isinstance(ylabels, str) else ylabels
     for number, row in enumerate(axes):
         row[0].set_ylabel(labels[number % len(labels)] or row[0].get_ylabel())
@@ -125,19 +130,26 @@ def _columns(names: Sequence[str]) -> int:
 
 
 def title(ax: Axes, text: str, size: float = 9.0) -> None:
-    """Set a panel's title, at its left."""
+    """Set a panel's title, aligned left."""
     ax.set_title(text, loc="left", fontsize=size, color=INK)
 
 
 def log_y(ax: Axes) -> None:
-    """Make the ordinate logarithmic, labelled at 1, 2 and 5 where it spans few decades."""
+    """Make an ordinate logarithmic, with labels at 1, 2 and 5 where it spans few decades.
+
+    What is drawn so far stays linear if it spans less than a factor of four: labels of powers would
+    differ in the second digit alone.
+    """
+    low, high = ax.dataLim.intervaly
+    if 0 < low <= high < NARROW * low:
+        return
     ax.set_yscale("log")
     ax.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
     ax.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(2.0, 2.0)))
 
 
 def plain(name: object) -> str:
-    """Return a name from a file as plain text: a dollar sign starts no formula."""
+    """Return a name from a file as plain text, in which a dollar sign begins no formula."""
     return printable(str(name)).replace("$", r"\$")
 
 
@@ -148,7 +160,7 @@ def shade(ax: Axes, x: Any, lower: Any, upper: Any, colour: str, label: str, **l
 
 
 def band_label(attrs: Mapping[Any, Any], *, noise: bool = False) -> str:
-    """Return the label of a test's band: parameters, scatter, misfit, noise as it includes them."""
+    """Return the label of a test's band, with the uncertainties that it includes."""
     added = {
         "scatter of runs": attrs.get("scatter"), "model discrepancy": attrs.get("discrepancy"),
         "noise": noise,
@@ -167,6 +179,6 @@ def draw_model(
     ls: str = "-",
     holds: str = BAND,
 ) -> None:
-    """Draw the model's 99 % band and its median, the band's lower end, median and upper end."""
+    """Draw the model's 99 % band and its median; `band` has lower end, median and upper end."""
     shade(ax, x, band[0], band[2], MODEL, holds, alpha=0.4)
     ax.plot(x, band[1], color=MODEL, lw=1.0, ls=ls, label=label)

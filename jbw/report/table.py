@@ -1,4 +1,4 @@
-"""One description of a table, shown on the page and in the terminal."""
+"""The description of a table, from which the page and the terminal show it."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,24 +15,25 @@ MARKS = {"good": "green", "doubt": "yellow", "bad": "bold red", "flag": "bold"}
 class Cell(NamedTuple):
     """The content of one cell of a table."""
 
-    text: str  # as people read it, on the page
+    text: str  # the text on the page
     mark: str = ""  # good, doubt, bad or flag; empty for nothing special
-    typed: str = ""  # as the terminal shows it, where that differs by more than its letters
+    typed: str = ""  # the text in the terminal, where it differs in more than its letters
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column: what it is called, what it shows of a row, what that means."""
+    """One column of a table: heading, content for a row, and meaning."""
 
     heading: str  # with the unit, if any
     show: Callable[[Any], str | Cell]  # the row's text or cell
     meaning: str = ""  # what the numbers are, for the note below the page's table
     align: str = "right"  # right, left, unit, or wrap for long text, and left wrap
-    spared: int = 0  # where the screen is narrow, the order in which columns go; 0 stays
-    only: str = ""  # page or terminal, where it is not for both
+    # On a narrow screen, the order in which columns are dropped; 0 is never dropped.
+    spared: int = 0
+    only: str = ""  # "page" or "terminal" for a column that is not on both
 
     def cell(self, row: Any) -> Cell:
-        """Return the cell that the column shows for a row."""
+        """Return the cell that the column shows for a row of the table."""
         shown = self.show(row)
         return shown if isinstance(shown, Cell) else Cell(shown)
 
@@ -49,7 +50,7 @@ class Section(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """Columns and sections of rows, with a note on all; `of` is what sections are, as `step`."""
+    """Columns and sections of rows, with a note on all; `of` names a section's kind, as `step`."""
 
     title: str
     columns: tuple[Column, ...]
@@ -59,18 +60,18 @@ class Table:
 
     @property
     def rows(self) -> list[Any]:
-        """All rows."""
+        """The rows of all sections."""
         return [row for section in self.sections for row in section.rows]
 
     def columns_shown(self, where: str) -> list[Column]:
-        """Return the columns that say anything on the page or in the terminal."""
+        """Return the columns that are not empty, for the page or for the terminal."""
         here = [column for column in self.columns if column.only in ("", where)]
         rows = self.rows
         return [c for c in here if any(c.cell(row).text not in ("", NOTHING) for row in rows)]
 
     @property
     def meanings(self) -> str:
-        """The meanings of the columns, and the note."""
+        """The meanings of the columns, followed by the table's note."""
         meant = [
             f"{' '.join(column.heading.split())}: {column.meaning}."
             for column in self.columns_shown("page")
@@ -80,12 +81,12 @@ class Table:
 
 
 def table(title: str, rows: Iterable[Any], *columns: Column, note: str = "") -> Table:
-    """Return a table of one section."""
+    """Return a table with a single section."""
     return Table(title, columns, (Section(list(rows)),), note)
 
 
 def named(heading: str, names: Names) -> Column:
-    """Return the column of names: symbols on the page, in the terminal as one types them."""
+    """Return a column of parameter names, as symbols on the page and as typed in the terminal."""
     return Column(
         heading,
         lambda row: Cell(symbol(row["name"], names) + row.get("suffix", ""), typed=row["name"]),
@@ -94,17 +95,17 @@ def named(heading: str, names: Names) -> Column:
 
 
 def words(heading: str, key: str, align: str = "left") -> Column:
-    """Return a column of texts as they are."""
+    """Return a column of unchanged texts."""
     return Column(heading, lambda row: str(row[key]), align=align)
 
 
 def by_sd(heading: str, key: str, **more: Any) -> Column:
-    """Return a column of numbers to the digits of their row's standard deviation."""
+    """Return a column of numbers, rounded by their row's standard deviation."""
     return Column(heading, lambda row: number(row.get(key), row.get("sd")), **more)
 
 
 def digits(heading: str, key: str, count: int = 3, place: float = 0, **more: Any) -> Column:
-    """Return a column of numbers to so many digits of their own, or all to one decimal place."""
+    """Return a column of numbers with `count` digits each, or all to one decimal place."""
     return Column(heading, lambda row: number(row.get(key), place, count), **more)
 
 
@@ -118,7 +119,7 @@ def shares(heading: str, key: str, missing: str = NOTHING, **more: Any) -> Colum
 
 
 def print_table(screen: Any, shown: Table) -> None:
-    """Print a table on a Rich console, with as many columns as that has room for."""
+    """Print a table on a Rich console, with as many columns as fit its width."""
 
     def width() -> int:
         return screen.measure(rich_table, options=screen.options.update(max_width=10_000)).maximum
@@ -130,27 +131,27 @@ def print_table(screen: Any, shown: Table) -> None:
         rich_table = _rich(shown, most)
     if screen.is_terminal and width() > screen.width:
         rich_table = _rich(shown, most_spared(shown), is_tight=True)
-    # In a file or pipe lines may be as long as they are; only a terminal folds them.
+    # In a file or pipe lines may be of any length; only a terminal folds them.
     room = screen.width if screen.is_terminal else max(width(), screen.width)
     screen.print(rich_table, width=room, crop=False)
 
 
 def most_spared(shown: Table) -> int:
-    """Return the last rank in which columns are dropped where the screen is narrow."""
+    """Return the largest rank at which a table's columns are dropped on a narrow screen."""
     return max(column.spared for column in shown.columns)
 
 
 def typed_cell(cell: Cell) -> str:
-    """Return a cell as a terminal shows it, without control characters: names come from files."""
+    """Return a cell's text for a terminal without control characters, as names come from files."""
     return printable(cell.typed or typed(cell.text))
 
 
 def _rich(shown: Table, spared: int, *, is_tight: bool = False) -> Any:
-    """Return the table as Rich knows it, without the columns that are spared first.
+    """Return a table as a Rich table, without the columns that are dropped first.
 
-    A tight one has single spaces between columns, and folds those with long cells alone.
+    A tight table has single spaces between columns, and folds only columns with long cells.
     """
-    from rich.box import SIMPLE_HEAD  # the page needs no terminal
+    from rich.box import SIMPLE_HEAD  # The page needs no terminal, so Rich is imported here.
     from rich.table import Table as Rich
     from rich.text import Text
 
@@ -172,10 +173,10 @@ def _rich(shown: Table, spared: int, *, is_tight: bool = False) -> Any:
     for section in shown.sections:
         for place, row in enumerate(section.rows):
             cells = [column.cell(row) for column in columns]
-            if shown.of:  # the ends are those of the section's first row
+            if shown.of:  # Name and badge of a section are shown in its first row.
                 name, badge = (section.name, section.badge) if place == 0 else ("", Cell(""))
                 cells = [Cell(name), *cells, badge]
-            # Text, not markup.
+            # Text objects are not interpreted as markup.
             rich_table.add_row(
                 *(Text(typed_cell(cell), MARKS.get(cell.mark, "")) for cell in cells)
             )

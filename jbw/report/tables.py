@@ -42,32 +42,32 @@ from jbw.report.text import (
 )
 from jbw.report.words import badge
 
-ROUTE = ("third_order_", "opening_")  # Steps 3 and 4 of the paper, with any sampler
+ROUTE = ("third_order_", "opening_")  # steps 3 and 4 of the paper, with any sampler
 GOOD_R_HAT, FAR = 1.01, 2.576
 IN_UNIT = ("map", "mean", "sd", "q005", "q995", "truth")  # numbers in the unit of their row
 Summary = Mapping[str, Any]
 
 
 def main_first(summary: Summary) -> list[tuple[str, Summary]]:
-    """Return the steps, the main one first: it is what the others are held against."""
+    """Return the steps of a run, the main one first, with which the others are compared."""
     steps = (summary.get("steps") or {}).items()
     return sorted(steps, key=lambda step: step[0] != summary.get("main"))
 
 
 def step_heading(name: str, summary: Summary) -> str:
-    """Return the heading of a step."""
+    """Return the heading of a step of the identification; it marks the main step."""
     return step_name(name) + (" (main result)" if name == summary.get("main") else "")
 
 
 def of_route(name: str, summary: Summary) -> bool:
-    """Return whether a step is of the paper's own route, which is expected to fail."""
+    """Return whether a step belongs to the paper's own route, which is expected to fail."""
     return name.startswith(ROUTE) and name != summary.get("main")
 
 
 def parameters_table(summary: Summary, quantities: Names, *, shown: bool = False) -> Table:
-    """Return the table 1: every step with its verdict and what it found of every parameter.
+    """Return the table of parameters: every step with its verdict and all its parameters.
 
-    Frequencies are `shown` in Hz and damping ratios in per cent, or as they are inferred.
+    With `shown` frequencies are in Hz and damping ratios in per cent; otherwise in SI.
     """
     sections = []
     for name, step in main_first(summary):
@@ -95,7 +95,7 @@ def parameters_table(summary: Summary, quantities: Names, *, shown: bool = False
 
 
 def _as_shown(row: dict[str, Any]) -> dict[str, Any]:
-    """Return a parameter's numbers in the unit in which a page shows them."""
+    """Return a parameter's numbers in the unit that the page shows."""
     shown = shown_as(row["name"], str(row.get("unit") or ""))
     scaled = {key: shown.factor * row[key] for key in IN_UNIT if row.get(key) is not None}
     return {**row, **scaled, "unit": shown.unit, "suffix": shown.suffix}
@@ -118,7 +118,8 @@ def _ess(row: Summary) -> str:
 def _r_hat(row: Summary) -> Cell:
     value = row.get("r_hat")
     unmixed = value is not None and not value < GOOD_R_HAT
-    unknown = value is None and row.get("ess_bulk") is not None  # sampled, but no number
+    # The parameter was sampled, but its R-hat is unknown.
+    unknown = value is None and row.get("ess_bulk") is not None
     return Cell(number(value, 0.01), "flag" if unmixed or unknown else "")
 
 
@@ -128,7 +129,7 @@ def _z(row: Summary) -> Cell:
 
 
 def correlation_words(step: Summary, quantities: Names, strong: float = 0.9) -> list[str]:
-    """Return the strong correlations of a step in words."""
+    """Return the strong correlations between the parameters of a step, as texts."""
     pairs = {
         frozenset((first, second)): value
         for first, row in (step.get("correlation") or {}).items()
@@ -142,9 +143,10 @@ def correlation_words(step: Summary, quantities: Names, strong: float = 0.9) -> 
 
 
 def table_of_tests(summary: Summary, tree: xr.DataTree | None = None) -> Table:
-    """Return every test of a campaign: fitted or held out, and how well the model follows it.
+    """Return the table of a campaign's tests: fitted or held out, with the model's errors.
 
-    Where all tests are fitted in the end, those held out before are there with both errors.
+    Where all tests are fitted in the end, the tests that were held out before appear with both
+    errors.
     """
     rows = sorted(with_records(every_test(summary, tree)), key=_in_order)
     before = (summary.get("held_out_answer") or {}).get("predictions") or {}
@@ -183,9 +185,9 @@ def table_of_tests(summary: Summary, tree: xr.DataTree | None = None) -> Table:
 
 
 def every_test(summary: Summary, tree: xr.DataTree | None = None) -> list[dict[str, Any]]:
-    """Return every test with its prediction error, where there is one, as the summary tells it.
+    """Return every test in the summary, with its prediction error where there is one.
 
-    A run of an earlier version lists no tests: then those that were read and those predicted.
+    Summaries of earlier versions list no tests; the tests with readings or predictions then count.
     """
     predicted = dict(summary.get("predictions") or {})
     listed = summary.get("tests")
@@ -198,7 +200,7 @@ def every_test(summary: Summary, tree: xr.DataTree | None = None) -> list[dict[s
 
 
 def tests_of_records(rows: Sequence[Summary]) -> dict[str, Summary]:
-    """Return the row of its test for every record that has one of its own, as free decays have."""
+    """Return the test of each record that has a separate row, such as a free decay."""
     return {
         row["test"]: test
         for test in rows
@@ -231,7 +233,7 @@ def _tests_counted(rows: list[dict[str, Any]]) -> str:
 
 
 def inside(row: Summary) -> str:
-    """Share of the measured values in the predictive band, and of how many, where it is stated."""
+    """Return the text on a test's coverage by the predictive band, with the number of values."""
     if row.get("coverage") is None:
         return notes.WITHHELD if row.get("withheld") else ""
     count = row.get("num_values")
@@ -239,16 +241,16 @@ def inside(row: Summary) -> str:
 
 
 def level_of(row: Summary) -> str:
-    """Return a test's level with its unit."""
+    """Return a test's level with its unit, as text."""
     if row.get("level") is None:
         return NOTHING
     return f"{row['level']:.4g} {unit_text(str(row.get('level_unit') or ''))}".strip()
 
 
 def _fitted(row: Summary) -> str:
-    """Return a note on partly fitted repeats, or on a test's distance beyond the fitted tests.
+    """Return a note on a test: partly fitted repeats, or its distance beyond the fitted tests.
 
-    Of a kind of test the parameters that only its tests identify.
+    For a kind of test it names the parameters that only tests of this kind identify.
     """
     if needed := row.get("rests_on"):
         return notes.rests_on(needed)
@@ -263,7 +265,7 @@ def _fitted(row: Summary) -> str:
 
 
 def routes_table(summary: Summary, quantities: Names) -> Table:
-    """Return the paper's cut beside the joint posterior, a row a parameter."""
+    """Return a table that compares the paper's route with the joint posterior, by parameter."""
     compared = (summary.get("comparison") or {}).get("parameters") or {}
     facts = [(route, key) for route in ("cut", "joint") for key in ("mean", "sd")]
     rows = [
@@ -289,7 +291,7 @@ def routes_table(summary: Summary, quantities: Names) -> Table:
 
 
 def loops_table(tree: xr.DataTree) -> Table:
-    """Return the enclosed areas, a row a test and kind of force."""
+    """Return the table of enclosed loop areas, one row per test and kind of force."""
     rows = []
     parent = node(tree, "validation/loops")
     for name, test in parent.children.items() if parent is not None else ():
@@ -347,7 +349,7 @@ def joints_table(tree: xr.DataTree) -> Table:
 
 
 def _share(ends: np.ndarray) -> str:
-    """Return the median and 99 % interval of a share."""
+    """Return the median and 99 % interval of a share, as text."""
     if not np.all(np.isfinite(ends)):
         return NOTHING
     low, middle, high = (f"{100 * end:.3g}" for end in ends)

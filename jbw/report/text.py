@@ -1,4 +1,4 @@
-"""Numbers, units and names in the form that people read."""
+"""Numbers, units and names as readable text."""
 
 import math
 import re
@@ -19,7 +19,7 @@ PREFIXES = ((1.0, "m"), (1e3, "mm"), (1e6, "µm"), (1e9, "nm"))
 
 
 def quantity(name: str, names: Names | None = None) -> Quantity:
-    """Return what is known of a quantity: from a run's own names, else from jbw's tables."""
+    """Return symbol, unit and meaning of a quantity, from a run's own names or jbw's tables."""
     if names is not None and name in names:
         return names[name]
     if name in BY_NAME:
@@ -29,7 +29,7 @@ def quantity(name: str, names: Names | None = None) -> Quantity:
         return noise._replace(
             name=name, symbol=name.replace("noise_std_", f"{noise.symbol}, ", 1), unit=""
         )
-    # The tables of all laws of the joint load JAX: wanted only where a run did not say.
+    # The tables of all laws load JAX, and are needed only where a run does not state the quantity.
     from jbw.oscillator.laws import vocabulary
 
     return vocabulary().get(name) or Quantity(name, name, "", "")
@@ -43,7 +43,7 @@ def symbol(name: str, names: Names | None = None) -> str:
 
 
 def step_name(name: str) -> str:
-    """Return what a step and its sampler are called."""
+    """Return the displayed name of a step and its sampler."""
     return opening.STEPS.get(name, name)
 
 
@@ -52,7 +52,8 @@ def unit_text(unit: str) -> str:
     if unit == "1":
         return ""
     unit = in_dialect(unit)
-    if unit.startswith("1/"):  # beside a number, a fraction of one would be read as its own
+    # After a number, the 1 of such a fraction would be read as part of it.
+    if unit.startswith("1/"):
         powers = re.findall(r"([A-Za-z]+)(?:\^(\d+))?", unit)
         unit = " ".join(f"{name}^-{power or 1}" for name, power in powers)
     return raised(unit)
@@ -64,7 +65,7 @@ def raised(text: str) -> str:
 
 
 def typed(text: str) -> str:
-    """Return a printed number as one types it: 3.2×10⁻⁶ as 3.2e-06, −1 as -1."""
+    """Return a printed number in typed form: 3.2×10⁻⁶ as 3.2e-06, −1 as -1."""
     text = re.sub(
         r"×10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", lambda match: f"e{int(match[1].translate(_LEVEL)):+03d}", text
     )
@@ -77,7 +78,7 @@ def axis_label(what: str, unit: str) -> str:
 
 
 def about(level: float | None) -> float:
-    """Return a level to two digits: repeats of one level have the same."""
+    """Return a level rounded to two digits, so that repeats of one level agree."""
     return float(f"{level or 0.0:.2g}")
 
 
@@ -98,7 +99,7 @@ def number(value: Any, sd: Any = None, digits: int = 3) -> str:
 
 
 def interval(low: float, middle: float, high: float, sd: float = 0.2) -> str:
-    """Return a value and its interval as one types them, to two digits of so many of its widths."""
+    """Return a value and its interval as typed text, with digits from the interval's width."""
     ends = [typed(number(x, sd * (high - low))) for x in (middle, low, high)]
     return f"{ends[0]} [{ends[1]}, {ends[2]}]"
 
@@ -112,7 +113,10 @@ def spread_text(draws: Any, unit: str) -> str:
 
 
 class ShownAs(NamedTuple):
-    """How a page shows a parameter: times `factor`, in `unit`, its symbol with `suffix`."""
+    """The displayed form of a parameter: factor, unit and suffix of its symbol.
+
+    Values are multiplied by `factor`, and the symbol gets the `suffix`.
+    """
 
     factor: float
     unit: str
@@ -120,7 +124,10 @@ class ShownAs(NamedTuple):
 
 
 def shown_as(name: str, unit: str) -> ShownAs:
-    """Return display factor and unit: ωₙ [rad/s] as ωₙ/2π in Hz, and damping ratios in per cent."""
+    """Return the displayed form of a parameter, such as Hz for rad/s and per cent for ratios.
+
+    ωₙ [rad/s] is shown as ωₙ/2π in Hz, and damping ratios in per cent.
+    """
     if in_dialect(unit) == "rad/s":
         return ShownAs(1.0 / (2.0 * math.pi), "Hz", "/2π")
     is_ratio = unit in ("", "1") and re.match(r"zeta(_|\[|$)", name) is not None
@@ -128,18 +135,18 @@ def shown_as(name: str, unit: str) -> ShownAs:
 
 
 def length_unit(largest: float) -> tuple[float, str]:
-    """Return factor and unit that write a length [m] with digits before the point."""
+    """Return the factor and the unit in which a length [m] exceeds one."""
     return next((prefix for prefix in PREFIXES if largest * prefix[0] >= 1.0), PREFIXES[-1])
 
 
 def percent(value: Any, digits: int = 3) -> str:
-    """Return a ratio in percent."""
+    """Return a ratio in percent as text."""
     ratio = _float(value)
     return NOTHING if ratio is None else f"{number(100.0 * ratio, digits=digits)} %"
 
 
 def seconds(value: Any) -> str:
-    """Return a wall time in seconds, or in minutes and seconds."""
+    """Return a duration in seconds, or in minutes and seconds, as text."""
     time = _float(value)
     if time is None:
         return NOTHING
@@ -148,7 +155,7 @@ def seconds(value: Any) -> str:
 
 
 def _float(value: Any) -> float | None:
-    """Return a finite or infinite number, None for what is missing or undefined."""
+    """Return a finite or infinite number; None for a missing or undefined value."""
     if value is None or isinstance(value, str):
         return None
     as_float = float(value)

@@ -1,4 +1,4 @@
-"""The sentences that a person reads first: verdicts, findings and known parameters."""
+"""The sentences that a user reads first: verdicts, findings and determined parameters."""
 
 import re
 import unicodedata
@@ -11,15 +11,15 @@ from jbw.report.messages import opening
 from jbw.report.text import NOTHING, Names, number, percent, quantity, raised, symbol
 
 KINDS = {"ok": "good", "failed": "bad"}
-# Names in sentences that are no parameter's.
+# Names in sentences that belong to no parameter.
 SPELLED = {
     **{f"lambda_{n}": f"λ{digit}" for n, digit in enumerate("₀₁₂₃")},
     **{"ess_bulk": "bulk ESS", "ess_tail": "tail ESS", "r_hat": "R-hat"},
 }
 UNCOUNTED = "noise_std"
-TRUNCATED = "at_bound"  # finding of a parameter whose interval ends at a bound
+TRUNCATED = "at_bound"  # finding on a parameter whose interval ends at a bound
 LINEAR_NAMES = frozenset(quantity.name for quantity in (*STUCK, *RESIDUAL_TERMS))
-# Laws that are called by people's names or by more than their own.
+# Laws whose displayed name is not their own name.
 LAWS = {"bouc_wen": "Bouc-Wen oscillator", "cubic": "cubic spring", "jenkins": "Jenkins array"}
 
 
@@ -31,22 +31,22 @@ class Badge(NamedTuple):
 
 
 def badge(verdict: Any) -> Badge:
-    """Return the badge of a verdict, a status or nothing."""
+    """Return the badge of a verdict, of a status, or of a missing one."""
     word = str(verdict.get("status", "") if isinstance(verdict, Mapping) else verdict or "")
     return Badge(word or "not judged", KINDS.get(word, "doubt"))
 
 
 def findings(verdict: Any, quantities: Names) -> list[dict[str, Any]]:
-    """Return a verdict's findings, the bad ones first; those that ask for the same together."""
+    """Return a verdict's findings, worst first; findings with the same remedy are grouped."""
     groups: dict[tuple[str, ...], dict[str, Any]] = {}
     for finding in verdict.get("findings", []) if isinstance(verdict, Mapping) else []:
         status, action = (str(finding.get(name) or "") for name in ("status", "action"))
         reason = str(finding.get("reason") or finding.get("code") or "")
         value = number(finding.get("number"))
-        # The reason gets its number where the sentence has none.
+        # The number of a finding is added to a reason that contains no number.
         if value != NOTHING and not any(letter.isdigit() for letter in reason):
             reason = f"{reason} ({value})"
-        # Without an action there is nothing to say once for all of them.
+        # Findings without a remedy are not grouped.
         key = (status, action) if action else (str(len(groups)),)
         group = groups.setdefault(
             key, {"badge": badge(status), "reasons": [], "action": in_symbols(action, quantities)}
@@ -60,13 +60,13 @@ def findings(verdict: Any, quantities: Names) -> list[dict[str, Any]]:
 def in_symbols(text: str, quantities: Names) -> str:
     """Return a sentence with parameters as symbols, products as dots and exponents raised.
 
-    What stands in backticks is to be typed, and stays as it is.
+    Text in backticks is meant to be typed and stays unchanged.
     """
     if "`" in text:
         parts = text.split("`")
         shown = [part if i % 2 else in_symbols(part, quantities) for i, part in enumerate(parts)]
         return "`".join(shown)
-    # A name means the quantity alone, as alpha does, or is a word too, as `share` and `cubic`.
+    # Some names always mean the quantity, as alpha; others are also words, as `share` and `cubic`.
     spelled = {
         name: quantity.symbol
         for name, quantity in quantities.items()
@@ -77,7 +77,7 @@ def in_symbols(text: str, quantities: Names) -> str:
     names = "|".join(map(re.escape, sorted(spelled, key=len, reverse=True)))
     letters = "".join({letter[-1] for letter in spelled.values() if not letter.isascii()})
     firsts = "".join({letter[0] for letter in spelled.values() if not letter[0].isascii()})
-    # Not within a path or a name in backticks; after a stroke only where a symbol stands before it.
+    # Paths and names in backticks are excluded; after a stroke only if a symbol precedes it.
     replaced = re.sub(rf"(?<![\w./`])({names})(?![\w`])", lambda match: spelled[match[1]], text)
     if letters:
         replaced = re.sub(
@@ -102,7 +102,7 @@ def combination(text: str, quantities: Names) -> str:
 
 
 def unseen_hysteresis(summary: Mapping[str, Any]) -> str | None:
-    """Return why a run shows no hysteresis; None where it does, or was not asked to."""
+    """Return the reason why a run shows no hysteresis, or None."""
     against = (summary.get("verdict") or {}).get("findings") or ()
     reasons = (row["reason"] for row in against
                if row["code"] == "no_hysteresis" and row["status"] != "ok")  # fmt: skip
@@ -112,8 +112,9 @@ def unseen_hysteresis(summary: Mapping[str, Any]) -> str | None:
 def grades(summary: Mapping[str, Any]) -> dict[str, int]:
     """Return the grade of each parameter of the main posterior, as index of `opening.GRADES`.
 
-    Where no hysteresis is seen, its parameters are poorly known at best, whatever their intervals,
-    and so is a parameter whose interval ends at a bound, with what only its products tell.
+    If no hysteresis is seen, its parameters have at best the grade "poorly", whatever their
+    intervals are. So does a parameter whose interval ends at a bound, and one determined only by a
+    product with it.
     """
     main = (summary.get("steps") or {}).get(summary.get("main")) or {}
     is_empty = unseen_hysteresis(summary) is not None
@@ -141,7 +142,7 @@ def identified_words(summary: Mapping[str, Any], quantities: Names) -> list[str]
         size = abs(summary["steps"][summary["main"]]["parameters"][name]["cv"])
         meaning = quantity(name, quantities).meaning.partition(",")[
             0
-        ]  # of a product without formula
+        ]  # The meaning of a product is shown without its formula.
         share = percent(size, digits=2).replace(" ", "\N{NO-BREAK SPACE}")
         facts_text = ", ".join(filter(None, (share, meaning)))
         groups.setdefault(grade, []).append(f"{symbol(name, quantities)} ({facts_text})")
@@ -149,13 +150,13 @@ def identified_words(summary: Mapping[str, Any], quantities: Names) -> list[str]
 
 
 def _law_words(law: str) -> str:
-    """Return the name of one law, a family without its number, with its joints."""
+    """Return the displayed name of one law, a family without its number, with its joints."""
     plain, joints = split(law)
     called = LAWS.get(plain) or LAWS.get(plain.rstrip("0123456789_")) or plain.replace("_", " ")
     return f"{called} at {', '.join(joints)}" if joints else called
 
 
 def law_words(laws: Sequence[str]) -> str:
-    """Return the combined name of a joint's laws; a structure without any is linear."""
+    """Return the combined displayed name of a joint's laws; without laws it is linear."""
     called = [_law_words(law) for law in laws]
     return " and ".join(called) or "a linear structure"

@@ -1,12 +1,12 @@
 """The paper's cantilever as a virtual test rig: `measure` a campaign, `write` it into files.
 
-`measure_fleet` takes it apart and tightens it again, at several torques. `lapped_beams`,
-`portal_frame` and `plate_chain` are matrices of structures with several joints.
+`measure_fleet` takes the joint apart and tightens it again, at several torques. `lapped_beams`,
+`portal_frame` and `plate_chain` return the matrices of structures with several joints.
 
-The rig shares no solver, no hold and no noise model with the identification: it integrates the
-analog force on a specimen (`integrator`), which a generator plays (`generator`) as planned
-(`presets`), or takes the joint alone through a displacement (`prescribed_motion`), and records
-what the sensors make of it (`record_test`, `conditions`).
+The rig shares no solver, no hold and no noise model with the identification. It integrates the
+response of a specimen to an analog force (`integrator`), which a generator plays (`generator`) as
+planned (`presets`), or moves the joint alone through a displacement (`prescribed_motion`), and
+records the output of the sensors (`record_test`, `conditions`).
 
 Examples:
     Two sweeps of the virtual cantilever are written as a laboratory would leave them:

@@ -1,6 +1,6 @@
-"""A day at the rig: every planned test is played, answered, sensed, recorded and written to files.
+"""A day at the rig: every planned test is played, sensed, recorded and written to files.
 
-A campaign is written as a laboratory would leave it: HDF5 files and a campaign file.
+A campaign is written in the form that a laboratory would deliver: HDF5 files and a campaign file.
 """
 
 import json
@@ -34,11 +34,12 @@ from jbw.rig.structure import first_mode_truth, law_of_mode, of_day
 
 @dataclass(frozen=True)
 class RigCampaign(Campaign):
-    """A campaign in memory, whose gain and modal mass the identification is to find."""
+    """A campaign in memory, whose gain and modal mass the identification has to find."""
 
-    # What produced the data; for judging an identification, never for making one.
+    # The true parameters behind the data, for judging an identification and never for making one.
     truth: Mapping[str, Any] = field(default_factory=dict)
-    # Test to what was demanded of the source in each repeat [V or N], where the source is recorded.
+    # For each test: the demanded signal of the source in each repeat [V or N], if the source is
+    # recorded.
     demands: Mapping[str, Sequence[NDArray[np.float64]]] = field(default_factory=dict, repr=False)
 
 
@@ -60,38 +61,40 @@ def measure(
     zeta_cv: float | None = None,
     fs: float = 1024.0,
 ) -> RigCampaign:
-    """Measure the virtual specimen; equal arguments give equal bits.
+    """Return a campaign measured on the virtual specimen; equal arguments give equal bits.
 
     Every test has its own streams of random numbers, so a subset of the tests, or fewer repeats,
-    gives the same records as the whole campaign. Repeat r of every test is taken on day r: with
-    `omega_n_cv` or `zeta_cv` the joint is assembled anew each day and is the same that day in all
-    tests, and each day's record becomes a test of its own, whose run is the day. The paper saw
+    gives the same records as the whole campaign. Repeat r of every test is taken on day r. With
+    `omega_n_cv` or `zeta_cv` the joint is reassembled each day and is the same that day in all
+    tests; each day's record then becomes a separate test, whose run is the day. The paper saw
     0.0018 for omega_n between assemblies.
 
     Args:
-        preset: "everyday", "laboratory", "paper", "mixed", "modes", "controlled" or a preset of
-            your own.
+        preset: "everyday", "laboratory", "paper", "mixed", "modes", "controlled" or your own
+            preset.
         seed: Seed of everything random.
-        joint: The specimen: a `BoucWen` with nu = 1, or an `Oscillator` such as `SLIDERS` of any
-            laws; the rig has a code of its own for each (`jbw.rig.law_forces`).
-        tests: Names of the tests to take, in the order of the preset; all when None.
-        repeats: Records of each test; as the preset plans when None.
+        joint: The specimen: a `BoucWen` with nu = 1, or an `Oscillator` such as `SLIDERS` with any
+            laws; the rig has separate code for each law (`jbw.rig.law_forces`).
+        tests: Names of the tests to measure, in the order of the preset; all when None.
+        repeats: Records of each test; the preset's number when None.
         noise_std: Laser noise over 0 .. fs/2 [m/s]; the preset's when None.
-        noise_ratio: Laser noise as a fraction of the rms velocity of each record, instead [-].
+        noise_ratio: Laser noise as a fraction of the rms velocity of each record, in place of
+            `noise_std` [-].
         input_noise_std: Noise of the source's channel [V or N]; the preset's when None.
-        force_noise_std: Noise of restoring forces, and of the force that holds a response [N].
+        force_noise_std: Noise of restoring forces, and of the force in response-controlled tests
+            [N].
         bits: Bits of the converters.
-        distortion_db: Third harmonic of the source in tones, steps, sweeps and the points of a
-            controller [dB]; at -60 dB it already rivals the joint's own.
+        distortion_db: Third harmonic of the source in tones, steps, sweeps and controlled points
+            [dB]; at -60 dB it is already as large as the joint's own.
         delay: Lag of the velocity channel, stated in the tests [s].
         omega_n_cv: Coefficient of variation of omega_n from day to day [-]; the preset's when None.
         zeta_cv: Coefficient of variation of zeta from day to day [-]; the preset's when None.
         fs: Sampling frequency [Hz].
 
     Raises:
-        ConfigError: For an unknown preset or test, or a number out of its range.
-        ModelError: In float32, for a law that the rig does not know, or when the joint's response
-            is not finite.
+        ConfigError: The preset or a test is unknown, or a number is out of its range.
+        ModelError: JAX works in float32, the rig does not know a law, or the response is not
+            finite.
     """
     rig = preset_named(preset)
     if noise_std is None and noise_ratio is None:
@@ -110,7 +113,8 @@ def measure(
     plans = [replace(p, repeats=repeats or p.repeats) for p in plans_named(rig, tests)]
     count = max(plan.repeats for plan in plans)
     days = specimen_of_days(specimen_of(joint), count, conditions)
-    # Two tests at once: FFT, compiled loop and random numbers all release the interpreter's lock.
+    # Two tests run at once: FFT, compiled loop and random numbers all release the interpreter's
+    # lock.
     with ThreadPoolExecutor(max_workers=2) as pool:
         by_plan = pool.map(lambda plan: record_test(plan, rig, days, conditions), plans)
         recorded = list(chain.from_iterable(by_plan))
@@ -132,7 +136,7 @@ def measure(
 
 
 def _truth_of(rig: Preset, joint: Joint) -> dict[str, Any]:
-    """Return the gain, and the parameters that an identification of the joint is to find."""
+    """Return the true gain and parameters that an identification of the joint should find."""
     parameters = {name: float(x) for name, x in as_oscillator(joint).parameters().items()}
     if rig.shapes is None:
         return {"gain": rig.gain, "joint": parameters}
@@ -146,14 +150,14 @@ def _truth_of(rig: Preset, joint: Joint) -> dict[str, Any]:
 def _settings(
     rig: Preset, plans: Sequence[Plan], conditions: Conditions, truth: Mapping[str, float]
 ) -> Identify:
-    """Choose held-out tests (the middle sweep level, half of many repeats) and the prior.
+    """Return settings with held-out tests (middle sweep level, half of many repeats) and the prior.
 
-    The prior has those bounds of the paper that contain the specimen's true value.
+    The prior contains those bounds of the paper that include the specimen's true value.
     """
     sweeps = [plan for plan in plans if kind_named(plan.kind).is_transient]
     fitted = [kind for kind in rig.fit if kind in {plan.kind for plan in plans}]
     settings: dict[str, Any] = {"fit": fitted} if fitted else {}
-    if len(sweeps) >= 3 and rig.shapes is None:  # with an armature, levels are in units of two
+    if len(sweeps) >= 3 and rig.shapes is None:  # with an armature, levels have two different units
         levels = [plan.excitation.level for plan in sweeps]
         settings["fit_levels"] = [min(levels), max(levels)]
     fewest = min((plan.repeats for plan in sweeps), default=0)
@@ -170,11 +174,11 @@ def _settings(
 def write(campaign: RigCampaign, folder: str | Path) -> Path:
     """Write the campaign's files; the campaign file is last and marks the folder complete.
 
-    A folder that an interrupted writing left behind is completed; equal campaigns give equal
-    files, byte for byte. The path of `campaign.toml` is returned.
+    A folder from an interrupted call is completed; equal campaigns give equal files, byte for byte.
+    The path of `campaign.toml` is returned.
 
     Raises:
-        RunError: When the folder holds a campaign or other data files, or cannot be written.
+        RunError: The folder contains a campaign or other data files, or cannot be written.
     """
     folder = Path(folder)
     target = folder / "campaign.toml"
@@ -185,11 +189,11 @@ def write(campaign: RigCampaign, folder: str | Path) -> Path:
             demands = campaign.demands.get(test.name, (None,) * len(test.records))
             for record, demand in zip(test.records, demands, strict=True):
                 filed = record
-                if demand is not None:  # beside what was measured of the source
+                if demand is not None:  # the demand is written in addition to the measured source
                     channels = {"demand": demand, **record.channels}
                     units = {"demand": record.units[record.source], **record.units}
                     filed = replace(record, channels=channels, units=units)
-                # float32 holds the 24 bits of the converters exactly; a curve has no converter.
+                # float32 represents the converters' 24 bits exactly; a curve has no converter.
                 dtype = np.float64 if np.isnan(record.fs) else np.float32
                 write_hdf5(folder / f"{record.name}.h5", filed, dtype=dtype)
         _write_text(folder / "truth.json", json.dumps(campaign.truth, indent=2) + "\n")
@@ -243,7 +247,7 @@ def _campaign_text(campaign: RigCampaign) -> str:
 
 
 def _table(head: str, table: Mapping[str, Any]) -> str:
-    """Return a table, keys that say nothing left out."""
+    """Return the text of a TOML table without keys whose value is None."""
     stated = [f"{key} = {toml(value)}" for key, value in table.items() if value is not None]
     return "\n".join([head, *stated]) + "\n"
 

@@ -27,32 +27,32 @@ from jbw.assembly.reduce import ReducedModel, reduce
 
 
 class BeamSection(NamedTuple):
-    """A rectangular section: bending is about the width."""
+    """A rectangular section of a beam; the bending axis is parallel to the width."""
 
     width: float  # [m]
     thickness: float  # [m]
-    modulus: float = 70e9  # of aluminium [N/m^2]
+    modulus: float = 70e9  # Young's modulus of aluminium [N/m^2]
     density: float = 2700.0  # [kg/m^3]
 
     @property
     def bending(self) -> float:
-        """EI [N m^2]."""
+        """The bending stiffness EI [N m^2]."""
         return self.modulus * self.width * self.thickness**3 / 12
 
     @property
     def axial(self) -> float:
-        """EA [N]."""
+        """The axial stiffness EA [N]."""
         return self.modulus * self.width * self.thickness
 
     @property
     def mass(self) -> float:
-        """Mass per length [kg/m]."""
+        """The mass per length [kg/m]."""
         return self.density * self.width * self.thickness
 
 
 @dataclass(frozen=True)
 class JointedModel:
-    """Matrices with joints, an input and outputs: all that a reduction needs."""
+    """Matrices with joints, an input and outputs: everything that a reduction needs."""
 
     model: MatrixModel
     joints: tuple[Joint, ...]
@@ -67,7 +67,7 @@ class JointedModel:
         return reduce(self.model, self.joints, outputs=self.outputs, **(stated | options))
 
     def with_laws(self, *laws: Any) -> Self:
-        """Return the same with a law, or a tuple of laws, for each joint in turn."""
+        """Return the model with a law, or a tuple of laws, for each joint in order."""
         joints = tuple(
             Joint(joint.name, joint.weights, stiffness=joint.stiffness, laws=law)
             for joint, law in zip(self.joints, laws, strict=True)
@@ -77,8 +77,8 @@ class JointedModel:
 
 BAR = BeamSection(0.03, 0.005)
 PLATE = BeamSection(0.2, 0.008)
-BOLT = 1.5e7  # stiffness of a lap in shear slip, in full stick [N/m]
-CLAMPING = 5e7  # of two beams against each other at a bolt [N/m]
+BOLT = 1.5e7  # stiffness of a fully stuck lap in shear [N/m]
+CLAMPING = 5e7  # normal stiffness between two beams at a bolt [N/m]
 
 
 def lapped_beams(
@@ -88,18 +88,18 @@ def lapped_beams(
     second: Sequence[float] = (0.04, 0.08, 0.08, 0.08),
     stiffness: Sequence[float] = (BOLT, BOLT),
 ) -> JointedModel:
-    r"""Return two lapped beams with two bolts, the first one cantilevered.
+    r"""Return two lapped beams with two bolts, the first beam cantilevered.
 
-    The last element of the first beam and the first element of the second one lie upon each other
-    between the bolts, where stiff springs tie their deflections. Joint j is the slip of the faces
-    there, $x_j = \tfrac t2(\theta_A + \theta_B)$. Nodes 1, 2, ... are those of the first beam after
-    its root, 101, 102, ... those of the second; node 1 is driven, the last node is the tip.
+    The last element of the first beam and the first element of the second beam overlap between the
+    bolts, where stiff springs tie their deflections. Joint j is the slip of the faces there, $x_j =
+    \tfrac t2(\theta_A + \theta_B)$. Nodes 1, 2, ... belong to the first beam after its root, nodes
+    101, 102, ... to the second beam; node 1 is driven, the last node is the tip.
 
     Args:
-        section: Of both beams.
+        section: Section of both beams.
         first: Lengths of the first beam's elements from its root [m].
         second: Lengths of the second beam's elements from the first bolt [m].
-        stiffness: Of the two joints in full stick [N/m].
+        stiffness: Stiffness of the two fully stuck joints [N/m].
     """
     nodes_a = [0, *range(1, len(first) + 1)]
     base = _numbers_from(len(first)) + 1
@@ -131,18 +131,18 @@ def portal_frame(
     stiffness: tuple[float, float] = (400.0, 400.0),
     elements: int = 4,
 ) -> JointedModel:
-    r"""Build a portal frame whose beam has hysteretic rotational joints to both columns.
+    r"""Return a portal frame whose beam has hysteretic rotational joints to both columns.
 
     The columns are clamped. Deflections are continuous at the corners, and joint j is the rotation
-    of the beam less that of the column there, $x_j = \theta_{beam} - \theta_{column}$ [rad]. With
-    equal heights the joints are mirror images, which no single mode tells apart.
+    of the beam minus that of the column there, $x_j = \theta_{beam} - \theta_{column}$ [rad]. With
+    equal heights the joints are mirror images, which no single mode can separate.
 
     Args:
-        section: Of columns and beam.
-        heights: Of the two columns [m].
-        span: Of the beam [m].
-        stiffness: Of the two joints in full stick [N m/rad].
-        elements: Of every member.
+        section: Section of columns and beam.
+        heights: Heights of the two columns [m].
+        span: Length of the beam [m].
+        stiffness: Stiffness of the two fully stuck joints [N m/rad].
+        elements: Number of elements of every member.
     """
     mesh = _Mesh()
     base = _numbers_from(elements)
@@ -185,19 +185,19 @@ def plate_chain(
     elements: int = 3,
     clamped: bool = True,
 ) -> JointedModel:
-    r"""Return a chain of plates in cylindrical bending, with a joint between each and the next.
+    r"""Return a chain of plates in cylindrical bending, with a joint between neighbouring plates.
 
-    Deflections are continuous, and joint j is the relative rotation of two plates,
-    $x_j = \theta_{j+1} - \theta_j$ [rad]. Plate j has the nodes 100 j + 0 ... `elements`
-    (1000 j from 100 elements on).
+    Deflections are continuous, and joint j is the relative rotation of two plates, $x_j =
+    \theta_{j+1} - \theta_j$ [rad]. Plate j has the nodes 100 j + 0 ... `elements` (1000 j for 100
+    elements or more).
 
     Args:
-        section: Of all plates.
-        lengths: Of the plates [m].
-        stiffness: Of the joints in full stick [N m/rad].
-        elements: Of every plate.
-        clamped: The first plate is clamped at its end; the chain is free otherwise, with two
-            rigid-body modes.
+        section: Section of all plates.
+        lengths: Lengths of the plates [m].
+        stiffness: Stiffness of the fully stuck joints [N m/rad].
+        elements: Number of elements of every plate.
+        clamped: Whether the first plate is clamped at its end; a free chain has two rigid-body
+            modes.
     """
     mesh = _Mesh()
     names, at, start = [], {}, 0.0
@@ -206,7 +206,7 @@ def plate_chain(
         nodes: list[Any] = [base * j + i for i in range(elements + 1)]
         deflections = nodes.copy()
         if j > 1:
-            deflections[0] = base * (j - 1) + elements  # shared with the plate before
+            deflections[0] = base * (j - 1) + elements  # shared with the previous plate
         mesh.add_beam(nodes, [length / elements] * elements, section, deflections)
         names.append((nodes[0], nodes[-1]))
         at |= {n: (start + length * i / elements, 0.0, 0.0) for i, n in enumerate(nodes)}
@@ -222,12 +222,12 @@ def plate_chain(
 
 
 def _numbers_from(elements: int) -> int:
-    """Return the first number of a member's nodes, 100 or as many digits as its elements need."""
+    """Return the first node number of a member: 100, or a larger power of ten for many elements."""
     return 10 ** max(2, len(str(elements)))
 
 
 class _Mesh:
-    """Elements that are assembled into matrices over nodes and directions."""
+    """A mesh of elements that is assembled into matrices over nodes and directions."""
 
     def __init__(self) -> None:
         self._rows: dict[tuple[Any, str], int] = {}
@@ -241,7 +241,7 @@ class _Mesh:
         section: BeamSection,
         deflections: Sequence[Any] | None = None,
     ) -> None:
-        """Add a straight beam; its deflections may be shared with those of other nodes."""
+        """Add a straight beam; its deflections may be shared with other nodes."""
         shared = nodes if deflections is None else deflections
         for i, length in enumerate(lengths):
             rows = self._numbers(
@@ -258,7 +258,7 @@ class _Mesh:
         section: BeamSection,
         rotations: Mapping[int, str] | None = None,
     ) -> None:
-        """Add a plane frame element, whose ends may turn by other rotations than its nodes."""
+        """Add a plane frame element, whose ends may use other rotations than those of its nodes."""
         along = np.subtract(at[second], at[first])
         length = float(np.hypot(*along))
         cosine, sine = along / length

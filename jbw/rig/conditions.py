@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from jbw.errors import ConfigError
 from jbw.rig.integrator import Specimen
 
-DAYS = 0xDA75  # stream of the joint's day-to-day variation; tests use the checksum of their names
+# Random stream of the joint's day-to-day variation; tests use the checksum of their names.
+DAYS = 0xDA75
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Conditions:
 
     @property
     def distortion(self) -> float:
-        """Third harmonic of the source relative to its fundamental [-]."""
+        """The third harmonic of the source relative to its fundamental [-]."""
         return 0.0 if self.distortion_db is None else 10.0 ** (self.distortion_db / 20.0)
 
     @property
@@ -61,7 +62,7 @@ def _scatter(cv: float, e: float) -> float:
 
 
 def check(conditions: Conditions) -> None:
-    """Raise an error, with the argument's name, for numbers out of range."""
+    """Raise a ConfigError that names the argument if a number is out of range."""
     if not 2 <= conditions.bits <= 24:
         raise ConfigError(f"Argument `bits` must be 2 to 24, but is {conditions.bits}.")
     if not conditions.fs > 0.0:
@@ -86,7 +87,7 @@ def digitise(
     channel: str = "channel",
 ) -> NDArray[np.float64]:
     """Add noise and round to q round((x_n + sigma e_n) / q), with steps q = 2^(1 - b) x_full."""
-    # With `full_scale` a power of two the values of up to 24 bits are exact in float32.
+    # If `full_scale` is a power of two, values of up to 24 bits are exact in float32.
     noisy = analog + noise_std * rng.standard_normal(analog.size)
     step = full_scale * 2.0 ** (1 - bits)
     digital = np.rint(noisy / step) * step

@@ -1,8 +1,8 @@
-"""The forces of joints as the rig knows them: by their rates and their sliders, small step by step.
+"""The forces of joints in the rig, integrated in small steps from rates and sliders.
 
-Nothing here is shared with the laws of the identification. A force is one class: the stiffness at
-rest, what is kept of the past, the rate of what is integrated, what a small step leaves of it in
-the end, and the force. `jbw.rig.law_forces` says which stand for a law.
+Nothing here is shared with the laws of the identification. Each force is one class with its
+stiffness at rest, its internal state, the rate of that state, the correction of the state after a
+small step, and the force. `jbw.rig.law_forces` relates forces to laws.
 """
 
 from abc import abstractmethod
@@ -12,10 +12,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-MILLIMETRE = 1e-3  # at which a power is stated [m]
+MILLIMETRE = 1e-3  # displacement at which a power law is stated [m]
 
 Scalar = Float[Array, ""] | float
-Kept = Any  # of the past: a number or an array, integrated
+Kept = Any  # internal state: a number or an array that is integrated
 
 
 class Force(eqx.Module):
@@ -31,20 +31,20 @@ class Force(eqx.Module):
         return ()
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
-        """Return the rate of what is kept."""
+        """Return the rate of the internal state."""
         return ()
 
     def settle(self, before: Kept, dy: Scalar, after: Kept) -> Kept:
-        """Correct the integrated internal state after a small step by dy."""
+        """Correct a force's integrated internal state after a small step dy of displacement."""
         return after
 
     @abstractmethod
     def exerted(self, y: Scalar, v: Scalar, z: Kept) -> Scalar:
-        """Return the force [N/kg]."""
+        """Return the force per unit modal mass [N/kg]."""
 
 
 class BoucWenForce(Force):
-    """Eq. (2) at nu = 1: its force Z [N/kg] is integrated in time."""
+    """The Bouc-Wen force of Eq. (2) at nu = 1, whose force Z [N/kg] is integrated in time."""
 
     alpha: Scalar
     delta: Scalar
@@ -56,7 +56,7 @@ class BoucWenForce(Force):
         return self.alpha
 
     def at_rest(self) -> Kept:
-        """Return zero force."""
+        """Return zero force as the initial state."""
         return 0.0
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
@@ -64,12 +64,12 @@ class BoucWenForce(Force):
         return self.alpha * v - self.gamma * abs(v) * z - self.delta * v * abs(z)
 
     def exerted(self, y: Scalar, v: Scalar, z: Kept) -> Scalar:
-        """Return the hysteretic force Z."""
+        """Return the hysteretic force Z [N/kg]."""
         return z
 
 
 class BoucWenNuForce(Force):
-    """Eq. (2) with nu free: the stretch w = Z / alpha [m] is integrated in time."""
+    """The Bouc-Wen force of Eq. (2) with any nu, whose stretch w = Z / alpha [m] is integrated."""
 
     nu_stiffness: Scalar
     nu_softening: Scalar
@@ -82,11 +82,11 @@ class BoucWenNuForce(Force):
         return self.nu_stiffness
 
     def at_rest(self) -> Kept:
-        """Return zero stretch."""
+        """Return zero stretch as the initial state."""
         return 0.0
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
-        """Return the rate of w [m/s]."""
+        """Return the rate of the stretch w [m/s]."""
         size = (abs(z) / MILLIMETRE) ** self.nu
         return v - self.nu_softening * v * size - self.nu_opening * abs(v) * jnp.sign(z) * size
 
@@ -96,7 +96,7 @@ class BoucWenNuForce(Force):
 
 
 class WornForce(Force):
-    r"""Bouc-Wen's law with degradation and pinching: z [m] and energy over yield's are integrated.
+    r"""The Bouc-Wen force with degradation and pinching; w = z / z_y and an energy are integrated.
 
     $$h = 1 - \zeta_1 e^{-(w s - q w_u)^2/\zeta_2^2}, \qquad
       \dot w = \frac{h v}{\eta z_y} (1 - \nu |w|^n (\beta s\,\mathrm{sgn}(w) + 1 - \beta))$$
@@ -121,11 +121,11 @@ class WornForce(Force):
         return self.bwbn_stiffness
 
     def at_rest(self) -> Kept:
-        """Return zero stretch and zero damage."""
+        """Return zero stretch and zero damage as the initial state."""
         return jnp.zeros(2)
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
-        """Return the rates of w and of the energy [1/s]."""
+        """Return the rates of the stretch w and of the energy that determines damage [1/s]."""
         w, energy = z
         s, nu = jnp.sign(v), 1.0 + self.bwbn_delta_nu * energy
         zeta_1 = self.bwbn_zeta_s * (1.0 - jnp.exp(-self.bwbn_p * energy))
@@ -143,22 +143,22 @@ class WornForce(Force):
 
 
 class SliderForces(Force):
-    """Springs side by side, each slipping at a limit: where a step ends tells their forces."""
+    """The force of parallel springs, each slipping at a limit, from the end of each step."""
 
     springs: Float[Array, " slider"]  # [1/s^2]
     slips: Float[Array, " slider"]  # stretch at which each slips [m]
 
     @property
     def stiffness(self) -> Scalar:
-        """The stiffness of all sliders while they stick [1/s^2]."""
+        """The stiffness of all sliders while they are stuck [1/s^2]."""
         return jnp.sum(self.springs)
 
     def at_rest(self) -> Kept:
-        """Return zero force in every slider."""
+        """Return zero force in every slider as the initial state."""
         return 0.0 * self.springs
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
-        """Return zero rates, as `settle` computes the slider forces."""
+        """Return zero rates, because `settle` computes the slider forces."""
         return 0.0 * z
 
     def settle(self, before: Kept, dy: Scalar, after: Kept) -> Kept:
@@ -167,18 +167,18 @@ class SliderForces(Force):
         return jnp.clip(before + self.springs * dy, -limits, limits)
 
     def exerted(self, y: Scalar, v: Scalar, z: Kept) -> Scalar:
-        """Sum over the sliders."""
+        """Return the sum of the slider forces."""
         return jnp.sum(z)
 
 
 class LinearSpring(Force):
-    """Stiffness k beside that of the structure [1/s^2]."""
+    """The force of a linear spring in parallel to the structure, of stiffness k [1/s^2]."""
 
     k: Scalar
 
     @property
     def stiffness(self) -> Scalar:
-        """K."""
+        """The stiffness k [1/s^2]."""
         return self.k
 
     def exerted(self, y: Scalar, v: Scalar, z: Kept) -> Scalar:
@@ -187,7 +187,7 @@ class LinearSpring(Force):
 
 
 class PowerSpring(Force):
-    """Force c |y|^n sgn y of a power above one."""
+    """The force c |y|^n sgn y of a spring with a power above one."""
 
     c: Scalar
     n: int = eqx.field(static=True)
@@ -198,7 +198,7 @@ class PowerSpring(Force):
 
 
 class EvenSpring(Force):
-    """Force c y^2, the same on both sides."""
+    """The force c y^2, which has the same sign on both sides."""
 
     c: Scalar
 
@@ -208,7 +208,7 @@ class EvenSpring(Force):
 
 
 class Drag(Force):
-    """Force c |v|^n sgn v of a power above one."""
+    """The drag force c |v|^n sgn v with a power above one."""
 
     c: Scalar
     n: int = eqx.field(static=True)
@@ -219,7 +219,7 @@ class Drag(Force):
 
 
 class StopForce(Force):
-    """Spring that is met on both sides, at a displacement `gap` [m]."""
+    """The force of springs that are met on both sides, at a displacement `gap` [m]."""
 
     k: Scalar
     gap: Scalar
@@ -230,7 +230,7 @@ class StopForce(Force):
 
 
 class GapForce(Force):
-    """Eq. (2) at nu = 1 behind a gap: keeps the force Z and the place s in the gap, no rates."""
+    """The force of Eq. (2) at nu = 1 behind a gap; its state is the force Z and the place s."""
 
     gap_stiffness: Scalar
     gap_softening: Scalar
@@ -238,11 +238,11 @@ class GapForce(Force):
     gap: Scalar
 
     def at_rest(self) -> Kept:
-        """Return the state in the middle of the gap, with zero force."""
+        """Return the initial state: in the middle of the gap, with zero force."""
         return 0.0, 0.0
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
-        """Return zero rates, as `settle` computes the state."""
+        """Return zero rates, because `settle` computes the state."""
         return 0.0 * z[0], 0.0 * z[1]
 
     def settle(self, before: Kept, dy: Scalar, after: Kept) -> Kept:

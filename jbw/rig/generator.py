@@ -1,4 +1,4 @@
-"""The signal generator: excitations as analog voltages, functions of a continuous time.
+"""The signal generator: excitations as analog voltages, as functions of continuous time.
 
 Time runs from the moment the generator is switched on; before it the voltage is zero. A record
 starts `settle` seconds later and lasts `duration` seconds.
@@ -18,7 +18,7 @@ Samples = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Tone:
-    """A cosine, A cos(2 pi f t)."""
+    """A cosine excitation, A cos(2 pi f t)."""
 
     frequency_hz: float  # frequency f [Hz]
     level: float  # peak voltage A [V]
@@ -39,7 +39,7 @@ class Sweep:
     level: float  # peak voltage A [V]
     burst: float  # length of the sweep [s]
     fade: float  # length of the fade, the last part of the burst [s]
-    duration: float  # length of the record, burst and free decay [s]
+    duration: float  # length of the record, which contains burst and free decay [s]
     settle: float = 0.0  # time before the record starts [s]; zero to record from rest
 
     def volts(self, t: Samples, distortion: float) -> Samples:
@@ -56,16 +56,16 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Steps:
-    """A stepped sine, A cos(2 pi f (t - t_step)) in turn, continuous by whole periods."""
+    """A stepped sine, A cos(2 pi f (t - t_step)), with frequencies in sequence of whole periods."""
 
-    frequencies_hz: tuple[float, ...]  # frequencies in turn [Hz]
+    frequencies_hz: tuple[float, ...]  # frequencies in sequence [Hz]
     level: float  # peak voltage A [V]
     dwell: float  # time on each frequency [s]
     settle: float = 0.0  # time before the record starts [s]; zero to record from rest
 
     @property
     def duration(self) -> float:
-        """Length of the record [s]."""
+        """The length of the record [s]."""
         return self.dwell * len(self.frequencies_hz)
 
     def volts(self, t: Samples, distortion: float) -> Samples:
@@ -78,7 +78,7 @@ class Steps:
 
 @dataclass(frozen=True)
 class Noise:
-    """White noise to the Nyquist frequency: equal lines of random phase, periodic in no window."""
+    """White noise up to the Nyquist frequency: equal lines of random phase, without repetition."""
 
     level: float  # rms voltage [V]
     duration: float  # length of the record [s]
@@ -87,23 +87,23 @@ class Noise:
 
 @dataclass(frozen=True)
 class Multisine:
-    """Harmonics of one period in a band, of equal amplitude and random phase, over and over."""
+    """A repeated multisine: harmonics of one period in a band, of equal amplitude, random phase."""
 
     level: float  # rms voltage [V]
-    period: float  # period, a whole number of samples [s]
+    period: float  # period, which is a whole number of samples [s]
     low_hz: float  # lowest frequency [Hz]
-    high_hz: float  # where the band ends, at most half the sampling frequency [Hz]
-    periods: int  # periods in the record
+    high_hz: float  # end of the band, at most half the sampling frequency [Hz]
+    periods: int  # number of periods in the record
     settle: float  # time before the record starts [s]
 
     @property
     def duration(self) -> float:
-        """Length of the record [s]."""
+        """The length of the record [s]."""
         return self.period * self.periods
 
     @property
     def lines(self) -> NDArray[np.int64]:
-        """Orders of the harmonics in the band."""
+        """The orders of the harmonics in the band."""
         first, behind = (math.ceil(f * self.period) for f in (self.low_hz, self.high_hz))
         return np.arange(first, behind, dtype=np.int64)
 
@@ -122,7 +122,7 @@ def analog(
     lag: float = 0.0,
     distortion: float = 0.0,
 ) -> Voltage:
-    """Sample the excitation at t_i = i / rate - lag; distortion is order 3 relative to level."""
+    """Return the excitation at t_i = i / rate - lag; distortion is order 3 relative to level."""
     if isinstance(excitation, Noise | Multisine):
         period = _period(excitation, phases, round(rate / fs), fs, lag * fs)
         return lambda i, j: period.take(np.arange(i, j), mode="wrap")
@@ -137,7 +137,7 @@ def analog(
 
 
 def draw_phases(excitation: Excitation, rng: np.random.Generator, fs: float) -> Samples:
-    """Return the phases of the lines of noise and multisine, uniform [rad]; none for the others."""
+    """Return random phases of the lines of noise or multisine [rad]; empty for other signals."""
     if isinstance(excitation, Multisine):
         return rng.uniform(0.0, 2.0 * np.pi, excitation.lines.size)
     if not isinstance(excitation, Noise):
@@ -150,7 +150,7 @@ def draw_phases(excitation: Excitation, rng: np.random.Generator, fs: float) -> 
 def _period(
     excitation: Noise | Multisine, phases: Samples, factor: int, fs: float, lag_samples: float
 ) -> Samples:
-    """Return one period of the lines at `factor` points a sample, by exact zero padding."""
+    """Return one period of the lines at `factor` points per sample, by exact zero padding."""
     lines, num_points = np.arange(1, phases.size + 1), 2 * (phases.size + 1)
     if isinstance(excitation, Multisine):
         lines, num_points = excitation.lines, round(excitation.period * fs)

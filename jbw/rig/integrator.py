@@ -1,12 +1,12 @@
-"""The specimen, its joint by laws of the rig's own, answers an analog force.
+"""The specimen: an oscillator with a joint, whose response to an analog force is integrated.
 
 Nothing here is shared with the solvers of the identification: the rig takes the numbers of a joint
 and has its own code for each law (`jbw.rig.law_forces`).
 
-It is integrated far finer than it is sampled: classical Runge-Kutta steps, sixteen to a sample,
-under the force as it is between the samples, not under any hold of the samples. With the paper's
-joint the velocity of a sweep is right to 2e-7 of its rms, at most 0.02 um/s in the laboratory's:
-300 times below what 48 averaged repeats of a laser with 50 um/s can resolve.
+The time step is much finer than the sampling: sixteen classical Runge-Kutta steps per sample, under
+the true force between the samples and not under a hold of the samples. With the paper's joint the
+velocity of a sweep is accurate to 2e-7 of its rms, at most 0.02 um/s in the laboratory's: 300 times
+below the resolution of 48 averaged repeats of a laser with 50 um/s.
 """
 
 from collections.abc import Callable
@@ -25,12 +25,12 @@ from jbw.oscillator.oscillator import Joint
 from jbw.rig.forces import Force, Scalar
 from jbw.rig.law_forces import forces_of
 
-SUBSTEPS = 16  # Runge-Kutta steps in a sample
-GRID = 2 * SUBSTEPS  # values of the force in a sample: at the ends and in the middle of each step
-# Samples in one compiled call: bounds the memory of the force, keeps one compilation for all.
+SUBSTEPS = 16  # Runge-Kutta steps per sample
+GRID = 2 * SUBSTEPS  # force values per sample: at the ends and in the middle of each step
+# Samples per compiled call: limits the memory of the force and needs only one compilation.
 BLOCK = 16_384
 
-Parts = tuple[Any, ...]  # of the joint's memory: what each of the rig's forces keeps of the past
+Parts = tuple[Any, ...]  # internal states of the rig's forces, which form the joint's memory
 State = Any  # a tuple (y, ..., v, parts)
 Seen = tuple[Array, ...]
 
@@ -40,19 +40,19 @@ class Specimen(NamedTuple):
 
     omega_n: Scalar  # natural frequency at small amplitude [rad/s]
     zeta: Scalar  # viscous damping ratio [-]
-    forces: tuple[Force, ...]  # what the joint exerts
+    forces: tuple[Force, ...]  # forces of the joint
 
     @property
     def k(self) -> Scalar:
-        """Stiffness beside the joint [1/s^2]."""
+        """The stiffness in parallel to the joint [1/s^2]."""
         return self.omega_n**2 - sum(force.stiffness for force in self.forces)
 
     def at_rest(self) -> Parts:
-        """Return the memory before any motion."""
+        """Return the internal states of the forces before any motion."""
         return tuple(force.at_rest() for force in self.forces)
 
     def joint_force(self, y: Scalar, v: Scalar, parts: Parts) -> Array:
-        """Return the force of the joint beside the spring k [N/kg]."""
+        """Return the force of the joint without the spring k [N/kg]."""
         pairs = zip(self.forces, parts, strict=True)
         return jnp.asarray(sum((force.exerted(y, v, z) for force, z in pairs), 0.0))
 
@@ -67,14 +67,14 @@ class Specimen(NamedTuple):
         return v, a - self.joint_force(y, v, parts), self.rates(v, parts)
 
     def settle(self, before: State, after: State) -> State:
-        """State (y, ..., parts) after a small step, from that before it."""
+        """Return the corrected state (y, ..., parts) after a small step, from the one before it."""
         dy = after[0] - before[0]
         pairs = zip(self.forces, before[-1], after[-1], strict=True)
         return (*after[:-1], tuple(force.settle(was, dy, now) for force, was, now in pairs))
 
 
 def specimen_of(joint: Joint | Specimen) -> Specimen:
-    """Return the rig's own record of a joint, its numbers in double precision."""
+    """Return the rig's specimen of a joint, with numbers in double precision."""
     if isinstance(joint, Specimen):
         return joint
     require_double()
@@ -82,7 +82,7 @@ def specimen_of(joint: Joint | Specimen) -> Specimen:
 
 
 def require_double() -> None:
-    """Refuse to simulate in float32."""
+    """Raise a ModelError if JAX works in float32."""
     if not jax.config.jax_enable_x64:
         raise ModelError(
             "The rig must be simulated in float64, but JAX works in float32.",
@@ -103,7 +103,7 @@ def runge_kutta(
     h: Scalar,
 ) -> State:
     """Take one classical Runge-Kutta step of h seconds; inputs at its start, middle and end."""
-    # `settle` puts right what is not integrated of a state after a small step from `now`.
+    # `settle` corrects the part of a state that is not integrated, after a small step from `now`.
 
     def moved(length: Scalar, slope: State) -> State:
         return settle(now, jax.tree.map(lambda x, s: x + length * s, now, slope))
@@ -125,7 +125,8 @@ def respond(
     fs: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return displacement [m], velocity [m/s], joint force without spring k [N/kg], from rest."""
-    # `force(i, j)` is the analog force per unit mass at points i .. j - 1, `GRID` a sample [N/kg].
+    # `force(i, j)` is the analog force per unit mass at points i .. j - 1, `GRID` per sample
+    # [N/kg].
     specimen = doubles(specimen_of(joint))
     start = doubles((0.0, 0.0, specimen.at_rest()))
     y, v, z = integrated(_motion_and_force, specimen, start, force, num_samples, fs)
@@ -155,7 +156,8 @@ def integrated(
 ) -> list[NDArray[np.float64]]:
     """Integrate a system from a state; return `seen` of state and source at each sample's start.
 
-    The system has `state_rate` and `settle`; `source(i, j)` are points i .. j - 1, `GRID` a sample.
+    The system has `state_rate` and `settle`; `source(i, j)` gives points i .. j - 1, `GRID` per
+    sample.
     """
     saved = []
     for first in range(0, num_samples, block):
@@ -173,7 +175,7 @@ def _advance(
     u: Float[Array, " grid"],
     h: float,
 ) -> tuple[State, Seen]:
-    """Run one block; return its final state and the outputs at the start of each sample."""
+    """Advance one block; return its final state and the outputs at the start of each sample."""
 
     def substep(i: Array, carry: tuple[Array, State]) -> tuple[Array, State]:
         start, now = carry

@@ -1,8 +1,9 @@
-"""The rig's own forces that stand for the laws of the identification: one line per law.
+"""The rig's own forces for the laws of the identification: one line per law.
 
-Laws of Masing's kind are sliders side by side, three hundred in bins that grow with the square of
-the slip's cube root, each of which has the integrals of its bin. With a density near the inverse
-of the slip they miss nearly the same force at every amplitude.
+Laws of Masing's kind are represented by three hundred parallel sliders. They are in bins whose
+width grows with the square of the cube root of the slip, and each slider has the integrals of the
+density over its bin. With a density near the inverse of the slip, the relative error of the force
+is nearly the same at every amplitude.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -29,15 +30,17 @@ from jbw.rig.forces import (
     WornForce,
 )
 
-BINS = 300  # of a continuous density of sliders; the last is a hundredth of the largest slip wide
-GRADING = 3  # edges are this power of even ones
-FARTHEST = 0.1  # slip of the last slider of a density that has none [m]
+# For a continuous density of sliders; the width of the last is a hundredth of the largest slip.
+BINS = 300
+GRADING = 3  # power of evenly spaced values that gives the edges of bins
+FARTHEST = 0.1  # slip of the last slider of a density without end [m]
 
 
 def jenkins(theta: Mapping[str, Scalar]) -> list[Force]:
-    """Build sliders from stiffness_1, slip_1 [m], stiffness_2, slip_ratio_2 (to slip_1) [-], ..."""
+    """Return sliders of stiffness_1, slip_1 [m], stiffness_2, slip_ratio_2 (to slip_1) [-], ..."""
     springs = [x for name, x in theta.items() if name.startswith("stiffness")]
-    ratios = (x for name, x in theta.items() if name.startswith("slip"))  # the first one is m
+    # The first one is in metres.
+    ratios = (x for name, x in theta.items() if name.startswith("slip"))
     return [SliderForces(_row(springs), jnp.cumprod(_row(ratios)))]
 
 
@@ -51,19 +54,19 @@ def _slips(last: Scalar) -> Array:
 
 
 def _binned(weight: Array, moment: Array) -> SliderForces:
-    """Build a slider at each bin's centroid, from integrals of the density and of its moment."""
+    """Return a slider at each bin's centroid, from integrals of the density and of its moment."""
     springs = jnp.diff(weight)
     return SliderForces(springs, jnp.diff(moment) / springs)
 
 
 def _power_density(r: Scalar, chi: Scalar, last: Scalar) -> SliderForces:
-    r"""Build sliders of the density $R \varphi^\chi$ up to the last slip."""
+    r"""Return sliders with the density $R \varphi^\chi$ up to the last slip."""
     x = _slips(last)
     return _binned(r * x ** (chi + 1) / (chi + 1), r * x ** (chi + 2) / (chi + 2))
 
 
 def iwan4(theta: Mapping[str, Scalar]) -> list[Force]:
-    """Build sliders of Segalman's density, and the sliders at its end that slip together."""
+    """Return sliders with Segalman's density, and the sliders at its end that slip together."""
     chi, spread = theta["iwan_chi"], theta["iwan_stiffness"] / (1 + theta["iwan_beta"])
     r = theta["iwan_loss"] * (chi + 1) * (chi + 2) / MILLIMETRE ** (chi + 1)
     last = (spread * (chi + 1) / r) ** (1 / (chi + 1))
@@ -72,7 +75,7 @@ def iwan4(theta: Mapping[str, Scalar]) -> list[Force]:
 
 
 def masing_power(theta: Mapping[str, Scalar]) -> list[Force]:
-    """Build sliders of a power density; subtract their stiffness at rest."""
+    """Return sliders with a power-law density, and a spring that subtracts their stiffness."""
     q = theta["power_exponent"]
     r = theta["power_loss"] * q * (q + 1) / MILLIMETRE**q
     sliders = _power_density(r, q - 1, FARTHEST)
@@ -80,14 +83,14 @@ def masing_power(theta: Mapping[str, Scalar]) -> list[Force]:
 
 
 def masing_exponential(theta: Mapping[str, Scalar]) -> list[Force]:
-    r"""Build sliders of the density $\alpha b\,e^{-b\varphi}$."""
+    r"""Return sliders with the density $\alpha b\,e^{-b\varphi}$."""
     alpha, b = theta["exponential_alpha"], theta["exponential_b"]
-    x = _slips(40.0 / b)  # beyond which are 4e-18 of them
+    x = _slips(40.0 / b)  # only 4e-18 of the sliders slip beyond
     passed = jnp.exp(-b * x)
     return [_binned(-alpha * passed, -alpha * passed * (x + 1 / b))]
 
 
-# Law in a campaign, without the number of a family's member, to the rig's own, side by side.
+# The rig's parallel forces for each law of a campaign, named without a family member's number.
 FORCES: dict[str, Callable[[Mapping[str, Scalar]], Sequence[Force]]] = {
     "bouc_wen": lambda theta: [BoucWenForce(**theta)],
     "bouc_wen_nu": lambda theta: [BoucWenNuForce(**theta)],
@@ -109,7 +112,7 @@ FORCES: dict[str, Callable[[Mapping[str, Scalar]], Sequence[Force]]] = {
 
 
 def forces_of(laws: Iterable[Law], number: Callable[[Any], Scalar] = float) -> tuple[Force, ...]:
-    """Return the rig's own forces of laws, every parameter made a number by `number`."""
+    """Return the rig's own forces of laws, with every parameter converted by `number`."""
     forces: list[Force] = []
     for law in laws:
         if law.name == "bouc_wen" and (nu := getattr(law, "nu", 1.0)) != 1.0:

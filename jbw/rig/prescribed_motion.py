@@ -1,14 +1,13 @@
-r"""The joint under a prescribed displacement: force loops, and curves of a held response.
+r"""The joint under a prescribed displacement: force loops, and controlled response points.
 
-No oscillator is integrated here, only the force of the joint along a motion that is given, by
-the same Runge-Kutta steps. A controller that holds the response is then found exactly: the
-motion is periodic, its fundamental is what was asked, and its higher harmonics are those that a
-sinusoidal force leaves,
+No oscillator is integrated here, only the force of the joint along a given motion, with the same
+Runge-Kutta steps. The response under a controller is then found exactly: the motion is periodic,
+its fundamental is the demanded one, and its higher harmonics are those of a sinusoidal force,
 
 $$F_1 = (k - \omega^2 + 2j\zeta\omega_n\omega)\,Y_1 + Z_1, \qquad
   Y_n = -Z_n / (k - n^2\omega^2 + 2j\zeta\omega_n n\omega), \quad n = 3, 5, 7$$
 
-which needs no search along a curve that bends over.
+which avoids a search along a curve that folds back.
 """
 
 from dataclasses import dataclass
@@ -23,29 +22,29 @@ from numpy.typing import NDArray
 from jbw.oscillator.oscillator import Joint
 from jbw.rig.integrator import Specimen, State, doubles, runge_kutta, specimen_of
 
-STEPS = 16  # Runge-Kutta steps in a sample of a loop
-POINTS = 512  # steps in a period of a held response
-PERIODS = 40  # until the hysteretic force has forgotten its start
-RISE = 30  # of these, in which the motion grows: a force that starts at once keeps an offset
+STEPS = 16  # Runge-Kutta steps per sample of a loop
+POINTS = 512  # steps per period of a controlled response
+PERIODS = 40  # periods until the hysteretic force has forgotten its start
+RISE = 30  # periods in which the motion grows: a sudden start would leave an offset
 ORDERS = np.array([1, 3, 5, 7])
-ROUNDS = 6  # of the higher harmonics, each a hundredth of the one before
+ROUNDS = 6  # iterations of the higher harmonics, each a hundredth of the previous change
 
 
 @dataclass(frozen=True)
 class Growth:
-    """A prescribed displacement that grows, A (t / T) sin(2 pi f t): slow, so no mass shows."""
+    """A prescribed growing displacement, A (t / T) sin(2 pi f t), too slow for inertia forces."""
 
     frequency_hz: float  # frequency f [Hz]
     level: float  # largest displacement A [m]
     duration: float  # length of the record T [s]
 
     def displacement(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the displacement at times t [m]."""
+        """Return the prescribed displacement at times t [m]."""
         phase = 2.0 * np.pi * self.frequency_hz * t
         return self.level * t / self.duration * np.sin(phase)
 
     def velocity(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the velocity at times t [m/s]."""
+        """Return the velocity of the prescribed displacement at times t [m/s]."""
         omega = 2.0 * np.pi * self.frequency_hz
         rate = np.sin(omega * t) + omega * t * np.cos(omega * t)
         return self.level / self.duration * rate
@@ -53,50 +52,51 @@ class Growth:
 
 @dataclass(frozen=True)
 class Held:
-    """A controller's curve: at each frequency the force that holds the response's amplitude."""
+    """A response-controlled curve: the force that keeps the amplitude at each frequency."""
 
-    frequencies_hz: tuple[float, ...]  # frequencies in turn [Hz]
+    frequencies_hz: tuple[float, ...]  # frequencies in sequence [Hz]
     level: float  # peak of the displacement's fundamental [m]
-    dwell: float  # time over which a line is averaged [s]
+    dwell: float  # averaging time per line [s]
 
 
 @dataclass(frozen=True)
 class Locked:
-    """Points at which a controller holds the phase, in turn: a backbone at -90 degrees."""
+    """A phase-controlled sequence of points, at -90 degrees a backbone."""
 
-    levels: tuple[float, ...]  # peaks of the displacement's fundamental in turn [m]
-    phase: float = -90.0  # of the displacement to the force [deg]
-    phase_error: float = 0.5  # standard deviation of the phase that is held [deg]
+    levels: tuple[float, ...]  # peaks of the displacement's fundamental in sequence [m]
+    phase: float = -90.0  # phase of the displacement relative to the force [deg]
+    phase_error: float = 0.5  # standard deviation of the controlled phase [deg]
     amplitude_noise: float = 5e-4  # relative standard deviation of measured amplitudes [-]
-    force_noise: float = 5e-3  # the same of forces [-]
-    frequency_noise: float = 1e-5  # the same of frequencies [-]
+    force_noise: float = 5e-3  # relative standard deviation of measured forces [-]
+    frequency_noise: float = 1e-5  # relative standard deviation of measured frequencies [-]
 
     @property
     def level(self) -> float:
-        """The largest of them [m]."""
+        """The largest displacement peak of the points [m]."""
         return max(self.levels)
 
 
 @dataclass(frozen=True)
 class HeldPoints:
-    """Points at which a controller holds the amplitude: S-curves, or curves through their folds.
+    """Amplitude-controlled points: S-curves, or curves through their folds.
 
-    By several frequencies at the same amplitudes, one behind the other, a surface of force.
+    With several frequencies at the same amplitudes in sequence, the points form a surface of force.
     """
 
-    frequencies_hz: tuple[float, ...]  # of each point [Hz]
-    levels: tuple[float, ...]  # peaks of the displacement's fundamental, of each point [m]
+    frequencies_hz: tuple[float, ...]  # frequency of each point [Hz]
+    levels: tuple[float, ...]  # peak of the displacement's fundamental at each point [m]
     amplitude_noise: float = 5e-4  # relative standard deviation of measured amplitudes [-]
-    force_noise: float = 5e-3  # the same of forces, and of their phases [rad]
+    # Relative standard deviation of forces, and standard deviation of their phases [rad].
+    force_noise: float = 5e-3
 
     @property
     def level(self) -> float:
-        """The largest of them [m]."""
+        """The largest displacement peak of the points [m]."""
         return max(self.levels)
 
 
 def s_curve(frequency_hz: float, levels: tuple[float, ...], **stated: float) -> HeldPoints:
-    """Return the amplitudes in turn at one frequency."""
+    """Return amplitude-controlled points at one frequency, with the given peaks in sequence [m]."""
     return HeldPoints((frequency_hz,) * len(levels), levels, **stated)
 
 
@@ -120,9 +120,10 @@ def holding_force(joint: Joint | Specimen, held: Held) -> NDArray[np.complex128]
 def held_points(
     joint: Joint | Specimen, points: HeldPoints, distortion: float = 0.0
 ) -> NDArray[np.complex128]:
-    """Return the force F_1 per unit mass of each point that holds a response of phase zero [N/kg].
+    """Return the force F_1 per mass at each point that keeps a response of phase zero [N/kg].
 
-    The exciter's third harmonic is so large a part of its first, and moves along with its phase.
+    `distortion` is the exciter's third harmonic relative to its fundamental; it follows the phase
+    of the fundamental.
     """
     specimen, level = specimen_of(joint), np.asarray(points.levels)
     omega = 2.0 * np.pi * np.asarray(points.frequencies_hz)
@@ -165,7 +166,8 @@ def _held_force(
         dynamic = k - frequencies**2 + 2j * damping * frequencies
         force = dynamic[:, 0] * level + z[:, 0]
         load = np.zeros_like(motion)
-        # cos 3(theta + psi) beside cos(theta + psi), psi being the force's phase.
+        # The third harmonic is cos 3(theta + psi) next to cos(theta + psi), with psi the force's
+        # phase.
         load[:, 1] = distortion * np.abs(force) * np.exp(3j * np.angle(force))
         motion[:, 1:] = (load - z)[:, 1:] / dynamic[:, 1:]
     return omega, force
@@ -176,8 +178,8 @@ def _harmonics(
 ) -> NDArray[np.complex128]:
     r"""Return odd harmonics of the joint's force along periodic motions, one row per motion.
 
-    The motions grow from rest as $\sin^2(\pi t / 2 T)$: small ones forget an offset in thousands of
-    periods.
+    The motions grow from rest as $\sin^2(\pi t / 2 T)$, since small motions take thousands of
+    periods to forget an offset.
     """
     angle = 2.0 * np.pi * np.arange(2 * POINTS) / (2 * POINTS)
     waves = np.exp(1j * np.outer(ORDERS, angle))
@@ -197,7 +199,7 @@ def _harmonics(
 def _along(
     specimen: Specimen, v: Float[Array, " half"], h: float | Float[Array, ""]
 ) -> Float[Array, " step"]:
-    """Integrate the joint's force at the steps' ends, from two velocity samples per step."""
+    """Return the joint's force at the ends of steps, from two velocity samples per step."""
 
     def rate(now: State, v: Array) -> State:
         return v, specimen.rates(v, now[1])

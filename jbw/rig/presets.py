@@ -1,30 +1,31 @@
 """The measurements on the rig: the paper's cantilever, its tests and six ways to measure it.
 
-`everyday` is a working day of a laboratory: the structure is taken apart and assembled anew between
-three days, of which omega_n scatters by 0.18 % as in the paper and zeta by 3 %; the laser leaves
-2 % of noise on every record. Noise and sweeps at three levels, a free decay and a held tone to
-verify with, and no probing tones.
+`everyday` is a working day of a laboratory: the structure is reassembled on each of three days,
+between which omega_n varies by 0.18 % as in the paper and zeta by 3 %. The laser adds 2 % of noise
+to every record. The tests are noise and sweeps at three levels, a free decay and a steady tone for
+verification, without probing tones.
 
-`laboratory` (the default) is the paper's programme, its records almost without noise. It has a gain
-of 15 N/kg per volt, so that the three sweeps meet weak, middle and strong hysteresis (peaks of 1.4,
-2.8 and 5.4 mm), and probes with 0.60 V.
+`laboratory` (the default) is the paper's programme, with almost noise-free records. Its gain is 15
+N/kg per volt, so that the three sweeps cause weak, medium and strong hysteresis (peaks of 1.4, 2.8
+and 5.4 mm), and it probes with 0.60 V.
 
-`paper` has a gain of 60 N/kg per volt and the paper's voltages throughout. Then already the sweep
-of 0.05 V drives the joint to 5 mm, where z is saturated (delta y = 1.8), and that of 0.20 V to
-21 mm: its lowest level is the strongest of `laboratory`. Held tones at resonance reach 16 to 80 mm.
+`paper` has a gain of 60 N/kg per volt and the paper's voltages throughout. Already the sweep of
+0.05 V then drives the joint to 5 mm, where z is saturated (delta y = 1.8), and that of 0.20 V to 21
+mm: its lowest level equals the strongest of `laboratory`. Steady tones at resonance reach 16 to 80
+mm.
 
 `mixed` is a short campaign of many kinds of test, with the shaker's force measured in newtons, so
-that one factor, one over the modal mass, serves the shaken tests and the forced loop alike. No kind
-is measured well enough to do without the others: noise knows the linear joint, tones near a third
-of the resonance its third harmonic, the stepped sine and the sweeps all of it, decays what it
-dissipates, and the loop its stiffness without the resonance.
+that one factor, one over the modal mass, applies to the shaken tests and the forced loop alike. No
+kind is measured well enough to be sufficient alone: noise determines the linear joint, tones near a
+third of the resonance its third harmonic, the stepped sine and the sweeps the whole joint, decays
+the dissipation, and the loop the stiffness without the resonance.
 
-`controlled` is an afternoon of a controller, the shaker's force measured: a phase-locked backbone,
-points at another phase, both held to half a degree, and an S-curve; and free decays.
+`controlled` is an afternoon with a controller and a measured shaker force: a phase-locked backbone
+and points at another phase, both controlled to half a degree, an S-curve, and free decays.
 
 `modes` is a structure of three modes with the paper's joint across it, and a shaker whose armature
-moves along: tests about the first mode by its measured force, by its voltage, and a decay with the
-amplifier at zero volts. Its key `drive` says which test is whose.
+moves with the structure: tests about the first mode by measured force, tests by voltage, and a
+decay with the amplifier at zero volts. The key `drive` of each test says what drives it.
 """
 
 from collections.abc import Iterable, Mapping
@@ -67,8 +68,8 @@ PRIOR: Mapping[str, tuple[float, float]] = {
 """Bounds of the paper's uniform priors: zeta, alpha and delta of Step 3, gamma of Step 4 [SI]."""
 
 PROBING_HZ = (5.0, 5.5, 6.0, 6.5, 6.75)  # around omega_n / 3
-LOOP_HZ = 18.5  # resonance with the joint sliding, just below it with the joint sticking
-# Of the stepped sine, dense at the resonance; whole periods in each dwell.
+LOOP_HZ = 18.5  # resonance with the joint sliding, just below the resonance with the joint stuck
+# Frequencies of the stepped sine, dense at the resonance; each dwell has whole periods.
 STEPPED_HZ: tuple[float, ...] = tuple(
     np.concatenate(
         [np.arange(3.0, 18.0, 2.0), np.arange(17.5, 19.5, 0.0625), np.arange(20.0, 24.0)]
@@ -76,28 +77,29 @@ STEPPED_HZ: tuple[float, ...] = tuple(
 )
 RESONANCE_HZ = (17.5, 18.0, 18.25, 18.5, 18.625, 18.75, 18.875, 19.0, 19.5)  # a short stepped sine
 BURST_HZ = 18.6  # tone before a free decay
-MODAL_MASS = 1.93  # of the cantilever's first mode, at the point of the shaker [kg]
+MODAL_MASS = 1.93  # modal mass of the cantilever's first mode, at the point of the shaker [kg]
 
 
 @dataclass(frozen=True)
 class Plan:
-    """One test as planned."""
+    """A planned test."""
 
     name: str  # name of the test and of its files
     kind: str  # kind of the campaign's test
-    # What the generator plays, or what the joint is taken through.
+    # The signal of the generator, or the motion of the joint.
     excitation: Excitation | Growth | Held | Locked | HeldPoints
-    repeats: int  # how many records
-    # Band to use in the identification [Hz], when it should be stated.
+    repeats: int  # number of records
+    # Band to state for the identification [Hz], if any.
     band_hz: tuple[float, float] | None = None
     settle: float = 0.0  # time to discard after the start of each step [s]
-    drive: str = ""  # what drives it, where the rig has an armature
-    sources: tuple[str, ...] = ()  # recorded beside the velocity there: input, force, drive_point
+    drive: str = ""  # what drives the test, if the rig has an armature
+    # Channels recorded in addition to the velocity: input, force, drive_point.
+    sources: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Preset:
-    """A rig and its programme."""
+    """A rig and its programme of tests."""
 
     name: str  # name of the preset
     # Force per unit mass and volt [N/kg/V], or per newton: one over the modal mass [1/kg].
@@ -105,24 +107,26 @@ class Preset:
     input_range: float  # full scale of the recorded source, a power of two [V or N]
     velocity_range: float  # full scale of the laser, a power of two [m/s]
     plans: tuple[Plan, ...]  # the tests
-    # What is recorded of the source: its `input` in volts, or the shaker's `force`.
+    # The recorded channel of the source: its `input` in volts, or the shaker's `force`.
     source: str = "input"
     source_noise_std: float = 0.5e-6  # noise of that channel [V or N]
     displacement_range: float = 1 / 64  # full scale of prescribed displacements, a power of two [m]
     force_range: float = 512.0  # full scale of restoring forces, a power of two [N]
-    # Kinds that the joint posterior is fitted to, the others verify; all when empty.
+    # Kinds to which the joint posterior is fitted, all when empty; the other kinds verify.
     fit: tuple[str, ...] = ()
-    # What the records suffer from unless `measure` is asked for something else.
+    # Disturbances of the records, unless `measure` is called with other values.
     noise_std: float = 50e-6  # laser noise [m/s]
-    noise_ratio: float | None = None  # laser noise relative to each record's rms, instead [-]
+    # Laser noise relative to each record's rms, in place of `noise_std` [-].
+    noise_ratio: float | None = None
     omega_n_cv: float = 0.0  # coefficient of variation of omega_n from day to day [-]
     zeta_cv: float = 0.0  # coefficient of variation of zeta from day to day [-]
-    shapes: Shapes | None = None  # of several modes, the joint's own first; driven by the armature
+    # Shapes of several modes, the joint's own first; driven by the armature.
+    shapes: Shapes | None = None
     armature: Armature = field(default_factory=Armature)
 
 
 def named(kind: str, level: float, unit: str = "V") -> str:
-    """Return a test's name after its level: "sweep_0p05V", "noise_0p005V", no dot in it."""
+    """Return the name of a test with its level: "sweep_0p05V", "noise_0p005V", without a dot."""
     digits = 2 if round(level, 2) == level else 3
     return f"{kind}_{level:.{digits}f}{unit}".replace(".", "p")
 
@@ -145,12 +149,12 @@ def sweep_plan(level: float) -> Plan:
 
 
 def stepped_plan(level: float) -> Plan:
-    """Plan a stepped sine whose 24 s of settling reduce transients to 3e-6 of a step's change."""
+    """Return a stepped sine whose 24 s of settling reduce transients to 3e-6 of a step's change."""
     return _plan("stepped", "stepped", Steps(STEPPED_HZ, level, dwell=32.0), 2, settle=24.0)
 
 
 def pull_plan(level: float) -> Plan:
-    """Return a loop under a prescribed displacement that grows in 6 s at 1 Hz."""
+    """Return a loop under a prescribed displacement that grows for 6 s at 1 Hz."""
     excitation = Growth(1.0, level, duration=6.0)
     return Plan(named("pull", 1e3 * level, "mm"), "loop", excitation, repeats=2)
 
@@ -170,7 +174,7 @@ def _programme(
 
 
 def _short_programme() -> tuple[Plan, ...]:
-    """Plan many kinds of short tests, with levels in newtons."""
+    """Return the plans of many kinds of short tests, with levels in newtons."""
     probing = ((f, level) for level in (6.0, 12.0, 18.0) for f in (5.5, 6.5))
     tones = (Tone(f, level, duration=16.0, settle=32.0) for f, level in probing)
     sweeps = (
@@ -191,7 +195,7 @@ def _short_programme() -> tuple[Plan, ...]:
 
 
 def _controlled_programme() -> tuple[Plan, ...]:
-    """Plan an afternoon of controlled tests, 100 periods a point, and two decays."""
+    """Return the plans of controlled tests, with 100 periods per point, and of two decays."""
     levels = tuple(np.geomspace(2e-4, 6e-3, 14).tolist())
     bursts = [Sweep(BURST_HZ, BURST_HZ, v, burst=6.0, fade=0.1, duration=10.0, settle=6.0)
               for v in (0.1, 0.4)]  # fmt: skip
@@ -204,7 +208,7 @@ def _controlled_programme() -> tuple[Plan, ...]:
 
 
 def _everyday_programme(days: int = 3) -> tuple[Plan, ...]:
-    """Plan a morning's tests, repeated once a day: records of 10 s to 6 min."""
+    """Return the plans of a morning's tests, repeated once a day: records of 10 s to 6 min."""
     sweeps = (Sweep(10.0, 30.0, v, burst=6.0, fade=0.2, duration=10.0) for v in (0.05, 0.10, 0.20))
     burst = Sweep(BURST_HZ, BURST_HZ, 0.05, burst=6.0, fade=0.1, duration=10.0, settle=6.0)
     held = Tone(LOOP_HZ, 0.05, duration=16.0, settle=32.0)
@@ -217,7 +221,7 @@ def _everyday_programme(days: int = 3) -> tuple[Plan, ...]:
 
 
 def _modes_programme() -> tuple[Plan, ...]:
-    """Plan tests of the first mode, driven by shaker force and by shaker voltage."""
+    """Return the plans of tests of the first mode, driven by shaker force and shaker voltage."""
     near = (12.0, 26.0)
     every, cell = ("input", "force", "drive_point"), ("force",)
     sweeps = [Sweep(10.0, 30.0, v, burst=6.0, fade=0.2, duration=10.0) for v in (0.02, 0.06, 0.2)]
@@ -300,7 +304,7 @@ PRESETS = {
 
 
 def preset_named(preset: str | Preset) -> Preset:
-    """Return a preset by its name, or a preset of one's own as it is."""
+    """Return a preset by its name; a `Preset` object is returned unchanged."""
     if isinstance(preset, Preset):
         return preset
     if preset not in PRESETS:
@@ -310,7 +314,7 @@ def preset_named(preset: str | Preset) -> Preset:
 
 
 def plans_named(preset: Preset, names: Iterable[str] | None) -> list[Plan]:
-    """Return the plans with these names, in the order of the preset; all when None."""
+    """Return the plans with the given names, in the order of the preset; all when None."""
     if names is None:
         return list(preset.plans)
     requested = [names] if isinstance(names, str) else list(names)

@@ -1,4 +1,4 @@
-"""One test at the rig: played or pulled, answered, sensed and recorded."""
+"""One test at the rig: played or prescribed, sensed and recorded."""
 
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -38,7 +38,7 @@ from jbw.rig.prescribed_motion import (
 from jbw.rig.presets import Plan, Preset
 from jbw.rig.structure import Assembled, RigMotion, Shapes, move, of_day
 
-CELL_NOISE, POINT_NOISE = 2e-4, 1e-3  # of a force cell [N], and of an accelerometer [m/s^2]
+CELL_NOISE, POINT_NOISE = 2e-4, 1e-3  # noise of a force cell [N], and of an accelerometer [m/s^2]
 POINT_RANGE = 512.0  # full scale of the accelerometer [m/s^2]
 Samples = NDArray[np.float64]
 Channels = dict[str, Samples]
@@ -46,14 +46,14 @@ Channels = dict[str, Samples]
 
 @dataclass(frozen=True)
 class Bench:
-    """A plan where it is carried out: on which rig, under which conditions."""
+    """A planned test with the rig and the conditions under which it is carried out."""
 
     plan: Plan
     rig: Preset
     conditions: Conditions
 
     def stream(self, repeat: int, channel: int) -> np.random.Generator:
-        """Return the random numbers of one channel of one repeat."""
+        """Return the random number generator of one channel in one repeat."""
         return stream(self.conditions, zlib.crc32(self.plan.name.encode()), repeat, channel)
 
     def sensed(
@@ -106,7 +106,7 @@ def record_test(
 
 
 def _recorded(bench: Bench, days: Sequence[Specimen]) -> tuple[list[Channels], Sequence[Samples]]:
-    """Return the channels of every repeat, and the demands of what a shaker plays."""
+    """Return the channels of every repeat, and the demanded signals if a shaker plays them."""
     plan, rig, excitation = bench.plan, bench.rig, bench.plan.excitation
     if not isinstance(excitation, Growth | Held | Locked | HeldPoints):
         if rig.shapes is not None:
@@ -129,14 +129,14 @@ def _recorded(bench: Bench, days: Sequence[Specimen]) -> tuple[list[Channels], S
 
 
 def _tones(excitation: Excitation | Growth | Held | Locked | HeldPoints) -> tuple[float, ...]:
-    """Return the frequencies of the tones that are played [Hz]."""
+    """Return the frequencies of the tones of an excitation [Hz]; empty if it has no tones."""
     if isinstance(excitation, Tone):
         return (excitation.frequency_hz,)
     return excitation.frequencies_hz if isinstance(excitation, Steps) else ()
 
 
 def _by_day(test: Test, demands: Sequence[Samples]) -> Iterator[tuple[Test, Sequence[Samples]]]:
-    """Yield a test a day, each of one record, with its demand."""
+    """Yield a separate test for each day, with one record and its demand."""
     for r, record in enumerate(test.records):
         name, day = f"{test.name}_day{r + 1}", f"day {r + 1}"
         of_day = (replace(record, name=f"{name}_01"),)
@@ -167,7 +167,7 @@ def _shaken(
 
 
 def _by_laser(bench: Bench, velocity: Samples, repeat: int) -> Samples:
-    """Return the velocity as it is sensed."""
+    """Return the velocity with the noise and conversion of the laser channel."""
     rig, conditions = bench.rig, bench.conditions
     noise = conditions.noise_std
     if conditions.noise_ratio is not None:
@@ -180,7 +180,7 @@ def _played(
 ) -> tuple[Callable[..., Voltage], int, int]:
     """Return the source as a function of sampling rate, the first recorded sample and the end."""
     fs = bench.conditions.fs
-    # Every repeat of noise draws phases of its own; a multisine is played again as it was.
+    # Every repeat of noise draws new phases, whereas a multisine is repeated unchanged.
     drawn = repeat if isinstance(excitation, Noise) else 0
     phases = draw_phases(excitation, bench.stream(drawn, 0), fs)
     first = round(excitation.settle * fs)
@@ -196,7 +196,7 @@ def _play(
     played, first, last = _played(bench, excitation, repeat)
     demand = played(fs)(first, last)
     source = played(fs, distortion=conditions.distortion)(first, last)
-    # The channel that lags shows at t what the specimen did at t - delay: its clock starts later.
+    # A channel that lags shows at t the motion at t - delay, as if its clock had started later.
     fine = played(GRID * fs, lag=conditions.delay, distortion=conditions.distortion)
     gain = bench.rig.gain
     _, velocity, _ = respond(specimen, lambda i, j: gain * fine(i, j), last, fs)
@@ -251,7 +251,7 @@ def _play_structure(
 
 
 def _pulled(bench: Bench, growth: Growth, specimen: Specimen, repeat: int) -> Channels:
-    """Return a slow loop: the displacement that was prescribed, and the force it took."""
+    """Return the channels of a slow loop: the prescribed displacement and the required force."""
     rig, noise = bench.rig, bench.conditions.force_noise_std
     y, force = pulled(specimen, growth, bench.conditions.fs)
     force = force / rig.gain
@@ -264,8 +264,9 @@ def _pulled(bench: Bench, growth: Growth, specimen: Specimen, repeat: int) -> Ch
 
 
 def _held(bench: Bench, held: Held, specimen: Specimen, repeat: int) -> Channels:
-    """Return a controller's curve, line by line."""
-    # A sine fitted to T seconds keeps sigma sqrt(2 / (T f_s)) of a channel's noise in either part.
+    """Return the channels of a response-controlled curve, line by line."""
+    # A sine fit over T seconds has noise sigma sqrt(2 / (T f_s)) in its real and imaginary part
+    # each.
     force = holding_force(specimen, held) / bench.rig.gain
     std = bench.conditions.force_noise_std * np.sqrt(2 / (held.dwell * bench.conditions.fs))
     real, imaginary = std * bench.stream(repeat, 1).standard_normal((2, force.size))
@@ -279,7 +280,7 @@ def _held(bench: Bench, held: Held, specimen: Specimen, repeat: int) -> Channels
 
 
 def _locked(bench: Bench, locked: Locked, specimen: Specimen, repeat: int) -> Channels:
-    """Return the points at phase resonance or another phase, as far as the controller holds it."""
+    """Return the channels of phase-controlled points, with errors of control and measurement."""
     held = np.full(len(locked.levels), locked.phase)
     phase = np.radians(held + locked.phase_error * _scatter(bench, repeat, 0, held))
     distortion = bench.conditions.distortion
@@ -289,7 +290,7 @@ def _locked(bench: Bench, locked: Locked, specimen: Specimen, repeat: int) -> Ch
 
 
 def _points(bench: Bench, points: HeldPoints, specimen: Specimen, repeat: int) -> Channels:
-    """Return the points at amplitudes that are held."""
+    """Return the channels of amplitude-controlled points, with the errors of measurement."""
     held = held_points(specimen, points, bench.conditions.distortion)
     phase = -np.angle(held) + points.force_noise * _scatter(bench, repeat, 3, held)
     frequency = np.asarray(points.frequencies_hz)
@@ -299,17 +300,17 @@ def _points(bench: Bench, points: HeldPoints, specimen: Specimen, repeat: int) -
 def _read_points(
     bench: Bench, excitation: Locked | HeldPoints, force: Samples, phase: Samples, repeat: int
 ) -> Channels:
-    """Return the force, amplitude and phase of points as they are read."""
+    """Return the measured force, amplitude and phase of points, with their noise."""
     level, noise = np.asarray(excitation.levels), excitation.amplitude_noise
     read = force / bench.rig.gain
     return {
         "force": read * (1.0 + excitation.force_noise * _scatter(bench, repeat, 1, force)),
         "displacement": level * (1.0 + noise * _scatter(bench, repeat, 2, force)),
-        # Across the phasor the same noise turns it.
+        # The same noise, perpendicular to the phasor, changes its phase.
         "phase": phase + noise * _scatter(bench, repeat, 4, force),
     }
 
 
 def _scatter(bench: Bench, repeat: int, number: int, like: NDArray[Any]) -> Samples:
-    """Return the standard normal numbers of one channel of one repeat, one a point."""
+    """Return standard normal numbers for one channel of one repeat, one per point."""
     return bench.stream(repeat, number).standard_normal(like.size)

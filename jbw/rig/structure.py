@@ -1,12 +1,12 @@
-r"""Several modes of a structure with one joint, and the armature of the shaker that drives it.
+r"""A structure of several modes with one joint, and the armature of the shaker that drives it.
 
 $$\ddot q = \phi_d F - 2 Z \Omega \dot q - \Omega^2 q - \phi_J (f - K x), \qquad x = \phi_J^T q$$
 
 $$F = g V - (m_a \ddot x_d + c_a \dot x_d + k_a x_d), \qquad x_d = \phi_d^T q$$
 
-in mass-normalised shapes phi of the sticking joint, with the rig's own force f of the joint [N] and
+in mass-normalised shapes phi of the stuck joint, with the rig's own force f of the joint [N] and
 its stiffness K at rest. Nothing here is shared with the identification: the motion is integrated
-as that of one mode is (`jbw.rig.integrator`), and not by the modes' exact propagators.
+like that of one mode (`jbw.rig.integrator`), and not with the modes' exact propagators.
 """
 
 from collections.abc import Callable, Mapping
@@ -36,21 +36,21 @@ Modal = Float[np.ndarray, " mode"]
 
 
 class Shapes(NamedTuple):
-    """Modes of the sticking joint, and what a unit of each moves [1/sqrt(kg)]."""
+    """The modes of the stuck joint, and the motion per unit of each mode [1/sqrt(kg)]."""
 
     omega: Modal  # natural frequencies [rad/s]
     zeta: Modal  # damping ratios [-]
-    drive: Modal  # where the shaker pushes
-    joint: Modal  # the joint's relative displacement
-    output: Modal  # where the response is measured
+    drive: Modal  # motion where the shaker pushes
+    joint: Modal  # relative displacement of the joint
+    output: Modal  # motion where the response is measured
 
 
 class Armature(NamedTuple):
-    """A shaker: its gain, and what it ties to the structure where it pushes."""
+    """A shaker: its gain, and the impedance that it adds to the structure where it pushes."""
 
-    gain: float = 1.0  # force with the armature held [N/V]; 1 where the source is the force
+    gain: float = 1.0  # force with the armature blocked [N/V]; 1 if the source is the force
     mass: float = 0.0  # [kg]
-    damping: float = 0.0  # back-EMF included [N s/m]
+    damping: float = 0.0  # including back-EMF [N s/m]
     stiffness: float = 0.0  # [N/m]
 
 
@@ -58,25 +58,25 @@ class Assembled(NamedTuple):
     """A structure with its joint and its shaker."""
 
     shapes: Shapes
-    joint: tuple[Force, ...]  # forces [N], of a displacement [m]
+    joint: tuple[Force, ...]  # forces [N] as functions of displacement [m]
     armature: Armature = Armature()
 
     @property
     def specimen(self) -> Specimen:
-        """The joint alone, with the memory of its forces; k is less its stiffness."""
+        """The joint alone, with the memory of its forces; k is the negative of its stiffness."""
         return Specimen(0.0, 0.0, self.joint)
 
     def at_rest(self) -> State:
-        """State (x, q, q', parts) before any motion."""
+        """Return the state (x, q, q', parts) before any motion."""
         none = jnp.zeros_like(jnp.asarray(self.shapes.omega, float))
         return jnp.zeros(()), none, none, self.specimen.at_rest()
 
     def settle(self, before: State, after: State) -> State:
-        """State after a small step: that of the joint's memory, by its displacement."""
+        """Return the state after a small step, with the joint's memory updated."""
         return self.specimen.settle(before, after)
 
     def state_rate(self, state: State, source: Any) -> State:
-        """Return the rate of the state under a source [V, or N]."""
+        """Return the rate of the state under a source [V or N]."""
         x, q, rate, parts = state
         shapes, shaker, joint = self.shapes, self.armature, self.specimen
         v = shapes.joint @ rate
@@ -84,7 +84,7 @@ class Assembled(NamedTuple):
         bare = shapes.drive * (shaker.gain * source - held)
         bare -= 2 * shapes.zeta * shapes.omega * rate + shapes.omega**2 * q
         bare -= shapes.joint * (joint.joint_force(x, v, parts) + joint.k * x)
-        # The armature's mass by Sherman and Morrison.
+        # The inverse with the armature's mass follows from the Sherman-Morrison formula.
         share = shaker.mass / (1 + shaker.mass * (shapes.drive @ shapes.drive))
         return v, rate, bare - share * shapes.drive * (shapes.drive @ bare), joint.rates(v, parts)
 
@@ -92,9 +92,9 @@ class Assembled(NamedTuple):
 class RigMotion(NamedTuple):
     """The motions of structure, drive point and joint, and the shaker force, at the samples."""
 
-    displacement: Float[np.ndarray, " time"]  # of the output [m]
-    velocity: Float[np.ndarray, " time"]  # of the output [m/s]
-    acceleration: Float[np.ndarray, " time"]  # of the output [m/s^2]
+    displacement: Float[np.ndarray, " time"]  # displacement of the output [m]
+    velocity: Float[np.ndarray, " time"]  # velocity of the output [m/s]
+    acceleration: Float[np.ndarray, " time"]  # acceleration of the output [m/s^2]
     drive_point: Float[np.ndarray, " time"]  # acceleration where the shaker pushes [m/s^2]
     force: Float[np.ndarray, " time"]  # between shaker and structure [N]
     joint: Float[np.ndarray, " time"]  # relative displacement of the joint [m]
@@ -106,10 +106,11 @@ def move(
     num_samples: int,
     fs: float,
 ) -> RigMotion:
-    """Simulate from rest under a source [V, or N] at points i .. j - 1, `GRID` a sample."""
+    """Simulate from rest under a source [V or N] at points i .. j - 1, `GRID` per sample."""
     require_double()
     doubled = doubles(structure)
-    size = min(BLOCK, 1 << (num_samples - 1).bit_length())  # few compilations for short records
+    # Limits the number of compilations for short records.
+    size = min(BLOCK, 1 << (num_samples - 1).bit_length())
     x, q, rate, change, played = integrated(
         _motion_and_source, doubled, doubled.at_rest(), source, num_samples, fs, block=size
     )
@@ -128,7 +129,7 @@ def _motion_and_source(structure: Assembled, state: State, source: Array) -> See
 
 
 def of_day(shapes: Shapes, specimen: Specimen) -> Shapes:
-    """Return the modes as they are where the first has a specimen's frequency and damping."""
+    """Return the modes scaled so that the first has a specimen's frequency and damping."""
     omega = shapes.omega * (specimen.omega_n / shapes.omega[0])
     return shapes._replace(omega=omega, zeta=shapes.zeta * (specimen.zeta / shapes.zeta[0]))
 
@@ -159,11 +160,12 @@ def modal_truth(shapes: Shapes, mode: int = 0) -> dict[str, Modal]:
 
 
 def law_of_mode(law: Law, shapes: Shapes, mode: int = 0) -> dict[str, float]:
-    r"""Convert a joint law's parameters to one mode's oscillator, whose displacement is output y.
+    r"""Return a joint law's parameters for one mode's oscillator, whose displacement is output y.
 
     $$x = s\,y, \qquad s = \phi_J/\phi_r, \qquad \text{force per unit mass}\ \phi_J \phi_r f$$
 
-    so that what is per length takes s, a length 1/s, and a stiffness phi_J^2 beside.
+    so that a parameter per length is multiplied by s, a length by 1/s, and a stiffness also by
+    phi_J^2.
     """
     push, stretch = float(shapes.joint[mode]), float(shapes.joint[mode] / shapes.output[mode])
     if push == 0:

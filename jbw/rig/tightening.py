@@ -1,21 +1,22 @@
-r"""A joint tightened again and again: its parameters by the torque, and their scatter.
+r"""A joint tightened repeatedly: its parameters as functions of torque, and their variation.
 
-A torque T gives a preload N, through a wrench that is off and a contact that beds in,
+A torque T causes a preload N, through a wrench with an error and a contact that beds in,
 
 $$\ln N = \ln(T / T_0) + b\,\ln n + w\,\epsilon$$
 
-n being the number of the tightening. The torque is set and the preload scatters about it (Berkson's
-error): a regression on T keeps its slope, and w is part of the scatter. The contact is stiffer by
-$N^p$ and slips at a force of $\mu N$. A joint through which all of the load passes is given its
-force: what it adds to the motion falls, and its slip comes at larger displacements. One beside
-which the rest carries is given its displacement,
+with n the number of the tightening. The torque is set and the preload varies about it (Berkson's
+error): a regression on T keeps its slope, and w is part of the variation. The contact stiffness
+grows as $N^p$, and slip starts at a force of $\mu N$. A joint that carries the whole load has its
+force prescribed: its contribution to the motion decreases, and it slips at larger displacements. A
+joint in parallel to other load paths has its displacement prescribed,
 
 $$\text{series:}\quad k \sim N^{-p},\; y_s \sim N; \qquad
   \text{parallel:}\quad k \sim N^p,\; y_s \sim N^{1-p}$$
 
-for the stiffness k that slip loses, and the displacement y_s at which it slips. Every parameter of
-every law is a power of these two by its unit: $1/s^2$ is a stiffness, m a displacement. In both
-limits ratios of like unit, as gamma/delta of Bouc-Wen's law, do not follow the torque.
+for the stiffness k that slip removes, and the displacement y_s at which the joint slips. Every
+parameter of every law is a power of these two according to its unit: $1/s^2$ is a stiffness, m a
+displacement. In both limits ratios of equal unit, such as gamma/delta of the Bouc-Wen law, do not
+depend on the torque.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,23 +34,23 @@ from jbw.rig.acquisition import RigCampaign, measure
 from jbw.rig.presets import TRUTH, Preset
 from jbw.units import powers_of
 
-FLEET = 0xF1EE7  # stream of what scatters between assemblies
+FLEET = 0xF1EE7  # random stream of the variation between assemblies
 
 
 @dataclass(frozen=True)
 class Tightening:
-    """How a joint follows the torque, and what scatters from one tightening to the next.
+    """The dependence of a joint on torque, and its variation between tightenings.
 
     Attributes:
-        reference: Torque at which the joint is the one that was given [N m].
+        reference: Torque at which the joint is the given one [N m].
         load_path: `series` or `parallel`, as above.
-        contact: p, the contact stiffness' power of the preload, 1/2 to 1.
-        omega_n: Power of the preload that the natural frequency follows.
-        zeta: The same of the damping ratio.
-        scatter: Standard deviations of logarithms between assemblies, of `omega_n`, `zeta` and of
+        contact: p, the exponent of the contact stiffness in the preload, 1/2 to 1.
+        omega_n: Exponent of the natural frequency in the preload.
+        zeta: Exponent of the damping ratio in the preload.
+        scatter: Standard deviations of logarithms between assemblies, for `omega_n`, `zeta` and
             the law's `stiffness` and slip `displacement`.
-        wrench: w, standard deviation of ln preload at a torque.
-        bedding: b, power of the number of the tightening.
+        wrench: w, the standard deviation of ln preload at a given torque.
+        bedding: b, the exponent of the number of the tightening.
     """
 
     reference: float = 8.0
@@ -80,16 +81,16 @@ def tightened(
     """Return the structure with its joint tightened to a torque.
 
     Args:
-        joint: The structure at the reference torque, when nothing scatters.
-        torque: What the wrench says [N m].
-        how: How the joint follows it.
+        joint: Structure at the reference torque, without variation.
+        torque: Torque of the wrench [N m].
+        how: Dependence of the joint on torque.
         sequence: Number of the tightening.
-        chance: Standard normal numbers of this tightening: of omega_n, zeta, stiffness,
+        chance: Standard normal numbers of this tightening, for omega_n, zeta, stiffness,
             displacement and preload; the mean of all tightenings when None.
 
     Raises:
-        ConfigError: A number out of its range.
-        ModelError: A law with a parameter that is no power of a stiffness and a displacement.
+        ConfigError: A number is out of its range.
+        ModelError: A parameter of a law is no power of a stiffness and a displacement.
     """
     how = Tightening() if how is None else how
     _check(how, torque, sequence)
@@ -128,27 +129,30 @@ def measure_fleet(
     seed: int = 0,
     **conditions: Any,
 ) -> list[RigCampaign]:
-    """Measure one campaign per tightening: all torques of one assembly, then the next.
+    """Return one measured campaign per tightening: all torques of one assembly, then the next.
 
-    Each states its [assembly] table and holds its own joint in `truth`; tightenings are counted
-    over all campaigns of an assembly. Priors are left to the records' own scales.
+    Each campaign states its [assembly] table and has its own joint in `truth`; tightenings are
+    counted over all campaigns of an assembly. No priors are stated, so that they follow from the
+    records' scales.
 
-    Torques that rise with the number of the tightening hide bedding-in in the trend. So each
-    assembly takes them in an order by chance, and the one after it in the reverse of that.
+    Torques that increase with the number of the tightening would hide bedding-in in the trend. Each
+    assembly therefore takes them in random order, and every second assembly in the reverse order of
+    its predecessor.
 
     Args:
-        preset: What is measured of each; its day-to-day scatter are the runs of one tightening.
-        torques: What the wrench says [N m].
-        assemblies: How often the structure is taken apart and put together again at each torque.
-        joint: The structure at the reference torque, when nothing scatters.
-        how: How the joint follows the torque.
-        order: `shuffled`, or `given`: every assembly in the order of `torques`.
+        preset: Tests of each campaign; day-to-day variation appears as runs of one tightening.
+        torques: Torques of the wrench [N m].
+        assemblies: Number of times that the structure is taken apart and reassembled at each
+            torque.
+        joint: Structure at the reference torque, without variation.
+        how: Dependence of the joint on torque.
+        order: `shuffled`, or `given` for the order of `torques` in every assembly.
         seed: Seed of everything random.
         conditions: Further arguments of `jbw.rig.measure`.
 
     Raises:
-        ConfigError: A number out of its range.
-        ModelError: As `tightened`, and as `jbw.rig.measure`.
+        ConfigError: A number is out of its range.
+        ModelError: As for `tightened` and `jbw.rig.measure`.
     """
     if assemblies < 1 or not len(torques):
         raise ConfigError("A fleet needs one torque and one assembly at least.")
@@ -176,7 +180,7 @@ def _chance(seed: int, *key: int) -> np.random.Generator:
 
 
 def _order(num: int, assembly: int, seed: int) -> Sequence[int]:
-    """Draw the order of torques at random; reverse it for every second assembly."""
+    """Return a random order of torques; every second assembly reverses its predecessor's order."""
     permutation = _chance(seed, assembly // 2).permutation(num).tolist()
     return permutation[::-1] if assembly % 2 else permutation
 
@@ -190,7 +194,7 @@ def _stated(campaign: RigCampaign, assembly: str, torque: float, sequence: int) 
 
 
 def _power(name: str, unit: str) -> Float[np.ndarray, " 2"]:
-    """Return the powers of stiffness and of displacement in a parameter of this unit."""
+    """Return the powers of stiffness and of displacement in a parameter of the given unit."""
     exponents = powers_of(unit)
     seconds = exponents.pop("s", 0)
     metres = exponents.pop("m", 0)
@@ -204,7 +208,7 @@ def _power(name: str, unit: str) -> Float[np.ndarray, " 2"]:
 
 
 def _check(how: Tightening, torque: float, sequence: int) -> None:
-    """Raise an error, with the argument's name, for numbers out of range."""
+    """Raise a ConfigError that names the argument if a number is out of range."""
     positive = {"torque": torque, "reference": how.reference, "sequence": sequence}
     for name, value in positive.items():
         if not 0.0 < value < np.inf:

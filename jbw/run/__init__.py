@@ -1,1 +1,1 @@
-"""The run's folder while a run is under way: manifest, lock, checkpoints, interruption."""
+"""The folder of a run in progress: manifest, lock, checkpoints, interruption."""

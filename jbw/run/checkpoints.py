@@ -1,4 +1,4 @@
-"""Chains that outlive the process: checkpoints in two generations, and stops that lose nothing."""
+"""The checkpoints of chains in two generations, so that a stop or a crash loses nothing."""
 
 import hashlib
 import io
@@ -21,19 +21,19 @@ from jbw.report.messages import run as messages
 from jbw.run.files import write_whole
 
 MAGIC = b"jbw-checkpoint-1"
-EVERY_S = 5.0  # between two savings at least
-COST = 0.02  # share of the time that saving may take
+EVERY_S = 5.0  # shortest time between two savings [s]
+COST = 0.02  # largest share of the run time for savings
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 INTERRUPTED = 5  # exit code
 Watch = Callable[[str, Any], None]
 
 
 class Interruption:
-    """Whether a run was asked to stop, and whether it waits for a saving to do so."""
+    """The state of a request to stop a run, and whether the run waits for a saving to do so."""
 
     def __init__(self) -> None:
         self.asked = False
-        self.waits = False  # chains are growing that the next saving will hold
+        self.waits = False  # Chains are growing, and the next saving will contain them.
 
     def _ask(self, number: int, frame: FrameType | None) -> None:
         self.asked = True
@@ -45,11 +45,12 @@ class Interruption:
         """Handle Ctrl-C and SIGTERM; print the farewell before the process ends.
 
         Python runs a handler only between two of its own instructions, which compiled chains may
-        be far from. A thread therefore hears the signals as they come: it says at once that the
-        first was heard, and ends the process at the second, which can tear no file.
+        not reach for a long time. A separate thread therefore receives the signals at once: it
+        prints a confirmation of the first one, and ends the process at the second one, which can
+        damage no file.
         """
         if threading.current_thread() is not threading.main_thread():
-            yield  # only the main thread may listen
+            yield  # Only the main thread may handle signals.
             return
         reader, writer = socket.socketpair()
         writer.setblocking(False)
@@ -78,7 +79,7 @@ class Interruption:
 
 
 class Generation(NamedTuple):
-    """A checkpoint as it was read: how many were saved before it, and the arrays that it holds."""
+    """The content of a checkpoint: the number of earlier ones, and its arrays."""
 
     number: int
     arrays: dict[str, np.ndarray]
@@ -93,7 +94,7 @@ def pack(number: int, arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def unpack(content: bytes) -> Generation | None:
-    """Return a checkpoint from its bytes; None where they are torn or changed."""
+    """Return a checkpoint from its bytes; None where they are incomplete or changed."""
     head, _, rest = content.partition(b"\n")
     if head != b"%s %s" % (MAGIC, hashlib.sha256(rest).hexdigest().encode()):
         return None
@@ -103,10 +104,10 @@ def unpack(content: bytes) -> Generation | None:
 
 
 class Checkpoint:
-    """The chains of one posterior, in two files of which the older is written next.
+    """The checkpoint of one posterior's chains, in two files that are written in turn.
 
-    An interruption may ask to stop after a saving; `watch` is called with the name and how far the
-    chains are, after every chunk of steps.
+    An interruption may ask to stop after a saving. After every chunk of steps `watch` is called
+    with the posterior's name and the progress of the chains.
     """
 
     def __init__(
@@ -123,7 +124,7 @@ class Checkpoint:
         self._saved, self._cost = perf_counter(), 0.0
 
     def load(self) -> dict[str, np.ndarray] | None:
-        """Return the last intact save, or None; warn of damaged files."""
+        """Return the arrays of the last intact checkpoint, or None; warn of damaged files."""
         contents = [path.read_bytes() for path in self._files if path.exists()]
         intact = sorted(
             filter(None, map(unpack, contents)), key=lambda generation: generation.number
@@ -141,21 +142,21 @@ class Checkpoint:
         return intact[-1].arrays
 
     def grown(self, so_far: Any) -> None:
-        """Pass on how far the chains are."""
+        """Report the progress of the chains."""
         self._watch(self._name, so_far)
 
     def due(self) -> bool:
-        """Return whether to save: on a stop request, or when saving costs little of the time."""
+        """Return whether to save a checkpoint now: on a stop request, or if it is time."""
         self._interruption.waits = True
         if self._interruption.asked:
             return True
         return perf_counter() - self._saved > max(EVERY_S, self._cost / COST)
 
     def save(self, arrays: Mapping[str, np.ndarray], *, last: bool) -> None:
-        """Save plain arrays in place of the older generation, then stop if that was asked for.
+        """Save a checkpoint in place of the older one, then stop the run if that was requested.
 
         Raises:
-            KeyboardInterrupt: If the run was asked to stop.
+            KeyboardInterrupt: The run was asked to stop.
         """
         clock = perf_counter()
         write_whole(self._files[self._number % 2], pack(self._number, arrays))

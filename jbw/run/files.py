@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all."""
+"""The writing of files, completely or not at all."""
 
 import hashlib
 import os
@@ -7,16 +7,16 @@ from pathlib import Path
 
 from jbw.errors import RunError
 
-ROOM = 50 * 2**20  # bytes that a run may need: posterior, report and checkpoints
-ROOM_OF_RIG = 300 * 2**20  # with the records of the virtual rig
+ROOM = 50 * 2**20  # bytes that a run may need for posterior, report and checkpoints
+ROOM_OF_RIG = 300 * 2**20  # the same with the records of the virtual rig
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that a kill or a full disk leaves the old one, or the new one, never half.
+    """Write a file so that a kill or a full disk leaves the old or the new one, never a part.
 
     Raises:
-        RunError: If the disk is full, the folder cannot be written, or the path is no file: a
-            device, which the new file would replace, or a folder.
+        RunError: The disk is full, the folder cannot be written, or the path is no file but a
+            folder, or a device, which the new file would replace.
     """
     if path.exists() and not path.is_file():
         kind = "folder" if path.is_dir() else "device"
@@ -35,7 +35,7 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def put_whole(path: Path, content: bytes) -> None:
-    """Put a file in place of the one of before; where that fails, leave the old one untouched.
+    """Replace a file by new content; if that fails, leave the old file unchanged.
 
     Raises:
         OSError: The file cannot be written.
@@ -65,10 +65,10 @@ def _sync_folder(folder: Path) -> None:
 
 
 def require_room(folder: Path, room: int = ROOM) -> None:
-    """Refuse a folder, made or not, whose disk has not so many bytes left, before any work."""
+    """Raise an error before any work if a folder's disk has less free space than `room` bytes."""
     made = next(place for place in (folder, *folder.absolute().parents) if os.path.exists(place))
     total, _, free = shutil.disk_usage(made)
-    if total > 0 and free < room:  # some file systems state no size
+    if total > 0 and free < room:  # Some file systems state no size.
         raise RunError(
             f"The disk of {folder} has {free / 2**20:.0f} MB left, but a run may need "
             f"{room / 2**20:.0f} MB.",

@@ -1,4 +1,4 @@
-"""The folder of a run under way: begun, gone on with, or finished, by one process at a time."""
+"""The folder of a run in progress: begun, resumed or finished by one process at a time."""
 
 import errno
 import json
@@ -28,26 +28,28 @@ from jbw.run.manifest import (
 if TYPE_CHECKING:
     from filelock import BaseFileLock
 
-HIDDEN = ".run"  # beside the results, until these are complete
+HIDDEN = ".run"  # folder next to the results, until these are complete
 MANIFEST, LOCK, SPENT = "manifest.json", "lock", "spent_s"
 RESULT = {
     "posterior.nc", "summary.json", "figures", "report.html", "interactive.html", "brief.pdf"
 }  # fmt: skip
-OF_RIG = "campaign/campaign.toml"  # below a run's folder: the campaign of the virtual rig
-HOLDER = ".holder"  # beside a lock's file: which process holds it
-UNSUPPORTED = {errno.ENOTSUP, errno.ENOLCK, errno.ENOSYS}  # some network folders know no locks
+OF_RIG = "campaign/campaign.toml"  # campaign of the virtual rig, below the run's folder
+HOLDER = ".holder"  # suffix of a file next to a lock's file, which names the process with the lock
+UNSUPPORTED = {errno.ENOTSUP, errno.ENOLCK, errno.ENOSYS}  # Some network folders support no locks.
 
 
 def lock(file: Path, folder: Path) -> "BaseFileLock":
-    """Hold a file for this process until the lock is released or the process ends, however.
+    """Lock a file for this process, until the lock is released or the process ends in any way.
 
     Raises:
-        RunError: Another process holds it, named as far as it is known.
+        RunError: Another process holds the lock; the message names it as far as known.
         OSError: The file cannot be written.
     """
-    from filelock import FileLock, Timeout  # not for a command that only prints its help
+    # A command that only prints its help must not wait for the import.
+    from filelock import FileLock, Timeout
 
-    # A file that stays behind a process would lock out the next: no stand-in by a file's existence.
+    # Locks by a file's existence are not used: a file that a dead process left would block the
+    # next.
     held = FileLock(file, timeout=0, thread_local=False, fallback_to_soft=False)
     try:
         held.acquire()
@@ -60,14 +62,14 @@ def lock(file: Path, folder: Path) -> "BaseFileLock":
     except OSError as error:
         if error.errno not in UNSUPPORTED:
             raise
-    # Beside the file, which Windows lets no other process read.
+    # This file is separate, since Windows lets no other process read a locked file.
     holder = {"pid": os.getpid(), "host": platform.node()}
     file.with_suffix(HOLDER).write_text(json.dumps(holder), encoding="utf-8")
     return held
 
 
 def _holder(file: Path) -> str:
-    """Return the lock's holder (process and host) as recorded; empty text if unreadable."""
+    """Return the lock's holder (process and host) as recorded; an empty text if unreadable."""
     try:
         holder = json.loads(file.with_suffix(HOLDER).read_text(encoding="utf-8"))
         return f" (number {holder['pid']} on {holder['host']})"
@@ -91,10 +93,10 @@ def _locked(folder: Path) -> "Iterator[BaseFileLock]":
 
 
 class Run:
-    """A run that this process may write, as long as it holds the lock; fresh where it begins here.
+    """A run that this process may write while it has the lock; fresh if it begins in this process.
 
-    The manifest says what it was asked for and what it read so far; `watch` is called with the name
-    of a posterior and how far its chains are.
+    The manifest states the request and the inputs read so far; `watch` is called with the name of a
+    posterior and the progress of its chains.
     """
 
     def __init__(
@@ -108,33 +110,34 @@ class Run:
 
     @property
     def to_resume(self) -> str:
-        """The arguments of `jbw resume` that go on with the run."""
+        """The arguments of `jbw resume` that continue the run."""
         allowed = " --allow-outside" if self.manifest.allow_outside else ""
         return f"{shlex.quote(str(self.folder))}{allowed}"
 
     @property
     def campaign(self) -> Path:
-        """The campaign file; the virtual rig's lies in the run's folder, which may be moved."""
+        """The path of the run's campaign file."""
         return self.folder / self.manifest.campaign
 
     def keep(self, name: str) -> Checkpoint:
-        """Return the checkpoint that stores the chains of the posterior of this name."""
+        """Return the checkpoint that stores the chains of the posterior with this name."""
         return Checkpoint(self.folder / HIDDEN, name, self.interruption, self.watch)
 
     def note(self, manifest: Manifest) -> None:
-        """Write down what became known, in place of the manifest of before."""
+        """Replace the run's manifest by one with newly known facts."""
         if manifest != self.manifest:
             write_manifest(self.folder / HIDDEN / MANIFEST, manifest)
         self.manifest = manifest
 
     def finish(self) -> None:
-        """Remove what only an unfinished run needs."""
+        """Remove the files that only an unfinished run needs."""
         (self.folder / HIDDEN / MANIFEST).unlink(missing_ok=True)
-        self._held.release()  # Windows removes no open file; a folder with results is taken
+        # Windows removes no open file; a new process may not begin in a folder with results.
+        self._held.release()
         shutil.rmtree(self.folder / HIDDEN, ignore_errors=True)
 
     def discard(self) -> None:
-        """Leave no trace of a run that has just begun and has nothing to go on from."""
+        """Remove the folder of a run that began in this process and has no checkpoint yet."""
         if not self._fresh or list((self.folder / HIDDEN).glob("*.checkpoint")):
             return
         if [path.name for path in self.folder.iterdir()] == [HIDDEN]:
@@ -143,7 +146,7 @@ class Run:
 
     @property
     def spent(self) -> float:
-        """Time that sittings before this one took, as far as they could say so [s]."""
+        """The time that earlier processes spent on the run, as far as they recorded it [s]."""
         try:
             return float((self.folder / HIDDEN / SPENT).read_text(encoding="utf-8"))
         except (OSError, ValueError):
@@ -158,7 +161,7 @@ class Run:
 
 
 def begin(folder: Path, manifest: Manifest) -> Run:
-    """Begin a run in a new or empty folder, or over a first answer, and hold the folder's lock."""
+    """Begin a run in a new or empty folder, or over a first answer, and lock the folder."""
     unfinished = folder / HIDDEN / MANIFEST
     if not unfinished.exists():
         _require_empty(folder)
@@ -174,13 +177,13 @@ def begin(folder: Path, manifest: Manifest) -> Run:
                 why="Results of two runs must not be mixed.",
                 remedy=f"Go on with it: jbw resume {folder}. Or choose another with --out.",
             )
-        _require_empty(folder)  # another process may have been here before the lock
+        _require_empty(folder)  # Another process may have begun before this one got the lock.
         write_manifest(unfinished, manifest)
     return Run(folder, manifest, held, fresh=True)
 
 
 def is_first_answer(folder: Path) -> bool:
-    """Return whether a folder's result is from a fit only, which a run may replace."""
+    """Return whether a folder's result is from a fit only, which a full run may replace."""
     try:
         summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         return "quick" in summary
@@ -196,17 +199,18 @@ def _holds_nothing_else_than_a_first_answer(folder: Path) -> bool:
 
 
 def reopen(folder: Path, *, allow_outside: bool = False) -> Run | None:
-    """Resume an interrupted run and lock its folder; None where it is finished.
+    """Resume an interrupted run and lock its folder; return None where it is finished.
 
-    A folder may come from elsewhere: nothing in it leads a write out of it, and whether files
-    outside the campaign's folder are read is asked of the caller again.
+    A folder may come from elsewhere. Nothing in it can cause a write outside of it, and the caller
+    decides again whether files outside the campaign's folder are read.
 
     Raises:
-        RunError: There is no run, another process holds it, or its files lead out of the folder.
+        RunError: There is no run, another process has its lock, or its files lead out of the
+            folder.
     """
     if not (folder / HIDDEN / MANIFEST).exists():
         if (folder / "summary.json").exists():
-            shutil.rmtree(folder / HIDDEN, ignore_errors=True)  # a kill came in its removal
+            shutil.rmtree(folder / HIDDEN, ignore_errors=True)  # A kill interrupted its removal.
             return None
         raise RunError(
             f"The folder {folder} holds no run to go on with.",
@@ -229,9 +233,9 @@ def reopen(folder: Path, *, allow_outside: bool = False) -> Run | None:
 
 
 def require_same(run: Run) -> str | None:
-    """Refuse to go on with what changed since a run began; a warning where only the machine did."""
+    """Raise an error if a run's inputs changed; return a warning if only the machine did."""
     is_whole = (run.folder / "summary.json").exists() and not is_first_answer(run.folder)
-    if not is_whole:  # a result needs only its report
+    if not is_whole:  # A complete result needs only its report.
         require_unchanged(run.manifest, run.campaign)
     was, is_ = run.manifest.machine, machine()
     if was == is_:
@@ -240,7 +244,7 @@ def require_same(run: Run) -> str | None:
 
 
 def _require_inside(folder: Path) -> None:
-    """Refuse a run's folder with a link that leads out of it, through which files are written."""
+    """Raise an error if a run's folder contains a link that leads out of it."""
     inside = folder.resolve()
     for path in folder.rglob("*"):
         if path.is_symlink() and not path.resolve().is_relative_to(inside):
@@ -253,7 +257,7 @@ def _require_inside(folder: Path) -> None:
 
 
 def _require_empty(folder: Path) -> None:
-    """Refuse a folder that holds anything."""
+    """Raise an error if a folder contains anything but an unfinished run."""
     try:
         names = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Whether a result is still what the run wrote: hashes of its files, which stand in its summary."""
+"""The integrity of a result: hashes of its files, stored in its summary."""
 
 import hashlib
 import json
@@ -9,22 +9,22 @@ from typing import Any
 from jbw.errors import DataError
 from jbw.run.files import hash_of
 
-SEAL = "sha256"  # the field of a summary that holds the hashes
-MARK = "hashes"  # attribute of a posterior's file whose summary has them
+SEAL = "sha256"  # field of a summary with the hashes
+MARK = "hashes"  # attribute of a posterior's file whose summary has hashes
 
 
 def sealed(summary: Mapping[str, Any], posterior: Path) -> dict[str, Any]:
-    """Return the summary with the hash of its own content and that of the posterior's file."""
+    """Return a run's summary with the SHA-256 of itself and of the posterior's file."""
     return {**summary, SEAL: {"summary": _digest(summary), posterior.name: hash_of(posterior)}}
 
 
 def unsealed(summary: Mapping[str, Any], posterior: Path) -> dict[str, Any]:
-    """Return the summary without its hashes, once it and the posterior's file agree with them.
+    """Check a run's summary and posterior by their SHA-256; return the summary without hashes.
 
-    Runs of earlier versions have none, and are taken as they are.
+    Runs of earlier versions have no hashes and are accepted.
 
     Raises:
-        DataError: A file is no longer what the run wrote.
+        DataError: A file differs from what the run wrote.
     """
     content = {name: value for name, value in summary.items() if name != SEAL}
     if SEAL not in summary:
@@ -40,7 +40,7 @@ def unsealed(summary: Mapping[str, Any], posterior: Path) -> dict[str, Any]:
 
 
 def damaged(path: Path) -> DataError:
-    """Return the error of a file that is no longer what the run wrote."""
+    """Return the error for a file that differs from what the run wrote."""
     return DataError(
         f"The file {path} is damaged: its content is not what the run wrote, by its SHA-256.",
         remedy="Restore the folder from a copy, or identify again: jbw identify CAMPAIGN.toml.",

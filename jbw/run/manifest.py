@@ -1,4 +1,4 @@
-"""The request and the inputs of a run: enough to resume it, and to refuse if they changed."""
+"""The request and the inputs of a run, which allow it to resume and show whether inputs changed."""
 
 import hashlib
 import json
@@ -22,64 +22,64 @@ VERSIONED = ("jbw", "jax", "jaxlib", "numpyro", "blackjax", "diffrax", "optimist
 
 
 def versions() -> dict[str, str]:
-    """Return versions of what decides the draws; of jbw with the digest of its sources."""
+    """Return the versions of jbw and of all packages that determine the draws."""
     here = {name: version(name) for name in VERSIONED}
     return {**here, "jbw": f"{here['jbw']} (sources {sources_of('jbw')})"}
 
 
 class Machine(TypedDict):
-    """The computer of a run."""
+    """The computer of a run: its name and its number of processors."""
 
     name: str
     processors: str
 
 
 def machine() -> Machine:
-    """Return machine facts that may affect the last bit of a draw."""
+    """Return facts on the machine that may affect the last bit of a draw."""
     return {"name": platform.node(), "processors": str(os.cpu_count())}
 
 
 def command_line() -> str:
-    """Return the typed command for the manifest."""
+    """Return the command as typed, for the manifest."""
     return " ".join(["jbw", *sys.argv[1:]])
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """A run as it was asked for."""
+    """The request and the inputs of a run."""
 
-    command: str  # what was typed
-    campaign: str  # its file; relative to the run's folder where it lies in there
-    seed: int | None = None  # given on the command line
-    preset: str | None = None  # of the virtual rig that makes the campaign first
-    allow_outside: bool = False  # whether files may lie outside the campaign's folder
-    quick: bool = False  # whether a first answer is all that was asked for
-    final: bool = False  # whether all tests are to be fitted for use in the end
-    figures: tuple[str, ...] = ()  # formats of the files that figures go to
-    text: str | None = None  # content of the campaign file, once it was read
-    # Hash of every data file by its path, relative to the campaign's folder where it lies below.
+    command: str  # command as typed
+    campaign: str  # campaign file, relative to the run's folder if it is in there
+    seed: int | None = None  # seed given on the command line
+    preset: str | None = None  # preset of the virtual rig that measures the campaign first
+    allow_outside: bool = False  # whether data files may be outside the campaign's folder
+    quick: bool = False  # whether only a first answer is requested
+    final: bool = False  # whether a final fit to all tests for use is requested
+    figures: tuple[str, ...] = ()  # file formats of saved figures
+    text: str | None = None  # content of the campaign file, once it has been read
+    # SHA-256 of every data file by its path, relative to the campaign's folder if it is below it.
     inputs: dict[str, str] | None = None
     versions: dict[str, str] = field(default_factory=versions)
     machine: Machine = field(default_factory=machine)
 
 
 def write_manifest(path: Path, manifest: Manifest) -> None:
-    """Write a manifest, with the hash of its content."""
+    """Write the manifest of a run, with the hash of its content."""
     content = {"format": FORMAT, **asdict(manifest)}
     text = json.dumps({"sha256": _digest(content), **content}, indent=1, ensure_ascii=False)
     write_whole(path, text.encode())
 
 
 def read_manifest(path: Path) -> Manifest:
-    """Read an unfinished run's manifest; refuse a changed one or another format."""
-    from pydantic import TypeAdapter  # a tenth of a second
+    """Read an unfinished run's manifest; raise an error if it was changed or has another format."""
+    from pydantic import TypeAdapter  # The import takes a tenth of a second.
 
     try:
         text = path.read_text(encoding="utf-8")
         content = json.loads(text)
         intact = content.pop("sha256") == _digest(content) and content.pop("format") == FORMAT
-        if intact and "\\u0000" not in text:  # which no path may hold
-            Manifest(**content)  # refuses other keys
+        if intact and "\\u0000" not in text:  # No path may contain a null character.
+            Manifest(**content)  # This raises an error for unknown keys.
             return TypeAdapter(Manifest).validate_json(json.dumps(content), strict=True)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         pass
@@ -95,9 +95,9 @@ def _digest(content: Mapping[str, Any]) -> str:
 
 
 def with_inputs(manifest: Manifest, campaign: Path, inputs: Mapping[str, str]) -> Manifest:
-    """Return the manifest once its campaign was read; refused where it was read before and changed.
+    """Return a run's manifest with its campaign's inputs; raise an error if they have changed.
 
-    With the hash of every data file by its path, as it was read.
+    Inputs are the SHA-256 of every data file, by its path.
     """
     folder = campaign.resolve().parent
     digests = {}
@@ -127,7 +127,7 @@ def _other_data(what: str) -> DataError:
 
 
 def require_unchanged(manifest: Manifest, campaign: Path) -> None:
-    """Refuse to go on with another campaign, other data or other versions than at the start."""
+    """Raise an error if the campaign, its data or versions differ from those at the start."""
     here = versions()
     other = [
         f"{name} {was}, not {here.get(name)}"

@@ -1,7 +1,7 @@
-"""Trees as NetCDF 4 files, written and read by h5py in a tenth of the time that xarray takes.
+"""Trees in NetCDF 4 files, written and read by h5py in a tenth of xarray's time.
 
 The layout is the one that xarray writes by h5netcdf, and xarray's own rules encode and decode the
-values: `xarray.open_datatree` and `arviz.from_netcdf` read the same.
+values: `xarray.open_datatree` and `arviz.from_netcdf` read the same content.
 """
 
 from collections import ChainMap
@@ -18,28 +18,29 @@ from xarray.conventions import encode_cf_variable, encode_dataset_coordinates
 from jbw.run.files import put_whole
 
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."
-# Begins the name of a variable that has the name of a dimension, and other dimensions.
+# Prefix of a variable with the name of a dimension but other dimensions.
 RENAMED = "_nc4_non_coord_"
 OF_LAYOUT = {
     "CLASS", "NAME", "REFERENCE_LIST", "DIMENSION_LIST", "_Netcdf4Dimid", "_Netcdf4Coordinates",
     "_NCProperties", "_nc3_strict",
 }  # fmt: skip
-NO_DAMAGE = (OSError, ImportError, MemoryError)  # say themselves what is wrong
+NO_DAMAGE = (OSError, ImportError, MemoryError)  # These errors state themselves what is wrong.
 TEXT = h5py.string_dtype()
 BLOCK = 2**22  # bytes by which the file grows in memory
 
-Scales = ChainMap[str, h5py.Dataset]  # of dimensions by name, those of outer groups behind
+Scales = ChainMap[str, h5py.Dataset]  # dimension scales by name; those of outer groups come last
 
 
 def write_tree(path: Path, tree: xr.DataTree) -> None:
-    """Write a tree to a file, whole or not at all.
+    """Write a data tree to a NetCDF file, completely or not at all.
 
     Raises:
         OSError: The file cannot be written.
     """
     dimension_numbers = count()
     scales: dict[str, Scales] = {}
-    # In memory first: where a disk is full, HDF5 fails in closing and says it in words of its own.
+    # The file is built in memory first: on a full disk HDF5 fails on closing, with an obscure
+    # message.
     with h5py.File(
         path, "w", driver="core", backing_store=False, block_size=BLOCK, track_order=True
     ) as file:
@@ -102,26 +103,26 @@ def _write_variable(
 
 def _write_attributes(target: h5py.Group | h5py.Dataset, attrs: Mapping[Any, Any]) -> None:
     for name, value in attrs.items():
-        # A number is a row of one in NetCDF.
+        # NetCDF stores a number as an array with one element.
         target.attrs[name] = value if isinstance(value, str | list) else np.atleast_1d(value)
 
 
 def read_tree(path: Path, *groups: str) -> xr.DataTree:
-    """Read a tree that `write_tree` or xarray wrote.
+    """Read a data tree from a NetCDF file that `write_tree` or xarray wrote.
 
     Args:
         path: The file.
-        groups: Names of groups below the root that are read with all below them; all if none is
-            given. The root itself is always read.
+        groups: Names of groups below the root that are read with everything below them; all groups
+            if none is given. The root itself is always read.
 
     Raises:
-        OSError: There is no such file, or it is damaged.
+        OSError: The file does not exist, or is damaged.
     """
     datasets: dict[str, xr.Dataset] = {}
     try:
         with h5py.File(path) as file:
             waiting: list[tuple[str, h5py.Group]] = [("/", file)]
-            names: dict[Any, str] = {}  # of dimensions by their scales
+            names: dict[Any, str] = {}  # names of dimensions by their scales
             for key, group in waiting:
                 found = dict(group.items())
                 datasets[key] = _read_group(group, found, names)
@@ -133,7 +134,7 @@ def read_tree(path: Path, *groups: str) -> xr.DataTree:
         return xr.DataTree.from_dict(datasets)
     except NO_DAMAGE:
         raise
-    except Exception as cause:  # HDF5 raises what it likes where a file is damaged
+    except Exception as cause:  # For a damaged file HDF5 may raise any exception.
         raise OSError(f"{type(cause).__name__}: {cause}") from cause
 
 
@@ -144,7 +145,8 @@ def _read_group(group: h5py.Group, found: Mapping[str, Any], names: dict[Any, st
     for name, item in stored.items():
         if item.is_scale and str(item.attrs.get("NAME", b""), "utf-8").startswith(NO_VARIABLE):
             continue
-        if item.is_scale and item.ndim > 1:  # over further dimensions beside that of its name
+        # The variable has other dimensions in addition to that of its name.
+        if item.is_scale and item.ndim > 1:
             by_id = {scale.attrs.get("_Netcdf4Dimid"): called for scale, called in names.items()}
             dims = [by_id[one] for one in np.asarray(item.attrs["_Netcdf4Coordinates"])]
         elif item.is_scale:
@@ -163,7 +165,7 @@ def _read_group(group: h5py.Group, found: Mapping[str, Any], names: dict[Any, st
 
 
 def _attributes(source: h5py.Group | h5py.Dataset) -> dict[str, Any]:
-    """Return attributes as xarray shows them: a row of one as its value, rows of text as lists."""
+    """Return attributes as xarray shows them: one-element arrays as values, texts as lists."""
     attrs = {}
     for name in source.attrs:
         if name in OF_LAYOUT:

@@ -1,4 +1,4 @@
-"""JAX and linear algebra as every run of jbw wants them, in a process of its own."""
+"""The settings of JAX and of linear algebra for every run of jbw in a separate process."""
 
 import ctypes
 import gc
@@ -22,27 +22,28 @@ import platformdirs
 from jbw.report.messages import stages
 
 COMPILED = "/jax/core/compile/backend_compile_duration"
-# Of address space, less than which compilers and linear algebra may end the process, 0.7 to 1.5
-# GiB of it where two cores compile.
+# Bytes of address space below which compilers and linear algebra may end the process; two cores
+# that compile use 0.7 to 1.5 GiB of it.
 RESERVED = 3.0 * 2**30
-LONG_S = 0.3  # of a compile: below, less is freed than looking for it is worth
+# Duration of a compilation [s]; a shorter one frees less memory than a search is worth.
+LONG_S = 0.3
 THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
 
 def prepare_process() -> None:
-    """Configure two host devices for parallel chains, float64, and a cache of compiled code.
+    """Configure JAX for every run: two host devices, float64, and a cache of compiled code.
 
-    Before JAX starts. What was compiled stays in the user's cache folder (`keep_compiled`);
-    JAX_ENABLE_COMPILATION_CACHE=0 turns that off.
-    Linear algebra has one thread unless the environment names a number: OpenBLAS's turn while they
-    wait, which gains a fit nothing, and takes it seconds for 8 ms beside another busy process.
+    It must run before JAX starts. Compiled code is kept in the user's cache folder
+    (`keep_compiled`); JAX_ENABLE_COMPILATION_CACHE=0 turns that off. Linear algebra has one thread
+    unless the environment states a number: OpenBLAS's threads spin while they wait, which does not
+    speed up a fit, and next to another busy process costs it seconds for 8 ms of work.
     """
     flags = os.environ.get("XLA_FLAGS", "")
     if "host_platform_device_count" not in flags and (os.cpu_count() or 1) > 1:
         os.environ["XLA_FLAGS"] = f"{flags} --xla_force_host_platform_device_count=2".strip()
     import jax
 
-    # What JAX traces lives long, and looking through it for garbage takes a fiftieth of a run.
+    # The objects that JAX traces live long; searching them for garbage takes 2 % of a run.
     gc.set_threshold(100_000, 20, 20)
     jax.config.update("jax_enable_x64", True)
     keep_compiled()
@@ -64,9 +65,10 @@ def limit_threads() -> None:
 def give_back_after_compiling() -> None:
     """Register a listener that returns freed memory to the system after long compilations.
 
-    Once a process, however many commands it runs: each listener would search the heap anew. A
-    compiler frees tens of megabytes in small pieces, which glibc keeps for more of them: after a
-    dozen programs a gigabyte that nobody uses. Where the library is another, nothing is done.
+    It is called once per process, however many commands run in it: each listener would search the
+    heap again. A compiler frees tens of megabytes in small pieces, which glibc keeps for later
+    requests: after a dozen programs it is a gigabyte of unused memory. With another C library
+    nothing is done.
     """
     from jax import monitoring
 
@@ -78,7 +80,10 @@ def give_back_after_compiling() -> None:
 
 
 def trimming(trim: Callable[[int], Any]) -> Callable[..., None]:
-    """Return a listener that calls `trim` with no margin after each long compilation."""
+    """Return a listener that gives freed memory back to the system after long compilations.
+
+    It calls `trim` without a margin after each compilation of `LONG_S` or more.
+    """
 
     def after_compile(event: str, duration: float, **facts: str | int) -> None:
         if event == COMPILED and duration >= LONG_S:
@@ -88,15 +93,15 @@ def trimming(trim: Callable[[int], Any]) -> Callable[..., None]:
 
 
 def keep_compiled(purpose: str = "compiled") -> Path | None:
-    """Keep compiled code in a folder of the user's cache; return it, None where one is named.
+    """Keep compiled code in the user's cache; return the folder, or None if another one is set.
 
-    The folder is named by `purpose`, the instructions of the processor and the versions of JAX, so
-    that containers and nodes of one cluster find what any of them compiled, and no processor runs
+    The name of the folder contains `purpose`, the instructions of the processor and the versions of
+    JAX. Containers and nodes of one cluster thus share compiled code, and no processor runs
     instructions that it lacks. A folder without write permission is only read, with a warning.
     """
     import jax
 
-    named = jax.config.jax_compilation_cache_dir  # by the environment, or by a program
+    named = jax.config.jax_compilation_cache_dir  # set by the environment or by a program
     digest = hashlib.sha256(instructions().encode()).hexdigest()[:12]
     versions = f"jax-{version('jax')}-{version('jaxlib')}"
     own = platformdirs.user_cache_path("jbw") / f"{purpose}-{digest}-{versions}"
@@ -104,24 +109,24 @@ def keep_compiled(purpose: str = "compiled") -> Path | None:
     if named is None:
         jax.config.update("jax_compilation_cache_dir", str(own))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
-    if "://" not in str(named):  # a folder that JAX reaches by itself
+    if "://" not in str(named):  # JAX opens a remote folder itself.
         _require_writable(folder)
     return own if named is None else None
 
 
 def instructions() -> str:
-    """Return the processor's features in one line, or what else tells its instructions."""
+    """Return the processor's features in one line, or what else identifies its instructions."""
     with suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             name, _, features = line.partition(":")
-            if name.strip() in ("flags", "Features"):  # of x86, of Arm
+            if name.strip() in ("flags", "Features"):  # names on x86 and on Arm
                 return " ".join(sorted(features.split()))
-    # Apple names the chip in the version of its kernel alone.
+    # On Apple's processors only the version of the kernel names the chip.
     return f"{platform.machine()} {platform.processor()} {platform.version()}"
 
 
 def _require_writable(folder: Path) -> None:
-    """Warn once where compiled code cannot be kept in a folder, and have JAX write none there."""
+    """Warn once if compiled code cannot be saved in a folder, and stop JAX from writing there."""
     import jax
 
     try:
@@ -130,7 +135,7 @@ def _require_writable(folder: Path) -> None:
             pass
     except OSError as error:
         warnings.warn(stages.unkept_code(str(folder), error.strerror or str(error)), stacklevel=3)
-        # JAX would warn of every program: a folder is read at most.
+        # JAX would warn for every program; it may still read the folder.
         jax.config.update("jax_persistent_cache_min_compile_time_secs", math.inf)
         if not folder.is_dir():
             jax.config.update("jax_compilation_cache_dir", None)

@@ -1,1 +1,1 @@
-"""A campaign from its tests to everything that is kept of it."""
+"""The identification of a campaign, from its tests to everything that is saved."""

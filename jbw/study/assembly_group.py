@@ -17,17 +17,18 @@ from jbw.report.messages import study as messages
 
 GROUP = "assembly"
 SI = "SI"
-SAME_PLACE = 1e-9  # of the structure's extent
-MOST_LINKS = 12  # a node: more are no mesh
+SAME_PLACE = 1e-9  # relative to the largest extent of the structure
+MOST_LINKS = 12  # links per node; a matrix with more of them is no mesh
 
 
 class ModelJoint(NamedTuple):
-    """One joint at its degrees of freedom, in SI.
+    """One joint of an assembled structure: its degrees of freedom and its stiffness, in SI.
 
     Attributes:
-        name: As parameters bear it, such as `bolt_1`.
-        terms: Degrees of freedom and their factors, which add up to its motion [-, or m/rad].
-        stiffness: In full stick [N/m, or N m/rad].
+        name: Name of the joint, as in its parameters, such as `bolt_1`.
+        terms: Degrees of freedom and their factors, whose sum is the motion of the joint [-, or
+            m/rad].
+        stiffness: Stiffness of the fully stuck joint [N/m, or N m/rad].
     """
 
     name: str
@@ -36,13 +37,13 @@ class ModelJoint(NamedTuple):
 
 
 class ModelJoints(NamedTuple):
-    """All joints, and what a file for the model's own program needs beside them.
+    """All joints of an assembled structure, with facts on its matrices that an export needs.
 
     Attributes:
         joints: The joints.
-        units: System of units of the matrices.
-        holds_joints: Whether K holds the joints in full stick.
-        highest_node: Largest number of a node; 0 where none is a number.
+        units: System of units of the structure's matrices.
+        holds_joints: Whether the stiffness matrix K contains the fully stuck joints.
+        highest_node: Largest node number; 0 where no node has a number.
     """
 
     joints: tuple[ModelJoint, ...]
@@ -52,7 +53,7 @@ class ModelJoints(NamedTuple):
 
 
 def assembly_group(model: ReducedModel, modes_hz: Sequence[float] = ()) -> xr.Dataset:
-    """Return the degrees of freedom and stiffness of every joint, with the model's units.
+    """Return a result group of the degrees of freedom and stiffness of every joint of a model.
 
     Where positions of nodes are known, also return the positions, the pairs of nodes that the
     stiffness couples, and the motion of the nodes in the modes at some frequencies [Hz], with a
@@ -87,7 +88,7 @@ def assembly_group(model: ReducedModel, modes_hz: Sequence[float] = ()) -> xr.Da
 
 
 def _geometry(model: ReducedModel, modes_hz: Sequence[float]) -> dict[str, Any]:
-    """Return the nodes, links and shapes to be drawn; nothing where positions are not known."""
+    """Return the nodes, links and mode shapes of a structure for drawings, or nothing."""
     positions = model.matrices.positions
     if not positions:
         return {}
@@ -96,7 +97,8 @@ def _geometry(model: ReducedModel, modes_hz: Sequence[float]) -> dict[str, Any]:
     coupled = sp.coo_array(model.matrices.stiffness)
     ends = np.sort(np.column_stack((rows[coupled.row], rows[coupled.col])), axis=1)
     links = np.unique(ends[(ends[:, 0] >= 0) & (ends[:, 0] < ends[:, 1])], axis=0)
-    if len(links) > MOST_LINKS * len(nodes):  # a superelement couples all nodes with each other
+    # A superelement couples all its nodes with each other, so that its links show nothing.
+    if len(links) > MOST_LINKS * len(nodes):
         links = links[:0]
     moved = np.zeros((len(modes_hz), len(nodes), len(TRANSLATIONS)))
     for i, hz in enumerate(modes_hz):
@@ -118,7 +120,7 @@ def _geometry(model: ReducedModel, modes_hz: Sequence[float]) -> dict[str, Any]:
 def _with_coincident(
     moved: Float[np.ndarray, "mode node 3"], position: Float[np.ndarray, "node 3"]
 ) -> Float[np.ndarray, "mode node 3"]:
-    """Return the nodes that only rotate share the deflection of another one at their place."""
+    """Return shapes in which nodes that only rotate move as another node at their place."""
     is_still, near = np.all(moved == 0, axis=(0, 2)), SAME_PLACE * np.ptp(position, axis=0).max()
     filled = moved.copy()
     for node in np.flatnonzero(is_still):
@@ -130,10 +132,10 @@ def _with_coincident(
 
 
 def assembly_of(tree: xr.DataTree) -> ModelJoints:
-    """Return the joints of a run's result.
+    """Return the joints of a run's result with their degrees of freedom.
 
     Raises:
-        DataError: The run is of a version that did not keep them.
+        DataError: A version of jbw that did not store the joints made the run.
     """
     if GROUP not in tree.children:
         raise DataError(

@@ -16,11 +16,11 @@ from jbw.report.result import BACKBONE, node
 from jbw.report.words import grades
 
 HEADINGS = ("parameter", "mean", "99 % interval", "unit", "")
-DPI = 80  # of a picture in a cell, whose bytes are kept in the notebook
+DPI = 80  # The bytes of the picture are stored in the notebook.
 
 
 def page_of(record: Mapping[str, Any], tree: xr.DataTree) -> str:
-    """Return the campaign's name, a row per parameter and the backbone, as HTML."""
+    """Return a study's notebook cell as HTML: campaign, parameters and backbone."""
     title = f"<p>Study of {escape(str(record.get('campaign', '')))}</p>"
     return title + _parameters(record) + _picture(tree)
 
@@ -41,7 +41,7 @@ def _parameters(record: Mapping[str, Any]) -> str:
 
 
 def _picture(tree: xr.DataTree) -> str:
-    """Return the backbone as an image; nothing where there is none or it cannot be drawn."""
+    """Return the backbone as an HTML image; an empty text where there is none or drawing fails."""
     groups = {"mode_backbones": BACKBONES, "backbone": BACKBONE}
     name = next((name for name, path in groups.items() if node(tree, path) is not None), None)
     if name is None:
@@ -51,7 +51,7 @@ def _picture(tree: xr.DataTree) -> str:
 
         picture = io.BytesIO()
         draw(tree, name).savefig(picture, format="png", dpi=DPI, facecolor="white")
-    except (ImportError, JbwError):  # numbers are shown without their picture
+    except (ImportError, JbwError):  # The cell shows the numbers without their picture.
         return ""
     data = b64encode(picture.getvalue()).decode()
     return f'<img alt="{escape(BACKBONE_PICTURE)}" src="data:image/png;base64,{data}">'

@@ -1,11 +1,11 @@
-"""The run's result as one tree: posteriors, verification and validation, labelled, with units.
+"""The result of a run as one labelled tree with units: posteriors, verification, validation.
 
-The main posterior is in ArviZ's own schema, so that its functions take a run as it is. Observations
-are records: what is left out by `arviz.loo`, compared by `arviz.plot_ppc_dist` and ranked by
-`arviz.plot_loo_pit` is the variable `response` of one record each, with the names of records, tests
-and runs for coordinates. Given the noise, and the offsets of the runs where they have any, records
-are independent; so the noise's prior 1/sigma stands in `log_prior`, beside what was read off a
-noise test before.
+The main posterior has ArviZ's own schema, so that ArviZ's functions accept a run as it is. One
+observation is one record: `arviz.loo` leaves out, `arviz.plot_ppc_dist` compares and
+`arviz.plot_loo_pit` ranks the variable `response` of one record each; its coordinates are the names
+of records, tests and runs. Given the noise, and the offsets of the runs where there are any,
+records are independent. The prior 1/sigma of the noise is therefore in `log_prior`, next to the
+densities of what a noise test determined before.
 """
 
 from collections.abc import Mapping, Sequence
@@ -50,13 +50,14 @@ from jbw.verification.places import safe
 from jbw.verification.predictive_basis import NUM_DRAWS, basis_attrs, basis_of, decay_attrs
 from jbw.verification.verify import Groups, verify
 
-TIED_KEY = 300  # of the seed: of the evidence of one law for several joints
-SPECTRUM = 4.2  # of the tone: the highest frequency of its spectrum shown
-NUM_PRIOR = 500  # draws of the prior
-NUM_PREDICTED = 100  # of them carried through the model
+TIED_KEY = 300  # added to the seed for the evidence that several joints share one law
+SPECTRUM = 4.2  # highest frequency of the displayed spectrum, as a multiple of the tone's frequency
+NUM_PRIOR = 500  # draws from the prior
+NUM_PREDICTED = 100  # prior draws that are propagated through the model
 SAMPLES = ("chain", "draw")
-SILENCE = 1e-12  # noise of what the prior predicts: 1/sigma is no density to draw from
-KEY = 200  # of the seed: no other numbers move by these
+# Prior predictions get this noise: nothing can be drawn from 1/sigma, which is improper.
+SILENCE = 1e-12
+KEY = 200  # added to the seed, so that no other random number changes
 RESPONSE = {
     "units": "1",
     "long_name": messages.VARIABLES["response"],
@@ -74,7 +75,8 @@ def collect(
 ) -> xr.DataTree:
     """Collect posteriors, verification and validation in one labelled tree, with units.
 
-    What stands beside the posteriors and cannot be made is left out, and `attempts` says so.
+    A group that accompanies the posteriors is left out if its computation fails; `attempts` records
+    why.
     """
     tests, joint, seed = measured.tests, posteriors.joint, order.seed
     groups = _drawn_groups(measured, posteriors, order.truth or {})
@@ -87,7 +89,7 @@ def collect(
     if sweeps is not None:
         groups |= attempts.make(stages.ENERGY, lambda: _conv_of_velocity(steps, sweeps), {})
     basis = basis_of(xr.DataTree.from_dict(groups))
-    # Single records say nothing of a linear structure.
+    # The predictions of single records say nothing about a linear structure.
     has_records = not posteriors.checks.sees_no_joint and measured_parts(joint.fitted.data)
     with in_background(lambda: arviz_groups(joint, seed) if has_records else {}) as by_record:
         groups |= attempts.make(
@@ -109,7 +111,7 @@ def collect(
 
 
 def _drawn_groups(measured: Measured, posteriors: Posteriors, truth: Mapping[str, float]) -> Groups:
-    """Step 2 and every posterior, the joint one at the root."""
+    """Return the result groups of Step 2 and of every posterior, the joint one at the root."""
     joint = posteriors.joint
     facts = joint.tree.attrs | run_attrs(measured.tests, joint, posteriors.free.data)
     groups: Groups = {"/": xr.Dataset(attrs=facts)}
@@ -128,12 +130,12 @@ def _drawn_groups(measured: Measured, posteriors: Posteriors, truth: Mapping[str
 
 
 def groups_in(tree: xr.DataTree) -> Groups:
-    """Return the groups of one posterior by name."""
+    """Return the groups of one posterior's tree by their names."""
     return {name: node.to_dataset() for name, node in tree.children.items()}
 
 
 def _tied_joints(order: Order, joint: JointPosterior, groups: Groups, attempts: Attempts) -> Groups:
-    """Return the joints' group with the evidence that joints share a law; empty for one joint."""
+    """Return the joints' group with the evidence for a shared law; empty for a single joint."""
     fitted, place = joint.fitted, f"/{JOINTS}"
     if place not in groups or tied_laws(fitted.data.laws) == fitted.data.laws:
         return {}
@@ -147,7 +149,10 @@ def _tied_joints(order: Order, joint: JointPosterior, groups: Groups, attempts: 
 def run_attrs(
     tests: Sequence[Test], joint: JointPosterior, decays: Decays | None
 ) -> dict[str, Any]:
-    """Return the attributes that predictions need besides draws, as `basis_of` reads them."""
+    """Return a run's attributes that predictions need in addition to the draws.
+
+    `basis_of` reads them.
+    """
     posterior = joint.draws
     omega_n = float(posterior["omega_n"].mean()) if "omega_n" in posterior else 1.0
     attrs = basis_attrs(tests, joint.fitted.data, joint.held, omega_n)
@@ -155,7 +160,7 @@ def run_attrs(
 
 
 def _with_truth(parts: Groups, truth: Mapping[str, float]) -> Groups:
-    """Return the groups of one posterior, the truth beside the draws where it is known."""
+    """Return a posterior's groups, with the true value as an attribute of the draws where known."""
     groups = dict(parts)
     posterior = groups["posterior"].copy()
     for name in posterior.data_vars:
@@ -167,7 +172,7 @@ def _with_truth(parts: Groups, truth: Mapping[str, float]) -> Groups:
 
 
 def _with_units(left_out: xr.Dataset, posterior: xr.Dataset) -> xr.Dataset:
-    """Return the fits without a run, whose parameters have the units of their draws."""
+    """Give the leave-one-run-out fits the units of the parameters' draws."""
     units = {"group_units": [posterior[n].attrs["units"] for n in left_out["parameter"].values]}
     return left_out.assign({n: left_out[n].assign_attrs(units) for n in ("estimate", "std")})
 
@@ -175,7 +180,7 @@ def _with_units(left_out: xr.Dataset, posterior: xr.Dataset) -> xr.Dataset:
 def _kernel_groups(
     tests: tuple[Test, ...], linear: LinearStep, third_order: KernelFit, steps: Mapping[str, Step]
 ) -> Groups:
-    """Step 3: measured kernel against its bands, a spectrum, conv(n) of the kernel."""
+    """Return the result groups of Step 3: measured kernel with bands, a spectrum and conv(n)."""
     probing = probing_tests(tests, linear.natural_hz)
     groups: Groups = {"/verification/spectrum": _tone_spectrum(probing[len(probing) // 2])}
     posteriors = {}
@@ -188,7 +193,7 @@ def _kernel_groups(
 
 
 def _kernel_verification(fitted: KernelFit, posteriors: Mapping[str, xr.Dataset]) -> xr.Dataset:
-    """Return the kernel of every repeat, (repeat, freq), and the bands of Step 3's samplers."""
+    """Return the third-order kernel of every repeat with the bands of both samplers of Step 3."""
     data, omega = fitted.data, np.asarray(fitted.data.omega)
     shown = [k for k in fitted.kernels if np.any(np.isclose(k.omega, omega))]
     repeats = min(len(k.h3) for k in shown)
@@ -229,7 +234,7 @@ def _with_conv(step: Step, energy: np.ndarray, unit: str) -> xr.Dataset:
 
 
 def _conv_of_velocity(steps: Mapping[str, Step], sweeps: Sweeps) -> Groups:
-    """Return the energy of the velocity, conv(n) of Step 4, at each draw of gamma alone."""
+    """Return the running mean of the simulated velocity's energy over draws of gamma (Step 4)."""
     test = sweeps.fitted[-1]
     whole = replace(test, records=test.records[:1], settle=0.0, band_hz=None)
     data = Records.of([whole], laws=DEFAULT_LAWS, substeps=SUBSTEPS)
@@ -247,7 +252,7 @@ def _conv_of_velocity(steps: Mapping[str, Step], sweeps: Sweeps) -> Groups:
 
 
 def arviz_groups(joint: JointPosterior, seed: int) -> Groups:
-    """Return all of ArviZ's groups of the joint posterior, by path."""
+    """Return all ArviZ groups of the joint posterior, by their paths in the tree."""
     posterior, data, box = joint.draws, joint.fitted.data, joint.fitted.box
     shape = posterior.sizes["chain"], posterior.sizes["draw"]
     keys = parts_of(jax.random.fold_in(jax.random.key(seed), KEY), 3)
@@ -259,7 +264,8 @@ def arviz_groups(joint: JointPosterior, seed: int) -> Groups:
     prior = prior_draws(keys[1], box, data, meaning)
     some = {name: prior[name].values[0, :NUM_PREDICTED] for name in box.names}
     silent = {label: np.full(NUM_PREDICTED, SILENCE) for label in noise}
-    with np.errstate(invalid="ignore", over="ignore"):  # where the motion cannot be solved
+    # The motion of some prior draws cannot be solved.
+    with np.errstate(invalid="ignore", over="ignore"):
         before = records_of(keys[2], some, silent, at_large(data))
     before = _joined(before, "predicted")
     before = before[np.all(np.isfinite(before), axis=1)]
@@ -278,9 +284,9 @@ def arviz_groups(joint: JointPosterior, seed: int) -> Groups:
 
 
 def at_large(data: Dataset) -> Dataset:
-    """Return the data without session offsets, to predict one joint common to all runs.
+    """Return the data without session offsets, so that one joint predicts all runs.
 
-    The offsets are known only in the neighbourhood of the fit.
+    The offsets are linearised about the fit and valid only near it.
     """
     even = (evenly(part) for part in data.parts)
     pairs = zip(data.parts, even, strict=True)
@@ -291,7 +297,7 @@ def at_large(data: Dataset) -> Dataset:
 
 
 def noise_of(posterior: xr.Dataset) -> dict[str, Float[np.ndarray, "chain draw"]]:
-    """Return the draws of every group's noise, by its label."""
+    """Return the draws of the noise of every group of data, by the group's label."""
     return {
         str(label): values.sel({values.dims[-1]: label}).values
         for name, values in posterior.data_vars.items()
@@ -303,7 +309,7 @@ def noise_of(posterior: xr.Dataset) -> dict[str, Float[np.ndarray, "chain draw"]
 def prior_draws(
     key: Key[Array, ""], box: Box, data: Dataset, attrs: Mapping[str, Mapping[str, Any]]
 ) -> xr.Dataset:
-    """Draw one chain from the prior, with derived quantities; noise has no prior to draw from."""
+    """Draw parameters from their prior, with derived quantities, but without the improper noise."""
     rng, shape = generator(key), (1, NUM_PRIOR)
     values = {
         name: rng.uniform(low, high, shape) for name, (low, high) in bounds_by_name(box).items()
@@ -318,7 +324,7 @@ def prior_draws(
 
 
 def coordinates(records: RecordTerms) -> dict[str, Any]:
-    """Return the names of the records, and of the test, the run and the repeat of each."""
+    """Return the xarray coordinates of all records: names, tests, runs and repeats."""
 
     def every(field: str) -> list[Any]:
         return [value for part in records.parts for value in getattr(part, field)]
@@ -335,7 +341,7 @@ def _joined(records: RecordTerms, field: str) -> Float[np.ndarray, "*draw record
 
 
 def log_prior(posterior: xr.Dataset, box: Box, records: RecordTerms, data: Dataset) -> xr.Dataset:
-    """Log density of the prior by variable: the box, 1/sigma, a line fit, the runs' offsets."""
+    """Return log prior densities of draws by variable: box, 1/sigma, line fit, run offsets."""
     shape = posterior.sizes["chain"], posterior.sizes["draw"]
     coords: dict[Any, Any] = dict(posterior.coords)
     attrs = {"units": "1", "long_name": "log prior density [nats]"}
@@ -361,8 +367,8 @@ def log_prior(posterior: xr.Dataset, box: Box, records: RecordTerms, data: Datas
 def _of_records(
     rows: Float[np.ndarray, "..."], coords: Mapping[str, Any], attrs: Mapping[str, str]
 ) -> xr.Dataset:
-    """Return one number a record, by chain and draw where it is drawn."""
-    from arviz_base import dict_to_dataset  # it is needed only here
+    """Return a dataset of one number per record, such as a likelihood, in ArviZ's form."""
+    from arviz_base import dict_to_dataset  # Only this function needs the slow import.
 
     dataset = dict_to_dataset(
         {"response": rows},
@@ -375,7 +381,7 @@ def _of_records(
 
 
 def created(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a group with what ArviZ writes of a group's origin."""
+    """Return a group with ArviZ's attributes on its origin (library, version, date)."""
     from arviz_base import make_attrs
 
     origin = {"inference_library": "jbw", "inference_library_version": version("jbw")}

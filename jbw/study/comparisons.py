@@ -1,12 +1,12 @@
-r"""The analyses that accompany a joint posterior; each may fail without effect on it.
+r"""The analyses that accompany a joint posterior; if one fails, the posterior is kept.
 
-What the modes outside a band come to is told in a campaign's own units. About the joint's own mode
-both residual terms are one real constant: as an inertance
+The influence of the modes outside a band is stated in a campaign's own units. Near the joint's own
+mode both residual terms act as one real constant: as an inertance
 
 $$c = -g\,(\omega_n^2 U + L)$$
 
-that of a rigid body, 1/M, where it is positive; else the modes above give the structure a
-compliance $-c / \omega_n^2$.
+which is that of a rigid body, 1/M, where it is positive; otherwise the modes above the band give
+the structure a compliance $-c / \omega_n^2$.
 """
 
 from collections.abc import Mapping
@@ -38,11 +38,13 @@ class Comparisons(NamedTuple):
     """The results of the analyses that accompany a joint posterior.
 
     Attributes:
-        tree: The posteriors with verification and validation: every test predicted.
-        identifiability: Which parameters the data know; None where it could not be made.
-        without_form: The law of the readings alone; None of several modes or too few readings.
-        routes: The paper's route beside the joint posterior; empty without one.
-        statements: What the modes outside the band come to, and what could not be made.
+        tree: The posteriors with verification and validation: predictions of every test.
+        identifiability: How well the data constrain each parameter; None if the analysis failed.
+        without_form: The law that the readings alone determine; None for several modes or too few
+            readings.
+        routes: The comparison of the paper's route with the joint posterior; empty without that
+            route.
+        statements: Sentences on the modes outside the band and on analyses that failed.
     """
 
     tree: xr.DataTree
@@ -55,9 +57,9 @@ class Comparisons(NamedTuple):
 def compare(
     order: Order, prepared: PreparedTests, posteriors: Posteriors, report: Report
 ) -> Comparisons:
-    """Compare a posterior with the fit, every test, the modes outside the band and other routes.
+    """Compare a posterior with its fit, all tests, the modes outside the band and other routes.
 
-    From here on the posterior is drawn: what cannot be made of it is left out and said.
+    The posterior has been drawn: an analysis that fails is left out and reported.
     """
     attempts, joint, measured = Attempts(report), posteriors.joint, prepared.measured
     settings, fitted = order.campaign.settings, joint.fitted
@@ -82,9 +84,9 @@ def compare(
 
 
 def constants_sentence(posterior: xr.Dataset, held: Mapping[str, float], source: str) -> str | None:
-    """Return one real constant with its 99 % interval, and what it is of; None where there is none.
+    """Return a sentence on the modes outside the band (one constant, 99 % interval), or None.
 
-    `source` is the unit of what drives the tests.
+    `source` is the unit of the quantity that drives the tests.
     """
     constants = {**held, **{str(name): draws.values for name, draws in posterior.items()}}
     if not {UPPER, LOWER} & constants.keys() or not {"gain", "omega_n"} <= constants.keys():

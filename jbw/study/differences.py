@@ -1,27 +1,27 @@
-r"""Two finished runs: what differs between their joints, and how sure that is.
+r"""The differences between the joints of two finished runs, with their probabilities.
 
-Of two posteriors taken as independent, for every quantity q that both know,
+Two posteriors are taken as independent. For every quantity q that both determine,
 
 $$P(q_A > q_B) = \frac{1}{m n} \sum_{i=1}^{m} \sum_{j=1}^{n} [q_{A,i} > q_{B,j}]$$
 
-over all pairs of draws, a tie as half, and the quantiles of $q_A - q_B$ over the same pairs.
+over all pairs of draws (a tie counts one half), with the quantiles of $q_A - q_B$ over these pairs.
 
-Which of several joints has changed: of the parameters $\theta_j$ of joint j, whatever the others
-are,
+To decide which of several joints has changed, the parameters $\theta_j$ of joint j are compared,
+marginal over the other joints:
 
 $$d_j^2 = (\bar\theta_A - \bar\theta_B)^T\,(\Sigma_A + \Sigma_B)^{-1}\,
           (\bar\theta_A - \bar\theta_B)$$
 
-is a chi-square by chance, of as many degrees of freedom as there are parameters, where nothing has
-changed and posteriors are Gaussian.
+has a chi-square distribution with as many degrees of freedom as there are parameters, where nothing
+has changed and posteriors are Gaussian.
 
-Whether two modes share a joint: one that moves by $x = h\,y$ is to the mode's y a law of the same
-kind, whose parameters hold the unknown h. The ratio of the second product to the first does not: of
-Bouc-Wen's law
+To decide whether two modes share a joint: a joint that moves by $x = h\,y$ acts on the mode's y as
+a law of the same kind, whose parameters contain the unknown h. The ratio of the second product to
+the first does not contain it. For Bouc-Wen's law
 
 $$\frac{\alpha_i\gamma_i}{\alpha_i\delta_i} = \frac{\gamma}{\delta}, \qquad i = 1, 2$$
 
-so that modes of one joint must agree in it.
+so that it must agree between modes that share one joint.
 """
 
 from collections.abc import Mapping, Sequence
@@ -58,20 +58,21 @@ from jbw.verification.backbone import curves
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
 
-NUM_DRAWS = 1000  # of each run: a million pairs
-NUM_CARRIED = 200  # of each run along the backbone
-GRID = np.linspace(0.05, 1.0, 20)  # of the largest displacement that both runs fitted
-TOLD = (1, 4, 9, 14, 19)  # of these: a tenth, a quarter, a half, three quarters and all of it
-SURE = 0.995  # probability on one side: outside of the 99 % interval of the difference
-INPUT = "gain"  # of the source and its unit, not of the joint
-BY_CHANCE = 0.01  # probability that any of the joints is named although none has changed
-APART = 1.1  # times the other's natural frequency: runs of two modes, not of two days
+NUM_DRAWS = 1000  # of each run, which makes a million pairs
+NUM_CARRIED = 200  # draws of each run for the backbone
+GRID = np.linspace(0.05, 1.0, 20)  # times the largest displacement that both runs fitted
+# Indices into GRID: 10 %, 25 %, 50 %, 75 % and 100 % of its largest displacement.
+TOLD = (1, 4, 9, 14, 19)
+SURE = 0.995  # one-sided probability, so that 0 is outside the 99 % interval of the difference
+INPUT = "gain"  # A property of the source and its unit, not of the joint.
+BY_CHANCE = 0.01  # probability of declaring any joint changed although none is
+APART = 1.1  # ratio of natural frequencies above which two runs are of two modes, not of two days
 
 Draws = Mapping[str, Float[np.ndarray, " draw"]]
 
 
 class FinishedRun(NamedTuple):
-    """A finished run, under the name that tells it from the other."""
+    """A finished run and its letter (A or B) in the comparison."""
 
     name: str
     folder: Path
@@ -82,7 +83,7 @@ class FinishedRun(NamedTuple):
 
 @dataclass(frozen=True)
 class Difference:
-    """Result of `differences`: `record` in plain values, `backbones` the bands of both runs."""
+    """The result of `differences`: plain values in `record`, and both runs' `backbones`."""
 
     record: dict[str, Any]
     backbones: xr.Dataset | None
@@ -92,7 +93,7 @@ def differences(first: Path, second: Path) -> Difference:
     """Compare the parameters, frequencies and damping of two finished runs.
 
     Raises:
-        ConfigError: Runs of different laws, or of quantities in different units.
+        ConfigError: The runs have different laws, or quantities in different units.
     """
     first_run, second_run = _opened("A", first), _opened("B", second)
     _require_comparable(first_run, second_run)
@@ -120,13 +121,13 @@ def differences(first: Path, second: Path) -> Difference:
 
 
 def _model_adequacy(summary: Mapping[str, Any]) -> str:
-    """Return the answer to whether the model follows the data; empty where nothing tells."""
+    """Return the verdict's status on whether the model fits the data; empty if not assessed."""
     answers = (summary.get("verdict") or {}).get("answers") or {}
     return str((answers.get("law") or {}).get("status", ""))
 
 
 def compared(a: Float[np.ndarray, " draw"], b: Float[np.ndarray, " other"]) -> dict[str, Any]:
-    """Return both intervals, the interval of the difference A less B, and P(A > B)."""
+    """Return the intervals of A, B and A - B, and the probability P(A > B), from draws."""
     below = np.searchsorted(np.sort(b), a, "left") + np.searchsorted(np.sort(b), a, "right")
     away = np.subtract.outer(a, b).ravel()
     return {
@@ -162,7 +163,7 @@ def _require_comparable(first: FinishedRun, second: FinishedRun) -> None:
 
 
 def _shared(first: FinishedRun, second: FinishedRun) -> list[str]:
-    """Return the scalars that both runs drew, without noise; the gain only if its units agree."""
+    """Return the names of the parameters that two runs share, without noise."""
     drawn = [scalars(run.tree) for run in (first, second)]
     both = [name for name in drawn[0] if name in drawn[1] and not name.startswith(UNCOUNTED)]
     if INPUT in both and len({unit_of(run.basis.posterior[INPUT]) for run in (first, second)}) > 1:
@@ -171,7 +172,7 @@ def _shared(first: FinishedRun, second: FinishedRun) -> list[str]:
 
 
 def _parameters(first: FinishedRun, second: FinishedRun) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return a row a shared quantity, and the names of those that only one of the runs drew."""
+    """Return one comparison row per shared parameter of two runs, and the unshared names."""
     drawn = [_drawn(run) for run in (first, second)]
     rows: list[dict[str, Any]] = []
     for name in _shared(first, second):
@@ -191,7 +192,7 @@ def _parameters(first: FinishedRun, second: FinishedRun) -> tuple[list[dict[str,
 
 
 def _drawn(run: FinishedRun) -> dict[str, np.ndarray]:
-    """Return evenly spaced draws of each scalar, widened by the scatter between the records."""
+    """Return evenly spaced draws of a run's parameters, widened by variation between records."""
     chosen = evenly_spaced(run.basis.posterior, NUM_DRAWS)
     drawn = {name: draws.ravel()[chosen] for name, draws in scalars(run.tree).items()}
     rng = np.random.default_rng(0)
@@ -203,7 +204,7 @@ def _drawn(run: FinishedRun) -> dict[str, np.ndarray]:
 
 
 def _std_between(run: FinishedRun) -> dict[str, float]:
-    r"""Return the relative error of each mean from scatter between records, $\tau / \sqrt n$."""
+    r"""Return the relative standard error of each mean from record variation, $\tau / \sqrt n$."""
     if "between_records" not in run.tree.children:
         return {}
     between = run.tree["between_records"].to_dataset()
@@ -212,7 +213,7 @@ def _std_between(run: FinishedRun) -> dict[str, float]:
 
 
 def _between_words(runs: Sequence[FinishedRun]) -> list[str]:
-    """Return the sentence on the scatter between the records of each run, which P includes."""
+    """Return a sentence on the variation between each run's records, which P includes."""
     spreads = {run.name: std for run in runs if (std := _std_between(run))}
     return [messages.records_scatter(spreads)] if spreads else []
 
@@ -227,7 +228,7 @@ def _is_of_prior(run: FinishedRun, name: str) -> bool:
 def _along_amplitude(
     first: FinishedRun, second: FinishedRun
 ) -> tuple[xr.Dataset | None, list[dict[str, Any]]]:
-    """Return the frequency and damping of both at amplitudes that both fitted."""
+    """Return both runs' bands of frequency and damping at amplitudes that both fitted."""
     y_peak = min(run.basis.y_peak for run in (first, second))
     needed = set(parameter_names(first.basis.laws)) - {INPUT}
     drawn = [run.basis.thinned(NUM_CARRIED) for run in (first, second)]
@@ -259,7 +260,7 @@ def _along_amplitude(
 def _statements(
     record: Mapping[str, Any], first: FinishedRun, second: FinishedRun, unshared: Sequence[str]
 ) -> list[str]:
-    """Return the sentences on certain differences, possible equality and the limits of P."""
+    """Return all sentences on a comparison of two runs: differences, equality and limits."""
     rows, runs = record["parameters"], record["runs"]
     identified = [row for row in rows if not row["of_prior"]]
     sure = [row for row in identified if _is_sure(row)]
@@ -295,10 +296,10 @@ def _statements(
 
 
 def _homes(run: FinishedRun) -> dict[str, str]:
-    """Return for the joints of each law the joint and mode to which its parameters refer.
+    """Return for each law of several joints the joint and mode whose motion defines its units.
 
-    The laws are stated in metres of this motion, the one with the largest energy share. The
-    dictionary is empty where the shapes of the model are certain.
+    The laws are stated in metres of the motion with the largest energy share. The dictionary is
+    empty where the mode shapes of the model are certain.
     """
     if JOINTS not in run.tree.children or "motion_factor" not in run.tree[JOINTS]:
         return {}
@@ -316,7 +317,7 @@ def _is_sure(row: Mapping[str, Any]) -> bool:
 
 
 def _differs(row: Mapping[str, Any]) -> str:
-    """Return one quantity's difference with its interval; of the backbone at its amplitude."""
+    """Return the sentence on the difference of one quantity between two runs, with its interval."""
     unit = "" if row["unit"] in ("", "1") else f" {row['unit']}"
     place = f" at {number(row['amplitude'])} m" if "amplitude" in row else ""
     difference = f"{interval(*row['difference'], sd=0.5)}{unit}"
@@ -324,7 +325,7 @@ def _differs(row: Mapping[str, Any]) -> str:
 
 
 def _scatter_words(runs: Sequence[FinishedRun]) -> str:
-    """Return whether the scatter from assembly to assembly is known, and that it is not in P."""
+    """Return the sentence on the variation between assemblies, which P does not include."""
     units = [in_dialect(quantity.unit) for quantity in OSCILLATOR[:2]]
     spreads = {}
     for run in runs:
@@ -338,12 +339,12 @@ def _scatter_words(runs: Sequence[FinishedRun]) -> str:
 
 
 def changed_joints(first: Draws, second: Draws, laws: Sequence[str]) -> list[dict[str, Any]]:
-    """Return a row per joint (or tied joints): chi-square, degrees of freedom, p and the answer.
+    """Return which joints have changed between two runs: one row of a chi-square test per joint.
 
     Args:
-        first: Draws of the first run's parameters by name.
-        second: Draws of the second run's.
-        laws: Names of the laws that both runs have; of one joint there are no rows.
+        first: Draws of the first run's parameters, by parameter name.
+        second: Draws of the second run's parameters, by parameter name.
+        laws: Names of the laws of both runs; for a single joint no rows are returned.
     """
     if not are_at_joints(laws):
         return []
@@ -368,7 +369,7 @@ def changed_joints(first: Draws, second: Draws, laws: Sequence[str]) -> list[dic
 
 
 def _distance(first: Draws, second: Draws, names: Sequence[str]) -> tuple[float, int]:
-    """Return the squared distance of means by the summed covariance, and its degrees of freedom."""
+    """Return the squared Mahalanobis distance of two runs' means, and its degrees of freedom."""
     varying = [
         name
         for name in names
@@ -388,7 +389,7 @@ def _distance(first: Draws, second: Draws, names: Sequence[str]) -> tuple[float,
 
 
 def joint_statements(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the sentences on joints that have changed and on joints that may be the same."""
+    """Return the sentences on joints that have changed and on joints that may be unchanged."""
     sentences = [
         messages.joint_changed(row["joint"], row["chi_square"], row["degrees_of_freedom"])
         for row in rows
@@ -400,7 +401,7 @@ def joint_statements(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 class Ratio(NamedTuple):
-    """The second product of a law over the first, and the first."""
+    """The ratio of a law's second product to its first, together with the first."""
 
     ratio: Monomial
     first: Monomial
@@ -413,7 +414,7 @@ def ratios(laws: Sequence[str]) -> list[Ratio]:
 
 
 def _over(second: Monomial, first: Monomial) -> Monomial:
-    """Return one product over another, named by what does not cancel."""
+    """Return the quotient of two products, named after the parameters that do not cancel."""
     names = dict.fromkeys((*second.powers, *first.powers))
     powers = {name: second.powers.get(name, 0) - first.powers.get(name, 0) for name in names}
     powers = {name: power for name, power in powers.items() if power}
@@ -428,7 +429,10 @@ def _over(second: Monomial, first: Monomial) -> Monomial:
 
 
 def of_draws(ratio: Ratio, draws: Draws) -> Float[np.ndarray, " draw"] | None:
-    """Return draws of a ratio; None if a parameter is missing or the first product may be 0."""
+    """Return the draws of a law's ratio of products; None if the denominator may be zero.
+
+    The result is also None if a parameter is missing.
+    """
     if not ratio.first.powers.keys() | ratio.ratio.powers.keys() <= draws.keys():
         return None
     low, _, high = np.quantile(ratio.first.of(draws), QUANTILES)
@@ -436,12 +440,12 @@ def of_draws(ratio: Ratio, draws: Draws) -> Float[np.ndarray, " draw"] | None:
 
 
 def are_two_modes(first: Draws, second: Draws) -> bool:
-    """Return whether two runs are of different modes, by their natural frequencies."""
+    """Return whether two runs concern different modes, judged by their natural frequencies."""
     both = [float(np.median(draws["omega_n"])) for draws in (first, second) if "omega_n" in draws]
     return len(both) == 2 and max(both) > APART * min(both)
 
 
 def _shared_joint_sentence(row: Mapping[str, Any], *, sure: bool) -> str:
-    """Return whether two modes may have one joint, by the row of a ratio."""
+    """Return the sentence on whether two modes may share one joint, from the row of a ratio."""
     a, b = interval(*row["a"]), interval(*row["b"])
     return messages.one_joint(row["name"], a, b, sure=sure)

@@ -1,7 +1,7 @@
-"""The last lines of every identification: instruments, summary, opening sentences, the tree.
+"""The last steps of every identification: instrument errors, summary, opening, result tree.
 
-With `final = true` they are those of two: of a joint fitted to all tests for use, with what it was
-worth on those that were held out before.
+With `final = true` two identifications are combined: the posterior of the fit to all tests, and the
+model's accuracy on the tests that an earlier fit held out.
 """
 
 from collections.abc import Callable, Mapping
@@ -34,7 +34,7 @@ from jbw.study.summary import record_of, steps_group, verdict_record, widened_by
 from jbw.verification.predictive_basis import AS_RECORDED
 
 Once = Callable[[Campaign, Keep], Study]
-HELD_OUT = "held_out_answer"  # key of summary.json
+HELD_OUT = "held_out_answer"  # a key of summary.json
 
 
 def finished_study(
@@ -45,9 +45,9 @@ def finished_study(
     *,
     notes: Mapping[str, Any] | None = None,
 ) -> Study:
-    """Return the study of what was identified, as `posterior.nc` and `summary.json` hold it.
+    """Return the study of an identification, as `posterior.nc` and `summary.json` store it.
 
-    `notes` is what else stands in the summary.
+    `notes` are additional entries of the summary.
     """
     measured = prepared.measured
     sensors = sensors_of(measured.chosen)
@@ -69,9 +69,9 @@ def finished_study(
 def measured_groups(
     order: Order, prepared: PreparedTests, tree: xr.DataTree, wide: xr.Dataset | None
 ) -> dict[str, xr.Dataset]:
-    """Return the groups of a result, with instrument errors and the readings without a model.
+    """Return a result's groups: posteriors with instrument errors, and readings of the records.
 
-    `wide` is the main posterior with the stated errors of the instruments, None where none are.
+    `wide` is the main posterior with the stated instrument errors; None where none are stated.
     """
     groups: dict[str, xr.Dataset] = {str(path): group for path, group in tree.to_dict().items()}
     if wide is not None:
@@ -84,7 +84,7 @@ def measured_groups(
 
 
 def about_instruments(order: Order, prepared: PreparedTests) -> str:
-    """Return the sentence on the errors of sensors and clock that the intervals include."""
+    """Return the sentence on the sensor and clock errors that the intervals include."""
     if order.campaign.joints is not None:
         return BESIDE_MATRICES
     sensors = sensors_of(prepared.measured.chosen)
@@ -92,7 +92,7 @@ def about_instruments(order: Order, prepared: PreparedTests) -> str:
 
 
 def _with_instruments(recorded: xr.Dataset, wide: xr.Dataset) -> dict[str, xr.Dataset]:
-    """Return the posterior with the instruments' errors, and that of the records beside it."""
+    """Return the posterior with instrument errors, and the posterior without them."""
     widened = {n: wide[n].assign_attrs(x.attrs) for n, x in recorded.data_vars.items()}
     return {
         f"/{AS_RECORDED}": as_recorded(recorded, wide),
@@ -101,10 +101,12 @@ def _with_instruments(recorded: xr.Dataset, wide: xr.Dataset) -> dict[str, xr.Da
 
 
 def for_use(once: Once, campaign: Campaign, keep: Keep, report: Report) -> Study:
-    """Identify with some tests held out, then with all, by `once`.
+    """Identify a campaign twice: first with some tests held out, then with all tests fitted.
 
-    The posterior is that of all tests. Whether the model is adequate is told by the tests that were
-    held out, which the second fit no longer can.
+    `once` makes one identification.
+
+    The posterior is that of all tests. The tests that the first fit held out determine whether the
+    model is adequate, which the second fit can no longer show.
     """
     settings = campaign.settings.model_copy(update={"final": False})
     held = once(replace(campaign, settings=settings), keep)
@@ -117,13 +119,13 @@ def for_use(once: Once, campaign: Campaign, keep: Keep, report: Report) -> Study
 
 
 def held_out(record: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the predictions of tests that were not fitted, by test."""
+    """Return the predictions of the held-out tests, by test name."""
     predictions = record.get("predictions") or {}
     return {name: row for name, row in predictions.items() if not row["fitted"]}
 
 
 def with_held_out(final: Study, held: Study) -> Study:
-    """Return the study of all tests, with the held-out answer of the study before."""
+    """Return the study that fits all tests, with the predictions that an earlier study held out."""
     verdict = adequate_as(held.verdict, final.verdict)
     before = {
         "verdict": held.record["verdict"]["status"],
@@ -140,10 +142,10 @@ def with_held_out(final: Study, held: Study) -> Study:
 
 
 def adequate_as(held: Verdict, final: Verdict) -> Verdict:
-    """Return the verdict on a posterior whose model was found adequate, or not, on held-out tests.
+    """Combine two verdicts: convergence of the final fit, model adequacy also on held-out tests.
 
-    Findings of convergence and of identifiability are the final posterior's. Of each finding of
-    model adequacy the worse one counts, and of equal ones that of the held-out answer.
+    Findings of convergence and of identifiability are those of the final posterior. Of two findings
+    on model adequacy the worse one counts; of equal ones, that on the held-out tests.
     """
     adequacy = {finding.code: finding for finding in held.findings if finding.code in ASKED["law"]}
     findings = [_worse(adequacy.pop(finding.code, None), finding) for finding in final.findings]

@@ -1,4 +1,4 @@
-"""A study's numbers as data frames of pandas: its parameters, its backbone, its predictions."""
+"""The numbers of a study as pandas data frames: parameters, backbone and predictions."""
 
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
@@ -10,15 +10,19 @@ from jbw.errors import ConfigError, DataError, did_you_mean
 from jbw.identification.joint_answers import BACKBONES
 from jbw.report.result import BACKBONE, FREE_LAW, branch, node
 
-if TYPE_CHECKING:  # takes half a second to load
+if TYPE_CHECKING:  # The import takes half a second.
     from pandas import DataFrame
 
-ENDS = ("low", "", "high")  # of a 99 % band about its median
+# Suffixes of the columns for the lower end, the median and the upper end of a 99 % band.
+ENDS = ("low", "", "high")
 PARAMETERS = ("unit", "mean", "sd", "cv", "q005", "q995", "map", "kl", "ess_bulk", "r_hat")
 
 
 def parameter_frame(record: Mapping[str, Any], step: str | None) -> "DataFrame":
-    """Return one row per parameter of a step; of the main one when `step` is None."""
+    """Return a data frame with one row per parameter of a step of the identification.
+
+    The main step is used when `step` is None.
+    """
     steps = record.get("steps") or {}
     name = record.get("main") if step is None else step
     if name not in steps:
@@ -31,7 +35,7 @@ def parameter_frame(record: Mapping[str, Any], step: str | None) -> "DataFrame":
 
 
 def backbone_frame(tree: xr.DataTree) -> "DataFrame":
-    """Return one row per amplitude, and per mode where a run has several joints."""
+    """Return a backbone as a data frame, one row per amplitude (and mode of several joints)."""
     from pandas import Index, concat
 
     if node(tree, BACKBONES) is not None:
@@ -59,7 +63,7 @@ def backbone_frame(tree: xr.DataTree) -> "DataFrame":
 
 
 def _free(frame: "DataFrame", free: xr.DataTree) -> dict[str, np.ndarray]:
-    """Return bands without a form at the amplitudes of a frame; NaN beyond those they reach."""
+    """Return the form-free law's bands at the amplitudes of a frame; NaN outside their range."""
     x, at = np.log(np.asarray(free["amplitude"], float)), np.log(frame.index.values)
     return {
         f"{column}_free{end and '_'}{end}": np.interp(
@@ -71,7 +75,7 @@ def _free(frame: "DataFrame", free: xr.DataTree) -> dict[str, np.ndarray]:
 
 
 def _bands(amplitude: xr.DataArray, frequency: xr.DataArray, damping: xr.DataArray) -> "DataFrame":
-    """Return median and ends of the 99 % bands at each amplitude."""
+    """Return the medians and 99 % band ends of frequency [Hz] and damping at each amplitude [m]."""
     from pandas import DataFrame, Index
 
     columns = {}
@@ -83,14 +87,14 @@ def _bands(amplitude: xr.DataArray, frequency: xr.DataArray, damping: xr.DataArr
 
 
 def prediction_frame(record: Mapping[str, Any]) -> "DataFrame":
-    """Return one row per predicted test."""
+    """Return a data frame of prediction errors and coverage, with one row per predicted test."""
     predicted = record.get("predictions") or {}
     columns = dict.fromkeys(key for row in predicted.values() for key in row)
     return _frame(predicted, columns, "test")
 
 
 def _frame(rows: Mapping[str, Any], columns: Iterable[str], of: str) -> "DataFrame":
-    """Return records by name as rows, without the columns that all of them lack."""
+    """Return a data frame from rows by name, without columns that are empty in all rows."""
     from pandas import DataFrame, Index
 
     kept = [c for c in columns if any(row.get(c) is not None for row in rows.values())]

@@ -1,4 +1,4 @@
-"""The law without a form, from the readings of a look to sentences and a group of a result."""
+"""The law without a prescribed form, from model-free readings to sentences and a result group."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -20,17 +20,19 @@ from jbw.study.look import Look
 if TYPE_CHECKING:
     import xarray as xr
 
-PARTICLES = 400  # beside an identification: evidence is then known to one nat
+PARTICLES = 400  # Next to an identification, the evidence is then accurate to one nat.
 NUM_AMPLITUDES = 48
-REACH = 3.0  # times the largest amplitude, and part of the smallest: how far bands go
-BEYOND = 1.25  # times the largest amplitude: where a sentence states the bands
-SCATTERED = 2.0  # of the inflation: readings that scatter 1.4 times as much as their errors
+# Bands extend from the smallest amplitude divided by this to the largest one times this.
+REACH = 3.0
+BEYOND = 1.25  # times the largest amplitude, where a sentence states the bands
+# Inflation of variances above which readings vary 1.4 times as much as their errors state.
+SCATTERED = 2.0
 
 
 def fitted_tables(looked: Look, seen: Measured) -> list[RecordTable]:
-    """Return the tables of readings of all that was fitted.
+    """Return the tables of frequency and damping readings of all fitted records.
 
-    Of a test with repeats that cannot be read, and so with fewer tables than repeats, all tables.
+    If some repeats of a test cannot be read, it has fewer tables than repeats; all are returned.
     """
     fitted, repeats = entered(seen), fitted_repeats(seen)
     counts = {test.name: len(test.records) for test in seen.tests}
@@ -46,23 +48,24 @@ def fitted_tables(looked: Look, seen: Measured) -> list[RecordTable]:
 def free_law_of(
     looked: Look, seen: Measured, seed: int, *, named: bool, particles: int = PARTICLES
 ) -> FreeLaw | None:
-    """Return the law without a form of what was fitted, by a look's readings.
+    """Fit the law without a prescribed form to the frequency and damping readings of a campaign.
 
-    None of several modes, and where the readings do not suffice.
+    Return None for several modes or joints, and where the readings do not suffice.
     """
     if seen.modes is not None or seen.joints is not None:
         return None
     try:
         tables = fitted_tables(looked, seen)
         return free_law(tables, named=named, seed=seed, num_particles=particles)
-    except JbwError:  # too few readings
+    except JbwError:  # There are too few readings.
         return None
 
 
 def gap_record(tests: Sequence[Test], seen: Measured) -> dict[str, Any] | None:
-    """Return how sliders behind gaps fit force loops, and predict held-out ones; None of no loop.
+    """Return the errors with which sliders behind gaps fit and predict force loops, or None.
 
-    Errors are over the rms of the force; of a held-out loop also with a constant force of its own.
+    Errors are relative to the rms of the force; a held-out loop also has the error that remains
+    with a separate constant force.
     """
     fitted = entered(seen)
     named = [
@@ -85,7 +88,7 @@ def gap_record(tests: Sequence[Test], seen: Measured) -> dict[str, Any] | None:
 
 
 def gap_sentences(record: Mapping[str, Any] | None) -> list[str]:
-    """Return what sliders behind gaps say of force loops, a sentence each."""
+    """Return the sentences on how sliders behind gaps fit force loops and predict held-out ones."""
     if record is None:
         return []
     fit = messages.gap_sliders(record["sliders"], record["error"], record["mean_gap"])
@@ -93,10 +96,10 @@ def gap_sentences(record: Mapping[str, Any] | None) -> list[str]:
 
 
 def free_law_groups(law: FreeLaw | None) -> "dict[str, xr.Dataset]":
-    """Return the bands of a law without a form as a group of a result; nothing without a law."""
+    """Return the bands of a form-free law as a result group; empty without a law."""
     if law is None:
         return {}
-    import xarray as xr  # takes long to load
+    import xarray as xr  # The import takes long.
 
     low, high = float(law.rows.y.min()), float(law.rows.y.max())
     amplitude = np.geomspace(low / REACH, REACH * high, NUM_AMPLITUDES)
@@ -124,7 +127,7 @@ def free_law_groups(law: FreeLaw | None) -> "dict[str, xr.Dataset]":
 
 
 def free_law_record(law: FreeLaw | None) -> dict[str, Any] | None:
-    """Return evidence and tests of a law without a form as plain values; None without a law."""
+    """Return a form-free law's evidence and tests as plain values; None without a law."""
     if law is None:
         return None
     best = max(law.log_evidence.values())
@@ -140,7 +143,7 @@ def free_law_record(law: FreeLaw | None) -> dict[str, Any] | None:
 
 
 def free_law_sentences(law: FreeLaw | None) -> list[str]:
-    """Return what the readings say without the form of a law, a sentence each."""
+    """Return the sentences on what readings show without a prescribed form of the law."""
     if law is None:
         return []
     high = float(law.rows.y.max())

@@ -1,4 +1,4 @@
-"""The identifiability of parameters: by the fit and, after sampling, by the draws too."""
+"""The identifiability of parameters, from the fit and, after sampling, also from the draws."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -38,8 +38,9 @@ from jbw.observables.dataset import stacked
 from jbw.report.messages import identified
 
 logger = logging.getLogger("jbw")
-REACHED = 0.01  # of the best cost: a start that came so near found the optimum
-NOTHING = 0.05  # of cost: a difference of chi-square of 0.1 prefers neither
+# Relative to the best cost: a start that ends within this distance found the optimum.
+REACHED = 0.01
+NOTHING = 0.05  # of cost: a difference of chi-square of 0.1 prefers neither optimum
 Column = tuple[str | tuple[str, str], Any, str]  # dimensions, values, unit
 
 
@@ -47,18 +48,19 @@ Column = tuple[str | tuple[str, str], Any, str]  # dimensions, values, unit
 class Identifiability:
     """The identifiability of parameters and products: how well the data constrain them."""
 
-    fitted: Fitted  # the fit and what it was fitted to
-    products: tuple[Product, ...]  # that are looked at beside the parameters
-    information: Information  # its spectrum, before sampling
-    profiles: dict[str, Profile]  # of every parameter, where they were asked for
-    # After sampling: 1 less the variance over the prior's, and what a tenth less of the box does to
-    # every mean.
+    fitted: Fitted  # the fit and the data to which it was fitted
+    # Products of parameters that are examined together with the parameters.
+    products: tuple[Product, ...]
+    information: Information  # the spectrum of the information before sampling
+    profiles: dict[str, Profile]  # the profile of every parameter, where profiles were requested
+    # After sampling: 1 minus the ratio of posterior to prior variance, and the change of every mean
+    # when the box shrinks by a tenth.
     contraction: dict[str, float] = field(default_factory=dict)
     sensitivity: dict[str, Sensitivity] = field(default_factory=dict)
-    statements: tuple[str, ...] = ()  # all of it in words
+    statements: tuple[str, ...] = ()  # sentences on all of these results
 
     def summary(self) -> dict[str, Any]:
-        """Return plain values for `identifiability` in summary.json; None if unknown."""
+        """Return plain values for `identifiability` in summary.json; None for an unknown number."""
         costs, names = self.fitted.fit.waterfall, self.information.names
         facts = ("value", "sd", "relative", "ratio")
         rows = {
@@ -96,7 +98,7 @@ class Identifiability:
 
 
 def plain(value: float) -> float | None:
-    """Return a number for JSON; None where it is not known or infinite."""
+    """Return a number for JSON; None for NaN and infinity."""
     return float(value) if np.isfinite(value) else None
 
 
@@ -107,17 +109,17 @@ def identifiability(
     seed: int | None = None,
     report: Report = logger.info,
 ) -> Identifiability:
-    """Fit the joint to a campaign and say what the data know of it, without sampling.
+    """Fit the joint to a campaign and report how well data constrain parameters, without sampling.
 
     Args:
-        campaign: From `jbw.load_campaign` or the virtual rig.
-        profiles: Whether to follow the profile of every parameter too.
-        seed: Seed of the starts; the campaign's, or 0, when None.
-        report: Called with one sentence at every stage.
+        campaign: A campaign from `jbw.load_campaign` or the virtual rig.
+        profiles: Whether to compute the profile of every parameter too.
+        seed: Seed of the starts; when None that of the campaign, or 0.
+        report: A function that is called with one sentence at every stage.
 
     Raises:
-        ConfigError: A float32 session, or settings that do not fit the tests.
-        DataError: Tests that the joint cannot be fitted to.
+        ConfigError: The session is in float32, or settings do not fit the tests.
+        DataError: The joint cannot be fitted to the tests.
 
     Examples:
         Two strong sweeps determine every direction of the parameters:
@@ -130,14 +132,14 @@ def identifiability(
     """
     require_float64()
     seen = measured_in(campaign, report)
-    # In the paper's parameters.
+    # The identifiability is stated for the paper's own parameters.
     seen = replace(seen, settings=seen.settings.model_copy(update={"coordinates": "paper"}))
     key = jax.random.key(campaign.settings.seed if seed is None else seed)
     return look(fit_joint(key, seen, report), with_profiles=profiles, report=report)
 
 
 def look(fitted: Fitted, *, with_profiles: bool, report: Report = logger.info) -> Identifiability:
-    """Return the identifiability of a fit's parameters before sampling."""
+    """Return the identifiability of a fit's parameters and products before sampling."""
     products = combinations(fitted.box.names, fitted.data.laws)
     before = information(_of_data(fitted), as_wide(fitted.box, fitted.data.stated), products)
     followed: dict[str, Profile] = {}
@@ -153,7 +155,7 @@ def look(fitted: Fitted, *, with_profiles: bool, report: Report = logger.info) -
 
 
 def _of_data(fitted: Fitted) -> Fit:
-    """Return the fit with the rows of the data alone, without the last rows, of stated priors."""
+    """Return the fit without the rows of residual and Jacobian that stem from stated priors."""
     size = len(fitted.fit.residual) - len(fitted.data.stated.names)
     fit = fitted.fit
     return replace(fit, residual=fit.residual[:size], jacobian=fit.jacobian[:size])
@@ -171,7 +173,7 @@ def look_again(
     values = {product.name: value_of(product, draws) for product in looked_at}
     sensitivity = box_sensitivity(values, box)
     texts = {product.name: product.text for product in looked_at}
-    # Which parameters are known is said by the draws' own grades, not by the fit beside them.
+    # The grades of the draws state which parameters are determined, so the fit's do not.
     sentences = [
         *fitted.statements,
         directions_sentence(before.information),
@@ -186,7 +188,7 @@ def look_again(
 
 
 def reached(costs: NDArray[np.float64]) -> int:
-    """Count the starts that ended within a hundredth of the lowest cost, or within noise of it."""
+    """Count the starts of a fit that reached the lowest cost, within 1 % of it or its noise."""
     lowest = float(np.min(costs))
     return int(np.sum(costs <= lowest + max(REACHED * lowest, NOTHING)))
 
@@ -196,7 +198,10 @@ def _waterfall(costs: NDArray[np.float64]) -> str:
 
 
 def as_group(found: Identifiability) -> xr.Dataset:
-    """Return the group /identifiability; NaN beyond the end of a shorter profile."""
+    """Return the group /identifiability of a run's result.
+
+    Shorter profiles end with NaN.
+    """
     directions, names = found.information.directions, list(found.information.names)
     products = [product.name for product in found.products]
     texts, power, ratio, loadings = (
@@ -222,7 +227,7 @@ def as_group(found: Identifiability) -> xr.Dataset:
 
 
 def _meaning(column: str) -> str:
-    """Return the meaning of a column, by its name or by the part after its dimension."""
+    """Return the meaning of a column of the group /identifiability."""
     return identified.COLUMNS.get(column) or identified.COLUMNS[column.partition("_")[2]]
 
 

@@ -1,4 +1,4 @@
-"""`jbw.identify`: a campaign in; a posterior with its verdict, bands and summary out."""
+"""`jbw.identify`: the identification of a campaign, which returns its posterior and verdict."""
 
 import logging
 from collections.abc import Mapping
@@ -27,7 +27,8 @@ from jbw.verification.grade import judged
 from jbw.verification.verify import predicted_tests, prediction_findings
 
 logger = logging.getLogger("jbw")
-NUM_KEYS, NUM_PARTS = 16, 5  # of the seed: for the paper's steps and the joint posterior; of that
+# Keys from the seed: for the paper's steps and the joint posterior; parts of the latter's key.
+NUM_KEYS, NUM_PARTS = 16, 5
 
 
 def identify(
@@ -40,27 +41,28 @@ def identify(
     command: str | None = None,
     quick: bool = False,
 ) -> Study:
-    """Identify the joint from a campaign: the procedure, verification and validation.
+    """Identify the joint from a campaign: fit, posterior, verification and validation.
 
-    While it goes on, `report` is told what the fit says by itself: parameters with 99 % intervals,
-    frequency and damping at small and large motion. With `quick` it ends there, in seconds.
+    Before the posterior is drawn, `report` receives the answer of the fit alone: parameters with 99
+    % intervals, frequency and damping at small and large motion. With `quick` the identification
+    ends there, after seconds.
 
-    With `final = true` under [identify] it goes through this twice: with tests held out, which tell
-    what the law is worth, and with all of them fitted, for use.
+    With `final = true` under [identify] it runs twice: with held-out tests, which show how well the
+    law predicts, and with all tests fitted, for use.
 
     Args:
-        campaign: From `jbw.load_campaign` or the virtual rig.
-        seed: Seed of everything random; the campaign's, or 0, when None.
-        truth: True parameters of a virtual joint, written beside the results; never used.
-        report: Called with one sentence at every stage.
-        keep: Where the chains of each posterior outlive the process.
-        command: What was typed, for the summary; this process's when None.
-        quick: Whether to end with the fit, its intervals and bands by its covariance; the verdict
-            is then "not assessed", and no test is predicted.
+        campaign: A campaign from `jbw.load_campaign` or the virtual rig.
+        seed: Seed of all random numbers; when None that of the campaign, or 0.
+        truth: True parameters of a virtual joint, stored with the results and never used.
+        report: A function that is called with one sentence at every stage.
+        keep: The store of each posterior's chains that survives the end of the process.
+        command: The typed command, for the summary; that of this process when None.
+        quick: Whether to end with the fit, with intervals and bands from its covariance; the
+            verdict is then "not assessed", and no test is predicted.
 
     Raises:
-        ConfigError: A float32 session, or settings that do not fit the tests.
-        DataError: Tests that do not allow the procedure.
+        ConfigError: The session is in float32, or settings do not fit the tests.
+        DataError: The tests do not allow the procedure.
 
     Reference:
         Fig. 2, the procedure.
@@ -81,13 +83,13 @@ def identify(
         return for_use(lambda part, kept: again(part, keep=kept), campaign, keep, report)
     seed = campaign.settings.seed if seed is None else seed
     order = Order(campaign, seed, truth, command, perf_counter())
-    prepared = prepare_tests(campaign, report, seed)  # usable, fitted and held out; Step 2
+    prepared = prepare_tests(campaign, report, seed)  # usable, fitted and held-out tests; Step 2
     order = order.under(prepared.measured.laws)
     if quick:
         return first_answer(order, prepared, report)
     measured = prepared.measured
     keys = iter(parts_of(jax.random.key(seed), NUM_KEYS))
-    paper = paper_route(measured, keys, report, keep)  # Steps 3 and 4 by the paper's cut
+    paper = paper_route(measured, keys, report, keep)  # Steps 3 and 4 as the paper separates them
     problem = joint_problem(measured, paper.means, seed=seed, report=report)
     key = parts_of(next(keys), NUM_PARTS)
     fit = fit_problem(key[:2], problem)  # starts, noise, run effects, coordinates, solver steps
@@ -96,7 +98,7 @@ def identify(
     checks = check_joint(key[4], posterior)  # findings of the chains, the fit and the posterior
     free = free_decays(measured, posterior, checks, seed=seed, report=report, keep=keep)
     posteriors = Posteriors(posterior, checks, free, paper)
-    comparisons = compare(order, prepared, posteriors, report)  # every test predicted
+    comparisons = compare(order, prepared, posteriors, report)  # predictions of every test
     findings = *checks.findings, *free.findings, *prediction_findings(comparisons.tree)
     tests, limit = predicted_tests(comparisons.tree), campaign.settings.predictive
     verdict = judged(findings, checks.amendments, tests, posterior.fitted.data.laws, limit)

@@ -1,8 +1,8 @@
-"""The predictions of a run's joint under other loads: the load, its draws, their bands.
+"""The predictions of a run's joint under other loads: the load, the draws and their bands.
 
-A member is the draws of one law as oscillators of equivalent stiffness and loss. Bands contain the
-parameters, the variation between runs and the model discrepancy at the amplitude of the load; they
-do not contain the noise of a measurement.
+A member holds the draws of one law as oscillators of equivalent stiffness and loss. Bands contain
+the uncertainty of parameters, the variation between runs and the model discrepancy at the amplitude
+of the load; they do not contain measurement noise.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -30,26 +30,28 @@ from jbw.verification.bands import QUANTILE_AXIS, QUANTILES
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 from jbw.verification.withheld import is_withheld
 
-FEW = 4  # draws that tell the amplitude of a load
-ONE_HARMONIC = 1e-3  # of the third harmonic over the first: up to here one harmonic has 1e-5
-MANY = 8  # harmonics elsewhere
+FEW = 4  # draws that suffice to find the amplitude of a load
+# Up to this ratio of the third harmonic to the first, one harmonic is accurate to 1e-5.
+ONE_HARMONIC = 1e-3
+MANY = 8  # odd harmonics above that ratio
 TAU = 2.0 * np.pi
 Complexes = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
 class Load:
-    """The load that drives the joint, and the settings of its prediction.
+    """The load on the joint and the settings of its prediction.
 
     Attributes:
         drive: `force` for the source of the run; `voltage` or `current` where a run has both; or
             `base` for an acceleration of the base [m/s^2].
-        draws: Draws of the posterior.
-        participation: Participation of the mode in the motion of the base, phi^T M r [-]; NaN for
-            the one that a run identified whose base was moved, and for 1 of other runs.
-        shape: Motion of the measured point in the mode [-].
-        harmonics: Odd harmonics; None takes 8 where the third one is above 1e-3 of the first.
-        unit: Unit of the response, such as `g`; that of the records when empty.
+        draws: Number of draws of the posterior.
+        participation: Participation of the mode in the motion of the base, phi^T M r [-]. NaN
+            stands for the identified one of a run with a moving base, and for 1 of other runs.
+        shape: Deflection of the measured point in the mode shape [-].
+        harmonics: Number of odd harmonics; None takes 8 where the third one is above 1e-3 of the
+            first.
+        unit: Unit of the response, such as `g`; that of the records if empty.
         seed: Seed of the variation between runs.
     """
 
@@ -63,15 +65,15 @@ class Load:
 
     @property
     def is_base(self) -> bool:
-        """Whether the base moves."""
+        """Whether the load is a motion of the base."""
         return self.drive == BASE
 
 
 def load_on(basis: Basis, load: Load) -> Load:
-    """Return a load with its participation: as stated, as the run identified it, or 1.
+    """Return a load with its participation factor: stated, identified by the run, or 1.
 
     Raises:
-        ConfigError: The stated one is zero or infinite.
+        ConfigError: The stated participation is zero or infinite.
     """
     stated = load.participation
     if np.isnan(stated):
@@ -87,7 +89,7 @@ def load_on(basis: Basis, load: Load) -> Load:
 
 
 class LoadOptions(TypedDict, total=False):
-    """Keyword arguments of predictions under other loads, the fields of `Load`."""
+    """The keyword arguments of predictions under other loads, which are the fields of `Load`."""
 
     drive: str
     draws: int
@@ -99,10 +101,10 @@ class LoadOptions(TypedDict, total=False):
 
 
 class Member(NamedTuple):
-    """The draws of one law under a load.
+    """The draws of one law, as oscillators under a load.
 
     Attributes:
-        motion: The oscillators.
+        motion: The oscillators of equivalent stiffness and loss.
         theta: The parameters by name, of shape (draw,).
         share: Force per unit mass and unit of the source, of shape (draw, 1).
     """
@@ -113,13 +115,13 @@ class Member(NamedTuple):
 
 
 class SeenResponse(NamedTuple):
-    """The response that is predicted.
+    """The predicted response: its quantity, unit and source.
 
     Attributes:
-        name: displacement, velocity or acceleration.
-        unit: Its unit.
-        factor: Factor from SI.
-        source: Unit of the source.
+        name: Quantity: displacement, velocity or acceleration.
+        unit: Unit of the quantity.
+        factor: Factor from SI to the unit.
+        source: Unit of the source, such as N or V.
     """
 
     name: str
@@ -129,12 +131,12 @@ class SeenResponse(NamedTuple):
 
     @property
     def attrs(self) -> dict[str, str]:
-        """Attributes of its variables."""
+        """The unit and the name of the response as attributes of a variable."""
         return {"units": self.unit, "long_name": self.name}
 
 
 def joints_of_basis(basis: Basis, draws: int = NUM_DRAWS) -> Oscillator:
-    """Return draws of the joint as one oscillator whose leaves have the shape (draw,)."""
+    """Return the draws of the joint as one oscillator whose arrays have the shape (draw,)."""
     _require_one_mode(basis)
     if basis.beside:
         raise ConfigError(
@@ -146,7 +148,7 @@ def joints_of_basis(basis: Basis, draws: int = NUM_DRAWS) -> Oscillator:
 
 
 def measured_of(basis: Basis, load: Load) -> SeenResponse:
-    """Return the response that the run measured, and the unit of its source."""
+    """Return the response that the run measured, with its unit and the unit of its source."""
     driven = [seen for seen in basis.seen.values() if seen.response in UNIT_OF]
     name = "acceleration" if load.is_base else driven[0].response if driven else "displacement"
     stated = [seen.stated_unit for seen in driven if seen.response == name]
@@ -160,7 +162,7 @@ def measured_of(basis: Basis, load: Load) -> SeenResponse:
 
 
 def members_of(basis: Basis, load: Load, draws: int, missed: AtAmplitude) -> list[Member]:
-    """Return the draws of every law of a run, each with its harmonics.
+    """Return the draws of every law of a run, as oscillators with the harmonics of a load.
 
     Raises:
         ConfigError: There are too few draws.
@@ -189,14 +191,14 @@ def _require_one_mode(basis: Basis) -> None:
 
 
 class Prepared(NamedTuple):
-    """Members at one level, with what is known of the amplitude.
+    """The draws under one level of a load, with facts about the amplitude that they reach.
 
     Attributes:
         members: The draws of every law.
-        reach: Largest amplitude over the largest that was fitted; NaN where not known.
+        reach: Ratio of the largest amplitude to the largest fitted amplitude; NaN where unknown.
         withheld: Whether no band can be stated at this amplitude.
-        load: The load, with its harmonics.
-        warnings: Sentences on what must be known before the prediction is trusted.
+        load: The load, with the number of harmonics.
+        warnings: Sentences that must be considered before the prediction is trusted.
     """
 
     members: list[Member]
@@ -207,7 +209,7 @@ class Prepared(NamedTuple):
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Attributes of the prediction."""
+        """The reach, withholding and warnings of a prediction as attributes."""
         said = "\n".join(self.warnings)
         return {"reach": self.reach, "withheld": int(self.withheld), "warnings": said}
 
@@ -215,12 +217,12 @@ class Prepared(NamedTuple):
 def prepared(
     basis: Basis, load: Load, amplitude: Callable[[Member], Values], what: str
 ) -> Prepared:
-    """Return the members with the model discrepancy at the amplitude of a load.
+    """Prepare the draws of all laws for one load, with the model discrepancy at its amplitude.
 
     Args:
-        basis: What the run predicts with.
+        basis: The draws and settings from which the run predicts.
         load: The load.
-        amplitude: The largest displacement of every draw of a member [m].
+        amplitude: A function that returns the largest displacement of every draw of a member [m].
         what: The load in words, for warnings.
     """
     few = members_of(basis, replace(load, harmonics=1), FEW, NOTHING)
@@ -238,7 +240,7 @@ def prepared(
 
 
 def _harmonics(member: Member, y: float) -> int:
-    """Return 1 where the third harmonic is small at an amplitude, else 8."""
+    """Return how many odd harmonics an amplitude [m] needs: 1 where the third is small, else 8."""
     motion = member.motion
     amplitude = np.full((len(motion.omega_n), 1), y)
     stiffness, _ = motion.values(amplitude, motion.omega_n)
@@ -249,10 +251,12 @@ def _harmonics(member: Member, y: float) -> int:
 def response_of(
     member: Member, load: Load, seen: SeenResponse, level: float, omega: Values, y: Complexes
 ) -> Complexes:
-    """Return the response [unit] to a level at displacements y over the phase of the force [m].
+    """Return the response [unit] to a load, from the displacement relative to the force's phase.
 
-    Under a force the modes outside the band add to it. On a moving base it is the absolute
-    acceleration of the point. All arrays have the shape (draw, any).
+    Displacements y are in m, with phases relative to the force.
+
+    Under a force the modes outside the band add to the response. On a moving base the response is
+    the absolute acceleration of the point. All arrays have the shape (draw, any).
     """
     if load.is_base:
         sign = np.sign(load.participation)
@@ -270,14 +274,14 @@ def level_of(member: Member, level: float) -> Values:
 
 
 def peak_of(level: float) -> Callable[[Member], Values]:
-    """Return the function from a member to its peak displacements at a level [m]."""
+    """Return a function that computes draws' peak displacements [m] at a level of the source."""
     return lambda member: peaks(member.motion, level_of(member, level)).y
 
 
 def bands(values: Sequence[Values], *, withheld: bool = False) -> Values:
-    """Return median and ends of the 99 % band of all members' draws; NaN where withheld.
+    """Return the 99 % band (low, median, high) over all draws; its ends are NaN if withheld.
 
-    Draws without a value, such as those whose curve does not fold, are left out.
+    Draws without a value are ignored, such as the jump of a curve that does not fold.
     """
     drawn = np.concatenate(values)
     found = np.full((len(QUANTILES), *drawn.shape[1:]), np.nan)
@@ -291,7 +295,7 @@ def bands(values: Sequence[Values], *, withheld: bool = False) -> Values:
 def labelled(
     variables: Mapping[str, Any], coords: Mapping[str, Any], load: Load, seen: SeenResponse
 ) -> xr.Dataset:
-    """Return variables with the facts of their load as attributes."""
+    """Return a dataset of a predicted response, with the facts of its load as attributes."""
     facts = {
         "drive": load.drive, "source_unit": seen.source, "quantity": seen.name,
         "num_draws": load.draws, "harmonics": load.harmonics or 1, "band": messages.IN_BANDS,
@@ -302,7 +306,7 @@ def labelled(
 
 
 def checked_levels(values: Iterable[float]) -> list[float]:
-    """Return positive numbers, or refuse."""
+    """Return the levels of a load as numbers; raise an error unless all are positive and finite."""
     levels = [float(value) for value in values]
     wrong = [value for value in levels if not 0.0 < value < np.inf]
     if wrong or not levels:
@@ -315,7 +319,7 @@ def checked_levels(values: Iterable[float]) -> list[float]:
 
 
 def checked_band(band_hz: tuple[float, float]) -> tuple[float, float]:
-    """Return a band that rises from a positive frequency, or refuse."""
+    """Return a frequency band [Hz]; raise an error unless it rises from a positive frequency."""
     low, high = map(float, band_hz)
     if not 0.0 < low < high < np.inf:
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""Bands under loads in time: random profiles and shocks."""
+"""The bands of the response under loads in time: random profiles and shocks."""
 
 from dataclasses import replace
 
@@ -26,14 +26,14 @@ from jbw.study.loads import (
 )
 from jbw.verification.predictive_basis import Basis
 
-FEW = 240  # frequencies away from the resonance, on either side
-MOST_TIMES = 2000  # of a response that is kept, about
+FEW = 240  # frequencies on either side of the resonance, away from it
+MOST_TIMES = 2000  # approximate number of stored times of a response
 
 
 def random_of(basis: Basis, profile: RandomProfile, duration: float, load: Load) -> xr.Dataset:
-    """Return the response to a random profile: see `Study.random`.
+    """Return the bands of the response to a random profile: see `Study.random`.
 
-    The model discrepancy is that at twice the rms displacement.
+    The model discrepancy is taken at twice the rms displacement.
     """
     (duration,) = checked_levels([duration])
     seen = measured_of(basis, load)
@@ -65,7 +65,7 @@ def random_of(basis: Basis, profile: RandomProfile, duration: float, load: Load)
 def _random(
     found: RandomResponse, load: Load, seen: SeenResponse, freq_hz: Values, duration: float
 ) -> dict[str, Values]:
-    """Return the quantities of a random response, of every draw, without other modes."""
+    """Return each draw's statistics and spectrum of a random response, without other modes."""
     if load.is_base:
         spectrum = found.base_spectrum(freq_hz, load.participation, load.shape)
     else:
@@ -85,26 +85,26 @@ def _random(
 
 
 def _frequencies(centre: Values, damping: Values, band: tuple[float, float], few: int) -> Values:
-    """Return frequencies over a band that resolve every draw's resonance."""
+    """Return frequencies [Hz] over a band that resolve the resonance of every draw."""
     step = 0.4 * float(np.min(damping * centre))
     width = 12.0 * float(np.max(damping * centre))
     low, high = float(np.min(centre)) - width, float(np.max(centre)) + width
     near = np.linspace(low, high, min(int((high - low) / step) + 2, 4000))
-    # Towards both ends in steps that grow with the distance from the resonance.
+    # Towards both ends the steps grow with the distance from the resonance.
     away = width * np.geomspace(1.0, max(band[1] / width, 2.0), few)
     every = np.concatenate([near, low + width - away, high - width + away, band])
     return np.unique(every[(every >= band[0]) & (every <= band[1])])
 
 
 def shock_of(basis: Basis, pulse: Pulse, load: Load) -> xr.Dataset:
-    """Return the motion under a shock: see `Study.shock`."""
+    """Return the bands of the motion under a shock: see `Study.shock`."""
     seen = measured_of(basis, load)
     if pulse.unit != seen.source:
         raise ConfigError(
             f"The shock must be in {seen.source}, but is in {pulse.unit}.",
             remedy='Give a force, or `drive="base"` for an acceleration of the base.',
         )
-    single = replace(load, harmonics=1)  # a shock is followed in time
+    single = replace(load, harmonics=1)  # A shock is integrated in time, without harmonics.
 
     def moved(member: Member) -> ShockResponse:
         share = -member.share if load.is_base else member.share
@@ -122,7 +122,7 @@ def shock_of(basis: Basis, pulse: Pulse, load: Load) -> xr.Dataset:
 def _shock(
     motions: list[ShockResponse], ready: Prepared, seen: SeenResponse, lowest: float
 ) -> xr.Dataset:
-    """Return the bands of a response over time, of its largest value and of its spectrum."""
+    """Return the bands of a shock response over time, of its largest value and of its spectrum."""
     load, order, withheld = ready.load, derivative_order(seen.name), ready.withheld
     responses = []
     for motion in motions:

@@ -1,4 +1,4 @@
-"""Bands under a sine: response curves, their resonance, and the level that a limit allows."""
+"""The bands under a sine: response curves, their resonance, and the level that a limit allows."""
 
 from collections.abc import Iterable
 
@@ -27,12 +27,12 @@ from jbw.study.loads import (
 )
 from jbw.verification.predictive_basis import Basis
 
-NUM_FREQ = 241  # of a curve
-MOST_ROUNDS, CLOSE = 8, 1e-6  # for the displacement that has a limit as its response
+NUM_FREQ = 241  # frequencies of a curve
+MOST_ROUNDS, CLOSE = 8, 1e-6  # for the displacement whose response equals the limit
 
 
 def resonance_of(basis: Basis, levels: Iterable[float], load: Load) -> xr.Dataset:
-    """Return the resonance at each level: see `Study.resonance`."""
+    """Return the bands of the resonance at each level of a sine: see `Study.resonance`."""
     levels = checked_levels(levels)
     seen, columns, warnings = measured_of(basis, load), [], []
     for level in levels:
@@ -58,7 +58,7 @@ def resonance_of(basis: Basis, levels: Iterable[float], load: Load) -> xr.Datase
 
 
 def _resonance(member: Member, load: Load, seen: SeenResponse, level: float) -> dict[str, Values]:
-    """Return the quantities of a resonance, of every draw."""
+    """Return each draw's frequency, peak, quality, width and jumps of a resonance."""
     found = resonance(member.motion, level_of(member, level))
     top = exact_points(member.motion, found.peak, np.zeros_like(found.peak.y))
     phasor = np.asarray(top.y * np.exp(1j * top.phase), complex)
@@ -77,7 +77,7 @@ def _resonance(member: Member, load: Load, seen: SeenResponse, level: float) -> 
 def response_curve_of(
     basis: Basis, level: float, band_hz: tuple[float, float], load: Load, num_freq: int = NUM_FREQ
 ) -> xr.Dataset:
-    """Return the response curve of a level: see `Study.response_curve`."""
+    """Return the response curve to a sine of one level, with bands: see `Study.response_curve`."""
     (level,), band_hz = checked_levels([level]), checked_band(band_hz)
     seen = measured_of(basis, load)
     ready = prepared(basis, load, peak_of(level), messages.sine(level, seen.source))
@@ -105,7 +105,7 @@ def response_curve_of(
 def _curve(
     member: Member, load: Load, seen: SeenResponse, level: float, peak: Peaks, freq_hz: Values
 ) -> dict[str, Values]:
-    """Return every draw's curve along its points, and in slow sweeps at stated frequencies."""
+    """Return each draw's response curve, and its response in slow sweeps up and down."""
     omega = TAU * freq_hz
     curve = whole_curve(member.motion, peak, (float(omega[0]), float(omega[-1])))
     phasor = np.asarray(curve.y * np.exp(1j * curve.phase), complex)[:, 0]
@@ -126,14 +126,14 @@ def _curve(
 def notch_of(
     basis: Basis, level: float, limit: float, band_hz: tuple[float, float], load: Load
 ) -> xr.Dataset:
-    """Return the level that keeps a response within a limit: see `Study.notch`."""
+    """Return the bands of the level that keeps a response within a limit: see `Study.notch`."""
     (level, limit), band_hz = checked_levels([level, limit]), checked_band(band_hz)
     seen = measured_of(basis, load)
     freq_hz = np.linspace(*band_hz, NUM_FREQ)
     omega = TAU * freq_hz
 
     def displacement(member: Member) -> tuple[Values, Values]:
-        """Return the displacement that has the limit as its response, and the force for it."""
+        """Return the displacement whose response equals the limit, and the force that it needs."""
         frequency = np.broadcast_to(omega, (len(member.motion.omega_n), len(omega)))
         y = np.broadcast_to(
             limit / seen.factor / omega ** derivative_order(seen.name), frequency.shape

@@ -1,8 +1,9 @@
-"""The frequency and damping by amplitude that records show without a model of the joint.
+"""The frequency and damping against amplitude that records show without a model of the joint.
 
-Every driven record is read near its resonance as a linear oscillator's, decays along their
-envelopes, steady tones and response curves from their harmonics, force loops by their secant. The
-readings say whether the structure is nonlinear, how much, and from which motion on.
+Every driven record is read near its resonance as that of a linear oscillator. Free decays are read
+along their envelopes, steady tones and response curves from their harmonics, force loops by their
+secant stiffness. The readings show whether the structure is nonlinear, how much, and from which
+motion on.
 """
 
 import logging
@@ -59,25 +60,29 @@ if TYPE_CHECKING:
     import xarray as xr
 
 logger = logging.getLogger("jbw")
-CHANGED = 0.5  # scatter of repeats over their mean from where on they are no repeats
-# What a record that shows nothing ends a reading with: it is named, and the others are read.
+# Ratio of repeats' standard deviation to the rms of their mean, above which they are no repeats.
+CHANGED = 0.5
+# A record that cannot be read raises one of these; it is named, and the others are read.
 UNREADABLE = (DataError, ValueError, np.linalg.LinAlgError)
-NUM_SHOWN = 2000  # lines of a response that are drawn
+NUM_SHOWN = 2000  # number of spectral lines of a response that are drawn
 UNITS = {"y": "m", "frequency_hz": "Hz", "damping": "1", "frequency_sd": "Hz", "damping_sd": "1"}
 MEANING = {
     "y": "motion", "frequency_hz": "natural frequency", "damping": "damping ratio",
     "frequency_sd": "standard deviation of frequency",
     "damping_sd": "standard deviation of damping",
 }  # fmt: skip
-WORN = 0.02  # of the secant stiffness of equal cycles: less is how a rig repeats
-CLEAR = 0.2  # of half width and of damping: no noise that leaves a resonance to be read does it
-RISES = 1e-3  # chance that offsets of records go with their order, or with runs, by themselves
-ORDERED = 4  # records, of which an order is told
-PLATEAU = 3  # readings below an onset, by which the structure is linear there
+# Relative change of secant stiffness over equal cycles; smaller changes are a rig's own variation.
+WORN = 0.02
+# Change relative to half width or damping, above what noise causes in a readable resonance.
+CLEAR = 0.2
+# Chance below which records' offsets depend on their order, or on runs, and not by accident.
+RISES = 1e-3
+ORDERED = 4  # Fewest records for which a dependence on their order is tested.
+PLATEAU = 3  # Fewest readings below an onset that show the structure to be linear there.
 
 
 class ShownResponse(NamedTuple):
-    """Displacement over the source along frequency."""
+    """The frequency response of displacement per unit of the source."""
 
     freq_hz: Float[np.ndarray, " line"]
     magnitude: Float[np.ndarray, " line"]
@@ -86,7 +91,7 @@ class ShownResponse(NamedTuple):
 
 @dataclass(frozen=True)
 class Look:
-    """Result of `look`: `record` in plain values, readings, tables and responses by test."""
+    """The result of `look`: `record` in plain values; readings, tables and responses by test."""
 
     record: dict[str, Any]
     readings: dict[str, list[Reading]]
@@ -98,8 +103,8 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
     """Read frequency and damping against amplitude from every test, without a model of the joint.
 
     Args:
-        campaign: From `jbw.load_campaign`.
-        report: Called with one sentence a test.
+        campaign: A campaign from `jbw.load_campaign`.
+        report: A function that is called with one sentence per test.
     """
     readings_of: dict[str, list[Reading]] = {}
     tables_of: dict[str, list[RecordTable]] = {}
@@ -152,7 +157,7 @@ def _modes_hz(campaign: Campaign) -> tuple[float, ...]:
 
 
 def _of_first_mode(campaign: Campaign) -> Iterator[Test]:
-    """Yield the tests of a campaign; decays of several modes in a band of the first alone."""
+    """Yield the tests of a campaign, free decays only in the band of the first mode."""
     structure = campaign.structure
     modes_hz = () if structure is None else structure.modes
     for test in campaign.tests:
@@ -163,18 +168,18 @@ def _of_first_mode(campaign: Campaign) -> Iterator[Test]:
 
 
 def look_quietly(campaign: Campaign) -> Look:
-    """Return the same beside an identification, where what is doubtful was said at the door."""
+    """Read a campaign during an identification, without repeating warnings already given."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return look(campaign, report=lambda _: None)
 
 
 def look_groups(looked: Look, fitted: Mapping[str, bool] | None = None) -> "dict[str, xr.Dataset]":
-    """Return readings and response of every test, ordered by motion, as groups of a result.
+    """Return the readings and response of every test, ordered by motion, as groups of a result.
 
-    `fitted` tells by name of which tests a posterior saw something, where there is one.
+    `fitted` gives by test name whether a posterior was fitted to records of the test.
     """
-    import xarray as xr  # takes long to load, and a look without a figure needs none
+    import xarray as xr  # The import takes long, and a look without a figure does not need it.
 
     groups, fitted = {}, fitted or {}
     for row in looked.record["tests"]:
@@ -188,18 +193,19 @@ def look_groups(looked: Look, fitted: Mapping[str, bool] | None = None) -> "dict
         if response is not None:
             attrs = {"units": response.unit, "long_name": "displacement over source"}
             variables["response"] = ("freq", response.magnitude, attrs)
-            variables["freq"] = ("freq", response.freq_hz, {"units": "Hz"})  # its coordinate
+            # This is the coordinate of the response.
+            variables["freq"] = ("freq", response.freq_hz, {"units": "Hz"})
         columns_read = {
             key: row[key] for key in ("test", "kind", "level", "drive") if row[key] is not None
         }
-        if row["test"] in fitted:  # of no family of tones
+        if row["test"] in fitted:  # A family of tones has no entry.
             columns_read["fitted"] = int(fitted[row["test"]])
         groups[place("look", row["test"])] = xr.Dataset(variables, attrs=columns_read)
     return groups
 
 
 def _seen(test: Test) -> list[str]:
-    """Return the sentences on a test's repeats, harmonics and noise, or on its held phase."""
+    """Return the sentences on a test's repeats, harmonics and noise, or on its locked phase."""
     if test.traits.is_locked:
         return [locked_sentence(test)]
     blows = blows_seen(test.name, [record.provenance for record in test.records])
@@ -207,7 +213,7 @@ def _seen(test: Test) -> list[str]:
 
 
 def _curves(tests: Sequence[Test]) -> dict[str, list[Test]]:
-    """Return the tests that are read together: single tones of a level are one curve."""
+    """Group the tests that are read together: all single tones of one level form one curve."""
     groups_of_tests: dict[str, list[Test]] = {}
     for test in tests:
         if not test.traits.is_prescribed:
@@ -217,7 +223,7 @@ def _curves(tests: Sequence[Test]) -> dict[str, list[Test]]:
 
 
 class RecordRead(NamedTuple):
-    """One record: its rows, and the same as a table with covariances."""
+    """The readings of one record: its rows, and a table of them with covariances."""
 
     rows: tuple[Reading, ...]
     table: RecordTable
@@ -249,7 +255,7 @@ def _read(
 
 
 def _of_rows(rows: Sequence[Reading]) -> RecordRead:
-    """Return the rows that do not know of each other, as a table."""
+    """Return the table of a record's readings whose errors are independent."""
     y, hz, zeta, hz_sd, zeta_sd = (
         np.array([getattr(row, name) for row in rows], float)
         for name in ("y", "frequency_hz", "damping", "frequency_sd", "damping_sd")
@@ -259,7 +265,7 @@ def _of_rows(rows: Sequence[Reading]) -> RecordRead:
 
 
 def _of_reading(read: ModeReading) -> RecordRead:
-    """Return the table of a decay or a sweep, from the smallest amplitude on."""
+    """Return the table of a decay's or sweep's readings, in the order of increasing amplitude."""
     table = read.table()
     sds = (np.sqrt(np.diag(x)) for x in (table.hz_covariance, table.zeta_covariance))
     columns = table.y, table.hz, table.zeta, *sds
@@ -271,18 +277,18 @@ def _of_reading(read: ModeReading) -> RecordRead:
 
 
 def _of_decays(test: Test) -> Iterator[RecordRead]:
-    """Yield every record of a test, in its band or in one about its strongest line."""
+    """Yield the readings of every decay of a test, in its band or near its strongest line."""
     yield from (_of_reading(read) for read in read_decays(test) if read is not None)
 
 
 def _of_sweep(record: Record, test: Test) -> RecordRead | None:
-    """Return a record of a sweep; None of a drive that is none."""
+    """Read a swept record; return None if its drive is no sweep or the fit is poor."""
     read = examined_sweep(record, test.band_hz, test.delay).reading
     return None if read is None or read.residual > MISSED else _of_reading(read)
 
 
 def _holding(one: RecordRead) -> RecordRead | None:
-    """Return a record without rows that are no oscillator's; None where none is left."""
+    """Remove readings that no oscillator can have from a record; return None if none is left."""
     holds = np.array([row.holds for row in one.rows])
     if np.all(holds):
         return one
@@ -302,13 +308,14 @@ def _holding(one: RecordRead) -> RecordRead | None:
 
 
 def _of_harmonics(tests: Sequence[Test]) -> tuple[list[RecordRead], ShownResponse]:
-    """Read a curve from its first harmonics, near its largest motion."""
+    """Read response curves near their largest motion, from their first harmonics."""
     groups = [group for group in groups_of(list(tests)) if group.order == 1]
     if not groups:
         raise DataError(f"Test {tests[0].name} has no response to a tone of its own.")
     readings_found = []
     for group in groups:
-        y = group.motion[:, 0].astype(complex)  # of a response that is held it is real
+        # The motion of a test with a controlled response is real.
+        y = group.motion[:, 0].astype(complex)
         top = int(np.argmax(np.abs(y)))
         third = abs(group.motion[top, 1] / y[top]) if group.motion.shape[1] > 1 else 0.0
         read = read_curve(group.omega, group.load[:, 0].astype(complex), y)
@@ -319,9 +326,9 @@ def _of_harmonics(tests: Sequence[Test]) -> tuple[list[RecordRead], ShownRespons
 
 
 def _row(name: str, test: Test, records: Sequence[RecordRead]) -> dict[str, Any]:
-    """Return a test's frequency and damping at its largest motion: means over records, with errors.
+    """Return a test's frequency and damping at its largest motion: record means with errors.
 
-    Errors are those of a record, and the standard deviation between several, together.
+    An error combines that of a single record with the standard deviation between records.
     """
     tops = [max(one.rows, key=lambda row: row.y) for one in records]
     columns = {key: np.array([getattr(row, key) for row in tops]) for key in Reading._fields}
@@ -353,7 +360,7 @@ def _finite(value: Any) -> float | None:
 
 
 def _scatter(test: Test) -> float | None:
-    """Return the scatter of repeats over the rms of their mean; None if they cannot be compared."""
+    """Return the repeats' standard deviation over the rms of their mean; None if incomparable."""
     records = test.records
     sizes = {record.num_samples for record in records}
     if len(records) < 2 or len(sizes) > 1 or not (test.traits.is_transient):
@@ -378,9 +385,9 @@ def _coherence(test: Test) -> float | None:
 
 
 def _loop_row(test: Test) -> dict[str, Any]:
-    """Return the secant stiffness of force loops at largest displacement, the mean of repeats.
+    """Return the mean secant stiffness of repeated force loops at their largest displacement.
 
-    `cycles` are those of the stiffest repeat; `unit` is that of the motion, m or rad.
+    `cycles` are those of the stiffest repeat; `unit` is the unit of the motion, m or rad.
     """
     loops = [forced_loop(record, test.delay) for record in test.records]
     secants = np.array([_secant(test, loop) for loop in loops])
@@ -415,7 +422,7 @@ def _shown(
     read: Reading,
     test: Test,
 ) -> ShownResponse:
-    """Return a response about its resonance, as it is drawn."""
+    """Return the part of a response near its resonance that is drawn."""
     centre = 2 * np.pi * read.frequency_hz
     half = max(0.02, min(WIDE, 10 * abs(read.damping))) * centre
     near = np.flatnonzero(np.abs(omega - centre) < half)[:NUM_SHOWN]
@@ -426,7 +433,7 @@ def _shown(
 
 
 def read_of_shaker(spec: TestSpec, record: Record) -> str:
-    """Return the shaker's attachment and the mode that it moves; or why they cannot be read."""
+    """Return the sentence on the shaker's attachment and moved mode, or on why reading failed."""
     test = Test(
         spec.kind, (record,), name=spec.name, band_hz=spec.band, periods=spec.periods,
         settle=spec.settle,
@@ -438,7 +445,7 @@ def read_of_shaker(spec: TestSpec, record: Record) -> str:
 
 
 class Statements(NamedTuple):
-    """Sentences on a structure, and the laws that its readings propose, the simplest first."""
+    """The sentences on a structure, and the laws that its readings propose, simplest first."""
 
     sentences: list[str]
     laws: tuple[str, ...]
@@ -449,9 +456,9 @@ def statements(
     by_test: Mapping[str, list[RecordTable]],
     modes_hz: Sequence[float] = (),
 ) -> Statements:
-    """Say whether records differ, whether frequency and damping change with amplitude, and how.
+    """Report whether records differ, and whether and how frequency and damping depend on amplitude.
 
-    Of several modes each is told by itself, by the readings that are nearest to its frequency.
+    Several modes are reported separately, each from the readings nearest to its frequency.
     """
     sentences, laws = [], ()
     labels = {row["test"]: row["assembly"] or row["run"] or "" for row in record["tests"]}
@@ -459,7 +466,7 @@ def statements(
         of_mode = [table for _, table in tables], [labels.get(name, "") for name, _ in tables]
         try:
             answer = nonlinear(*of_mode)
-        except UNREADABLE:  # of readings without errors, say: it costs no identification
+        except UNREADABLE:  # Readings without errors, for example, must not stop an identification.
             answer = Nonlinear(False, [messages.NOT_STATED])
         laws = laws or answer.laws
         sentences += [
@@ -488,7 +495,7 @@ def statements(
 def _by_mode(
     by_test: Mapping[str, list[RecordTable]], modes_hz: Sequence[float]
 ) -> dict[float | None, list[tuple[str, RecordTable]]]:
-    """Return the tables with their tests, by the frequency of the mode that they are nearest to."""
+    """Return the tables of readings with their tests, grouped by the nearest mode [Hz]."""
     groups: dict[float | None, list[tuple[str, RecordTable]]] = {
         _nearest(mode_hz, modes_hz): [] for mode_hz in modes_hz or (1.0,)
     }
@@ -499,14 +506,14 @@ def _by_mode(
 
 
 def _nearest(frequency_hz: float, modes_hz: Sequence[float]) -> float | None:
-    """Return the nearest of several modes [Hz]; None where there is one alone."""
+    """Return the mode frequency nearest to a frequency [Hz]; None where there is only one mode."""
     if len(modes_hz) < 2:
         return None
     return min(modes_hz, key=lambda hz: abs(np.log(frequency_hz / hz)))
 
 
 class Nonlinear(NamedTuple):
-    """Whether frequency or damping are seen to change with amplitude; sentences; likely laws."""
+    """The answer on whether frequency or damping depend on amplitude, with likely laws."""
 
     is_seen: bool
     sentences: list[str]
@@ -526,11 +533,11 @@ def _worn(loop: Mapping[str, Any]) -> str | None:
 
 
 def nonlinear(tables: Sequence[RecordTable], labels: Sequence[str] = ()) -> Nonlinear:
-    """Return whether frequency and damping change with amplitude, by one table a record.
+    """Return whether frequency and damping change with amplitude, from one table per record.
 
     Args:
-        tables: In the order in which the records were measured.
-        labels: Run or assembly of each; empty where none is stated.
+        tables: Tables of readings, in the order in which the records were measured.
+        labels: Run or assembly of each record; empty where none is stated.
     """
     y = [
         min(float(table.y.min()) for table in tables),
@@ -555,7 +562,7 @@ def nonlinear(tables: Sequence[RecordTable], labels: Sequence[str] = ()) -> Nonl
 
 
 def _change(what: str, seen: AmplitudeTrend) -> str:
-    """Return the clause on the change of one quantity with amplitude."""
+    """Return the clause on how frequency or damping changes with amplitude."""
     unit = "" if what == "frequency" else " of critical damping"
     if not seen.is_seen:
         return messages.no_change(what, seen.change, seen.change_sd, unit)
@@ -565,7 +572,7 @@ def _change(what: str, seen: AmplitudeTrend) -> str:
 
 
 def _differing(hz: AmplitudeTrend, zeta: AmplitudeTrend, labels: Sequence[str]) -> list[str]:
-    """Return the sentence on records that differ at equal amplitude, and their likely cause."""
+    """Return the sentence on records that differ at equal amplitude, with the likely cause."""
     seen = [
         (name, one.scatter)
         for name, one in (("frequency", hz), ("damping ratio", zeta))
@@ -580,7 +587,7 @@ def _differing(hz: AmplitudeTrend, zeta: AmplitudeTrend, labels: Sequence[str]) 
 
 
 def _goes_with(offsets: np.ndarray, labels: Sequence[str]) -> str:
-    """Return "runs" or "order" if the offsets of records vary with it, else an empty text."""
+    """Return what the offsets of records vary with: "runs", "order" or an empty text."""
     count = len(offsets)
     groups = [offsets[[label == name for label in labels]] for name in dict.fromkeys(labels)]
     if 1 < len(groups) < count:
@@ -598,7 +605,7 @@ def _goes_with(offsets: np.ndarray, labels: Sequence[str]) -> str:
 
 
 def _between_ends(tables: Sequence[RecordTable], differ: list[str]) -> Nonlinear:
-    """Return the same of one reading a record, too few for a test: the last against the first."""
+    """Compare the last record's readings with the first's, where trends cannot be tested."""
     y, frequency, damping = (
         [float(getattr(table, name)[0]) for table in tables] for name in ("y", "hz", "zeta")
     )
@@ -613,7 +620,7 @@ def _between_ends(tables: Sequence[RecordTable], differ: list[str]) -> Nonlinear
 
 
 def days(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the sentence on scatter within a day and between days or assemblies at one level."""
+    """Return the sentence on variation of frequency and damping within and between days."""
     groups: dict[tuple[Any, ...], dict[tuple[Any, ...], list[Mapping[str, Any]]]] = {}
     for row in rows:
         day = row["assembly"], row["run"]

@@ -1,8 +1,8 @@
-"""`jbw.identify_many`: many campaigns, each in a folder of its own, on whatever runs functions.
+"""`jbw.identify_many`: the identification of many campaigns, each in a separate folder.
 
-Every campaign becomes an ordinary run, which may be resumed by itself. What is asked for again goes
-on: a finished run whose campaign and data are still the same is not run again, a broken one is
-resumed from its last checkpoint, and a campaign that fails stops no other.
+Every campaign becomes an ordinary run, which can be resumed separately. A repeated call continues:
+a finished run is not repeated while its campaign and data are unchanged, an interrupted run resumes
+from its last checkpoint, and a campaign that fails stops no other.
 """
 
 import logging
@@ -31,12 +31,12 @@ from jbw.study.resumable import carried_out, digest_of
 from jbw.study.workers import Executor, in_processes, submitted
 
 logger = logging.getLogger("jbw")
-PLAIN = "campaign"  # a name that says nothing: the folder's does
+PLAIN = "campaign"  # a file name that says nothing, so that the name of its folder is used
 
 
 @dataclass(frozen=True)
 class Task:
-    """One campaign to identify; what a worker is sent."""
+    """One campaign to identify, as sent to a worker."""
 
     campaign: str
     folder: str
@@ -52,15 +52,16 @@ class RunOutcome:
     """The outcome of one campaign: its run, status, verdict and error.
 
     Attributes:
-        campaign: Its file.
-        folder: Of its run, for `jbw.load_study`.
-        status: done or failed; a verdict other than ok is done.
-        verdict: The run's verdict; empty where it failed.
-        error: What went wrong and what to do, in a sentence or two; empty where it is done.
-        exit_code: Of `jbw identify` on this campaign alone: 0 where the verdict is ok or usable.
-        began: new, resumed or finished (before this call).
-        warnings: What was said on the way, each sentence once.
-        wall_time_s: Seconds that it took now.
+        campaign: Path of the campaign file.
+        folder: Folder of the run, for `jbw.load_study`.
+        status: "done" or "failed"; a run whose verdict is not ok is also done.
+        verdict: Verdict of the run; empty where it failed.
+        error: The error and its remedy, in one or two sentences; empty where the run is done.
+        exit_code: Exit code of `jbw identify` for this campaign; 0 where the verdict is ok or
+            usable.
+        began: "new", "resumed", or "finished" where the run had ended before this call.
+        warnings: Warnings during the run, each sentence once.
+        wall_time_s: Duration of this call's part of the run [s].
     """
 
     campaign: str
@@ -87,29 +88,30 @@ def identify_many(
     report: Callable[[str], None] = logger.info,
     command: str | None = None,
 ) -> list[RunOutcome]:
-    """Identify many campaigns, and go on with them when called again.
+    """Identify many campaigns in parallel; a repeated call continues where the last one ended.
 
     Args:
         campaigns: Campaign files, or campaigns that were loaded from files.
-        out: Folder of the runs; each has the name of its campaign's file there, or where that is
-            `campaign.toml`, of the file's folder.
-        executor: What runs them, with a `submit` as Python's executors have; processes of this
-            machine when None. On other machines files and folders must have the same paths.
-        workers: Processes of this machine; half its processors when None. Not beside `executor`.
-        seed: Seed of every campaign; each campaign's own when None.
-        allow_outside: Let `files` of campaigns point out of their folders.
-        figures: Formats of the files that figures of each run go to: "png", "svg", "pdf".
-        quick: End each with its fit, as `jbw identify --quick`; called again without it, each goes
-            on to its posterior.
-        report: Called with one sentence whenever a campaign ends.
-        command: What was typed, for the summaries; this process's when None.
+        out: Folder of the runs. Each run is named after its campaign's file or, where that is
+            `campaign.toml`, after the file's folder.
+        executor: An object with a `submit` like that of Python's executors; processes of this
+            machine when None. Files and folders must have the same paths on other machines.
+        workers: Number of processes of this machine; half its processors when None. Not allowed
+            together with `executor`.
+        seed: Seed of every campaign; when None each campaign's own.
+        allow_outside: Whether `files` of campaigns may point out of their folders.
+        figures: File formats in which the figures of each run are saved: "png", "svg", "pdf".
+        quick: Whether each run ends with its fit, like `jbw identify --quick`; a later call without
+            it continues to the posterior.
+        report: A function that is called with one sentence whenever a campaign ends.
+        command: The typed command, for the summaries; that of this process when None.
 
     Returns:
-        One outcome a campaign, in the order given.
+        One outcome per campaign, in the order of `campaigns`.
 
     Raises:
-        ConfigError: No campaign, two that would write to one folder, one without a file, or an
-            unknown format.
+        ConfigError: No campaign is given, two would write to one folder, one has no file, or a
+            format is unknown.
 
     Examples:
         Each campaign becomes a run of its own, and the same call goes on after an interruption:
@@ -162,7 +164,7 @@ def identify_many(
 
 
 def run_task(task: Task) -> RunOutcome:
-    """Begin or go on with one run, in the process of a worker; whatever happens is its outcome."""
+    """Begin or resume one run in a worker's process, and return its outcome even if it fails."""
     with warnings.catch_warnings(record=True) as warned:
         outcome = _run(task)
     messages_shown = tuple(dict.fromkeys(str(warning.message) for warning in warned))
@@ -182,7 +184,7 @@ def _run(task: Task) -> RunOutcome:
                 quick=task.quick, figures=task.figures,
             )  # fmt: skip
             run = begin(folder, manifest)
-        if run is None:  # another process has finished it meanwhile
+        if run is None:  # Another process has finished it in the meantime.
             return _finished_before(task) or _failed(task, RunError(f"{folder} has no result."))
         try:
             if began == "resumed":
@@ -196,7 +198,7 @@ def _run(task: Task) -> RunOutcome:
             raise
         finally:
             run.close()
-    except Exception as error:  # the boundary: one campaign must not stop the others
+    except Exception as error:  # One failing campaign must not stop the others.
         return _failed(task, error, time.perf_counter() - started)
     return _done(task, summary, began, time.perf_counter() - started)
 
@@ -234,7 +236,7 @@ def _file_of(campaign: str | Path | Campaign) -> Path:
 
 
 def _folders(files: Sequence[Path], out: Path) -> dict[Path, Path]:
-    """Return the run folder of each campaign file; it does not depend on other campaigns."""
+    """Return the run folder of each campaign file; raise an error if two share one."""
     if not files:
         raise ConfigError("No campaign is given.", remedy="Give one campaign file or more.")
     names = [file.parent.name if file.stem == PLAIN else file.stem for file in files]
@@ -251,9 +253,9 @@ def _folders(files: Sequence[Path], out: Path) -> dict[Path, Path]:
 
 
 def _finished_before(task: Task) -> RunOutcome | None:
-    """Return the outcome of a run that is finished; None where there is work.
+    """Return the outcome of a campaign whose run is finished; None where there is work to do.
 
-    Its manifest is gone, or where a first answer is asked for it holds one.
+    A finished run has no manifest, except after a first answer (`quick`).
     """
     folder = Path(task.folder)
     is_open = (folder / HIDDEN / MANIFEST).exists()
@@ -268,7 +270,7 @@ def _finished_before(task: Task) -> RunOutcome | None:
 
 
 def _require_same_result(task: Task, summary: Mapping[str, Any]) -> None:
-    """Refuse a finished run of another campaign, other data or another seed than are asked for."""
+    """Raise an error if a finished run differs from the task in campaign, data or seed."""
     remedy = messages.identify_anew(str(task.folder))
     _require_asked(task, summary.get("campaign_file"), None)
     if task.seed is not None and summary.get("seed") != task.seed:
@@ -292,7 +294,7 @@ def _require_same_result(task: Task, summary: Mapping[str, Any]) -> None:
 
 
 def _require_asked(task: Task, campaign: str | None, seed: int | None) -> None:
-    """Refuse a run in this folder that is of another campaign, or was begun with another seed."""
+    """Raise an error if a run has another campaign, or began with another seed, than the task."""
     if campaign is not None and Path(campaign).resolve() != Path(task.campaign).resolve():
         raise RunError(
             f"The folder {task.folder} holds a run of {campaign}, not of {task.campaign}.",
@@ -307,7 +309,7 @@ def _require_asked(task: Task, campaign: str | None, seed: int | None) -> None:
 
 
 def _outcome_of(task: Task, future: Any) -> RunOutcome:
-    """Return the outcome of a future; a lost worker counts as a failed campaign."""
+    """Return the outcome of a campaign from its future; a lost worker is a failure."""
     try:
         return future.result()
     except BrokenProcessPool:
@@ -315,7 +317,7 @@ def _outcome_of(task: Task, future: Any) -> RunOutcome:
             "Its process was killed, perhaps because memory was exhausted.",
             remedy="Call again to go on from its last checkpoint, with fewer workers.",
         ))  # fmt: skip
-    except Exception as error:  # of the executor: a worker or a machine that is gone
+    except Exception as error:  # The executor lost a worker or a machine.
         return _failed(task, RunError(
             f"Its worker was lost: {type(error).__name__} {error}.",
             remedy="Call again to go on from its last checkpoint.",
@@ -323,7 +325,7 @@ def _outcome_of(task: Task, future: Any) -> RunOutcome:
 
 
 def _sentence(outcome: RunOutcome, so_far: Sequence[RunOutcome], total: int) -> str:
-    """Return how far all are, and what became of the last one."""
+    """Return the progress sentence: the number of finished campaigns and the last one's outcome."""
     failed = sum(earlier.status == "failed" for earlier in so_far)
     name = Path(outcome.folder).name
     if outcome.status == "failed":

@@ -35,29 +35,28 @@ def numpyro_model(
     seed: int | None = None,
     report: Report = logger.info,
 ) -> NumpyroModel:
-    """Return a campaign's joint posterior as a NumPyro model, after a fit that sets data weights.
+    """Return a campaign's joint posterior as a NumPyro model, with data weights from a fit.
 
-    Latent sites are the sampled parameters in SI, uniform in their bounds unless a density is
-    stated. Noise and the offsets of sessions are integrated out of the factor `log_likelihood`.
-    Deterministic sites are the parameters and products of the laws that are not sampled.
+    Latent sites are the sampled parameters in SI, uniform within their bounds unless a density is
+    stated. The factor `log_likelihood` is marginal over noise and session offsets. Deterministic
+    sites are the parameters and products of the laws that are not sampled.
 
     Args:
-        campaign: From `jbw.load_campaign` or the virtual rig.
+        campaign: A campaign from `jbw.load_campaign` or the virtual rig.
         prior: Priors by name that replace the campaign's: bounds (lower, upper), a distribution of
             NumPyro, or a table such as {"LogNormal": [-5.4, 0.3]}; in SI.
         responses: Whether the predicted response of every fitted test is a deterministic site,
             `response of TEST`, in the unit of its values.
-        seed: Seed of the fit's starts; the campaign's when None.
-        report: Called with one sentence at every stage.
+        seed: Seed of the fit's starts; when None that of the campaign.
+        report: A function that is called with one sentence at every stage.
 
     Returns:
-        The model: `MCMC(model.nuts())`, `MCMC(model.random_walk())`, `Predictive(model, ...)` and
-        SVI run on it.
+        The model, for `MCMC(model.nuts())`, `MCMC(model.random_walk())`, `Predictive(model, ...)`
+        and SVI.
 
     Raises:
-        ConfigError: A float32 session, a prior that is none, or one of a parameter that the laws
-            lack.
-        DataError: Tests that the joint cannot be fitted to.
+        ConfigError: The session is in float32, a prior is invalid, or the laws lack its parameter.
+        DataError: The joint cannot be fitted to the tests.
 
     Examples:
         A calibration of the gain to 1 % is stated as its prior:
@@ -78,9 +77,10 @@ def numpyro_model(
 
 
 def model_of(fitted: Fitted, *, responses: bool = False) -> NumpyroModel:
-    """Return the posterior of a fit's data as a NumPyro model."""
+    """Return the posterior of the data of a fit as a NumPyro model."""
     fit, box, data = fitted.fit, fitted.box, fitted.data
-    unstated = replace(data, stated=StatedDensities())  # sites have the stated densities themselves
+    # The stated densities are those of the sites, and must not count twice.
+    unstated = replace(data, stated=StatedDensities())
 
     def derived(theta: Mapping[str, Any]) -> dict[str, Any]:
         sites = _of_laws(theta, data)
@@ -98,7 +98,7 @@ def model_of(fitted: Fitted, *, responses: bool = False) -> NumpyroModel:
 
 
 def _of_laws(theta: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
-    """Return the parameters and products of the laws that are not sampled."""
+    """Return the laws' parameters and products that are not sampled themselves, by name."""
     every = {**data.held, **theta}
     values: dict[str, Any] = {}
     for law in laws_named(data.laws):
@@ -118,8 +118,8 @@ def _predicted(theta: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
 
 
 def _with_prior(campaign: Campaign, prior: Mapping[str, Any]) -> Campaign:
-    """Return the campaign with some priors replaced, each checked as one of its file."""
-    # Only the prior is new: what a loaded campaign holds elsewhere need not be valid as a file's.
+    """Return the campaign with some priors replaced, each checked like a prior of its file."""
+    # Only the priors are new: other settings of a loaded campaign need not be valid in a file.
     checked = Identify.of({"prior": {**campaign.settings.prior, **prior}})
     settings = campaign.settings.model_copy(update={"prior": checked.prior})
     modes = 1 if campaign.structure is None else len(campaign.structure.modes)

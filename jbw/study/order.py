@@ -8,14 +8,14 @@ from jbw.campaign.load import Campaign, with_laws
 
 @dataclass(frozen=True)
 class Order:
-    """The request for an identification: campaign, seed, true parameters and command.
+    """The request for an identification: its campaign, seed, true parameters and command.
 
     Attributes:
-        campaign: What is identified.
-        seed: Of everything random.
-        truth: True parameters of a virtual joint, written beside the results.
-        command: What was typed; that of this process when None.
-        started: The `perf_counter()` of the beginning.
+        campaign: The campaign to identify.
+        seed: Seed of all random numbers.
+        truth: True parameters of a virtual joint, stored with the results.
+        command: The typed command; that of this process when None.
+        started: The `perf_counter()` at the beginning.
     """
 
     campaign: Campaign
@@ -25,5 +25,5 @@ class Order:
     started: float
 
     def under(self, laws: Sequence[str]) -> "Order":
-        """Return the order with the laws that are identified, where its campaign states none."""
+        """Return the request with given laws, if its campaign states none."""
         return replace(self, campaign=with_laws(self.campaign, laws))

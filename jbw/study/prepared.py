@@ -1,4 +1,4 @@
-"""The tests of a campaign before anything is fitted: usable, looked at, split."""
+"""The tests of a campaign before any fit: checked, read without a model, split."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -9,18 +9,20 @@ from jbw.identification.assemble import Measured, Report, measured_in
 from jbw.identification.proposed_laws import proposed
 from jbw.identification.usable import usable
 from jbw.observables.records import compile_beside
+from jbw.quantities import DEFAULT_LAWS
 from jbw.report.messages import stages
 from jbw.study.free_group import fitted_tables
 from jbw.study.look import Look, look_quietly
 
 
 class PreparedTests(NamedTuple):
-    """The tests of a campaign, before anything is fitted.
+    """The tests of a campaign before any fit.
 
     Attributes:
-        measured: Tests that are fitted and held out, Step 2, and what the model is made of.
-        look: What the records say without a model.
-        sentences: On every test that cannot be used, and on laws that readings proposed.
+        measured: Fitted and held-out tests, the linear regime (Step 2), and the ingredients of the
+            model.
+        look: Readings of the records without a model.
+        sentences: Sentences on tests that cannot be used, and on laws that the readings propose.
     """
 
     measured: Measured
@@ -29,10 +31,11 @@ class PreparedTests(NamedTuple):
 
 
 def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTests:
-    """Return the tests that can be used, a look at them without a model, and what each step takes.
+    """Return the usable tests, their readings without a model, and the data of each later step.
 
-    All of this comes before anything is sampled: what is wrong with a record then costs no result.
-    A campaign that states no law gets the best of those that its readings propose.
+    This precedes all sampling, so that an error in a record costs no result. If a
+    campaign states no law, and its readings propose another law before the default, it gets the
+    best one of those that they propose.
     """
     gain = force_per_unit(campaign)
     several = campaign.joints is not None
@@ -46,7 +49,7 @@ def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTest
     look = look_quietly(replace(campaign, tests=accepted.tests))
     measured = measured_in(campaign, report, accepted.tests, accepted.line_fit)
     read = look.record["laws"]
-    if campaign.states_laws or several or not read:
+    if campaign.states_laws or several or not read or read[0] in DEFAULT_LAWS:
         return PreparedTests(measured, look, accepted.left_out)
     measured, sentence = proposed(measured, fitted_tables(look, measured), read, seed, report)
     return PreparedTests(measured, look, (*accepted.left_out, sentence))

@@ -1,4 +1,4 @@
-"""The first answer of a campaign: its fit with the bands of the fit's covariance, in seconds."""
+"""The first answer of a campaign, in seconds: its fit, with bands from the fit's covariance."""
 
 from typing import Any
 
@@ -31,7 +31,7 @@ from jbw.verification.predictive_basis import NUM_DRAWS, basis_of
 def first_answer(order: Order, prepared: PreparedTests, report: Report) -> Study:
     """Build the study of a fit alone: parameters, frequency and damping by amplitude, with bands.
 
-    It has the form of any other study, but no test is predicted in it.
+    The study has the form of any other, but predicts no test.
     """
     measured = prepared.measured
     posteriors = fit_alone(measured, seed=order.seed, report=report)
@@ -45,7 +45,7 @@ def first_answer(order: Order, prepared: PreparedTests, report: Report) -> Study
 
 
 def fit_tree(seen: Measured, posteriors: Posteriors) -> xr.DataTree:
-    """Return the tree of a fit: approximate draws, basis of predictions, backbone curve."""
+    """Return the result tree of a fit without sampling: Gaussian draws and the backbone."""
     joint = posteriors.joint
     attrs = joint.tree.attrs | run_attrs(seen.tests, joint, posteriors.free.data)
     parts = {**groups_in(joint.tree), **posteriors.checks.groups}
@@ -59,21 +59,21 @@ def fit_tree(seen: Measured, posteriors: Posteriors) -> xr.DataTree:
 
 
 def fit_errors(fitted: Fitted) -> dict[str, float]:
-    """Return the error of the fit by group of data, over the rms of the group."""
+    """Return the error of the fit to each group of data, relative to the group's rms."""
     residuals = dataset.residual_by_label(fitted.fit.residual, fitted.data)
     errors = dataset.error_by_label(residuals, fitted.data)
     return {label: float(error) for label, error in errors.items()}
 
 
 def report_fit(seen: Measured, fitted: Fitted, seed: int, report: Report) -> None:
-    """Say the first answer while the posterior is yet to be drawn."""
+    """Report the first answer, before the posterior is drawn."""
     lines = Attempts(report).make(stages.ANSWER_OF_FIT, lambda: fit_lines(seen, fitted, seed), [])
     for line in (*lines, stages.DRAWING):
         report(line)
 
 
 def fit_lines(seen: Measured, fitted: Fitted, seed: int) -> list[str]:
-    """Return the lines of a first answer."""
+    """Return the sentences of a first answer: parameters, effect of the joint, fit errors."""
     posteriors = about_fit(jax.random.key(seed), seen, fitted)
     checks = posteriors.checks
     judged = judge(checks.findings)

@@ -1,4 +1,4 @@
-"""A run in its folder, from wherever it stands to its report."""
+"""The execution of a run in its folder, from its current state to its report."""
 
 import hashlib
 import json
@@ -28,16 +28,16 @@ Say = Callable[[str], None]
 def carried_out(
     run: Run, say: Say, beside: Beside | None = None
 ) -> tuple[Mapping[str, Any], xr.DataTree]:
-    """Do what is left of a run, and return its summary and its tree.
+    """Finish a run from its current state, and return its summary and its result tree.
 
-    Of a first answer the result alone is written, and the run stays one that can be gone on with.
-    A process `beside` this one draws some of the report's figures.
+    After a first answer only the result is written, and the run can be continued later. A second
+    process, `beside`, draws some of the report's figures.
     """
     formats = formats_of(run.manifest.figures, "The manifest's `figures`")
     if (run.folder / "summary.json").exists() and not is_first_answer(run.folder):
         summary, tree = read_result(run.folder)
     else:
-        forget_when_many()  # of runs before, in the same process
+        forget_when_many()  # Earlier runs in this process have left compiled functions.
         tree, summary = identified(run, say)
         save_result(run.folder, tree, summary)
         if run.manifest.quick:
@@ -48,13 +48,13 @@ def carried_out(
         save_report(run.folder, tree, summary, beside, formats)
     finally:
         if not run.interruption.asked:
-            run.finish()  # a report that failed is `jbw report`'s to try again
+            run.finish()  # If the report failed, `jbw report` can write it again.
     say("Done")
     return summary, tree
 
 
 def identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:
-    """Measure the virtual rig if that is to be done, read the campaign and identify it."""
+    """Identify the campaign of a run, after measuring the virtual rig if the run requests it."""
     path, request, truth = run.campaign, run.manifest, None
     if request.preset is not None:
         if not path.exists():
@@ -64,7 +64,8 @@ def identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:
         truth = {**rig_truth["joint"], "gain": rig_truth["gain"]}
     say(f"Reading {path}")
     loaded, doubts = load_with_doubts(path, allow_outside=request.allow_outside)
-    for doubt in doubts:  # at once, as it takes minutes until the answer repeats them
+    # Doubts are shown at once, since the answer repeats them only minutes later.
+    for doubt in doubts:
         warnings.warn_explicit(doubt.message, doubt.category, doubt.filename, doubt.lineno)
     if request.final:
         loaded = replace(loaded, settings=loaded.settings.model_copy(update={"final": True}))

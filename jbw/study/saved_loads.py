@@ -1,6 +1,5 @@
-"""Predictions under other loads in a folder: numbers, CSV files and figures."""
+"""The storage of predictions under other loads in a folder: numbers, CSV files and figures."""
 
-import re
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -9,18 +8,33 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from jbw.report.load_section import POSTERIOR
 from jbw.report.loads import load_figure
+from jbw.report.messages import loads as messages
 from jbw.run.netcdf import write_tree
 from jbw.study.store import Write, save_outputs, write_figure, write_json
 from jbw.verification.places import safe
 
 
 def save_loads(
-    folder: Path, found: Mapping[str, xr.Dataset], rows: Sequence[Mapping[str, Any]]
+    folder: Path,
+    found: Mapping[str, xr.Dataset],
+    rows: Sequence[Mapping[str, Any]],
+    posterior: str | None = None,
 ) -> None:
-    """Write loads.nc, loads.json, a CSV file a prediction and figures/; whole as a result."""
-    tree = xr.DataTree.from_dict({f"/{safe(name)}": dataset for name, dataset in found.items()})
-    slugs = {name: re.sub(r"[^\w.-]+", "_", name) for name in found}
+    """Write loads.nc, loads.json, a CSV file per prediction and figures/, completely or not.
+
+    Args:
+        folder: The output folder.
+        found: Predictions by the names of their loads.
+        rows: Single numbers, for loads.json.
+        posterior: SHA-256 of the file of the posterior that predicts; a run's report shows
+            only predictions by its own posterior.
+    """
+    named = {f"/{safe(name)}": dataset.assign_attrs(load=name) for name, dataset in found.items()}
+    tree = xr.DataTree.from_dict(named)
+    tree.attrs = {} if posterior is None else {POSTERIOR: posterior}
+    slugs = {name: messages.slug_of(name) for name in found}
 
     def draw(figures: Path) -> None:
         figures.mkdir()
@@ -39,7 +53,7 @@ def save_loads(
 
 
 def plain_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return rows with None for each number that is not finite."""
+    """Replace each number that is not finite by None in rows of plain values."""
     return [
         {key: None if isinstance(x, float) and not np.isfinite(x) else x for key, x in row.items()}
         for row in rows
@@ -47,7 +61,7 @@ def plain_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def csv_tables(dataset: xr.Dataset) -> dict[str, str]:
-    """Return the bands of a prediction as CSV, by the axis that they are over."""
+    """Return the bands of a prediction as CSV texts, one for each axis of its bands."""
     columns: dict[str, dict[str, np.ndarray]] = {}
     for name, values in dataset.data_vars.items():
         if values.dims[:1] != ("quantile",) or len(values.dims) != 2:
@@ -62,7 +76,7 @@ def csv_tables(dataset: xr.Dataset) -> dict[str, str]:
 
 
 def _csv(columns: Mapping[str, np.ndarray]) -> str:
-    """Return named columns as text, with nine digits."""
+    """Return named columns as a CSV text with nine digits."""
     rows = zip(*columns.values(), strict=True)
     lines = [",".join(columns), *(",".join(f"{x:.9g}" for x in row) for row in rows)]
     return "\n".join(lines) + "\n"

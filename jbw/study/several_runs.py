@@ -1,13 +1,13 @@
-r"""Several finished runs: frequency and damping against amplitude, and how they go with torque.
+r"""Frequency and damping against amplitude of several finished runs, and their trend with torque.
 
-Draws q of every run at an amplitude that all fitted are taken as independent. Over the
-logarithm x of their torques each set of draws has the slope of least squares,
+The draws q of every run, at an amplitude that all runs fitted, are taken as independent. Over the
+logarithm x of the torques each set of draws has the slope of least squares,
 
 $$b = \frac{\sum_i (x_i - \bar x)\,q_i}{\sum_i (x_i - \bar x)^2},$$
 
-in change a doubling where x is the binary logarithm. Where the chi-square of what the line leaves
-is beyond chance, the runs scatter by themselves, and the slope's interval is Student's by that
-scatter as well.
+which is the change per doubling of the torque where x is the binary logarithm. Where the chi-square
+of the residuals from the line is improbable, the runs vary independently of torque, and the
+interval of the slope is widened, in quadrature, by Student's interval from that variation.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,16 +31,16 @@ from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
 
 NUM_DRAWS = 200  # of each run
-GRID = np.linspace(0.05, 1.0, 20)  # of the largest displacement that all runs fitted
-TOLD = (1, 19)  # of these: a tenth and all of it
+GRID = np.linspace(0.05, 1.0, 20)  # times the largest displacement that all runs fitted
+TOLD = (1, 19)  # indices into GRID: 10 % and 100 % of its largest displacement
 QUANTITIES = (("frequency", "Hz", 1.0), ("damping ratio", "%", 100.0))
-BY_CHANCE = 0.01  # probability of the scatter about a trend, below which it is said
-NUISANCE = {"gain"}  # of the source, without which frequency and damping are known
+BY_CHANCE = 0.01  # a smaller probability of the variation about a trend is reported
+NUISANCE = {"gain"}  # a property of the source, which frequency and damping do not need
 
 
 @dataclass(frozen=True)
 class SideBySide:
-    """Result of `side_by_side`.
+    """The result of `side_by_side`: a record in plain values and the backbones of all runs.
 
     Attributes:
         record: Runs, readings, trends and statements in plain values.
@@ -52,12 +52,12 @@ class SideBySide:
 
 
 def side_by_side(folders: Sequence[Path]) -> SideBySide:
-    """Set frequency and damping of several finished runs side by side, of any laws.
+    """Compare frequency and damping against amplitude of several finished runs, of any laws.
 
-    Runs stand in the order of the torques that their campaigns state, where all do, else as given.
+    Runs are ordered by the torques of their campaigns where all state one, otherwise as given.
 
     Raises:
-        ConfigError: A run without frequency and damping against amplitude.
+        ConfigError: A run has no frequency and damping against amplitude.
     """
     opened = [read_result(folder) for folder in folders]
     torques: list[Any] = [(summary.get("assembly") or {}).get("torque") for summary, _ in opened]
@@ -81,7 +81,8 @@ def side_by_side(folders: Sequence[Path]) -> SideBySide:
         for name, i, basis in zip(names, order, bases, strict=True)
     ]
     draws = [_along(basis, amplitude) for basis in bases]
-    bands = np.array([np.quantile(x, QUANTILES, axis=1) for x in draws])  # run quantile what place
+    # Axes: run, quantile, quantity, amplitude.
+    bands = np.array([np.quantile(x, QUANTILES, axis=1) for x in draws])
     backbones = _dataset(bands, names, amplitude)
     record = {
         "runs": runs,
@@ -106,7 +107,7 @@ def _require_backbone(folder: Path, basis: Basis) -> None:
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
-    """Return the names of the folders, and their paths where two have one name."""
+    """Return the names of the folders, or their paths where two folders have the same name."""
     short = [folder.resolve().name for folder in folders]
     return short if len({*short}) == len(short) else [str(folder) for folder in folders]
 
@@ -114,7 +115,7 @@ def _names(folders: Sequence[Path]) -> list[str]:
 def _along(
     basis: Basis, amplitude: Float[np.ndarray, " place"]
 ) -> Float[np.ndarray, "what draw place"]:
-    """Return the draws of frequency [Hz] and damping ratio against amplitude [m]."""
+    """Return a run's draws of frequency [Hz] and damping ratio at each amplitude [m]."""
     carried = carry(curves, basis.thinned(NUM_DRAWS), jnp.asarray(amplitude), basis.laws)
     return np.array([np.asarray(x) for x in carried[:2]])
 
@@ -144,7 +145,10 @@ def _trends(
     draws: Sequence[Float[np.ndarray, "what draw place"]],
     amplitude: Float[np.ndarray, " place"],
 ) -> list[dict[str, Any]]:
-    """Change of each quantity with twice the torque; none of runs without torques that differ."""
+    """Return the changes of frequency and damping per doubling of torque, over several runs.
+
+    The list is empty if torques are missing or do not differ.
+    """
     torques = [run["torque"] for run in runs]
     if None in torques or len({*torques}) < 2:
         return []
@@ -164,9 +168,9 @@ def _trends(
 def _trend(
     doublings: Float[np.ndarray, " run"], draws: Sequence[Float[np.ndarray, " draw"]]
 ) -> dict[str, Any]:
-    """Return the slope with its 99 % interval, p of the residual scatter, and its direction."""
+    """Return the slope of a quantity over runs per doubling of torque, with its 99 % interval."""
     count = min(map(len, draws))
-    # Runs of one seed have draws that go together, number by number: in any order they do not.
+    # Draws of runs with one seed correlate number by number; a random order removes that.
     rng = np.random.default_rng(0)
     values = np.array([rng.permutation(x)[:count] for x in draws])
     away = doublings - doublings.mean()
@@ -175,7 +179,8 @@ def _trend(
     left = mean - mean.mean() - away * middle
     degrees = len(draws) - 2
     p = float(stats.chi2.sf(np.sum((left / sd) ** 2), degrees)) if degrees else 1.0
-    if p < BY_CHANCE:  # as known as the line's slope through runs that scatter by themselves
+    # The interval then includes the uncertainty of a line through runs that vary independently.
+    if p < BY_CHANCE:
         deviation = np.sqrt(np.sum(left**2) / degrees / np.sum(away**2))
         reach = stats.t.ppf(QUANTILES[2], degrees) * deviation
         low, high = middle - np.hypot(middle - low, reach), middle + np.hypot(high - middle, reach)

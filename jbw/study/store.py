@@ -1,4 +1,4 @@
-"""A run's folder, written whole or not at all."""
+"""The results in a run's folder, each written completely or not at all."""
 
 import json
 import os
@@ -16,6 +16,7 @@ import xarray as xr
 from jbw.errors import RunError
 from jbw.parts import ENDING, KeptParts, Parts, digest_of
 from jbw.report.figures import Beside, Files, draw_figures, figure_of
+from jbw.report.load_section import load_section
 from jbw.report.messages.run import REPEAT, going_on
 from jbw.report.page import write_page
 from jbw.report.prediction import prediction
@@ -27,24 +28,24 @@ from jbw.run.manifest import versions
 from jbw.run.netcdf import write_tree
 from jbw.verification.places import safe
 
-PART = ".part"  # begins the names of folders whose files are not results yet
-JOB, ASKED, LOCK = f"{PART}s", "asked.json", "lock"  # of a job under way
+PART = ".part"  # prefix of folders whose files are not results yet
+JOB, ASKED, LOCK = f"{PART}s", "asked.json", "lock"  # files of an unfinished job
 Write = Callable[[Path], Any]
 
 
 @dataclass(frozen=True)
 class Job:
-    """A long job under way in its folder, which is asked for in words that its parts depend on."""
+    """A long job in its output folder, with the words of its request."""
 
     folder: Path
     asked: str
 
     def parts(self, inputs: Mapping[str, str], report: Callable[[str], Any]) -> Parts:
-        """Return what keeps the parts of the job, once parts of other inputs or code are removed.
+        """Return the store of the job's parts, after removing parts from other inputs or code.
 
         Args:
-            inputs: Digests of all that is read, by file.
-            report: Called with a sentence where parts are kept from before.
+            inputs: Digests of all input files, by file.
+            report: A function that is called with a sentence if parts of an earlier attempt exist.
         """
         mark = digest_of(json.dumps([self.asked, inputs, versions()], sort_keys=True))
         for path in (self.folder / JOB).glob(f"*{ENDING}"):
@@ -56,18 +57,18 @@ class Job:
 
     @property
     def num_kept(self) -> int:
-        """Number of parts that are kept."""
+        """The number of stored parts of the job."""
         return len(list((self.folder / JOB).glob(f"*{ENDING}")))
 
 
 def claim(folder: Path, asked: str = "") -> Path:
-    """Make a new or empty folder with room for results, before any work is done.
+    """Claim a new or empty output folder with room on its disk, before any work is done.
 
-    What a killed process left half written there does not count; `writing` removes it. What a
-    killed job saved does not count either where the same is `asked` for.
+    Half-written files of a killed process do not count; `writing` removes them. The parts of a
+    killed job do not count either if the same is `asked` for.
 
     Raises:
-        RunError: The folder cannot be written, holds something, or its disk is full.
+        RunError: The folder cannot be written, is not empty, or its disk is full.
     """
     require_room(folder)
     try:
@@ -90,7 +91,7 @@ def claim(folder: Path, asked: str = "") -> Path:
 
 
 def _asked_in(folder: Path) -> str:
-    """Return what the job under way in a folder was asked for; nothing where there is none."""
+    """Return the request of the unfinished job in a folder; an empty text where there is none."""
     try:
         return (folder / JOB / ASKED).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
@@ -99,16 +100,18 @@ def _asked_in(folder: Path) -> str:
 
 @contextmanager
 def claimed(folder: Path, /, **asked: Any) -> Iterator[Job]:
-    """Hold a folder for a long job, whose parts are kept there until it has ended well.
+    """Claim a folder for a long job, and keep the job's parts there until it succeeds.
 
-    Where it fails with no part finished and nothing written, no folder is left.
+    If the job fails before a part is finished and before anything is written, its folder is
+    removed.
 
     Args:
         folder: The output folder.
-        asked: Plain values of all that was asked for. Parts of the same job are gone on with.
+        asked: Plain values that state the request. The parts of an earlier job with the same
+            request are used again.
 
     Raises:
-        RunError: As `claim`; or another process works there.
+        RunError: As for `claim`; or another process works in the folder.
     """
     job = Job(claim(folder, told := json.dumps(asked, sort_keys=True, default=str)), told)
     (folder / JOB).mkdir(exist_ok=True)
@@ -128,7 +131,7 @@ def claimed(folder: Path, /, **asked: Any) -> Iterator[Job]:
 
 
 def save_result(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> None:
-    """Write posterior.nc, and summary.json last: where that stands, the result is whole."""
+    """Write posterior.nc, then summary.json, whose presence shows that the result is complete."""
     try:
         with writing(folder, "posterior.nc", "summary.json") as part:
             marked = tree.copy()
@@ -151,17 +154,17 @@ def save_report(
     beside: Beside | None = None,
     formats: Sequence[str] = (),
 ) -> None:
-    """Write report.html beside a result, which a failing report does not touch.
+    """Write report.html into a result's folder; a failure leaves the result as it is.
 
-    The figures go to figures/ too, in every one of `formats`. A process `beside` this one draws
-    some of them, from the result that is saved.
+    The figures are also saved in figures/ in each of `formats`. A second process, `beside`, draws
+    some of them from the saved result.
     """
     try:
         with writing(folder, *(["figures"] if formats else []), "report.html") as part:
             files = Files(part / "figures", formats) if formats else None
             process = None if beside is None else (beside, folder / "posterior.nc")
             drawn = draw_figures(tree, files, process)
-            write_page(summary, tree, part / "report.html", drawn)
+            write_page(summary, tree, part / "report.html", drawn, load_section(folder))
     except Exception as error:
         raise RunError(
             f"The report of {folder} failed: {type(error).__name__}: {error}",
@@ -173,7 +176,7 @@ def save_report(
 def save_predictions(
     folder: Path, found: Mapping[str, xr.Dataset], rows: Sequence[Mapping[str, Any]]
 ) -> None:
-    """Write predictions.nc, predictions.json and figures/, a figure a test; whole as a result."""
+    """Write predictions.nc, predictions.json and figures/ (one per test), completely or not."""
     tree = xr.DataTree.from_dict(
         {f"/{safe(test)}": comparison for test, comparison in found.items()}
     )
@@ -192,15 +195,16 @@ def save_predictions(
 
 
 def save_outputs(folder: Path, numbers: Mapping[str, Write], pictures: Mapping[str, Write]) -> None:
-    """Write numbers, and pictures once the numbers are whole: none of these costs those.
+    """Write numbers, then pictures, so that a failing picture does not lose the numbers.
 
     Args:
-        folder: The folder of both.
-        numbers: Name to what writes the file, in the order in which they move to their place.
-        pictures: The same of figures and pages.
+        folder: The output folder.
+        numbers: Functions that write one file each, by file name, in the order in which files are
+            moved to their place.
+        pictures: Functions that write figures and pages, by file name.
 
     Raises:
-        RunError: The pictures failed, and the numbers are saved.
+        RunError: The pictures failed after the numbers were saved.
         OSError: The numbers cannot be written.
     """
     _save(folder, numbers)
@@ -222,8 +226,8 @@ def _save(folder: Path, outputs: Mapping[str, Write]) -> None:
 
 @contextmanager
 def writing(folder: Path, *names: str) -> Iterator[Path]:
-    """Yield a hidden folder to write `names` into; at the end move them to their place in order."""
-    left = list(folder.glob(f"{PART}-*"))  # by a process that was killed
+    """Yield a hidden folder for the files `names`; at the end move them to their place in order."""
+    left = list(folder.glob(f"{PART}-*"))  # left by a process that was killed
     with tempfile.TemporaryDirectory(dir=folder, prefix=f"{PART}-") as name:
         yield Path(name)
         for path in left:
@@ -234,12 +238,13 @@ def writing(folder: Path, *names: str) -> Iterator[Path]:
                 shutil.rmtree(target)
             elif part.is_file():
                 with part.open("rb+") as stream:
-                    os.fsync(stream.fileno())  # its content reaches the disk before its name does
+                    # The content must reach the disk before the name does.
+                    os.fsync(stream.fileno())
             os.replace(part, target)
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write plain values as JSON; raise an error for a number that is not finite."""
+    """Write plain values as JSON; raise an error if a number is not finite."""
     text = json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
 

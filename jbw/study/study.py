@@ -1,4 +1,4 @@
-"""The result of an identification, as it comes from `identify` or from a run's folder."""
+"""The result of an identification, as returned by `identify` or read from a run's folder."""
 
 import hashlib
 import json
@@ -39,19 +39,19 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-LINE = 300  # characters of what is known, in a cell
+LINE = 300  # most characters of the parameters' line in a notebook cell
 
 
 @dataclass(frozen=True, repr=False)
 class Study:
-    """Result of `identify`, or of a run that was saved.
+    """The result of `identify`, or of a saved run.
 
     Attributes:
-        tree: What `posterior.nc` holds: the main posterior in ArviZ's groups at the root, the
-            other steps under `steps`, then `verification` and `validation`.
-        record: What `summary.json` holds.
-        campaign: What was identified; None where its file is no longer at hand.
-        identification: Every step with its fit and verdict; None for a run that was saved.
+        tree: Content of `posterior.nc`: the main posterior in ArviZ's groups at the root, the other
+            steps under `steps`, then `verification` and `validation`.
+        record: Content of `summary.json`.
+        campaign: The identified campaign; None where its file is not available.
+        identification: Every step with its fit and verdict; None for a saved run.
 
     Examples:
         The fit predicts the mean of two repeats to their noise, 2 % / sqrt(2):
@@ -78,14 +78,14 @@ class Study:
         return verdict + page_of(self.record, self.tree)
 
     def _known(self) -> str:
-        """Return the campaign and the parameters that are known, in one line."""
+        """Return the campaign and its determined parameters in one line."""
         sentences = known_parameters(self.record) if "main" in self.record else []
         listed = "; ".join(sentences) or "no parameter is known"
         return shorten(f"Study of {self.record.get('campaign', '')}: {listed}", LINE)
 
     @property
     def posterior(self) -> xr.DataTree:
-        """The main posterior, in ArviZ's groups at the root."""
+        """The main posterior of the study, in ArviZ's groups."""
         return self.tree
 
     @property
@@ -95,17 +95,17 @@ class Study:
         return Verdict(stored["status"], tuple(map(kept_finding, stored["findings"])))
 
     def summary(self) -> dict[str, Any]:
-        """Return every step and parameter in numbers, and in words what is identified."""
+        """Return all steps and parameters in numbers, with sentences on what the data determine."""
         return self.record
 
     def table(self, step: str | None = None) -> "DataFrame":
         """Return the parameters of a step as a data frame, in SI.
 
         Columns: `unit`, `mean`, `sd`, `cv` (sd over mean), `q005` and `q995` (ends of the 99 %
-        interval), `map`, `kl` [nats], `ess_bulk` and `r_hat`, those that the step has.
+        interval), `map`, `kl` [nats], `ess_bulk` and `r_hat`, as far as the step has them.
 
         Args:
-            step: Name of a step, as in `summary()["steps"]`; the main one when None.
+            step: Name of a step, as in `summary()["steps"]`; the main step when None.
 
         Returns:
             One row per parameter.
@@ -118,14 +118,15 @@ class Study:
     def backbone(self) -> "DataFrame":
         """Return natural frequency and damping ratio at each amplitude, with 99 % bands.
 
-        Columns: the medians `frequency_hz` [Hz] and `damping` [-], their bands' ends with `_low`
-        and `_high`, and `fitted`: whether the amplitude lies within those that were fitted. With
-        `_free` behind the quantity the same of the law without a form, by the readings of fitted
-        tests, where there are enough; NaN far from them.
+        Columns: the medians `frequency_hz` [Hz] and `damping` [-], the ends of their bands with the
+        suffixes `_low` and `_high`, and `fitted`: whether the amplitude lies within the fitted
+        range. Columns with `_free` after the quantity state the same for the law without a
+        prescribed form, from the readings of fitted tests, where there are enough; NaN far from the
+        readings.
 
         Returns:
-            One row per amplitude of the displacement [m]; per mode and amplitude at the first point
-            where several joints were identified.
+            One row per amplitude of the displacement [m]; where several joints were identified, one
+            row per mode and amplitude at the first point.
 
         Raises:
             DataError: The joint has no mode, or no motion was measured.
@@ -133,13 +134,13 @@ class Study:
         return backbone_frame(self.tree)
 
     def predictions(self) -> "DataFrame":
-        """Return how each test is predicted, as a data frame.
+        """Return the errors and the coverage of the prediction of each test, as a data frame.
 
         Columns: `kind`, `level`, `level_unit`, `fitted` (False: held out), `nrmse` (error over the
-        rms of the record), `nrmse_own_frequency` (each free decay with a natural frequency of its
-        own), `coverage` and `half_width` of the 99 % band, `nrmse_linear` and
-        `nrmse_cubic` (the best oscillator without a joint), and `extrapolation`; those that a
-        test has.
+        rms of the record), `nrmse_own_frequency` (the same with a separate natural frequency for
+        each free decay), `coverage` and `half_width` of the 99 % band, `nrmse_linear` and
+        `nrmse_cubic` (the best oscillator without a joint), and `extrapolation`, as far as a test
+        has them.
 
         Returns:
             One row per predicted test; none after a quick run, which predicts no test.
@@ -152,13 +153,14 @@ class Study:
         """Predict any test: bands of the main posterior, next to the measured values.
 
         Args:
-            test: Name of a test of the campaign, or a test of any kind, seen or not.
-            num_draws: Draws carried through the model; fewer through long records.
-            noise: Whether the bands include the noise, where it is known.
+            test: Name of a test of the campaign, or a test of any kind, whether measured before or
+                not.
+            num_draws: Number of draws that the model propagates; fewer for long records.
+            noise: Whether the bands include the measurement noise, where it is known.
 
         Raises:
-            ConfigError: If the campaign has no test of that name, or is not at hand.
-            DataError: If the test's source is in another unit than the run's.
+            ConfigError: The campaign has no test of that name, or is not available.
+            DataError: The source of the test has another unit than that of the run.
         """
         if isinstance(test, str):
             if self.campaign is None:
@@ -172,50 +174,50 @@ class Study:
     def planned_sweep(
         self, band_hz: tuple[float, float], level: float, *, duration: float, fs: float
     ) -> Test:
-        """Return a linear sweep from rest that nobody measured, for `predict`.
+        """Return a linear sweep from rest that was not measured, for `predict`.
 
         Args:
             band_hz: First and last frequency [Hz].
-            level: Amplitude, in the unit of the run's source.
-            duration: Of the sweep [s]; it fades out over its last 2 %.
+            level: Amplitude in the unit of the run's source.
+            duration: Duration of the sweep [s]; its amplitude decreases to zero over the last 2 %.
             fs: Sampling frequency [Hz], above twice the highest frequency.
 
         Raises:
-            ConfigError: A number that is not positive, or a sweep beyond half of `fs`.
+            ConfigError: A number is not positive, or the sweep goes beyond half of `fs`.
         """
         return planned_sweep(basis_of(self.tree), band_hz, level, duration, fs)
 
     def joints(self, draws: int = NUM_DRAWS) -> Oscillator:
-        """Return draws of the joint as one oscillator, for use of your own.
+        """Return the draws of the joint as one oscillator, for further computations.
 
-        Its leaves have the shape (draw,), and `jbw.simulate` and `jbw.steady_state` take it so.
+        Its arrays have the shape (draw,); `jbw.simulate` and `jbw.steady_state` accept it.
 
         Raises:
             ModelError: The run has several modes or joints.
-            ConfigError: Fewer than two draws.
+            ConfigError: There are fewer than two draws.
         """
         return joints_of_basis(basis_of(self.tree), draws)
 
     def response_curve(
         self, level: float, band: tuple[float, float], **options: Unpack[LoadOptions]
     ) -> xr.Dataset:
-        """Return the response to a sine of one level across a band, with jumps.
+        """Return the response curve of a sine of one level across a band, with jumps.
 
         Args:
-            level: Amplitude in the unit of the run's source, of a moving base in m/s^2.
+            level: Amplitude in the unit of the run's source; in m/s^2 for a moving base.
             band: First and last frequency [Hz].
             options: `drive` (`force`, the default, for the run's source, or `base`), `draws`,
                 `participation` and `shape` of the mode on a moving base, `harmonics`, `unit` of the
-                response (that of the records when left out), `seed`.
+                response (by default that of the records), `seed`.
 
         Returns:
             `frequency` [Hz], `amplitude`, `phase` [rad] and `stable` by (draw, point) along the
-            curves; `upward` and `downward`, the 99 % bands over (quantile, freq) of what slow
-            sweeps show. Attributes say what the bands contain, and `reach`: the peak displacement
-            over the largest that was fitted.
+            curves; `upward` and `downward`, the 99 % bands over (quantile, freq) of the response in
+            slow sweeps. Attributes state what the bands contain, and `reach`: the ratio of the peak
+            displacement to the largest fitted displacement.
 
         Raises:
-            ConfigError: A level, band or option that cannot be meant.
+            ConfigError: A level, band or option is invalid.
             DataError: The run determines no gain.
             ModelError: The run has several modes, or no resonance at this level.
         """
@@ -226,16 +228,16 @@ class Study:
         """Return frequency, height, Q, half-power width and jumps of the resonance at each level.
 
         Args:
-            levels: Amplitudes as of `response_curve`.
-            options: As of `response_curve`.
+            levels: Amplitudes, in the unit that `response_curve` takes.
+            options: Options of `response_curve`.
 
         Returns:
             Variables over (quantile, level) with 99 % intervals. `quality` and `half_power_width`
-            are those of the draws whose curve does not fold between the half-power points, the
-            jumps those of draws that fold; `folds` is the share of these.
+            come from the draws whose curve does not fold between the half-power points, the jumps
+            from the draws whose curve folds; `folds` is the share of the latter.
 
         Raises:
-            ConfigError, DataError, ModelError: As of `response_curve`.
+            ConfigError, DataError, ModelError: As for `response_curve`.
         """
         basis = basis_of(self.tree)
         return resonance_of(basis, levels, load_on(basis, Load(**options)))
@@ -247,20 +249,20 @@ class Study:
         band: tuple[float, float],
         **options: Unpack[LoadOptions],
     ) -> xr.Dataset:
-        """Return the level that keeps the response within a limit at each frequency.
+        """Return the level of a sine that keeps the response within a limit at each frequency.
 
         Args:
-            level: Amplitude of the sine that is asked for.
-            limit: Largest amplitude of the response, in its unit.
+            level: Requested amplitude of the sine.
+            limit: Largest amplitude of the response, in the unit of the response.
             band: First and last frequency [Hz].
-            options: As of `response_curve`.
+            options: Options of `response_curve`.
 
         Returns:
-            `allowed` and `notched` (the smaller one of `allowed` and `level`) over (quantile,
-            freq), in the unit of the source.
+            `allowed` and `notched` (the smaller of `allowed` and `level`) over (quantile, freq), in
+            the unit of the source.
 
         Raises:
-            ConfigError, DataError, ModelError: As of `response_curve`.
+            ConfigError, DataError, ModelError: As for `response_curve`.
         """
         basis = basis_of(self.tree)
         return notch_of(basis, level, limit, band, load_on(basis, Load(**options)))
@@ -268,19 +270,20 @@ class Study:
     def random(
         self, profile: RandomProfile, duration: float = 60.0, **options: Unpack[LoadOptions]
     ) -> xr.Dataset:
-        """Return the response to random vibration of a profile, by averaging of the energy.
+        """Return the response to random vibration of a given profile, by averaging the energy.
 
         Args:
             profile: Spectral density of the source, from `jbw.read_profile` or `jbw.profile_of`.
-            duration: Duration over which the largest displacement is asked for [s].
-            options: As of `response_curve`.
+            duration: Duration for which the largest displacement is stated [s].
+            options: Options of `response_curve`.
 
         Returns:
-            99 % intervals of `rms` and `psd` of the response, rms, largest displacement and peak
-            factor of the relative motion, rate of upward crossings and equivalent damping.
+            99 % intervals of `rms` and `psd` of the response; of the rms, largest displacement and
+            peak factor of the relative motion; of the rate of upward crossings and the equivalent
+            damping.
 
         Raises:
-            ConfigError: A unit that does not fit the source.
+            ConfigError: A unit does not fit the source.
             DataError: The run determines no gain.
             ModelError: The profile has no power at the mode or is too narrow, the damping is above
                 5 %, or the run has several modes.
@@ -292,12 +295,12 @@ class Study:
         """Return the motion under a shock: its band over time, its largest value, its spectrum.
 
         Args:
-            pulse: `20g,11ms`, a half-sine unless a third word says `sawtooth` or `trapezoid`; or a
-                `jbw.Pulse` of samples.
-            options: As of `response_curve`; the modes outside the band are left out.
+            pulse: A text such as `20g,11ms`, for a half-sine unless a third word says `sawtooth` or
+                `trapezoid`; or a `jbw.Pulse` of samples.
+            options: Options of `response_curve`; the modes outside the band are ignored.
 
         Raises:
-            ConfigError: A shock that cannot be meant, or in another unit than the source.
+            ConfigError: The shock is invalid, or in another unit than the source.
             DataError: The run determines no gain.
             ModelError: The run has several modes.
         """
@@ -309,13 +312,13 @@ class Study:
         """Write posterior.nc, summary.json and report.html into a new or empty folder.
 
         Args:
-            folder: Where they are written.
-            figures: Formats of the files that figures go to, in `folder`/figures: "png", "svg",
+            folder: The output folder.
+            figures: File formats in which the figures are saved in `folder`/figures: "png", "svg",
                 "pdf".
 
         Raises:
-            ConfigError: A format that is none of these.
-            RunError: The folder holds something, or cannot be written.
+            ConfigError: A format is none of these.
+            RunError: The folder is not empty, or cannot be written.
         """
         formats = formats_of(figures, "Argument `figures`")
         claimed = claim(Path(folder))
@@ -324,15 +327,15 @@ class Study:
 
 
 def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
-    """Return the result of a run that was saved, by `jbw identify` or `Study.save`.
+    """Load the result of a run that `jbw identify` or `Study.save` saved.
 
     Args:
         folder: The run's folder.
-        campaign: What was identified; when None, it is read where the run says that its campaign
-            file lies and that file is still there.
+        campaign: The identified campaign. When None, it is read from the path stored in the run, if
+            a file is still there.
 
     Raises:
-        DataError: The folder holds no finished run, or one that cannot be read.
+        DataError: The folder contains no finished run, or the run cannot be read.
 
     Examples:
         A saved run is loaded with its campaign:
@@ -346,17 +349,18 @@ def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
     """
     record, tree = read_result(Path(folder))
     if "posterior" in tree.children:
-        _basis(Path(folder), record, tree)  # what cannot predict is said now, not later
+        _basis(Path(folder), record, tree)  # A run that cannot predict must fail now, not later.
     where = record.get("campaign_file")
     if campaign is None and where is not None and Path(where).is_file():
-        campaign = load_campaign(where, allow_outside=True)  # the run was allowed to
+        # The run had the permission to read outside of its folder.
+        campaign = load_campaign(where, allow_outside=True)
     if campaign is not None:
         campaign = with_laws(campaign, json.loads(str(tree.attrs.get("laws", "null"))))
     return Study(tree, record, campaign)
 
 
 def basis_of_run(folder: Path) -> Basis:
-    """Return the basis from which a finished run predicts: its draws and settings."""
+    """Return the draws and settings from which a finished run predicts."""
     return _basis(folder, *read_result(folder, *GROUPS_OF_BASIS))
 
 
@@ -373,7 +377,7 @@ def _basis(folder: Path, record: Mapping[str, Any], tree: xr.DataTree) -> Basis:
 
 
 def campaign_of(folder: Path, stated: Path | None = None) -> Path:
-    """Return the campaign file of a run's folder: what the user says it is, or the run."""
+    """Return the path of a run's campaign file: the stated one, or the one that the run names."""
     summary, _ = read_result(folder, "posterior")
     within = sorted(folder.glob("*/campaign.toml"))
     for campaign_path in filter(None, [stated, summary.get("campaign_file"), *within]):
@@ -388,7 +392,7 @@ def campaign_of(folder: Path, stated: Path | None = None) -> Path:
 
 
 def known_of(folder: Path) -> tuple[dict[str, Any], Known]:
-    """Return the summary of a run, and what its posterior knows of priors and of Step 3."""
+    """Return the summary of a run, with its prior bounds and the posterior means of Step 3."""
     summary, tree = read_result(folder, "posterior", "steps")
     bounds, means = {}, {}
     if summary["main"] == "joint" and "posterior" in tree.children:
@@ -402,7 +406,7 @@ def known_of(folder: Path) -> tuple[dict[str, Any], Known]:
 
 
 def require_same_inputs(campaign: Campaign, summary: Mapping[str, Any]) -> None:
-    """Refuse a campaign whose records are not those of the run, where a run's summary is given."""
+    """Raise an error if a campaign's records differ from those in a run's summary."""
     now, then = set(input_hashes(campaign).values()), set(summary.get("inputs", {}).values())
     if then and now != then:
         raise ConfigError(
@@ -413,7 +417,7 @@ def require_same_inputs(campaign: Campaign, summary: Mapping[str, Any]) -> None:
 
 
 def inputs_of(campaign: Campaign) -> dict[str, str]:
-    """Return file to SHA-256 of all that was read, with campaign file and matrices."""
+    """Return the SHA-256 of every file and matrix that a campaign was read from."""
     read = {**input_hashes(campaign), str(campaign.path): hash_of(campaign.path)}
     if campaign.joints is None:
         return read
@@ -427,7 +431,7 @@ def inputs_of(campaign: Campaign) -> dict[str, str]:
 
 
 def input_hashes(campaign: Campaign) -> dict[str, str]:
-    """Return the file to hash, of everything that was read."""
+    """Return the SHA-256 of every record's source file, by its path."""
     records = [record for test in campaign.tests for record in test.records]
     sources = [r.provenance for r in records if "sha256" in r.provenance]
     return {source.get("path", ""): source["sha256"] for source in sources}

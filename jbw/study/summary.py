@@ -41,7 +41,7 @@ ERRORS = (
     "nrmse_cubic", "extrapolation",
 )  # fmt: skip
 
-# Steps whose prior has the densities that a campaign states.
+# Steps with a prior that includes the densities stated by a campaign.
 OF_ALL = ("joint", "decay")
 
 
@@ -54,9 +54,9 @@ def record_of(
     compared: Mapping[str, Any],
     wide: xr.Dataset | None = None,
 ) -> dict[str, Any]:
-    """Return the summary of what was identified.
+    """Return the content of `summary.json` for an identification.
 
-    `compared` is the comparison of the routes, `wide` the main posterior with the errors of the
+    `compared` is the comparison of the routes; `wide` is the main posterior with the errors of the
     instruments, where they are stated.
     """
     campaign, truth = order.campaign, order.truth
@@ -95,14 +95,14 @@ def record_of(
 
 
 def _turning(tests: Iterable[Test]) -> dict[str, str]:
-    """Return the unit of the motion where every test is one of torsion; nothing where none is."""
+    """Return the unit of motion, rad, if all tests are torsional; otherwise an empty dictionary."""
     units = {record.units.get(record.response, "") for test in tests for record in test.records}
     turns = units and all(unit.startswith("rad") for unit in units)
     return {"motion_unit": "rad"} if turns else {}
 
 
 def _assembly(campaign: Campaign) -> dict[str, Any]:
-    """Return assembly, torque, sequence and temperature, as far as the campaign states them."""
+    """Return the assembly, torque, sequence and temperature that a campaign states."""
     stated = campaign.assembly
     of_tests = {test.assembly for test in campaign.tests if test.assembly}
     name = stated.name or (of_tests.pop() if len(of_tests) == 1 else "")
@@ -111,8 +111,8 @@ def _assembly(campaign: Campaign) -> dict[str, Any]:
 
 
 def steps_group(record: Mapping[str, Any]) -> xr.Dataset:
-    """Return verdict, ESS and R-hat of each step for the flow diagram; NaN if it drew nothing."""
-    # No durations: equal runs leave equal groups.
+    """Return verdict, ESS and R-hat of each step for the flow diagram; NaN without draws."""
+    # Durations are not stored, so that equal runs leave equal groups.
     steps = record["steps"]
     parameters = [(step.get("parameters") or {}).values() for step in steps.values()]
 
@@ -133,7 +133,7 @@ def steps_group(record: Mapping[str, Any]) -> xr.Dataset:
 
 
 def verdict_record(verdict: Verdict) -> dict[str, Any]:
-    """Return a verdict in plain values."""
+    """Return a verdict in plain values: status, answers and findings."""
     findings = [
         {**finding.record(), "number": plain(finding.number)} for finding in verdict.findings
     ]
@@ -142,7 +142,7 @@ def verdict_record(verdict: Verdict) -> dict[str, Any]:
 
 
 def fitted_and_held_out(seen: Measured) -> list[dict[str, Any]]:
-    """Return every test of the campaign, and which of its repeats were fitted."""
+    """Return one row per test of a campaign: its kind, level and fitted repeats."""
     used, repeats = entered(seen), fitted_repeats(seen)
     return [
         {
@@ -167,7 +167,7 @@ def _unit_of_source(test: Test) -> str:
 
 
 def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
-    """Step 2 in the form of the others: a Gaussian about the pooled mean."""
+    """Return the parameters of Step 2, the linear regime, as plain values."""
     std = np.sqrt(np.diag(step.pooled.covariance))
     units = units_of(step)
     parameters = {
@@ -193,7 +193,7 @@ def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
 
 
 def _modes(fit: ModalFit) -> list[dict[str, float]]:
-    """Return every mode of Step 2 with standard deviations, the joint's own first."""
+    """Return every mode of Step 2 with standard deviations, the joint's own mode first."""
     columns = (*np.split(fit.theta, [len(fit.omega), 2 * len(fit.omega)]),)
     spreads = (*np.split(fit.std, [len(fit.omega), 2 * len(fit.omega)]),)
     return [
@@ -217,7 +217,7 @@ def _modes_sentence(fit: ModalFit) -> str:
 def widened_by_instruments(
     campaign: Campaign, sensors: Sensors | None, found: Identification, seed: int
 ) -> xr.Dataset | None:
-    """Return the main posterior with the stated errors of the instruments; None where none are."""
+    """Return the main posterior with the stated instrument errors; None where none are stated."""
     if sensors is None or not campaign.instruments.is_stated:
         return None
     main = found.main
@@ -234,10 +234,10 @@ def step_record(
     wide: xr.Dataset | None = None,
     stated: StatedDensities | None = None,
 ) -> dict[str, Any]:
-    """Return a posterior in plain values: parameters, statements, correlations, offsets of runs.
+    """Return a step's posterior as plain values: parameters, statements, correlations.
 
-    `wide` is it with the errors of the instruments, where they are stated; `stated` are the prior
-    densities beside its box.
+    `wide` is the posterior with the errors of the instruments, where they are stated; `stated` are
+    the prior densities other than the box.
     """
     rows = summarise(step.posterior, step.box, stated)
     drawn = step.posterior
@@ -263,11 +263,14 @@ def step_record(
 
 
 def _predictions(tree: xr.DataTree) -> dict[str, Any]:
-    """Return coverage and error of each test, and of a linear oscillator; None if unknown."""
+    """Return the coverage and errors of each test's prediction, and of a linear oscillator's.
+
+    A number is None if it is unknown.
+    """
     predictions = {}
     for kind, name, test in verified(tree, "nrmse"):
         attrs = test.attrs
-        # Tests of several kinds may share a name with another's group.
+        # Tests of different kinds may have groups of the same name.
         called = name if name not in predictions else f"{name} ({kind})"
         predictions[called] = {
             "kind": kind,
@@ -281,7 +284,7 @@ def _predictions(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def _across_kinds(tree: xr.DataTree) -> dict[str, Any]:
-    """Return how well each kind of test is predicted from the others; nothing of one kind."""
+    """Return how well each kind of test is predicted from the others; empty for a single kind."""
     group = node(tree, "across_kinds")
     return {} if group is None else across_kinds_record(group.to_dataset())
 
@@ -302,7 +305,7 @@ def _unscored(tree: xr.DataTree, data: Dataset | None) -> dict[str, str]:
 
 
 def _joints(tree: xr.DataTree) -> dict[str, Any]:
-    """Return the effect of each joint on every mode; empty for a single joint."""
+    """Return the effect of each joint on every mode of a run; empty for a single joint."""
     group = node(tree, JOINTS)
     if group is None:
         return {}

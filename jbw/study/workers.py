@@ -1,4 +1,4 @@
-"""Functions on workers: processes of this machine, or whatever else has a `submit`."""
+"""The execution of functions on workers: processes of this machine, or any object with `submit`."""
 
 import multiprocessing
 import os
@@ -11,23 +11,23 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import wait
 from typing import Any, Protocol
 
-POLL_S = 1.0  # between two looks at jobs that are no futures of Python's
+POLL_S = 1.0  # seconds between two checks of jobs that are not Python's futures
 
 
 class Executor(Protocol):
-    """A runner of functions: `concurrent.futures`, `client.get_executor()` of Dask, submitit."""
+    """An executor of functions: `concurrent.futures`, `client.get_executor()` of Dask, submitit."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> Any:
-        """Run a function of some arguments somewhere, and return its future."""
+        """Run a function with some arguments on a worker, and return its future."""
         ...
 
 
 def submitted[Task: Hashable](
     executor: Executor, function: Callable[[Task], Any], tasks: Sequence[Task]
 ) -> Iterator[tuple[Task, Any]]:
-    """Yield each task with its future, in the order in which futures end.
+    """Yield each task with its future, in the order in which the futures end.
 
-    A future needs `done` and `result`. What waits is cancelled when the caller leaves early.
+    A future needs `done` and `result`. Waiting jobs are cancelled when the caller leaves early.
     """
     jobs = [(executor.submit(function, task), task) for task in tasks]
     waiting = [future for future, _ in jobs]
@@ -56,7 +56,7 @@ def in_processes[Task: Hashable](
 ) -> Iterator[tuple[Task, Any]]:
     """Run tasks in spawned processes; if a process is killed, all other tasks continue.
 
-    The task of a killed process, which may have needed too much memory, runs again alone when all
+    The task of a killed process, which may have needed too much memory, runs again alone after all
     other tasks have ended.
     """
     killed = yield from _side_by_side(function, deque(tasks), workers)
@@ -67,9 +67,9 @@ def in_processes[Task: Hashable](
 def _side_by_side[Task: Hashable](
     function: Callable[[Task], Any], waiting: deque[Task], workers: int
 ) -> Generator[tuple[Task, Any], None, list[tuple[Task, Any]]]:
-    """Run tasks from the left; those whose process died are returned.
+    """Run tasks in parallel, yield each with its future; return tasks whose process died.
 
-    Every process is a pool of its own: one that dies breaks no other's, and it is known of what.
+    Every process has a separate pool: its death breaks no other one and shows which task it had.
     """
     free = [_pool() for _ in range(min(workers, len(waiting)))]
     under_way: dict[futures.Future[Any], tuple[Task, futures.ProcessPoolExecutor]] = {}
@@ -96,7 +96,7 @@ def _side_by_side[Task: Hashable](
 def _begun[Task](
     pool: futures.ProcessPoolExecutor, function: Callable[[Task], Any], task: Task
 ) -> tuple[futures.Future[Any], futures.ProcessPoolExecutor]:
-    """Return a task's future and its pool; a new one where the process of this one has died."""
+    """Return a task's future and its pool, a new one if the old pool's process has died."""
     try:
         return pool.submit(function, task), pool
     except BrokenProcessPool:
@@ -115,9 +115,9 @@ def _pool() -> futures.ProcessPoolExecutor:
 
 
 def _leave_with_parent() -> None:
-    """End this worker as soon as the process that asked for it is gone, however that came.
+    """End this worker as soon as its parent process ends, for whatever reason.
 
-    It would otherwise finish its run, hold the run's lock until then, and wait for ever after.
+    Otherwise it would finish its run, hold the run's lock until then, and wait for ever after.
     """
     parent = multiprocessing.parent_process()
     if parent is None:

@@ -1,1 +1,1 @@
-"""The joint's prediction of a test, compared with its measurement: bands, errors and noise."""
+"""Comparison of the joint's predictions of tests with their measurements: bands, errors, noise."""

@@ -1,4 +1,4 @@
-"""Frequency and damping against amplitude, of the posterior and as decays show them, and loops."""
+"""Frequency and damping against amplitude, from the posterior and from decays, and loops."""
 
 from collections.abc import Mapping
 
@@ -20,18 +20,18 @@ from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Draws, Laws, parameter_names
 
 NUM_AMPLITUDES = 40
-CARRIED_ON = 1.25  # times the largest fitted displacement: how far the curves go on
-PARTS = (0.25, 0.5, 1.0)  # of the largest fitted displacement: the loops
-NUM_PHASES = 64  # of half a loop
-NUM_OF_DECAYS = 60  # amplitudes beside decays, up to a little more than the largest measured
+CARRIED_ON = 1.25  # end of the curves over the largest fitted displacement
+PARTS = (0.25, 0.5, 1.0)  # amplitudes of the loops over the largest fitted displacement
+NUM_PHASES = 64  # points of half a loop
+NUM_OF_DECAYS = 60  # amplitudes of curves for decays, up to slightly above the largest measured
 HERTZ, RATIO, BANDS = {"units": "Hz"}, {"units": "1"}, ("quantile", "amplitude")
 
 
 def backbone_group(draws: Draws, y_peak: float, laws: Laws) -> xr.Dataset | None:
     """Return frequency and equivalent damping against amplitude, and three loops of Eq. (2).
 
-    Their force Z, of the laws with a memory, goes down by their own moves and up by Z(-y) = -Z(y).
-    None where the draws lack a parameter of the joint, or no displacement is known.
+    The loops show the force Z of the laws with a memory: computed on unloading, and by Z(-y) =
+    -Z(y) on loading. None if the draws lack a parameter of the joint, or no displacement is known.
     """
     needed = set(parameter_names(laws)) - {"gain"}
     if not needed <= set(draws) or not 0.0 < y_peak < np.inf:
@@ -64,7 +64,7 @@ def backbone_group(draws: Draws, y_peak: float, laws: Laws) -> xr.Dataset | None
 def curves(
     theta: Mapping[str, Array], amplitude: Float[Array, " amplitude"], laws: Laws
 ) -> tuple[Float[Array, " amplitude"], ...]:
-    """Return the frequency [Hz], damping and force [N/kg] at amplitudes of the displacement [m]."""
+    """Return frequency [Hz], damping and force [N/kg] at amplitudes of the displacement [m]."""
     curve = backbone(oscillator_of(theta, laws), amplitude)
     return curve.omega / (2 * jnp.pi), curve.zeta, curve.amplitude
 
@@ -75,7 +75,7 @@ def _unloading(
     y: Float[Array, "loop phase"],
     laws: Laws,
 ) -> tuple[Float[Array, "loop phase"], Float[Array, ""]]:
-    """Return the force of laws with memory on unloading from each peak, and their stiffness."""
+    """Return the force of laws with memory on unloading from peaks, and their stiffness."""
     joint = oscillator_of(theta, laws)
     slipping = [law for law in joint.laws if jax.tree.leaves(law.at_rest())]
     memory = Oscillator(joint.omega_n, joint.zeta, slipping)
@@ -84,15 +84,15 @@ def _unloading(
 
 
 def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws) -> xr.Dataset:
-    r"""Return the frequency and damping against amplitude: read from free decays, and of the model.
+    r"""Return frequency and damping against amplitude: measured in free decays, and of the model.
 
     $$X = \omega(Y)^p\,Y$$
 
     with omega(Y) of the oscillator's backbone and p the order of the measured derivative. Records
-    that cannot be read have NaN.
+    that cannot be evaluated have NaN.
 
     Raises:
-        DataError: No record can be read as the decay of one mode in its band.
+        DataError: No record can be evaluated as the decay of one mode in its band.
     """
     centre_hz = filter_of(test).centre_hz
     tables = read_decays(test)
@@ -131,7 +131,7 @@ def curves_of_response(
     order: int,
     laws: Laws,
 ) -> tuple[Float[Array, " amplitude"], ...]:
-    """Return the same at amplitudes of the measured response."""
+    """Return frequency [Hz], damping and force [N/kg] at amplitudes of the measured response."""
     joint, omega = oscillator_of(theta, laws), jnp.full_like(amplitude, centre)
     for _ in range(3):  # the displacement of an amplitude depends weakly on the frequency
         omega = backbone(joint, amplitude / omega**order).omega

@@ -1,4 +1,4 @@
-"""Bands of what draws predict, and how far a measurement lies from them."""
+"""Prediction bands from draws, and the errors of measurements relative to them."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from jbw.inference.posterior.summary import QUANTILES
 
-LAW = "law"  # what the law predicts without its model discrepancy, among references
+LAW = "law"  # name of the law's prediction without model discrepancy, among references
 QUANTILE_AXIS = ("quantile", list(QUANTILES), {"units": "1"})  # coordinate of every band
 
 
@@ -22,7 +22,7 @@ def error(measured: NDArray[Any], predicted: NDArray[Any]) -> float:
 def half_width(edges: NDArray[np.float64], measured: NDArray[Any]) -> float:
     """Return half the rms width of a band over the rms of the measured values.
 
-    A band that holds every value says little where this is large.
+    If this is large, a band that contains every value says little.
     """
     return float(np.linalg.norm(edges[-1] - edges[0]) / (2 * np.linalg.norm(measured)))
 
@@ -34,10 +34,10 @@ def errors(
     noise_std: float | NDArray[np.float64] | None,
     repeats: Float[np.ndarray, "repeat value"] | None = None,
 ) -> dict[str, float]:
-    """Return how far a test lies from the model, and from the oscillators it is compared with."""
-    # `coverage` is the share of `num_values` values, of the repeats or else their mean, that lie
-    # inside the predictive band; `half_width` is of that band, or of the parameters' alone;
-    # `scatter` is of the repeats about their mean, over the same as `nrmse`.
+    """Return a test's prediction errors, coverage and scatter, as attributes."""
+    # `coverage` is the share of `num_values` values, of the repeats or else their mean, inside the
+    # predictive band. `half_width` refers to that band, or to the band of the parameters alone.
+    # `scatter` is that of the repeats around their mean, relative like `nrmse`.
     edges = band(model) if noise_std is None else gaussian_band(model, noise_std)
     measures = {"nrmse": error(measured, np.median(model, axis=0))}
     measures |= {f"nrmse_{name}": error(measured, other) for name, other in others.items()}
@@ -52,7 +52,7 @@ def errors(
 
 
 def middle(values: Shaped[np.ndarray, " draw *value"]) -> Shaped[np.ndarray, " *value"]:
-    """Return the median over draws, of complex values their real and imaginary parts apart."""
+    """Return the median over draws, of real and imaginary parts separately."""
     if not np.iscomplexobj(values):
         return np.median(values, axis=0)
     return np.median(np.real(values), axis=0) + 1j * np.median(np.imag(values), axis=0)
@@ -61,10 +61,10 @@ def middle(values: Shaped[np.ndarray, " draw *value"]) -> Shaped[np.ndarray, " *
 def recentred(
     model: Shaped[np.ndarray, " draw *value"], centre: Shaped[np.ndarray, " *value"]
 ) -> Shaped[np.ndarray, " draw *value"]:
-    r"""Return the draws moved to another median, $m_k + m_0 - \operatorname{med}_k(m_k)$.
+    r"""Return draws moved to another median, $m_k + m_0 - \operatorname{med}_k(m_k)$.
 
-    Where a model discrepancy scatters frequencies widely, the phases of the draws $m_k$ scatter
-    too, and their median is smaller than any of them: it does not predict what the law does. The
+    If a model discrepancy scatters frequencies widely, the phases of the draws $m_k$ scatter too,
+    and their median is smaller than any of them, so it does not represent the law's prediction. The
     median $m_0$ of draws without the discrepancy does.
     """
     return model + (centre - middle(model))
@@ -104,7 +104,7 @@ def beside(
     noise_std: float | NDArray[np.float64] | None,
     unit: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Return variables `measured`, `model_band`, and `predictive_band` if noise is known."""
+    """Return variables `measured`, `model_band` and, if noise is known, `predictive_band`."""
     dims = ("quantile", dim)
     variables = {"measured": (dim, measured, unit), "model_band": (dims, band(model), unit)}
     if noise_std is not None:
@@ -125,7 +125,10 @@ def polar(
     phase: Mapping[str, str],
     dims: str | tuple[str, ...] = ("quantile", "freq"),
 ) -> dict[str, Any]:
-    """Return variables `name_magnitude`, `name_phase` near a reference; bands over `quantile`."""
+    """Return variables `name_magnitude` and `name_phase` of complex values, or their bands.
+
+    The phase is on the branch next to a reference. Bands are given if `dims` contain `quantile`.
+    """
     size, angle = np.abs(values), phase_near(values, reference)
     if "quantile" in dims:
         size, angle = band(size), band(angle)

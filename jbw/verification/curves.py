@@ -1,8 +1,7 @@
-"""Harmonics of steady motion beside the model's: response curves, stepped sines and tones.
+"""Comparison of harmonics of steady motion: response curves, stepped sines and tones.
 
-Where runs have offsets of their own, the draws are those of a further run
-(`predictive_basis.scattered`): a test, fitted or not, is compared with the joint of all runs and
-the scatter between them.
+If runs have separate offsets, the draws are those of a new run (`predictive_basis.scattered`): a
+test, fitted or not, is compared with the joint of all runs and the scatter between them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,15 +32,15 @@ from jbw.verification.bands import QUANTILE_AXIS, errors, gaussian_band, middle,
 from jbw.verification.predicted import Predicted, Source, carry, noise_of, of_repeats
 from jbw.verification.predictive_basis import Draws, count_of
 
-ROUNDS = 3  # of Newton's iteration, each from the median of the draws of the one before
-CLOSE = 0.01  # of the motion: a guess from which one round of two steps is exact to 1e-8
+ROUNDS = 3  # rounds of Newton's iteration, each from the median of the previous draws
+CLOSE = 0.01  # relative distance of a guess from which one round is exact to 1e-8
 
 
 class Curve(NamedTuple):
-    """Harmonics measured at the same frequencies."""
+    """A response curve: its measured harmonics at the same frequencies."""
 
-    groups: Sequence[MeasuredHarmonic]  # the fundamental first
-    test: Test  # that they come from, or one of several tones
+    groups: Sequence[MeasuredHarmonic]  # harmonics, the fundamental first
+    test: Test  # their test, or one of several tones
 
 
 def curves_of(tests: Sequence[Test], of_tones: str = "") -> dict[str, Curve]:
@@ -65,7 +64,7 @@ def curves_of(tests: Sequence[Test], of_tones: str = "") -> dict[str, Curve]:
 
 
 def predict_curve(source: Source, test: Test) -> Predicted:
-    """Return the harmonics of a tone, a stepped sine or a response curve."""
+    """Predict the harmonics of a tone, a stepped sine or a response curve."""
     (predicted,) = predict_curves(source, list(curves_of([test]).values()))
     return predicted
 
@@ -81,12 +80,12 @@ def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
 
 
 def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> list[Predicted]:
-    """Return the same of curves that take the same residual terms."""
-    # The force's phase counts from the displacement, the response's from the source. Errors are
+    """Predict the harmonics of curves that have the same residual terms."""
+    # The force's phase is relative to the displacement, the response's to the source. Errors are
     # over real and imaginary parts.
     groups = [group for curve in curves for group in curve.groups]
     data = Points.of(groups, laws=source.basis.laws, residuals=residuals)
-    # Without the names of their groups tests of one shape share compiled code.
+    # Without the names of their groups, tests of one shape share compiled code.
     nameless = alone(data)
     (model, peaks), others = source.carried(
         lambda draws, laws: _carried(replace(nameless, laws=laws), draws)
@@ -102,7 +101,7 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
             noise = noise_of(source.basis, test, repeated, label=group.label, order=group.order)
             noises.append(noise)
             if not np.any(group.values):
-                continue  # a harmonic beyond what the sampling shows
+                continue  # the sampling does not resolve this harmonic
             of_others = {
                 name: values[i, :size]
                 for name, (values, _) in others.items()
@@ -118,7 +117,7 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
             attrs |= {name + suffix: value for name, value in error_values.items()}
         freq = ("freq", fundamental.omega[order] / (2 * np.pi), {"units": "Hz"})
         dataset = xr.Dataset(variables, {"freq": freq, "quantile": QUANTILE_AXIS}, attrs)
-        # A ratio was measured at an amplitude that it does not tell.
+        # The amplitude at which a ratio was measured is unknown.
         has_amplitude = "ratio" not in test.records[0].provenance
         predictions.append(
             Predicted(dataset, peaks[:, first] if has_amplitude else None, noises[0])
@@ -131,7 +130,7 @@ def _carried(
 ) -> tuple[Complex[np.ndarray, "draw group value"], NDArray[np.float64]]:
     """Return each group's values for every draw, and the peak displacement of its points [m]."""
     point, column = np.asarray(data.point), np.asarray(data.position)[:, None]
-    is_point = np.asarray(data.factor) != 0  # not behind a group's last point
+    is_point = np.asarray(data.factor) != 0  # padding follows a group's last point
     held = np.array(data.of_force)
     size = count_of(draws)
     values = np.zeros((size, *point.shape), complex)
@@ -148,19 +147,19 @@ def _carried(
 
 
 def _forces(theta: Mapping[str, Array], data: Points) -> Complex[Array, "group value"]:
-    """Return the force of every group that the measured motion takes, in the unit of the source."""
+    """Return the source that each group's measured motion needs, by the model."""
     return data.factor * force_of(theta, data)[data.point] / theta["gain"]
 
 
 def _motion(data: Points, draws: Draws) -> Complex[np.ndarray, "draw point harmonic"]:
     """Return the odd harmonics of displacement for every draw at every point."""
-    # Newton's iteration starts from the measured motion, which is a close guess only where the
-    # model is right, then from the median of the draws.
+    # Newton's iteration starts from the measured motion, which is a close guess only if the model
+    # is right, and then from the median of the draws.
     motion = np.asarray(carry(motion_of, draws, data), complex)
     for _ in range(ROUNDS - 1):
         median = middle(motion)
         guess, distance = data.motion, np.abs(median - np.asarray(data.motion))[:, 0]
-        if np.all(distance < CLOSE * np.abs(median[:, 0])):  # never where something is not a number
+        if np.all(distance < CLOSE * np.abs(median[:, 0])):  # false if a value is not a number
             break
         data = replace(data, motion=jnp.where(np.isfinite(median), median, guess))
         motion = np.asarray(carry(motion_of, draws, data), complex)
@@ -189,9 +188,9 @@ def _compared(
     order: NDArray[np.intp],
     noise_std: float | None,
 ) -> tuple[dict[str, Any], dict[str, float]]:
-    """Return variables of one harmonic by frequency, and its errors given the mean's noise."""
+    """Return one harmonic's variables by frequency, and its errors."""
     everything = {"measured": group.values, "model": model, **others}
-    # Real and imaginary parts, as they enter the likelihood.
+    # Errors use real and imaginary parts, as the likelihood does.
     parts = {n: np.concatenate([np.real(x), np.imag(x)], axis=-1) for n, x in everything.items()}
     error_values = errors(parts.pop("measured"), parts.pop("model"), parts, noise_std)
     record = test.records[0]
@@ -208,7 +207,7 @@ def _compared(
     variables = polar("measured", measured, *how, "freq") | polar("model", model, *how)
     if noise_std is not None:
         size, turned = np.abs(model), phase_near(model, reference)
-        # Across the phasor a noise turns it by its share of the length.
+        # Noise across the phasor turns it by its share of the length.
         angle = noise_std / np.abs(np.median(size, axis=0))
         dims = ("quantile", "freq")
         variables["predictive_magnitude"] = (dims, gaussian_band(size, noise_std), magnitude)

@@ -1,4 +1,4 @@
-"""Free decays beside the model's: the motion of every record from its initial state on."""
+"""Comparison of free decays: the motion of every record from its initial state on."""
 
 from dataclasses import replace
 
@@ -37,14 +37,14 @@ from jbw.verification.predicted import (
     noise_by_label,
 )
 
-NO_SHIFT = 1e-6  # of omega_n: scatter of the records' frequencies where no decay was fitted
-MISSED_KEY = 1  # of the noise's: what draws the model discrepancy
-OWN_STEPS = 8  # of a record's own frequency: each leaves a tenth of the phase error, or less
-SILENT = 1e-6  # of a record: a noise that leaves its initial state sharp
+NO_SHIFT = 1e-6  # relative scatter of the records' frequencies if no decay was fitted
+MISSED_KEY = 1  # random key of the model discrepancy, from that of the noise
+OWN_STEPS = 8  # iterations for a record's frequency; each reduces the phase error tenfold
+SILENT = 1e-6  # noise over the record's rms that keeps its initial state sharp
 
 
 def predict_decay(source: Source, test: Test) -> Predicted:
-    """Predict free decays after a quarter of amplitude is lost; the part before gives the start."""
+    """Predict free decays from their beginning, until a quarter of the amplitude is lost."""
     data = _reduced(source, test)
     noise, stored = NOT_KNOWN, source.basis.decay.get("noise_std")
     if stored is not None and "record" in stored.dims:
@@ -93,8 +93,8 @@ def predict_decay(source: Source, test: Test) -> Predicted:
 
 def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Dataset]:
     """Compare every decay record with the model, fitted records first, one dataset each."""
-    # The initial state of a fitted record comes from the whole of it, that of a held-out record
-    # from its beginning alone: the rest is predicted, and its errors are of what comes after.
+    # The initial state of a fitted record comes from the whole record, that of a held-out record
+    # from its beginning alone: the rest is predicted, and errors refer to the rest.
     data = _reduced(source, test)
     noise_of_label = noise_by_label(source.basis.decay)
     noise_std = np.array([noise_of_label[label] for label in data.groups.labels[:num_fitted]])
@@ -103,7 +103,7 @@ def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Datase
 
 
 def _reduced(source: Source, test: Test) -> Decays:
-    """Reduce decays with the counted fraction of values and the scatter of the fitted decays."""
+    """Return decays as data for the model, with the settings of the fitted decays."""
     facts = source.basis.decay_facts
     no_shift = NO_SHIFT * float(np.mean(source.draws["omega_n"]))
     stated = {"laws": source.basis.laws, "substeps": int(facts.get("substeps", 0)) or None}
@@ -133,7 +133,7 @@ def _compared(
         held_out = i >= num_fitted
         size = num_begun(source.draws, data) if held_out else data.mean.shape[1]
         seen_s = float(size * data.step_s) if held_out else 0.0
-        # Names are compiled in: one for every record, so that all run through one program.
+        # Names are part of the compiled program, so one name is used for all records.
         only, name = data.only(i, size), ("record",)
         groups = changed(only.groups, labels=name, runs=name, noise_std=np.array([noise]))
         seen = replace(only, groups=groups)
@@ -145,7 +145,8 @@ def _compared(
             float(np.abs(measured_envelope[k])) / omega_n ** derivative_order(data.response)
             for k in (0, np.searchsorted(time[:-1], seen_s))
         )
-        # The law's error at the beginning is not the record's own; after it, smaller motion counts.
+        # At the beginning the law's error is not known from the record itself; afterwards the
+        # smaller motion determines it.
         at_begin, at = (
             NOTHING if missed is None else missed.at(y, of_decay=True) for y in (begin, end)
         )
@@ -192,13 +193,13 @@ def at_own_frequency(
     envelope: Complex[np.ndarray, "draw time"],
     time: Float[np.ndarray, " time"],
 ) -> Complex[np.ndarray, " time"]:
-    r"""Return the median envelope of draws, turned by the record's own frequency offset.
+    r"""Return the median envelope of draws, corrected by the record's own frequency offset.
 
     $$\hat e(t)\,e^{j \delta t}, \qquad
       \delta = \arg\min \sum_t |m(t) - \hat e(t)\,e^{j \delta t}|^2$$
 
-    Iterates the phase error, weighted with both amplitudes. Time counts from the middle of what
-    gave the initial state.
+    The phase error is iterated, weighted with both amplitudes. Time counts from the middle of the
+    part that determines the initial state.
     """
     middle = np.median(np.real(envelope), axis=0) + 1j * np.median(np.imag(envelope), axis=0)
     for _ in range(OWN_STEPS):
@@ -217,7 +218,10 @@ def _with_discrepancy(
     missed: AtAmplitude,
     carrier: Complex[np.ndarray, " time"],
 ) -> tuple[Float[np.ndarray, "draw time"], Float[np.ndarray, " time"]]:
-    """Return `drifted` motion about the law's prediction, and its rms over a period."""
+    """Return decays with random errors of rate and frequency, and their rms over a period.
+
+    The decays are those of `drifted`, centred on the law's prediction.
+    """
     rates = omega_n * np.array([missed.damping, missed.frequency])
     law, drifting = np.real(envelope * carrier), drifted(key, envelope, time, rates)
     size = np.median(np.abs(drifting), axis=0) / np.sqrt(2)
@@ -234,7 +238,7 @@ def drifted(
 
     $$e_k(t)\,\exp\bigl((-\rho_\zeta z_{k1} + j \rho_\omega z_{k2})\,t\bigr), \quad z \sim N(0, I)$$
 
-    Time counts from the middle of what gave the initial state.
+    Time counts from the middle of the part that determines the initial state.
     """
     rate_draws = rates * generator(key).standard_normal((len(envelope), 2))
     return envelope * np.exp(np.multiply.outer(-rate_draws[:, 0] + 1j * rate_draws[:, 1], time))
@@ -265,7 +269,7 @@ def _entered(
     steps: Float[Array, " time"],
     law_std: float | Float[Array, ""] = 0.0,
 ) -> Complex[Array, "draw time"]:
-    """Return one record's envelope for every draw, given one draw of initial state and shift."""
+    """Return one record's envelope for each draw, from a random initial state and shift."""
 
     def entered_by(pair: tuple[Array, Array]) -> Array:
         key, decay = pair

@@ -1,4 +1,4 @@
-"""Every test but free decays beside the model: records, responses, curves, points and loops."""
+"""Comparison of all tests except free decays: records, responses, curves, points and loops."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -35,7 +35,7 @@ from jbw.verification.steady_motion import loop_validation
 from jbw.verification.withheld import is_withheld, without_band
 
 under_way = logging.getLogger("jbw.progress")
-NUM_FEW = 20  # of the draws, through long records
+NUM_FEW = 20  # number of draws for long records
 FRF = "frequency response of "
 Placed = Iterator[tuple[str, xr.Dataset]]  # by path in the tree
 
@@ -45,13 +45,13 @@ class ForcedTests:
     """The inputs that all comparisons of forced tests share.
 
     Attributes:
-        basis: What predictions start from.
-        seed: Of everything random.
+        basis: Basis of predictions: draws, laws and fitted tests.
+        seed: Random seed.
         simpler: Oscillators without hysteresis, by kind.
-        fitted: Names of the tests that the fit has seen, and of which no repeat is left.
-        unseen: Sweeps of which no repeat was fitted.
-        bands_hz: Of the first mode as Step 2 has it, then of those beside it.
-        attempts: What is said of a comparison that cannot be made.
+        fitted: Names of fitted tests without held-out repeats.
+        unseen: Sweeps without any fitted repeat.
+        bands_hz: Band of the first mode by Step 2, then bands of the other modes [Hz].
+        attempts: Messages on comparisons that cannot be made.
     """
 
     basis: Basis
@@ -65,7 +65,7 @@ class ForcedTests:
     def attempted(
         self, test: Test, build: Callable[[], Placed], what: str = ""
     ) -> dict[str, xr.Dataset]:
-        """Return the groups that a comparison makes, or made before it failed."""
+        """Run a comparison; return its groups, or those before it failed."""
         under_way.info("%s", test.name)
         made: dict[str, xr.Dataset] = {}
         what = messages.comparison_of(test.name, what)
@@ -75,7 +75,7 @@ class ForcedTests:
     def missed(self, test: Test) -> AtAmplitude:
         """Return the model discrepancy in a test's bands; zero for fitted tests.
 
-        The noise of fitted tests includes it.
+        The noise of fitted tests includes the discrepancy.
         """
         if test.name in self.fitted:
             return NOTHING
@@ -84,14 +84,14 @@ class ForcedTests:
     def beside(
         self, test: Test, num_draws: int = NUM_DRAWS, discrepancy: AtAmplitude | None = None
     ) -> Source:
-        """Return the source to compare a test with: from the test's own run if it was fitted."""
+        """Return the source of predictions for a test; from its own run if that was fitted."""
         missed = self.missed(test) if discrepancy is None else discrepancy
         references = of_run(self.simpler, self.basis.run_of(test), drive_of(test))
         how = {"seed": self.seed, "references": references}
         return source_of(self.basis, test, num_draws, missed, **how)
 
     def marks(self, test: Test) -> dict[str, Any]:
-        """Return whether a test was fitted, and what its bands have in them."""
+        """Return attributes: whether a test was fitted, and what its bands include."""
         flags = {
             "fitted": int(test.name in self.fitted), "offsets": int(len(self.basis.scatter) > 0)
         }  # fmt: skip
@@ -102,7 +102,7 @@ class ForcedTests:
     def marked(
         self, kind: str, name: str, test: Test, predicted: Predicted
     ) -> tuple[str, xr.Dataset]:
-        """Return a prediction in its place, without bands where none can be stated."""
+        """Return a prediction's path and dataset, without bands if none can be stated."""
         attrs = {"noise": predicted.noise.says, **self.marks(test)}
         extrapolation = predicted.extrapolation(self.basis)
         if extrapolation is not None and not attrs["fitted"]:
@@ -113,14 +113,14 @@ class ForcedTests:
         return where, without_band(compared) if withheld else compared
 
     def frf(self, motion: Motion) -> Placed:
-        """Yield the frequency response of a record in the band that it drives most."""
+        """Yield the frequency response of a record in the band that its input drives most."""
         test = motion.test
         band_hz = most_driven(test.records[0], self.bands_hz)
         frf = compare_frfs(motion, band_hz).assign_attrs(self.marks(test))
         yield place("verification/frf", test.name), frf
 
     def sweep(self, test: Test) -> Placed:
-        """Yield a sweep in time and by its frequency response."""
+        """Yield the comparison of a sweep in time and by its frequency response."""
         source = self.beside(test)
         motion = motion_of(source, test)
         yield from self.attempted(test, partial(self.frf, motion), FRF).items()
@@ -136,7 +136,7 @@ class ForcedTests:
             yield where, frf.assign_attrs(discrepancy=0)
 
     def curves(self, named: Mapping[str, Curve], discrepancy: AtAmplitude) -> Placed:
-        """Yield the curves of one run and drive, predicted together."""
+        """Yield the comparisons of all curves of one run and drive, predicted together."""
         together = list(named.values())
         source = self.beside(together[0].test, discrepancy=discrepancy)
         compared = predict_curves(source, together)
@@ -144,17 +144,17 @@ class ForcedTests:
             yield self.marked("curve", name, curve.test, predicted)
 
     def whole(self, test: Test) -> Placed:
-        """Yield a test by the one route of its kind."""
+        """Yield the comparison of a test by the prediction route of its kind."""
         source = self.beside(test, NUM_FEW if test.is_cyclic else NUM_DRAWS)
         yield self.marked(test.kind, test.name, test, route_of(test)(source, test))
 
     def points(self, test: Test) -> Placed:
-        """Yield the points of a controlled test."""
+        """Yield the comparisons of the points of a controlled test."""
         for name, predicted in predict_apart(self.beside(test), test):
             yield self.marked("controlled", name, test, predicted)
 
     def loop(self, test: Test) -> Placed:
-        """Yield a held tone at the resonance, by its loop: the paper's validation."""
+        """Yield the loop of a held-out tone at the resonance: the paper's validation."""
         draws = self.beside(test, discrepancy=NOTHING).draws
         validated = loop_validation(test, draws, self.basis.laws)
         marked = validated.assign_attrs(scatter=int(self.basis.scatters(test)))
@@ -164,7 +164,7 @@ class ForcedTests:
 def verify_forced(
     source: Source, simpler: Mapping[str, Reference], measured: Measured, attempts: Attempts
 ) -> dict[str, xr.Dataset]:
-    """Verify and validate on every test but free decays; return groups by path in the tree."""
+    """Compare all tests except free decays with the model; return groups by path in the tree."""
     natural_hz = float(np.mean(source.draws["omega_n"])) / (2 * np.pi)
     loops: tuple[Test, ...] = ()
     if measured.linear is not None:
@@ -213,9 +213,9 @@ def _curves_together(
 
 
 def _compared_sweeps(names: set[str], sweeps: Sweeps | None) -> tuple[set[str], list[Test]]:
-    """Return names of fitted tests without held-out levels, and the sweeps to compare.
+    """Return the names of completely fitted tests, and the sweeps to compare.
 
-    The sweeps are held-out repeats, and fitted ones where no repeat was held out.
+    The sweeps are the held-out repeats, and the fitted ones if no repeat was held out.
     """
     if sweeps is None:
         return names, []

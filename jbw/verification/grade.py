@@ -1,7 +1,7 @@
-"""The grade of a law: how well it predicts tests that no fit saw.
+"""The grade of a law: how well it predicts tests that were not fitted.
 
-With errors over the rms of each test and the share c of values inside the 99 % bands, over held-out
-tests within the fitted amplitudes:
+It follows from the errors relative to the rms of each test, and the share c of values inside the 99
+% bands, over held-out tests within the fitted amplitudes:
 
 | grade | rms error e | largest error | c |
 | --- | --- | --- | --- |
@@ -9,8 +9,8 @@ tests within the fitted amplitudes:
 | approximate | at most 25 %, and 0.6 times a linear oscillator's | - | 95 % |
 | not predictive | else | | |
 
-Where e is what noise makes, a larger error says nothing against the law: a law that leaves white
-residuals, or no more than 1.25 times the scatter of repeats, needs not beat a linear oscillator,
+If noise explains e, a larger error is no evidence against the law. So a law with white residuals,
+or with an error of at most 1.25 times the scatter of repeats, need not beat a linear oscillator,
 and above 25 % it is not assessed.
 """
 
@@ -27,11 +27,11 @@ from jbw.report.messages import residuals as messages
 from jbw.verification.backbone import CARRIED_ON
 from jbw.verification.predicted import ALIKE
 
-WORST = 2.0  # times the limit: largest error of one test under a predictive law
-APPROXIMATE, OF_LINEAR = 0.25, 0.6  # largest error, and over that of the best linear oscillator
-LEAST_COVERAGE = 0.95  # of a 99 % band over a record
-LEAST_VALUES = 50  # of a record whose coverage says something
-TO_SCATTER = 1.25  # times the scatter of a repeat: what a prediction of its mean misses by noise
+WORST = 2.0  # largest error of one test under a predictive law, over the limit
+APPROXIMATE, OF_LINEAR = 0.25, 0.6  # largest error; and relative to a linear oscillator's
+LEAST_COVERAGE = 0.95  # least coverage of a 99 % band over a record
+LEAST_VALUES = 50  # least number of values for a meaningful coverage
+TO_SCATTER = 1.25  # error over the scatter of a repeat up to which noise explains the error
 Tests = Mapping[str, Mapping[str, Any]]
 
 
@@ -39,13 +39,13 @@ class Seen(NamedTuple):
     """The errors and coverage of a law on held-out tests within the fitted amplitudes.
 
     Attributes:
-        count: Of these tests.
-        error: Root mean square of their errors.
-        worst: The largest of their errors.
-        linear: Root mean square of a linear oscillator's errors; NaN where it is not compared.
-        coverage: Share of their values inside the 99 % bands; NaN where nothing tells.
-        is_withheld: Whether one of them has no band.
-        to: "repeats" or "noise" where no more is missed than that; else empty.
+        count: Number of these tests.
+        error: Root mean square of the relative errors of these tests.
+        worst: Largest relative error of these tests.
+        linear: Root mean square of a linear oscillator's errors; NaN if it is not compared.
+        coverage: Share of their values inside the 99 % bands; NaN if it cannot be assessed.
+        is_withheld: Whether a test has no band.
+        to: "repeats" or "noise" if that explains the error; else empty.
     """
 
     count: int
@@ -64,9 +64,9 @@ def judged(
     laws: Sequence[str],
     limit: float = LIMIT,
 ) -> Verdict:
-    """Return the verdict by findings, their amendments and the grade of the law, where it has one.
+    """Return the verdict from findings, their amendments and the law's grade.
 
-    Arguments as for `grade`.
+    The arguments are those of `grade`.
     """
     graded = grade(tests, laws, findings, limit)
     if graded is None:
@@ -77,12 +77,12 @@ def judged(
 def grade(
     tests: Tests, laws: Sequence[str], findings: Sequence[Finding], limit: float = LIMIT
 ) -> Finding | None:
-    """Return the grade as a finding; None where no test was held out within the amplitudes.
+    """Return the grade of a law as a finding; None without held-out tests within the amplitudes.
 
     Args:
-        tests: Attributes of every test beside its prediction, by name.
-        laws: Of the joint.
-        findings: Of the fit, which tell whether it leaves white residuals.
+        tests: Attributes of every test's comparison with its prediction, by name.
+        laws: Names of the joint's laws.
+        findings: Findings on the fit, which show whether its residuals are white.
         limit: Largest error of a predictive law.
     """
     seen = held_out(tests, findings)
@@ -95,7 +95,7 @@ def grade(
 
 
 def held_out(tests: Tests, findings: Sequence[Finding]) -> Seen | None:
-    """Return what the held-out tests within the fitted amplitudes show."""
+    """Return errors and coverage of held-out tests within the fitted amplitudes, or None."""
     unseen = [
         attrs
         for attrs in tests.values()
@@ -103,11 +103,11 @@ def held_out(tests: Tests, findings: Sequence[Finding]) -> Seen | None:
     ]
     if not unseen:
         return None
-    # A law that cannot be solved misses all.
+    # A law that cannot be solved has an infinite error.
     errors = [float(np.nan_to_num(attrs["nrmse"], nan=np.inf)) for attrs in unseen]
     linear = [attrs.get("nrmse_linear", np.nan) for attrs in unseen]
     scatter = [attrs.get("scatter", np.nan) for attrs in unseen]
-    # Noise of other tests is no measure of harmonics and loops of another level.
+    # The noise of other tests does not apply to harmonics and loops of another level.
     sized = [
         (attrs["coverage"], attrs.get("num_values", 0))
         for attrs in unseen

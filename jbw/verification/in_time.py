@@ -44,25 +44,25 @@ from jbw.verification.predicted import (
 )
 from jbw.verification.predictive_basis import Basis, Draws, count_of, natural_hz
 
-NEAR = (0.75, 1.25)  # of the natural frequency: the band around the mode
-OUTSIDE = 0.005  # of the power of an input: left out below its band, and above it
-FORGOTTEN = 7.0  # times 1 / (zeta omega_n): an unknown start has died out to a thousandth
-LEAST_LINES = 8  # of a frequency response
-SEGMENTS = (DEFAULT_SEGMENTS + 1) / 2  # of which half overlaps the next: their lengths in a record
+NEAR = (0.75, 1.25)  # band around a mode over its natural frequency
+OUTSIDE = 0.005  # share of an input's power that is omitted below and above its band
+FORGOTTEN = 7.0  # time, over 1 / (zeta omega_n), after which an unknown start is a thousandth
+LEAST_LINES = 8  # least number of lines of a frequency response
+SEGMENTS = (DEFAULT_SEGMENTS + 1) / 2  # record length over segment length, at half overlap
 
 
 class Motion(NamedTuple):
-    """A test on time beside its simulated responses, from the first sample that is compared.
+    """A test in time with its simulated responses, from the first compared sample.
 
     Attributes:
-        test: The test; its response is the median of the model if it is not measured.
-        data: Its repeats of one input.
+        test: The test; if not measured, its response is the median of the model.
+        data: Repeats of the test with the same input.
         model: Responses of the draws.
         peak: Largest displacement of every draw [m].
-        others: Responses of the oscillators compared with.
+        others: Responses of reference oscillators.
         noise: Noise of one repeat.
         repeats: Names of the repeats.
-        unsettled: Samples of the model during which an unknown start dies out.
+        unsettled: Number of samples of the model until an unknown start has died out.
     """
 
     test: Test
@@ -78,10 +78,10 @@ class Motion(NamedTuple):
 def responses_at(
     draws: Draws, data: Records
 ) -> tuple[Float[np.ndarray, "draw time"], Float[np.ndarray, " draw"]]:
-    """Return responses to the input of a record, and the largest displacements [m].
+    """Return every draw's response to a recorded input, and its largest displacement [m].
 
-    The peak is of the joint's own mode, without what residual terms add to the response, at the
-    first point of several, also where the response is at a further one.
+    The displacement is that of the joint's mode, without residual terms of the response, at the
+    first point even if the response is at another one.
     """
     lanes = min(LANES if data.is_marched(draws) else SIDE_BY_SIDE, count_of(draws))
     return at_points(_response, draws, Dataset.of([data]), lanes=lanes)
@@ -105,7 +105,7 @@ def _response(
 
 
 def reduced(basis: Basis, test: Test, substeps: int | None = None, **how: Any) -> Records:
-    """Return the records of a test as a run predicts them, with as much memory as they take."""
+    """Return a test's records as data for the model, with a run's laws."""
     steps = substeps or basis.substeps
     data = Records.of([test], laws=basis.laws, substeps=steps, **how)
     return replace(data, modes=Modes((), points=basis.points), depth=None)
@@ -115,7 +115,8 @@ def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Mot
     """Simulate the model under a test's first recorded input, by default with the run's steps."""
     test = on_time(test)
     record = test.records[0]
-    # Repeats of the first record's input; noise of the input channel is far below a tenth of it.
+    # Use the repeats of the first record's input. Noise of the input channel is far below a tenth
+    # of it.
     u = record.channels[record.source]
     repeats = {
         name: repeat
@@ -141,7 +142,7 @@ def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Mot
 
 
 def followed(source: Source, test: Test, data: Records) -> Motion:
-    """Return a test beside the responses of the model to the input of its data."""
+    """Return a test with the model's responses to its recorded input."""
     (model, peak), others = source.carried(
         lambda draws, laws: responses_at(draws, replace(data, laws=laws))
     )
@@ -153,8 +154,8 @@ def followed(source: Source, test: Test, data: Records) -> Motion:
 
 
 def predict_records(source: Source, test: Test) -> Predicted:
-    """Return bands in time, of the first record if inputs differ, and of the receptance."""
-    # What a record's unknown start makes of it is left out: the first seconds, and `settle`.
+    """Predict a test in time and, if possible, its receptance."""
+    # The first seconds and `settle` are omitted because they depend on the record's unknown start.
     motion = motion_of(source, test)
     dataset = compare_records(source, motion)
     record = motion.test.records[0]
@@ -174,10 +175,10 @@ def compare_in_time(
     repeats: Float[np.ndarray, "repeat time"] | None = None,
     num_repeats: float = 1.0,
 ) -> tuple[xr.Dataset, Float[np.ndarray, "draw time"], dict[str, Float[np.ndarray, " time"]]]:
-    """Return the mean of a test beside its bands in time, the draws and the references.
+    """Return a test's mean with bands in time, the draws, and the references.
 
-    Bands are those of a mean of `num_repeats`. Where `repeats` are given, these are counted in it,
-    and it is that of the parameters alone where no noise is known.
+    Bands are those of a mean of `num_repeats`. If `repeats` are given, coverage counts their
+    values, and the band is that of the parameters alone if no noise is known.
     """
     data, lines, record = motion.data, motion.data.lines, motion.test.records[0]
     mean = np.asarray(data.mean[0])
@@ -263,7 +264,7 @@ def _frf(
     u = record.channels[record.source][-len(y) :]
     if not whole:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the window does the same to both sides
+            warnings.simplefilter("ignore")  # the window affects measurement and model alike
             estimate = frf(u, y, record.fs, response=record.response, band=band_hz)
         return estimate.freq, estimate.h
     freq = np.fft.rfftfreq(len(u), 1 / record.fs)
@@ -273,7 +274,7 @@ def _frf(
 
 
 def bands_of_modes(draws: Draws) -> list[tuple[float, float]]:
-    """Return the band around every mode that the draws have [Hz]."""
+    """Return the band around every mode of the draws [Hz]."""
     return [(NEAR[0] * hz, NEAR[1] * hz) for hz in natural_hz(draws)]
 
 
@@ -287,12 +288,11 @@ def most_driven(record: Record, bands: Sequence[tuple[float, float]]) -> tuple[f
 def _share(
     power: NDArray[np.float64], freq: NDArray[np.float64], edges: tuple[float, float]
 ) -> float:
-    """Share of the power in a band."""
     return float(np.sum(power[lines_within(freq, edges)]) / np.sum(power))
 
 
 def _around_mode(record: Record, draws: Draws) -> tuple[float, tuple[float, float] | None]:
-    """Share of an input's power around a mode, the most of any, and how far it fills that [Hz]."""
+    """Return an input's share of power near the most driven mode, and the band it fills [Hz]."""
     source = record.channels[record.source]
     freq = np.fft.rfftfreq(len(source), 1 / record.fs)[1:]
     power = np.abs(np.fft.rfft(source)[1:]) ** 2

@@ -1,4 +1,4 @@
-"""Free decays of several modes beside the model's, every record from its own start on."""
+"""Comparison of free decays of several modes, every record from its own start."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -19,22 +19,22 @@ from jbw.verification.predictive_basis import Draws, Laws, count_of, natural_hz
 
 Envelope = Complex[np.ndarray, "*draw time"]
 Envelopes = dict[str, Envelope]
-# By a key, a record as far as it is seen, and times: of every draw, and of what it stands beside.
-# Of a key, a record, its times [s] and the error of the law's frequency at its beginning [rad/s].
+# Function of a key, a record up to the end of its known part, times [s] and the error of the law's
+# frequency at its beginning [rad/s]. It returns the envelopes of every draw and of the references.
 Entered = Callable[
     [Key[Array, ""], Decays, Float[np.ndarray, " time"], float], tuple[Envelope, Envelopes]
 ]
-OWN = "own_{}"  # of a draw: what its start lies off the best one by, standard normal
+OWN = "own_{}"  # name of a standard normal deviation of a draw's start from the best start
 
 
 def modes_of_draws(draws: Draws) -> Modes | None:
-    """Return the modes that draws have, at their mean frequencies; None of one."""
+    """Return the modes of draws at their mean frequencies; None for one mode."""
     hz = tuple(natural_hz(draws))
     return Modes(hz) if len(hz) > 1 else None
 
 
 def first_mode_alone(test: Test, modes: Modes | None) -> Test:
-    """Restrict decays to the band of the first of several modes."""
+    """Return decays restricted to the band of the first of several modes."""
     return test if modes is None else replace(test, band_hz=bands_of(modes.hz, test)[0])
 
 
@@ -56,13 +56,13 @@ def followed(source: Source) -> Entered:
 
 
 def _follow(theta: Mapping[str, Array], seen: ModalDecays, length: int) -> Complex[Array, " time"]:
-    """Return one record's envelope at the model's samples, from a draw of start and shift."""
+    """Return one record's envelope at each sample, from one draw of its start and shift."""
     structure = structure_of(theta, seen.laws)
     record = MatchedEnvelopes(seen.mean[0], seen.begun[0], seen.amplitude[0])
     matched = match(structure, record, seen)
     start = jnp.append(matched.entry.state, matched.entry.shift)
-    # As of one mode: the noise of fitted records stands for that of a short beginning, and the
-    # shift's own prior holds it.
+    # As for one mode, a short beginning has the noise of fitted records, and the prior of the shift
+    # is included.
     precision = matched.precision * seen.fraction / seen.groups.noise_std[0] ** 2
     covariance = jnp.linalg.inv(precision.at[-1, -1].add(1 / seen.shift_std**2))
     centre = -covariance[:, -1] * matched.entry.shift / seen.shift_std**2

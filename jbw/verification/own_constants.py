@@ -1,9 +1,9 @@
-r"""The effect of a test's own residual constants on its prediction, fitted to the test itself.
+r"""A test's own residual constants in its prediction, fitted to the test itself.
 
 $$\min_{U, L} \sum \bigl(y - \hat y - (U + L/\omega^2)\,u\bigr)^2$$
 
-The fit integrates them out, and no other test knows them: they are two numbers of every record, as
-its level is. The joint is judged by what is left beside them.
+The fit integrates these constants out, and no other test determines them: they are two numbers of
+every record, like its level. The joint is judged by the remaining residual.
 """
 
 import numpy as np
@@ -21,9 +21,9 @@ Others = dict[str, Time]
 
 
 def completed(basis: Basis, data: Records, model: Draws, others: Others) -> tuple[Draws, Others]:
-    """Add the test's own constants, if any, to responses of the model and other oscillators.
+    """Add the test's own residual constants, if any, to responses of model and references.
 
-    They are read off in the test's band.
+    The constants are fitted in the test's band.
     """
     if not has_own(data.residuals, several_modes=has_further_modes(basis.posterior)):
         return model, others
@@ -33,7 +33,7 @@ def completed(basis: Basis, data: Records, model: Draws, others: Others) -> tupl
     size = np.linalg.norm(columns_in_band, axis=1)[:, None]
 
     def added(response: Time) -> Time:
-        """Return the part of U and L that brings a response nearest to the measurement."""
+        """Return the part due to U and L that brings a response closest to the measurement."""
         residual = np.asarray(data.mean[0]) - in_band(response, data.lines)
         return np.linalg.lstsq((columns_in_band / size).T, residual)[0] @ (columns / size)
 

@@ -1,4 +1,4 @@
-"""Tests that nobody measured: a sweep, steps or a tone as asked for, and what they would show."""
+"""Planned tests without measurements: a sweep, steps or a tone, and their prediction."""
 
 from collections.abc import Sequence
 
@@ -17,7 +17,7 @@ from jbw.verification.bands import QUANTILE_AXIS, gaussian_band, polar
 from jbw.verification.predicted import Predicted, Source, noise_of
 from jbw.verification.predictive_basis import Basis, Draws, Laws
 
-FADE = 0.02  # of a sweep's duration, at its end
+FADE = 0.02  # duration of the fade-out over that of the sweep
 
 
 def planned_sweep(
@@ -40,7 +40,7 @@ def planned_sweep(
 
 
 def planned_tones(basis: Basis, freq_hz: Sequence[float], level: float) -> Test:
-    """Return one steady tone or several in turn, at a level in the unit of the run's source."""
+    """Return one steady tone, or several in turn, at a level in the unit of the run's source."""
     single = len(freq_hz) == 1
     _require_positive(level=level, **{"tone" if single else "stepped": min(freq_hz)})
     kind = "tones" if single else "stepped"
@@ -56,7 +56,7 @@ def steps(band_hz: tuple[float, float]) -> tuple[float, ...]:
 
 
 def predict_planned(source: Source, test: Test) -> Predicted:
-    """Return the first and third harmonic of the steady motion at each tone of a planned test."""
+    """Predict the first and third harmonic of the steady motion at each tone of a planned test."""
     record = test.records[0]
     omega = 2 * np.pi * np.asarray(test.tones_hz)
 

@@ -1,4 +1,4 @@
-"""A run's posterior carried through any test, seen or not: bands, errors, how far it reaches."""
+"""Predictions of any test from a run's posterior: bands, errors, extrapolation."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,42 +26,42 @@ from jbw.verification.predictive_basis import NUM_DRAWS, Basis, seen_of
 from jbw.verification.steady_motion import predict_loop, predict_periods
 from jbw.verification.withheld import OF_BAND, is_withheld, without_band
 
-HARDLY = 0.01  # of an input's power near the mode: less hardly touches it
-MOST_SAMPLES = 8_000_000  # of all draws of a record together
-FEWEST = 20  # draws through however long a record
+HARDLY = 0.01  # share of an input's power near the mode below which it hardly excites it
+MOST_SAMPLES = 8_000_000  # most samples of a record, over all draws
+FEWEST = 20  # least number of draws, even for long records
 ERROR_ALONE = messages.ERROR_ALONE
 ERRORS = (*OF_BAND, "nrmse", "nrmse_own_frequency")
 
 
 @dataclass(frozen=True)
 class Request:
-    """How to predict."""
+    """The options of a prediction."""
 
-    num_draws: int = NUM_DRAWS  # of the posterior at most; fewer through long records
-    noise: bool = True  # whether bands include the noise, where it is known
-    gain: Gain = None  # that the campaign of the tests states, or 1 / modal mass; by drive
-    seed: int = 0  # of everything random
+    num_draws: int = NUM_DRAWS  # most draws of the posterior; fewer for long records
+    noise: bool = True  # whether bands include known noise
+    gain: Gain = None  # stated in the tests' campaign, or 1 / modal mass; by drive
+    seed: int = 0  # random seed
 
 
 def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Dataset:
-    """Predict bands on a test of any kind, seen by the run or not, from the run's posterior.
+    """Predict bands on a test of any kind, fitted by the run or not, from its posterior.
 
-    A test whose response is NaN throughout is only planned.
+    A test whose response is NaN throughout is a planned test.
 
     Returns:
-        Measured values beside bands over `quantile`: `model_*` of the parameters, `predictive_*`
-        with the noise where that is asked for and known; over time, frequency or both, repeats and
-        records by name. `peak_displacement`, `nrmse_of_repeat` or `nrmse_of_record` where known.
-        No `predictive_*` where the model discrepancy cannot be stated: `noise` says so then.
-        Attributes: `coverage` of the 99 % band and its `num_values`, `nrmse`, of free decays also
-        `nrmse_own_frequency` (each record with its own frequency offset), `noise` in words,
-        `y_peak` the 99 % band of the peak displacement [m], `extrapolation` its upper edge over
-        the largest displacement among what was fitted, `kind`, `level` and `num_draws`.
+        Measured values with bands over `quantile`: `model_*` of the parameters, `predictive_*`
+        with the noise if requested and known; over time, frequency or both, repeats and records by
+        name. `peak_displacement`, `nrmse_of_repeat` or `nrmse_of_record` if known. There is no
+        `predictive_*` if the model discrepancy cannot be stated; `noise` then says so.
+        Attributes: `coverage` of the 99 % band and its `num_values`; `nrmse`; for free decays also
+        `nrmse_own_frequency` (each record with its own frequency offset); `noise` as text;
+        `y_peak`, the 99 % band of the peak displacement [m]; `extrapolation`, its upper edge over
+        the largest fitted displacement; `kind`, `level` and `num_draws`.
 
     Raises:
-        ConfigError: Too few draws.
-        DataError: A source that the run's gain is not for, a posterior without the joint, or a
-            steady or free motion of several modes.
+        ConfigError: There are too few draws.
+        DataError: The run's gain does not apply to the test's source, the posterior lacks the
+            joint, or the test is a steady or free motion of several modes.
     """
     options = request or Request()
     _require_modes_known(basis, test)
@@ -81,7 +81,8 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     lacking = [name for name in basis.lacking if name in TAKEN[test.residuals]]
     if lacking and test.traits.is_driven:
         facts["lacking"] = ", ".join(lacking)
-    # A free decay's level is what it begins with; that of what was before it is in another unit.
+    # The level of a free decay is its initial amplitude; the level stated in the test has another
+    # unit.
     if np.isfinite(test.level) and not test.traits.is_free:
         unit = str(dataset.attrs.get("level_unit", seen_of(test).source))
         facts |= {"level": test.level, "level_unit": unit}
@@ -111,7 +112,7 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
 
 
 def route_of(test: Test) -> Callable[[Source, Test], Predicted]:
-    """Return the function to predict a test: from rest under a recorded input, or by its motion."""
+    """Return the function that predicts a test, chosen by its kind and whether it is measured."""
     traits = test.traits
     if has_groups_alone(test):
         return predict_groups
@@ -125,7 +126,7 @@ def route_of(test: Test) -> Callable[[Source, Test], Predicted]:
 
 
 def _require_modes_known(basis: Basis, test: Test) -> None:
-    """Refuse motions of several modes that are predicted for one alone."""
+    """Raise a DataError if a run has several modes but the prediction supports only one."""
     in_time = route_of(test) in (predict_records, predict_periods, predict_decay)
     if has_further_modes(basis.posterior) and not in_time:
         raise DataError(
@@ -137,7 +138,7 @@ def _require_modes_known(basis: Basis, test: Test) -> None:
 
 
 def _require_point_known(basis: Basis, test: Test) -> None:
-    """Refuse responses at points of which the run knows nothing."""
+    """Raise a DataError for responses at points that the run does not have."""
     if test.point and test.point not in basis.points:
         raise DataError(
             f"Test `{test.name}` is measured at `{test.point}`, but the run knows "
@@ -147,7 +148,7 @@ def _require_point_known(basis: Basis, test: Test) -> None:
 
 
 def _source(basis: Basis, test: Test, request: Request) -> Source:
-    """Return the draws that a test is predicted with: fewer of them through long records."""
+    """Return the source of draws for predicting a test, with fewer draws for long records."""
     most, route = request.num_draws, route_of(test)
     gain = _gain_for(basis, test, request)
     if route in (predict_records, predict_periods, predict_groups):
@@ -158,7 +159,7 @@ def _source(basis: Basis, test: Test, request: Request) -> Source:
 
 
 def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
-    """Choose the basis of compared laws for predicting a test, by its kind and amplitude."""
+    """Return the basis for predicting a test: among compared laws, by kind and amplitude."""
     if basis.has_fitted(test):
         return basis
     if basis.across is not None and not basis.has_fitted_kind(test.kind):
@@ -171,14 +172,14 @@ def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
 def _reach(basis: Basis, test: Test, request: Request) -> float:
     """Return a test's largest displacement, predicted by a few draws, over the largest fitted."""
     if route_of(test) is predict_decay:
-        return 1.0  # its level is in another unit before it is predicted
+        return 1.0  # its displacement is unknown before the prediction
     gain = _gain_for(basis, test, request)
     extrapolation = _by_few_draws(basis, test, gain, request.seed).extrapolation(basis)
     return 1.0 if extrapolation is None else extrapolation
 
 
 def _by_few_draws(basis: Basis, test: Test, gain: float | None, seed: int) -> Predicted:
-    """Return a test as a few draws predict it, which tells its amplitude."""
+    """Predict a test by a few draws, to determine its amplitude."""
     draws = basis.draws_for(test, LANES, gain, seed)
     return route_of(test)(Source(basis, draws, seed=seed), test)
 
@@ -186,16 +187,17 @@ def _by_few_draws(basis: Basis, test: Test, gain: float | None, seed: int) -> Pr
 def missed_in(basis: Basis, test: Test, gain: float | None = None, seed: int = 0) -> AtAmplitude:
     """Return the model discrepancy at the amplitude of a test that was not fitted.
 
-    The amplitude is what a few draws predict; free decays have one in each record.
+    The amplitude is predicted by a few draws. For free decays the result is zero here, because each
+    record has its own amplitude.
     """
     discrepancy = basis.discrepancy
     if discrepancy is None or discrepancy.is_nothing or route_of(test) is predict_decay:
-        return NOTHING  # of decays every record has an amplitude of its own
+        return NOTHING  # every decay record has its own amplitude
     return discrepancy.at(next(iter(_by_few_draws(basis, test, gain, seed).amplitudes), None))
 
 
 def _gain_for(basis: Basis, test: Test, request: Request) -> float | None:
-    """Return the gain for a test's own source; None where it is the run's source."""
+    """Return the gain for a test's own source; None if it is the run's source."""
     drive = "force" if test.traits.is_prescribed else drive_of(test)
     if (stated := gain_of(request.gain, drive)) is not None:
         return stated
@@ -211,7 +213,7 @@ def _gain_for(basis: Basis, test: Test, request: Request) -> float | None:
 
 
 def warnings_of(dataset: xr.Dataset) -> list[str]:
-    """Return what must be known before a prediction is trusted, one sentence each.
+    """Return warnings on the reliability of a prediction, one sentence each.
 
     Examples:
         A sweep at twice the fitted level moves the joint beyond the fitted displacements:
@@ -240,7 +242,7 @@ def warnings_of(dataset: xr.Dataset) -> list[str]:
 
 
 def row_of(dataset: xr.Dataset) -> dict[str, Any]:
-    """Return a prediction of `predict` in plain numbers, None where one is not known."""
+    """Return a prediction as plain numbers, with None for unknown ones."""
     attrs = dataset.attrs
     columns = ("test", "kind", "level", "level_unit", "noise", *ERRORS, "num_draws")
     row = {name: attrs.get(name) for name in columns}

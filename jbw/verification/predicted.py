@@ -1,4 +1,4 @@
-"""The source of a prediction, the prediction next to its test, and the test's known noise."""
+"""Sources of predictions, predictions with their tests, and the tests' known noise."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -34,36 +34,36 @@ ALIKE = messages.ALIKE
 REPEATS = messages.REPEATS
 UNKNOWN = messages.UNKNOWN
 LEFT_OUT = messages.LEFT_OUT
-LANES = 8  # draws carried through the model at once
+LANES = 8  # draws evaluated by the model in parallel
 
 
 class RepeatNoise(NamedTuple):
-    """Noise of one repeat of a test."""
+    """The noise of one repeat of a test."""
 
-    std: float | None  # in the unit of what is compared; None where it is not known
-    says: str  # where it is known from, or why not
+    std: float | None  # in the unit of the compared values; None if unknown
+    says: str  # its origin, or why it is unknown
 
 
 NOT_KNOWN = RepeatNoise(None, UNKNOWN)
 
 
 class Predicted(NamedTuple):
-    """A test beside its prediction."""
+    """A test with its prediction."""
 
     dataset: xr.Dataset  # measured values and bands
-    peak: NDArray[np.float64] | None  # displacement of every draw [m], where the test tells it
+    peak: NDArray[np.float64] | None  # peak displacement of every draw [m]; None if unknown
     noise: RepeatNoise  # of one repeat
     begins: tuple[float, ...] = ()  # displacement at the start of every free decay [m]
 
     @property
     def amplitudes(self) -> tuple[float, ...]:
-        """Largest displacement of every free decay, or the median over draws [m]; where known."""
+        """The largest displacement of each free decay, or its median over draws [m]."""
         if self.begins or self.peak is None:
             return self.begins
         return (float(np.median(self.peak)),)
 
     def extrapolation(self, basis: Basis) -> float | None:
-        """Return the peak displacement's upper edge over the largest fitted, if known."""
+        """Return the largest predicted displacement (99.5 %) over the largest fitted one."""
         if self.peak is None or basis.y_peak <= 0:
             return None
         return float(band(self.peak)[-1]) / basis.y_peak
@@ -71,25 +71,25 @@ class Predicted(NamedTuple):
 
 @dataclass(frozen=True)
 class Source:
-    """The draws to carry through the model, and the references to compare them with."""
+    """The draws to evaluate with the model, and the references to compare them with."""
 
     basis: Basis
     draws: Draws
-    # Parameters and laws of oscillators without hysteresis that are carried beside the draws.
+    # Parameters and laws of reference oscillators without hysteresis.
     references: Mapping[str, tuple[Mapping[str, float], Laws]] = field(default_factory=dict)
-    noise: bool = True  # whether the noise is part of the bands, where it is known
-    # Where it is not known: 0 counts what lies in the parameters' band, None counts nothing.
+    noise: bool = True  # whether bands include known noise
+    # If noise is unknown: 0 computes the coverage of the parameters' band, None no coverage.
     bare: float | None = None
     seed: int = 0
-    # Draws of other laws, which are carried after those of the basis.
+    # Draws of other laws, which follow those of the basis.
     beside: tuple[tuple[Draws, Laws], ...] = ()
-    # The draws of every law without the model discrepancy; none where there is no discrepancy.
+    # The draws of every law without the model discrepancy; empty if there is no discrepancy.
     undisturbed: tuple[tuple[Draws, Laws], ...] = ()
-    model_error: float = 0.0  # what the law misses beside omega_n and zeta, over the response
+    model_error: float = 0.0  # relative error apart from omega_n and zeta
 
     @property
     def num_draws(self) -> int:
-        """How many draws there are, of all laws."""
+        """The number of draws of all laws."""
         return count_of(self.draws) + sum(count_of(draws) for draws, _ in self.beside)
 
     def std(
@@ -99,8 +99,8 @@ class Source:
 
         $$\sqrt{f \sigma^2 / K + s^2 \,\mathrm{mean}(m^2)}$$
 
-        where s is the model's error over its response m, real parts and imaginary parts apart, and
-        `share` the part $\sqrt f$ of the noise that is compared.
+        where s is the model's relative error of its response m, separately for real and imaginary
+        parts, and `share` is the part $\sqrt f$ of the noise that is compared.
         """
         if not self.noise or (known.std is None and not self.model_error):
             return self.bare
@@ -117,13 +117,16 @@ class Source:
         num_repeats: float = 1.0,
         share: float = 1.0,
     ) -> tuple[NDArray[Any], dict[str, NDArray[Any]], float | None]:
-        """Return draws about the law's prediction, the references, and `std` of the bands."""
+        """Return centred draws, references, and noise standard deviation for the bands.
+
+        The last value is the result of `std`.
+        """
         return *about_law(model, others), self.std(known, model, num_repeats, share)
 
     def carried(self, predict: Callable[[Draws, Laws], PyTree]) -> tuple[Any, dict[str, Any]]:
-        """Return every draw's prediction along a first axis, and each reference's by name.
+        """Return the predictions of all draws, and those of each reference by name.
 
-        Where the draws have a model discrepancy, the law without it is a reference by `LAW`.
+        If the draws include a model discrepancy, the law without it is a reference named `LAW`.
         """
         others = {}
         for name, (parameters, laws) in self.references.items():
@@ -141,7 +144,7 @@ class Source:
     def observed(
         self, data: Observable, predict: Callable[..., PyTree] = prediction
     ) -> tuple[Any, dict[str, Any]]:
-        """Return the same of reduced data, by (theta, data) to what is predicted."""
+        """Return the predictions of data for all draws, and those of each reference by name."""
         seen = alone(data)
         return self.carried(lambda draws, laws: carry(predict, draws, replace(seen, laws=laws)))
 
@@ -149,15 +152,16 @@ class Source:
 def source_of(
     basis: Basis, test: Test, num_draws: int, missed: AtAmplitude, gain: Any = None, **how: Any
 ) -> Source:
-    """Return the draws that a test is predicted with, of every law of a run.
+    """Return the draws for predicting a test, from every law of a run.
 
     Args:
-        basis: What the run predicts with.
-        test: The test.
-        num_draws: Draws of all laws at most.
-        missed: The model discrepancy in its bands.
-        gain: Gain [N/kg per unit of the source] for its own source; None for that of the run.
-        how: Other fields of `Source`, the seed among them.
+        basis: Basis of the run's predictions.
+        test: The test to predict.
+        num_draws: Largest number of draws of all laws.
+        missed: Model discrepancy in the test's bands.
+        gain: Gain [N/kg per unit of the source] for the test's own source; None for that of the
+            run.
+        how: Other fields of `Source`, including the seed.
     """
 
     def of_every_law(missed: AtAmplitude) -> tuple[tuple[Draws, Laws], ...]:
@@ -174,15 +178,15 @@ def source_of(
 
 
 def is_measured(test: Test) -> bool:
-    """Return whether a test has a response, or is only planned."""
+    """Return whether a test has a measured response and is not only planned."""
     record = test.records[0]
     return bool(np.any(np.isfinite(record.channels[record.response])))
 
 
 def carry(predict: Callable[..., PyTree], draws: Draws, *args: Any) -> PyTree:
     """Predict with every draw, some in parallel; compile once for any number of draws."""
-    # `predict` is a function of a module, so that what was compiled is found again; all but arrays
-    # of `args` is known as it compiles.
+    # `predict` must be a function of a module, so that its compiled program is found again. All of
+    # `args` except arrays is constant in the program.
     return at_points(_prediction, draws, (predict, args), lanes=min(LANES, count_of(draws)))
 
 
@@ -202,15 +206,15 @@ def noise_of(
 ) -> RepeatNoise:
     """Return noise of one repeat: as fitted, by its repeats, or the mean of similar fitted tests.
 
-    `behind` is what stands behind the test's name in the label of its group, where it has several.
+    `behind` is the text after the test's name in the label of its group, if it has several.
     """
     fitted_noise, traits = noise_by_label(basis.posterior), seen_of(test)
-    # Kind, source and response of a test that was called so before may be others.
+    # An earlier test of the same name may have another kind, source or response.
     if (label or test.name) in fitted_noise and basis.seen.get(test.name, traits)[:3] == traits[:3]:
         return RepeatNoise(fitted_noise[label or test.name], OWN)
     if repeated.std is not None:
         return repeated
-    if not basis.seen:  # a run that does not say what its tests were knows of sweeps alone
+    if not basis.seen:  # runs without information on tests have sweeps only
         comparable = {
             name: (None, std) for name, std in fitted_noise.items() if test.traits.is_transient
         }
@@ -228,14 +232,14 @@ def noise_of(
 
 
 def _labels(name: str, seen: CampaignTest, order: int) -> list[str]:
-    """Return possible labels of a test's data groups that contain its harmonic of this order."""
+    """Return possible labels of a test's data groups for a harmonic of this order."""
     names = [name, seen.family] if seen.family else [name]
     harmonics = [harmonic_label(group_name, order) for group_name in names] if order else []
     return harmonics + (names if order < 2 else [])
 
 
 def of_repeats(groups: Groups, group: int = 0) -> RepeatNoise:
-    """Return what the scatter of a group's repeats about their mean tells of its noise."""
+    """Return the noise of one repeat, from the scatter of a group's repeats."""
     columns = groups.within, groups.size, groups.num_repeats
     within, size, count = (float(column[group]) for column in columns)
     if count < 2:

@@ -1,4 +1,4 @@
-"""The basis of a finished run's predictions: draws, held values, fitted tests, known noise."""
+"""The basis of a finished run's predictions: draws, fixed values, fitted tests, known noise."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -33,12 +33,12 @@ from jbw.quantities import (
     motion_factors_in,
 )
 
-AS_RECORDED = "as_recorded"  # draws as the records know them, where stated errors widened them
-# All that `basis_of` reads of a result.
+AS_RECORDED = "as_recorded"  # draws before stated errors of instruments widened them
+# All groups of a result that `basis_of` reads.
 GROUPS_OF_BASIS = ("posterior", AS_RECORDED, "runs", "discrepancy", "steps")
-NUM_DRAWS = 100  # outer quantiles of 99 % bands need about as many
-SUBSTEPS = 2  # of the solver a sample, for a run that does not say how many its data took
-SCATTER_KEY = 200  # of the seed
+NUM_DRAWS = 100  # the ends of 99 % bands need about this many
+SUBSTEPS = 2  # solver steps per sample for a run that does not state them
+SCATTER_KEY = 200  # random key of the scatter between runs
 Draws = dict[str, NDArray[np.float64]]
 Laws = tuple[str, ...]
 
@@ -47,53 +47,54 @@ class CampaignTest(NamedTuple):
     """A test of the run's campaign, as far as predictions need it."""
 
     kind: str
-    source: str  # its unit; empty without one
-    response: str  # what is compared, or the force that a held response takes
-    level: float | None = None  # None where it has none, or the run does not say
-    family: str = ""  # name that its group of data shares with other tests of its level
-    drive: str = ""  # what drives it; empty where the run does not say
-    stated_unit: str = ""  # of the response, as its record states it; empty where it does not
+    source: str  # unit of the source; empty without one
+    response: str  # compared quantity; the source if the response was held
+    level: float | None = None  # None if it has none or it is unknown
+    family: str = ""  # name of the data group that it shares with tests of its level
+    drive: str = ""  # drive; empty if unknown
+    stated_unit: str = ""  # of the response in its record; empty if not stated
 
 
 @dataclass(frozen=True)
 class Basis:
-    """The basis of predictions: posterior draws, held values, known tests and laws."""
+    """The basis of predictions: posterior draws, fixed values, known tests and laws."""
 
     posterior: xr.Dataset  # the main one, with dimensions (chain, draw)
     held: Mapping[str, float]  # parameters that were not updated
-    seen: Mapping[str, CampaignTest]  # tests of the run's campaign; none where the run does not say
-    y_peak: float  # largest displacement among what was fitted [m]; 0 where not known
+    seen: Mapping[str, CampaignTest]  # tests of the run's campaign; empty if unknown
+    y_peak: float  # largest fitted displacement [m]; 0 if unknown
     scatter: tuple[float, ...]  # sd of omega_n [rad/s] and zeta over runs; empty without offsets
-    substeps: int  # of the solver between samples
-    decay: xr.Dataset  # posterior of free decays: the main one where there is no other
-    # Of the free decays that were fitted: the `worth` of a value, and the scatter `shift_std` of
-    # the records' natural frequencies [rad/s].
+    substeps: int  # solver steps between samples
+    decay: xr.Dataset  # posterior of free decays, else the main one
+    # For fitted free decays: the `worth` of a value (its independent fraction), and the scatter
+    # `shift_std` of the records' natural frequencies [rad/s].
     decay_facts: Mapping[str, float]
     laws: Laws
-    # Draws of omega_n and zeta of every run that was fitted, beside as many evenly spaced ones of
-    # the posterior; None where runs have no offsets.
+    # Draws of omega_n and zeta of every fitted run, for evenly spaced draws of the posterior; None
+    # if runs have no offsets.
     runs: xr.Dataset | None = None
-    # Other laws that predict beside this one, each by its share of the draws; what else is known of
-    # the tests and their noise is this one's.
+    # Other laws that contribute to predictions, each with its share of the draws. Tests and noise
+    # are taken from this basis.
     beside: tuple[tuple[float, "Basis"], ...] = ()
-    # What laws that were compared predict with beyond the amplitudes that were fitted, and on other
-    # kinds of test; this one where they say nothing of it.
+    # The basis of compared laws for predictions beyond the fitted amplitudes, and for other kinds
+    # of test; None to use this basis.
     outward: "Basis | None" = None
     across: "Basis | None" = None
-    # Residual terms that units of a population have, but not all of them: left out of further ones.
+    # Residual terms that only some units of a population have; new units are predicted without
+    # them.
     lacking: tuple[str, ...] = ()
-    points: tuple[str, ...] = ()  # names of those where responses are measured beside the first
-    discrepancy: Discrepancy | None = None  # of the law; None where the run does not say
+    points: tuple[str, ...] = ()  # further points where responses are measured
+    discrepancy: Discrepancy | None = None  # of the law; None if unknown
 
     def shared(self, num_draws: int) -> tuple[tuple[int, "Basis"], ...]:
-        """Number of draws of each law, this one's first; a law of less than two has none."""
+        """Return the numbers of draws of this and other laws, with the basis of each."""
         counts = [(round(share * num_draws), basis) for share, basis in self.beside]
         counts = [(count, basis) for count, basis in counts if count >= 2]
         num_first = num_draws - sum(count for count, _ in counts)
         return ((max(num_first, 2) if counts else num_first, replace(self, beside=())), *counts)
 
     def thinned(self, num_draws: int, posterior: xr.Dataset | None = None) -> Draws:
-        """Return evenly spaced draws of the main or another posterior, with held values."""
+        """Return evenly spaced draws of the main or another posterior, with fixed values."""
         if num_draws < 2:
             raise ConfigError(
                 f"Argument `draws` must be at least 2, but is {num_draws}.",
@@ -114,8 +115,8 @@ class Basis:
     ) -> Draws:
         """Draw parameters of a new run's joint, and the gain [N/kg per unit of the source].
 
-        Those of a drive that has its own, under their plain names; of others' all names. `missed`
-        is the model discrepancy in them.
+        Parameters of a drive with separate ones are returned under their plain names; for other
+        drives, under all names. `missed` is the model discrepancy that the draws include.
         """
         key = jax.random.fold_in(jax.random.key(seed), SCATTER_KEY)
         theta = self._complete(dict(of_drive(self.thinned(num_draws), drive)), gain)
@@ -137,9 +138,9 @@ class Basis:
         *,
         missed: AtAmplitude = NOTHING,
     ) -> Draws:
-        """Return the draws for a test, with omega_n and zeta of its own run where that was fitted.
+        """Return draws for predicting a test; omega_n and zeta are those of its run if fitted.
 
-        Free decays have draws of their own posterior, and involve no gain.
+        Free decays use draws of their own posterior and no gain.
         """
         name, drive = self.run_of(test), drive_of(test)
         if test.traits.is_free:
@@ -154,13 +155,13 @@ class Basis:
         return self._complete({name: values[indices] for name, values in theta.items()}, gain)
 
     def run_of(self, test: Test) -> str | None:
-        """Name of a test's run among those that were fitted; None of a further run."""
+        """Return the name of a test's run if it was fitted; None for a new run."""
         fitted_runs = () if self.runs is None else self.runs["run"].values.tolist()
         names = (name for name in (run_of(test), family_of(test)) if name in fitted_runs)
         return next(names, None) if test.name in self.seen else None
 
     def has_fitted_kind(self, kind: str) -> bool:
-        """Return whether a test of a kind was fitted."""
+        """Return whether any test of a kind was fitted."""
         labels = noise_by_label(self.posterior)
         kinds = {
             seen.kind
@@ -171,7 +172,7 @@ class Basis:
 
     @property
     def misses(self) -> bool:
-        """Whether the law leaves more than noise on tests that were not fitted."""
+        """Whether the law has an error beyond noise on tests that were not fitted."""
         return self.discrepancy is not None and not self.discrepancy.is_nothing
 
     def has_fitted(self, test: Test) -> bool:
@@ -181,7 +182,7 @@ class Basis:
         return any(matches) and self.seen.get(test.name, seen_of(test))[:3] == seen_of(test)[:3]
 
     def model_error(self, test: Test, missed: AtAmplitude) -> float:
-        """Return the law's error over the response in a test, apart from omega_n and zeta."""
+        """Return the law's relative error of a test's response, apart from omega_n and zeta."""
         return 0.0 if self.discrepancy is None else self.discrepancy.share_of(test.kind, missed)
 
     def scatters(self, test: Test) -> bool:
@@ -204,13 +205,13 @@ class Basis:
 
 
 def natural_hz(draws: Draws) -> list[float]:
-    """Return the mean natural frequency of every mode that draws have [Hz]."""
+    """Return the mean natural frequency of every mode in the draws [Hz]."""
     names = ("omega_n", *(omega.name for omega, *_ in MODES))
     return [float(np.mean(draws[name])) / (2 * np.pi) for name in names if name in draws]
 
 
 def count_of(draws: Mapping[str, Any]) -> int:
-    """Return how many draws there are."""
+    """Return the number of draws in a dictionary of draws by name."""
     return len(next(iter(draws.values())))
 
 
@@ -233,13 +234,13 @@ def thin(
 
 
 def scattered(key: Key[Array, ""], draws: Draws, scatter: ArrayLike) -> Draws:
-    """Draw as for a new run: omega_n + b_1, zeta + b_2, b ~ N(0, diag(s^2)) over runs."""
+    """Draw parameters of a new run: omega_n + b_1, zeta + b_2, b ~ N(0, diag(s^2)) over runs."""
     std = np.asarray(scatter)
     if not std.size:
         return draws
     b = std * generator(key).standard_normal((count_of(draws), len(OFFSETS)))
     moved = {name: draws[name] + b[:, i] for i, name in enumerate(OFFSETS)}
-    # Damping cannot leave the law: an offset beyond it stops at a hundredth of the draw.
+    # Damping must stay positive: a larger negative offset stops at a hundredth of the draw.
     return {**draws, **moved, "zeta": np.maximum(moved["zeta"], 0.01 * draws["zeta"])}
 
 
@@ -275,7 +276,7 @@ def basis_attrs(
 
 
 def decay_attrs(data: Decays) -> dict[str, str]:
-    """Return the same of free decays that were fitted apart from all else."""
+    """Return the attributes for predictions from separately fitted free decays."""
     constants = {"worth": data.fraction, "shift_std": data.shift_std, "substeps": data.substeps}
     return {"decay": json.dumps({name: float(value) for name, value in constants.items()})}
 
@@ -284,7 +285,7 @@ def basis_of(tree: xr.DataTree) -> Basis:
     """Return the basis for predictions from a run's result."""
     laws, attrs = laws_of_run(tree), tree.attrs
     posterior = tree["posterior"].to_dataset()
-    if AS_RECORDED in tree.children:  # a prediction is what the same instruments would read
+    if AS_RECORDED in tree.children:  # predictions refer to the same instruments
         posterior = posterior.assign(tree[AS_RECORDED].to_dataset().data_vars)
     tests = json.loads(str(attrs.get("tests", "{}")))
     return Basis(
@@ -307,7 +308,7 @@ def basis_of(tree: xr.DataTree) -> Basis:
 
 
 def _of_decays(tree: xr.DataTree, posterior: xr.Dataset, laws: Laws) -> xr.Dataset:
-    """Return the posterior that predicts free decays: their own, unless it is without the joint."""
+    """Return the posterior for predicting decays: their own, unless it lacks the joint."""
     place = "/steps/decay/posterior"
     own = tree[place].to_dataset() if place in tree.groups else posterior
     of_joint = {quantity.name for quantity in quantities_of(laws)} & set(posterior)
@@ -315,7 +316,7 @@ def _of_decays(tree: xr.DataTree, posterior: xr.Dataset, laws: Laws) -> xr.Datas
 
 
 def noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
-    """Return the mean noise of every group of data of a posterior, by the group's label."""
+    """Return the mean noise of every group of data in a posterior, by the group's label."""
     noise = {}
     for name, values in posterior.data_vars.items():
         dims = [dim for dim in values.dims if dim not in ("chain", "draw")]
@@ -326,7 +327,7 @@ def noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
 
 
 def seen_of(test: Test) -> CampaignTest:
-    """Return a test's kind, the unit of its source and what is compared."""
+    """Return a test's facts for predictions: kind, source unit, compared quantity."""
     record = test.records[0]
     place = (test.level if np.isfinite(test.level) else None, family_of(test), drive_of(test))
     if test.traits.is_prescribed:
@@ -341,8 +342,8 @@ def seen_of(test: Test) -> CampaignTest:
             response = f"{response} ratio"
         elif response_held(curve):
             response = source
-    # A free decay has no source, whatever was recorded beside it.
+    # A free decay has no source, even if an input was recorded with it.
     unit = "" if test.traits.is_free else record.units.get(source, "")
-    # What stands behind the unit is how its samples were brought to SI.
+    # The text after the unit describes the conversion to SI.
     stated_unit = record.provenance.get(f"unit of {response}", "").partition(",")[0]
     return CampaignTest(test.kind, unit, response, *place, stated_unit)

@@ -1,4 +1,4 @@
-"""Oscillators without hysteresis fitted to the same tests: what a joint must do better than."""
+"""Oscillators without hysteresis fitted to the same tests, as references for the joint."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -26,17 +26,17 @@ from jbw.observables.residual_terms import bounds, neighbours_of
 from jbw.oscillator.modes.assembled import is_assembled
 
 LAWS: dict[str, tuple[str, ...]] = {"linear": (), "cubic": ("cubic",)}
-FREELY = 1e3  # times the scatter of the joint's runs: errors here are relative and weigh little
-STIFFEST = 10.0  # times omega_n^2 at the largest displacement: bound of the cubic stiffness
+FREELY = 1e3  # factor on the scatter of runs, because relative errors have small weight here
+STIFFEST = 10.0  # largest cubic stiffness over omega_n^2 at the largest displacement
 
 
 class Reference(NamedTuple):
     """An oscillator that the joint is compared with.
 
     Attributes:
-        parameters: By name.
+        parameters: Parameters by name.
         laws: Names of its laws.
-        runs: Offsets of omega_n and zeta of each run that has them, where the joint's runs do.
+        runs: Offsets of omega_n and zeta of each run, if the joint's runs have offsets.
     """
 
     parameters: dict[str, float]
@@ -49,11 +49,11 @@ def of_run(
 ) -> dict[str, tuple[dict[str, float], tuple[str, ...]]]:
     """Return every reference's parameters and laws in one run; None stands for a new run.
 
-    Those of a drive that has its own, under their plain names.
+    Parameters of a drive with separate ones are returned under their plain names.
     """
     oscillators = {}
     for name, reference in references.items():
-        # None of a further run.
+        # A new run has no offset.
         offset = zip(OFFSETS, reference.runs.get(run or "", ()), strict=False)
         theta = of_drive(reference.parameters, drive)
         shifted = {key: theta[key] + float(b) for key, b in offset}
@@ -64,15 +64,15 @@ def of_run(
 def references(
     data: Dataset, known: Mapping[str, float], kinds: Sequence[str] = ("linear",)
 ) -> dict[str, Reference]:
-    r"""Return the linear and the cubic oscillator that come closest to all fitted tests.
+    r"""Fit the linear and the cubic oscillator that come closest to all fitted tests.
 
     $$\min \sum_i |d_i - m_i|^2 / |d_i|^2, \qquad
       \ddot y + 2\zeta\omega_n\dot y + \omega_n^2 y + \lambda_3 y^3 = g u$$
 
-    with lambda_3 = 0 for the linear one, from omega_n, zeta and gain of the joint on. Every group
-    of data counts by its relative error, so that no level is fitted at the others' expense. Line
-    fits are left out, and so are free decays beside other tests: they have errors of another kind.
-    Where runs have an omega_n and a zeta of their own beside the joint, they have them here too.
+    with lambda_3 = 0 for the linear one, starting from omega_n, zeta and gain of the joint. Every
+    group of data counts by its relative error, so that no level is fitted at the expense of others.
+    Line fits are omitted, and so are free decays if there are other tests: their errors are of
+    another kind. If runs have separate omega_n and zeta with the joint, they have them here too.
     """
     y_peak = largest_displacement(data, known["omega_n"])
     terms = bounds(known["omega_n"], neighbours_of(known))
@@ -105,7 +105,8 @@ def _fitted(
 ) -> Reference:
     """Fit one kind of oscillator with least relative error, by run if the joint is fitted by run.
 
-    From one that it contains on, with that one's offsets: it cannot end worse.
+    The fit starts from a simpler oscillator that it contains, with its offsets, so it cannot be
+    worse.
     """
     estimates = before.parameters
     free = [name for name in used_by(parts, estimates) if name not in held]
@@ -129,7 +130,7 @@ def _fitted(
         data, scatters=joint.scatters, scatter=jax.device_put(FREELY * np.asarray(joint.scatter))
     )
     offsets = before.runs
-    for _ in range(2):  # the second time about the offsets that the first one found
+    for _ in range(2):  # the second round linearises at the first round's offsets
         data = with_directions(theta, data, offsets)
         theta = costly_fit(stacked, box(within), data, starts=theta, **close).theta
         offsets = best_offsets(theta, data)
@@ -137,7 +138,10 @@ def _fitted(
 
 
 def _spring(forced: Sequence[Any], estimates: Mapping[str, float], kind: str) -> Reference:
-    """Minimise sum_i |g F_i - omega_n^2 y_i - lambda_3 y_i^3|^2 / |g F_i|^2 in prescribed loops."""
+    """Fit a linear or cubic spring to prescribed loops by least relative error.
+
+    The minimum is that of sum_i |g F_i - omega_n^2 y_i - lambda_3 y_i^3|^2 / |g F_i|^2.
+    """
     y = np.concatenate([np.asarray(part.compared(part.displacement)) for part in forced])
     measured = np.concatenate([np.asarray(part.compared(part.mean)) for part in forced])
     force = estimates["gain"] * measured

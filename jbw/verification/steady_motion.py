@@ -1,4 +1,4 @@
-"""Steady motion in time beside the model's: forced loops, periods of multisines, loops of tones."""
+"""Comparison of steady motion in time: forced loops, periods of multisines, loops of tones."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -24,9 +24,9 @@ from jbw.verification.in_time import compare_in_time, followed, reduced
 from jbw.verification.predicted import Predicted, Source, carry
 from jbw.verification.predictive_basis import Draws, Laws, count_of
 
-MOST_POINTS = 2048  # of a loop, kept for drawing
-NUM_POINTS = 512  # of a cycle
-BAND = (0.5, 20.0)  # of the tone: where a record is integrated and differentiated
+MOST_POINTS = 2048  # most points of a stored loop
+NUM_POINTS = 512  # points of a cycle
+BAND = (0.5, 20.0)  # band for integration and differentiation over the tone's frequency
 FORCE, LENGTH = {"units": "N/kg"}, {"units": "m"}
 
 
@@ -70,7 +70,7 @@ def predict_loop(source: Source, test: Test) -> Predicted:
 def beside_load_cell(
     data: Loops, measured: Float[np.ndarray, " time"], model: Float[np.ndarray, "draw time"]
 ) -> Float[np.ndarray, "draw time"]:
-    """Add the load cell's offset and drift, as the test states them, to a model's forces."""
+    """Add the load cell's offset and drift, fitted as the test states, to a model's forces."""
     columns = np.asarray(data.groups.spanned)[0][:, compared(data.groups, 0)]
     residual = measured - np.median(model, axis=0)
     return model + (residual @ columns.T) @ columns
@@ -100,9 +100,10 @@ def predict_periods(source: Source, test: Test) -> Predicted:
 def loop_validation(test: Test, draws: Draws, laws: Laws) -> xr.Dataset:
     r"""Compare a tone's measured loops with the model's bands.
 
-    Measured, $F = g V - a - 2\zeta\omega_n v$ (Eq. (1)) with gain and damping of every draw, so
-    that its band carries them; predicted, the same on the steady cycle under the measured input.
-    One set is for $k y$ and the laws' forces, `*_viscous` with $2\zeta\omega_n v$ added.
+    The measured force is $F = g V - a - 2\zeta\omega_n v$ (Eq. (1)) with gain and damping of every
+    draw, so that its band includes their uncertainty. The predicted force is the same expression on
+    the steady cycle under the measured input. One set is for $k y$ and the laws' forces; in
+    `*_viscous`, $2\zeta\omega_n v$ is added.
     """
     omega, record = 2 * np.pi * test.tones_hz[0], test.records[0]
     cycles = [_cycles(record, test, omega) for record in test.records]
@@ -148,7 +149,7 @@ def _cycles(record: Record, test: Test, omega: float) -> dict[str, NDArray[np.fl
     keep = slice(round(test.settle * fs), None)
     x = record.channels[record.response][keep]
     y, v, a = _kinematics(x, fs, (low, min(high, 0.4 * fs)), record.response)
-    # The first and last periods of the band's lower edge are doubtful after integration.
+    # The first and last two periods of the band's lower edge are unreliable after integration.
     inner = slice(round(2 * fs / low), -round(2 * fs / low))
     source = record.channels[record.source][keep][inner]
     channels = np.stack([y[inner], source, v[inner], a[inner]])
@@ -161,7 +162,7 @@ def _cycles(record: Record, test: Test, omega: float) -> dict[str, NDArray[np.fl
 def _kinematics(
     x: NDArray[np.float64], fs: float, band_hz: tuple[float, float], response: str
 ) -> list[NDArray[np.float64]]:
-    """Return the displacement, velocity and acceleration from the one that was measured."""
+    """Return the displacement, velocity and acceleration from the measured one."""
     order = derivative_order(response)
     motions = [x]
     for _ in range(order):

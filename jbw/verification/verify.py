@@ -1,7 +1,7 @@
-"""Every test of a campaign beside the model, fitted or held out, and what that says of it.
+"""Comparison of every test of a campaign with the model, and the findings on it.
 
-A narrow posterior of the wrong law passes every look at its chains. It fails where a simpler
-oscillator predicts better, or where tests that no fit saw leave its bands.
+A narrow posterior of a wrong law passes every check of its chains. It fails if a simpler oscillator
+predicts better, or if held-out tests lie outside its bands.
 """
 
 import json
@@ -37,11 +37,11 @@ from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 from jbw.verification.reference_oscillators import Reference, of_run, references
 from jbw.verification.withheld import is_withheld, without_band
 
-BETTER = 1.1  # times the error of a simpler oscillator: beyond, that one is the better model
-# Root of 2: where a linear oscillator misses as much as the joint, noise may be all of that, and as
-# much noise is in the band.
+BETTER = 1.1  # error over a simpler oscillator's from which the latter is the better model
+# This is the root of 2: if a linear oscillator has the same error as the joint, noise may explain
+# all of it, and the band includes as much noise.
 NOISE_BESIDE = 2**0.5
-REACH = float(norm.ppf(QUANTILES[-1]))  # standard deviations of a 99 % band
+REACH = float(norm.ppf(QUANTILES[-1]))  # half-width of a 99 % band in standard deviations
 SIMPLER = ("linear", "cubic")
 Groups = dict[str, xr.Dataset]
 
@@ -51,7 +51,7 @@ def verify(
 ) -> Groups:
     """Compare every test with the model and non-hysteretic oscillators, by path in the tree.
 
-    A comparison that cannot be made is left out, and `attempts` says so.
+    A comparison that cannot be made is omitted, with a message in `attempts`.
     """
 
     def simpler(draws: Draws, data: Dataset, *names: str) -> dict[str, Reference]:
@@ -79,7 +79,7 @@ def _verify_free(
     seed: int,
     attempts: Attempts,
 ) -> Groups:
-    """Return every free decay beside the model's, and frequency and damping against amplitude."""
+    """Compare every free decay with the model, and frequency and damping against amplitude."""
     groups: Groups = {}
     together, num_fitted = decays.together, len(decays.fitted.records)
     draws = basis.draws_for(together, NUM_DRAWS)
@@ -108,14 +108,14 @@ def _verify_free(
 
 
 def _freely(draws: Draws, decays: Decays) -> tuple[Any, ...]:
-    """Return decays as a dataset, and the names of every mode's free-motion parameters."""
+    """Return decays as a dataset, and the parameter names of all modes in free motion."""
     held = {ratio.name: 1.0 for _, _, ratio, *_ in MODES if ratio.name in draws}
     names = [quantity.name for mode in MODES for quantity in mode[:2] if quantity.name in draws]
     return Dataset.of([decays], held), "omega_n", "zeta", *names
 
 
 def predicted_tests(tree: xr.DataTree) -> Mapping[str, Mapping[str, Any]]:
-    """Return the attributes of every test beside its prediction, by name."""
+    """Return the attributes of every test's comparison with its prediction, by name."""
     parents = tree["verification"].children if "verification" in tree.children else {}
     return {
         name: {"group": group, **{str(key): value for key, value in node.attrs.items()}}
@@ -139,7 +139,7 @@ def _simpler(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> lis
         for kind in SIMPLER
         if np.isfinite(attrs.get(f"nrmse_{kind}", np.nan)) and attrs[f"nrmse_{kind}"] > 0
     }
-    # A joint that cannot be solved where another model can is no better than that.
+    # A joint that cannot be solved counts as worse than a model that can.
     ratios = {key: ratio if np.isfinite(ratio) else np.inf for key, ratio in ratios.items()}
     if not ratios:
         return []
@@ -155,9 +155,9 @@ def _simpler(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> lis
 
 
 def _replaced(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> list[Finding]:
-    """Return whether the model discrepancy in a band is more than a linear oscillator would miss.
+    """Check whether a band's model discrepancy exceeds the error of a linear oscillator.
 
-    Nothing where the bands have no discrepancy, or the joint hardly acts: the linear oscillator is
+    Empty if the bands have no discrepancy, or the joint has little effect: the linear oscillator is
     close, and no worse than the joint.
     """
     limits = {
@@ -179,7 +179,8 @@ def _replaced(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> li
 
 
 def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
-    # Harmonics and loops of another level may have another noise: a mean of theirs proves nothing.
+    # Harmonics and loops of another level may have another noise, so a mean noise proves nothing
+    # for them.
     shares = {
         name: float(attrs["coverage"])
         for name, attrs in tests.items()

@@ -1,4 +1,4 @@
-"""Bands that are withheld: nothing says what the law misses at the amplitude of a test."""
+"""Bands that cannot be stated because the law's error at a test's amplitude is unknown."""
 
 from collections.abc import Iterable
 
@@ -11,13 +11,13 @@ OF_BAND = ("coverage", "num_values", "half_width")
 
 
 def is_withheld(basis: Basis, amplitudes: Iterable[float]) -> bool:
-    """Return whether no band can be stated of a test that was not fitted, by its amplitudes [m]."""
+    """Return whether no band can be stated for an unfitted test, by its amplitudes [m]."""
     discrepancy = basis.discrepancy
     return discrepancy is not None and not all(map(discrepancy.is_stated, amplitudes))
 
 
 def without_band(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a test beside its prediction without the band of a measurement; `noise` says why."""
+    """Return a test's prediction without its predictive band; `noise` gives the reason."""
     bands = [name for name in dataset.data_vars if "predictive" in str(name)]
     bare = dataset.drop_vars(bands)
     bare.attrs = {name: value for name, value in dataset.attrs.items() if name not in OF_BAND}

@@ -1,1 +1,1 @@
-"""One joint watched: readings at fixed amplitudes, and tests of change of a stated rate."""
+"""The monitoring of one joint: readings at fixed amplitudes, and tests for a change."""

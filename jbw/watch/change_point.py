@@ -1,8 +1,9 @@
-r"""Bayesian online change-point detection: how long the present run of readings has lasted.
+r"""Bayesian online change-point detection: the number of readings since the last change.
 
-Within a run readings are Gaussian with unknown mean and covariance, under a normal-inverse-Wishart
-prior; behind every reading a change comes with probability `hazard`. With $w_r$ the probability
-that r readings belong to the present run, a reading x moves it on by
+A run is a sequence of readings without change. Within a run readings are Gaussian with unknown mean
+and covariance, under a normal-inverse-Wishart prior; after every reading a change occurs with
+probability `hazard`. With $w_r$ the probability that the present run has r readings, a reading x
+updates it by
 
 $$w_{r+1} \propto (1 - h)\,w_r\,p(x \mid \text{run } r), \qquad
   w_0 \propto h \sum_r w_r\,p(x \mid \text{run } r),$$
@@ -10,10 +11,10 @@ $$w_{r+1} \propto (1 - h)\,w_r\,p(x \mid \text{run } r), \qquad
 where $p(x \mid \text{run } r)$ is Student's t. In one dimension the prior is the
 normal-inverse-gamma with $a = \nu/2$, $b = \psi/2$.
 
-With w the probability that no change came since a reference, behind whose last reading one may
-have come as well, a change is stated when $w < a$. Until it comes, $(1 - h)^{n+1} / w$ is a
-martingale of mean one, so that by Ville's inequality a false alarm comes among n readings with
-probability $a / (1 - h)^{n+1}$ at most.
+With w the probability that no change occurred since a reference (a change may also have followed
+the last reading of the reference), a change is stated when $w < a$. Without a change, $(1 -
+h)^{n+1} / w$ is a martingale of mean one, so that by Ville's inequality a false alarm occurs among
+n readings with probability $a / (1 - h)^{n+1}$ at most.
 
 Reference: Adams and MacKay, arXiv:0710.3742 (2007).
 """
@@ -26,32 +27,33 @@ from scipy.special import gammaln, logsumexp
 
 from jbw.watch.hotelling import ReferenceReadings
 
-FURTHEST = 2.0  # standard deviations of a reading: how far a change may be expected to lead
+FURTHEST = 2.0  # expected size of a change, in standard deviations of a reading
 
 
 class Belief(NamedTuple):
-    r"""Normal-inverse-Wishart belief of a run: mean, and covariance by $\nu$ and $\Psi$."""
+    r"""The normal-inverse-Wishart belief about readings since a change: mean, $\nu$ and $\Psi$."""
 
     mean: Float[np.ndarray, "*batch p"]
-    kappa: Float[np.ndarray, "*runs"]  # readings that the mean is worth
+    kappa: Float[np.ndarray, "*runs"]  # number of readings that the knowledge of the mean equals
     nu: Float[np.ndarray, "*runs"]  # degrees of freedom
     psi: Float[np.ndarray, "*batch p p"]  # sum of squares
 
 
 class RunLength(NamedTuple):
-    """The posterior of the present run's length after the last reading."""
+    """The posterior of the number of readings since the last change."""
 
-    # That r readings belong to it, r = 0..n; last, where there is a run from before the first
-    # reading, that all do and those of before, too.
+    # Probability that the present run has r readings, r = 0..n. If a run began before the first
+    # reading, the last entry is the probability that no change occurred at all.
     probability: Float[np.ndarray, "*batch length"]
     log_evidence: Float[np.ndarray, "*batch"]  # log p of all readings [nats]
-    unchanged: Float[np.ndarray, "*batch n"]  # after each reading, that no change came at all
+    # Probability after each reading that no change occurred at all.
+    unchanged: Float[np.ndarray, "*batch n"]
 
 
 def known_from(reference: ReferenceReadings) -> Belief:
-    r"""Return the belief of the unchanged run: a flat prior updated by the references.
+    r"""Return the belief about an unchanged joint: a flat prior updated by reference readings.
 
-    Its prediction is Hotelling's: Student's t of $n_0 - p$ degrees of freedom.
+    Its predictive distribution is that of Hotelling: Student's t with $n_0 - p$ degrees of freedom.
     """
     num = reference.num
     return Belief(
@@ -63,7 +65,10 @@ def known_from(reference: ReferenceReadings) -> Belief:
 
 
 def after_change(reference: ReferenceReadings) -> Belief:
-    """Return the belief of a run after a change: about the reference, `FURTHEST` times as wide."""
+    """Return the prior belief about readings after a change: around the reference, but wide.
+
+    Its mean has a standard deviation of `FURTHEST` times that of a reading.
+    """
     return known_from(reference)._replace(kappa=np.array(1 / FURTHEST**2))
 
 
@@ -73,21 +78,21 @@ def run_length(
     hazard: float,
     start: Belief | None = None,
 ) -> RunLength:
-    """Return the length of the present run after all readings, from the oldest to the newest.
+    """Return the posterior of the number of readings since the last change, after all readings.
 
     Args:
-        readings: In the order in which they came.
-        prior: Belief of a run before its first reading.
-        hazard: Probability that a change comes behind a reading.
-        start: Belief of the run that is under way before the first reading, behind which a change
-            may have come; when None, a run begins with the first reading.
+        readings: Readings in the order of measurement.
+        prior: Belief about a run before its first reading.
+        hazard: Probability that a change occurs after a reading.
+        start: Belief about the run before the first reading, which a change may have ended just
+            before; when None, a run begins with the first reading.
     """
     first = prior if start is None else start
     belief = Belief(
         first.mean[..., None, :], first.kappa[None], first.nu[None], first.psi[..., None, :, :]
     )
     log_w: np.ndarray = np.zeros((*readings.shape[:-2], 1))
-    if start is not None:  # a change may have come just before the first reading
+    if start is not None:  # A change may have occurred just before the first reading.
         both = np.array([np.log(hazard), np.log1p(-hazard)])
         log_w, belief = log_w + both, _with_new_run(belief, prior)
     total = np.zeros(readings.shape[:-2])
@@ -108,7 +113,7 @@ def run_length(
 def log_predictive(
     x: Float[np.ndarray, "*batch p"], belief: Belief
 ) -> Float[np.ndarray, "*batch length"]:
-    r"""Log density of a reading under each run: $t_{\nu - p + 1}$ about its mean."""
+    r"""Return the log predictive density of a reading under each belief: $t_{\nu - p + 1}$."""
     p = x.shape[-1]
     df = belief.nu - p + 1
     kappa = belief.kappa
@@ -121,7 +126,7 @@ def log_predictive(
 
 
 def updated(x: Float[np.ndarray, "*batch p"], belief: Belief) -> Belief:
-    """Update the belief of each run by one more reading."""
+    """Update the normal-inverse-Wishart belief about each run by one more reading."""
     kappa = belief.kappa
     away = x[..., None, :] - belief.mean
     mean = belief.mean + away / (kappa + 1)[..., None]
@@ -131,7 +136,7 @@ def updated(x: Float[np.ndarray, "*batch p"], belief: Belief) -> Belief:
 
 
 def _with_new_run(belief: Belief, prior: Belief) -> Belief:
-    """Return the beliefs of all runs, that of one which begins now in front."""
+    """Return the beliefs about all runs of readings, after that about a run that begins now."""
     mean = np.broadcast_to(
         prior.mean[..., None, :], (*belief.mean.shape[:-2], 1, prior.mean.shape[-1])
     )

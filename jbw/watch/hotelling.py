@@ -1,12 +1,12 @@
-r"""Hotelling's test of a new reading against a reference whose own uncertainty counts.
+r"""Hotelling's test of a new reading against a reference, including the reference's uncertainty.
 
-Readings without change are Gaussian, of unknown mean and covariance; of $n_0$ of them there is the
-mean $m$ and the covariance $S$ (over $n_0 - 1$). A further reading $t$ of dimension $p$ has
+Readings without change are Gaussian with unknown mean and covariance; $n_0$ of them have the mean
+$m$ and the covariance $S$ (over $n_0 - 1$). For a new reading $t$ of dimension $p$,
 
 $$T^2 = (t - m)^T S^{-1} (t - m) \sim \frac{p (n_0 - 1)(n_0 + 1)}{n_0 (n_0 - p)} F_{p, n_0 - p},$$
 
-exactly, so that the rate of false alarms is what it is said to be, however few references there
-are. What few references cost is power: the threshold rises.
+exactly, so that the rate of false alarms is the stated one, however few references there are. Few
+references cost power: the threshold rises.
 
 Reference: Hotelling, Ann. Math. Stat. 2 (1931) 360.
 """
@@ -25,7 +25,7 @@ Matrix = Float[np.ndarray, "p p"]
 
 
 class ReferenceReadings(NamedTuple):
-    """Readings without change: how many, their mean and covariance over `num` - 1."""
+    """The number, mean and covariance (over `num` - 1) of readings without change."""
 
     num: int
     mean: Float[np.ndarray, "*batch p"]
@@ -33,10 +33,10 @@ class ReferenceReadings(NamedTuple):
 
 
 def reference_of(readings: Float[np.ndarray, "*batch record p"]) -> ReferenceReadings:
-    """Return the reference that readings without change make.
+    """Return the number, mean and covariance of readings without change.
 
     Raises:
-        ConfigError: No more readings than they have values each: their covariance is singular.
+        ConfigError: There are no more readings than values per reading: the covariance is singular.
     """
     num, p = readings.shape[-2:]
     if num <= p:
@@ -55,9 +55,9 @@ def threshold(false_alarms: float, p: int, num: int) -> float:
     r"""Return Hotelling's $T^2$ that an unchanged reading exceeds with probability `false_alarms`.
 
     Args:
-        false_alarms: Rate of false alarms a reading.
-        p: Values of a reading.
-        num: Readings in the reference, $n_0 > p$.
+        false_alarms: Rate of false alarms per reading.
+        p: Number of values of a reading.
+        num: Number of readings in the reference, $n_0 > p$.
     """
     return float(_scale(p, num) * fisher.isf(false_alarms, p, num - p))
 
@@ -67,13 +67,13 @@ def distance(
     reference: ReferenceReadings,
     excess: Matrix | None = None,
 ) -> Float[np.ndarray, "*batch"]:
-    r"""Return Hotelling's $T^2$ of a new reading.
+    r"""Return Hotelling's $T^2$ of a new reading against a reference.
 
     Args:
-        reading: Its values.
+        reading: Values of the new reading.
         reference: Readings without change.
-        excess: Covariance that the reading's own noise has beyond the references', added to theirs:
-            a noisier record then strays further without an alarm, and no rate rises.
+        excess: Covariance by which the reading's own noise exceeds the references' noise, added to
+            theirs: a noisier record may then deviate further without an alarm, and no rate rises.
     """
     covariance = reference.covariance if excess is None else reference.covariance + excess
     away = (reading - reference.mean)[..., None]
@@ -81,27 +81,28 @@ def distance(
 
 
 def tail(squared: Float[np.ndarray, "*batch"], p: int, num: int) -> Float[np.ndarray, "*batch"]:
-    r"""Return the probability that a reading without change has as large a $T^2$."""
+    r"""Return the probability that a reading without change has at least this $T^2$."""
     return np.asarray(fisher.sf(np.asarray(squared) / _scale(p, num), p, num - p))
 
 
 def power(false_alarms: float, p: int, num: int, change: float) -> float:
-    r"""Return the probability that one reading after a change exceeds the threshold.
+    r"""Return the probability that Hotelling's test detects a change by one reading.
 
-    $n_0 (n_0 - p) / (p (n_0 - 1)(n_0 + 1)) T^2$ is non-central F with $d^2 n_0 / (n_0 + 1)$.
+    With a change, $n_0 (n_0 - p) / (p (n_0 - 1)(n_0 + 1)) T^2$ is non-central F with $d^2 n_0 /
+    (n_0 + 1)$.
 
     Args:
-        false_alarms: Rate of false alarms a reading.
-        p: Values of a reading.
-        num: Readings in the reference.
-        change: The change's size d in standard deviations of a reading (Mahalanobis).
+        false_alarms: Rate of false alarms per reading.
+        p: Number of values of a reading.
+        num: Number of readings in the reference.
+        change: Size d of the change in standard deviations of a reading (Mahalanobis distance).
     """
     limit = fisher.isf(false_alarms, p, num - p)
     return float(ncf.sf(limit, p, num - p, change**2 * num / (num + 1)))
 
 
 def excess_noise(covariance: Matrix, usual: Matrix) -> Matrix:
-    """Return the positive semidefinite part of a reading's covariance beyond the references'."""
+    """Return the covariance by which a reading's noise exceeds the references' noise."""
     values, vectors = np.linalg.eigh(covariance - usual)
     return (vectors * np.maximum(values, 0.0)) @ vectors.T
 

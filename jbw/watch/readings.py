@@ -1,8 +1,8 @@
-r"""Frequency and damping of a free decay at a fixed amplitude: what is comparable between records.
+r"""Frequency and damping of a free decay at fixed amplitudes, comparable between records.
 
-Parameters of laws fitted to whole records scatter with how hard the hammer hit, for no law is quite
-the structure's. Frequency and damping of the record's table at one amplitude A that every record
-passes do not. How they go with torque, $dy/d\ln T$ at fixed amplitudes, a fleet says.
+Parameters of laws fitted to whole records vary with the force of the hammer, since no law is
+exactly that of the structure. Frequency and damping at one amplitude A that every record passes do
+not. Their trend with torque, $dy/d\ln T$ at fixed amplitudes, comes from a fleet.
 """
 
 import json
@@ -32,21 +32,22 @@ from jbw.verification.backbone import curves_of_response
 from jbw.verification.predicted import carry
 from jbw.watch.statement import Trend
 
-WIDTH = np.sqrt(1.4)  # times an amplitude: from there on other modes are looked for
-FEWEST = 64  # samples that they are looked for in
-OTHER_MODES = 0.02  # of the mode's amplitude: as much as other modes may have
-SPARE = 1.05  # between an amplitude of the records and one that is chosen
-PER_AMPLITUDE = 2  # values: frequency and logarithm of the damping
-RAISED = 1.1  # times the torque, over which a slope is taken
+# Ratio of a higher amplitude to the read one; other modes are searched from there on.
+WIDTH = np.sqrt(1.4)
+FEWEST = 64  # fewest samples in which other modes are searched
+OTHER_MODES = 0.02  # largest accepted amplitude of other modes, relative to that of the mode
+SPARE = 1.05  # margin between the amplitudes of the records and a chosen amplitude
+PER_AMPLITUDE = 2  # values per amplitude: frequency and logarithm of the damping
+RAISED = 1.1  # ratio of the raised torque to the torque, for a slope
 
 
 class RecordReading(NamedTuple):
-    """One record, read at amplitudes A1 < A2 < ...
+    """The frequency and damping of one record at amplitudes A1 < A2 < ...
 
     Attributes:
         values: f(A1) [Hz], ln zeta(A1); then for each other amplitude f(A) - f(A1), ln zeta(A).
-        covariance: Of these, by the record's own table.
-        other_modes: Largest amplitude outside the band over that of the mode, at any amplitude.
+        covariance: Covariance of the values, from the record's own table.
+        other_modes: Largest amplitude outside the band relative to the mode's, over all amplitudes.
     """
 
     values: Float[np.ndarray, " p"]
@@ -55,14 +56,14 @@ class RecordReading(NamedTuple):
 
 
 def names_of(amplitudes: Sequence[float], unit: str) -> list[str]:
-    """Return the name of each value of a reading, with its unit."""
+    """Return the name of each value of a watch's reading, with its unit."""
     first, *rest = [f"{a:g} {unit}" for a in amplitudes]
     names = [f"f({first}) [Hz]", f"ln zeta({first})"]
     return names + [n for a in rest for n in (f"f({a}) - f({first}) [Hz]", f"ln zeta({a})")]
 
 
 def common_amplitude(test: Test) -> float:
-    """Return the lowest amplitude that every record of a test passes, where other modes are gone.
+    """Return the lowest amplitude that all records of a test pass after other modes have died out.
 
     Raises:
         DataError: The records share no amplitude.
@@ -83,11 +84,11 @@ def common_amplitude(test: Test) -> float:
 
 
 def reading(record: Record, test: Test, amplitudes: Sequence[float]) -> RecordReading:
-    """Read a record of a test's kind, band and settling at peak amplitudes of its response.
+    """Read frequency and damping of a free decay at given peak amplitudes of its response.
 
     Raises:
-        DataError: A record that cannot be compared: of another response, beyond the amplitudes, not
-            decaying, or with other modes in it.
+        DataError: The record cannot be compared: its response is another one, it does not pass the
+            amplitudes, does not decay, or contains other modes.
     """
     if not test.traits.is_free:
         raise DataError(
@@ -123,21 +124,22 @@ def reading(record: Record, test: Test, amplitudes: Sequence[float]) -> RecordRe
 
 
 def _table(record: Record, test: Test) -> ModeReading:
-    """Read frequency and damping along a record by the test's response, band and settling time."""
+    """Read frequency and damping along a record, with a test's response, band and settling."""
     response = test.records[0].response
     if response not in record.channels:
         raise DataError(
             f"`{record.name}` has no {response}, in which test `{test.name}` is read.",
             remedy="Give a record of the same channels.",
         )
-    filter_of(test)  # which refuses a test without a band
+    filter_of(test)  # It raises an error for a test without a band.
     alone = replace(test, records=(record,), name=record.name)
-    (table,) = (read for read in read_decays(alone) if read is not None)  # else it is refused
+    # A record that cannot be read raises an error.
+    (table,) = (read for read in read_decays(alone) if read is not None)
     return table
 
 
 def _compared(read: ModeReading) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
-    """Return frequencies (beyond the first as differences) and ln zeta, with covariance."""
+    """Return a reading's values, frequencies [Hz] and ln zeta, with their covariance."""
     size = len(read.hz)
     values = np.stack([read.hz, np.log(read.zeta)], axis=1).ravel()
     values[2::2] -= values[0]
@@ -149,9 +151,9 @@ def _compared(read: ModeReading) -> tuple[Float[np.ndarray, " p"], Float[np.ndar
 
 
 def _other_modes(record: Record, test: Test, amplitude: float, hz: float, zeta: float) -> float:
-    """Return the largest spectral line outside the band over that within, from an amplitude on.
+    """Return the largest spectral line outside the mode's band, relative to that within it.
 
-    Of the displacement, by which the joint slips, over the time in which it falls by a sixth.
+    It is that of the displacement, which makes the joint slip, while it falls by a sixth.
     """
     x = record.channels[record.response][round(test.settle * record.fs) :]
     chosen = band_filter(filter_of(test).band_hz, record.fs)
@@ -163,7 +165,7 @@ def _other_modes(record: Record, test: Test, amplitude: float, hz: float, zeta: 
     spectrum[1:] /= freq[1:] ** derivative_order(record.response)
     (low, high), half = chosen.band_hz, (chosen.band_hz[1] - chosen.band_hz[0]) / 2
     within = lines_within(freq, (low, high))
-    # A Hann window smears a line, and a mean that is taken out, over four lines.
+    # A Hann window spreads a line, and a removed mean, over four lines.
     smear = 4 * record.fs / len(x)
     outside = ((freq < low - half) | (freq > high + half)) & (freq > smear)
     if not (within.any() and outside.any()):
@@ -179,18 +181,18 @@ def trend_of(
     *,
     report: Callable[[str], None] = print,
 ) -> Trend:
-    """Return the trend with torque of readings at amplitudes of a test's response, by a fleet.
+    """Return the trend with torque of readings at given amplitudes of a test, from a fleet.
 
     Args:
-        fleet: From `jbw.fleet_of` or `jbw.read_fleet`.
-        torque: Of the watched joint before any change [N m].
-        amplitudes: Peaks of the response that are read at.
-        test: Free decays of the watched joint.
-        report: Called with one sentence at every stage.
+        fleet: A fleet from `jbw.fleet_of` or `jbw.read_fleet`.
+        torque: Torque of the monitored joint before any change [N m].
+        amplitudes: Peak amplitudes of the response at which readings are taken.
+        test: Free decays of the monitored joint.
+        report: A function that is called with one sentence at every stage.
 
     Raises:
-        DataError: No torque stated, one torque in the whole fleet, a population that is not to be
-            trusted, or an amplitude beyond what its units were driven to.
+        DataError: No torque is stated, the whole fleet has one torque, the population is not
+            reliable, or the units of the fleet did not reach an amplitude.
     """
     if torque is None:
         raise DataError(
@@ -218,7 +220,7 @@ def trend_of(
 
 
 def _require_known(fleet: xr.DataTree, amplitudes: Sequence[float], test: Test) -> None:
-    """Refuse displacements that not every unit of a fleet was driven to."""
+    """Raise an error if some units of a fleet were not driven to the watched amplitudes."""
     peaks = [float(fleet[name].attrs.get("y_peak", np.nan)) for name in unit_names(fleet)]
     centre, order = _response_of(test)
     highest, reached_by_all = max(amplitudes) / centre**order, np.min(peaks)
@@ -239,7 +241,7 @@ def _readings_at(
     amplitudes: Sequence[float],
     test: Test,
 ) -> Float[np.ndarray, "draw p"]:
-    """Predict readings of new units at a torque; all torques share the same units."""
+    """Predict readings of new units at a torque [N m], from a population."""
     laws: Any = tuple(json.loads(fleet.attrs["laws"]))
     draws = new_units(population, fleet, torque)
     centre, order = _response_of(test)
@@ -247,10 +249,10 @@ def _readings_at(
         curves_of_response, draws, jnp.asarray(amplitudes), centre, order, laws
     )
     values = np.stack([np.asarray(frequency), np.log(np.asarray(damping))], axis=-1)
-    values[:, 1:, 0] -= values[:, :1, 0]  # as `names_of` has it
+    values[:, 1:, 0] -= values[:, :1, 0]  # The format is that of `names_of`.
     return values.reshape(len(values), -1)
 
 
 def _response_of(test: Test) -> tuple[float, int]:
-    """Centre of the band [rad/s], and the order of the response's derivative."""
+    """Return the centre of a test's band [rad/s], and the derivative order of its response."""
     return 2 * np.pi * filter_of(test).centre_hz, derivative_order(test.records[0].response)

@@ -1,15 +1,16 @@
-r"""`jbw.updated`: the posterior of an unchanged joint with further free decays, record by record.
+r"""`jbw.updated`: the posterior of an unchanged joint with new free decays, record by record.
 
-Draws of a finished run are moved by the likelihood of each new record, where a run anew would fit
-and draw everything again. That holds while the joint has not changed: `jbw watch` says that. It is
-iterated batch importance sampling, whose particles take in one record more,
+The likelihood of each new record updates the draws of a finished run, where a new identification
+would repeat the fit and the sampling. This requires that the joint has not changed, which `jbw
+watch` checks. The method is iterated batch importance sampling, whose particles take in one record
+at a time,
 
 $$w_i \leftarrow w_i\, p(y_r \mid \theta_i, y_{<r}), \qquad
   p(y_r \mid y_{<r}) = \frac{\sum_i w_i\, p(y_r \mid \theta_i, y_{<r})}{\sum_i w_i}$$
 
-Where fewer than half of them count, by Kish's $(\sum w)^2 / \sum w^2$, they are drawn again by
-systematic resampling and move by a random walk, shaped by their covariance, on the posterior that
-has the record in it.
+When fewer than half of the particles count, by Kish's $(\sum w)^2 / \sum w^2$, they are resampled
+systematically and moved by a random walk, with a step shape from their covariance, on the posterior
+that includes the record.
 
 Reference: Chopin, Biometrika 89 (2002) 539.
 """
@@ -41,21 +42,21 @@ from jbw.observables.decay import Decays, counting
 from jbw.report.messages import watch
 from jbw.study.study import Study
 
-ENOUGH = 0.5  # share of particles that count, below which they are drawn again and moved
-NUM_MOVES = 5  # of each particle then
-TARGET_ACCEPT = 0.3  # of the moves
+ENOUGH = 0.5  # share of particles that count, below which they are resampled and moved
+NUM_MOVES = 5  # moves of each particle after resampling
+TARGET_ACCEPT = 0.3  # accepted share of the moves to aim for
 LogDensity = Callable[[Float[np.ndarray, "particle d"]], Float[np.ndarray, " particle"]]
 NUM_PARTICLES = 1000
-SAME = 0.5  # nats: what the likelihood that is built anew may stray from the run's own, its sd
+SAME = 0.5  # nats: largest sd of the difference between the rebuilt likelihood and the run's own
 
 
 class Particles(NamedTuple):
-    """A posterior as weighted points.
+    """The weighted points that represent a posterior.
 
     Attributes:
         x: Points.
         log_weight: Logarithms of their weights, which add up to one.
-        log_density: Of each under the posterior that they stand for, up to a constant [nats].
+        log_density: Log density of each point under the posterior, up to a constant [nats].
     """
 
     x: Float[np.ndarray, "particle d"]
@@ -64,21 +65,24 @@ class Particles(NamedTuple):
 
 
 class Update(NamedTuple):
-    """The particles after an update by one record, with its evidence and diagnostics."""
+    """The particles of a posterior after one more record, with evidence and diagnostics."""
 
     particles: Particles
     log_evidence: float  # log p(y_r | y_<r) [nats]
-    kish: float  # share of them that counted with the record's weights
-    accepted: float | None  # share of the moves; None where there were none
+    kish: float  # share of particles that counted, from the record's weights
+    accepted: float | None  # accepted share of the moves; None without moves
 
 
 def particles_of(x: Float[np.ndarray, "particle d"], log_density: LogDensity) -> Particles:
-    """Return the draws of a posterior, all of one weight."""
+    """Return the draws of a posterior as particles of equal weight."""
     return Particles(x, np.full(len(x), -np.log(len(x))), log_density(x))
 
 
 def take_in(rng: np.random.Generator, before: Particles, log_density: LogDensity) -> Update:
-    """Update particles by one record; `log_density` is of the posterior with that record [nats]."""
+    """Update the particles of a posterior by the likelihood of one more record.
+
+    `log_density` is that of the posterior with the record [nats].
+    """
     density = log_density(before.x)
     log_weight = before.log_weight + density - before.log_density
     evidence = float(np.asarray(logsumexp(log_weight)))
@@ -93,7 +97,7 @@ def take_in(rng: np.random.Generator, before: Particles, log_density: LogDensity
 
 
 def evenly(rng: np.random.Generator, particles: Particles) -> Particles:
-    """Resample particles to equal weights; numbers of copies follow the weights to within one."""
+    """Resample particles to equal weights, systematically."""
     num = len(particles.x)
     ends = np.cumsum(np.exp(particles.log_weight))
     rows = np.searchsorted(ends / ends[-1], (rng.uniform() + np.arange(num)) / num)
@@ -132,27 +136,29 @@ def updated(
     seed: int = 0,
     report: Callable[[str], None] = print,
 ) -> xr.DataTree:
-    """Return the draws of the joint's posterior with further free decays, and the evidence of each.
+    """Return the draws of a joint's posterior updated by new free decays, with their evidence.
 
-    The values of a new record count as those of the run do: as many of them as are independent.
-    Its initial state, its noise and its shift of frequency are integrated out.
+    As many values of a new record count as are independent, like those of the run. The posterior is
+    marginal over the record's initial state, noise and frequency shift.
 
     Args:
         study: A finished run that was fitted to free decays alone, from `jbw.load_study`.
-        records: Further records of the same channels, in the order of measurement.
-        num_particles: Draws to carry, evenly from the run's; fewer where it has fewer.
-        seed: Of the resampling and of the moves.
-        report: Called with one sentence a record.
+        records: New records of the same channels, in the order of measurement.
+        num_particles: Number of draws to update, evenly spaced among those of the run; fewer where
+            it has fewer.
+        seed: Seed of the resampling and of the moves.
+        report: A function that is called with one sentence per record.
 
     Returns:
-        `posterior`, draws of one weight with the laws' own parameters and products, and
-        `sequential` by record: `log_evidence`, log p(y_r | y_<r) up to a constant that no law
-        changes [nats], `kish`, the share of particles that counted, and `accepted`, of their moves.
+        `posterior`, draws of equal weight with the laws' own parameters and products; and
+        `sequential` by record: `log_evidence`, log p(y_r | y_<r) up to
+        a constant that no law changes [nats], `kish`, the share of particles that counted, and
+        `accepted`, the accepted share of their moves.
 
     Raises:
-        ConfigError: A float32 session, no record, or a run without its campaign.
-        DataError: A run of other tests than free decays, or whose likelihood cannot be had again;
-            a record of other channels, or shorter than those of the run.
+        ConfigError: The session is in float32, no record is given, or the run lacks its campaign.
+        DataError: The run has tests other than free decays, or its likelihood cannot be rebuilt; or
+            a record has other channels, or is shorter than those of the run.
 
     Examples:
         A fourth impact updates what three determine, a damping ratio of 0.5 / 127.5:
@@ -200,7 +206,7 @@ def updated(
 
 
 def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
-    """Return the data of a run, their single part with its weights, and the test of the records."""
+    """Return the data of a run's fitted decays, with their weights, and their test."""
     require_one_joint(campaign.joints, watch.CARRIED)
     gain = force_per_unit(campaign)
     accepted = usable(campaign.tests, campaign.settings, gain)
@@ -220,7 +226,7 @@ def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
             remedy="Identify the joint again with the new records in its campaign.",
         )
     test, facts = seen.decays.fitted, json.loads(str(study.tree.attrs.get("decay", "{}")))
-    # The run may have refined its solver, and counts as many values as it found independent.
+    # The run may have refined its solver; it counts as many values as it found to be independent.
     substeps = int(facts.get("substeps", 0)) or campaign.settings.substeps
     part = Decays.of(test, laws=data.laws, substeps=substeps)
     part = counting(part, float(facts.get("worth", 1.0)))
@@ -228,7 +234,7 @@ def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
 
 
 def _with_records(part: Decays, test: Test, records: Sequence[Record]) -> Decays:
-    """Return the decays of a run with further records of their kind."""
+    """Return the decays of a run with new records of the same kind."""
     response, fs = test.records[0].response, test.records[0].fs
     for record in records:
         if response not in record.channels or not share_clock(record.fs, fs):
@@ -251,7 +257,7 @@ def _with_records(part: Decays, test: Test, records: Sequence[Record]) -> Decays
 def _density_of(
     data: Dataset, names: Sequence[str], bounds: Float[np.ndarray, "parameter two"]
 ) -> LogDensity:
-    """Log posterior density of points under the run's uniform prior, up to its constant."""
+    """Return a run's log posterior density as a function of points in its parameters."""
 
     def log_posterior(x: Float[np.ndarray, "particle d"]) -> Float[np.ndarray, " particle"]:
         inside = np.all((x >= bounds[:, 0]) & (x <= bounds[:, 1]), axis=1)
@@ -263,7 +269,7 @@ def _density_of(
 
 
 def _require_same(strays: Float[np.ndarray, " particle"]) -> None:
-    """Refuse a likelihood that is not the one that the run drew from."""
+    """Raise an error if the rebuilt likelihood differs from the one that the run drew from."""
     sd = float(np.std(strays))
     if not sd < SAME:
         raise DataError(
@@ -281,7 +287,7 @@ def _tree(
     updates: Sequence[Update],
     records: Sequence[Record],
 ) -> xr.DataTree:
-    """Return the draws as a chain, with what follows from them, and what each record did."""
+    """Return the result of an update: draws as one chain, and each record's evidence."""
     posterior = xr.Dataset(
         {n: (("chain", "draw"), x[None], sampled[n].attrs) for n, x in draws.items()}
     )

@@ -1,16 +1,16 @@
-r"""The statement on a reading: its distance from the reference, and a change of the joint.
+r"""The statement on a reading: its distance from the reference, and any change of the joint.
 
-A change of readings is stated as one of torque, too, where a population of joints says how they go
-with it. Readings y of joints at other torques T change by $g = dy/d\ln T$, one g a draw of the
-population. The mean of n readings behind a change lies by d from that of $n_0$ references of
-covariance S. Then $x = \ln(T'/T)$, expected within a factor of e or so, is by weighted least
-squares
+Where a population of joints provides a trend with torque, a change of readings is also stated as a
+change of torque. Readings y of joints at other torques T change by $g = dy/d\ln T$, with one g per
+draw of the population. The mean of n readings after a change differs by d from that of $n_0$
+references of covariance S. Then $x = \ln(T'/T)$, whose prior standard deviation is a factor of e,
+has by weighted least squares the density
 
 $$p(x \mid d) \propto N(x; 0, 1) \sum_s \Bigl(1 + \frac{q_s(x)}{n_0 - 1}\Bigr)^{-n_0/2}, \qquad
   q_s(x) = (d - g_s x)^T \Bigl[\Bigl(\frac1n + \frac1{n_0}\Bigr) S\Bigr]^{-1} (d - g_s x)$$
 
-with Student's t in the normal's place, for S is known from $n_0$ readings. The trend is a straight
-one in ln T.
+with Student's t in place of the normal, since S is estimated from $n_0$ readings. The trend is
+linear in ln T.
 """
 
 from collections.abc import Sequence
@@ -31,20 +31,21 @@ from jbw.watch.hotelling import (
     threshold,
 )
 
-PLACES = np.linspace(-4.0, 4.0, 8001)  # of x: four standard deviations of what is expected
+PLACES = np.linspace(-4.0, 4.0, 8001)  # values of x, up to four standard deviations of its prior
 QUANTILES = (0.005, 0.5, 0.995)
-UNEXPLAINED = 0.01  # probability of what the best torque leaves, below which none explains it
-LEVEL = 0.99  # of intervals
+# Probability of the residual at the best torque, below which no torque explains the change.
+UNEXPLAINED = 0.01
+LEVEL = 0.99  # probability of intervals
 
 
 class Trend(NamedTuple):
-    """How readings at fixed amplitudes go with torque.
+    """The trend of readings at fixed amplitudes with the torque of the joint.
 
     Attributes:
-        torque: Of the watched joint before any change [N m].
-        slopes: Of a reading's values on ln T, a row a draw of the population.
-        least: Smallest torque that the population knows [N m].
-        most: Largest.
+        torque: Torque of the monitored joint before any change [N m].
+        slopes: Slopes of a reading's values on ln T, one row per draw of the population.
+        least: Smallest torque of the population's units [N m].
+        most: Largest torque of the population's units [N m].
     """
 
     torque: float
@@ -54,24 +55,24 @@ class Trend(NamedTuple):
 
 
 class TorqueChange(NamedTuple):
-    """A change of readings as one of torque [N m]."""
+    """A change of readings stated as a change of torque [N m]."""
 
     before: float
     after: float  # median
     low: float  # 99 % interval
     high: float
-    explained: bool  # whether frequency and damping changed as with some torque
-    inside: bool  # whether the median lies between the torques that the population knows
+    explained: bool  # whether some torque explains the change of both frequency and damping
+    inside: bool  # whether the median lies between the torques of the population
 
 
 class Change(NamedTuple):
     """The change since the reference, estimated from the readings after the change."""
 
-    first: int  # number of the first reading behind it, counted over the watched from 1
-    frequency: tuple[float, float, float]  # [Hz], with its 99 % interval
-    damping: tuple[float, float, float]  # as a part of it
+    first: int  # number of the first reading after the change, counted over watched readings from 1
+    frequency: tuple[float, float, float]  # change [Hz], with its 99 % interval
+    damping: tuple[float, float, float]  # relative change, with its 99 % interval
     direction: str
-    torque: TorqueChange | None = None  # that it is like, by a population
+    torque: TorqueChange | None = None  # equivalent change of torque, from a population
 
 
 class Statement(NamedTuple):
@@ -96,18 +97,18 @@ def state(
 ) -> Statement:
     """Return the statement on the last watched reading, alone and with the readings before it.
 
-    Of an unchanged joint a reading by itself alarms at the rate r, `false_alarms`, and their run
+    Without a change, a single reading alarms at the rate r, `false_alarms`. The sequence alarms
     among n readings with a probability of r / (1 - r)^(n + 1) at most, as the hazard is r, too.
-    That bound is far: with 20 references and r = 0.01 a record alarms by either at the rate 1.00 r
-    at first, at 0.94 r after thirty, and of sequences of thirty 21 % alarm somewhere.
+    That bound is loose: with 20 references and r = 0.01 a record alarms by either test at the rate
+    1.00 r at first, and at 0.94 r after thirty; 21 % of sequences of thirty alarm somewhere.
 
     Args:
-        references: Readings without change.
-        watched: All readings since then, in their order.
-        false_alarms: Rate of false alarms.
-        noise_covariance: Covariance of the last reading by its own noise.
-        reference_noise: Covariance of the references by their own noise.
-        trend: How readings go with torque, where a population says so.
+        references: Readings without change, one row each.
+        watched: All readings since then, in order.
+        false_alarms: Rate of false alarms per reading.
+        noise_covariance: Covariance of the last reading from its own noise.
+        reference_noise: Covariance of the references from their own noise.
+        trend: Trend of readings with torque, where a population provides it.
     """
     reference = reference_of(references)
     num, p = references.shape
@@ -127,8 +128,8 @@ def state(
     ]
     change = None
     if alarms:
-        # Runs of one reading or more that began behind the reference; the last stands for none,
-        # and a drift is dated by the likeliest.
+        # Runs of at least one reading that began after the reference; the last entry means no
+        # change. The most probable one dates a drift.
         length = int(np.argmax(run.probability[1:-1])) + 1
         behind = watched[-length:]
         change = change_of(reference, behind, len(watched) - length + 1)
@@ -141,7 +142,7 @@ def state(
 
 
 def change_of(reference: ReferenceReadings, behind: Float[np.ndarray, "n p"], first: int) -> Change:
-    """Return the change of frequency and damping against the reference, by Student's t."""
+    """Return the change of frequency and damping from the reference, with Student's t intervals."""
     away = behind.mean(axis=0) - reference.mean
     sd = np.sqrt(np.diag(reference.covariance) * (1 / len(behind) + 1 / reference.num))
     reach = student.ppf((1 + LEVEL) / 2, reference.num - 1) * sd
@@ -152,7 +153,7 @@ def change_of(reference: ReferenceReadings, behind: Float[np.ndarray, "n p"], fi
 
 
 def _direction(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]) -> str:
-    """Return the direction of a change that 99 % intervals show, such as looser.
+    """Return in which direction a joint has changed, such as looser, from 99 % intervals.
 
     Loosening lowers the frequency and raises the damping.
     """
@@ -166,7 +167,10 @@ def _direction(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]) -> s
 
 
 def sentence(statement: Statement, names: Sequence[str], num_reference: int) -> str:
-    """Return a statement in words; `names` are those of the watched records."""
+    """Return the sentence on a watched reading: alarm, change and numbers.
+
+    `names` are those of the watched records.
+    """
     numbers = watch.distances(
         statement.squared, statement.threshold, num_reference, statement.unchanged
     )
@@ -180,7 +184,7 @@ def sentence(statement: Statement, names: Sequence[str], num_reference: int) -> 
 
 
 def as_plain(statement: Statement) -> dict[str, Any]:
-    """Return a statement as a line of the log has it."""
+    """Return the statement on a reading as plain values for the log."""
     plain, change = statement._asdict(), statement.change
     if change is None:
         return plain
@@ -191,13 +195,13 @@ def as_plain(statement: Statement) -> dict[str, Any]:
 def torque_after(
     away: Float[np.ndarray, " p"], reference: ReferenceReadings, num: int, trend: Trend
 ) -> TorqueChange:
-    """Return the torque that readings behind a change are like.
+    """Return the torque that explains the readings after a change, with its 99 % interval.
 
     Args:
-        away: Their mean less that of the references.
+        away: Mean of the readings minus that of the references.
         reference: Readings without change.
-        num: How many they are.
-        trend: How readings go with torque.
+        num: Number of readings after the change.
+        trend: Trend of readings with torque.
     """
     weight = np.linalg.inv(reference.covariance * (1 / num + 1 / reference.num))
     slopes, freedom = trend.slopes, reference.num - 1
@@ -207,7 +211,7 @@ def torque_after(
     density = np.mean((1 + residual_square / freedom) ** (-(freedom + 1) / 2), axis=0)
     mass = np.cumsum(density * np.exp(-(PLACES**2) / 2))
     low, middle, high = trend.torque * np.exp(np.interp(QUANTILES, mass / mass[-1], PLACES))
-    # `tail` is that of one further reading, whose covariance is (1 + 1/n_0) S.
+    # `tail` expects one new reading, whose covariance is (1 + 1/n_0) S.
     rest = tail(residual_square.min() * (1 + 1 / reference.num), len(away), reference.num)
     return TorqueChange(
         trend.torque, float(middle), float(low), float(high),
@@ -216,7 +220,7 @@ def torque_after(
 
 
 def words_of(change: TorqueChange) -> str:
-    """Return a change of torque as the end of a sentence."""
+    """Return the clause on an equivalent change of torque, for the end of a sentence."""
     after = change.after, change.low, change.high
     return watch.torque_change(
         change.before, after, within_fleet=change.inside, is_explained=change.explained

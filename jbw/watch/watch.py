@@ -1,6 +1,7 @@
-"""A watch: records of a run's kind read one after the other, and what is stated of each.
+"""The monitoring of a joint: records are read one after the other, with a statement on each.
 
-Its log is `watch.jsonl`: a line a record, appended whole, and what a crash cut off set aside.
+The log is `watch.jsonl`, with one line per record, appended completely; a line cut by a crash is
+set aside.
 """
 
 import json
@@ -29,13 +30,14 @@ from jbw.watch.statement import Trend, as_plain, sentence, state
 
 FORMAT = 1
 FALSE_ALARMS = 1e-3  # rate of false alarms, where none is stated
-SPARE = 2  # references beyond the values of a reading, the fewest that are waited for
-FEW = 20  # references below which one amplitude is better than two
+SPARE = 2  # references in addition to the number of values of a reading: the fewest to wait for
+FEW = 20  # With fewer references one amplitude is better than two.
 Say = Callable[[str], None]
-# Torque before any change [N m] where it is stated, amplitudes, and the test, to the trend.
+# A function from the torque before any change [N m] (if stated), the amplitudes and the test to the
+# trend.
 TrendAt = Callable[[float | None, Sequence[float], Test], Trend]
 LOG_NAME = "watch.jsonl"
-TORN = "watch.torn"  # beside it: lines that a crash cut, as they were found
+TORN = "watch.torn"  # file next to the log, for lines that a crash cut
 Entry = dict[str, Any]
 
 
@@ -43,15 +45,15 @@ Entry = dict[str, Any]
 class Wishes:
     """The requested settings of a watch; None keeps the present setting, or the default."""
 
-    amplitudes: tuple[float, ...] | None = None  # peak, in the unit of the response
-    false_alarms: float | None = None  # rate of false alarms a record
-    num_reference: int | None = None  # records without change
-    test: str | None = None  # name of the test whose kind the records are
+    amplitudes: tuple[float, ...] | None = None  # peak amplitudes in the unit of the response
+    false_alarms: float | None = None  # rate of false alarms per record
+    num_reference: int | None = None  # number of records without change
+    test: str | None = None  # name of the test whose kind and settings the records share
 
 
 @dataclass(frozen=True)
 class Watched:
-    """A watch after a call: its whole log, and the entries of the records of this call."""
+    """The state of a watch after a call: settings, all readings and this call's entries."""
 
     settings: Entry
     readings: list[Entry]
@@ -62,22 +64,22 @@ def watch(
     folder: Path, files: Sequence[Path], wishes: Wishes, *, campaign: Path | None = None,
     trend_at: TrendAt | None = None, say: Say = print,
 ) -> Watched:  # fmt: skip
-    """Read records, state of each whether the joint has changed, and append both to the log.
+    """Read records, state for each whether the joint has changed, and append both to the log.
 
     The records of the run's own campaign come first, as references.
 
     Args:
-        folder: Of a finished run.
-        files: Records to add, in the order in which they were measured.
-        wishes: How to begin, on the first call.
-        campaign: The run's campaign file, where it has moved.
-        trend_at: How readings go with torque, where a change is to be stated as one of torque, too:
-            `trend_of` of a fleet.
-        say: Called with one sentence about whatever is unusual.
+        folder: Folder of a finished run.
+        files: Files of records to add, in the order of measurement.
+        wishes: Settings of the watch, on the first call.
+        campaign: The run's campaign file, if it was moved.
+        trend_at: A function such as `trend_of` with a fleet, which returns the trend of readings
+            with torque; with it a change is also stated as a change of torque.
+        say: A function that is called with one sentence about anything unusual.
 
     Raises:
-        ConfigError: Wishes that are not those that the watch began with, or make none.
-        DataError: A run without free decays, or without enough records that can be compared.
+        ConfigError: The settings differ from those at the beginning of the watch, or are invalid.
+        DataError: The run has no free decays, or too few comparable records.
     """
     with locked_log(folder) as path:
         torn = set_aside(path)
@@ -102,7 +104,8 @@ def watch(
         keeper = _Keeper(path, settings, campaign_test, say, entries, trend)
         identities = {entry["id"] for entry in entries if entry["kind"] != "settings"}
         for identity, record in _identified(campaign_test.records):
-            if identity not in identities:  # all of them on the first call, or after a crash in it
+            # These are all records on the first call, or after it crashed.
+            if identity not in identities:
                 keeper.take(identity, record)
         added: list[Entry] = []
         for file in files:
@@ -111,7 +114,7 @@ def watch(
 
 
 class _Keeper:
-    """The log of a watch while records are added to it."""
+    """The log of a watch, which grows while a call adds records to it."""
 
     def __init__(
         self, path: Path, settings: Entry, test: Test, say: Say, entries: Sequence[Entry],
@@ -121,7 +124,7 @@ class _Keeper:
         self.entries, self.trend = list(entries), trend
 
     def take(self, identity: str, record: Record) -> Entry:
-        """Read a record, state what there is to state, and append it; or that it is refused."""
+        """Read a record and append its statement to the log, or the reason why it is refused."""
         try:
             measured = reading(record, self.test, self.settings["amplitudes"])
         except DataError as error:
@@ -141,7 +144,7 @@ class _Keeper:
         return self._append(entry)
 
     def refuse(self, identity: str, name: str, error: JbwError) -> Entry:
-        """Note a record that cannot be read or compared, and say why."""
+        """Append to the log that a record cannot be read or compared, and report why."""
         reason = " ".join(str(error).split())
         self.say(f"warning: refused: {reason}")
         return self._append(
@@ -171,7 +174,7 @@ def _stated(
 def _of_file(
     file: Path, table: TestSpec, spec: CampaignSpec, place: Path, keeper: _Keeper
 ) -> list[Entry]:
-    """Take the records of a file that was measured as those of the test were."""
+    """Read the records of a file for a watch, and return their log entries."""
     file_spec = table.model_copy(update={"files": (str(file.absolute()),), "exclude": ()})
     try:
         test = load_test(file_spec, place, per_unit=force_per_unit(spec), allow_outside=True)
@@ -190,7 +193,7 @@ def _of_file(
 
 
 def _identified(records: Sequence[Record]) -> list[tuple[str, Record]]:
-    """Return records with the hash of their file and place in it, so that each counts once."""
+    """Return each record with an identity, the hash of its file and its place in it."""
     count: dict[str, int] = {}
     identified = []
     for record in records:
@@ -201,7 +204,7 @@ def _identified(records: Sequence[Record]) -> list[tuple[str, Record]]:
 
 
 def _decay_test(spec: CampaignSpec, name: str | None) -> TestSpec:
-    """Return the test of free decays that is watched, by its name or the only one."""
+    """Return the watched test of free decays: the one with the given name, or the only one."""
     decays = {test.name: test for test in spec.tests if KINDS[test.kind].is_free}
     if name is not None and name not in decays:
         raise ConfigError(
@@ -263,7 +266,7 @@ def _begun(test: Test, name: str, wishes: Wishes) -> Entry:
 
 
 def _comparable(test: Test, amplitudes: Sequence[float]) -> int:
-    """Return how many of the campaign's records can be read at the amplitudes."""
+    """Count the campaign's records that can be read at the amplitudes of a watch."""
     count = 0
     for record in test.records:
         try:
@@ -275,7 +278,7 @@ def _comparable(test: Test, amplitudes: Sequence[float]) -> int:
 
 
 def _require_same(settings: Entry, wishes: Wishes) -> None:
-    """Refuse wishes that are not those that a watch began with."""
+    """Raise an error if requested settings differ from those at the beginning of a watch."""
     began = {
         "--amplitude": (wishes.amplitudes, tuple(settings["amplitudes"])),
         "--false-alarms": (wishes.false_alarms, settings["false_alarms"]),
@@ -310,10 +313,10 @@ def locked_log(folder: Path) -> Iterator[Path]:
 
 
 def read_log(path: Path) -> list[Entry]:
-    """Return every entry of a log, the oldest first; none where there is no log.
+    """Return every entry of a watch's log, oldest first; an empty list if there is no log.
 
     Raises:
-        RunError: A line that is no entry, other than the last, which `set_aside` takes away.
+        RunError: A line is no valid entry (`set_aside` removes an incomplete last line before).
     """
     if not path.exists():
         return []
@@ -336,7 +339,7 @@ def read_log(path: Path) -> list[Entry]:
 
 
 def set_aside(path: Path) -> str | None:
-    """Move a last line that a crash cut off to `watch.torn`; what to say of it, None if whole."""
+    """Move an incomplete last line of a watch's log to `watch.torn`; return a warning, or None."""
     content = path.read_bytes() if path.exists() else b""
     complete, mark, torn = content.rpartition(b"\n")
     if not torn:
@@ -345,7 +348,7 @@ def set_aside(path: Path) -> str | None:
     try:
         _append_bytes(
             torn_path, torn + b"\n"
-        )  # first kept, then cut: a crash between leaves it twice
+        )  # The line is saved before it is cut: after a crash in between it exists twice.
         with path.open("rb+") as stream:
             stream.truncate(len(complete) + len(mark))
             os.fsync(stream.fileno())
@@ -355,7 +358,7 @@ def set_aside(path: Path) -> str | None:
 
 
 def append(path: Path, entry: Mapping[str, Any]) -> None:
-    """Add an entry by one write, which reaches the disk before this returns."""
+    """Append an entry to a watch's log by one write, which reaches the disk before this returns."""
     line = json.dumps(entry, ensure_ascii=False, allow_nan=False) + "\n"
     try:
         _append_bytes(path, line.encode())
@@ -367,7 +370,8 @@ def _append_bytes(path: Path, content: bytes) -> None:
     handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     try:
         written = os.write(handle, content)
-        if written < len(content):  # a full disk: the next call sets the half line aside
+        # The disk is full; the next call sets the incomplete line aside.
+        if written < len(content):
             raise OSError(f"only {written} of {len(content)} bytes were written")
         os.fsync(handle)
     finally:

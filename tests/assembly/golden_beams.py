@@ -1,4 +1,4 @@
-"""The lapped beams of the golden numbers: matrices, joints and reductions with nothing of jbw."""
+"""The lapped beams of the golden numbers: matrices, joints and reductions without code of jbw."""
 
 import json
 from pathlib import Path
@@ -14,7 +14,7 @@ CASES = json.loads(FILE.read_text(encoding="utf-8"))["beams"]["cases"]
 
 
 def symmetric(lower):
-    """A matrix of its lower triangle, as triples."""
+    """Return a symmetric matrix from its lower triangle, given as triples."""
     size = 1 + max(row for row, _, _ in lower)
     matrix = np.zeros((size, size))
     for i, j, entry in lower:
@@ -38,13 +38,13 @@ def joints(case):
 
 
 def up_to(case, count):
-    """A frequency [Hz] between the last kept mode and the next."""
+    """Return a frequency [Hz] between the last kept mode and the next."""
     omega = case["omega"]
     return (omega[count - 1] + omega[count]) / (4 * np.pi)
 
 
 def reduced(case, count, *, places=None, **options):
-    """The golden beams with so many kept modes; residual modes as fast as they are."""
+    """Return the golden beams with `count` kept modes; residual modes stay as fast as they are."""
     mass, stiffness = matrices(case)
     return reduce(
         matrix_model(mass, stiffness, units="SI"),

@@ -1,4 +1,4 @@
-"""A cantilevered plate in plane stress as a mesh of bilinear elements: matrices of any size."""
+"""A cantilevered plate in plane stress as a mesh of bilinear elements, for matrices of any size."""
 
 import numpy as np
 import scipy.sparse as sp
@@ -8,7 +8,7 @@ from jbw.assembly.matrices import matrix_model
 
 
 def element(size, thickness=0.01, modulus=70e9, poisson=0.33, density=2700.0):
-    """Consistent mass and stiffness of a square element, by 2 x 2 points of Gauss."""
+    """Return the consistent mass and stiffness of a square element, by 2 x 2 Gauss points."""
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     elastic = np.array([[1, poisson, 0], [poisson, 1, 0], [0, 0, (1 - poisson) / 2]])
     elastic *= modulus / (1 - poisson**2)
@@ -31,13 +31,13 @@ def element(size, thickness=0.01, modulus=70e9, poisson=0.33, density=2700.0):
 
 
 def plate(columns, rows, size=0.01):
-    """A plate clamped at x = 0 with two elastic joints to a strip: matrices, joints, input, tip."""
+    """Return a plate clamped at x = 0 with two elastic joints: matrices, joints, input, tip."""
     mass, stiffness = element(size)
     number = np.arange((columns + 1) * (rows + 1)).reshape(columns + 1, rows + 1)
     corners = np.stack(
         (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]), axis=-1
     ).reshape(-1, 4)
-    # A slit of half the width cuts the plate at mid-length; two joints lie across it.
+    # A slit of half the width cuts the plate at mid-length; two joints bridge it.
     slit = columns // 2
     doubled = {int(number[slit, j]): number.size + j for j in range(rows // 2)}
     cut = corners[:, 0] // (rows + 1) >= slit

@@ -1,4 +1,4 @@
-"""A folder of records with one fault of each kind, and what `jbw check` must say of each.
+"""A folder of records with one fault of each kind, and the required answers of `jbw check`.
 
 The rows are numbered as in the project's list of bad inputs: 1-24 are faults of records, 46-54 of
 files. Every fault is one test of one campaign, named by its row.
@@ -46,15 +46,16 @@ from faulty_records import (
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault: how to write it, and what the check must say.
+    """One fault: how to write it, and the required answer of the check.
 
     Attributes:
-        row: Row of the list of bad inputs, and what is wrong.
-        write: Writes the files into a folder and returns the keys of the [[test]] table.
-        status: ok, warning or error.
-        says: What the message must hold.
-        remedy: What the remedy must hold.
-        role: Channel that the message must stand at; empty when any.
+        row: Row in the list of bad inputs, and the fault.
+        write: Function that writes the files into a folder and returns the keys of the [[test]]
+            table.
+        status: Required status: ok, warning or error.
+        says: Text that the message must contain.
+        remedy: Text that the remedy must contain.
+        role: Channel to which the message must belong; empty for any.
     """
 
     row: str
@@ -66,8 +67,8 @@ class Fault:
 
 
 BAND = [30.0, 50.0]
-# The modal mass as the response shows it misses 5 % of its integral outside the lines looked at, so
-# factors of 1000 and 9.81 read as 949 and 1 / 0.0968.
+# The modal mass from the response lacks 5 % of its integral outside the evaluated lines, so that
+# factors of 1000 and 9.81 are read as 949 and 1 / 0.0968.
 FAULTS = (
     Fault("0: nothing", noise(good(), ".h5", band=BAND), "ok"),
     Fault("1: one NaN", spoilt("velocity", with_nan(1)), "error", f"1 of {N}", "span", "velocity"),
@@ -144,7 +145,7 @@ FAULTS = (
 
 
 def write_folder(folder: Path) -> Path:
-    """Write every fault into a folder of its own below, and one campaign file over all."""
+    """Write every fault into a separate folder, and one campaign file for all."""
     blocks = [f'[campaign]\nname = "faults"\ngain = {GAIN}\n']
     for i, fault in enumerate(FAULTS):
         below = folder / f"{i:02d}"

@@ -1,4 +1,4 @@
-"""Records with a fault: each function writes files and gives the keys of their [[test]] table."""
+"""Records with one fault each: a function writes files and returns the keys of their [[test]]."""
 
 from itertools import count
 
@@ -11,16 +11,16 @@ from jbw.measurement.records import Record
 
 FS = 1024.0
 N = 2**14
-GAIN = 2.0  # N/kg/V, of the oscillator that answers here
+GAIN = 2.0  # N/kg/V, of the oscillator whose response is written
 T = np.arange(N) / FS
 UNITS = {"input": "V", "velocity": "m/s"}
-SIZES = count(1)  # so that no two records of the folder are the same samples
+SIZES = count(1)  # ensures that no two records of the folder have the same samples
 
 
 def respond(u, f_n=40.0, zeta=0.01, fs=FS, order=1):
-    """Steady response of one mode to a periodic input, in closed form; order 1 is the velocity.
+    """Return the steady periodic response of one mode, in closed form; order 1 is the velocity.
 
-    Each is larger than the one before by 1e-12 of itself.
+    Each response is larger than the previous one by a relative 1e-12.
     """
     omega, omega_n = 2 * np.pi * np.fft.rfftfreq(len(u), 1 / fs), 2 * np.pi * f_n
     h = GAIN * (1j * omega) ** order / (omega_n**2 - omega**2 + 2j * zeta * omega_n * omega)
@@ -37,7 +37,7 @@ def good(seed=0):
 
 
 def tone(hz=5.03, third=1e-2, noise=0.0, seed=0):
-    """A tone with a third harmonic that is no line of the transform."""
+    """Return a tone with a third harmonic, at no spectral line of the record."""
     phase = 2 * np.pi * hz * T
     y = 1e-3 * (np.cos(phase) + third * np.cos(3 * phase + 0.4))
     y += noise * np.random.default_rng(seed).normal(size=N)
@@ -45,7 +45,7 @@ def tone(hz=5.03, third=1e-2, noise=0.0, seed=0):
 
 
 def noise(channels, suffix=".npz", fs=FS, units=UNITS, **keys):
-    """A noise test in one file."""
+    """Return a function that writes a noise test into one file."""
 
     def write(folder):
         path = folder / f"noise{suffix}"
@@ -73,7 +73,7 @@ def tones(channels, hz=(5.03,), fs=FS, **keys):
 
 
 def spoilt(role, change, **keys):
-    """The good record with one channel changed."""
+    """Return the writer of the good record with one channel changed."""
     channels = good()
     channels[role] = change(channels[role].copy())
     return noise(channels, **keys)
@@ -88,7 +88,7 @@ def with_nan(share):
 
 
 def timed(change):
-    """The good record with a time column, changed."""
+    """Return the writer of the good record with a changed time column."""
     return noise({"time": change(T.copy()), **good()}, fs=None, units=UNITS)
 
 
@@ -132,7 +132,7 @@ def lengths(folder):
 
 
 def lightly_damped():
-    # zeta f_n = 0.04 Hz, less than the 1/16 Hz that the record resolves.
+    # zeta f_n is 0.04 Hz, less than the 1/16 Hz that the record resolves.
     u = drive()
     return {"input": u, "velocity": respond(u, zeta=0.001)}
 

@@ -12,15 +12,15 @@ FULL_SCALE = {"force": 32.0, "velocity": 2.0, "displacement": 1 / 64, "restoring
 
 @dataclass(frozen=True)
 class Format:
-    """One way to write a record.
+    """One file format, and the function that writes a record in it.
 
     Attributes:
-        suffix: Of the file.
-        write: write(path, record).
-        path: Role to the channel's path in the file; `{role}`, `{i}` and `{n}` are filled in.
-        rtol: What the format leaves of a sample.
-        curves: Whether it can hold a response curve, which has no time.
-        keys: More keys of the campaign's test.
+        suffix: Suffix of the file.
+        write: Function write(path, record).
+        path: Path of a role's channel in the file; `{role}`, `{i}` and `{n}` are filled in.
+        rtol: Relative rounding error of a sample in the format.
+        curves: Whether the format can store a response curve, which has no time.
+        keys: Additional keys of the campaign's test.
     """
 
     suffix: str
@@ -31,22 +31,22 @@ class Format:
     keys: dict = field(default_factory=dict)
 
     def channels(self, record):
-        """Role to path in the file."""
+        """Return the path in the file of each role."""
         return {role: self.path.format(role=role, i=i) for i, role in enumerate(record.channels)}
 
 
 def npz(path, record):
-    """Arrays by name."""
+    """Write the channels as arrays by name."""
     np.savez(path, **record.channels)
 
 
 def mat_5(path, record):
-    """A struct, as `save` of MATLAB before -v7.3 writes it."""
+    """Write a struct, as `save` of MATLAB before -v7.3 does."""
     scipy.io.savemat(path, {"run": {"data": dict(record.channels)}}, do_compression=True)
 
 
 def mat_73(path, record):
-    """HDF5 behind MATLAB's own header, rows and columns swapped."""
+    """Write HDF5 after MATLAB's own header, with rows and columns swapped."""
     with h5py.File(path, "w", userblock_size=512) as file:
         group = file.create_group("run")
         group.attrs["MATLAB_class"] = np.bytes_("struct")
@@ -58,7 +58,7 @@ def mat_73(path, record):
 
 
 def csv(path, record, digits=17, separator=",", comma=False):
-    """A header of names, then rows that begin with the time, or in a curve with the frequency."""
+    """Write a header of names, then rows that begin with the time, or with a curve's frequency."""
     columns = dict(record.channels)
     if np.isfinite(record.fs):
         columns = {"time": np.arange(record.num_samples) / record.fs, **columns}
@@ -69,19 +69,19 @@ def csv(path, record, digits=17, separator=",", comma=False):
 
 
 def csv_of_europe(path, record):
-    """Decimal commas between semicolons, nine digits."""
+    """Write decimal commas between semicolons, with nine digits."""
     csv(path, record, digits=9, separator=";", comma=True)
 
 
 def wav(path, record):
-    """32-bit integers of full scale: a power of two, so that the 24 bits of a converter survive."""
+    """Write 32-bit integers, scaled by a power of two so that a converter's 24 bits survive."""
     parts = [samples / FULL_SCALE[role] for role, samples in record.channels.items()]
     whole = np.rint(np.stack(parts, axis=1) * 2.0**31).astype(np.int32)
     scipy.io.wavfile.write(path, round(record.fs), whole)
 
 
 def uff(path, record):
-    """Type 58, binary, a set a channel, through pyuff."""
+    """Write one binary set of type 58 per channel, through pyuff."""
     pyuff = __import__("pyuff")
     file = pyuff.UFF(str(path))
     for role, samples in record.channels.items():
@@ -98,7 +98,7 @@ def uff(path, record):
 
 
 def tdms(path, record):
-    """Channels of a group, with the step of their waveform."""
+    """Write the channels of a group, with the time step of their waveform."""
     nptdms = __import__("nptdms")
     with nptdms.TdmsWriter(path) as writer:
         for role, samples in record.channels.items():

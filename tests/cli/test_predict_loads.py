@@ -10,7 +10,7 @@ import xarray as xr
 
 from jbw import parts
 from jbw.cli import run
-from jbw.cli.loads import rows_of as rows_of_load
+from jbw.report.load_section import load_rows
 
 OMEGA_N, ZETA, GAIN = 118.0, 0.01, 15.0
 LINEAR = {"omega_n": OMEGA_N, "zeta": ZETA, "alpha": 1e-6, "delta": 1.0, "gamma": 1.0}
@@ -80,7 +80,7 @@ def test_loads_that_were_finished_before_a_full_disk_are_not_predicted_again(
 
 def test_a_row_has_the_ends_of_its_band_in_their_order():
     values = {"peak": ("quantile", [1.0, 2.0, 4.0], {"units": "m"})}
-    (row,) = rows_of_load("shock", xr.Dataset(values, attrs={"source_unit": "N"}))
+    (row,) = load_rows("shock", xr.Dataset(values, attrs={"source_unit": "N"}))
     assert (row["low"], row["median"], row["high"], row["level"]) == (1.0, 2.0, 4.0, None)
 
 

@@ -1,9 +1,9 @@
-"""Small files in the dialects of recorders, written by this script alone: none is a recorder's own.
+"""Small files in the dialects of recorders, all written by this script, none by a recorder.
 
-A dialect is a function that writes one file into a folder, and the line above it says what a draft
-must find there: force in N and velocity in m/s at 1024 Hz unless it says otherwise. What each rests
-on stands in the docstring of its recorder. To add a file of your own, put it into `files/` and a
-line into `files/expected.toml`.
+A dialect is a function that writes one file into a folder. The decorator above it states what a
+draft must find in the file: force in N and velocity in m/s at 1024 Hz unless it says otherwise. The
+docstring of each recorder states the sources of its dialect. To add a file of your own, put it into
+`files/` and a line into `files/expected.toml`.
 """
 
 import datetime
@@ -28,7 +28,7 @@ LEAST_FORCE, LEAST_VELOCITY = FORCE[::2], VELOCITY[::2]
 
 @dataclass(frozen=True)
 class Dialect:
-    """A file and what a draft must find in it."""
+    """One file in a dialect, and what a draft must find in it."""
 
     write: object
     file: str
@@ -38,14 +38,14 @@ class Dialect:
     roles: tuple[str, ...] = ("force", "velocity")
     asks: bool = False  # whether the draft asks a question
     truth: dict = field(default_factory=dict)
-    rtol: float = 2e-5  # of the largest sample, as the digits allow
+    rtol: float = 2e-5  # relative to the largest sample, as the number of digits allows
 
 
 DIALECTS: dict[str, Dialect] = {}
 
 
 def dialect(file, recorder="plain text", **expected):
-    """Put a writer into the table."""
+    """Return a decorator that puts a writer of files into the table of dialects."""
 
     def put(write):
         DIALECTS[write.__name__] = Dialect(write, file, recorder, **expected)

@@ -1,4 +1,4 @@
-"""The joints of `golden_forced.json` in the parameters of jbw's laws."""
+"""The joints of `golden_forced.json` with the parameters of jbw's laws."""
 
 import json
 from pathlib import Path
@@ -10,7 +10,7 @@ BOUC_WEN, IWAN4, JENKINS = (GOLDEN["parameters"][name] for name in ("bouc_wen", 
 
 
 def parameters(law):
-    """Parameters of a law by the names in jbw, and the name of the law."""
+    """Return a law's parameters by their names in jbw, and the name of the law."""
     if law == "bouc_wen":
         return dict(BOUC_WEN), "bouc_wen"
     if law == "jenkins":

@@ -1,4 +1,4 @@
-"""Files that several tests of the readers start from."""
+"""The files from which several tests of the readers start."""
 
 import pytest
 from tone_file import DRIVE, FS, LASER, ROLES, UNITS

@@ -1,4 +1,4 @@
-"""A steady tone as two channels of a file, and how to expect its refusal."""
+"""A steady tone as two channels of a file, and a function that expects its refusal."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ UNITS_V = {"velocity": "m/s"}
 
 
 def refused(path, *args, error=DataError, **kwargs):
-    """The error of reading, with its what and remedy."""
+    """Return the error of reading a file, with its text and remedy."""
     with pytest.raises(error) as caught:
         read(path, *args, **kwargs)
     return caught.value

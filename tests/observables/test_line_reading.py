@@ -29,6 +29,12 @@ def theta(**changes):
     return {name: jnp.asarray(value) for name, value in {**TRUTH, **changes}.items()}
 
 
+def test_the_largest_displacement_is_a_quantile_of_rayleighs_amplitudes():
+    sigma = 4e-4
+    shown = LineReading.of(np.ones(3), np.eye(3), sigma).shown()
+    assert shown.y_peak == pytest.approx(stats.rayleigh.ppf(0.99, scale=sigma), rel=1e-12)
+
+
 def test_the_average_over_amplitudes_is_rayleighs():
     """Monte Carlo over the amplitudes in place of quadrature."""
     sigma = 4e-4

@@ -1,11 +1,11 @@
-"""Motion of an oscillator under joined lines of input, by SciPy alone."""
+"""The motion of an oscillator under a linearly interpolated input, by SciPy alone."""
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
 
 def scipy_motion(force, stiffness, damping, u, fs, rate=None, memory=0.0):
-    """y, v and a memory of rate(v, m) at the samples, for y'' + d y' + k y + F(y, v, m) = u."""
+    """Return y, v and a memory of rate(v, m) of y'' + d y' + k y + F(y, v, m) = u at samples."""
     state, found = np.array([0.0, 0.0, memory]), []
     for before, after in zip(u, [*u[1:], 0.0], strict=True):
         found.append(state)

@@ -1,11 +1,11 @@
-r"""Units scattered normally about a line in their covariates: closed forms, a scatter unknown.
+r"""Units that vary normally about a line in covariates, in closed form or with unknown variation.
 
-Unit k with covariates x_k, whose own posterior is summarised by m_k and C_k:
+The posterior of unit k with covariates x_k is summarised by m_k and C_k:
 
 $$m_k \sim N(B x_k,\ T + C_k), \qquad \mathrm{vec}\,B \sim N(b_0, P_0)$$
 
-T is the scatter between units. Of one coordinate T = tau^2 is integrated over its half-normal prior
-by quadrature, many populations at once.
+T is the covariance between units. For one coordinate T = tau^2 is integrated over its half-normal
+prior by quadrature, for many populations at once.
 """
 
 from typing import NamedTuple
@@ -16,16 +16,18 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 Array = NDArray[np.float64]
-NUM_NODES = 400  # of the scatter's quadrature, exact to 1e-10 where the data leave it a width
-REACH = 3.0  # square root of the largest scatter over its prior's, beyond which are 1e-18 of it
+# Nodes of the quadrature over tau, exact to 1e-10 where the data determine it with a finite width.
+NUM_NODES = 400
+# Square root of the largest tau relative to its prior's scale; 1e-18 of the prior is beyond.
+REACH = 3.0
 
 
 class TrendLine(NamedTuple):
-    """What is known of the line B where the scatter is given.
+    """The posterior of the line B for a given covariance between units.
 
     Attributes:
-        mean: Of vec B, coordinate by coordinate.
-        cov: Its covariance.
+        mean: Mean of vec B, coordinate by coordinate.
+        cov: Covariance of vec B.
         log_marginal: Log density of all m_k.
     """
 
@@ -42,7 +44,7 @@ def line(
     prior_mean: Float[np.ndarray, " coefficient"],
     prior_cov: Float[np.ndarray, "coefficient coefficient"],
 ) -> TrendLine:
-    """Posterior of the line under a given scatter T, in closed form."""
+    """Return the posterior of the line for a given covariance T, in closed form."""
     d = m.shape[1]
     design = [np.kron(np.eye(d), row) for row in x]
     total = scatter + c
@@ -53,7 +55,8 @@ def line(
         a.T @ w @ y for a, w, y in zip(design, weights, m, strict=True)
     )
     mean = np.linalg.solve(precision, pull)
-    # The density of the data at any B, over the posterior's there, is the marginal: here the mean.
+    # The marginal density is that of the data at any B over the posterior's there; here at the
+    # mean.
     apart = np.stack([y - a @ mean for y, a in zip(m, design, strict=True)])
     data = -0.5 * np.sum(
         np.einsum("ki,kij,kj->k", apart, weights, apart) + np.linalg.slogdet(2.0 * np.pi * total)[1]
@@ -67,7 +70,7 @@ def line(
 def new_unit(
     line: TrendLine, x: Float[np.ndarray, " covariate"], scatter: Float[np.ndarray, "d d"]
 ) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, "d d"]]:
-    """Mean and covariance of a unit that was not measured, at its covariates."""
+    """Return mean and covariance of an unmeasured unit at its covariates."""
     design = np.kron(np.eye(len(scatter)), x)
     return design @ line.mean, design @ line.cov @ design.T + scatter
 
@@ -78,19 +81,21 @@ def shrunken(
     prior_mean: Float[np.ndarray, " d"],
     scatter: Float[np.ndarray, "d d"],
 ) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, "d d"]]:
-    """A unit's own posterior once the population is known as its prior."""
+    """Return a unit's posterior with the known population as its prior."""
     gain = scatter @ np.linalg.inv(scatter + c)
     return prior_mean + gain @ (m - prior_mean), scatter - gain @ scatter
 
 
 class Scattered(NamedTuple):
-    """One coordinate with its scatter unknown: a mixture over tau; leading axes are populations.
+    """The posterior of one coordinate with unknown variation: a mixture over tau, by population.
+
+    The leading axes are populations.
 
     Attributes:
-        tau: Nodes.
-        weight: Posterior probability of each.
-        mean: Of the line's coefficients at each node.
-        cov: Their covariance.
+        tau: Nodes of the quadrature.
+        weight: Posterior probability of each node.
+        mean: Mean of the line's coefficients at each node.
+        cov: Covariance of the line's coefficients at each node.
         log_evidence: Log density of the data.
     """
 
@@ -110,9 +115,9 @@ def scattered(
     scale: float,
     num_nodes: int = NUM_NODES,
 ) -> Scattered:
-    r"""Posterior of one coordinate's line and of its scatter, $\tau \sim$ half-normal of `scale`.
+    r"""Return the posterior of one coordinate's line and tau, $\tau \sim$ half-normal of `scale`.
 
-    Nodes of Gauss and Legendre in the square root of tau, which has them dense near zero.
+    Gauss-Legendre nodes in the square root of tau are dense near zero.
     """
     at, width = np.polynomial.legendre.leggauss(num_nodes)
     root = 0.5 * REACH * (at + 1.0)
@@ -139,7 +144,7 @@ def scattered(
 def moments(
     posterior: Scattered, x: Float[np.ndarray, " covariate"] | None = None
 ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-    """Mean and sd of tau, or of a unit that was not measured at its covariates."""
+    """Return mean and sd of tau, or of an unmeasured unit at its covariates."""
     if x is None:
         mean = np.sum(posterior.weight * posterior.tau, -1)
         square = np.sum(posterior.weight * posterior.tau**2, -1)
@@ -153,7 +158,7 @@ def moments(
 def probability_below(
     posterior: Scattered, x: Float[np.ndarray, " covariate"], value: Float[np.ndarray, "..."]
 ) -> Float[np.ndarray, "..."]:
-    """Probability that a unit that was not measured lies below a value."""
+    """Return the probability that an unmeasured unit lies below a value."""
     centre, variance = _of_new_unit(posterior, x)
     return np.sum(posterior.weight * ndtr((value[..., None] - centre) / np.sqrt(variance)), -1)
 

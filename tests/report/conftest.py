@@ -1,4 +1,4 @@
-"""A run's result for the report: a toy summary beside the toy tree."""
+"""The toy result of a run for tests of the report: its summary and its tree."""
 
 import pytest
 from toy_summary import result_summary

@@ -1,4 +1,4 @@
-"""Faults of records and campaigns with example values, topic by topic, constants aside."""
+"""Faults of records and campaigns with example values, by topic, without constant sentences."""
 
 from jbw.report.messages import (
     campaign_faults,

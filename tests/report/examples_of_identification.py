@@ -1,4 +1,4 @@
-"""What an identification says, with example values, topic by topic, constants aside."""
+"""The sentences of an identification with example values, by topic, without constant ones."""
 
 from jbw.report.messages import (
     causes,

@@ -376,6 +376,8 @@ OF_TOPICS = {
         *loads.warnings_of("A sine of 2 V", 4e-3, 1.8, 1.25, withheld=True),
         loads.LOADS_OR_TESTS, loads.BASE_NEEDS, loads.RESPONSE_NEEDS, loads.no_quantity("two"),
         loads.bare_level("V"), loads.DOWNWARD, loads.OF_SPECTRUM,
+        loads.in_report("run"), loads.earlier_posterior("run"), loads.unreadable_loads("run"),
+        loads.heading("response at 2 V"),
         loads.contains({"band": loads.IN_BANDS, "num_draws": 100, "drive": "force"}),
         loads.contains({"band": loads.IN_BANDS, "num_draws": 100, "drive": "base",
                         "participation": 1.3, "shape": 1.0}),

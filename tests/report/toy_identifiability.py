@@ -1,4 +1,4 @@
-"""What the data know of a toy joint: products well, factors hardly, profiles by parabolas."""
+"""The identifiability of a toy joint: precise products, vague factors, parabolic profiles."""
 
 import numpy as np
 import xarray as xr
@@ -18,7 +18,7 @@ def variable(dims, values, units="1", long_name="toy"):
 def identifiability_group():
     z = np.linspace(-3.0, 3.0, 9)
     rise = np.tile(z**2, (6, 1))
-    rise[2:4] = np.minimum(rise[2:4], 1.5)  # open on both sides
+    rise[2:4] = np.minimum(rise[2:4], 1.5)  # These profiles are open on both sides.
     values = CENTRE[:, None] + SD[:, None] * z
     loadings = np.eye(6)
     loadings[3, 2:4] = loadings[5, 2:4] = np.sqrt(0.5)

@@ -1,4 +1,4 @@
-"""Made groups of two joints for the figures: three nodes in a row, two modes, a loop a joint."""
+"""Toy groups of two joints for the figures: three nodes in a row, two modes, one loop per joint."""
 
 import numpy as np
 import xarray as xr
@@ -7,7 +7,7 @@ PHASE = np.linspace(0, 2 * np.pi, 64, endpoint=False)
 
 
 def joints():
-    """Shares, and loops that are ellipses about a slope of 2e6 N/m."""
+    """Return the shares of joints, and loops that are ellipses about a slope of 2e6 N/m."""
     peaks = np.array([[2e-6], [5e-6]])
     x = peaks * np.cos(PHASE)
     shares = np.array([[0.2, 0.01], [0.3, 0.04]])
@@ -29,7 +29,7 @@ def joints():
 
 
 def backbones():
-    """Two amplitudes of two modes: one falls by 1 Hz of 32, and its damping doubles."""
+    """Return two amplitudes of two modes: the first falls by 1 Hz from 32; its damping doubles."""
     hz, damping = np.array([[32.0, 31.0], [90.0, 89.0]]), np.array([[0.004, 0.008]] * 2)
     band = np.array([0.99, 1.0, 1.01])
     of_levels = ("mode", "level")
@@ -51,7 +51,7 @@ def backbones():
 
 
 def assembly():
-    """Three nodes along x that move along z, the first of them held."""
+    """Return three nodes along x that move along z, the first of them fixed."""
     deflection = np.zeros((2, 3, 3))
     deflection[:, 1:, 2] = [[0.4, 1.0], [-1.0, 0.8]]
     return xr.Dataset(

@@ -1,11 +1,11 @@
-"""A made group of modes for the figures: two modes in a band, and the poles of rising orders."""
+"""A toy group of modes for the figures: two modes in a band, and poles for rising orders."""
 
 import numpy as np
 import xarray as xr
 
 
 def modes():
-    """Two modes, each with a column of poles that stay, and a pole of noise an order."""
+    """Return two modes, each with a column of stable poles, and one pole of noise per order."""
     freq, omega = np.linspace(17.0, 21.0, 200), 2 * np.pi * np.array([18.8, 20.0])
     squared = (2 * np.pi * freq) ** 2
     model = sum(15 / (w**2 - squared + 0.008j * w * np.sqrt(squared)) for w in omega)

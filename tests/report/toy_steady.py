@@ -8,7 +8,7 @@ QUANTILE = np.array([0.005, 0.5, 0.995])
 
 
 def curve(rng, level, fitted, force):
-    """A linear mode at 18.8 Hz (1 - 0.1 level), driven at a held response or at a held force."""
+    """Return a linear mode at 18.8 Hz (1 - 0.1 level), with controlled response or force."""
     freq = np.linspace(17.0, 20.0, 61)
     omega, omega_n = 2 * np.pi * freq, 2 * np.pi * 18.8 * (1 - 0.1 * level)
     receptance = 1 / (omega_n**2 - omega**2 + 2j * 0.01 * omega_n * omega)
@@ -37,7 +37,7 @@ def curve(rng, level, fitted, force):
 
 
 def loop(rng, level):
-    """Two cycles of an ellipse: a spring of 2 kN/m and a loss of 0.3 of its force."""
+    """Return two cycles of an ellipse: a spring of 2 kN/m and a loss of 0.3 of its force."""
     angle = np.linspace(0, 4 * np.pi, 400)
     y = level * np.sin(angle)
     force = 2e3 * (y + 0.3 * level * np.cos(angle))
@@ -57,7 +57,7 @@ def loop(rng, level):
 
 
 def multisine(rng):
-    """One period of 4 s at 256 Hz with random phases, coloured by a mode at 18.8 Hz."""
+    """Return one period of 4 s at 256 Hz with random phases, coloured by a mode at 18.8 Hz."""
     freq = np.arange(513) / 4.0
     shape = 1 / np.abs(18.8**2 - freq**2 + 2j * 0.01 * 18.8 * freq)
     lines = np.where((freq > 5) & (freq < 60), shape * np.exp(2j * np.pi * rng.random(513)), 0)

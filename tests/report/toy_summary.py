@@ -1,4 +1,4 @@
-"""A run's summary made of toy numbers, for the report."""
+"""The summary of a run with toy numbers, for tests of the report."""
 
 from toy_identifiability import identifiability_summary
 from toy_tree import LEVELS, TRUTH, UNITS

@@ -1,4 +1,4 @@
-"""A run's posterior tree made of closed-form toy numbers, as large as a real one."""
+"""The result tree of a run with closed-form toy numbers, as large as a real one."""
 
 import numpy as np
 import xarray as xr
@@ -190,7 +190,7 @@ def validation_loop(rng, level):
 
 
 def backbone():
-    """A joint that softens and dissipates in proportion to the amplitude, and its loops."""
+    """Return a joint that softens and dissipates in proportion to the amplitude, and its loops."""
     amplitude = np.linspace(0.0, 8e-3, 41)[1:]
     part = amplitude / 6.4e-3
     dims = ("quantile", "amplitude")
@@ -213,7 +213,7 @@ def backbone():
 
 
 def procedure():
-    """Verdicts and mixing of the toy's steps."""
+    """Return verdicts and mixing of the toy's steps."""
     rows = {
         "linear": ("", np.nan, np.nan),
         "third_order_nuts": ("ok", 812.0, 1.004),
@@ -233,7 +233,7 @@ def procedure():
 
 
 def look(level):
-    """Readings of five repeats of one level, and a receptance."""
+    """Return the readings of five repeats of one level, and a receptance."""
     y = 1e-2 * level * np.array([0.98, 0.99, 1.0, 1.01, 1.02])
     freq = np.linspace(17.5, 20.0, 200)
     return xr.Dataset(

@@ -1,4 +1,4 @@
-"""The toy campaign's finished run, which tests of what a run holds read."""
+"""The finished run of the toy campaign, for tests of the content of runs."""
 
 import pytest
 from finished import finished
@@ -7,5 +7,5 @@ from toy_campaign import write_run
 
 @pytest.fixture(scope="session")
 def toy():
-    """The folder of the toy campaign, with its result in `run`."""
+    """Return the folder of the toy campaign, with its result in `run`."""
     return finished("toy", write_run)

@@ -1,4 +1,4 @@
-"""A small campaign of prescribed loops, its force by the law itself and not by jbw's map."""
+"""A small campaign of prescribed loops, with forces from the law itself, not from jbw's map."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ UNITS = {"displacement": "m", "restoring_force": "N"}
 
 
 def force_along(y):
-    """Force per unit mass by 64 midpoint steps a sample along straight lines between samples."""
+    """Return the force per unit mass from 64 midpoint steps per sample of straight motion."""
     z, values = 0.0, [0.0]
     for move in np.diff(y):
         dy = move / 64
@@ -28,7 +28,7 @@ def _slope(z, dy):
 
 
 def write_campaign(folder, amplitude, noise=2e-4, settings="", seed=5):
-    """Loops up to an amplitude [m], with noise as a share of the largest force."""
+    """Write loops up to an amplitude [m], with noise relative to the largest force."""
     rng = np.random.default_rng(seed)
     t = np.arange(round(SECONDS * FS)) / FS
     y = amplitude * np.sin(2 * np.pi * 0.5 * t) * (0.4 + 0.15 * t)

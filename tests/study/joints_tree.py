@@ -1,4 +1,4 @@
-"""What `jbw export` reads of a run with two bolts, made from the truth without identifying."""
+"""The input of `jbw export` for a run with two bolts, made from the truth, without a fit."""
 
 import json
 
@@ -14,7 +14,7 @@ PEAK = 4e-6  # largest motion of the bolts [m]: delta x is about one
 
 
 def tree_of(model=None, laws=two_bolts.LAWS, theta=None, *, spread=0.0, peak=PEAK):
-    """A run's result with draws about the truth of a reduced model."""
+    """Return the result of a run with draws about the true values of a reduced model."""
     model = two_bolts.reduced() if model is None else model
     theta = two_bolts.truth() if theta is None else theta
     rng, shape = np.random.default_rng(0), (2, 20)

@@ -1,4 +1,4 @@
-"""A structure without a joint: three levels of sweeps and free decays, of a linear oscillator."""
+"""A structure without a joint: sweeps at three levels and free decays of a linear oscillator."""
 
 import h5py
 import numpy as np
@@ -19,7 +19,7 @@ FREE = 'velocity = "velocity"', 'velocity = "m/s"'
 
 
 def write_linear(folder, identify="", size=1024):
-    """The campaign file beside its records: 1 % of noise, three repeats of a sweep, four decays."""
+    """Write the campaign file with records: 1 % of noise, three repeats of a sweep, four decays."""
     rng = np.random.default_rng(8)
     t = np.arange(size) / toy.FS
     omega, zeta = toy.TRUTH["omega_n"], toy.TRUTH["zeta"]

@@ -1,8 +1,8 @@
-"""Answers of jbw to a campaign and to its image, compared number by number, each in its unit.
+"""Answers of jbw to a campaign and to its image in other units, compared number by number.
 
-Every number of a `--json` output has its unit in `UNITS` by the name of its field, or in its row's
-`unit`, or as the parameter that it is named after. A field that has none is an error: whoever adds
-a field states its unit here, and with that how it changes with the units of length, time and mass.
+Every number of a `--json` output has its unit in `UNITS` by the name of its field, or in the `unit`
+of its row, or from the parameter that it is named after. A field without unit is an error: whoever
+adds a field states its unit here, and thus how it changes with the units of length, time and mass.
 """
 
 import re
@@ -10,9 +10,9 @@ import re
 from scaled_campaigns import UNIT_OF_PARAMETER
 
 PURE, ONE, OF_ROW = "1", object(), "its row's"
-# Of numbers by the name of their field, or of the table that they stand in by name. A pair holds
-# the unit and what a difference is measured by: another field of the same row, as a scatter of
-# equal readings is a difference of nearly equal numbers, or `ONE`.
+# Units of numbers by the name of their field, or of the table that contains them. A pair contains
+# the unit and the reference for differences: another field of the same row, since for example the
+# scatter of equal readings is a difference of nearly equal numbers, or `ONE`.
 UNITS = {
     # look
     **dict.fromkeys(("y", "y_min", "y_max"), "m"),
@@ -23,18 +23,18 @@ UNITS = {
     "amplitude": "m", "work": "N m", **dict.fromkeys(("retained", "repeated"), PURE),
     # check
     "fs": "Hz", "repeats": PURE, "fitted": PURE, "fitted_repeats": PURE,
-    # a row of a parameter, which has its unit beside it: the sd is how well the others are known
+    # A parameter's row states its unit; the sd is the reference for the other numbers.
     **dict.fromkeys(("mean", "map", "q005", "q500", "q995", "value", "truth"), (OF_ROW, "sd")),
     "sd": OF_ROW, "z": (PURE, ONE),
     **dict.fromkeys(("cv", "relative", "ess_bulk", "ess_tail", "r_hat"), PURE),
-    # parts of nats, of standard deviations, and of a box: small ones are as good as zero
+    # Nats, standard deviations, and shares of a box: small values count as zero.
     **dict.fromkeys(("kl", "contraction", "shift", "ratio", "correlation"), (PURE, ONE)),
     **dict.fromkeys(("loadings", "information", "costs", "reached", "chi_square"), (PURE, ONE)),
     # predictions
     **dict.fromkeys(("coverage", "num_values", "nrmse", "half_width", "nrmse_linear"), PURE),
     **dict.fromkeys(("nrmse_cubic", "nrmse_own_frequency", "extrapolation", "num_draws"), PURE),
     "y_peak": "m", "y_peak_fitted": "m",
-    # the verdict's, each of which is a part of something or a count
+    # The verdict's numbers are ratios or counts.
     "number": (PURE, ONE),
     "seed": PURE,
     "quick": PURE,  # of a first answer: relative errors by test
@@ -57,7 +57,7 @@ COLUMNS = {
     "_n_m": "N/m", "_ns_m": "N s/m", "_hz": "Hz", "damping_ratio": PURE, "force_n": "N", "_m": "m",
 }  # fmt: skip
 TABLES = ("backbone", "loop", "skeleton")  # of an export, whose columns end in their unit
-# Numbers that are not compared, and why.
+# Numbers that are not compared, with the reason.
 NOT_COMPARED = {
     "wall_time_s": "how long this machine took",
     **dict.fromkeys(("versions", "sources"), "of packages, not of the data"),
@@ -74,7 +74,7 @@ DRAWN = {"free_law": 0.1}
 DRAWN_TEXT = re.compile(r"Without assuming a law|Masing's rule")
 BEYOND = "times the largest amplitude of the readings"  # where a few draws make the ends of a band
 PREFIX = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6}
-# A number, and the unit behind it, perhaps behind another number of the same: "0.05 to 3.5 mm".
+# A number, and its unit, perhaps after another number with that unit: "0.05 to 3.5 mm".
 NUMBER = r"(?<![\w.])[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+|×10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?(?!\.?\w)"
 UNIT = (
     r"(?<![\w/])(?P<prefix>[nuµkM]|m(?!/)(?=[mHsN]))?"
@@ -87,7 +87,7 @@ RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
 
 
 def differences(found, expected, scale, tolerance, path=(), row=None):
-    """Sentences on what differs between an answer to an image and that to the campaign."""
+    """Return sentences on the differences between the answers to an image and to the campaign."""
     place = "/".join(map(str, path))
     tolerance = max(tolerance, DRAWN.get(path[0], 0.0)) if path else tolerance
     if path and path[-1] in NOT_COMPARED:
@@ -126,7 +126,7 @@ def _number(found, expected, scale, tolerance, path, row):
         reference = max(1.0, abs(expected))
     else:
         reference = expected if beside is None else row[beside]
-    # A standard deviation of what is held is zero but for rounding.
+    # The standard deviation of a fixed parameter is zero up to rounding.
     least = ROUNDING * max(abs(row.get(name) or 0.0) for name in ("value", "mean", "map"))
     off = abs(found - factor * expected)
     allowed = abs(factor) * (tolerance * abs(reference) + (least if path[-1] == "sd" else 0.0))
@@ -134,7 +134,7 @@ def _number(found, expected, scale, tolerance, path, row):
 
 
 def unit_of(path, row):
-    """The unit of a number: by its field or the table that it stands in, or as its row states."""
+    """Return the unit of a number: by its field or table, or as its row states."""
     names = [name for name in path if isinstance(name, str)]
     if names[-1] == "level":
         return row.get("level_unit") or ("m" if row.get("kind") in ("frf", "loop") else "N")
@@ -143,7 +143,7 @@ def unit_of(path, row):
         return _of_parameter(names)
     if names[0] in TABLES:
         return next((unit for part, unit in COLUMNS.items() if part in names[-1]), None)
-    if names[-1] == "spring" and names[0] == "linear":  # of an export; a law has one too
+    if names[-1] == "spring" and names[0] == "linear":  # of an export; a law has a spring, too
         return "N/m"
     if "spectrum" in names:  # of logarithms of products
         return PURE, ONE
@@ -154,18 +154,18 @@ def unit_of(path, row):
 
 
 def _of_parameter(names):
-    """The unit of the parameter, or product of parameters, that a row is named after."""
+    """Return the unit of the parameter, or product of parameters, that a row is named after."""
     products = {"alpha_delta": "1/(m s^2)", "alpha_gamma": "1/(m s^2)"}
     units = UNIT_OF_PARAMETER | products
     return next((units[name] for name in reversed(names) if name in units), None)
 
 
-# Of data whose density has their unit: its logarithm is another number in every unit.
+# The density of data has a unit, so that its logarithm differs in other units.
 EVIDENCE = re.compile(r"log evidence is \S+")
 
 
 def text_differences(found, expected, scale):
-    """How a text differs but for its numbers, each of which may be in any unit of the text."""
+    """Return how a text differs, except for its numbers, which may be in any unit of the text."""
     found, expected = (EVIDENCE.sub("log evidence", text) for text in (found, expected))
     said, now = _parted(found)
     wanted, before = _parted(expected)
@@ -176,7 +176,7 @@ def text_differences(found, expected, scale):
     drawn = DRAWN["free_law"] if DRAWN_TEXT.search(expected) else 0.0
     factors = {1.0} | {scale.of(unit.replace("²", "^2")) for unit in wanted[1]}
     for (one, digit), (other, last) in zip(now, before, strict=True):
-        # Both are rounded to their last digit.
+        # Both numbers are rounded to their last digit.
         if not any(
             abs(one - factor * other)
             <= 0.51 * (digit + abs(factor) * last) + drawn * abs(factor * other)
@@ -187,7 +187,7 @@ def text_differences(found, expected, scale):
 
 
 def _parted(text):
-    """What is said without numbers and prefixes, and the units; numbers with their last digit."""
+    """Return a text's words without numbers and prefixes, its units, and its numbers."""
     words, units, numbers, waiting, end = [], [], [], [], 0
     for token in TOKEN.finditer(text):
         between = text[end : token.start()]
@@ -210,7 +210,7 @@ def _parted(text):
 
 
 def _value(text):
-    """A printed number, and what one in its last digit is worth."""
+    """Return a printed number, and the value of one in its last digit."""
     mantissa, _, exponent = text.translate(RAISED).replace("×10", "e").partition("e")
     size = 10.0 ** int(exponent or 0)
     decimals = len(mantissa.partition(".")[2])

@@ -1,7 +1,7 @@
 """The smallest campaign that goes through `jbw.identify`: two sweeps and a loop.
 
-The records are integrated by Runge and Kutta's fourth order on Eqs. (1) and (2) as they stand, at
-sixteen steps a sample, and written by h5py: nothing of jbw makes them.
+The records are integrated by the fourth-order Runge-Kutta method on Eqs. (1) and (2) as printed,
+with sixteen steps per sample, and written by h5py; no code of jbw makes them.
 """
 
 import json
@@ -49,7 +49,7 @@ units = { displacement = "m", restoring_force = "N" }
 fs = 256.0
 """
 
-# Importance sampling compiles least, and steps at every sample alone are enough here.
+# Importance sampling compiles least, and one step per sample is accurate enough here.
 PLAIN = """
 fit_levels = [1.0]
 fit_repeats = 2
@@ -64,10 +64,11 @@ model_error = "none"
 
 
 def integrated(u, size, y=0.0, v=0.0):
-    """Displacement and velocity from an unstrained joint under u(t) [V], a function of arrays."""
+    """Return displacement and velocity from an unstrained joint under u(t) [V]."""
     omega_n, zeta, alpha, delta, gamma = TRUTH.values()
     h = 1 / (SUBSTEPS * FS)
-    drive = GAIN * u(np.arange(2 * SUBSTEPS * size + 1) * h / 2)  # at every step and its middle
+    # The force is given at every step and at the middle of every step.
+    drive = GAIN * u(np.arange(2 * SUBSTEPS * size + 1) * h / 2)
     stuck = omega_n**2 - alpha
 
     def rate(f, y, v, z):
@@ -90,7 +91,7 @@ def integrated(u, size, y=0.0, v=0.0):
 
 
 def sweep(level, size):
-    """Voltage that rises and falls on 14 to 24 Hz, at rest for the last fifth."""
+    """Return a voltage that sweeps from 14 to 24 Hz and rests for the last fifth."""
     span = size / FS
 
     def u(t):
@@ -101,7 +102,7 @@ def sweep(level, size):
 
 
 def pulled(size):
-    """Displacement [m] and force [N/kg] of the joint alone through growing cycles of 1 Hz."""
+    """Return displacement [m] and force [N/kg] of the joint alone in growing cycles of 1 Hz."""
     alpha, delta, gamma = (TRUTH[name] for name in ("alpha", "delta", "gamma"))
     t = np.arange(size) / FS
     y = 4e-3 * t * FS / size * np.sin(2 * np.pi * t)
@@ -114,7 +115,7 @@ def pulled(size):
 
 
 def write_toy(folder, identify):
-    """The campaign file, with the records beside it."""
+    """Write the campaign file and its records; return the path."""
     rng = np.random.default_rng(3)
 
     def write(name, repeats, noise, given, response):
@@ -138,13 +139,13 @@ def write_toy(folder, identify):
 
 
 def identified(folder):
-    """The campaign as it stands, identified."""
+    """Return the study of the toy campaign."""
     path = write_toy(folder, PLAIN)
     return jbw.identify(jbw.load_campaign(path), seed=1, report=lambda _: None)
 
 
 def write_run(folder):
-    """The campaign, its result, and what the run's data say of the truth."""
+    """Write the campaign, its result, and the log likelihood of the data at the truth."""
     study = identified(folder)
     save_result(claim(folder / "run"), study.tree, study.record)
     theta = {name: np.asarray(value) for name, value in TRUTH.items()}

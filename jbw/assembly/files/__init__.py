@@ -1,1 +1,1 @@
-"""Readers of matrices, one a format."""
+"""Readers of matrix files, one module per format."""

@@ -18,12 +18,12 @@ INDEX, ENTRY = 8, 16  # bytes of a column and of an entry of a sparse matrix
 
 @dataclass(frozen=True)
 class MatrixFile:
-    """Matrices by name, with the table of degrees of freedom where the file has one.
+    """The matrices of a file by name, with its table of degrees of freedom if it has one.
 
     Attributes:
-        matrices: By the name in the file; "" where the format has no names.
-        dofs: By matrix, the degree of freedom of every row; under "" that of all matrices.
-        nodes: Position of every node; None where the file states none.
+        matrices: Matrices by their names in the file; "" if the format has no names.
+        dofs: Degree of freedom of every row, by matrix name; under "" that of all matrices.
+        nodes: Position of every node; None if the file states none.
     """
 
     matrices: Mapping[str, Any]
@@ -31,21 +31,22 @@ class MatrixFile:
     nodes: Mapping[str, Position] | None = None
 
     def __post_init__(self) -> None:
-        # SciPy's compiled loops trust indices: a damaged one ends the process.
+        # SciPy's compiled loops trust indices: a damaged index would end the process.
         for matrix in self.matrices.values():
             if sp.issparse(matrix) and matrix.format in ("csr", "csc", "bsr"):
                 matrix.check_format(full_check=True)
-                if np.any(np.diff(matrix.indptr) < 0):  # which SciPy leaves where none is stored
+                # SciPy does not check this if no entry is stored.
+                if np.any(np.diff(matrix.indptr) < 0):
                     raise ValueError("the starts of its rows or columns do not rise")
 
 
 def require_sparse(name: str, shape: Sequence[int], entries: int) -> None:
-    """Refuse a sparse matrix that takes more memory than is read at once, before it is made.
+    """Raise if a sparse matrix needs more memory than is read at once; call it before reading.
 
     Args:
-        name: Of its file.
+        name: Name of the file.
         shape: Rows and columns.
-        entries: How many of its entries are stored.
+        entries: Number of stored entries.
     """
     takes = f"A matrix of {shape[0]} x {shape[1]} with {entries} entries in {name} takes"
     require_readable(INDEX * max(shape) + ENTRY * entries, takes, messages.WITHOUT_GAPS)
@@ -54,9 +55,9 @@ def require_sparse(name: str, shape: Sequence[int], entries: int) -> None:
 def of_labels(
     rows: Sequence[Dof], columns: Sequence[Dof], entries: np.ndarray
 ) -> tuple[Sparse, list[Dof]]:
-    """Return a symmetric matrix of entries with labels, and its degrees of freedom in order.
+    """Return a symmetric matrix from entries with labels, and its degrees of freedom in order.
 
-    Entries of one triangle alone are mirrored.
+    If only one triangle has entries, they are mirrored.
     """
     dofs = list(dict.fromkeys([*rows, *columns]))
     number = {dof: i for i, dof in enumerate(dofs)}

@@ -1,4 +1,4 @@
-"""Nastran's direct matrix input, DMIG, as a punch file holds it: fields of 8 or 16 characters.
+"""Nastran's direct matrix input, DMIG, in a punch file with fields of 8 or 16 characters.
 
 Reference:
     MSC Nastran Quick Reference Guide, bulk data entry DMIG.
@@ -15,20 +15,20 @@ from jbw.assembly.files.contents import MatrixFile, of_labels
 from jbw.errors import DataError
 
 _SHORT_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d+)$")  # 1.5+3 is 1.5e+3
-_COMPLEX = ("3", "4")  # types of entries
+_COMPLEX = ("3", "4")  # types of complex entries
 
 
 def contents(path: Path) -> MatrixFile:
     """Return the matrices of all DMIG entries of a file, by name.
 
     Raises:
-        DataError: There is none, or one is complex or cannot be read.
+        DataError: There is no entry, or a matrix is complex or cannot be read.
     """
     entries: dict[str, list[tuple[Dof, Dof, float]]] = {}
     for name, *fields in _entries(path):
         if name not in entries:
             entries[name] = []
-        if fields[0] == "0":  # the head: form, type in, type out
+        if fields[0] == "0":  # the header: form, type in, type out
             if len(fields) > 2 and fields[2] in _COMPLEX:
                 raise DataError(
                     f"Matrix {name} of {path.name} must be real, but is complex.",
@@ -60,9 +60,9 @@ def contents(path: Path) -> MatrixFile:
 
 
 def _entries(path: Path) -> Iterator[list[str]]:
-    """Name, grid and component of the column, then grid, component, two numbers of each row.
+    """Yield each DMIG entry: name, column (grid, component), rows (grid, component, two numbers).
 
-    A head is name, "0", form, types.
+    A header entry is name, "0", form, types.
     """
     fields: list[str] = []
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
@@ -91,7 +91,7 @@ def _joined(fields: list[str]) -> list[str]:
 
 
 def _fields(text: str) -> list[str]:
-    """Split a line after its first field: four of 16 or eight of 8 characters, or by commas."""
+    """Split a line after its first field: four fields of 16, eight of 8 characters, or commas."""
     if "," in text:
         cells = [cell.strip() for cell in text.split(",")][1:9]
         return cells + [""] * (8 - len(cells))
@@ -101,6 +101,6 @@ def _fields(text: str) -> list[str]:
 
 
 def _number(text: str) -> float:
-    """Return a number as Nastran writes it."""
+    """Return a number from Nastran's notation, such as 1.5+3 for 1.5e+3."""
     plain = text.upper().replace("D", "E")
     return float(plain if "E" in plain else _SHORT_EXPONENT.sub(r"E\1", plain))

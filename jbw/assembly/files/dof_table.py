@@ -1,4 +1,4 @@
-"""Tables of degrees of freedom: which node and direction a row of the matrices has."""
+"""Tables of degrees of freedom: the node and direction of every row of the matrices."""
 
 import re
 from collections.abc import Sequence
@@ -16,9 +16,9 @@ _SEPARATORS = re.compile(r"[,;\s]+")
 
 
 def read_table(path: Path) -> list[Dof]:
-    """Read a text table: columns row, node, direction, or node, direction; any header.
+    """Read a text table with columns row, node, direction, or node, direction, and any header.
 
-    Rows are counted from 0 or from 1.
+    Rows may be counted from 0 or from 1.
 
     Raises:
         DataError: A line has other columns, or rows are missing, repeated or out of range.
@@ -36,7 +36,7 @@ def read_table(path: Path) -> list[Dof]:
 
 
 def _order(header: Sequence[str], path: Path) -> list[int]:
-    """Return the columns of row, node and direction by their names."""
+    """Return the numbers of the columns row, node and direction from a table's header."""
     names = [name.lower() for name in header]
     columns = {"row": ("row", "index"), "node": ("node",), "direction": ("direction", "dof", "dir")}
     order = [
@@ -56,10 +56,10 @@ def rows_of_table(table: Any, name: str = DOFS) -> list[Dof]:
 
     Args:
         table: Texts "node:direction", or rows of [node, direction] or [row, node, direction].
-        name: How messages name the table.
+        name: Name of the table in messages.
 
     Raises:
-        DataError: As `read_table`.
+        DataError: As for `read_table`.
     """
     rows = [_cells_of(row, name) for row in table]
     if len({len(row) for row in rows}) > 1:
@@ -89,13 +89,13 @@ def _cells_of(row: Any, name: str) -> list[str]:
 
 
 def _plain(cell: Any) -> str:
-    """Return a number that is whole as one, and text as it is."""
+    """Return the text of a cell, with a whole number such as 17.0 as 17."""
     text = str(cell).strip()
     return text.removesuffix(".0") if text.endswith(".0") else text
 
 
 def _in_order(rows: list[list[str]], name: str) -> list[list[str]]:
-    """Return the lines by their row, without it."""
+    """Return the lines sorted by their row number, without that number."""
     try:
         numbers = [int(row[0]) for row in rows]
     except ValueError:

@@ -20,7 +20,7 @@ from jbw.report.messages import matrices as messages
 def contents(path: Path) -> MatrixFile:
     """Read the matrices of a .mat file, with `dofs`: "node:direction", or [node, direction].
 
-    `nodes`, where there is one, has rows [node, x, y, z].
+    If there is a variable `nodes`, it has rows [node, x, y, z].
     """
     variables = _v73(path) if h5py.is_hdf5(path) else _v5(path)
     table = next((variables.pop(name) for name in list(variables) if name.lower() == DOFS), None)
@@ -46,7 +46,7 @@ def _v5(path: Path) -> dict[str, Any]:
 
 
 def _cells(variable: Any) -> Any:
-    """Return cells of texts as an array of texts."""
+    """Return a cell array of texts as a NumPy array of texts; return other variables unchanged."""
     if isinstance(variable, np.ndarray) and variable.dtype == object:
         return np.array([str(np.squeeze(text)) for text in variable.ravel()])
     return variable
@@ -58,7 +58,7 @@ def _v73(path: Path) -> dict[str, Any]:
 
 
 def _read73(file: h5py.File, node: Any) -> Any:
-    """Read a variable: arrays have reversed axes, sparse matrices are columns of row indices."""
+    """Read a v7.3 variable: arrays have reversed axes, sparse matrices have compressed columns."""
     if isinstance(node, h5py.Group):
         if "MATLAB_sparse" not in node.attrs:
             return None

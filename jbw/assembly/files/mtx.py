@@ -1,7 +1,7 @@
-"""Text of a matrix: Matrix Market, and what Abaqus writes by `*MATRIX GENERATE`.
+"""Matrices as text: Matrix Market, and the output of Abaqus' `*MATRIX GENERATE`.
 
-Abaqus has lines `node, dof, node, dof, entry` (FORMAT=MATRIX INPUT and LABELS) or `row column
-entry` (FORMAT=COORDINATE), of one triangle or of both.
+Abaqus writes lines `node, dof, node, dof, entry` (FORMAT=MATRIX INPUT and LABELS) or `row column
+entry` (FORMAT=COORDINATE), for one triangle or for both.
 
 Reference:
     Boisvert, Pozo and Remington, The Matrix Market exchange formats, NISTIR 5935 (1996).
@@ -25,11 +25,11 @@ _EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # as Fortran writes it
 
 
 def contents(path: Path) -> MatrixFile:
-    """Return the matrix of a .mtx file, with labels where it has them."""
+    """Return the matrix of a .mtx file, with degrees of freedom if the file has labels."""
     with path.open(encoding="utf-8", errors="replace") as stream:
         is_market = stream.readline().startswith("%%MatrixMarket")
     if is_market:
-        # SciPy's reader runs past the end of a last line that is cut, and ends the process.
+        # SciPy's reader runs past the end of an incomplete last line, and ends the process.
         content = path.read_bytes() + b"\n"
         rows, columns, entries, form, *_ = scipy.io.mminfo(BytesIO(content))
         if form == "array":

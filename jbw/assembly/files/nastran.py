@@ -1,7 +1,7 @@
-"""Nastran's OUTPUT4 and OUTPUT2 files of matrices, by pyNastran where it is installed.
+"""Nastran's OUTPUT4 and OUTPUT2 files of matrices, read by pyNastran if it is installed.
 
-pyNastran 1.4.1 asks for NumPy below 2, which jbw does not work with. Its reader of OUTPUT4 works
-with later ones all the same; its reader of OUTPUT2 does not load there.
+pyNastran 1.4.1 requires NumPy below 2, which jbw does not work with. Its reader of OUTPUT4 works
+with later versions all the same; its reader of OUTPUT2 does not load with them.
 """
 
 from pathlib import Path
@@ -15,7 +15,7 @@ def contents(path: Path) -> MatrixFile:
     """Read the matrices of an .op4 or .op2 file, without a table of degrees of freedom.
 
     Raises:
-        DataError: pyNastran is not installed, or does not work with the NumPy that is.
+        DataError: pyNastran is not installed, or does not work with the installed NumPy.
     """
     loaded = _op4(path) if path.suffix.lower() == ".op4" else _op2(path)
     return MatrixFile({name: matrix.data for name, matrix in loaded.items()})

@@ -1,4 +1,4 @@
-"""Tables of nodes: where each of them lies. They are drawn, and nothing is computed with them."""
+"""Tables of node positions, which are used only for drawings."""
 
 import re
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ _SEPARATORS = re.compile(r"[,;\s]+")
 
 
 def read_nodes(path: Path) -> dict[str, Position]:
-    """Read a text table with columns node, x, y, z; skip lines that begin with a letter.
+    """Read a text table with columns node, x, y, z; skip its header and comment lines.
 
     Raises:
         DataError: A line has other columns.
@@ -33,10 +33,10 @@ def positions(table: Any, name: str = NODES) -> dict[str, Position]:
 
     Args:
         table: Rows of [node, x, y, z].
-        name: How messages name the table.
+        name: Name of the table in messages.
 
     Raises:
-        DataError: A row has other columns, or a position is no finite number.
+        DataError: A row has other columns, or a position is not a finite number.
     """
     if isinstance(table, Mapping):
         table = [(node, *position) for node, position in table.items()]

@@ -15,7 +15,7 @@ from jbw.report.messages import matrices as messages
 def contents(path: Path) -> MatrixFile:
     """Read the matrices of an .npz file, with `dofs`: "node:direction", or [node, direction].
 
-    `nodes`, where there is one, has rows [node, x, y, z].
+    If there is an array `nodes`, it has rows [node, x, y, z].
     """
     require_unpackable(path, messages.AS_SPARSE)
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:

@@ -1,4 +1,4 @@
-"""Matrices of a finite-element program, from one file or from one each."""
+"""Readers of a finite-element program's matrices, from one file or from a file each."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -18,7 +18,7 @@ from jbw.assembly.matrices import MatrixModel, matrix_model
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.report.messages import matrices as messages
 
-# One module a format; each has `contents(path) -> MatrixFile`.
+# There is one module per format, each with `contents(path) -> MatrixFile`.
 READERS = {
     ".mat": "mat",
     ".npz": "npz",
@@ -29,19 +29,20 @@ READERS = {
     ".op4": "nastran",
     ".op2": "nastran",
 }
-# Names of M, K and C in files, in upper case: as here, or as Nastran and others have them.
+# Names of M, K and C in files, in upper case: those of jbw, of Nastran and of other programs.
 _NAMES = {
     "mass": ("M", "MASS", "MAA", "MAAX", "MGG", "MXX", "M_MAT"),
     "stiffness": ("K", "STIFFNESS", "STIF", "KAA", "KAAX", "KGG", "KXX", "K_MAT"),
     "damping": ("C", "DAMPING", "D", "BAA", "BAAX", "BGG", "BXX", "C_MAT"),
 }
-_FIXED = 1e30  # on the diagonal of K: how Abaqus marks a constrained degree of freedom (1e36)
+# A larger entry on the diagonal of K marks a constrained degree of freedom in Abaqus (1e36).
+_FIXED = 1e30
 
 Source = str | Path | Mapping[str, Any]
 
 
 def role_of(name: str) -> str:
-    """Return a matrix's role by its name: mass, stiffness or damping; empty if it has none."""
+    """Return the role of a matrix by its name: mass, stiffness or damping; "" if it has none."""
     return next((role for role, names in _NAMES.items() if name.upper() in names), "")
 
 
@@ -58,13 +59,13 @@ def read_matrices(source: Source, *, units: str, dofs: Any = None) -> MatrixMode
     | `.op4`, `.op2` of Nastran | matrices by name; needs pyNastran |
 
     Args:
-        source: A file with all matrices, or {"mass": ..., "stiffness": ..., "damping": ...,
-            "dofs": ..., "nodes": ...} of files or arrays, the last three as needed; `nodes` has the
+        source: A file with all matrices, or {"mass": ..., "stiffness": ..., "damping": ..., "dofs":
+            ..., "nodes": ...} with files or arrays, the last three as needed. `nodes` has the
             columns node, x, y, z in the unit of length of the matrices, and is drawn in reports.
-        units: Consistent system of the matrices: "SI", "N-mm-t-s", "kN-mm-kg-ms" or "lbf-in-s".
-            No file states it.
+        units: Consistent system of the matrices: "SI", "N-mm-t-s", "kN-mm-kg-ms" or "lbf-in-s". No
+            file states it.
         dofs: Table of node and direction: a text file with the columns row, node, direction, or
-            such rows; needed where the file has none and joints are named by node.
+            such rows; needed if the file has none and joints are named by node.
 
     Returns:
         The model.
@@ -88,14 +89,14 @@ def read_matrices(source: Source, *, units: str, dofs: Any = None) -> MatrixMode
 
 
 class _Matrix(NamedTuple):
-    """A matrix, and the degrees of freedom of its rows where its file names them."""
+    """A matrix, with the degrees of freedom of its rows if its file names them."""
 
     matrix: Any
     dofs: Sequence[Dof] | None
 
 
 class _Parts(NamedTuple):
-    """Mass, stiffness and damping, if any, a table for all of them and positions, if any."""
+    """Mass, stiffness and optional damping, a common table of rows, and node positions if any."""
 
     matrices: tuple[_Matrix, _Matrix, _Matrix | None]
     table: Sequence[Dof] | None
@@ -127,7 +128,7 @@ def _parts(source: Source, dofs: Any) -> _Parts:
 
 
 def _in_one_order(parts: _Parts) -> _Parts:
-    """Sort matrices with named rows into one table's order; others are in it already."""
+    """Sort matrices with named rows into the order of one table; others are already in it."""
     rows = [matrix.dofs for matrix in parts.matrices if matrix is not None]
     if not any(row is not None for row in rows):
         return parts
@@ -164,7 +165,7 @@ def _required(matrix: _Matrix | None) -> _Matrix:
 
 
 def _table(table: Any) -> list[Dof]:
-    """Return a table of a file or in memory."""
+    """Return the degrees of freedom of a table, from a file or in memory."""
     if isinstance(table, str | Path):
         path = Path(table)
         return _attempted(path, read_table)
@@ -181,7 +182,7 @@ def _nodes(table: Any) -> Mapping[str, Position] | None:
 
 
 def _of_source(entry: Any, role: str) -> _Matrix | None:
-    """Return a matrix of a file or in memory."""
+    """Return the matrix of a role, from a file or in memory; None if there is none."""
     if entry is None:
         return None
     if not isinstance(entry, str | Path):
@@ -195,7 +196,7 @@ def _of_source(entry: Any, role: str) -> _Matrix | None:
 
 
 def _named(file: MatrixFile, role: str, where: str, *, required: bool = True) -> _Matrix | None:
-    """Return the matrix of a role by its name."""
+    """Return the matrix of a role from a file, found by its name."""
     for name, matrix in file.matrices.items():
         if role_of(name) == role:
             return _Matrix(matrix, file.dofs.get(name))
@@ -242,7 +243,7 @@ def _attempted[Read](path: Path, read: Callable[[Path], Read]) -> Read:
 
 
 def _placed(matrix: _Matrix, table: Sequence[Dof]) -> _Matrix:
-    """Return a matrix with labels in the order of a table, with zeros where it has no entry."""
+    """Return a labelled matrix in the order of a table, with zeros where it has no entry."""
     if matrix.dofs is None:
         return matrix
     number = {dof: i for i, dof in enumerate(table)}
@@ -255,7 +256,7 @@ def _placed(matrix: _Matrix, table: Sequence[Dof]) -> _Matrix:
 
 
 def _without_fixed(parts: _Parts, units: str) -> MatrixModel:
-    """Return the model without rows that an entry of 1e36 on the diagonal of K holds in place."""
+    """Return the model without rows that an entry of 1e36 on the diagonal of K constrains."""
     matrices: list[Sparse] = [
         None if part is None else sp.csc_array(part.matrix) for part in parts.matrices
     ]

@@ -1,4 +1,4 @@
-"""The register of other programs that take a run's joint: one file a program, one line here."""
+"""The register of programs to which a joint can be exported; one module and line for each."""
 
 from collections.abc import Sequence
 
@@ -20,15 +20,15 @@ PROGRAMS: dict[str, Program] = {
         code_aster.CODE_ASTER,
     )
 }
-USUAL = ("opensees", "matlab")  # where nothing is asked for, as far as they take the laws
-USUAL_OF_JOINTS = ("opensees",)  # the same of several joints
+USUAL = ("opensees", "matlab")  # programs if none is requested, as far as they take the laws
+USUAL_OF_JOINTS = ("opensees",)  # the same for several joints
 
 
 def programs_named(names: Sequence[str]) -> tuple[Program, ...]:
-    """Return the programs with the given names.
+    """Return the simulation programs with the given names, to which a joint can be exported.
 
     Raises:
-        ConfigError: One is not known; with the nearest.
+        ConfigError: A name is unknown; the message suggests the nearest name.
     """
     for name in names:
         if name not in PROGRAMS:

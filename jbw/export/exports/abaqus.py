@@ -1,4 +1,4 @@
-"""Abaqus/Standard: a user element of two nodes in C, with the exact moves, and its properties."""
+"""Abaqus/Standard: a user element with two nodes in C, with the laws' exact steps, and its card."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +27,6 @@ def _facts(result: Export) -> dict[str, int | tuple[Form, ...]]:
 
 
 def _code(folder: Path, result: Export) -> Paths:
-    """Write the source code of the Abaqus user element."""
     return (write_text(folder / "joint_uel.c", "abaqus/joint_uel.c", result, **_facts(result)),)
 
 
@@ -37,14 +36,14 @@ def _card(folder: Path, result: Export) -> Paths:
 
 
 def _joints_code(folder: Path, result: JointsExport) -> Paths:
-    """Return the element, which is the same of all joints."""
+    """Write the source code of the user element, which is the same for all joints."""
     joint = replace(result.cards[0].joint, about=result.about)
     facts = _facts(joint)
     return (write_text(folder / "joint_uel.c", "abaqus/joint_uel.c", joint, **facts),)
 
 
 def _joints_card(folder: Path, result: JointsExport) -> Paths:
-    """Return the nodes, equations, elements and properties of all joints."""
+    """Write the nodes, equations, elements and properties of all joints."""
     joints = nodes_of(result)
     first = joints[0].card.joint
     forms = forms_of("c/laws", first)
@@ -59,7 +58,7 @@ def _joints_card(folder: Path, result: JointsExport) -> Paths:
 
 
 def _require_one_element(result: JointsExport) -> None:
-    """Refuse joints with different laws: a job has one user subroutine."""
+    """Raise an error if joints have different laws: an Abaqus job has one user subroutine."""
     require_nodes(result)
     first = result.cards[0]
     for card in result.cards:

@@ -1,4 +1,4 @@
-"""Ansys: COMBIN39 with the joint's force as a table, and a dashpot that loses what it does."""
+"""Ansys: COMBIN39 with the joint's force as a table, and a dashpot with the joint's loss."""
 
 from pathlib import Path
 
@@ -7,10 +7,10 @@ from jbw.export.one_joint import Export
 
 
 def _card(folder: Path, result: Export) -> Paths:
-    """Return the elements' types and real constants."""
+    """Write the element types and real constants of the joint."""
     table = result.skeleton
     pairs = zip(table["displacement_m"], table["tip_force_n"], strict=True)
-    # Of the origin on; Ansys mirrors what is given for positive displacements.
+    # The table begins at the origin; Ansys mirrors points of positive displacement.
     points = ["0.0", "0.0", *(number(x) for pair in pairs for x in pair)]
     return (write_text(folder / "joint.mac", "ansys/joint.mac", result, points=points),)
 

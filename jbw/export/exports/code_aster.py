@@ -7,7 +7,6 @@ from jbw.export.one_joint import Export
 
 
 def _card(folder: Path, result: Export) -> Paths:
-    """Write the Code_Aster functions of force and damping."""
     facts = {
         "force": [number(x) for x in mirrored(result.skeleton, "tip_force_n", odd=True)],
         "damping": [number(x) for x in mirrored(result.skeleton, "damping_ns_m", odd=False)],

@@ -1,6 +1,6 @@
-"""FMUs for co-simulation, FMI 2.0 and 3.0: C source with the exact moves, compiled where possible.
+"""FMUs for co-simulation, FMI 2.0 and 3.0: C source of the laws' steps, compiled if possible.
 
-The FMU's memory goes on only by steps, so that an importer may try displacements before one.
+The FMU's memory changes only with a step, so that an importer may try displacements before.
 """
 
 import os
@@ -36,7 +36,7 @@ from jbw.report.messages import study as messages
 
 DESCRIPTION = messages.FMU
 COMPILERS = ("cc", "gcc", "clang")
-# Folder of the binaries by version and system, and how they end.
+# Folder of the binaries by version and system, with the suffix of shared libraries.
 SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("win", ".dll")}
 MACHINES = {"x86_64": "x86_64", "amd64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
 BASE = {"kg": {"kg": 1}, "m": {"m": 1}, "s": {"s": 1}, "rad": {}, "1": {},
@@ -44,7 +44,7 @@ BASE = {"kg": {"kg": 1}, "m": {"m": 1}, "s": {"s": 1}, "rad": {}, "1": {},
 
 
 class Variable(NamedTuple):
-    """A variable of the FMU, in the order of the value references from 1 on."""
+    """A variable of the FMU; value references are numbered in this order from 1."""
 
     name: str
     value: float
@@ -55,7 +55,7 @@ class Variable(NamedTuple):
 
 
 def _code(version: int, folder: Path, result: Export) -> Paths:
-    """Return the FMU; without a compiler of sources alone, which importers can compile."""
+    """Write the FMU; without a compiler it contains only sources, which importers can compile."""
     parameters = parameters_of(result)
     facts: dict[str, Any] = {"forms": forms_of("c/laws", result), "description": DESCRIPTION}
     facts["memory"] = sum(form.memory for form in facts["forms"])
@@ -78,19 +78,19 @@ def _code(version: int, folder: Path, result: Export) -> Paths:
 
 
 def _card(folder: Path, result: Export) -> Paths:
-    """Return the parameters as SSP's set of values, by which importers replace the FMU's own."""
+    """Write the parameters as an SSP parameter set, which importers use in place of the FMU's."""
     parameters = parameters_of(result)
     more = {"description": DESCRIPTION, "units": units_of(parameters)}
     return (write_text(folder / "joint.ssv", "fmu/joint.ssv", result, **more),)
 
 
 def _joints_code(version: int, folder: Path, result: JointsExport) -> Paths:
-    """Return an FMU a joint in a folder of its own, in SI."""
+    """Write one FMU per joint, each in a separate folder, in SI."""
     return _each_joint(partial(_code, version), folder, result)
 
 
 def _joints_card(folder: Path, result: JointsExport) -> Paths:
-    """Return the values of the parameters a joint in a folder of its own, in SI."""
+    """Write the parameter values of each joint into a separate folder, in SI."""
     return _each_joint(_card, folder, result)
 
 
@@ -130,7 +130,7 @@ def units_of(variables: Iterable[Variable | Parameter]) -> list[Mapping[str, Any
 
 
 def base_powers(unit: str) -> dict[str, int]:
-    """Return the powers of kg, m and s in a unit of jbw's dialect, such as `1/(m s^2)`."""
+    """Return the powers of kg, m and s in a unit as jbw writes it, such as `1/(m s^2)`."""
     powers = {"kg": 0, "m": 0, "s": 0}
     above, _, below = unit.partition("/")
     for part, sign in ((above, 1), (below.strip("()"), -1)):
@@ -158,10 +158,10 @@ def compiler() -> list[str] | None:
 
 
 def compile_shared(source: Path, target: Path) -> bool:
-    """Compile one file of C to a shared library; False without a compiler.
+    """Compile one C file to a shared library; return False without a compiler.
 
     Raises:
-        RunError: The compiler fails.
+        RunError: The compiler failed.
     """
     if (command := compiler()) is None:
         return False

@@ -1,4 +1,4 @@
-"""A step function for MATLAB and Octave: the exact moves in their language."""
+"""MATLAB and Octave: a step function of the joint with the laws' exact steps."""
 
 from pathlib import Path
 
@@ -7,14 +7,13 @@ from jbw.export.one_joint import Export
 
 
 def _code(folder: Path, result: Export) -> Paths:
-    """Return the step function, of any parameters."""
+    """Write the step function, which takes any parameters of the laws."""
     forms = forms_of("matlab/laws", result)
     facts = {"forms": forms, "memory": sum(form.memory for form in forms)}
     return (write_text(folder / "joint_step.m", "matlab/joint_step.m", result, **facts),)
 
 
 def _card(folder: Path, result: Export) -> Paths:
-    """Write the MATLAB file of the joint's parameters."""
     path = folder / "joint_parameters.m"
     return (write_text(path, "matlab/joint_parameters.m", result),)
 

@@ -1,4 +1,4 @@
-"""Modelica: the joint as a translational component, by the rates of its laws."""
+"""Modelica: the joint as a translational component, written with the rates of its laws."""
 
 from pathlib import Path
 
@@ -7,7 +7,6 @@ from jbw.export.one_joint import Export
 
 
 def _card(folder: Path, result: Export) -> Paths:
-    """Write the Modelica model of the joint."""
     forms = forms_of("modelica/laws", result)
     return (write_text(folder / "Joint.mo", "modelica/joint.mo", result, forms=forms),)
 

@@ -1,4 +1,4 @@
-"""Nastran: CBUSH1D with the joint's force as a table, and its equivalent damping as another."""
+"""Nastran: CBUSH1D with tables of the joint's force and of its equivalent damping."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -19,19 +19,19 @@ from jbw.export.one_joint import Export
 from jbw.export.several_joints import JointsExport
 from jbw.report.messages import study as messages
 
-FORCE, DAMPING = 1, 2  # tables
+FORCE, DAMPING = 1, 2  # numbers of the tables of a single joint
 
 
 class JointTables(NamedTuple):
-    """A joint of several, with its tables.
+    """One of several joints in a Nastran file, with its tables.
 
     Attributes:
-        nodes: Its nodes.
+        nodes: Nodes of the joint.
         linear: Fields of the stiffness at rest and of the dashpot at the largest motion.
         force: Number of the table of force.
         damping: Number of the table of the dashpot's coefficient.
-        tables: Number and fields of each.
-        note: At which frequency the dashpot loses what the joint does.
+        tables: Number and fields of each table.
+        note: Sentence on the frequency at which the dashpot has the joint's loss.
     """
 
     nodes: JointNodes
@@ -43,14 +43,14 @@ class JointTables(NamedTuple):
 
 
 def _card(folder: Path, result: Export) -> Paths:
-    """Return the element, its property and the tables."""
+    """Write the element, its property and the tables of force and damping."""
     tables = _tables(result, FORCE, DAMPING)
     facts = {"tables": tables, "linear": _linear(result), "force": FORCE, "damping": DAMPING}
     return (write_text(folder / "joint.bdf", "nastran/joint.bdf", result, **facts),)
 
 
 def _joints_card(folder: Path, result: JointsExport) -> Paths:
-    """Write grid points, constraint equations, elements, properties, tables of all joints."""
+    """Write grid points, constraint equations, elements, properties and tables of all joints."""
     joints = []
     for nodes in nodes_of(result):
         joint, card = nodes.card.joint, nodes.card
@@ -71,7 +71,7 @@ def _joints_card(folder: Path, result: JointsExport) -> Paths:
 
 
 def _tables(result: Export, force: int, damping: int) -> list[tuple[int, list[str]]]:
-    """Return numbers and fields of force and equivalent dashpot against displacement."""
+    """Return the tables of force and of equivalent dashpot against displacement, by number."""
     return [
         (number, [_field(x) for x in mirrored(result.skeleton, column, odd=odd)])
         for number, column, odd in (
@@ -82,13 +82,13 @@ def _tables(result: Export, force: int, damping: int) -> list[tuple[int, list[st
 
 
 def _linear(result: Export) -> tuple[str, str]:
-    """Return stiffness at rest and a dashpot of equal loss at the joint's largest displacement."""
+    """Return the stiffness at rest, and a dashpot of equal loss at the largest displacement."""
     table = result.skeleton
     return _field(table["stiffness_n_m"][0]), _field(table["damping_ns_m"][-1])
 
 
 def _field(value: float) -> str:
-    """Return a number in a field of sixteen characters."""
+    """Return a number as a Nastran field of sixteen characters."""
     return f"{value:<16.9e}"
 
 

@@ -1,4 +1,4 @@
-"""Materials of OpenSees: the spring beside the joint and its laws, in parallel."""
+"""OpenSees: the spring parallel to the joint and its laws as uniaxial materials in parallel."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -22,16 +22,16 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.parameters import Material, Scalar
 from jbw.report.messages import study as messages
 
-JOINT_TAG = 1  # of the material that is the whole joint
+JOINT_TAG = 1  # tag of the material that represents the whole joint
 
 
 class JointLines(NamedTuple):
-    """A joint of several, as commands.
+    """One of several joints in an OpenSees file, as commands.
 
     Attributes:
-        nodes: Its nodes.
-        materials: Commands that make its material, whose tag is the number of its node.
-        notes: How well sliders represent its laws.
+        nodes: Nodes of the joint.
+        materials: Commands that create its material, whose tag is the number of its node.
+        notes: Sentences on how well sliders represent its laws.
     """
 
     nodes: JointNodes
@@ -40,13 +40,12 @@ class JointLines(NamedTuple):
 
 
 def _card(folder: Path, result: Export) -> Paths:
-    """Write the OpenSees materials of the joint."""
     facts = {"lines": opensees_lines(result.materials), "notes": tuple(_notes(result))}
     return (write_text(folder / "joint.tcl", "opensees/joint.tcl", result, **facts),)
 
 
 def _joints_card(folder: Path, result: JointsExport) -> Paths:
-    """Return the nodes, materials and elements of all joints."""
+    """Write the nodes, materials and elements of all joints."""
     joints, parts = nodes_of(result), 1 + max(joint.node for joint in nodes_of(result))
     lines = []
     for joint in joints:
@@ -64,7 +63,7 @@ def _joints_card(folder: Path, result: JointsExport) -> Paths:
 
 
 def _notes(result: Export, unit: str = "m") -> Iterator[str]:
-    """Yield notes on range and accuracy of the sliders that represent each law."""
+    """Yield a note on the range and accuracy of the sliders of each law that sliders represent."""
     for law in oscillator_of(result.joint, result.laws).laws:
         if law.depth:
             error = 100.0 * error_of_sliders(law, result.y_max)  # pyright: ignore[reportArgumentType]
@@ -75,7 +74,7 @@ def _notes(result: Export, unit: str = "m") -> Iterator[str]:
 def opensees_lines(
     materials: Sequence[Material], tag: int = JOINT_TAG, first: int = JOINT_TAG + 1
 ) -> tuple[str, ...]:
-    """Return commands that create materials from a first tag on, and set them in parallel."""
+    """Return the OpenSees commands that create materials and combine them in parallel."""
     tags = range(first, first + len(materials))
     lines = [
         _line(material.kind, own_tag, material.arguments)
@@ -94,7 +93,7 @@ def _line(kind: str, tag: int, arguments: Iterable[Scalar | str]) -> str:
 
 def _lacks(result: Export) -> tuple[str, ...]:
     if not result.laws:
-        return ("linear",)  # a joint of no law
+        return ("linear",)  # a joint without a law
 
     def found(law: str) -> tuple[Material, ...]:
         return materials_of(result.joint, (law,), result.mass, result.y_max)

@@ -1,4 +1,4 @@
-"""The shared parts of the programs' exports: record, joint parameters and templates."""
+"""The parts that all program exports share: register entries, joint parameters, templates."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator
@@ -17,7 +17,7 @@ from jbw.export.several_joints import JointCard, JointsExport
 from jbw.oscillator.laws import FAMILIES, law_named, quantities_of
 from jbw.oscillator.laws.stretch_path import UNIT_RULE
 
-TABLES = "nastran, ansys, code_aster"  # what takes any law
+TABLES = "nastran, ansys, code_aster"  # the programs that take any law
 ENVIRONMENT = jinja2.Environment(
     loader=jinja2.PackageLoader("jbw.export.exports"),
     autoescape=jinja2.select_autoescape(("xml", "html", "ssv")),
@@ -39,17 +39,17 @@ def _any_law(result: Export) -> tuple[str, ...]:
 
 
 def no_code(folder: Path, result: JointsExport) -> Paths:
-    """Return no files: each draw changes the entire output."""
+    """Write no files: each draw changes all of the program's files."""
     return ()
 
 
 class OfJoints(NamedTuple):
-    """How a program takes several joints at their degrees of freedom.
+    """The functions that export several joints to a simulation program.
 
     Attributes:
-        card: Writes what one draw of the parameters changes, into a folder.
-        code: Writes what no draw changes.
-        require: Refuses joints that the program cannot take beside each other.
+        card: Function that writes into a folder what one draw of the parameters changes.
+        code: Function that writes what no draw changes.
+        require: Function that raises an error for joints that the program cannot take together.
     """
 
     card: Callable[[Path, JointsExport], Paths]
@@ -58,15 +58,17 @@ class OfJoints(NamedTuple):
 
 
 class Program(NamedTuple):
-    """Another program that takes the joint; `jbw.export.exports` holds the register.
+    """A simulation program to which a joint can be exported.
+
+    `jbw.export.exports` has the register of all programs.
 
     Attributes:
-        name: What `--to` calls it.
-        title: What people call it.
-        card: Writes what one draw of the parameters changes, into a folder.
-        code: Writes what no draw changes.
-        lacks: Names of the joint's laws that it cannot take.
-        joints: The same of several joints; None where it takes one alone.
+        name: Name of the program for `--to`.
+        title: Displayed name of the program.
+        card: Function that writes into a folder what one draw of the parameters changes.
+        code: Function that writes what no draw changes.
+        lacks: Function that returns the names of the joint's laws that the program cannot take.
+        joints: Functions for several joints; None where the program takes a single joint only.
     """
 
     name: str
@@ -87,13 +89,13 @@ class Parameter(NamedTuple):
 
 
 class Form(NamedTuple):
-    """A law's exact move in another language.
+    """The template of a law's exact step in another language.
 
     Attributes:
-        name: Of its function, the law's or its family's.
-        file: Its template.
-        num: How many parameters it takes.
-        memory: How many numbers it remembers.
+        name: Name of its function, that of the law or of the law's family.
+        file: File of the template.
+        num: Number of its parameters.
+        memory: Number of its state variables.
     """
 
     name: str
@@ -103,10 +105,10 @@ class Form(NamedTuple):
 
 
 def require_law(program: Program, result: Export) -> None:
-    """Refuse a joint of which a program cannot take a law.
+    """Raise an error if a simulation program cannot represent one of the joint's laws.
 
     Raises:
-        ConfigError: It cannot; with the programs that can.
+        ConfigError: The program lacks a law; the message names programs that take it.
     """
     if lacking := program.lacks(result):
         names = ", ".join(f"`{name}`" for name in lacking)
@@ -117,7 +119,7 @@ def require_law(program: Program, result: Export) -> None:
 
 
 def parameters_of(result: Export) -> tuple[Parameter, ...]:
-    """Return mass, spring and dashpot parallel to the joint, then its laws' parameters."""
+    """Return the exported parameters: mass, spring and dashpot next to the laws, then the laws'."""
     quantities = result.quantities or (*LINEAR, *quantities_of(result.laws))
     values = {**result.linear, **result.joint}
     return tuple(Parameter(q.name, values[q.name], q.unit, q.meaning) for q in quantities)
@@ -128,13 +130,13 @@ DIRECTIONS = dict(zip((*TRANSLATIONS, *ROTATIONS), range(1, 7), strict=True))
 
 
 class JointNodes(NamedTuple):
-    """A joint between two further nodes, whose first displacement is its motion.
+    """A joint between two additional nodes; the first displacement of one is the joint's motion.
 
     Attributes:
         card: The joint.
-        ground: Number of the node that is held.
+        ground: Number of the fixed node.
         node: Number of the node whose displacement 1 is the joint's motion.
-        terms: Number of the node, number of the direction and factor of every degree of freedom.
+        terms: Node number, direction number and factor of every degree of freedom.
     """
 
     card: JointCard
@@ -144,10 +146,10 @@ class JointNodes(NamedTuple):
 
 
 def nodes_of(result: JointsExport) -> tuple[JointNodes, ...]:
-    """Return the joints with nodes of their own, numbered beyond those of the model.
+    """Return the joints with additional nodes, numbered beyond those of the model.
 
     Raises:
-        ConfigError: A degree of freedom of a joint has no number of node or direction.
+        ConfigError: A degree of freedom of a joint has no node number or no direction number.
     """
     ground = 10 ** max(3, len(str(result.assembly.highest_node)))
     return tuple(
@@ -168,16 +170,16 @@ def _numbered(card: JointCard) -> Iterator[tuple[int, int, float]]:
 
 
 def require_nodes(result: JointsExport) -> None:
-    """Refuse joints at nodes that have no numbers.
+    """Raise an error if joints are at nodes without numbers, which a program needs.
 
     Raises:
-        ConfigError: A degree of freedom has none.
+        ConfigError: A degree of freedom has no number.
     """
     nodes_of(result)
 
 
 def require_joints(program: Program, result: JointsExport, takers: Iterable[str]) -> None:
-    """Refuse joints that a program cannot take.
+    """Raise an error if a simulation program cannot represent the joints of a run.
 
     Args:
         program: The program.
@@ -185,7 +187,7 @@ def require_joints(program: Program, result: JointsExport, takers: Iterable[str]
         takers: Names of the programs that take several joints.
 
     Raises:
-        ConfigError: It takes one joint alone, lacks a law of one, or cannot place one.
+        ConfigError: The program takes a single joint only, lacks a law, or cannot place a joint.
     """
     if program.joints is None:
         raise ConfigError(
@@ -199,7 +201,7 @@ def require_joints(program: Program, result: JointsExport, takers: Iterable[str]
 
 
 def takes_joints(program: Program, result: JointsExport) -> bool:
-    """Return whether a program takes the joints."""
+    """Return whether a simulation program can represent the joints of a run."""
     try:
         require_joints(program, result, ())
     except ConfigError:
@@ -209,18 +211,18 @@ def takes_joints(program: Program, result: JointsExport) -> bool:
 
 # -- laws in closed code ---------------------------------------------------------------------------
 def family_of(law: str) -> str:
-    """Name of a law, or of its family: `jenkins` of `jenkins_3`."""
+    """Return the name of a law's family, such as `jenkins` for `jenkins_3`, or of the law."""
     root = re.sub(r"_\d+$", "", law)
     return root if root in FAMILIES else law
 
 
 def forms_of(folder: str, result: Export) -> tuple[Form, ...]:
-    """Return the laws' forms in the language of a folder of templates."""
+    """Return the templates of a joint's laws in the language of a simulation program."""
     return tuple(_form(folder, law, result) for law in result.laws)
 
 
 def without_form(folder: str) -> Callable[[Export], tuple[str, ...]]:
-    """Return a function that lists laws without a template in a folder's language."""
+    """Return a function that lists a joint's laws without a template in a language."""
     forms = {Path(name).stem for name in ENVIRONMENT.list_templates() if name.startswith(folder)}
     return lambda result: tuple(law for law in result.laws if family_of(law) not in forms)
 
@@ -234,7 +236,7 @@ def _form(folder: str, law: str, result: Export) -> Form:
 
 # -- texts -----------------------------------------------------------------------------------------
 def write_text(path: Path, template: str, result: Export, **more: Any) -> Path:
-    """Write a template that is told the joint, whole."""
+    """Write a file of one joint for a simulation program from a template."""
     return write_template(
         path,
         template,
@@ -247,7 +249,7 @@ def write_text(path: Path, template: str, result: Export, **more: Any) -> Path:
 
 
 def write_template(path: Path, template: str, **facts: Any) -> Path:
-    """Write a template that is told some facts, and jbw's version."""
+    """Write a file for a simulation program from a template, with jbw's version."""
     text = ENVIRONMENT.get_template(template).render(version=__version__, **facts)
     path.write_text(text, encoding="utf-8")
     return path
@@ -259,7 +261,7 @@ def commented(lines: Iterable[str], mark: str) -> str:
 
 
 def mirrored(table: Table, column: str, *, odd: bool) -> Iterable[float]:
-    """Yield a skeleton's displacements and values in turn, from -Y to Y."""
+    """Yield a skeleton curve's displacements and values alternately, from -Y to Y."""
     y, x = table["displacement_m"], table[column]
     middle = 0.0 if odd else x[0]
     xs = (*(-x[::-1] if odd else x[::-1]), middle, *x)
@@ -268,18 +270,18 @@ def mirrored(table: Table, column: str, *, odd: bool) -> Iterable[float]:
 
 
 def number(value: Any) -> str:
-    """Return all digits of a number, as C, MATLAB, Modelica and Fortran read it."""
+    """Return a number with all digits, as C, MATLAB, Modelica and Fortran read it."""
     return repr(float(value))
 
 
 def wrapped(values: Iterable[str], count: int) -> list[list[str]]:
-    """Return the words in rows of so many."""
+    """Return words in rows of `count` words each."""
     words = list(values)
     return [words[i : i + count] for i in range(0, len(words), count)]
 
 
 def in_modelica(unit: str) -> str:
-    """Return a unit of jbw's dialect as Modelica writes it, `1/(m2.s2)`."""
+    """Return a unit as Modelica writes it, such as `1/(m2.s2)`."""
     return unit.replace("^", "").replace(" ", ".")
 
 
@@ -289,5 +291,5 @@ ENVIRONMENT.filters |= {
     "wrapped": wrapped,
     "modelica": in_modelica,
 }
-# Nodes and weights on [0, 1], of the law whose map is an integral.
+# Nodes and weights on [0, 1] for the law whose force is an integral.
 ENVIRONMENT.globals["legendre"] = tuple(zip(*(x.tolist() for x in UNIT_RULE), strict=True))

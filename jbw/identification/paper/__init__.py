@@ -1,1 +1,1 @@
-"""The paper's own Steps 3 and 4, with earlier results held at their means, for Bouc-Wen's law."""
+"""The paper's own Steps 3 and 4 for Bouc-Wen's law, with earlier results fixed at their means."""

@@ -16,19 +16,19 @@ from jbw.paper.objectives import kernel_residual
 
 
 class KernelData(eqx.Module):
-    """Measured third-order kernel at the probing frequencies, over repeats."""
+    """The measured third-order kernel at the probing frequencies, over repeats."""
 
     omega: Float[Array, " freq"]  # probing frequencies [rad/s]
     mean: Complex[Array, " freq"]  # of H3 over the repeats [m^-2 s^6]
-    within: Float[Array, " freq"]  # scatter of the repeats about their mean, sum of |.|^2
+    within: Float[Array, " freq"]  # sum of |.|^2 of the repeats' deviations from the mean
     num_repeats: Float[Array, " freq"]
     noise_std: Float[Array, " freq"]  # of one repeat, per real component [m^-2 s^6]
     y_peak: Float[Array, " freq"]  # largest displacement of each test [m]
-    omega_n: Float[Array, ""]  # of Step 2 [rad/s], held
+    omega_n: Float[Array, ""]  # of Step 2 [rad/s], fixed
 
     @property
     def repeats(self) -> Repeats:
-        """Sufficient statistics of the repeats."""
+        """The sufficient statistics of the repeats."""
         return Repeats(self.mean, self.within, self.num_repeats)
 
 
@@ -37,8 +37,8 @@ def reduce(kernels: Sequence[ThirdOrder], omega_n: float) -> KernelData:
 
     $$\sigma_i^2 = \frac{S_i}{2(K_i - 1)}$$
 
-    The kernels are of input per unit mass [N/kg], those below the noise left out; omega_n [rad/s]
-    is that of Step 2.
+    The kernels are for input per unit mass [N/kg]; those below the noise are omitted. omega_n
+    [rad/s] is that of Step 2.
     """
     usable = [kernel for kernel in kernels if kernel.above_noise]
     if len(usable) < 2:
@@ -69,13 +69,13 @@ def reduce(kernels: Sequence[ThirdOrder], omega_n: float) -> KernelData:
 
 
 def predict(theta: Mapping[str, Array], data: KernelData) -> Complex[Array, " freq"]:
-    r"""Return the paper's closed form at the probing frequencies [m^-2 s^6].
+    r"""Return the paper's closed form of the third-order kernel at the probing tones [m^-2 s^6].
 
     $$H_3(\omega) = -\lambda_3\,H_1(\omega)^3\,H_1(3\omega), \qquad
       \lambda_3 = \alpha\Bigl(\frac{\delta^2}{6} - \frac{35\,\delta}{96\,Y}\Bigr)$$
 
-    At one amplitude it depends on alpha and delta through lambda_3 alone: they are not
-    separately identifiable from it.
+    At one amplitude it depends on alpha and delta through lambda_3 alone, so it does not determine
+    them separately.
 
     Reference:
         Eqs. (25), (31).
@@ -85,12 +85,12 @@ def predict(theta: Mapping[str, Array], data: KernelData) -> Complex[Array, " fr
 
 
 def log_likelihood(theta: Mapping[str, Array], data: KernelData) -> Float[Array, " freq"]:
-    r"""Log likelihood of each probing frequency over its repeats, its noise integrated out.
+    r"""Return the log likelihood of each probing frequency over its repeats, noise integrated out.
 
     $$\log p = -K \log\bigl(K\,|\bar H_3 - H_3(\theta)|^2 + S\bigr) + \mathrm{const}$$
 
-    A few repeats tell their noise roughly: taken as known, as (36) is printed, that of eight leaves
-    99 % intervals that hold 96 %.
+    A few repeats determine their noise only roughly: if it is taken as known, as (36) is printed,
+    99 % intervals from eight repeats contain the truth in 96 % of cases.
 
     Reference:
         Eqs. (34), (36), under the Jeffreys prior 1/sigma of every frequency.
@@ -101,7 +101,7 @@ def log_likelihood(theta: Mapping[str, Array], data: KernelData) -> Float[Array,
 def known_noise_log_likelihood(
     theta: Mapping[str, Array], data: KernelData
 ) -> Float[Array, " freq"]:
-    """Log likelihood as printed: `noise_std` is the noise, whatever it was estimated from.
+    """Return the log likelihood as printed in the paper, with `noise_std` as the known noise.
 
     Reference:
         Eqs. (34), (36).
@@ -110,7 +110,7 @@ def known_noise_log_likelihood(
 
 
 def residual(theta: Mapping[str, Array], data: KernelData) -> Float[Array, " values"]:
-    """Return the residuals of the means in their standard errors, real parts then imaginary parts.
+    """Return the residuals of the mean kernels in standard errors, real parts then imaginary parts.
 
     Reference:
         Eq. (38), weighted by the noise of each frequency.

@@ -1,4 +1,4 @@
-"""The paper's cut beside the joint posterior: what holding earlier results at their means costs."""
+"""Comparison of the paper's sequential steps (the cut) with the joint posterior."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,16 +12,17 @@ from jbw.identification.step import Step
 from jbw.report.messages import paper_steps as messages
 
 CUT = {"third_order_nuts": ("zeta", "alpha", "delta"), "opening_nuts": ("gamma",)}
-FAR = 10.0  # standard deviations: how many more than that says nothing further
+FAR = 10.0  # standard deviations beyond which the exact number does not matter
 PRODUCTS = {"alpha_delta": "delta", "alpha_gamma": "gamma"}
 Moments = dict[str, tuple[float, float]]
 
 
 def compare_routes(linear: LinearStep | None, posteriors: Posteriors) -> dict[str, Any]:
-    """Return every parameter that both routes give, side by side; empty without a cut.
+    """Compare all parameters by the paper's sequential steps and by the joint posterior.
 
-    The mean and sd of either route, `sd_ratio`, the joint posterior's sd over the cut's, and
-    `difference`, cut less joint in sds of the joint; what the cut costs in words and seconds.
+    The result contains the mean and sd by either route; `sd_ratio`, the joint posterior's sd over
+    the cut's; `difference`, cut minus joint in sds of the joint; statements and wall times. It is
+    empty if the paper's steps (the cut) were not performed.
 
     Reference:
         Section 3, Steps 2-4, against all parameters set to update.
@@ -43,7 +44,7 @@ def compare_routes(linear: LinearStep | None, posteriors: Posteriors) -> dict[st
 
 
 def _cut(linear: LinearStep | None, steps: Mapping[str, Step]) -> Moments:
-    """Return the mean and sd of every parameter by the step of the paper that identifies it."""
+    """Return mean and sd of every parameter from the step of the paper that identifies it."""
     moments: Moments = {}
     if linear is not None:
         mean, variance = linear.pooled.mean, np.diag(linear.pooled.covariance)
@@ -53,14 +54,14 @@ def _cut(linear: LinearStep | None, steps: Mapping[str, Step]) -> Moments:
         if name not in steps:
             continue
         draws = _moments(steps[name].posterior["posterior"].to_dataset(), steps[name].held)
-        # A step's own parameter also fixes its product with alpha, which it holds or draws.
+        # A step's parameter also determines its product with alpha, which the step fixes or draws.
         names = {*names, *(p for p, factor in PRODUCTS.items() if factor in names)}
         moments |= {parameter: draws[parameter] for parameter in draws if parameter in names}
     return moments
 
 
 def _moments(posterior: xr.Dataset, held: Mapping[str, float]) -> Moments:
-    """Return the mean and sd of the parameters of a posterior, and of the products with alpha."""
+    """Return mean and sd of a posterior's parameters and of their products with alpha."""
     draws = {str(n): np.ravel(v.values) for n, v in posterior.data_vars.items() if v.ndim == 2}
     alpha = draws.get("alpha", held.get("alpha"))
     for product, factor in PRODUCTS.items():

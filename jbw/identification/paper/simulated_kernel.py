@@ -1,7 +1,7 @@
-r"""The third-order kernel as the world makes it, to test the likelihood of Step 3 by.
+r"""Simulated measurements of the third-order kernel, to test the likelihood of Step 3.
 
-Nothing here is shared with that likelihood: formulas stand here a second time on purpose, so that
-a factor that it drops is not dropped here with it.
+Nothing here is shared with that likelihood. The formulas are written again on purpose, so that a
+factor missing there is not missing here too.
 """
 
 from collections.abc import Mapping
@@ -31,13 +31,13 @@ def measured_kernel(
 ) -> KernelData:
     r"""Simulate noisy complex repeats of the third-order kernel; reduce them as in Step 3.
 
-    As in a campaign nobody is told the noise. It is drawn for every frequency, uniformly in its
-    logarithm over a factor `UNKNOWN` to either side of the design's: that is the prior 1/sigma of a
-    likelihood that integrates it out, but for its two ends. What least squares weigh by is
+    As in a campaign, the noise is unknown. It is drawn for every frequency, uniformly in its
+    logarithm over a factor `UNKNOWN` to either side of the design's. This is the prior 1/sigma of
+    a likelihood that integrates the noise out, except for its two ends. Least squares use
 
     $$\hat\sigma_i^2 = \frac{1}{2(K - 1)} \sum_k |H_{ik} - \bar H_i|^2$$
 
-    With `known_noise` it is the design's and the likelihood is told, as (36) supposes.
+    With `known_noise` the noise is the design's, and the likelihood knows it, as (36) assumes.
     """
     noise_std = design.noise_std
     if not known_noise:
@@ -55,7 +55,7 @@ def measured_kernel(
 
 
 def kernel_values(theta: Theta, design: KernelData) -> Complex[Array, " freq"]:
-    r"""Return the paper's third-order kernel, written out.
+    r"""Return the paper's third-order kernel by an independent implementation.
 
     $$H_3(\omega) = \frac{-\alpha\,(\delta^2/6 - 35\,\delta/(96 Y))}
       {(\omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega)^3\,

@@ -36,7 +36,8 @@ from jbw.paper.objectives import kernel_energy
 from jbw.report.messages import paper_steps as messages
 
 NAMES = ("zeta", "alpha", "delta")
-# Half widths of the paper's boxes over their centres: alpha in [424.31, 589.61] is 507 +- 16.3 %.
+# Half widths of the paper's boxes relative to their centres: alpha in [424.31, 589.61] is 507 +-
+# 16.3 %.
 PAPER_HALF_WIDTH = {"zeta": 0.20, "alpha": 0.163, "delta": 0.20, "gamma": 0.41}
 SAMPLERS = {
     "third_order_nuts": SamplingRequest("nuts", num_warmup=500, num_samples=500),
@@ -56,7 +57,7 @@ class KernelFit:
 
 
 def about(centre: Mapping[str, float], half_width: Mapping[str, float]) -> Bounds:
-    """Return the paper's kind of box: a share of the initial fit to either side."""
+    """Return bounds as in the paper: a share of the initial fit to either side."""
     return {
         name: bounds_about(centre[name], 1 - share, 1 + share)
         for name, share in half_width.items()
@@ -67,9 +68,9 @@ def about(centre: Mapping[str, float], half_width: Mapping[str, float]) -> Bound
 def measured_kernels(tests: Sequence[Test], linear: PooledFit) -> tuple[ThirdOrder, ...]:
     """Return every probing test's third-order kernel, with the source's harmonic removed.
 
-    The source's harmonic rings the structure that slides under the tone, not that of Step 2: a
-    first kernel by H1 says how much softer it is, a second one is taken by the softer receptance.
-    The input is per unit mass.
+    The source's harmonic excites the structure while it slides under the tone, which is softer than
+    in Step 2. A first kernel by H1 shows how much softer; the second kernel uses the softer
+    receptance. The input is per unit mass.
 
     Reference:
         Eqs. (29), (30).
@@ -86,7 +87,7 @@ def measured_kernels(tests: Sequence[Test], linear: PooledFit) -> tuple[ThirdOrd
 
 
 def _product(measured: ThirdOrder, linear: PooledFit) -> float:
-    r"""Return alpha*delta of a measured kernel, from the leading term of (31) [1/(m s^2)].
+    r"""Return alpha*delta from a measured kernel, by the leading term of (31) [1/(m s^2)].
 
     $$\lambda_3 \approx -\frac{35\,\alpha\delta}{96\,Y}, \qquad
       \lambda_3 = -\mathrm{Re}\frac{H_3}{H_1(\omega)^3 H_1(3\omega)}$$
@@ -101,7 +102,7 @@ def _measured_kernel(test: Test, linear: PooledFit, softer: float) -> ThirdOrder
 
     $$\frac1{H(3\omega)} = \frac1{H_1(3\omega)} - \frac{2\,\alpha\delta\,|Y_1|}{\pi}$$
 
-    which is the mean over a period of the slope alpha (1 - delta |y|) of Eq. (2), to first order;
+    This is, to first order, the mean over a period of the slope alpha (1 - delta |y|) of Eq. (2);
     `softer` is its second term [1/s^2].
     """
     omega = 2 * np.pi * test.tones_hz[0]
@@ -119,8 +120,8 @@ def _measured_kernel(test: Test, linear: PooledFit, softer: float) -> ThirdOrder
 def fit_kernel(key: Key, tests: Sequence[Test], linear: PooledFit, settings: Identify) -> KernelFit:
     """Fit zeta, alpha and delta to probing tests; return the fit and the posterior's box.
 
-    The box is the campaign's where it states one, otherwise the paper's widths about a first fit
-    within physical bounds. The optimum may lie at its bounds: it is said in `fit.at_bound`.
+    The box is the campaign's if it states one, otherwise that of the paper's widths around a first
+    fit within physical bounds. If the optimum lies at its bounds, `fit.at_bound` says so.
 
     Reference:
         Eqs. (38), (39).
@@ -147,10 +148,11 @@ def third_order_steps(
 ) -> dict[str, Step]:
     """Sample zeta, alpha and delta by (36) with NUTS, the paper's walk, and a tuned walk.
 
-    NUTS and the tuned walk go along the ridge alpha*delta, from wall to wall of the box, with the
-    noise integrated out; the paper's walk in the box itself, with the noise as estimated. All
-    chains start dispersed, so that their comparison can tell: the paper's chain, started at one
-    optimum, agrees with itself and says nothing. What is said of each begins with `statements`.
+    NUTS and the tuned walk use coordinates along the ridge alpha*delta, from wall to wall of the
+    box, with the noise integrated out. The paper's walk uses the box itself, with the noise as
+    estimated. All chains start dispersed, so that their comparison is meaningful: the paper's
+    chain, started at one optimum, always agrees with itself. `statements` are put before those of
+    each step.
 
     Reference:
         Eqs. (35), (36).
@@ -182,7 +184,7 @@ def draw(
     request: SamplingRequest,
     supervision: Supervision = UNSUPERVISED,
 ) -> xr.DataTree:
-    """Return the draws along the ridge alpha*delta, the noise integrated out."""
+    """Draw Step 3's posterior along the ridge alpha*delta, with the noise integrated out."""
     noisy = as_noise(step.fit)
     ridge = along_ridge(noisy.theta, noisy.covariance, step.box)
     target = Target(kernel.log_likelihood, step.box, step.data)
@@ -190,7 +192,7 @@ def draw(
 
 
 def as_noise(best: Fit) -> Fit:
-    """Return a fit whose misfit counts as noise, as it does where the noise is integrated out."""
+    """Return a fit whose misfit counts as noise, as in a likelihood that integrates noise out."""
     chi_square, dof = best.chi_square
     return replace(best, covariance=best.covariance * max(1.0, chi_square / max(dof, 1)))
 

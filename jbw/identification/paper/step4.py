@@ -1,7 +1,7 @@
-"""Step 4 by the paper's cut: gamma alone, the earlier steps held at their means.
+"""Step 4 of the paper: gamma alone, with the earlier steps fixed at their means.
 
-With one parameter left, the misfit of each level is a smooth function of gamma: a few dozen solves
-at Chebyshev nodes give it everywhere, and every sampler then runs on the series.
+With one free parameter, the misfit of each level is a smooth function of gamma. A few dozen solves
+at Chebyshev nodes determine it everywhere, and every sampler then uses the series.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -35,8 +35,8 @@ from jbw.report.messages import paper_steps as messages
 
 NAMES = ("gamma",)
 NODES = 48
-REACH = 3.0  # of delta: where gamma is looked for when the campaign states no prior
-WRONG = 0.05  # nats: what the series may be wrong by where the posterior lies
+REACH = 3.0  # upper bound of gamma over delta if the campaign states no prior
+WRONG = 0.05  # largest error of the series within the posterior [nats]
 SAMPLERS = {
     "opening_nuts": SamplingRequest("nuts", num_warmup=300, num_samples=1000),
     "opening_paper": SamplingRequest("random_walk_paper"),
@@ -44,7 +44,7 @@ SAMPLERS = {
 
 
 class OpeningCurve(eqx.Module):
-    r"""Misfit of each level as a Chebyshev series in gamma.
+    r"""The misfit of each level as a Chebyshev series in gamma.
 
     $$K\,|\bar v - m(\gamma)|^2 = \sum_k c_k\,T_k(s), \qquad s \in [-1, 1]$$
 
@@ -53,18 +53,19 @@ class OpeningCurve(eqx.Module):
 
     coefficients: Float[Array, "level node"]  # c_k
     within: Float[Array, " level"]  # S
-    num_values: Float[Array, " level"]  # measured, over repeats and time
+    num_values: Float[Array, " level"]  # number of values, over repeats and time
     noise_std: Float[Array, " level"]  # of one repeat, from the scatter of the repeats
     lower: Float[Array, ""]
     upper: Float[Array, ""]
 
 
 def opening_curve(records: Records, held: Mapping[str, float], prior: Box) -> OpeningCurve:
-    """Solve at the Chebyshev nodes of gamma's prior and make the series; usable under vmap."""
+    """Compute the Chebyshev series of the misfit by solves at the nodes of gamma's prior."""
     s = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
     gamma = prior.lower[0] + (s + 1) / 2 * (prior.upper[0] - prior.lower[0])
     values = misfits(gamma, dict(held), records)
-    # Discrete orthogonality of the polynomials at these nodes; the mean comes with half the weight.
+    # The polynomials are orthogonal at these nodes; the mean has half the weight. This is usable
+    # under vmap.
     series = 2 / NODES * np.polynomial.chebyshev.chebvander(s, NODES - 1).T
     series[0] /= 2
     return OpeningCurve(
@@ -81,7 +82,7 @@ def opening_curve(records: Records, held: Mapping[str, float], prior: Box) -> Op
 def misfits(
     gamma: Float[Array, " node"], held: Mapping[str, Array], records: Records
 ) -> Float[Array, "node level"]:
-    """Solve for the misfit of every level, one value of gamma [1/m] after another."""
+    """Solve for the misfit of every level at several values of gamma [1/m]."""
 
     def misfit_at(value: Float[Array, ""]) -> Float[Array, " level"]:
         return records.squares({**held, "gamma": value}) - records.groups.within
@@ -90,7 +91,7 @@ def misfits(
 
 
 def misfit(gamma: Float[Array, ""], curve: OpeningCurve) -> Float[Array, " level"]:
-    """Evaluate the Chebyshev series of the misfit by Clenshaw's recurrence."""
+    """Evaluate the Chebyshev series of the misfit of every level by Clenshaw's recurrence."""
     s = 2 * (gamma - curve.lower) / (curve.upper - curve.lower) - 1
 
     def step(carry: tuple, c: Float[Array, " level"]) -> tuple:
@@ -103,7 +104,7 @@ def misfit(gamma: Float[Array, ""], curve: OpeningCurve) -> Float[Array, " level
 
 
 def log_likelihood(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " level"]:
-    """Log likelihood of each level, its noise integrated out under Jeffreys' prior.
+    """Return the log likelihood of each level, its noise integrated out under Jeffreys' prior.
 
     Reference:
         Eq. (37), on the velocity as in (41).
@@ -113,7 +114,7 @@ def log_likelihood(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Arr
 
 
 def residual(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " level"]:
-    """Return the root of each level's misfit in units of its noise: half its square is the cost.
+    """Return the root of each level's misfit in units of its noise; half its square is the cost.
 
     Reference:
         Eqs. (41), (42).
@@ -122,18 +123,18 @@ def residual(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " 
 
 
 class OpeningFit(NamedTuple):
-    """The initial fit of Step 4."""
+    """The initial fit of gamma in Step 4."""
 
-    curve: OpeningCurve  # the likelihood's series
+    curve: OpeningCurve  # series of the likelihood
     fit: Fit
     box: Box  # prior of gamma
-    held: dict[str, float]  # omega_n, zeta, alpha, delta and gain
+    held: dict[str, float]  # fixed omega_n, zeta, alpha, delta and gain
 
 
 def fit_opening(
     key: Key, records: Records, linear: PooledFit, means: Mapping[str, float], settings: Identify
 ) -> OpeningFit:
-    """Fit gamma initially, given Step 2 and the `means` of Step 3: zeta, alpha and delta."""
+    """Fit gamma initially, given the results of Step 2 and the `means` of Step 3."""
     held = {"omega_n": linear.omega_n, "gain": linear.gain, **means}
     prior = box({"gamma": settings.prior.get("gamma", (0.0, REACH * means["delta"]))})
     curve = opening_curve(records, held, prior)
@@ -142,12 +143,12 @@ def fit_opening(
 
 
 def with_curvature(found: Fit, prior: Box, curve: OpeningCurve) -> Fit:
-    r"""Return the fit with what the likelihood's curvature knows of gamma.
+    r"""Return the fit of gamma with a covariance from the likelihood's curvature.
 
     $$\frac1{\sigma_\gamma^2} = -\frac{d^2}{d\gamma^2} \log p$$
 
-    The root of a misfit has no slope at its minimum, from which least squares would know nothing;
-    and what the earlier steps got wrong counts as noise, which is integrated out.
+    The root of a misfit has no slope at its minimum, so least squares alone give no information
+    there. Errors of the earlier steps count as noise, which is integrated out.
     """
 
     def cost(gamma: Float[Array, ""]) -> Float[Array, ""]:
@@ -156,13 +157,13 @@ def with_curvature(found: Fit, prior: Box, curve: OpeningCurve) -> Fit:
     width = float(prior.upper[0] - prior.lower[0])
     levels = len(found.residual)
     information = max(float(jax.hessian(cost)(jnp.asarray(found.theta["gamma"]))), 0.0)
-    # As of all fits: what is known worse than the box has the box's variance.
+    # As in all fits, the variance is at most that of the box.
     covariance = np.array([[1 / max(information, 12 / width**2)]])
     return replace(
         found,
         covariance=covariance,
         weak=weak_direction(found.theta, covariance, prior),
-        # Every level an equal part of it, so that a residual has its row.
+        # The information is divided equally between levels, so that each residual has a row.
         jacobian=np.full((levels, 1), np.sqrt(information / levels)),
     )
 
@@ -177,9 +178,9 @@ def opening_steps(
     keep: Keep = no_checkpoint,
     statements: Sequence[str] = (),
 ) -> dict[str, Step]:
-    """Sample gamma by NUTS and by the paper's walk, with Steps 2 and 3 held at their means.
+    """Sample gamma by NUTS and by the paper's walk, with Steps 2 and 3 fixed at their means.
 
-    What is said of each begins with `statements`.
+    `statements` are put before those of each step.
 
     Reference:
         Eqs. (37), (41), (42).
@@ -218,7 +219,7 @@ def of_draws(
 def _series_finding(
     posterior: xr.Dataset, curve: OpeningCurve, held: Mapping[str, float], records: Records
 ) -> Finding:
-    """Return whether the series is right where the posterior lies, by solves between its nodes."""
+    """Return the finding on the accuracy of the Chebyshev series within the posterior."""
     gamma = jnp.asarray(np.quantile(posterior["gamma"].values, np.linspace(0.05, 0.95, 8)))
     exact = misfits(gamma, dict(held), records)
     series = jax.vmap(lambda value: misfit(value, curve))(gamma)

@@ -1,8 +1,8 @@
-"""Steps of the identification, one call each: what the notebooks take apart, public as `jbw.steps`.
+"""The steps of the identification as single calls, public as `jbw.steps`.
 
 `linear_step` is Step 2, `fit_kernel` the fit and the prior box of Step 3, `third_order_steps` its
-posterior. `jbw.identify` takes all of them in their order; a single step is for looking at what it
-does.
+posterior. `jbw.identify` performs all of them in order; single steps serve to examine each one, as
+the notebooks do.
 
 Examples:
     Step 2 pools the line fits of three records; Step 3 reads the kernel (31) of each probing tone:

@@ -1,1 +1,1 @@
-"""Simulation-based calibration: does a posterior hold the truth as often as it says?"""
+"""Simulation-based calibration: tests of whether intervals contain the truth as stated."""

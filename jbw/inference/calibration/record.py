@@ -1,10 +1,10 @@
-r"""The record of a calibration: ranks and whether they are uniform, failures, coverage, verdict.
+r"""The record of a calibration: ranks and tests of their uniformity, failures, coverage, verdict.
 
-N ranks of values 0 ... L are uniform when the count below i follows
+N ranks with values 0 ... L are uniform if the count below i follows
 
 $$C_i = \#\{r < i\} \sim \mathrm{Bin}(N,\, i / (L + 1)), \qquad i = 1, \dots, L$$
 
-at every i together. The counts are a Markov chain in i, so the probability that all stay between
+for all i together. The counts are a Markov chain in i, so the probability that all stay between
 pointwise quantiles is a recursion (Säilynoja, Bürkner, Vehtari (2022), Stat. Comput. 32, 32).
 """
 
@@ -20,18 +20,19 @@ from scipy.special import gammaln
 
 from jbw.inference.posterior.finding import Finding, Verdict, checked, judge
 
-MOST_R_HAT = 1.1  # of the chains of one replication, each a few hundred draws long
-MOST_FAILED = 0.01  # share of the replications
-LEVEL = 0.99  # of the intervals, and of what is said about them
-LEAST_P = 0.01  # of all p-values together
+MOST_R_HAT = 1.1  # largest R-hat of one replication's chains of a few hundred draws
+MOST_FAILED = 0.01  # largest share of failed replications
+LEVEL = 0.99  # level of the intervals and of statements on them
+LEAST_P = 0.01  # limit for all p-values together
 NUM_BINS = 20
-LEAST = 1e-9  # below, the sum of the pointwise tails is the p-value, an upper bound
+LEAST = 1e-9  # p-value below which the sum of pointwise tails, an upper bound, is used
 
 
 class Ranked(NamedTuple):
-    """Rank of the truth among the draws of each quantity, and whether their central 99 % hold it.
+    """The rank of the truth among draws of each quantity, and whether 99 % intervals contain it.
 
-    Further whether all are finite, whether the sampler arrived, and the largest split R-hat.
+    Further fields are whether all draws are finite, whether the sampler finished, and the largest
+    split R-hat.
     """
 
     rank: Int[Array, "... quantity"]
@@ -43,15 +44,17 @@ class Ranked(NamedTuple):
 
 @dataclass(frozen=True)
 class Calibration:
-    """Results of many replications of a posterior, by the names of its quantities.
+    """The results of many replications of a posterior, by the names of its quantities.
 
     Attributes:
-        ranks: Rank of the truth among `num_ranks` draws, 0 to that, (replication, quantity).
+        ranks: Rank of the truth among `num_ranks` draws, from 0 to `num_ranks`, (replication,
+            quantity).
         inside: Whether the truth is inside the central 99 % interval, (replication, quantity).
-        failures: Reason to whether each replication failed by it.
-        p_chi_square: Of the ranks in 20 bins, each quantity.
-        p_ecdf: Of the ranks' ECDF, simultaneous over its points, each quantity.
-        coverage: Share of the replications inside, and its 99 % Clopper-Pearson interval.
+        failures: Whether each replication failed, by reason.
+        p_chi_square: p-value of each quantity's ranks in 20 bins.
+        p_ecdf: p-value of each quantity's ECDF of ranks, simultaneous over its points.
+        coverage: Share of the replications with the truth inside, and its 99 % Clopper-Pearson
+            interval.
     """
 
     names: tuple[str, ...]
@@ -66,12 +69,12 @@ class Calibration:
 
     @property
     def failed(self) -> NDArray[np.bool_]:
-        """Whether each replication failed, for whatever reason."""
+        """Whether each replication failed for any reason."""
         return np.any(list(self.failures.values()), axis=0)
 
 
 def judged(names: tuple[str, ...], replications: Ranked, num_ranks: int) -> Calibration:
-    """Test the ranks of all replications, those that failed among them."""
+    """Test the ranks of all replications, including failed ones; return the calibration."""
     ranks, inside = np.asarray(replications.rank), np.asarray(replications.inside)
     finite = np.asarray(replications.finite)
     failures = {
@@ -98,7 +101,7 @@ def judged(names: tuple[str, ...], replications: Ranked, num_ranks: int) -> Cali
 
 
 def _uniform(p_chi_square: dict[str, float], p_ecdf: dict[str, float]) -> Finding:
-    """Return the least p-value times their number, by Bonferroni."""
+    """Return the finding on uniform ranks, by the least p-value with Bonferroni's correction."""
     both = [(p, name, "chi-square") for name, p in p_chi_square.items()]
     both += [(p, name, "ECDF") for name, p in p_ecdf.items()]
     p, name, test = min(both)
@@ -108,7 +111,7 @@ def _uniform(p_chi_square: dict[str, float], p_ecdf: dict[str, float]) -> Findin
 
 
 def _covered(coverage: dict[str, tuple[float, float, float]], count: int) -> Finding:
-    """Return whether 99 % intervals hold 99 % of the truths, the worst quantity first."""
+    """Return the finding on whether 99 % intervals contain 99 % of the truths."""
     corrected = 1 - (1 - LEVEL) / len(coverage)
     shares = {name: estimate[0] for name, estimate in coverage.items()}
     for name in (min(shares, key=shares.__getitem__), max(shares, key=shares.__getitem__)):
@@ -129,7 +132,7 @@ def _came_through(failures: dict[str, NDArray[np.bool_]]) -> Finding:
 
 
 def chi_square_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
-    """Return the p-value of Pearson's chi-square of the ranks in about 20 bins."""
+    """Return the p-value of Pearson's chi-square test of the ranks in about 20 bins."""
     bins = np.array_split(np.arange(num_ranks + 1), min(NUM_BINS, num_ranks + 1))
     expected = len(ranks) * np.array([len(bin_ranks) for bin_ranks in bins]) / (num_ranks + 1)
     edges = [bin_ranks[0] for bin_ranks in bins] + [num_ranks + 1]
@@ -140,7 +143,7 @@ def chi_square_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> floa
 def counts_below(
     ranks: Int[np.ndarray, " replication"], num_ranks: int
 ) -> Int[np.ndarray, " rank"]:
-    """Count C_i, the ranks below i, for i = 1 ... L, of ranks between 0 and L."""
+    """Return the number of ranks below i, for i = 1 ... L, from ranks between 0 and L."""
     return np.searchsorted(np.sort(ranks), np.arange(1, num_ranks + 1), side="left")
 
 
@@ -154,19 +157,20 @@ def ecdf_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
     gamma = float(np.min(2 * np.minimum(law.cdf(counts), law.sf(counts - 1))))
     if gamma * num_ranks < LEAST:
         return gamma * num_ranks
-    # Counts less extreme than gamma are inside; rounding of gamma must not count gamma itself.
+    # Counts less extreme than gamma are inside; the factor keeps rounding from including gamma
+    # itself.
     return 1 - _stays_inside(len(ranks), num_ranks, gamma * (1 + 1e-9))
 
 
 def ecdf_envelope(
     num_replications: int, num_ranks: int, level: float = 0.99
 ) -> tuple[Float[np.ndarray, " rank"], Float[np.ndarray, " rank"]]:
-    """Return bounds on C_i / N that uniform ranks keep at all i with probability `level`."""
+    """Return bounds that the ECDF of uniform ranks keeps everywhere with probability `level`."""
 
     def excess(log_gamma: float) -> float:
         return _stays_inside(num_replications, num_ranks, float(np.exp(log_gamma))) - level
 
-    # Bonferroni's bound is safe; one point alone is not enough.
+    # Bonferroni's bound is on the safe side; the level of a single point is not.
     least = np.log((1 - level) / num_ranks) - 1.0
     most = 0.0 if num_ranks == 1 else np.log(1 - level) + 0.1
     root: float = brentq(excess, least, most, xtol=1e-3)  # pyright: ignore
@@ -176,7 +180,7 @@ def ecdf_envelope(
 
 
 def coverage_interval(inside: int, count: int, level: float = 0.99) -> tuple[float, float]:
-    """Return the Clopper-Pearson interval of a probability."""
+    """Return the Clopper-Pearson interval of a probability from counts of cases."""
     interval = stats.binomtest(inside, count).proportion_ci(level, method="exact")
     return float(interval.low), float(interval.high)
 
@@ -188,24 +192,24 @@ def _law(num_replications: int, num_ranks: int) -> stats.distributions.rv_frozen
 def _bounds(
     num_replications: int, num_ranks: int, gamma: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the counts of which neither tail's probability, doubled, is below gamma."""
+    """Return the bounds of counts at which each tail has half of the probability gamma."""
     law = _law(num_replications, num_ranks)
     lower, upper = law.ppf(gamma / 2), law.isf(gamma / 2)
-    # Quantiles of a discrete law: the count itself, or its neighbour.
+    # The quantile of a discrete law is the count itself or its neighbour.
     lower = np.where(2 * law.cdf(lower) < gamma, lower + 1, lower)
     upper = np.where(2 * law.sf(upper - 1) < gamma, upper - 1, upper)
     return np.maximum(lower, 0), np.minimum(upper, num_replications)
 
 
 def _stays_inside(num_replications: int, num_ranks: int, gamma: float) -> float:
-    """Return the probability that all counts stay between their bounds."""
+    """Return the probability that all counts of uniform ranks stay between their bounds."""
     lower, upper = (side.astype(int) for side in _bounds(num_replications, num_ranks, gamma))
     log_factorial = gammaln(np.arange(num_replications + 1) + 1.0)
     count, p = np.array([0]), np.array([1.0])
     for i in range(num_ranks):
         next_count = np.arange(lower[i], upper[i] + 1)
         step, remaining = next_count - count[:, None], (num_replications - count)[:, None]
-        share = 1 / (num_ranks + 1 - i)  # of those not yet counted
+        share = 1 / (num_ranks + 1 - i)  # share of the remaining ranks
         possible = (step >= 0) & (step <= remaining)
         k = np.where(possible, step, 0)
         log_p = log_factorial[remaining] - log_factorial[k] - log_factorial[remaining - k]

@@ -1,19 +1,20 @@
-r"""Simulation-based calibration: does a posterior hold the truth as often as it says?
+r"""Simulation-based calibration by replications: simulated data, their posteriors, ranks of truths.
 
-Parameters drawn from the prior, data simulated from them and draws of their posterior are three
-draws of one joint distribution, so that the rank of the truth among the draws is uniform,
+Parameters drawn from the prior, data simulated from them, and draws of their posterior have one
+joint distribution, so the rank of the truth among the draws is uniform,
 
 $$\theta^* \sim \pi, \quad D \sim p(D \mid \theta^*), \quad \theta_{1..L} \sim p(\theta \mid D)
 \;\Rightarrow\; \#\{l : f(\theta_l, D) < f(\theta^*, D)\} \sim U\{0, \dots, L\}$$
 
-for every f, the log likelihood too: one that forgets the data leaves all ranks uniform but its own.
+for every f, including the log likelihood: a posterior that ignores the data keeps all ranks uniform
+except that of the log likelihood.
 
-A posterior of the user may have any prior of one number a parameter. Samplers know the uniform
-prior in a box; every other one is that of its quantiles,
+A user's posterior may have any scalar prior for each parameter. The samplers need a uniform prior
+in a box, so any other prior is expressed by its quantiles,
 
 $$\theta_i = F_i^{-1}(u_i), \qquad u_i \sim U(0, 1)$$
 
-and ranks are those of u.
+and the ranks are those of u.
 """
 
 from collections.abc import Callable, Mapping
@@ -43,22 +44,23 @@ from jbw.inference.space.reparametrisation import in_box
 from jbw.parts import Parts, unkept
 
 LOG_LIKELIHOOD = "log_likelihood"
-TAIL = 0.005  # on either side of a 99 % interval
+TAIL = 0.005  # probability on either side of a 99 % interval
 Quantity = Callable[[Theta, PyTree], Float[Array, ""]]
 Report = Callable[[int], None]
 HALVINGS = 100
-FARTHEST = 500.0  # of the unconstrained coordinate, whose exponential is still a number
-EDGE = 1e-15  # of the unit interval
-WITHOUT = NotImplementedError, ImportError  # NumPyro has none, or has it of another library
+FARTHEST = 500.0  # bound of the unconstrained coordinate, whose exponential is finite
+EDGE = 1e-15  # least distance to the ends of the unit interval
+WITHOUT = NotImplementedError, ImportError  # if NumPyro lacks it or needs another library
 Prior = Mapping[str, dist.Distribution]
 Simulate = Callable[[Key[Array, ""], Theta], PyTree]
 
 
 class Model(NamedTuple):
-    """A posterior, and where its data come from.
+    """A posterior to calibrate: simulator of its data, likelihood, prior box.
 
-    `simulate` makes them of (key, theta), not by the likelihood's code; `quantities` are further
-    ones by name, each (theta, data) to a number; without a `search` it is drawn from the whole box.
+    `simulate` returns data for (key, theta), without using the likelihood's code. `quantities` are
+    additional ones by name, each a function of (theta, data) that returns a number. Without a
+    `search` the posterior is sampled from the whole box.
     """
 
     simulate: Callable[[Key[Array, ""], Theta], PyTree]
@@ -69,7 +71,7 @@ class Model(NamedTuple):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Every quantity that is ranked: the parameters, the log likelihood, the further ones."""
+        """The names of all ranked quantities: parameters, log likelihood, additional ones."""
         return (*self.box.names, LOG_LIKELIHOOD, *self.quantities)
 
 
@@ -85,13 +87,13 @@ def calibrate(
     report: Report = lambda done: None,
     parts: Parts = unkept,
 ) -> Calibration:
-    """Rank the truth among the draws of its posterior, for many truths drawn from the prior.
+    """Rank the truth among draws of its posterior, for many truths drawn from the prior.
 
-    Replications run side by side in one compiled function, `batch` at a time, those of a sampler in
-    rounds one after the other. A replication fails
-    where a draw is not finite, where the chains disagree, or where the sampler did not come to its
-    end: its ranks stay as they are, those of draws that are not numbers at the lowest. `report` is
-    told the number of replications done; `parts` keeps each batch.
+    Replications run in parallel in one compiled function, `batch` at a time; those of a sampler
+    that works in rounds run one after the other. A replication fails if a draw is not finite, the
+    chains disagree, or the sampler did not finish. Its ranks are still used; draws that are not
+    numbers count as lowest. `report` is called with the number of finished replications; `parts`
+    stores each batch.
 
     Reference:
         Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), Bayesian Analysis 20, 461.
@@ -132,7 +134,7 @@ def _batch(
 def _in_rounds(
     keys: Key[Array, " replication"], model: Model, sampler: Sampler, options: Any, num_ranks: int
 ) -> Ranked:
-    """Run one replication whose rounds are planned between compiled calls on all cores."""
+    """Run one replication with a sampler that works in rounds, on all cores."""
     truth, problem, to_draw, to_rank = _posed_alone(keys[0], model)
     drawn, *_ = module_of(sampler).gather(to_draw, problem, options)
     arrived = np.bool_(drawn.facts["khat"] < GOOD_KHAT and drawn.facts["ess_weights"] >= ESS)
@@ -145,7 +147,7 @@ def _in_rounds(
 def _posed(
     key: Key[Array, ""], model: Model
 ) -> tuple[dict[str, Array], Problem, Key[Array, ""], Key[Array, ""]]:
-    """Return a truth, the posterior of data simulated from it, and keys to draw and to rank by."""
+    """Draw a truth and simulate its data; return them, the posterior and random keys."""
     key_truth, key_data, key_place, key_draws, key_rank = jax.random.split(key, 5)
     truth = from_unit(jax.random.uniform(key_truth, (len(model.box.names),)), model.box)
     data = model.simulate(key_data, truth)
@@ -158,7 +160,7 @@ def _posed(
 
 
 class _Replication(NamedTuple):
-    """A truth, data simulated from it, draws of the posterior, whether the sampler arrived."""
+    """A truth, its simulated data, draws of the posterior, and whether the sampler finished."""
 
     truth: Mapping[str, Array]
     data: PyTree
@@ -167,7 +169,7 @@ class _Replication(NamedTuple):
 
 
 def _ranks(key: Key[Array, ""], replication: _Replication, model: Model, num_ranks: int) -> Ranked:
-    """Rank of every quantity of the truth among those of the draws."""
+    """Return the rank of each quantity of the truth among its posterior draws."""
     truth, data, draws, arrived = replication
 
     def values(theta: Theta) -> Float[Array, " quantity"]:
@@ -177,14 +179,14 @@ def _ranks(key: Key[Array, ""], replication: _Replication, model: Model, num_ran
         return jnp.stack([*parameters, likelihood, *derived])
 
     shape = draws[model.box.names[0]].shape
-    # The truth stands among the draws: quantities are compiled once.
+    # The truth is appended to the draws, so that quantities are compiled once.
     rows = {name: jnp.append(jnp.ravel(v), truth[name]) for name, v in draws.items()}
     quantities = in_batches(values, rows)
     of_draws = quantities[:-1].reshape(*shape, -1)
     return ranked(key, quantities[-1], of_draws, arrived, num_ranks)
 
 
-# Compiled once for all replications that are not side by side.
+# These are compiled once for all replications that do not run in parallel.
 _posed_alone, _ranks_alone = eqx.filter_jit(_posed), eqx.filter_jit(_ranks)
 
 
@@ -195,7 +197,7 @@ def ranked(
     arrived: Bool[Array, ""],
     num_ranks: int,
 ) -> Ranked:
-    """Rank one truth among evenly thinned draws of its posterior, ties by chance."""
+    """Rank one truth among evenly thinned draws of its posterior, with random ranks for ties."""
     flat = draws.reshape(-1, draws.shape[-1])
     thinned = flat[np.linspace(0, len(flat) - 1, num_ranks).round().astype(int)]
     tail = round(TAIL * len(flat))
@@ -232,11 +234,11 @@ def _check(model: Model, num_replications: int, num_ranks: int, batch: int) -> N
 
 
 def own_model(simulate: Simulate, log_likelihood: LogLikelihood, prior: Prior) -> Model:
-    """Return the posterior of a simulator, a log likelihood and a prior.
+    """Return the calibration model of a simulator, a log likelihood and a prior.
 
     Raises:
-        ConfigError: One of the priors is no distribution of one real number, or has neither
-            quantiles nor a cumulative distribution.
+        ConfigError: A prior is no distribution of one real number, or has neither quantiles nor a
+            cumulative distribution.
     """
     if not isinstance(prior, Mapping):
         raise ConfigError(
@@ -264,7 +266,7 @@ def theta_of(u: Theta, quantiles: Mapping[str, Callable[[Array], Array]]) -> dic
 
 
 def _quantile_of(prior: dist.Distribution) -> Callable[[Array], Array]:
-    """Return the quantiles of a prior, its own or by halving its cumulative distribution."""
+    """Return a prior's quantile function, or the inverse of its cumulative distribution."""
     try:
         jax.eval_shape(prior.icdf, jnp.asarray(0.5))
     except WITHOUT:
@@ -273,7 +275,7 @@ def _quantile_of(prior: dist.Distribution) -> Callable[[Array], Array]:
 
 
 def _inverted(prior: dist.Distribution, u: Array) -> Array:
-    """Return a quantile with its derivative, one over the density."""
+    """Return a prior's quantile by bisection, with its derivative, one over the density."""
     onto = biject_to(prior.support)
 
     def halved(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:

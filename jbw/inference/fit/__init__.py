@@ -1,1 +1,1 @@
-"""Least squares, and what data know about parameters."""
+"""Least-squares fits, and the information of data about parameters."""

@@ -1,4 +1,4 @@
-"""Least squares for residuals that cost a simulation: few evaluations, all derivatives at once."""
+"""Least squares for costly residuals, such as simulations: few evaluations, in parallel."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -23,6 +23,7 @@ from jbw.inference.fit.fitting import (
     real,
 )
 from jbw.inference.lanes import (
+    FIT_LANES,
     Evaluate,
     Solved,
     at_points,
@@ -35,16 +36,15 @@ from jbw.inference.space.box import Box, named, require_float64
 from jbw.inference.space.coordinates import Composed, Logarithms, Sinh, Vector, unit
 
 Part = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
-TOLERANCE = 1e-10  # of the cost and of the step, relative
-STEP = 1e-5  # of the search coordinate, 0 to 1: an error of its square, and of 1e-11 of rounding
-# At an optimum, of the search: no difference crosses more, since further on a residual is bent.
+TOLERANCE = 1e-10  # relative, of the cost and of the step
+STEP = 1e-5  # difference in the search coordinate (0 to 1): error 1e-10, rounding 1e-11
+# Widest difference at an optimum in the search coordinate, beyond which a residual is curved.
 WIDEST = 0.02
-SAME, SETTLED, MOST_WIDENINGS = 1.2, 1.02, 12  # ratios of standard errors
-UNIFORM = 12.0  # precision of a uniform prior over the unit cube
-LANES = 16  # of seven parameters the differences of both sides
-OUT_OF_REACH = 1e100  # a residual as large is refused, long before its square is no number
-NEAR_ZERO = 0.01  # of the upper bound: where a parameter that may be zero is told from zero
-LOPSIDED = 0.5  # of the upper bound, which the lower one stays within
+SAME, SETTLED, MOST_WIDENINGS = 1.2, 1.02, 12  # ratios of standard errors; most rounds
+UNIFORM = 12.0  # precision of a uniform prior on the unit cube
+OUT_OF_REACH = 1e100  # residuals of this size are rejected, before their squares overflow
+NEAR_ZERO = 0.01  # share of the upper bound from which the search is logarithmic
+LOPSIDED = 0.5  # largest size of a negative lower bound over the upper bound
 
 
 def costly_fit(
@@ -59,8 +59,8 @@ def costly_fit(
     """Minimise a sum of squares in the box by scipy's trust region, from one start or several.
 
     Residual and Jacobian come from one program, compiled once for a `residual`, names and shapes.
-    Starts are one value or one a start, by name; evaluations at most are those from each of them,
-    and the tolerance is relative, on the cost and on the step.
+    Starts are given by name, as one value or one value per start. `max_evaluations` applies to each
+    start. The tolerance is relative, on the cost and on the step.
 
     Reference:
         Section 3.1, in place of its sequential quadratic programming; Branch, Coleman and Li
@@ -83,9 +83,9 @@ def costly_fits(
     max_evaluations: int,
     tolerance: float,
 ) -> list[Fit]:
-    """Return the same from every start by itself, in their order, but for starts that are refused.
+    """Fit from each start separately; skip starts that are rejected.
 
-    Where all are refused, that is an error. All starts are solved side by side.
+    If all starts are rejected, a ModelError is raised. All starts are solved in parallel.
     """
     require_float64()
     inside = np.stack([to_search(start, box) for start in named_starts(starts, box)])
@@ -120,7 +120,7 @@ def _fitted(
     max_evaluations: int,
     tolerance: float,
 ) -> Fit | None:
-    """Return the fit from one start in the unit cube; None where it is refused."""
+    """Fit from one start in the unit cube; return None if the start is rejected."""
     part = part_of(evaluate)
     end = trust_region(part, start, max_evaluations, tolerance)
     if not np.isfinite(end.cost):
@@ -140,12 +140,13 @@ def wide_enough(
     differences: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     s: NDArray[np.float64],
 ) -> Float[np.ndarray, "residual parameter"]:
-    r"""Return the Jacobian by differences over one standard deviation where these change it.
+    r"""Return the Jacobian, by wider differences (one standard deviation) if these change it.
 
     $$h_i = 1 / \lVert J_i \rVert$$
 
-    A motion's turning points come and go within a step of the solver, and its residual jumps: by
-    little, but over a difference of 1e-5 that looks like a steep slope, and an error that small.
+    Turning points of a motion may appear or vanish within a solver step, and its residual then
+    jumps slightly. Over a difference of 1e-5 such a jump looks like a steep slope, with a far too
+    small standard error.
     """
     before, h = jacobian, np.full(len(s), STEP)
     most = np.maximum(np.minimum(np.minimum(s, 1 - s), WIDEST), STEP)
@@ -179,12 +180,12 @@ def trust_region(
 
     $$[J \; r] = Q R: \qquad J^T J, \; J^T r \; \text{and} \; r^T r \; \text{are those of} \; R$$
 
-    It therefore sees R, of one row more than there are parameters, in place of all residuals.
+    The optimiser therefore gets R, with one row more than there are parameters, in place of all
+    residuals.
 
-    A point is refused where its residual or its Jacobian is not finite, as `evaluator` gives them
-    where a motion runs away: the region shrinks there,
-    and `num_refused` counts it. Where the start itself is refused, that is the end, at an infinite
-    `cost`.
+    A point is rejected if its residual or its Jacobian is not finite, as `evaluator` returns them
+    for a diverging motion: the trust region shrinks, and `num_refused` counts the point. If the
+    start itself is rejected, the search ends there with an infinite `cost`.
     """
     refused: set[bytes] = set()
 
@@ -221,7 +222,7 @@ def trust_region(
 def residual_at(
     residual: Residual, x: NDArray[np.float64], box: Box, data: PyTree
 ) -> NDArray[np.float64]:
-    """Return the residual at the unit coordinate x, by the program that fits it."""
+    """Return the residual at the unit coordinate x, by the compiled program of the fit."""
     return evaluator(residual, box, data)(to_search(x, box), 0)
 
 
@@ -230,14 +231,15 @@ def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
 
     $$\frac{\partial r}{\partial s_i} \approx \frac{r(s + h e_i) - r(s - h e_i)}{2h}$$
 
-    All points of the differences are solved side by side by the function that gives the residual:
-    tangents through a solver in time are a program several times as long to compile.
+    All points of the differences are solved in parallel by the function of the residual.
+    Derivatives through a solver in time would make a program that takes several times as long to
+    compile.
     """
     return part_of(rows_of(residual, box, data))
 
 
 def part_of(evaluate: Evaluate) -> Part:
-    """Return the same where points are evaluated by a function of them."""
+    """Return a function of s and a flag for the residual (0) or its Jacobian (1)."""
 
     @lru_cache(maxsize=1)  # scipy asks for the residual and then for the Jacobian at one point
     def at(s: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -250,10 +252,10 @@ def part_of(evaluate: Evaluate) -> Part:
 
 
 def rows_of(residual: Residual, box: Box, data: PyTree) -> Evaluate:
-    """Return the residuals at points of the search, a row each; NaN where they are out of reach."""
+    """Return a function from search points to rows of residuals; NaN where out of reach."""
 
     def evaluate(points: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, "point value"]:
-        rows = at_points(_real_of, parameters_at(points, box), (residual, data), lanes=LANES)
+        rows = at_points(_real_of, parameters_at(points, box), (residual, data), lanes=FIT_LANES)
         return np.where(np.abs(rows) < OUT_OF_REACH, rows, np.nan)
 
     return evaluate
@@ -262,7 +264,7 @@ def rows_of(residual: Residual, box: Box, data: PyTree) -> Evaluate:
 def _with_differences(
     evaluate: Evaluate, s: NDArray[np.float64], steps: Float[np.ndarray, " parameter"]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the residual and Jacobian, over steps of each parameter."""
+    """Return the residual, and its Jacobian from central differences with given steps."""
     apart = np.diag(steps)
     rows = evaluate(s + np.concatenate([np.zeros((1, len(s))), apart, -apart]))
     ahead, behind = np.split(rows[1:], 2)
@@ -275,13 +277,13 @@ def _slope(
     behind: Float[np.ndarray, "parameter residual"],
     steps: Float[np.ndarray, "parameter 1"],
 ) -> Float[np.ndarray, "residual parameter"]:
-    """Return central differences, or one-sided ones where the model fails on one side."""
+    """Return the Jacobian by central differences, one-sided where the model fails on a side."""
     sides = [np.all(np.isfinite(side), axis=1, keepdims=True) for side in (ahead, behind)]
     ahead, behind = (
         np.where(ok, side, here) for ok, side in zip(sides, (ahead, behind), strict=True)
     )
     steps = steps * np.maximum(np.sum(sides, axis=0), 1)
-    with np.errstate(invalid="ignore", over="ignore"):  # of a point that is not stepped to
+    with np.errstate(invalid="ignore", over="ignore"):  # at a rejected point
         return ((ahead - behind) / steps).T
 
 
@@ -308,7 +310,7 @@ def _real_of(theta: Mapping[str, Array], residual_and_data: Any) -> Float[Array,
 
 
 def parameters_at(s: Float[np.ndarray, "point parameter"], box: Box) -> dict[str, np.ndarray]:
-    """Return the parameters by name at points of the search."""
+    """Return the parameters by name at points of the search coordinate."""
     return named(np.asarray(_forward(search_coordinate(box), jax.device_put(s))), box)
 
 
@@ -320,11 +322,11 @@ def _forward(
 
 
 def search_coordinate(box: Box) -> Composed:
-    r"""Map s in the unit cube to parameters such that a valley of known product is straight.
+    r"""Return the map from the search's unit cube to parameters, logarithmic where possible.
 
-    Of positive bounds $\theta = \theta_{min} (\theta_{max} / \theta_{min})^s$; of others
-    that reach much further above zero than below, a hyperbolic sine, which is a logarithm of either
-    sign from a hundredth of the bound on.
+    For positive bounds, $\theta = \theta_{min} (\theta_{max} / \theta_{min})^s$. For others that
+    reach much further above zero than below, it is a hyperbolic sine, which is a logarithm of
+    either sign from a hundredth of the bound on.
     """
     lower, upper = np.asarray(box.lower), np.asarray(box.upper)
     logs = Logarithms(tuple((lower > 0).tolist()))
@@ -335,19 +337,19 @@ def search_coordinate(box: Box) -> Composed:
 
 
 def to_search(x: Float[np.ndarray, " parameter"], box: Box) -> Float[np.ndarray, " parameter"]:
-    """Return the coordinate of the search at the unit coordinate x."""
+    """Return the search coordinate s of a unit coordinate x."""
     lower, upper = np.asarray(box.lower), np.asarray(box.upper)
     return search_coordinate(box).inverse(lower + np.asarray(x) * (upper - lower))
 
 
 def from_search(s: Vector, box: Box) -> tuple[Vector, Vector]:
-    """Return the unit coordinate x at s, and dx / ds."""
+    """Return the unit coordinate x at a search coordinate s, and dx / ds."""
     return _unit_and_slope(search_coordinate(box), s, box)
 
 
 @eqx.filter_jit
 def _unit_and_slope(coordinate: Composed, s: Vector, box: Box) -> tuple[Vector, Vector]:
-    # Each parameter depends on its own coordinate alone: one derivative along all of them.
+    # Each parameter depends on its own coordinate alone, so one directional derivative is enough.
     theta, slope = jax.jvp(coordinate.forward, (s,), (jnp.ones_like(s),))
     width = box.upper - box.lower
     x = jnp.where(s <= 0, 0.0, jnp.where(s >= 1, 1.0, (theta - box.lower) / width))

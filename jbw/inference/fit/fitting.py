@@ -1,4 +1,4 @@
-"""Least squares in the box, from many starts: the optimum, its covariance, what is weak."""
+"""Least squares in a box from many starts: the optimum, its covariance, weak directions."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -17,28 +17,30 @@ from jbw.inference.fit.identifiability import WeakDirection, weak_direction
 from jbw.inference.space.box import Box, from_unit, require_float64
 
 Residual = Callable[[Mapping[str, Array], Any], Float[Array, " residual"]]
-BOX_STD = 1 / np.sqrt(12)  # of a uniform x
-TOLERANCE = 1e-9  # of the cost and the logit, relative and absolute
+BOX_STD = 1 / np.sqrt(12)  # standard deviation of a uniform x
+TOLERANCE = 1e-9  # relative and absolute, of the cost and the logit
 MOST_STEPS = 256
-NEAR_BOUND = 0.01  # of the box, where the optimum may lie beyond the bound
-THINNEST = 1e-14  # eigenvalue of correlations
-START_MARGIN = 1e-3  # of the box: on a bound itself the logit is infinite and its slope zero
+NEAR_BOUND = 0.01  # distance to a bound, over the box, where the optimum may lie beyond it
+THINNEST = 1e-14  # least eigenvalue of a correlation matrix
+START_MARGIN = 1e-3  # distance of starts from a bound, where the logit is infinite
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The best of many least-squares fits.
+    """The best of several least-squares fits.
 
     Attributes:
-        theta: Optimum by name, in the parameters' units; x in the unit coordinate, as the box.
+        theta: Optimum by name, in the parameters' units; x is the optimum in the unit coordinate of
+            the box.
         cost: Half the sum of squared residuals.
-        covariance: Gauss-Newton's, in the parameters' units; in no direction wider than the box.
+        covariance: Gauss-Newton covariance in the parameters' units; in no direction wider than the
+            box.
         at_bound: Parameters whose optimum lies on or beyond a bound: "lower" or "upper".
-        weak: What the data do not determine, or None.
+        weak: Directions that the data do not determine, or None.
         waterfall: Costs reached from all starts, lowest first; infinite where a start failed.
-        residual: At the optimum, in units of the standard deviation.
-        jacobian: Its derivatives by the parameters, in the order of the box.
-        num_refused: Points of the search whose residual or Jacobian was not finite.
+        residual: Residual at the optimum, in standard deviations.
+        jacobian: Derivatives of the residual by the parameters, in the order of the box.
+        num_refused: Number of points of the search whose residual or Jacobian was not finite.
     """
 
     theta: dict[str, float]
@@ -54,14 +56,14 @@ class Fit:
 
     @property
     def chi_square(self) -> tuple[float, int]:
-        """Sum of squared residuals and its degrees of freedom."""
+        """The sum of squared residuals, and its degrees of freedom."""
         return 2 * self.cost, len(self.residual) - len(self.x)
 
 
 def to_first_order(
     quantities: Callable[[Mapping[str, Array]], Mapping[str, Array]], best: Fit
 ) -> tuple[dict[str, float], dict[str, float]]:
-    r"""Return scalar functions of the parameters at a fit, and their standard deviations by name.
+    r"""Return functions of the parameters at a fit, and their standard deviations, by name.
 
     $$\sigma_q = \sqrt{g^T C g}, \qquad g = \partial q / \partial\theta$$
     """
@@ -91,8 +93,9 @@ def fit(
 
     $$\min_u \tfrac12 |r(\theta_{min} + (\theta_{max} - \theta_{min})\,\mathrm{sigmoid}(u))|^2$$
 
-    The residual is (theta, data) to real numbers in standard deviations; compiled once for it,
-    names and shapes. Starts are given by name, or so many drawn uniformly in the box by the key.
+    The residual is a function of (theta, data) that returns real numbers in standard deviations. It
+    is compiled once for given names and shapes. Starts are given by name, or as a number of points
+    that the key draws uniformly in the box.
 
     Reference:
         Section 3.1, in place of its sequential quadratic programming.
@@ -123,7 +126,7 @@ def describe_optimum(
     box: Box,
     costs: NDArray[np.float64],
 ) -> Fit:
-    """Build the fit record of an optimum x from its Jacobian by x, by any method."""
+    """Return the record of a fit from its optimum x, residual and Jacobian."""
     values, rows = svd_of_all(jacobian)
     root = rows.T / np.maximum(values, 1 / BOX_STD)  # no direction is wider than the box
     width = np.asarray(box.upper) - np.asarray(box.lower)
@@ -138,9 +141,10 @@ def describe_optimum(
 
 
 def _definite(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the covariance, positive definite in spite of rounding.
+    """Return the covariance, made positive definite if rounding has spoiled it.
 
-    A sum known far better than its parts may leave a negative eigenvalue of the correlations.
+    If a sum is determined far better than its terms, rounding may make an eigenvalue of the
+    correlations negative.
     """
     std = np.sqrt(np.diagonal(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(std, std))
@@ -170,7 +174,7 @@ def _starts(
 
 
 def named_starts(starts: Mapping[str, Any], box: Box) -> Float[np.ndarray, "start parameter"]:
-    """Return the unit coordinates of starts given by name, one value for all or one a start."""
+    """Return the unit coordinates of starts given by name, as one value or one value per start."""
     columns = np.broadcast_arrays(*(np.atleast_1d(starts[name]) for name in box.names))
     lower, upper = np.asarray(box.lower), np.asarray(box.upper)
     return (np.stack(columns, axis=-1) - lower) / (upper - lower)
@@ -191,7 +195,7 @@ def _solve(
         end = optx.least_squares(of_logit, solver, u, data, max_steps=MOST_STEPS, throw=False).value
         return jax.nn.sigmoid(end), 0.5 * jnp.sum(of_logit(end, data) ** 2)
 
-    # One after another: each start takes its own number of steps, and a solver runs unbatched.
+    # Starts run one after another, because each takes its own number of steps.
     return jax.lax.map(from_start, x_starts)
 
 
@@ -209,7 +213,7 @@ def linearise(
 
 
 def real(residual: Array) -> Float[Array, " residual"]:
-    """Return the residual as a vector; a complex one is refused."""
+    """Return the residual as a vector; raise a ConfigError if it is complex."""
     if jnp.iscomplexobj(residual):
         raise ConfigError(
             "The residual must be real, but it is complex.",
@@ -221,8 +225,9 @@ def real(residual: Array) -> Float[Array, " residual"]:
 def svd_of_all(
     jacobian: Float[np.ndarray, "residual parameter"],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return singular values, one per parameter, largest first, and directions as rows."""
-    # Rows of zeros make a wide Jacobian square: a direction without data has the singular value 0.
+    """Return a Jacobian's singular values, one per parameter, and directions as rows."""
+    # Rows of zeros make a wide Jacobian square, so a direction without data has the singular value
+    # 0.
     missing = max(0, jacobian.shape[1] - len(jacobian))
     padded = np.vstack([jacobian, np.zeros((missing, jacobian.shape[1]))])
     return np.linalg.svd(padded, full_matrices=False)[1:]

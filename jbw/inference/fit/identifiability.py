@@ -1,4 +1,4 @@
-"""The roles of data and prior box in a posterior: unconstrained directions, shifts of means."""
+"""The influence of data and prior box on a posterior: weak directions, shifts of means."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,21 +23,21 @@ from jbw.inference.space.box import (
 from jbw.report.messages import identified
 
 Matrix = Float[np.ndarray, "parameter parameter"]
-UNLEARNT = 0.7  # posterior over prior standard deviation: the data have not halved the variance
-PRESENT = 0.3  # a parameter belongs to a direction from this share of its largest component on
-RESOLVED = 2.0  # standard deviations from zero: where a logarithm is a coordinate
-NEAR = 0.2  # an exponent this close to a multiple of 1/2 is written as that
-CUT = 0.1  # of the box's width, or of the posterior's where that is less
-WIDTH = 8.0  # standard deviations: width of a posterior
-FOLLOWS = 0.1  # standard deviations; a posterior that is its uniform prior moves by 0.17
-LEAST_SHARE = 0.01  # of the draws that a cut must leave for their mean to be one
+UNLEARNT = 0.7  # posterior over prior standard deviation from which a direction is weak
+PRESENT = 0.3  # least share of a direction's largest component of a parameter that belongs to it
+RESOLVED = 2.0  # standard deviations from zero from which logarithms are used
+NEAR = 0.2  # distance within which an exponent is rounded to a multiple of 1/2
+CUT = 0.1  # cut over the width of the box, or of the posterior if that is less
+WIDTH = 8.0  # width of a posterior in standard deviations
+FOLLOWS = 0.1  # reported shift in standard deviations; a uniform posterior shifts by 0.17
+LEAST_SHARE = 0.01  # least share of draws after a cut that gives a mean
 
 Draws = Mapping[str, Float[np.ndarray, "..."]]
 
 
 @dataclass(frozen=True)
 class WeakDirection:
-    """Parameters known only together, or not at all; posterior over prior deviation; in words."""
+    """Parameters that data determine in combination only, or not at all, with a sentence."""
 
     names: tuple[str, ...]
     ratio: float
@@ -45,12 +45,12 @@ class WeakDirection:
 
 
 def weak_direction(mean: Mapping[str, float], covariance: Matrix, box: Box) -> WeakDirection | None:
-    r"""Find the directions along which the posterior is nearly as wide as the prior.
+    r"""Return the directions along which the posterior is nearly as wide as the prior, or None.
 
     $$\Sigma_{post} v = \rho^2 \Sigma_{prior} v, \qquad \rho > 0.7$$
 
-    in the logarithms of the parameters that cannot be zero, by their box or by the data, so that
-    products appear, and in the parameters themselves otherwise.
+    Logarithms are used for parameters that cannot be zero, by their box or by the data, so that
+    products appear, and the parameters themselves otherwise.
     """
     centre = np.array([float(mean[name]) for name in box.names])
     logs = (np.asarray(box.lower) > 0) | _never_zero(centre, covariance)
@@ -59,10 +59,10 @@ def weak_direction(mean: Mapping[str, float], covariance: Matrix, box: Box) -> W
 
 
 def weak_direction_of_draws(draws: Draws, box: Box) -> WeakDirection | None:
-    """Find the weakest direction of posterior draws, in their logarithms or as they are.
+    """Return the weakest directions of posterior draws, or None.
 
-    A parameter of which the data exclude but the lowest tenth of a box over decades is narrower in
-    its logarithm, and as unknown as before.
+    Both logarithms and the parameters themselves are tried. If the data exclude only a part of a
+    box over decades, a parameter may look narrower in its logarithm without being determined.
     """
     columns = np.array([np.ravel(draws[name]) for name in box.names])
     one_sign = np.all(columns > 0, axis=1) | np.all(columns < 0, axis=1)
@@ -75,7 +75,7 @@ def weak_direction_of_draws(draws: Draws, box: Box) -> WeakDirection | None:
 
 
 def _never_zero(centre: NDArray[np.float64], covariance: Matrix) -> NDArray[np.bool_]:
-    """Return whether parameters are told from zero, those that they might be traded for known."""
+    """Return which parameters differ significantly from zero if all others are fixed."""
     std = np.sqrt(np.diag(covariance))
     if not (np.all(np.isfinite(covariance)) and np.all(std > 0)):  # draws that never moved
         return np.zeros(len(std), bool)
@@ -84,7 +84,7 @@ def _never_zero(centre: NDArray[np.float64], covariance: Matrix) -> NDArray[np.b
 
 
 def _weak(posterior: Matrix, logs: NDArray[np.bool_], box: Box) -> WeakDirection | None:
-    """Return the weak directions of a covariance in logarithms of some parameters."""
+    """Return the weak directions of a covariance in which some parameters are logarithms."""
     bounds = bounds_by_name(box).values()
     prior = np.array(
         [
@@ -109,7 +109,7 @@ def _in_words(
 ) -> str:
     rows = _determined(directions) if len(names) > directions.shape[1] else ()
     combinations = [combination(names, row, logs) for row in rows]
-    if set(combinations) <= set(names):  # nothing that holds several together
+    if set(combinations) <= set(names):  # no combination of several parameters
         return identified.undetermined([name for name in names if name not in combinations])
     return identified.determined(combinations, logs=logs)
 
@@ -118,8 +118,8 @@ def _determined(
     directions: Float[np.ndarray, "parameter weak"],
 ) -> Float[np.ndarray, "combination parameter"]:
     """Return exponents orthogonal to the weak directions, one parameter per row with exponent 1."""
-    # The parameters that move most along the weak directions are those that combinations share; of
-    # some that move alike, the first.
+    # Combinations share the parameters that move most along the weak directions; among equal ones,
+    # the first.
     first = 1 / (1 + NEAR * np.arange(len(directions)))
     decomposition: Any = qr(directions.T * first, mode="r", pivoting=True)
     order = decomposition[1]
@@ -162,7 +162,7 @@ def _power(name: str, exponent: float) -> str:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Largest move of a mean [sd] by a cut of a box at one end; infinite if no draws are left."""
+    """The largest shift of a mean [sd] when a prior box is cut at one end."""
 
     shift: float
     box: str
@@ -172,8 +172,8 @@ class Sensitivity:
 def contraction(draws: Draws, box: Box, products: Iterable[Product]) -> dict[str, float]:
     r"""Return the data's contraction per product, $1 - \mathrm{var}_{post} / \mathrm{var}_{prior}$.
 
-    NaN where the prior's variance is infinite. Of logarithms as in `information`: in a box over
-    decades, a value known to within a factor of two is otherwise taken for known.
+    It is NaN if the prior's variance is infinite. Logarithms are used as in `information`: in a box
+    over decades, a value known to within a factor of two would otherwise count as determined.
     """
     learnt, bounds = {}, bounds_by_name(box)
     for product in products:
@@ -195,14 +195,15 @@ def _positive(draws: Float[np.ndarray, "..."], lower: float) -> bool:
 
 
 def box_sensitivity(draws: Draws, box: Box) -> dict[str, Sensitivity]:
-    r"""Return each mean's largest move when a tenth of a parameter's box is cut off at an end.
+    r"""Return each mean's largest shift when a tenth of a parameter's box is cut off at an end.
 
     $$\frac{E[\theta \mid \theta_i \in B'] - E[\theta]}{\mathrm{sd}(\theta)}$$
 
-    The draws that the narrower box B' keeps are draws of its posterior. Of one far narrower than
-    its box, a tenth of its own eight standard deviations is cut: a larger cut would take it as a
-    whole, and say nothing of the bound. A parameter as uniform as its prior moves by 0.17, one that
-    leans on a bound by more, and either takes along those known only together with it.
+    The draws within the narrower box B' are draws of its posterior. If a posterior is far narrower
+    than its box, a tenth of its own eight standard deviations is cut: a larger cut would remove all
+    of it and not test the bound. A parameter that is as uniform as its prior shifts by 0.17, one
+    that is pressed against a bound by more. Either shifts parameters that are determined only
+    together with it.
     """
     flat = {name: np.ravel(values) for name, values in draws.items()}
     worst = {name: Sensitivity(0.0, "", "") for name in flat}
@@ -229,7 +230,7 @@ def _shift(values: Float[np.ndarray, " draw"], inside: NDArray[np.bool_]) -> flo
 def sensitivity_statements(
     sensitivity: Mapping[str, Sensitivity], texts: Mapping[str, str] | None = None
 ) -> list[str]:
-    """Return sentences on the means that depend on the box; `texts` gives names to show."""
+    """Return sentences on the means that depend on the box; `texts` gives displayed names."""
     shown = texts or {}
     following = {name: row for name, row in sensitivity.items() if row.shift > FOLLOWS}
     moves = [

@@ -1,12 +1,14 @@
-r"""The location of a posterior, found under `vmap`: a Laplace approximation per data set.
+r"""Laplace approximations of posteriors under `vmap`, one per data set.
 
-The uniform prior of parameters, some by their logarithms, stands in for a normal of its variance,
+The uniform prior of parameters, some by their logarithms, is replaced by a normal one of the same
+variance,
 
 $$\hat u = \arg\min_u \tfrac12 |r(u)|^2 + 6\,|u - \tfrac12|^2, \qquad
 \Sigma_u = (J^T J + 12\,I)^{-1}$$
 
-in the unit coordinate u of the box, so that a direction that the data do not know has the width of
-the box and its middle for a start. Nothing of this decides what is drawn, only how fast.
+in the unit coordinate u of the box. A direction that the data do not determine then has the width
+of the box and starts at its middle. The approximation affects only the speed of sampling, not the
+result.
 """
 
 from collections.abc import Callable
@@ -22,15 +24,16 @@ from jbw.inference.space.problem import LogLikelihood, Problem, Theta
 from jbw.inference.space.reparametrisation import WIDER
 
 Residual = Callable[[Theta, PyTree], Float[Array, " values"]]
-PRIOR_PRECISION = 12.0  # of a uniform distribution of width one
-BEYOND = 0.25  # widths of the box that the search may leave it by
-FIRST, RISE, FALL = 1e-2, 8.0, 4.0  # damping at first, and after steps refused or taken
+PRIOR_PRECISION = 12.0  # precision of a uniform distribution of width one
+BEYOND = 0.25  # distance, in widths of the box, that the search may leave it by
+FIRST, RISE, FALL = 1e-2, 8.0, 4.0  # first damping, factors after failed and good steps
 
 
 class Search(NamedTuple):
-    """How to look for a posterior: least squares along the `logs`, of positive lower bounds.
+    """The settings of a search for a posterior by least squares.
 
-    The search starts at the best of `num_looks` points of the prior.
+    `logs` names the parameters that are searched by their logarithm (positive lower bounds). The
+    search starts at the best of `num_looks` points of the prior.
     """
 
     residual: Residual
@@ -42,7 +45,7 @@ class Search(NamedTuple):
 def locate(
     key: Key[Array, ""], search: Search, log_likelihood: LogLikelihood, box: Box, data: PyTree
 ) -> Problem:
-    """Return the posterior, whitened about where least squares found it."""
+    """Return the posterior, whitened around the optimum of a least-squares search."""
     outer = Logarithms(tuple(name in search.logs for name in box.names))
     lower, upper = outer.inverse(box.lower), outer.inverse(box.upper)
     inner = unit(lower, upper)
@@ -55,13 +58,13 @@ def locate(
     u = jax.random.uniform(key, (search.num_looks, len(box.names)))
     costs = jax.lax.map(lambda point: _cost(residual(point)), u, batch_size=search.num_looks)
     optimum = _descend(residual, u[jnp.argmin(costs)], search.num_steps)
-    # So wide that the sampler's logit is a straight line over the box.
+    # These bounds are so wide that the sampler's logit is nearly linear over the box.
     reach = WIDER * (upper - lower)
     bounds = lower - reach, upper + reach
     logit = interval(*bounds).inverse(inner.forward(optimum.u))
     x = jax.nn.sigmoid(logit)
     slope = (upper - lower) / ((bounds[1] - bounds[0]) * x * (1 - x))
-    # The Laplace approximation, where the residual is stationary.
+    # This is the Laplace approximation at the stationary point.
     root = jnp.linalg.cholesky(optimum.jacobian.T @ optimum.jacobian)
     factor = jax.scipy.linalg.solve_triangular(root, jnp.eye(x.size), lower=True).T
     whitening = Affine(logit, slope[:, None] * factor)
@@ -86,7 +89,8 @@ def _descend(
 ) -> _Place:
     """Minimise by Levenberg-Marquardt, with points allowed slightly outside the box.
 
-    A library's solver has the Jacobian in several places of its program, each compiled: too long.
+    A library's solver would contain the Jacobian in several places of its program, each compiled
+    separately, which takes too long.
     """
 
     def both(u: Array) -> tuple[Array, Array]:
@@ -97,7 +101,7 @@ def _descend(
         normal = at.jacobian.T @ at.jacobian
         shaped = normal + at.damping * jnp.diag(jnp.diagonal(normal))
         move = jnp.linalg.solve(shaped, at.jacobian.T @ at.residuals)
-        # The first step stays: so the Jacobian stands in one place and is compiled once.
+        # The first step does not move, so the Jacobian appears in one place and is compiled once.
         u = jnp.where(i == 0, at.u, jnp.clip(at.u - move, -BEYOND, 1 + BEYOND))
         jacobian, residuals = jax.jacfwd(both, has_aux=True)(u)
         better = (_cost(residuals) < _cost(at.residuals)) | (i == 0)

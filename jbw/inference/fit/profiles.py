@@ -1,7 +1,7 @@
-"""The information in a fit's data: directions and widths at the fit, profile likelihoods.
+"""The information of a fit's data on parameters: directions, widths, profile likelihoods.
 
-At the fit, before anything is sampled, by its covariance beside the prior; along a parameter, how
-far it can move while all the others make up for it.
+Directions and widths follow from the covariance of a fit compared with the prior, before sampling.
+A profile shows how far one parameter can move while all others compensate.
 """
 
 import logging
@@ -32,30 +32,31 @@ from jbw.inference.thresholds import KNOWN, LEARNT, ROUGHLY, THRESHOLD
 from jbw.report.messages import identified
 from jbw.report.messages.message import listed
 
-SENSIBLE = 10.0  # an exponent beyond tells of boxes of unlike widths, and of no combination
-AS_WELL = 2.0  # a name may be known so many times worse than its direction
-TOLD_APART = 0.5  # a product this much better known than its factors is said to tie them
+SENSIBLE = 10.0  # larger exponents are due to boxes of unequal widths
+AS_WELL = 2.0  # largest ratio of the deviation of a named combination to that of its direction
+TOLD_APART = 0.5  # relative deviation of a product over that of its factors that ties them
 logger = logging.getLogger("jbw")
-FLAT = 0.1  # of chi-square: less is no preference at all
-PLACES = 4  # on either side of the fit, within
-REACH = 3.0  # standard deviations, a little beyond the 2.58 of 99 %
-MOST_FURTHER = 6  # places beyond, each twice as far as the last
-MOST_EVALUATIONS = 12  # of a point: the neighbour's optimum is near
-TOLERANCE = 1e-7  # of the cost and of the step, relative
-ON_BOUND = 1e-6  # of the box: nearer there is no room for points
-STEEP = 1.5  # standard deviations between two points: more, and a line between them tells little
-MOST_HALVINGS = 6  # of the gap in which a side passes the threshold
+FLAT = 0.1  # difference of chi-square below which there is no preference
+PLACES = 4  # points on either side of the fit, within REACH
+REACH = 3.0  # standard deviations, slightly beyond the 2.58 of 99 %
+MOST_FURTHER = 6  # points beyond, each twice as far as the last
+MOST_EVALUATIONS = 12  # per point, as the neighbour's optimum is near
+TOLERANCE = 1e-7  # relative, of the cost and of the step
+ON_BOUND = 1e-6  # distance to a bound, over the box, without room for points
+STEEP = 1.5  # standard deviations between two points beyond which a line between them is too rough
+MOST_HALVINGS = 6  # most halvings of the gap in which a profile passes the threshold
 
-Point = tuple[NDArray[np.float64], float]  # where, and chi-square
+Point = tuple[NDArray[np.float64], float]  # coordinates, and chi-square
 
 
 @dataclass(frozen=True)
 class Direction:
-    """One direction of the parameters, and the data's information along it over the prior's.
+    """A direction of the parameters, and the information of the data along it.
 
-    `names` are the parameters that make it up and `loadings` the shares of all, in prior standard
-    deviations, in the box's order; `text` is their combination, of leading exponent 1, and `sd` its
-    deviation, relative for a product, NaN for a mixture; `ratio` is posterior over prior deviation.
+    `names` are the parameters that dominate it, and `loadings` the shares of all parameters, in
+    prior standard deviations, in the box's order. `text` is their combination, with leading
+    exponent 1, and `sd` its standard deviation, relative for a product, NaN for a mixture. `ratio`
+    is posterior over prior deviation.
     """
 
     information: float
@@ -68,7 +69,7 @@ class Direction:
 
 @dataclass(frozen=True)
 class QuantityInformation:
-    """A parameter or product in words, its value, and its deviation, also over the prior's."""
+    """A parameter or product with value, standard deviation and its ratio to the prior's."""
 
     text: str
     value: float
@@ -77,13 +78,13 @@ class QuantityInformation:
 
     @property
     def relative(self) -> float:
-        """Standard deviation over value; infinite at zero."""
+        """The standard deviation over the value; infinite at zero."""
         return self.sd / abs(self.value) if self.value else math.inf
 
 
 @dataclass(frozen=True)
 class Information:
-    """The Fisher information of a fit: directions, the strongest first, parameters and products."""
+    """The Fisher information of a fit: directions, strongest first, and parameters and products."""
 
     names: tuple[str, ...]
     directions: tuple[Direction, ...]
@@ -97,12 +98,12 @@ def information(best: Fit, box: Box, products: Iterable[Product] = ()) -> Inform
       \Sigma = (J^T J + \Lambda)^{-1}$$
 
     with J the residual's derivatives in units of the noise and Lambda the inverse variances of the
-    prior, in the logarithms of parameters that are positive and distinct from zero, and in the
+    prior. Logarithms are used for parameters that are positive and distinct from zero, and the
     parameters themselves otherwise. A product f has the variance $\nabla f^T \Sigma \nabla f$.
     """
     theta = np.array([best.theta[name] for name in box.names])
     lower, upper = np.asarray(box.lower), np.asarray(box.upper)
-    # The logarithm is the coordinate where the box is positive, or the data say non-zero.
+    # Use logarithms if the box is positive, or the data exclude zero.
     resolved = theta * np.linalg.norm(best.jacobian, axis=0) > RESOLVED
     logs = (lower > 0) | ((lower == 0) & resolved)
     slope = np.where(logs, theta, 1.0)
@@ -155,10 +156,11 @@ def _members(
     root: NDArray[np.float64],
     ratio: float,
 ) -> list[int]:
-    """Return the parameters that name a direction, enough that it is as well constrained.
+    """Return the indices of enough parameters to name a direction.
 
-    A factor that its prior knows well moves the direction little, yet without it the others are
-    known far worse than the direction is: alpha*delta to a millionth says nothing of delta.
+    A factor with a narrow prior contributes little to the direction, but without it the other
+    factors are determined far worse than the direction: alpha*delta known to a millionth says
+    nothing about delta.
     """
     count = int(np.sum(np.abs(row) > PRESENT * np.max(np.abs(row))))
     while count < len(order):
@@ -180,7 +182,7 @@ def statements(spectrum: Information, products: Iterable[Product] = ()) -> list[
 
 
 def directions_sentence(spectrum: Information) -> str:
-    """Return how many directions of the parameters the data know better than the prior does."""
+    """Return the sentence on how many directions the data determine better than the prior does."""
     learnt = sum(direction.ratio < UNLEARNT for direction in spectrum.directions)
     return identified.directions(learnt, len(spectrum.directions))
 
@@ -191,7 +193,7 @@ def ties(spectrum: Information, products: Iterable[Product]) -> list[str]:
 
 
 def _kind(row: QuantityInformation) -> str:
-    """Return a quantity's grade by the criterion that the report uses after sampling."""
+    """Return a quantity's grade, such as known or unknown, as the report assigns it."""
     if _is_unlearnt(row):
         return "unknown"
     if row.relative <= KNOWN:
@@ -220,11 +222,12 @@ def _tie(rows: Mapping[str, QuantityInformation], product: Product) -> list[str]
 
 @dataclass(frozen=True)
 class Profile:
-    """Chi-square of one parameter less the least of all, the others at their best along a `path`.
+    """The profile of chi-square along one parameter, minimised over all the others.
 
-    Where it stays below the threshold is the `interval`, which ends at the box's bound where a
-    side, below or above, is `open`; `better` is how far its least lies below that of the fit, and
-    `num_refused` counts points that are left out since the model cannot be solved there.
+    `chi_square` is relative to the least of all profiles, and `path` contains the other parameters'
+    optima. The `interval` is where it stays below the threshold; it ends at the box's bound if that
+    side, below or above, is `open`. `better` is how far the least chi-square lies below that of the
+    fit. `num_refused` counts points that are omitted because the model cannot be solved there.
     """
 
     name: str
@@ -249,8 +252,8 @@ def profiles(
 
     $$\chi^2_p(\theta_i) = \min_{\theta_j,\, j \ne i} |r(\theta)|^2$$
 
-    over points within three standard deviations of the fit, further where chi-square has not risen
-    by the 99 % quantile of its distribution, 6.63, and never beyond the box. Each point starts from
+    over points within three standard deviations of the fit, further if chi-square has not risen by
+    6.63, the 99 % quantile of its distribution, and never beyond the box. Each point starts from
     its neighbour's optimum. The residual, box, data and compiled derivatives are those of the
     `costly_fit` that found `best`. `report` is called with one sentence for every parameter.
 
@@ -305,16 +308,16 @@ def _crossing(s: NDArray[np.float64], root: NDArray[np.float64]) -> float | None
     if not beyond.size:
         return None
     j = beyond[0]
-    if j == 0:  # another profile found a better fit, and this one none as good
+    if j == 0:  # another profile found a better fit
         return float(s[0])
-    if not np.isfinite(root[j]):  # refused: how fast it rises towards there is not known
+    if not np.isfinite(root[j]):  # not solvable there, so its rise is unknown
         return float(s[j])
     share = (level - root[j - 1]) / (root[j] - root[j - 1])
     return float(s[j - 1] + share * (s[j] - s[j - 1]))
 
 
 def _value(place: float, held: int, box: Box) -> float:
-    """Return the parameter at a place of its coordinate of search."""
+    """Return the parameter's value at a point of its search coordinate."""
     x = from_search(jnp.full(len(box.names), place), box)[0]
     return float(box.lower[held] + x[held] * (box.upper[held] - box.lower[held]))
 
@@ -322,7 +325,7 @@ def _value(place: float, held: int, box: Box) -> float:
 def walk(
     part: Part, start: NDArray[np.float64], held: int
 ) -> tuple[Float[np.ndarray, "point parameter"], Float[np.ndarray, " point"]]:
-    """Return optima with one coordinate held on both sides of a fit, ascending; and chi-squares."""
+    """Return optima and chi-squares along one coordinate, on both sides of a fit."""
     sd = _sd(part(start, 1), held)
     centre = float(np.sum(part(start, 0) ** 2))
     sides: list[list[Point]] = []
@@ -340,7 +343,7 @@ def walk(
 
 
 def _refined(part: Part, side: list[Point], held: int) -> list[Point]:
-    """Return a side with points put in where another parameter met its bound: a wall, too steep."""
+    """Return one side of a profile with more points where chi-square rises too steeply."""
     centre = side[0][1]
     for _ in range(MOST_HALVINGS):
         rise = np.array([max(chi_square - centre, 0.0) for _, chi_square in side])
@@ -361,12 +364,12 @@ def _sd(jacobian: Float[np.ndarray, "residual parameter"], held: int) -> float:
     others, column = np.delete(jacobian, held, axis=1), jacobian[:, held]
     explained = others @ np.linalg.lstsq(others, column)[0] if others.shape[1] else 0.0
     residual = float(np.linalg.norm(column - explained))
-    # What the others explain up to rounding carries no information of its own.
+    # A column that the others explain up to rounding has no information.
     return min(1 / residual, 1.0) if residual > 1e-9 * float(np.linalg.norm(column)) else 1.0
 
 
 def _steps(centre: float, side: float, sd: float) -> list[float]:
-    """Return held values of a coordinate on one side, outwards to the bound of the box."""
+    """Return values of a coordinate for its profile, from a fit outwards to a bound."""
     room = 1 - centre if side > 0 else centre
     if room <= ON_BOUND:
         return []
@@ -376,14 +379,14 @@ def _steps(centre: float, side: float, sd: float) -> list[float]:
     steps += [step for step in beyond if reach < step < room]
     if steps[-1] < room:
         steps.append(room)
-    # On the bound itself exactly: a difference may miss it by rounding.
+    # The last point is exactly on the bound, which a difference may miss by rounding.
     return [float(np.clip(centre + side * step, 0.0, 1.0)) for step in steps]
 
 
 def constrained(part: Part, s: NDArray[np.float64], held: int, place: float) -> Point:
-    """Find the optimum of the other coordinates from a neighbour's; return chi-square too.
+    """Minimise chi-square over all coordinates but one; return the point and chi-square.
 
-    The neighbour's place at an infinite chi-square where the model cannot be solved there.
+    If the model cannot be solved there, chi-square is infinite.
     """
     free = np.arange(len(s)) != held
 
@@ -406,7 +409,7 @@ def constrained(part: Part, s: NDArray[np.float64], held: int, place: float) -> 
 
 
 def profile_statements(of_all: Mapping[str, Profile]) -> list[str]:
-    """Return every one of `profiles` in a sentence."""
+    """Return the sentences on all profiles of chi-square."""
     sentences = [_sentence(profile) for profile in of_all.values()]
     sentences += [
         identified.profile_refused(profile.name, profile.num_refused)
@@ -420,7 +423,7 @@ def profile_statements(of_all: Mapping[str, Profile]) -> list[str]:
 def _sentence(profile: Profile) -> str:
     low, high = profile.interval
     if profile.open == (False, False):
-        # The interval's width to two digits of its own, four at least.
+        # Print the interval's ends so that its width has two digits, with four digits at least.
         largest = max(abs(low), abs(high))
         needed = 2 + math.ceil(math.log10(largest / (high - low))) if high > low else 6
         ends = [f"{end:.{max(4, needed)}g}" for end in profile.interval]

@@ -1,13 +1,13 @@
-r"""Coordinates along the floor of a curved valley, where the other parameters follow one of them.
+r"""Coordinates along the floor of a curved valley, where the other parameters follow one.
 
-Where the data leave one parameter q open, the others make up for it along a curve that no straight
-line follows. With the optimum c(q) of the others at every q, and a root of their covariance there,
+If the data do not determine a parameter q, the others compensate for it along a curve. With the
+optimum c(q) of the others at every q, and a root L(q) of their covariance there,
 
 $$x = c(q) + L(q)\,w, \qquad \left|\det \frac{\partial (q, x)}{\partial (q, w)}\right|
   = \prod_i L_{ii}(q)$$
 
-c is a cubic between some values of q, where its slope is known too, and L is straight there. In
-(q, w) the valley is straight and equally wide. A floor is found by the profile of a parameter.
+c is a cubic between some values of q, where its slope is known too, and L is linear there. In (q,
+w) the valley is straight and equally wide. A floor is found by the profile of a parameter.
 """
 
 from typing import Any, NamedTuple
@@ -26,24 +26,24 @@ from jbw.inference.space.box import Box
 from jbw.inference.space.coordinates import IDENTITY, Composed, Coordinate, Vector
 from jbw.inference.space.reparametrisation import Reparametrisation
 
-WIDE = 100.0  # standard deviations off the floor, where w ends
-NUM_POINTS = 400  # along the floor, of its marginal density
-APART = 1e-9  # of the unit cube: knots that are nearer are one
-OFF = 1.0  # of chi-square: what the floor may miss the optimum by between two knots
-FAR = 100.0  # of chi-square above its least, where nothing of the posterior is left
-STEEP = 10.0  # of the floor, in units of the box: it turns back there
-PART = 0.3  # of the largest part in the least known direction, which another may have instead
+WIDE = 100.0  # bound of w, in standard deviations from the floor
+NUM_POINTS = 400  # points of the marginal density along the floor
+APART = 1e-9  # distance in the unit cube below which two knots are one
+OFF = 1.0  # largest error of the floor in chi-square between two knots
+FAR = 100.0  # rise of chi-square beyond which there is no posterior
+STEEP = 10.0  # slope of the floor, in units of the box, from which it turns back
+PART = 0.3  # least component of the weakest direction over the largest, to be tried
 
 
 class Floor(NamedTuple):
-    """The floor of a valley, at rising values of the parameter that is held.
+    """The floor of a valley: optima at rising values of one fixed parameter.
 
     Attributes:
-        held: Which parameter.
-        points: All of them, the others at their optimum.
-        slopes: How the others' optimum changes with the one that is held.
-        chi_square: There.
-        roots: Lower triangular roots of the others' covariance there.
+        held: Index of the fixed parameter.
+        points: All parameters, with the others at their optimum.
+        slopes: Derivatives of the others' optimum by the fixed parameter.
+        chi_square: Chi-square at the points.
+        roots: Lower triangular roots of the others' covariance at the points.
     """
 
     held: int
@@ -54,7 +54,7 @@ class Floor(NamedTuple):
 
 
 class Valley(Coordinate):
-    """The parameter that is held, and the others by their distance from the floor."""
+    """Coordinates of a curved valley: one parameter, and the others' distance from its floor."""
 
     held: int = eqx.field(static=True)
     knots: Float[Array, " knot"]
@@ -63,7 +63,7 @@ class Valley(Coordinate):
     roots: Float[Array, "knot other other"]
 
     def forward(self, x: Vector) -> Vector:
-        """Return the parameters at a distance from the floor."""
+        """Return the parameters at a given distance from the floor."""
         floor, root = self._at(x[self.held])
         return x.at[self._others].set(floor + root @ x[self._others])
 
@@ -74,7 +74,7 @@ class Valley(Coordinate):
         return y.at[self._others].set(away)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Return the logarithm of the valley's width there."""
+        """Return the log determinant: the logarithm of the valley's width."""
         return jnp.sum(jnp.log(jnp.diagonal(self._at(x[self.held])[1])))
 
     @property
@@ -103,12 +103,12 @@ def along_valley(
     outer: Composed,
     bounds: tuple[Float[Array, " parameter"], Float[Array, " parameter"]],
 ) -> Reparametrisation:
-    """Return the coordinates along a floor, whose points are in coordinates within bounds.
+    """Return the sampling coordinates along the floor of a valley.
 
     Args:
-        floor: Where the valley lies.
-        outer: From the coordinates of its points to the parameters.
-        bounds: Of the coordinates of its points.
+        floor: Floor of the valley.
+        outer: Map from the coordinates of the floor's points to the parameters.
+        bounds: Bounds of the coordinates of the floor's points.
     """
     held, size = floor.held, floor.points.shape[1]
     others = np.delete(np.arange(size), held)
@@ -146,9 +146,9 @@ def _moments(floor: Floor, coordinate: Composed) -> tuple[float, float]:
 def about_valley(residual: Residual, box: Box, data: PyTree, best: Fit) -> Reparametrisation | None:
     """Return coordinates along the profile of a weakly constrained parameter, in box units.
 
-    None where all such profiles turn back inside the box: what follows them is seen in part alone.
-    What they do where the data rule them out does not matter.
-    The residual, box, data and compiled differences are those of the `costly_fit` that found it.
+    None if all such profiles turn back inside the box, because coordinates along them would miss a
+    part. Profiles where the data rule them out do not matter. The residual, box, data and compiled
+    differences are those of the `costly_fit` that found `best`.
     """
     part = evaluator(residual, box, data)
     start = to_search(best.x, box)
@@ -165,7 +165,7 @@ def about_valley(residual: Residual, box: Box, data: PyTree, best: Fit) -> Repar
 
 
 def _least_known(jacobian: Float[np.ndarray, "residual parameter"]) -> list[int]:
-    """Return the parameters of a part in the direction that is known least, the largest first."""
+    """Return the parameters with the largest components of the weakest direction."""
     weakest: Any = np.abs(np.linalg.eigh(precision(jacobian))[1][:, 0])
     order = np.argsort(-weakest)
     return order[weakest[order] > PART * weakest.max()].tolist()
@@ -180,7 +180,7 @@ def _floor(
     r"""Fit a floor through optima, $dc/dq = -(J_o^T J_o)^{-1} J_o^T j_q$, and the others' roots."""
     slopes, roots = [], []
     for point in points:
-        # Where the model cannot be solved beside the point, the box alone bounds the others.
+        # If the model cannot be solved next to the point, the box alone bounds the others.
         jacobian = np.nan_to_num(part(point, 1), posinf=0.0, neginf=0.0)
         others, held_column = np.delete(jacobian, held, axis=1), jacobian[:, held]
         covariance = np.linalg.inv(precision(others))
@@ -190,7 +190,7 @@ def _floor(
 
 
 def _finer(part: Part, floor: Floor, unit: Any) -> Floor | None:
-    """Add optima to the floor where it is inaccurate between knots; None where it is not."""
+    """Add optima to the floor where it is inaccurate between knots; None if it is accurate."""
     middles, optima = (floor.points[1:, floor.held] + floor.points[:-1, floor.held]) / 2, []
     flat = along_valley(floor, IDENTITY, unit).outer
     for place in middles:

@@ -1,1 +1,1 @@
-"""Repeats, and the offsets and scatter of runs."""
+"""Likelihoods of repeats, with offsets and scatter of runs."""

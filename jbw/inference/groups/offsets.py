@@ -1,13 +1,14 @@
-r"""Gaussian likelihoods of repeats, and of groups of them that each have offsets of their own.
+r"""Gaussian likelihoods of repeats, and of groups of repeats with separate offsets.
 
-K repeats d_k enter only by their mean, their within-repeat sum of squares and K:
+K repeats d_k enter only through their mean, their within-repeat sum of squares and K:
 
 $$\sum_k |d_k - m|^2 = K |\bar d - m|^2 + S, \qquad S = \sum_k |d_k - \bar d|^2$$
 
-Structures shift by a part in a thousand. A group (a test, or one harmonic of it) sees the shared
-parameters through a few offsets b of its own run, which act linearly, and has one unknown noise;
-both are integrated out. The offsets of all runs share a scatter (`jbw.inference.groups.scatter`):
-white noise alone makes a real structure's posterior several times too narrow.
+Natural frequencies of structures shift by a part in a thousand between runs. A group (a test, or
+one harmonic of it) depends on the shared parameters and, linearly, on a few offsets b of its run,
+and has one unknown noise level; both are integrated out. The offsets of all runs have a common
+scatter (`jbw.inference.groups.scatter`): with white noise alone, the posterior of a real structure
+would be several times too narrow.
 """
 
 import math
@@ -19,13 +20,13 @@ from jaxtyping import Array, Complex, Float
 
 Complexes = Complex[Array, "..."] | Complex[np.ndarray, "..."]
 Reals = Float[Array, "..."] | Float[np.ndarray, "..."] | float
-ROUNDING = 1e-14  # of a diagonal entry: a pivot below is zero but for rounding
+ROUNDING = 1e-14  # pivot over diagonal entry below which a pivot is zero
 
 
 def complex_gaussian_log_likelihood(
     mean: Complexes, within_ss: Reals, num_repeats: Reals, model: Complexes, noise_std: Reals
 ) -> Float[Array, "..."]:
-    r"""Log likelihood [nats] of K repeats of complex data, one term a point: eqs. (34), (36).
+    r"""Return the log likelihood [nats] of K complex repeats, one term per point: eqs. (34), (36).
 
     $$\log L = -K \log(2\pi\sigma^2) - \frac{K |\bar d - m|^2 + S}{2\sigma^2}$$
 
@@ -39,7 +40,7 @@ def complex_gaussian_log_likelihood(
 def complex_gaussian_marginal_log_likelihood(
     mean: Complexes, within_ss: Reals, num_repeats: Reals, model: Complexes
 ) -> Float[Array, ""]:
-    r"""Return the same of all points, their unknown noise integrated out under the prior 1/sigma.
+    r"""Return the log likelihood of complex repeats whose noise is integrated out, prior 1/sigma.
 
     $$\log p = -N K \log \sum_{i,k} |d_{ik} - m_i|^2 + \mathrm{const}$$
     """
@@ -54,7 +55,8 @@ def _squared_modulus(value: Complexes) -> Float[Array, "..."]:
 class Estimate(NamedTuple):
     """Estimated offsets of groups; log densities [nats] at the optimum, noise integrated out.
 
-    They hold half the log determinant of the offsets' precision (inverse covariance).
+    The log densities include half the log determinant of the offsets' precision (inverse
+    covariance).
     """
 
     log_density: Float[Array, " group"]
@@ -70,16 +72,16 @@ def estimate(
     num_values: Float[Array, " group"],
     directions: Float[Array, "group own value"],
 ) -> Estimate:
-    r"""Return the offsets of each group by least squares, its noise integrated out under 1/sigma.
+    r"""Estimate the offsets of each group by least squares, noise integrated out under 1/sigma.
 
     $$A = K J J^T, \quad \hat b = K A^{-1} J r, \quad
       Q = K|r|^2 + S - \hat b^T A \hat b, \quad
       W = A\,\frac{n - q}{Q}, \quad \log p = -\frac{n - q}{2} \log Q + \frac12 \log |W|$$
 
     With q = 0 offsets this is the likelihood of (37) with sigma inferred. The residual r is the
-    mean of K repeats less the prediction, of which the `square` |r|^2 and J r, `along` the
-    directions, are asked alone; n counts the independent values of all repeats, and J is the
-    prediction's change by each offset, the `directions`.
+    mean of K repeats minus the prediction; only its `square` |r|^2 and J r, `along` the directions,
+    are needed. n counts the independent values of all repeats, and J contains the prediction's
+    derivatives by each offset, the `directions`.
     """
     total = num_repeats * square + within
     num_own = directions.shape[1]
@@ -91,18 +93,18 @@ def estimate(
     offset = solve(normal, slope)
     residual_square = total - jnp.sum(offset * slope, axis=-1)
     degrees = num_values - num_own
-    # With no more values than offsets the fit is exact, and the group carries no information.
+    # With no more values than offsets, the fit is exact and the group carries no information.
     says = degrees > 0.5
     residual_square = jnp.where(says, residual_square, 1.0)
     precision = normal * jnp.where(says, degrees / residual_square, 0.0)[:, None, None]
-    # The determinant of W has a factor Q^-q; the rest of it is constant.
+    # The determinant of W has a factor Q^-q; its other factors are constant.
     return Estimate(-num_values / 2 * jnp.log(residual_square), offset, precision)
 
 
 def known_estimate(
     residual: Float[Array, "group value"], directions: Float[Array, "group own value"]
 ) -> Estimate:
-    r"""Estimate offsets for known noise, from residuals and directions in its standard deviations.
+    r"""Estimate offsets of groups with known noise, from residuals in standard deviations.
 
     $$W = J J^T, \quad \hat b = W^{-1} J r, \quad \log p = -\tfrac12 (|r|^2 - \hat b^T W \hat b)$$
     """
@@ -116,7 +118,7 @@ def known_estimate(
 def solve(
     matrix: Float[Array, "group own own"], vector: Float[Array, "group own"]
 ) -> Float[Array, "group own"]:
-    """Solve the normal equations; zero where a group does not determine its offsets."""
+    """Solve each group's normal equations; zero if they do not determine its offsets."""
     lower, pivots = factorised(matrix)
     determined = jnp.all(jnp.stack(pivots) > 0, axis=0)
     inverse = [1 / jnp.where(determined, pivot, 1.0) for pivot in pivots]
@@ -141,8 +143,8 @@ def factorised(
 ) -> tuple[list[list[Array]], list[Float[Array, " group"]]]:
     """Return the factors $A = L D L^T$: rows of L below its diagonal of ones, and the pivots D.
 
-    Written out over rows and columns, which are few: a call of LAPACK for each of the small
-    matrices would cost more. A pivot is zero where a row is a combination of those before it.
+    The loops are written out over rows and columns, which are few: a LAPACK call for each of the
+    small matrices would cost more. A pivot is zero if a row is a combination of those before it.
     """
     lower: list[list[Array]] = []
     pivots: list[Array] = []
@@ -161,13 +163,13 @@ def factorised(
 
 
 def run_numbers(runs: tuple[str, ...]) -> tuple[int, ...]:
-    """Number of each group's run, in the order in which the runs first appear."""
+    """Return the number of each group's run, in the order in which the runs first appear."""
     order = list(dict.fromkeys(runs))
     return tuple(order.index(name) for name in runs)
 
 
 def members(numbers: tuple[int, ...]) -> Float[Array, "part whole"]:
-    """Return a matrix of ones where a part belongs to a whole (by number) and zeros elsewhere."""
+    """Return a membership matrix: one where a part belongs to a whole, else zero."""
     return jnp.asarray(np.eye(max(numbers) + 1)[list(numbers)])
 
 
@@ -177,18 +179,18 @@ def shrunk(
     runs: tuple[int, ...],
     scatter: Float[Array, " own"],
 ) -> tuple[list[Float[Array, "_group _value"]], Float[Array, "run own"]]:
-    r"""Return the residuals with the best offset of each run taken out, and what the offsets cost.
+    r"""Return residuals corrected by the best offset of each run, and these offsets in units of s.
 
     $$\hat b_r = (W_r + S^{-1})^{-1} \sum_{g \in r} J_g r_g, \qquad r_g - J_g^T \hat b_r,
       \qquad S^{-1/2}\,\hat b_r$$
 
-    Residuals and directions J are of several blocks of groups, in standard errors; `scatter` is the
-    standard deviation of each offset's prior.
+    Residuals and directions J are given for several blocks of groups, in standard errors; `scatter`
+    is the standard deviation of each offset's prior.
     """
     member = members(runs)
     slopes = [
         scatter[:, None] * direction for direction in directions
-    ]  # by offsets over their scatter
+    ]  # derivatives by offsets over their scatter
     precision = jnp.concatenate([jnp.einsum("gin,gjn->gij", slope, slope) for slope in slopes])
     pull = jnp.concatenate(
         [jnp.einsum("gin,gn->gi", slope, r) for slope, r in zip(slopes, residuals, strict=True)]

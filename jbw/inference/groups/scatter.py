@@ -1,7 +1,8 @@
-r"""The scatter of runs and of assemblies: offsets that share a spread, unknown and integrated out.
+r"""The scatter of runs and assemblies: the common spread of offsets, unknown and integrated out.
 
-A run r of an assembly a has the offset $b_r = a_a + c_r$, $c \sim N(0, S)$, $a \sim N(0, T)$: a
-structure that is mounted again comes back elsewhere. One run an assembly has c alone.
+A run r of an assembly a has the offset $b_r = a_a + c_r$, $c \sim N(0, S)$, $a \sim N(0, T)$,
+because a structure that is mounted again has another frequency. With one run per assembly there is
+only c.
 """
 
 from typing import NamedTuple
@@ -15,22 +16,22 @@ from scipy.special import ndtri
 from jbw.inference.groups.offsets import Estimate, log_determinant, members, solve
 
 NUM_SCATTERS = 17  # nodes of each scatter's prior, half a decade apart or less
-NUM_ASSEMBLIES = 7  # of the scatter of assemblies, beside that of runs
-LOG_SD = float(np.log(2.0))  # of a scatter whose median is stated
+NUM_ASSEMBLIES = 7  # nodes of the scatter of assemblies
+LOG_SD = float(np.log(2.0))  # log standard deviation of a scatter with stated median
 
 Levels = tuple[tuple[int, ...], ...]
 """Number of the run of each group; then, where there are assemblies, that of each run's."""
 
 
 class Spread(NamedTuple):
-    """A draw of the standard deviations over runs and assemblies, and of the offset of each run."""
+    """A draw of the standard deviations over runs and assemblies, and of each run's offset."""
 
     scatter: Float[Array, " level_own"]
     offset: Float[Array, "run own"]
 
 
 class _Information(NamedTuple):
-    """Gaussian likelihood of offsets, exp(-b W b / 2 + h b)."""
+    """The Gaussian likelihood of offsets, exp(-b W b / 2 + h b)."""
 
     precision: Float[Array, "member own own"]
     pull: Float[Array, "member own"]
@@ -43,11 +44,11 @@ def scatter_grid(
     assemblies: bool = False,
     medians: tuple[float | None, ...] = (),
 ) -> Float[np.ndarray, "node level_own"]:
-    """Return the nodes of the scatters of runs, then of `assemblies`, all of one weight.
+    """Return nodes of equal prior weight for the scatter of runs (and of assemblies).
 
-    From least to most of each offset, whose logarithm is uniform there, one node where they are
-    equal; about its median where that is stated: the scatter is log-normal then, within a factor of
-    two in two cases of three.
+    The logarithm of each scatter is uniform from `least` to `most`, with one node if they are
+    equal. If a median is stated, the scatter is log-normal instead, within a factor of two in two
+    cases of three.
     """
     centres = medians or (None,) * len(least)
     bounds = list(zip(least, most, centres, strict=True))
@@ -59,7 +60,7 @@ def scatter_grid(
 
 def _axis(least: float, most: float, median: float | None, count: int) -> np.ndarray:
     if least == most:
-        return np.array([most])  # a scatter that is known
+        return np.array([most])  # the scatter is known
     if median is None:
         return np.geomspace(least, most, count)
     return median * np.exp(LOG_SD * ndtri((np.arange(count) + 0.5) / count))
@@ -70,12 +71,12 @@ def log_density_of_offsets(
     levels: Levels,
     scatters: Float[Array, "node level_own"] | Float[np.ndarray, "node level_own"],
 ) -> Float[Array, ""]:
-    r"""Log density of the groups' offsets, those of one run being the same, scatter unknown.
+    r"""Return the log density [nats] of offsets that all groups of a run share, scatter unknown.
 
     $$\log \frac{1}{M}\sum_{S, T} \prod_a \int N(a; 0, T) \prod_{r \in a} \int N(b - a; 0, S)
       \prod_{g \in r} e^{-\frac12 (\hat b_g - b)^T W_g (\hat b_g - b)}\,db\,da$$
 
-    [nats], up to a constant, over the nodes of the scatter's prior.
+    up to a constant, summed over the nodes of the scatter's prior.
     """
     num_own = estimates.offset.shape[1]
     if num_own == 0:
@@ -94,7 +95,7 @@ def draw_offsets(
     levels: Levels,
     scatters: Float[Array, "node level_own"],
 ) -> Spread:
-    """Return one draw of the scatter and of every run's offset, given the shared parameters."""
+    """Draw the scatter and every run's offset, given the estimates of the groups."""
     num_own = estimates.offset.shape[1]
     runs = _of_runs(estimates, levels)
     keys = jax.random.split(key, 3)
@@ -124,7 +125,7 @@ def _of_runs(estimates: Estimate, levels: Levels) -> _Information:
 def _nodes(
     runs: _Information, levels: Levels, scatters: Float[Array, "node level_own"], num_own: int
 ) -> Float[Array, " node"]:
-    """Log density of the offsets under every scatter."""
+    """Return the log density of the offsets at every node of the scatter."""
 
     def at_scatter(scatter: Float[Array, " level_own"]) -> Float[Array, ""]:
         log_density = _integrated(runs, scatter[:num_own])
@@ -139,19 +140,22 @@ def _nodes(
 def _scaled(
     data: _Information, scatter: Float[Array, " own"]
 ) -> tuple[Float[Array, "member own own"], Float[Array, "member own"]]:
-    """Return posterior precision and pull of x in b = s x, where x is standard normal."""
+    """Return precision and linear term of the posterior of x in b = s x, x standard normal."""
     return scatter[:, None] * data.precision * scatter + jnp.eye(len(scatter)), data.pull * scatter
 
 
 def _integrated(data: _Information, scatter: Float[Array, " own"]) -> Float[Array, ""]:
-    r"""Log of $\int N(b; 0, S)\, e^{-\frac12 b^T W b + h^T b}\,db$, offsets integrated out."""
+    r"""Return the log of $\int N(b; 0, S)\, e^{-\frac12 b^T W b + h^T b}\,db$ for offsets b."""
     precision, pull = _scaled(data, scatter)
     best = jnp.sum(pull * solve(precision, pull))
     return 0.5 * (best - jnp.sum(log_determinant(precision)))
 
 
 def _passed_on(data: _Information, scatter: Float[Array, " own"]) -> _Information:
-    """Return a's likelihood from b = a + c: W - W G W and h - W G h, $G = (W + S^{-1})^{-1}$."""
+    """Return the likelihood of assembly offsets a from that of runs' offsets b = a + c.
+
+    It has the precision W - W G W and the linear term h - W G h, $G = (W + S^{-1})^{-1}$.
+    """
     precision, pull = _scaled(data, scatter)
     weight = data.precision * scatter  # W s
     gained = jax.vmap(lambda column: solve(precision, column), in_axes=2, out_axes=2)(
@@ -166,7 +170,7 @@ def _passed_on(data: _Information, scatter: Float[Array, " own"]) -> _Informatio
 def _drawn(
     key: Key[Array, ""], data: _Information, scatter: Float[Array, " own"]
 ) -> Float[Array, "member own"]:
-    """Return one draw of every offset given its scatter."""
+    """Draw offsets given their scatter."""
     precision, pull = _scaled(data, scatter)
     root = jnp.linalg.cholesky(precision)
     white = jax.random.normal(key, pull.shape)

@@ -1,1 +1,1 @@
-"""Results from draws: the tree, summaries, checks, verdicts, comparisons, calibration."""
+"""Results from draws: summaries, checks and verdicts."""

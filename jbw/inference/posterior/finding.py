@@ -13,11 +13,11 @@ from jbw.report.messages.findings import FINDINGS, remedy_of, sentence_of
 from jbw.report.messages.questions import QUESTIONS
 
 Status = Literal["ok", "usable", "failed", "not assessed"]
-GRADE = "law_grade"  # code of the finding that answers whether the law follows the data
+GRADE = "law_grade"  # code of the finding on whether the law describes the data
 GRADES = {"ok": "predictive", "usable": "approximate", "failed": "not predictive"}
 WORST_FIRST: tuple[Status, ...] = ("failed", "not assessed", "usable", "ok")
-# Codes of the findings that answer each question, the most important first; others are of sampling,
-# or of the question that their entry names.
+# Codes of the findings that answer each question, the most important first. Other findings belong
+# to sampling, or to the question that their entry names.
 ASKED = {
     "sampling": ("ess_bulk", "r_hat"),
     "law": (
@@ -28,25 +28,25 @@ ASKED = {
     "knowledge": ("no_joint", "unidentified_joints", "unidentified", "modes", "at_bound"),
 }  # fmt: skip
 ASKED_BY = {code: name for name, codes in ASKED.items() for code in codes}
-CHARACTERS = 200  # of a reason or a remedy at most
-SIZE = 1500  # bytes of a table at most
-# Okabe and Ito's green and vermillion; a doubt is orange.
+CHARACTERS = 200  # most characters of a reason or a remedy
+SIZE = 1500  # most bytes of a table
+# Colours are Okabe and Ito's green and vermillion; orange stands for a doubt.
 COLOURS, DOUBT = {"ok": "#009e73", "failed": "#d55e00"}, "#e69f00"
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of one check, as data; its sentence and its remedy are read from the catalogue.
+    """The result of one check as data, from which its sentence and remedy are made.
 
     Attributes:
         code: Short name, such as "r_hat".
-        status: One of the four; usable means that it holds within a stated error.
-        values: What the sentence says, by the names of the catalogue's fields; or the sentence
-            itself, as a run's folder keeps it.
-        number: The worst number; NaN where there is none.
-        remedy: Values of the remedy in the same way, or its text.
-        test: Name of the test that was checked; empty where it was all of them.
-        entry: The catalogue's entry where the code's is another one, such as "r_hat.one_chain".
+        status: One of the four statuses; usable means that it holds within a stated error.
+        values: Values of the sentence, by the names of the catalogue's fields; or the sentence
+            itself, as stored in a run's folder.
+        number: The worst number of the check; NaN if there is none.
+        remedy: Values of the remedy, by the names of the catalogue's fields; or its text.
+        test: Name of the checked test; empty if all tests were checked.
+        entry: The catalogue's entry if it differs from the code, such as "r_hat.one_chain".
         additions: Sentences and remedies that later checks added.
     """
 
@@ -61,12 +61,12 @@ class Finding:
 
     @property
     def reason(self) -> str:
-        """The result of the check in a sentence, with the additions of later checks."""
+        """The result of the check as a sentence, with the additions of later checks."""
         return " ".join([self.fact, *(sentence for sentence, _ in self.additions)])
 
     @property
     def fact(self) -> str:
-        """The result of the check itself, in a sentence."""
+        """The result of the check itself as a sentence, without later additions."""
         if isinstance(self.values, str):
             return self.values
         return sentence_of(self.entry or self.code, self.values, passed=self.status == "ok")
@@ -81,21 +81,21 @@ class Finding:
         return " ".join(filter(None, (first, *(action for _, action in self.additions))))
 
     def record(self) -> dict[str, Any]:
-        """Return the finding's fields for a run's summary, with the parameter if any."""
+        """Return the finding's fields for a run's summary, with the parameter's name if any."""
         fields = ("code", "status", "reason", "number", "action")
         of = self.values.get("name") if isinstance(self.values, Mapping) else None
         return {name: getattr(self, name) for name in fields} | ({"of": of} if of else {})
 
 
 def kept_finding(record: Mapping[str, Any]) -> Finding:
-    """Return the finding of a record, as a run's summary keeps it; JSON has no NaN."""
+    """Return the finding that a run's summary has stored."""
     number = float("nan") if record["number"] is None else record["number"]
     return Finding(record["code"], record["status"], record["reason"], number, record["action"])
 
 
 @dataclass(frozen=True, repr=False)
 class Verdict:
-    """Findings in their order, and the worst status of the three answers."""
+    """The findings on a posterior, and the worst status of the verdict's three answers."""
 
     status: Status
     findings: tuple[Finding, ...]
@@ -117,10 +117,11 @@ class Amendment(NamedTuple):
 
     Attributes:
         codes: Codes of the findings that are amended.
-        before: Status of the findings that are amended; those of another status stay.
-        status: Status that they get.
-        sentence: Sentence that is added to their reasons.
-        remedy: Remedy that is added to theirs.
+        before: Status of the findings that are amended; findings with another status are not
+            changed.
+        status: New status of the findings.
+        sentence: Sentence that is added to the reasons of these findings.
+        remedy: Remedy that is added to the remedies of these findings.
     """
 
     codes: tuple[str, ...]
@@ -130,14 +131,14 @@ class Amendment(NamedTuple):
     remedy: str = ""
 
     def applied_to(self, finding: Finding) -> Finding:
-        """Return the finding, amended where this is about it."""
+        """Return a finding, changed if the amendment's codes and status match."""
         if finding.code not in self.codes or finding.status != self.before:
             return finding
         return amended(finding, self.status, self.sentence, self.remedy)
 
 
 def judge(findings: Iterable[Finding], amendments: Iterable[Amendment | None] = ()) -> Verdict:
-    """Return the verdict that follows from findings, amended in order; not assessed without any."""
+    """Return the verdict from findings, amended in order; not assessed without any finding."""
     in_order = [amendment for amendment in amendments if amendment is not None]
     judged = tuple(
         reduce(lambda finding, amendment: amendment.applied_to(finding), in_order, finding)
@@ -150,13 +151,13 @@ def judge(findings: Iterable[Finding], amendments: Iterable[Amendment | None] = 
 
 
 def answered(findings: Sequence[Finding]) -> Status:
-    """Return the status of one question's findings: the law's grade, else the worst of them."""
+    """Return the status of one question: the law's grade if there is one, else the worst."""
     grade = next((finding for finding in findings if finding.code == GRADE), None)
     return grade.status if grade else worst_of({finding.status for finding in findings})
 
 
 def worst_of(statuses: Collection[Status]) -> Status:
-    """Return the worst of some statuses; of none, not assessed."""
+    """Return the worst of several statuses; not assessed if there is none."""
     for status in WORST_FIRST:
         if status in statuses:
             return status
@@ -169,9 +170,9 @@ def usable_within(codes: tuple[str, ...], limits: str) -> Amendment:
 
 
 def amended(finding: Finding, status: Status, sentence: str, remedy: str = "") -> Finding:
-    """Return a finding with the status that a later check gives it, and what that check adds.
+    """Return a finding with the status, sentence and remedy that a later check gives it.
 
-    Of one that fails after all, the limits within which it was usable are not said any more.
+    If a usable finding becomes failed, its earlier additions, the limits of its use, are removed.
     """
     fails = status == "failed" and finding.status == "usable"
     earlier = () if fails else finding.additions
@@ -194,14 +195,14 @@ def checked(
 
 @dataclass(frozen=True)
 class Answer:
-    """Answer of the findings to one question of the verdict.
+    """The answer of the findings to one question of the verdict.
 
     Attributes:
-        question: The question.
-        status: Their verdict.
-        word: The status; of a law that is graded, its grade.
-        because: Facts of the findings against it, or of the first of those for it; behind them
-            what later checks added, each sentence once.
+        question: Text of the question.
+        status: The verdict of its findings.
+        word: The status; for a graded law, its grade.
+        because: Facts of the findings that are not ok, or of the first one if all are ok; then the
+            additions of later checks, each sentence once.
     """
 
     question: str
@@ -238,13 +239,13 @@ def answers(findings: Iterable[Finding]) -> Iterator[tuple[str, Answer]]:
 
 
 def first_line(status: str, answers: Iterable[tuple[str, str]] = ()) -> str:
-    """Return the status, and that of each answer."""
+    """Return the first line of a verdict: its status, and that of each answer."""
     parts = ", ".join(f"{name} {answer}" for name, answer in answers)
     return f"Verdict: {status}" + (f" ({parts})" if parts else "")
 
 
 def text_of(findings: Sequence[Finding]) -> Iterator[str]:
-    """Yield a line a finding that is not ok, and how many are."""
+    """Yield one line per finding that is not ok, then the number of passed checks."""
     against = [finding for finding in findings if finding.status != "ok"]
     for finding in against:
         reason = shorten(finding.reason, CHARACTERS)

@@ -1,3 +1,3 @@
-"""Quantiles that intervals and bands are stated by."""
+"""The quantiles of intervals and bands."""
 
-QUANTILES = (0.005, 0.5, 0.995)  # of a 99 % interval and its middle
+QUANTILES = (0.005, 0.5, 0.995)  # ends and middle of a 99 % interval

@@ -1,4 +1,4 @@
-"""Numbers of the lines that remedies put into a campaign file: draws, bounds, another sampler."""
+"""Numbers for the lines of campaign files that remedies suggest: draws, bounds, samplers."""
 
 from collections.abc import Iterable
 from math import ceil, floor, log10
@@ -8,21 +8,21 @@ from jbw.report.messages.remedies import put
 
 Bounds = tuple[float, float]
 
-MOST = 20.0  # times the draws: where more would be needed, another sampler is
-NEARER = 0.1  # of a bound's distance from the parameter's least value
-NUM_WARMUP = 500  # of a sampler that states none
+MOST = 20.0  # factor on the number of draws beyond which another sampler is suggested
+NEARER = 0.1  # new distance of a bound from the parameter's least value, over the old one
+NUM_WARMUP = 500  # warm-up of a sampler that states none
 
 
 def other_sampler(now: str = "") -> str:
-    """Return a sampler that may cope where another did not."""
+    """Return the name of a sampler that may work if another one did not."""
     return "tempered_smc" if now == "nuts" else "nuts"
 
 
 def more_draws(num_samples: int, least: float, target: float, sampler: str = "") -> dict[str, Any]:
-    """Return how many draws of a chain raise the least effective sample size to a target.
+    """Return the number of draws per chain for a target of the effective sample size.
 
-    None where that would be more than twenty times as many, for those chains do not move; then the
-    other sampler counts.
+    The count is None if that were more than twenty times as many, because such chains hardly move;
+    then another sampler is suggested.
     """
     times = target / least if least > 0 else float("inf")
     count = None
@@ -44,7 +44,7 @@ def wider(bounds: Bounds, sides: Iterable[str], least: float | None = None) -> B
 
 
 def put_bounds(name: str, bounds: Bounds) -> str:
-    """Return the line of a prior, its bounds rounded outwards to three digits of their distance."""
+    """Return the campaign file's line of a prior, with bounds rounded outwards to three digits."""
     low, high = bounds
     digits = 2 - floor(log10(high - low))
     scale = 10.0**digits

@@ -1,4 +1,4 @@
-"""Summaries of a posterior: a row of numbers for every quantity, bands, running means."""
+"""Summaries of a posterior: one row of numbers per quantity, bands, running means."""
 
 import math
 from collections.abc import Mapping
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from jbw.inference.space.stated import StatedDensities  # loads NumPyro
 
 Row = dict[str, float]
-DIAGNOSTICS = ("ess_bulk", "ess_tail", "r_hat")  # of chains
-LAPLACE = "laplace"  # sampler of draws about a fit, which are independent and of no posterior
+DIAGNOSTICS = ("ess_bulk", "ess_tail", "r_hat")  # diagnostics of chains
+LAPLACE = "laplace"  # name for independent draws of a fit's Gaussian approximation
 
 
 def evenly_spaced(posterior: xr.Dataset, num_draws: int) -> NDArray[np.intp]:
@@ -30,11 +30,12 @@ def evenly_spaced(posterior: xr.Dataset, num_draws: int) -> NDArray[np.intp]:
 def summarise(
     tree: xr.DataTree, box: Box, stated: "StatedDensities | None" = None
 ) -> dict[str, Row]:
-    """Return the summary row of each scalar quantity of a tree of `sample`, by name.
+    """Return the summary row of each scalar quantity of a posterior, by name.
 
-    `map` is the draw of the highest density, `kl` [nats] is from the prior, that of the box or a
-    stated density, `contraction` 1 less the variance over the prior's; NaN for what cannot be had,
-    as what is said of chains where the draws are those of a Gaussian about a fit.
+    `map` is the draw with the highest density. `kl` [nats] is the divergence from the prior, that
+    of the box or a stated density. `contraction` is 1 minus the variance over the prior's. Values
+    that cannot be computed are NaN, such as diagnostics of chains if the draws are those of a fit's
+    Gaussian approximation.
     """
     chains = tree.attrs.get("sampler") != LAPLACE
     lp = tree["sample_stats"].to_dataset()["lp"].values
@@ -99,9 +100,9 @@ def _row(
 
 
 def diagnose(draws: Float[np.ndarray, "chain draw"]) -> Row:
-    """Return ess_bulk, ess_tail and the rank-normalised split r_hat, as in `numbers`.
+    """Return ess_bulk, ess_tail and the rank-normalised split r_hat of a quantity's draws.
 
-    All are NaN for non-finite draws or where a chain never moved; r_hat is NaN for one chain.
+    All are NaN for non-finite draws or if a chain never moved; r_hat is NaN for one chain.
     """
     from arviz_stats.base.array import array_stats  # a second of imports, needed only here
 
@@ -121,9 +122,9 @@ def kl_from_uniform(x: Float[np.ndarray, " draw"], window: int | None = None) ->
     $$D = -h(x), \qquad \hat h = \frac1n \sum_i \left[\log(x_{(i+m)} - x_{(i-m)})
     - \psi(k_i) + \psi(n + 1)\right]$$
 
-    Ranks are cut at 1 and n, k_i counts the gaps spanned, and the window m is the nearest integer
+    Ranks are cut at 1 and n, k_i counts the spanned gaps, and the window m is the nearest integer
     to sqrt(n) when None. The digamma terms, not the log(2m/n) of Vasicek (1976), J. R. Stat. Soc. B
-    38, 54, free it of bias for uniform draws; infinite where a value repeats more than 2m times.
+    38, 54, make it unbiased for uniform draws; infinite where a value repeats more than 2m times.
     """
     n = len(x)
     m = max(1, round(math.sqrt(n))) if window is None else window
@@ -136,7 +137,7 @@ def kl_from_uniform(x: Float[np.ndarray, " draw"], window: int | None = None) ->
 
 
 def correlations(tree: xr.DataTree) -> dict[str, dict[str, float]]:
-    """Return the posterior correlations of all scalar quantities by pair of names."""
+    """Return the posterior correlations of all pairs of scalar quantities, by name."""
     columns = {name: values.ravel() for name, values in scalars(tree).items()}
     matrix = np.atleast_2d(np.corrcoef(np.array(list(columns.values()))))
     return {
@@ -146,7 +147,7 @@ def correlations(tree: xr.DataTree) -> dict[str, dict[str, float]]:
 
 
 def running_mean(values: Float[np.ndarray, " draw *rest"]) -> NDArray[np.float64]:
-    r"""Return the mean of the first n values for each n: eq. (40); alone no convergence test.
+    r"""Return the mean of the first n values for each n: eq. (40); not sufficient for convergence.
 
     $$\mathrm{conv}(n) = \frac1n \sum_{i \le n} q_i$$
     """
@@ -164,7 +165,7 @@ def band(
 
 
 def as_plain(rows: Mapping[str, Row]) -> dict[str, dict[str, Any]]:
-    """Return the rows of `summarise` for JSON, which has no NaN: None instead."""
+    """Return summary rows for JSON, with None in place of NaN."""
     return {
         name: {key: None if np.isnan(value) else value for key, value in row.items()}
         for name, row in rows.items()

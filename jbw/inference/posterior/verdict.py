@@ -28,24 +28,25 @@ R_HAT = 1.01
 ESS = 400.0
 BFMI = 0.3
 FAILED_SOLVES = 0.01
-TREE_SHARE = 0.05  # of trajectories cut at the greatest depth
-NUM_CHAINS = 4  # to compare, where there is one
-# Share of a posterior's own 99 % span that counts as its bound's edge, and the excess there over
-# a uniform posterior; half a normal distribution at its bound has 2.2, one a deviation away 1.0.
+TREE_SHARE = 0.05  # largest share of trajectories cut at the greatest depth
+NUM_CHAINS = 4  # suggested number of chains if there is only one
+# Share of a posterior's 99 % span that counts as the edge of a bound, and the limit of the draws
+# there relative to a uniform posterior. Half a normal distribution at its bound has 2.2, one a
+# deviation away 1.0.
 EDGE, PILE = 0.01, 1.5
-CHI_SQUARE = (0.2, 5.0)  # a degree of freedom
+CHI_SQUARE = (0.2, 5.0)  # limits per degree of freedom
 GOOD_KHAT = 0.7  # Pareto shape above which weights cannot be trusted (Vehtari et al. 2024)
-QUADRATURE = 1e-3  # change by the last refinement, in nats or standard deviations
+QUADRATURE = 1e-3  # largest change by the last refinement, in nats or standard deviations
 
 
-SUBSTEPS = 8  # solver steps a sample, where a posterior does not say
-DEPTH = 0.5  # of a valley's density over the lower of the peaks beside it
-LEAST_SIDE = 0.02  # of the draws on either side: fewer are a tail
-SURE_SIDE = 2.0  # standard errors by which a side is more
+SUBSTEPS = 8  # solver steps per sample if a posterior does not state them
+DEPTH = 0.5  # density of a valley over that of the lower neighbouring peak
+LEAST_SIDE = 0.02  # least share of draws on either side; fewer are a tail
+SURE_SIDE = 2.0  # standard errors by which a side must exceed this share
 NUM_POINTS = 256
-FEWEST = 100  # least draws for a kernel's width: chains that stick must not appear as modes
+FEWEST = 100  # least draws for a kernel's width, so that stuck chains do not appear as modes
 CROSSED = 100.0  # least effective draws of a side for its share to count as a weight
-AGREED = 1.05  # R-hat of the side
+AGREED = 1.05  # largest R-hat of the share of a side
 
 
 def verdict(
@@ -58,8 +59,8 @@ def verdict(
     """Judge a posterior of `sample`: R-hat < 1.01 and effective sizes >= 400 among others.
 
     Scalar quantities that the box does not name are judged for convergence only. `chi_square` is
-    that of the best fit with its degrees of freedom, where known; parameters that are `ending` by
-    themselves at their upper bound are not asked to be widened there.
+    that of the best fit with its degrees of freedom, if known. For parameters named in `ending`,
+    which end naturally at their upper bound, no wider bound is suggested there.
 
     Reference:
         Vehtari et al. (2021), Bayesian Analysis 16, 667; Betancourt (2016), arXiv:1604.00695.
@@ -129,8 +130,8 @@ def bands_finding(draws: Draws) -> Finding:
 def leaning(draws: Draws, box: Box) -> Iterator[tuple[str, str, float]]:
     """Yield each parameter that a prior bound truncates, the bound and the draws' share there.
 
-    Not where a lower bound is zero: there a quantity ends by itself, and an upper limit is an
-    answer.
+    A lower bound of zero is not reported: a quantity ends there naturally, and an upper limit is a
+    valid result.
     """
     for name, (lower, upper) in bounds_by_name(box).items():
         edge = EDGE * float(np.diff(np.quantile(draws[name], (0.005, 0.995)))[0])
@@ -197,13 +198,13 @@ def _trajectories(stats: xr.Dataset, facts: Mapping[Any, Any]) -> list[Finding]:
 
 
 def _at_once(facts: Mapping[Any, Any]) -> list[Finding]:
-    """Return the findings from the tree's attributes of a sampler that draws everything at once."""
+    """Return the findings on a sampler that is no Markov chain, from its attributes."""
     findings = []
     other = {"sampler": other_sampler()}
     if "khat" in facts:
         khat = float(facts["khat"])
         values = {"khat": khat, "limit": GOOD_KHAT}
-        # NaN, from too few weights to tell, is not below the limit.
+        # NaN, from too few weights, is not below the limit.
         findings.append(checked("khat", khat < GOOD_KHAT, values, khat, other))
     if "ess_weights" in facts:
         size = float(facts["ess_weights"])
@@ -231,7 +232,7 @@ def _budget(facts: Mapping[Any, Any], findings: Iterable[Finding]) -> list[Findi
 
 
 def enough(draws: Draws) -> bool:
-    """Return whether draws pass every check of convergence of a verdict."""
+    """Return whether draws pass all convergence checks of a verdict."""
     finite = all(np.all(np.isfinite(values)) for values in draws.values())
     return finite and all(finding.status != "failed" for finding in _convergence(draws))
 
@@ -251,8 +252,8 @@ def _fit(chi_square: float, dof: int) -> Finding:
 class ModeSplit(NamedTuple):
     """A quantity whose density has a valley between the peaks `below` and `above`.
 
-    Its depth is over the lower peak's density. The weight is the share of the draws below the
-    valley, its error NaN where too few chains cross: an accident of the starts.
+    `depth` is relative to the lower peak's density. `weight` is the share of the draws below the
+    valley. Its `error` is NaN if too few chains cross, so that the share depends on the starts.
     """
 
     name: str
@@ -264,10 +265,10 @@ class ModeSplit(NamedTuple):
 
 
 def deepest_split(draws: Draws) -> ModeSplit | None:
-    """Return the quantity of the deepest valley, below half of both peaks.
+    """Return the quantity with the deepest valley, below half of both peaks; None without one.
 
-    Either side has more than 2 % of the draws, beyond doubt: fewer are a tail.
-    Modes that overlap in every marginal are not seen.
+    Each side must clearly have more than 2 % of the draws, because fewer are a tail. Modes that
+    overlap in every marginal are not detected.
     """
     valleys = [_valley(name, values) for name, values in draws.items()]
     return min(filter(None, valleys), key=lambda split: split.depth, default=None)
@@ -285,7 +286,7 @@ def _valley(name: str, values: Float[np.ndarray, "chain draw"]) -> ModeSplit | N
     peak_above = np.maximum.accumulate(density[::-1])[::-1]
     depth = density / np.minimum(peak_below, peak_above)
     share = np.searchsorted(np.sort(flat), grid) / flat.size
-    # Few draws of a heavy tail form clumps: the smaller side must exceed its standard error.
+    # Few draws of a heavy tail form clumps, so the smaller side must exceed its standard error.
     error = np.maximum(np.sqrt(share * (1 - share) / count), _repeated(flat, grid))
     depth[np.minimum(share, 1 - share) - SURE_SIDE * error < LEAST_SIDE] = 1.0
     i = int(np.argmin(depth))
@@ -300,7 +301,7 @@ def _valley(name: str, values: Float[np.ndarray, "chain draw"]) -> ModeSplit | N
 def _repeated(
     values: Float[np.ndarray, " draw"], grid: Float[np.ndarray, " place"]
 ) -> Float[np.ndarray, " place"]:
-    r"""Return the standard error of the share s below a place, for points repeated by weight w.
+    r"""Return the standard error of the share s of draws below a value, if points repeat.
 
     $$(1 - s)^2 \sum_{below} w^2 + s^2 \sum_{above} w^2$$
     """
@@ -313,7 +314,7 @@ def _repeated(
 
 
 def _error(side: Float[np.ndarray, "chain draw"]) -> float:
-    """Return the standard error of one side's share; NaN where chains disagree on it."""
+    """Return the standard error of a mode's weight; NaN if the chains disagree on it."""
     row = diagnose(side)
     crossed = row["ess_bulk"] >= CROSSED and not row["r_hat"] >= AGREED
     return float(side.std() / np.sqrt(row["ess_bulk"])) if crossed else float("nan")
@@ -322,7 +323,7 @@ def _error(side: Float[np.ndarray, "chain draw"]) -> float:
 def modes_findings(draws: Draws) -> list[Finding]:
     """Return findings on weights of modes from the chains, and on bimodal quantities.
 
-    Two modes of known weights are two answers of the data; no mean or interval describes them.
+    Two modes with known weights are two solutions of the data; no mean or interval describes them.
     """
     split = deepest_split(draws)
     if split is None:

@@ -1,1 +1,1 @@
-"""Ways to draw from a posterior, one file each, and how long runs are kept."""
+"""The samplers of posteriors, one per file, and the control of long runs."""

@@ -3,14 +3,14 @@ r"""Adaptive multiple importance sampling: mixtures refitted to all weighted poi
 $$w_i = \frac{p(D | \theta_i)\,\pi(x_i)}{\frac1n \sum_r n_r\,q_r(x_i)}, \qquad
 \hat Z = \frac1n \sum_i w_i$$
 
-Each round takes n_r of all n points from a mixture fitted to the points before it, and every point
-is weighed against the mixtures of all rounds: no point is lost. The first rounds, whose mixtures
-are still finding the posterior, are small. The points of a round are
-independent, and are evaluated side by side on all processor cores.
+Each round takes n_r of all n points from a mixture fitted to the earlier points, and every point is
+weighted against the mixtures of all rounds, so that no point is lost. The first rounds, whose
+mixtures are still rough, are small. The points of a round are independent, and are evaluated in
+parallel on all processor cores.
 
-A mixture that was fitted to points is high where they lie, and would take their own weight off them
-when they are weighed against it. So there are two halves, the points of even and of odd number,
-each with mixtures of its own that are fitted to the points of the other.
+A mixture is high where the points lie to which it was fitted, so it would reduce their weights. So
+there are two halves, the points of even and of odd number, each with separate mixtures that are
+fitted to the points of the other half.
 
 Reference:
     Cornuet, Marin, Mira and Robert (2012), Scandinavian Journal of Statistics 39, 798; for the
@@ -57,24 +57,25 @@ from jbw.inference.samplers.weighed_points import (
 )
 from jbw.inference.space.problem import Problem, log_prior
 
-LEAST = 10.0  # effective points a dimension that a mixture is fitted to
-ENDS = 2000.0  # effective draws that the ends of 99 % intervals take, ten on either side
-CHEAP = 4.0  # points an effective draw up to which sampling goes on to `ENDS`
+LEAST = 10.0  # least effective points per dimension to fit a mixture
+ENDS = 2000.0  # effective draws that the ends of 99 % intervals need, ten on either side
+CHEAP = 4.0  # points per effective draw up to which sampling continues to `ENDS`
 PATIENCE = 10  # rounds after which a k-hat just below the limit is accepted
-SMALL, SHARE = 8, 4  # first rounds that take one in so many points
-SURE_KHAT = 0.5  # below it weights have a variance
+SMALL, SHARE = 8, 4  # number of first rounds, and the divisor of their size
+SURE_KHAT = 0.5  # k-hat below which weights have a finite variance
 
 
 class Options(NamedTuple):
-    """Number of draws, and when the sampler gives up.
+    """The options of AMIS: numbers of draws and points, and when to give up.
 
     Attributes:
-        num_samples: Draws kept of each group.
-        num_chains: Groups.
-        num_points: Of a later round.
-        most_rounds: After which they end.
-        trial: Rounds after which weights that are worth less than `least` draws are given up.
-        least: See `trial`.
+        num_samples: Number of draws of each group.
+        num_chains: Number of groups.
+        num_points: Number of points of a later round.
+        most_rounds: Largest number of rounds.
+        trial: Number of rounds after which sampling stops if there are fewer than `least` effective
+            draws.
+        least: Least number of effective draws after `trial` rounds.
     """
 
     num_samples: int = 1000
@@ -93,10 +94,10 @@ def gather(
     checkpoint: Kept | None = None,
     until: Until | None = None,
 ) -> tuple[Draws, Float[np.ndarray, "chain draw term"], float]:
-    """Return draws of equal weight, their terms and the time [s] that earlier processes spent.
+    """Sample in rounds; return equally weighted draws, their likelihood terms, earlier time [s].
 
-    Rounds follow until the weights can be trusted and their draws are enough, or it is seen that
-    they will not be, or rounds or time are spent. Rounds of a checkpoint are continued.
+    Rounds follow until the weights are good and their draws are enough, or there is no prospect of
+    that, or rounds or time run out. Rounds of a checkpoint are continued.
     """
     began, seed = perf_counter(), words_of(key)
     mark = "" if checkpoint is None else fingerprint((key, problem), problem, gather, options)
@@ -124,18 +125,18 @@ def gather(
 
 
 def look(key: Key[Any, ""], problem: Problem, num_points: int) -> float:
-    """Return the effective number of draws of `num_points` points about the fit."""
+    """Return the effective number of draws from `num_points` points around the fit."""
     return weighed(_grown(generator(key), None, problem, num_points)).effective
 
 
 class WeighedPoints(NamedTuple):
-    """Points of a posterior with their weights.
+    """The points of a posterior with their weights.
 
     Attributes:
         theta: Parameters by name.
-        terms: Of the log likelihood [nats].
-        weights: Smoothed, of sum one.
-        khat: Of the weights; good below 0.7.
+        terms: Terms of the log likelihood [nats].
+        weights: Smoothed weights with sum one.
+        khat: k-hat of the weights; good below 0.7.
         log_evidence: Logarithm of the mean weight [nats].
     """
 
@@ -149,7 +150,7 @@ class WeighedPoints(NamedTuple):
 def points(
     key: Key[Any, ""], problem: Problem, *, size: int, least: float, most_rounds: int
 ) -> WeighedPoints:
-    """Draw weighted points for averages, in rounds of `size`, to the effective number `least`."""
+    """Draw weighted points of a posterior, in rounds of `size`, until `least` are effective."""
     seed = words_of(key)
     past = _grown(np.random.default_rng([*seed, 0]), None, problem, size)
     smoothed = weighed(past)
@@ -177,7 +178,7 @@ def _is_over(
         return True
     if count >= options.trial and smoothed.effective < options.least:
         return True
-    # A k-hat just below the limit may be so by chance: ending at once would select such rounds.
+    # A k-hat may be just below the limit by chance: stopping at once would select such rounds.
     limit = SURE_KHAT if count < PATIENCE else GOOD_KHAT
     if not (smoothed.khat < limit and smoothed.effective >= ESS):
         return False
@@ -187,7 +188,7 @@ def _is_over(
 
 
 def _grown(rng: np.random.Generator, past: Past | None, problem: Problem, num_points: int) -> Past:
-    """Return one more round: the mixtures that suit all points so far, and points from them."""
+    """Return all points with one more round, drawn from newly fitted mixtures."""
     first = mixtures.standard(len(problem.box.names))
     pair = (first, first) if past is None else _next_pair(rng, past)
     half_size = max(num_points // 2, 1)
@@ -224,13 +225,13 @@ def placed(
 
 @eqx.filter_jit
 def _placed(problem: Problem, w: Float[Array, "point parameter"]) -> tuple[dict[str, Any], Any]:
-    """Return the same, compiled."""
+    """Return parameters and log prior density at whitened points, in one compiled function."""
     prior = partial(log_prior, problem, problem.coordinate)
     return jax.vmap(problem.theta)(w), jax.vmap(prior)(w)
 
 
 def _log_density(pair: Pair, w: Points) -> Weights:
-    """Return the logarithm of the density of every point, of the mixture of its half."""
+    """Return the log density of every point under the mixture of its half."""
     halves = [mixtures.log_density(mixture, w[i::2]) for i, mixture in enumerate(pair)]
     return np.stack(halves, axis=1).ravel()
 
@@ -247,8 +248,8 @@ def _next_pair(rng: np.random.Generator, past: Past) -> Pair:
 def _next_mixture(rng: np.random.Generator, w: Points, log_weight: Weights) -> Mixture:
     """Fit a mixture to weighted points, with weights clipped and flattened if few dominate.
 
-    None counts more than the mean times the root of their number (Ionides 2008): one point far out
-    would otherwise undo what the rounds before it learnt.
+    No weight exceeds the mean times the root of the number of points (Ionides 2008): otherwise one
+    point far out would spoil the mixture.
     """
     most = logsumexp(log_weight) - 0.5 * np.log(len(log_weight))
     raw = relative(np.minimum(log_weight, most))
@@ -272,7 +273,7 @@ def _draws(
     """Draw points of equal weight by stratified resampling, with separate points per group.
 
     Points of all rounds are shuffled, so that the parts of a group differ by chance alone. Copies
-    stand together: an effective size from autocorrelation counts them as one.
+    of a point are adjacent, so an effective size from autocorrelation counts them as one.
     """
     rows, order = [], rng.permutation(len(past.w))
     for group in range(options.num_chains):

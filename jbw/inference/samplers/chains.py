@@ -1,7 +1,7 @@
-"""Kernels and draws, and compiled chains: start, advance by a chunk, evaluate, for any kernel.
+"""Kernels, draws and compiled chains: start, advance by a chunk, evaluate, for any kernel.
 
-Bounds, data and whitening are arguments of the compiled functions, not constants in them: other
-data of the same shapes, or another box with the same names, run without compiling again.
+Bounds, data and whitening are arguments of the compiled functions and not constants in them. Other
+data of the same shapes, or another box with the same names, need no new compilation.
 """
 
 from collections.abc import Callable
@@ -18,20 +18,20 @@ from jbw.inference.samplers.register import Sampler, module_of
 from jbw.inference.space.coordinates import interval
 from jbw.inference.space.problem import Problem
 
-MAX_TRIALS = 100  # starts tried before a chain stays where the likelihood is zero
-TOGETHER = 64  # points evaluated side by side
+MAX_TRIALS = 100  # starts tried before a chain starts at a point of zero likelihood
+TOGETHER = 64  # points evaluated in parallel
 OVERDISPERSION = 2.0  # standard deviations of the Laplace approximation
 
 
 class Draw(NamedTuple):
-    """Result of one step of a chain: the parameters by name, and the sampler's statistics."""
+    """The result of one step of a chain: parameters by name, and the sampler's statistics."""
 
     theta: dict[str, Float[Array, "..."]]
     stats: dict[str, Array]
 
 
 class Kernel(NamedTuple):
-    """A Markov chain with the posterior as its law: (key, w) to the first state, step, read-out.
+    """A Markov chain of a posterior as functions: first state, step, and read-out.
 
     Its options have `num_warmup`, `num_samples`, `num_chains` and `chain_method`.
     """
@@ -42,11 +42,12 @@ class Kernel(NamedTuple):
 
 
 class Draws(NamedTuple):
-    """Draws of equal weight from one posterior, and their statistics.
+    """Equally weighted draws from one posterior, with their statistics.
 
-    It is `possible` where the posterior is, wherever the sampler must start, and `arrived` at its
-    end. Facts are of the whole run, such as log_evidence [nats] and its error; further groups of
-    the tree are group to variable to (dimensions, values).
+    `possible` tells whether the posterior is possible at all points where the sampler must start,
+    `arrived` whether the sampler finished. `facts` concern the whole run, such as log_evidence
+    [nats] and its error. `groups` are further groups of the tree: group to variable to (dimensions,
+    values).
     """
 
     theta: dict[str, Float[Array, "chain draw"]]
@@ -61,7 +62,7 @@ MakeKernel = Callable[[Problem, Any], Kernel]
 
 
 class Starts(NamedTuple):
-    """The starts of chains: common key, whitened centre of each, deviations to disperse them by."""
+    """The starting points of chains, and the standard deviation around them."""
 
     key: Key[Array, ""]
     centre: Float[Array, "chain parameter"]
@@ -71,7 +72,7 @@ class Starts(NamedTuple):
 def starts_of(
     key: Key[Array, ""], problem: Problem, points: np.ndarray | None, num_chains: int
 ) -> Starts:
-    """Return starts two deviations about a fit, at given points, or over the whole box."""
+    """Return starts two deviations around a fit, at given points, or over the whole box."""
     size = len(problem.box.names)
     if problem.located or points is None:
         spread = OVERDISPERSION if problem.located else 1.0
@@ -82,7 +83,7 @@ def starts_of(
 
 
 def draws_of(sampler: Sampler, key: Key[Array, ""], problem: Problem, options: Any) -> Draws:
-    """Draw from a posterior by a sampler; pure, usable under `jit` and `vmap`."""
+    """Draw from a posterior by a sampler in one piece; usable under `jit` and `vmap`."""
     module = module_of(sampler)
     if hasattr(module, "draw"):
         return module.draw(key, problem, options)
@@ -90,7 +91,7 @@ def draws_of(sampler: Sampler, key: Key[Array, ""], problem: Problem, options: A
 
 
 def draw_chains(make: MakeKernel, key: Key[Array, ""], problem: Problem, options: Any) -> Draws:
-    """Run chains from dispersed starts to the end in one piece, under `jit` and `vmap` too."""
+    """Run chains from dispersed starts to their end in one piece; usable under `jit`, `vmap`."""
     starts = starts_of(key, problem, None, options.num_chains)
     total = options.num_warmup + options.num_samples
 
@@ -98,7 +99,7 @@ def draw_chains(make: MakeKernel, key: Key[Array, ""], problem: Problem, options
         problem, spread = shared
         chain = make(problem, options)
         state, possible = _first_state(chain, argument, problem, spread)
-        # One loop, so that the step is compiled once; the warm-up's rows are dropped.
+        # One loop compiles the step once; the rows of the warm-up are dropped.
         bounds = jnp.asarray(total), options.num_samples, options.num_warmup
         return possible, _advanced(chain, state, *bounds)[1]
 
@@ -112,10 +113,10 @@ def draw_chains(make: MakeKernel, key: Key[Array, ""], problem: Problem, options
 def start_chains(
     starts: Starts, problem: Problem, make: MakeKernel, options: Any
 ) -> tuple[PyTree, Bool[Array, " chain"]]:
-    r"""Return the first states of the chains.
+    r"""Return the first states of the chains, and whether each is possible.
 
-    A chain starts at w + spread eta with eta standard normal (logistic where no fit is known),
-    drawn again while the posterior is impossible there. Also returned is whether each is possible.
+    A chain starts at w + spread eta with eta standard normal (logistic without a fit), drawn again
+    while the posterior is impossible there.
     """
 
     def start(argument: tuple[Key[Array, ""], Array], shared: tuple[Problem, Array]) -> PyTree:
@@ -136,7 +137,7 @@ def advance_chains(
     make: MakeKernel,
     options: Any,
 ) -> tuple[PyTree, Draw]:
-    """Take `count` steps, compiled once for all up to `capacity`; draws are zero from there on."""
+    """Take `count` steps, compiled once for all up to `capacity`; draws beyond `count` are zero."""
 
     def advance(state: PyTree, shared: tuple[Problem, Array]) -> tuple[PyTree, Draw]:
         problem, count = shared
@@ -174,7 +175,7 @@ def num_devices_for(num_chains: int) -> int:
 
 
 def over_chains(f: Callable[..., PyTree], method: str) -> Callable[..., PyTree]:
-    """Map f(of one chain, shared) over the leading axis of its first argument."""
+    """Return a function of one chain mapped over all chains, by the given method."""
 
     def mapped(chains: PyTree, shared: PyTree) -> PyTree:
         arrays, static = eqx.partition(shared, eqx.is_array)
@@ -196,7 +197,7 @@ def over_chains(f: Callable[..., PyTree], method: str) -> Callable[..., PyTree]:
 
 
 def in_batches(f: Callable[[PyTree], PyTree], points: PyTree) -> PyTree:
-    """Map a function over points, 64 side by side, compiled once whatever their number."""
+    """Map a function over points, 64 in parallel, compiled once for any number of points."""
     count = len(jax.tree.leaves(points)[0])
     batch = min(TOGETHER, count)
     padded = jax.tree.map(lambda v: jnp.concatenate([v, v[:1].repeat(-count % batch, 0)]), points)
@@ -207,12 +208,12 @@ def in_batches(f: Callable[[PyTree], PyTree], points: PyTree) -> PyTree:
 def _advanced(
     kernel: Kernel, state: PyTree, count: Int[Array, ""], capacity: int, skipped: int
 ) -> tuple[PyTree, Draw]:
-    """Return the state after `count` steps, and the draws of the steps after `skipped`, as rows."""
+    """Return a chain's state after `count` steps, and its draws except `skipped` first ones."""
 
     def step(i: Array, carry: tuple[PyTree, Draw]) -> tuple[PyTree, Draw]:
         state, rows = carry
         state = kernel.step(state)
-        # A row beyond the last is dropped.
+        # Rows of skipped steps go beyond the last row and are dropped.
         row = jnp.where(i < skipped, capacity, i - skipped)
         return state, _set_row(rows, row, kernel.read(state))
 
@@ -236,7 +237,7 @@ def _first_state(
 ) -> tuple[PyTree, Bool[Array, ""]]:
     """Return the first state of a chain, and whether the posterior is possible there."""
     key_start, key_chain = jax.random.split(start[0])
-    # A logistic logit is a uniform x: without a whitening the spread 1 fills the box.
+    # A logistic logit is a uniform x, so without whitening a spread of 1 fills the box.
     disperse = jax.random.normal if problem.located else jax.random.logistic
 
     def propose(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:

@@ -1,4 +1,4 @@
-"""Chains that run chunk by chunk with checkpoints; where chunks end does not change draws."""
+"""Chains that run in chunks with checkpoints; the ends of chunks do not change draws."""
 
 import hashlib
 import warnings
@@ -23,12 +23,12 @@ from jbw.inference.samplers.chains import (
 )
 from jbw.inference.space.problem import Problem
 
-CHUNK = 250  # steps at most between two looks at the clock; short enough for a progress bar
-CHUNK_S = 10.0  # duration of a chunk between checkpoints: so much is lost by a kill
-# Devices wait for the slowest at the end of each chunk, relatively less in a long one: where steps
-# are slow, a chunk takes a share of the time spent before, up to a minute.
+CHUNK = 250  # most steps per chunk; short enough for a progress bar
+CHUNK_S = 10.0  # duration of a chunk between checkpoints, the most time lost by a kill
+# Devices wait for the slowest one at the end of each chunk, relatively less in a long chunk. If
+# steps are slow, a chunk takes a share of the time spent before, up to a minute.
 CHUNK_SHARE, LONGEST_S = 0.05, 60.0
-GROWTH = 4  # of a chunk over the one before, whose time is the only measure of a step
+GROWTH = 4  # largest growth of a chunk over the one before
 
 Arrays = Mapping[str, np.ndarray]
 Rows = tuple[Draw, np.ndarray]
@@ -36,17 +36,17 @@ Rows = tuple[Draw, np.ndarray]
 
 
 class SoFar(NamedTuple):
-    """Progress of running chains.
+    """The progress of running chains.
 
     Attributes:
-        done: Steps taken by every chain, warm-up included.
-        total: Steps in all.
-        draws: Draws kept so far by name, (chain, draw); empty during the warm-up.
-        divergences: Divergent trajectories of each chain after the warm-up; None where the sampler
-            has none.
-        left_s: Time left at the rate of the steps after the warm-up and after compiling [s]; None
-            before it is known, and where the end depends on the draws.
-        in_rounds: Whether the steps are rounds of points, of which there are `total` at most.
+        done: Number of steps taken by every chain, including the warm-up.
+        total: Total number of steps.
+        draws: Draws so far by name, (chain, draw); empty during the warm-up.
+        divergences: Divergent trajectories of each chain after the warm-up; None if the sampler has
+            none.
+        left_s: Remaining time at the rate of the steps after warm-up and compilation [s]; None
+            before it is known, and if the end depends on the draws.
+        in_rounds: Whether the steps are rounds of points, at most `total`.
     """
 
     done: int
@@ -69,20 +69,20 @@ class Kept(Protocol):
         ...
 
     def due(self) -> bool:
-        """Return whether to save now."""
+        """Return whether it is time to save the checkpoint."""
         ...
 
     def save(self, arrays: Arrays, *, last: bool) -> None:
-        """Save, in place of what was saved before; `last` when the chains are complete."""
+        """Save the arrays and replace the earlier ones; `last` if the chains are complete."""
         ...
 
 
 class Until(NamedTuple):
-    """When chains are long enough; evaluated each time that their draws have doubled.
+    """The condition that ends chains; evaluated whenever the number of draws has doubled.
 
     Attributes:
-        enough: Whether the draws by name, (chain, draw), are enough.
-        budget_s: Time after which chains end as they are [s].
+        enough: Function that returns whether the draws by name, (chain, draw), are enough.
+        budget_s: Time after which chains end in any case [s].
     """
 
     enough: Callable[[dict[str, Any]], bool]
@@ -94,12 +94,13 @@ Progress = Callable[[SoFar], None]
 
 
 class Supervision(NamedTuple):
-    """Who hears of a run while it lasts, where it is stored, and what ends it.
+    """The supervision of a run of chains: progress, checkpoint, and end.
 
     Attributes:
-        progress: Called with a `SoFar` after every chunk of steps, or round.
-        kept: Where unfinished chains outlive the process, to go on from as if never stopped.
-        until: When chains, doubled until then, have grown enough; without it at `num_samples`.
+        progress: Function that is called with a `SoFar` after every chunk of steps, or round.
+        kept: Checkpoint from which an interrupted run continues unchanged.
+        until: Condition on chains that are doubled until it holds; without it they end at
+            `num_samples`.
     """
 
     progress: Progress | None = None
@@ -115,7 +116,7 @@ def no_checkpoint(name: str) -> None:
 
 
 class Chains(NamedTuple):
-    """Chains so far: leaves of their states, steps taken, the draws in one piece, seconds spent."""
+    """The chains so far: their states, number of steps, draws, and time spent [s]."""
 
     states: list[np.ndarray]
     done: int
@@ -134,19 +135,19 @@ def grow_chains(
 ) -> tuple[Rows, float]:
     """Run all chains to their end, from their checkpoint if there is one.
 
-    Every chunk runs the same compiled loop with another count of steps: chains that were kept go
-    on to the very draws that they would have come to without a break. With `until` the number of
-    draws kept is doubled until they are enough, or the time is spent. Beside the draws is the time
-    that earlier processes spent on them [s].
+    Every chunk runs the same compiled loop with another number of steps, so resumed chains give the
+    same draws as without a break. With `until`, the number of draws is doubled until they are
+    enough, or the time runs out. The time that earlier processes spent on the draws [s] is returned
+    too.
     """
     began, total = perf_counter(), options.num_warmup + options.num_samples
     mark = "" if checkpoint is None else fingerprint(starts, problem, make, options)
-    options = options._replace(num_samples=0, num_chains=0)  # not compiled in
+    options = options._replace(num_samples=0, num_chains=0)  # so that they need no new compilation
     before = _resumed(checkpoint, mark)
     done, rows, count = before.done, before.rows, CHUNK if checkpoint is None else 1
 
     def end(spent: float) -> int:
-        """Return the steps at which the chains end, by their draws and the time spent on them."""
+        """Return the number of steps at which the chains end, by draws and time spent."""
         if until is not None and rows and spent >= until.budget_s:
             return done
         if done < total or until is None or until.enough(_joined(rows)[0][0].theta):
@@ -157,7 +158,7 @@ def grow_chains(
         total += total - options.num_warmup
     total = end(before.wall_s)
     states = _states(before, starts, problem, make, options) if done < total else None
-    timed: tuple[int, float] | None = None  # steps and clock from where on the rate is counted
+    timed: tuple[int, float] | None = None  # steps and clock where the rate's measurement starts
     watching = [
         listener
         for listener in (progress, None if checkpoint is None else checkpoint.grown)
@@ -182,19 +183,19 @@ def grow_chains(
             so_far = _so_far(done, total, rows, rate)
             for tell in watching:
                 tell(so_far)
-        if timed is None and rows:  # the first chunk of draws compiled, or warmed up
+        if timed is None and rows:  # the first chunk of draws includes compilation
             timed = done, perf_counter()
     return _joined(rows)[0], before.wall_s
 
 
 def _resumed(checkpoint: Kept | None, mark: str) -> Chains:
-    """Return the chains of a checkpoint; empty chains without one of this posterior."""
+    """Return the chains of a checkpoint; empty chains without a checkpoint of this posterior."""
     arrays = kept_arrays(checkpoint, mark)
     return Chains([], 0, [], 0.0) if arrays is None else _from_arrays(arrays)
 
 
 def kept_arrays(checkpoint: Kept | None, mark: str) -> Arrays | None:
-    """Return the checkpoint with a `fingerprint`; None, with a warning, where it has another."""
+    """Load the checkpoint if its fingerprint matches; otherwise warn and return None."""
     arrays = None if checkpoint is None else checkpoint.load()
     if arrays is None or str(arrays.get("fingerprint")) == mark:
         return arrays
@@ -229,7 +230,7 @@ def _states(
 def _grown(
     states: PyTree, done: int, count: int, problem: Problem, make: MakeKernel, options: Any
 ) -> tuple[PyTree, list[Rows]]:
-    """Return the states after a chunk of steps, and its draws, if any, after the warm-up."""
+    """Advance the chains by a chunk; return their states and the draws after the warm-up."""
     states, draws = advance_chains(states, jnp.asarray(count), CHUNK, problem, make, options)
     first = min(count, max(0, options.num_warmup - done))
     if first == count:
@@ -258,7 +259,7 @@ def _next_count(count: int, seconds: float, spent: float) -> int:
 
 
 def _joined(rows: list[Rows]) -> list[Rows]:
-    """Return the rows of all chunks in one piece."""
+    """Return the draws of all chunks in one piece."""
     return [jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *rows)] if rows else []
 
 
@@ -278,7 +279,7 @@ def _restored(like: Array, plain: np.ndarray) -> Array:
 
 
 def fingerprint(starts: PyTree, problem: Problem, make: Callable, options: Any) -> str:
-    """Return a hash of all that fixes draws: key, starts, data, coordinates, sampler, options."""
+    """Return a hash of all that determines draws: key, starts, data, coordinates, options."""
     functions = [
         getattr(f, "__qualname__", type(f).__name__) for f in (problem.log_likelihood, make)
     ]
@@ -292,7 +293,7 @@ def fingerprint(starts: PyTree, problem: Problem, make: Callable, options: Any) 
 
 
 def _as_arrays(chains: Chains, mark: str) -> dict[str, np.ndarray]:
-    """Return the chains as arrays by name, for a `Kept`."""
+    """Return the chains as arrays by name, for a checkpoint."""
     arrays = {"fingerprint": mark, "done": chains.done, "wall_s": chains.wall_s}
     arrays |= {f"state/{i}": leaf for i, leaf in enumerate(chains.states)}
     for draw, terms in chains.rows:
@@ -303,7 +304,7 @@ def _as_arrays(chains: Chains, mark: str) -> dict[str, np.ndarray]:
 
 
 def _from_arrays(arrays: Arrays) -> Chains:
-    """Return the chains from the arrays of a `Kept`."""
+    """Return the chains from the arrays of a checkpoint."""
 
     def under(prefix: str) -> dict[str, Any]:
         return {n.removeprefix(prefix): v for n, v in arrays.items() if n.startswith(prefix)}

@@ -1,13 +1,13 @@
-r"""Elliptical slice sampling about a Laplace approximation: a draw for a few evaluations.
+r"""Elliptical slice sampling around a Laplace approximation: few evaluations per draw.
 
 $$s \sim \Gamma^{-1}\!\left(\tfrac{\kappa + d}{2}, \tfrac{\kappa + w^T w}{2}\right), \quad
 \nu \sim N(0, s I), \qquad w' = w \cos\vartheta + \nu \sin\vartheta$$
 $$\log r(w) = \log p(w \mid D) - \log t_\kappa(w)$$
 
-The ellipse leaves the normal of variance s as it is, and s the t distribution of kappa = 5 degrees
-of freedom, so that only the ratio r of posterior and reference decides at which angle r(w') exceeds
-a level drawn below r(w). Nothing is tuned and no gradient is needed. Tails heavier than a
-posterior's leave no chain far out.
+Moves on the ellipse preserve the normal distribution of variance s, and drawing s preserves the t
+distribution of kappa = 5 degrees of freedom. So only the ratio r of posterior and reference decides
+at which angle r(w') exceeds a level drawn below r(w). Nothing is tuned and no gradient is needed.
+The reference has heavier tails than a posterior, so no chain stays far out.
 
 Reference:
     Murray, Adams, MacKay (2010), AISTATS 9, 541; with the t distribution, Nishihara, Murray, Adams
@@ -26,12 +26,12 @@ from jbw.inference.samplers.chains import Draw, Kernel
 from jbw.inference.samplers.evidence import FORBIDDEN, HEAVY, log_ratio
 from jbw.inference.space.problem import Problem
 
-MOVES = 3  # ellipses a draw: one leaves w^2 correlated by E[cos^2] = 1/2, three by 1/8
+MOVES = 3  # ellipses per draw; one leaves w^2 correlated by E[cos^2] = 1/2, three by 1/8
 COUNT = jnp.int32
 
 
 class Options(NamedTuple):
-    """Options of every chain; nothing adapts in the warm-up."""
+    """The options of elliptical slice sampling; nothing adapts in the warm-up."""
 
     num_warmup: int = 1000
     num_samples: int = 1000
@@ -52,7 +52,8 @@ def kernel(problem: Problem, options: Options) -> Kernel:
     """Return the kernel of the elliptical slice sampler for a problem."""
 
     def ratio(w: Float[Array, " parameter"]) -> Float[Array, ""]:
-        # The shrinking ends at a comparison that NaN would pass, and -1e30 from nowhere.
+        # The shrinking loop ends with a comparison that NaN would pass, so impossible points are
+        # -inf.
         value = log_ratio(problem, w)
         return jnp.where(value > FORBIDDEN, value, -jnp.inf)
 

@@ -1,13 +1,14 @@
-r"""From a density that can be drawn from to the posterior, and the evidence of weighted draws.
+r"""Reference densities of samplers, and the evidence from weighted draws.
 
-Samplers that give the evidence know of the posterior only its ratio to a reference density r(w),
+Samplers that give the evidence use the posterior only through its ratio to a reference density
+r(w),
 
 $$Z = \int L(\theta)\,\pi(\theta)\,\mathrm{d}\theta = E_r\!\left[e^{\ell(w)}\right], \qquad
 \ell(w) = \log p(w, D) - \log r(w)$$
 
-which is Student's t distribution of 5 degrees of freedom where a fit has whitened w, its tails
-heavier than a posterior's, and otherwise the prior itself: the logit of a uniform coordinate has
-the logistic distribution.
+where r is Student's t distribution of 5 degrees of freedom if a fit has whitened w, with heavier
+tails than a posterior, and otherwise the prior itself: the logit of a uniform coordinate has the
+logistic distribution.
 """
 
 from collections.abc import Callable
@@ -21,8 +22,8 @@ from numpyro.distributions import Distribution
 from jbw.errors import ModelError
 from jbw.inference.space.problem import Problem
 
-HEAVY = 5.0  # degrees of freedom of the t distribution about a fit
-FORBIDDEN = -1e30  # log density of the impossible: tempered by zero it is zero, not NaN
+HEAVY = 5.0  # degrees of freedom of the t distribution around a fit
+FORBIDDEN = -1e30  # log density of impossible points: times zero it is zero, not NaN
 
 
 def reference(problem: Problem) -> Distribution:
@@ -34,18 +35,18 @@ def reference(problem: Problem) -> Distribution:
 
 
 def log_ratio(problem: Problem, w: Float[Array, " parameter"]) -> Float[Array, ""]:
-    """Log posterior density over the reference's [nats]; FORBIDDEN where impossible, never NaN."""
+    """Return log posterior minus log reference density [nats]; FORBIDDEN if impossible."""
     value = problem.log_density(w) - reference(problem).log_prob(w)
     return jnp.where(jnp.isfinite(value), value, FORBIDDEN)
 
 
 def is_possible(log_ratios: Float[Array, "..."]) -> Bool[Array, ""]:
-    """Return whether any of some log ratios is one of a possible point."""
+    """Return whether the posterior is possible at any of several points."""
     return jnp.any(log_ratios > FORBIDDEN / 2)
 
 
 def require_possible(possible: bool) -> None:
-    """Refuse a posterior that is impossible wherever a sampler looked."""
+    """Raise a ModelError if a posterior is impossible at all evaluated points."""
     if not possible:
         raise ModelError(
             "The log likelihood is finite at no point that was looked at.",
@@ -74,7 +75,7 @@ def highest_power(
     ends: tuple[Array, Array],
     halvings: int,
 ) -> Float[Array, ""]:
-    """Return the highest power between two that leaves `least` draws effective, by bisection."""
+    """Return the highest power that keeps `least` draws effective, by bisection."""
 
     def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = ends
@@ -93,7 +94,8 @@ def pooled_evidence(
     $$\log\hat Z = \log \frac1R \sum_r Z_r, \qquad
     \mathrm{se}^2 = \max\!\left(\bar{s^2},\ \mathrm{var}_r \log Z_r\right) / R$$
 
-    A run's own error may leave something out, and the scatter of few runs be small by chance.
+    The larger of two variances is used: a run's own error may be incomplete, and the scatter of few
+    runs may be small by chance.
     """
     count = log_evidence.size
     scatter = jnp.var(log_evidence, ddof=1) if count > 1 else jnp.zeros(())

@@ -18,24 +18,24 @@ from jbw.inference.samplers.evidence import (
 from jbw.inference.space.coordinates import Affine, Coordinate, Vector
 from jbw.inference.space.problem import LOGIT_PRIOR_PRECISION, Problem, log_volume
 
-REACH = 6.0  # standard deviations to either side of the first grids
-NODES = {1: 128, 2: 80, 3: 40, 4: 20}  # along each coordinate of them, by number of parameters
-SHRINK = 0.4  # share of the effective nodes that a rise of the power leaves
+REACH = 6.0  # half-width of the first grids in standard deviations
+NODES = {1: 128, 2: 80, 3: 40, 4: 20}  # nodes per coordinate, by number of parameters
+SHRINK = 0.4  # effective share of the nodes after a rise of the power
 MOST_ROUNDS = 120
-MOST_WHOLE = 8  # rounds on the posterior itself: on a thin bend the moments never settle
+MOST_WHOLE = 8  # most rounds on the posterior itself; on a thin bend the moments never settle
 STEADY = 0.03  # change of the moments, in standard deviations, at which they are settled
-HALVINGS = 50  # of the logarithm of the power, which starts at e^-60
+HALVINGS = 50  # bisections of the logarithm of the power, which starts at e^-60
 DEEP = 21.0  # nats below the highest node where a grid may end
-WIDEST = 60.0  # standard deviations to either side that a grid reaches at most
+WIDEST = 60.0  # largest half-width of a grid in standard deviations
 WIDER = 1.2
 
 Bounds = Float[Array, "side parameter"]
 
 
 class Stretch(Coordinate):
-    r"""Every coordinate by itself, $y = \sinh(\kappa x) / \kappa$ with $\kappa$ = 1/2.
+    r"""A separate stretch of every coordinate, $y = \sinh(\kappa x) / \kappa$ with $\kappa$ = 1/2.
 
-    The long tails of a parameter that is hardly known would otherwise take most of the nodes.
+    Otherwise the long tails of a poorly determined parameter would take most of the nodes.
     """
 
     def forward(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -43,16 +43,16 @@ class Stretch(Coordinate):
         return 2.0 * jnp.sinh(0.5 * x)
 
     def inverse(self, y: Float[Array, "..."]) -> Float[Array, "..."]:
-        """Return the point that is stretched to y."""
+        """Return the point whose stretch is y."""
         return 2.0 * jnp.arcsinh(0.5 * y)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Sum of log cosh(x / 2)."""
+        """Return the log determinant: the sum of log cosh(x / 2)."""
         return jnp.sum(jnp.log(jnp.cosh(0.5 * x)))
 
 
 class Grid(NamedTuple):
-    """Nodes at equal spacings, the first coordinate slowest, and the log density of w [nats]."""
+    """A grid of equally spaced nodes, first coordinate slowest, with log density of w [nats]."""
 
     whitening: Coordinate
     axes: Float[Array, "parameter place"]
@@ -60,27 +60,27 @@ class Grid(NamedTuple):
 
     @property
     def spacing(self) -> Float[Array, " parameter"]:
-        """Between nodes, along each coordinate."""
+        """The distance between nodes along each coordinate."""
         return self.axes[:, 1] - self.axes[:, 0]
 
     @property
     def nodes(self) -> Float[Array, "node parameter"]:
-        """Places of all nodes."""
+        """The coordinates of all nodes."""
         return tensor(list(self.axes))
 
     @property
     def weights(self) -> Float[Array, " node"]:
-        """Share of the posterior at each node."""
+        """The share of the posterior at each node."""
         return jax.nn.softmax(self.log_p)
 
     @property
     def log_evidence(self) -> Float[Array, ""]:
-        """Logarithm of the evidence [nats], by the trapezoidal rule."""
+        """The logarithm of the evidence [nats], by the trapezoidal rule."""
         return jax.nn.logsumexp(self.log_p) + jnp.sum(jnp.log(self.spacing))
 
 
 def tensor(axes: list[Float[Array, " _place"]]) -> Float[Array, "node parameter"]:
-    """Return all combinations of places, the first axis slowest."""
+    """Return all combinations of values along several axes, the first axis slowest."""
     return jnp.stack(jnp.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
@@ -93,7 +93,7 @@ def grid_within(problem: Problem, whitening: Coordinate, bounds: Bounds, num_pla
 def log_density_at(
     problem: Problem, whitening: Coordinate, w: Float[Array, "node parameter"]
 ) -> Float[Array, " node"]:
-    """Log posterior density of whitened points, the prior in it [nats]; FORBIDDEN at worst."""
+    """Return the log posterior density of whitened points [nats]; FORBIDDEN where impossible."""
     placed = eqx.tree_at(lambda posterior: posterior.whitening, problem, whitening)
     values = in_batches(placed.log_density, w)
     return jnp.where(jnp.isfinite(values), values, FORBIDDEN)
@@ -104,17 +104,17 @@ def whitened_by(
     covariance: Float[Array, "parameter parameter"],
     first: int = 0,
 ) -> Affine:
-    """Return whitening by a covariance whose first coordinate moves along one parameter's axis."""
+    """Return the whitening by a covariance in which one coordinate alone moves one parameter."""
     order = np.array([first, *(i for i in range(mean.size) if i != first)])
     root = jnp.linalg.cholesky(covariance[np.ix_(order, order)])
     return Affine(mean, jnp.zeros_like(root).at[order].set(root))
 
 
 class LogitMoments(NamedTuple):
-    """Moments of the logit of a posterior at a power of the likelihood, 1 at the end.
+    """Moments of the logit of a posterior at a power of the likelihood, which is 1 at the end.
 
-    Further the highest log density of the last grid [nats], grids that were spent, how many of them
-    at the power 1, and whether the posterior was possible at any node of every grid.
+    Further fields are the highest log density of the last grid [nats], the number of grids, the
+    number of grids at the power 1, and whether the posterior was possible at a node of every grid.
     """
 
     mean: Float[Array, " parameter"]
@@ -128,13 +128,13 @@ class LogitMoments(NamedTuple):
 
 
 def located(problem: Problem) -> LogitMoments:
-    r"""Locate a posterior's logit mean and covariance, on grids that shrink as likelihood rises.
+    r"""Return a posterior's logit mean and covariance, on grids that shrink as likelihood rises.
 
     $$p_\beta \propto \pi\, L^\beta, \qquad 0 < \beta_1 < \dots \le 1$$
 
     Every grid is whitened by the moments of the one before, and its power is so high that four
-    tenths of the effective nodes are left: separate modes keep their share until the end. A fit is
-    where the search starts, at the power 1; otherwise the whole prior.
+    tenths of the effective nodes remain: separate modes keep their share until the end. The search
+    starts at a fit with the power 1, or without a fit at the whole prior.
     """
     d = len(problem.box.names)
     bounds = jnp.array([[-REACH], [REACH]]) * jnp.ones(d)
@@ -175,7 +175,7 @@ def located(problem: Problem) -> LogitMoments:
 def _raised(
     problem: Problem, grid: Grid, power: Float[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, " node"]]:
-    """Return a higher power of the likelihood that the grid still resolves, and log p at it."""
+    """Return a higher power of the likelihood that a grid still resolves, and log p at it."""
     placed = eqx.tree_at(lambda posterior: posterior.whitening, problem, grid.whitening)
     prior = jax.vmap(placed.coordinate.log_abs_det_jacobian)(grid.nodes) - log_volume(problem.box)
     likelihood = grid.log_p - prior
@@ -185,7 +185,7 @@ def _raised(
 
     least = SHRINK * effective(power)
 
-    # In the logarithm: the first powers may be arbitrarily small.
+    # Bisect the logarithm, because the first powers may be arbitrarily small.
     ends = jnp.log(jnp.maximum(power, jnp.exp(-60.0))), jnp.zeros(())
     raised = jnp.exp(highest_power(lambda log: effective(jnp.exp(log)), least, ends, HALVINGS))
     power = jnp.where(effective(jnp.ones(())) >= least, 1.0, raised)
@@ -195,7 +195,7 @@ def _raised(
 def _no_narrower(
     covariance: Float[Array, "parameter parameter"], least: Float[Array, ""]
 ) -> Float[Array, "parameter parameter"]:
-    """Return the covariance with no direction narrower than the nodes can tell."""
+    """Return a covariance widened to what the grid's nodes resolve."""
     values, vectors = jnp.linalg.eigh(covariance)
     return vectors * jnp.maximum(values, least**2) @ vectors.T
 

@@ -1,11 +1,11 @@
-r"""Pareto-smoothed importance sampling about a Laplace approximation, with its evidence.
+r"""Pareto-smoothed importance sampling around a Laplace approximation, with evidence.
 
 $$w_i = \frac{p(D | \theta_i)\,\pi(\theta_i)}{t_5(\theta_i)}, \qquad
 \hat Z = \frac1N \sum_i w_i, \qquad \mathrm{se}(\log\hat Z)^2 = \frac{1}{N_{eff}} - \frac1N$$
 
-Draws of Student's t distribution about a fit are weighed by the posterior, and kept in proportion
-to their weights. All points are known beforehand, so that under `vmap` no posterior waits for
-another.
+Draws of Student's t distribution around a fit are weighted by the posterior, and resampled in
+proportion to their weights. All points are known beforehand, so that under `vmap` no posterior
+waits for another.
 
 Reference:
     Vehtari et al. (2024), JMLR 25, 72; for the t distribution, Geweke (1989), Econometrica 57; for
@@ -35,18 +35,19 @@ from jbw.inference.samplers.evidence import (
 from jbw.inference.space.coordinates import Affine
 from jbw.inference.space.problem import Problem
 
-FEW = 0.05  # share of the draws that moments are taken from at least
+FEW = 0.05  # least effective share of the draws for moments
 DEEPEST = 200.0  # nats below the best at which a log weight is cut off
-HALVINGS = 30  # of the power that flattens the weights
-SMALLEST = -700.0  # log weight that counts as zero, and is still a number
-NUGGET = 1e-8  # of the variance of the coordinate, where draws coincide
-ENOUGH = 0.1  # effective draws for each draw that is kept: then the sampler has arrived
+HALVINGS = 30  # bisections of the power that flattens the weights
+SMALLEST = -700.0  # log weight that counts as zero but is finite
+NUGGET = 1e-8  # added variance of the coordinate in case draws coincide
+ENOUGH = 0.1  # least ratio of effective draws to returned draws of a finished sampler
 
 
 class Options(NamedTuple):
-    """Draws kept of each group, and points weighed in each round, as many when None.
+    """The options of importance sampling: numbers of draws, weighted points and rounds.
 
-    Every round but the last gives its weighted moments to the t distribution of the next.
+    `num_draws` is the number of weighted points of each round; as many as draws if None. The
+    weighted moments of a round determine the t distribution of the next.
     """
 
     num_samples: int = 1000
@@ -56,7 +57,10 @@ class Options(NamedTuple):
 
 
 def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
-    """Draw with equal weight; `log_weight` is the raw weight [nats] of each copied point."""
+    """Return equally weighted draws by importance sampling.
+
+    The statistic `log_weight` is the raw weight [nats] of each copied point.
+    """
     count = options.num_draws or options.num_samples * options.num_chains
     key_rounds, key_keep = jax.random.split(key)
 
@@ -67,7 +71,7 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
         return moved(whitening, w, ratio), (whitening, w, ratio)
 
     keys = jax.random.split(key_rounds, options.num_rounds)
-    # A loop even for one round: the likelihood is compiled once whatever their number.
+    # A loop is used even for one round, so that the likelihood is compiled once.
     rounds = jax.lax.scan(weigh, problem.whitening, keys)[1]
     whitening, w, ratio = jax.tree.map(lambda rows: rows[-1], rounds)
     raw = jnp.where(ratio > FORBIDDEN, ratio, -jnp.inf)
@@ -91,7 +95,7 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
 def smoothed(log_weights: Float[Array, " draw"]) -> tuple[Float[Array, " draw"], Float[Array, ""]]:
     """Return normalised weights with a Pareto-smoothed tail, and its k-hat: good below 0.7.
 
-    Under `vmap` ArviZ is called once for each set of weights.
+    Under `vmap`, ArviZ is called once for each set of weights.
     """
     raw = jnp.maximum(log_weights - jnp.max(log_weights), SMALLEST)
     shapes = jax.ShapeDtypeStruct(raw.shape, raw.dtype), jax.ShapeDtypeStruct((), raw.dtype)
@@ -100,25 +104,25 @@ def smoothed(log_weights: Float[Array, " draw"]) -> tuple[Float[Array, " draw"],
 
 
 def smooth(raw: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Log weights with the tail of a Pareto distribution fitted to theirs, and its k-hat."""
+    """Return log weights with a fitted Pareto tail, and its k-hat."""
     from arviz_stats.base.array import array_stats  # a second of imports, needed only here
 
     stats: Any = array_stats  # its annotations admit tuples that it never returns here
-    # ArviZ takes the negative of the log weights, as a leave-one-out log likelihood gives them; its
-    # quantiles of a vast k-hat overflow.
+    # ArviZ expects the negative of the log weights, as in leave-one-out log likelihoods; its
+    # quantiles overflow for a very large k-hat.
     raw = np.asarray(raw)
     try:
         with np.errstate(over="ignore"):
             log_smoothed, khat = stats.psislw(-raw)
-    except ValueError:  # the largest are copies of one draw: no tail to fit, unless all are alike
+    except ValueError:  # copies of one draw have no tail to fit
         log_smoothed, khat = raw, np.inf if np.ptp(raw) > 0 else 0.0
     return np.asarray(log_smoothed), np.asarray(khat, dtype=float)
 
 
 def _resampled(key: Key[Array, ""], weights: Float[Array, " draw"], options: Options) -> Array:
-    """Return the rows of the draws, each group from points of its own, by stratified resampling.
+    """Return the indices of draws by stratified resampling, from separate points per group.
 
-    Copies stand together: an effective size from autocorrelation counts them as one.
+    Copies of a point are adjacent, so an effective size from autocorrelation counts them as one.
     """
     groups = weights.reshape(options.num_chains, -1)
     shares = groups / jnp.sum(groups, axis=1, keepdims=True)

@@ -1,8 +1,8 @@
-"""The sampling strategy: the cheapest sampler first, the next where its draws do not suffice.
+"""The sampling strategy: the cheapest sampler first, the next if its draws do not suffice.
 
-Importance sampling from adapted mixtures takes a few evaluations an effective draw, and gives the
-evidence. A posterior that is too far from any such mixture is left to chains: slices about the
-draws so far where an evaluation is costly, and otherwise NUTS along the model's own gradient.
+Importance sampling from adapted mixtures takes a few evaluations per effective draw, and gives the
+evidence. If a posterior is too far from any such mixture, chains are used: elliptical slices around
+the draws so far if an evaluation is costly, and otherwise NUTS with the model's gradient.
 """
 
 import logging
@@ -29,23 +29,23 @@ from jbw.report.messages import stages as messages
 
 under_way = logging.getLogger("jbw.progress")
 
-# Functions that make coordinates, by name; all but the first may give None.
+# Functions that create coordinates, by name; all but the first may return None.
 Places = Mapping[str, Callable[[], Reparametrisation | None]]
 
-LOOKED_AT = 256  # points by which coordinates are chosen
-PLENTY = 1 / 2  # share of these, effective, above which no other coordinates are tried
-TRIAL = 12  # rounds after which weights of too few effective draws are given up
-ROUNDS = 3  # times that slices are sampled again, where their chains disagree
-WORTH = 20.0  # effective points a dimension above which chains start about their moments
+LOOKED_AT = 256  # trial points to choose coordinates
+PLENTY = 1 / 2  # effective share of them above which no other coordinates are tried
+TRIAL = 12  # rounds after which sampling stops if there are too few effective draws
+ROUNDS = 3  # most repetitions of slice sampling if its chains disagree
+WORTH = 20.0  # effective points per dimension from which chains start at their moments
 
 
 class Sizes(NamedTuple):
-    """How much is drawn; the sampler's own where None.
+    """The amounts to draw; the sampler's own values where None.
 
     Attributes:
-        num_chains: Chains, and groups of weighted points.
-        num_samples: Draws kept of each.
-        num_warmup: Steps of each chain that are discarded.
+        num_chains: Number of chains, and of groups of weighted points.
+        num_samples: Number of draws of each.
+        num_warmup: Number of discarded steps of each chain.
     """
 
     num_chains: int
@@ -64,21 +64,23 @@ def climb(
     keep: Keep = no_checkpoint,
     attrs: Mapping[str, Mapping[str, str]] | None = None,
 ) -> xr.DataTree:
-    """Draw from a posterior by the first sampler that suffices, in the most effective coordinates.
+    """Draw from a posterior by the first sampler that suffices, in the best coordinates.
 
     Args:
         key: Random key.
         target: The posterior.
-        parametrisations: Coordinates to choose from, each about a fit, by name; made when tried.
-        sizes: How much is drawn.
-        costly_parametrisations: Those that cost evaluations to make, tried where no other
-            suffices.
-        until: When draws are enough, and the time to draw until they are; None for the told number.
-        keep: Checkpoint of a stage by its name.
-        attrs: As `sample` takes them.
+        parametrisations: Functions that create coordinates to choose from, each around a fit, by
+            name; called when tried.
+        sizes: Amounts to draw.
+        costly_parametrisations: Coordinates that cost evaluations to create, tried only if no
+            others suffice.
+        until: Condition on enough draws, and the time limit; None for the number in `sizes`.
+        keep: Function that returns the checkpoint of a stage by its name.
+        attrs: Attributes of the parameters, as in `sample`.
 
     Returns:
-        The tree of `sample`; its attributes name the `coordinates`, and count all evaluations.
+        The tree of `sample`; its attributes name the `coordinates` and give the number of all
+            evaluations.
     """
     costly = {name: cache(make) for name, make in (costly_parametrisations or {}).items()}
     chosen, place, looks = choose(key, target, {**parametrisations, **costly})
@@ -131,7 +133,7 @@ def by_mixtures(
     )
     for stage, make in stages.items():
         is_last = len(tried) == len(stages) - 1
-        # Where there are no such coordinates, those of the stage before are used again.
+        # If these coordinates do not exist, those of the stage before are used again.
         if (parametrisation := make()) is not None:
             name, place = stage, parametrisation
         options = {} if is_last else {"trial": TRIAL, "least": ESS}
@@ -179,7 +181,7 @@ def by_chains(
 
 
 def is_good(tree: xr.DataTree, until: Until | None) -> bool:
-    """Return whether weights can be trusted, and their draws are enough."""
+    """Return whether importance weights are good, and their draws are enough."""
     if not (tree.attrs["khat"] < GOOD_KHAT and tree.attrs["ess_weights"] >= ESS):
         return False
     return until is None or until.enough(scalars(tree))
@@ -196,10 +198,10 @@ def choose(
     target: Target,
     parametrisations: Places,
 ) -> tuple[str, Reparametrisation, int]:
-    """Choose the coordinates with most effective points about the fit; return the count drawn.
+    """Choose the coordinates with most effective points around the fit; return the count drawn.
 
-    Where a plenty of the points count, no others are looked at. Those that cost evaluations to make
-    stand last: about a bent valley weights may look good that know only a part of it.
+    If many of the points are effective, no other coordinates are tried. Coordinates that cost
+    evaluations come last. Near a curved valley, good-looking weights may cover only a part of it.
     """
     worth: dict[str, float] = {}
     built: dict[str, Reparametrisation] = {}

@@ -1,8 +1,8 @@
-r"""Mixtures of Student's t distributions, drawn from and refitted to weighted points.
+r"""Mixtures of Student's t distributions: draws, densities, and fits to weighted points.
 
 $$q(x) = \sum_k a_k\,t_\nu(x;\, \mu_k, L_k L_k^T)$$
 
-Their tails are heavier than a posterior's, so that no point that matters is given a vast weight.
+Their tails are heavier than a posterior's, so that no relevant point gets a very large weight.
 """
 
 from typing import NamedTuple
@@ -14,21 +14,21 @@ from scipy.special import gammaln, logsumexp, softmax
 
 from jbw.inference.samplers.evidence import HEAVY
 
-STEPS = 20  # of expectation and maximisation
-ENOUGH = 3000  # points that a mixture is fitted to at most
+STEPS = 20  # steps of expectation-maximisation
+ENOUGH = 3000  # most points used to fit a mixture
 POINTS_A_DIMENSION = 10.0  # effective points that a component needs, times the dimension
-COUNTS = (1, 2, 4, 8)  # of components, of which the best is taken
-PRIOR_POINTS = 0.5  # of the overall covariance in each component's, times the dimension
-BEYOND, WIDER = 0.1, 2.0  # share of a mixture that looks beyond its points, and their widths
-SLIGHT = 1e-4  # of the weight, in points that are left out
-NUGGET = 1e-10  # of the overall variances, where points coincide
+COUNTS = (1, 2, 4, 8)  # numbers of components that are tried
+PRIOR_POINTS = 0.5  # weight of the overall covariance in each component, times the dimension
+BEYOND, WIDER = 0.1, 2.0  # share and relative width of the component that covers all
+SLIGHT = 1e-4  # share of the weight in points that are omitted
+NUGGET = 1e-10  # relative increase of overall variances in case points coincide
 
 Points = Float[np.ndarray, "point parameter"]
 Weights = Float[np.ndarray, " point"]
 
 
 class Mixture(NamedTuple):
-    """Shares of the components, their centres, and lower triangular roots of their scales."""
+    """The shares of the components, their centres, and lower triangular roots of their scales."""
 
     shares: Float[np.ndarray, " component"]
     centres: Float[np.ndarray, "component parameter"]
@@ -36,12 +36,12 @@ class Mixture(NamedTuple):
 
 
 def standard(size: int) -> Mixture:
-    """Return one component about zero, of scale one."""
+    """Return a mixture of one component at zero with unit scale."""
     return Mixture(np.ones(1), np.zeros((1, size)), np.eye(size)[None])
 
 
 def draw(rng: np.random.Generator, mixture: Mixture, count: int) -> Points:
-    """Return the points drawn from a mixture."""
+    """Draw points from a mixture."""
     size = mixture.centres.shape[1]
     which = rng.choice(len(mixture.shares), count, p=mixture.shares)
     normal = rng.standard_normal((count, size))
@@ -50,13 +50,13 @@ def draw(rng: np.random.Generator, mixture: Mixture, count: int) -> Points:
 
 
 def log_density(mixture: Mixture, x: Points) -> Weights:
-    """Return the logarithm of the density at points."""
+    """Return the log density of a mixture at points."""
     return np.asarray(logsumexp(_log_components(mixture, _squares(mixture, x)), axis=1))
 
 
 def _squares(mixture: Mixture, x: Points) -> Float[np.ndarray, "point component"]:
     r"""Return squared distances to the components, $|L_k^{-1} (x - \mu_k)|^2$."""
-    # Of a few parameters: loops in C are done before BLAS has woken its threads.
+    # With few parameters, einsum's loops finish before BLAS has started its threads.
     away = x - mixture.centres[:, None]
     white = np.einsum("kij,knj->kni", np.linalg.inv(mixture.roots), away)
     return np.einsum("kni,kni->nk", white, white)
@@ -81,14 +81,14 @@ def refitted(rng: np.random.Generator, x: Points, weights: Weights) -> Mixture:
       \mu_k = \frac{\sum_i w_i \rho_{ik} u_{ik} x_i}{\sum_i w_i \rho_{ik} u_{ik}}, \quad
       \Sigma_k = \frac1{a_k} \sum_i w_i \rho_{ik} u_{ik} (x_i - \mu_k)(x_i - \mu_k)^T$$
 
-    with s the squared distances and weights that sum to one. The number of components is the one
-    that, fitted to one half of the points, gives the other the highest likelihood: more of them
-    would follow the points themselves, which biases the weights that they are given.
+    with s the squared distances and weights that sum to one. The number of components is chosen by
+    the likelihood of one half of the points under the fit to the other half: more components would
+    follow the points themselves, which biases their weights.
 
     Reference:
         Cappé, Douc, Guillin, Marin and Robert (2008), Statistics and Computing 18, 447.
     """
-    if 1 / np.sum(weights**2) > ENOUGH:  # as many draws determine a mixture well enough
+    if 1 / np.sum(weights**2) > ENOUGH:  # this many draws determine a mixture well enough
         x = x[rng.choice(len(x), ENOUGH, p=weights)]
         weights = np.full(ENOUGH, 1 / ENOUGH)
     x, weights = _of_weight(x, weights)
@@ -102,16 +102,16 @@ def refitted(rng: np.random.Generator, x: Points, weights: Weights) -> Mixture:
 def _of_weight(
     x: Points, weights: Weights
 ) -> tuple[Float[np.ndarray, "heavy parameter"], Float[np.ndarray, " heavy"]]:
-    """Return the points that hold all of the weight but a ten-thousandth, and their weights."""
+    """Return the points with all but a ten-thousandth of the weight, and their weights."""
     order = np.argsort(-weights)
     heavy = np.sort(order[: 1 + int(np.searchsorted(np.cumsum(weights[order]), 1 - SLIGHT))])
     return x[heavy], weights[heavy] / weights[heavy].sum()
 
 
 def widened(mixture: Mixture, x: Points, weights: Weights) -> Mixture:
-    """Add a component of a tenth that covers all points at twice their width.
+    """Add a broad component with a share of a tenth that covers all points.
 
-    Points that have not come to the end of a bent posterior do not say that it goes on.
+    Points that do not yet reach the end of a curved posterior do not show that it continues.
     """
     root = np.linalg.cholesky(_overall(weights, x))
     return Mixture(
@@ -130,7 +130,7 @@ def _score(
 
 
 def _fitted(rng: np.random.Generator, x: Points, weights: Weights, count: int) -> Mixture:
-    """Return the fitted mixture of at most `count` components."""
+    """Fit a mixture of at most `count` components to weighted points."""
     size = x.shape[1]
     effective = 1 / np.sum(weights**2)
     overall = _overall(weights, x)
@@ -145,7 +145,7 @@ def _fitted(rng: np.random.Generator, x: Points, weights: Weights, count: int) -
 def _improved(
     mixture: Mixture, x: Points, weights: Weights, effective: float, overall: NDArray[np.float64]
 ) -> Mixture:
-    """Return the mixture after one step, without components of too few points."""
+    """Return the mixture after one step of expectation-maximisation, without weak components."""
     size = x.shape[1]
     squares = _squares(mixture, x)
     parts = _log_components(mixture, squares)
@@ -164,7 +164,7 @@ def _improved(
 
 
 def _overall(weights: Weights, x: Points) -> NDArray[np.float64]:
-    """Return the weighted covariance of all points, positive definite where they coincide."""
+    """Return the weighted covariance of all points, positive definite even if they coincide."""
     away = x - weights @ x
     overall = (weights[:, None] * away).T @ away
     overall[np.diag_indices(x.shape[1])] *= 1 + NUGGET

@@ -2,9 +2,9 @@ r"""Nested slice sampling through BlackJAX, with its evidence.
 
 $$Z = \int_0^1 \ell(X)\,\mathrm{d}X, \qquad w_i = \ell_i\, (X_{i-1} - X_{i+1}) / 2$$
 
-A reference is shrunk through rising contours of its ratio ell to the posterior: the lowest tenth of
-the live points is replaced at a time by 2 d slices (at least 5) above their contour. A chain is a
-run of its own, resampled to draws of equal weight in random order.
+The reference density is restricted to rising contours of the ratio ell of posterior to reference:
+repeatedly, the lowest tenth of the live points is replaced by points from 2 d slices (at least 5)
+above their contour. A chain is a separate run, resampled to draws of equal weight in random order.
 
 Reference:
     Skilling (2006), Bayesian Analysis 1, 833; Yallup, Kroupa, Handley (2026), arXiv:2601.23252.
@@ -30,21 +30,21 @@ from jbw.inference.samplers.evidence import (
 )
 from jbw.inference.space.problem import Problem
 
-LEFT = 1e-3  # share of the evidence that may be left in the live points at the end
-ROOM = 150  # times the live points: dead ones that are kept; each time takes one nat
-TOGETHER = 10  # a tenth of the live points is replaced at once, side by side
+LEFT = 1e-3  # largest share of the evidence in the live points at the end
+ROOM = 150  # most stored dead points over live points; each multiple takes one nat
+TOGETHER = 10  # one in so many live points is replaced at once, in parallel
 VOLUMES = 200  # simulated shrinkages of the prior volume
 
 
 class Options(NamedTuple):
-    """Draws of each run, and runs, one after the other."""
+    """The options of nested sampling: numbers of draws of each run, and of runs."""
 
     num_samples: int = 1000
     num_chains: int = 4
 
 
 class NestedRun(NamedTuple):
-    """One run: draws, evidence and its variance by simulated volumes [nats], and what it cost."""
+    """One run: draws, evidence and its variance by simulated volumes [nats], and its cost."""
 
     theta: dict[str, Float[Array, " draw"]]
     log_evidence: Float[Array, ""]
@@ -56,7 +56,7 @@ class NestedRun(NamedTuple):
 
 
 def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
-    """Return the draws, equally weighted."""
+    """Return equally weighted draws of several nested sampling runs."""
     num_live = max(options.num_samples // 2, 8 * len(problem.box.names), 20)
     keys = jax.random.split(key, options.num_chains)
 
@@ -74,7 +74,7 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
 
 
 def require_arrival(arrived: bool) -> None:
-    """Refuse runs that filled their room before they came to their end."""
+    """Raise a ModelError if runs filled their storage before they finished."""
     if not arrived:
         raise ModelError(
             f"Nested sampling left more than the share {LEFT:g} of the evidence in its live points "
@@ -108,7 +108,7 @@ def _run(key: Key[Array, ""], problem: Problem, num_live: int, num_draws: int) -
     room = len(points.loglikelihood) - num_live
     filled = jnp.concatenate([jnp.arange(room) < last.count, jnp.ones(num_live, bool)])
     shares, totals = _weights(key_volume, points, filled)
-    order = jax.random.permutation(key_order, shares.size)  # points came from the edge inwards
+    order = jax.random.permutation(key_order, shares.size)  # points are ordered inwards
     chosen = order[resampling.stratified(key_keep, shares[order], num_draws)]
     return NestedRun(
         jax.vmap(problem.theta)(points.position[chosen]),
@@ -122,7 +122,7 @@ def _run(key: Key[Array, ""], problem: Problem, num_live: int, num_draws: int) -
 
 
 def _live_share(state: Any) -> Float[Array, ""]:
-    """Share of the evidence that is left in the live points."""
+    """Return the share of the evidence that remains in the live points."""
     live = state.integrator.logZ_live
     return jnp.exp(live - jnp.logaddexp(state.integrator.logZ, live))
 
@@ -130,7 +130,7 @@ def _live_share(state: Any) -> Float[Array, ""]:
 def _shrunk(
     key: Key[Array, ""], slices: Any, state: Any, possible: Bool[Array, ""], together: int
 ) -> _Carry:
-    """Return the run from its first live points to its end."""
+    """Run nested sampling from its first live points to the end."""
     num_live = len(state.particles.loglikelihood)
     room = ROOM * num_live // together * together
     # Empty rows have births and deaths above all others, where the volume is zero.
@@ -144,7 +144,7 @@ def _shrunk(
     def replace(at: _Carry) -> _Carry:
         key, key_step = jax.random.split(at.key)
         state, step_info = slices.step(key_step, at.state)
-        # Both ends of a bracket are looked at before it grows.
+        # Both ends of a bracket are evaluated before it grows.
         looked = step_info.update_info.num_expansions + step_info.update_info.num_shrink + 2
         dead = jax.tree.map(
             lambda rows, new: jax.lax.dynamic_update_slice_in_dim(rows, new, at.count, 0),
@@ -160,14 +160,15 @@ def _shrunk(
 def _weights(
     key: Key[Array, ""], points: Any, filled: Bool[Array, " point"]
 ) -> tuple[Float[Array, " point"], Float[Array, " volume"]]:
-    r"""Share of every point, the mean over simulated volumes, and log evidence of each of them.
+    r"""Return each point's share of the evidence, and log evidences, by simulated volumes.
 
-    At the death of a point as many live as were born below it and have not died; the volume shrinks
-    by the largest of so many uniform numbers, $\log X_i - \log X_{i-1} = \log(u_i) / n_i$.
+    At the death of a point, the number n of live points is that of points born below it that have
+    not died. The volume shrinks by the largest of n uniform numbers, $\log X_i - \log X_{i-1} =
+    \log(u_i) / n_i$.
     """
     order = jnp.argsort(points.loglikelihood)
     deaths = points.loglikelihood[order]
-    # The first points were born from the reference itself, which BlackJAX writes as NaN.
+    # The first points were born from the reference itself, which BlackJAX marks by NaN.
     births = jnp.sort(jnp.nan_to_num(points.loglikelihood_birth, nan=-jnp.inf, posinf=jnp.inf))
     num_live = jnp.maximum(jnp.searchsorted(births, deaths) - jnp.arange(deaths.size), 1)
 

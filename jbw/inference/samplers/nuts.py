@@ -1,4 +1,4 @@
-"""NumPyro's no-U-turn sampler in the whitened coordinate, along the gradient of the model."""
+"""NumPyro's no-U-turn sampler in the whitened coordinate, with the model's gradient."""
 
 from functools import partial
 from typing import NamedTuple
@@ -13,7 +13,11 @@ from jbw.inference.space.problem import Problem
 
 
 class Options(NamedTuple):
-    """Options of NUTS; `adapt_mass` None adapts a dense mass matrix where no fit has whitened."""
+    """The options of NUTS.
+
+    If `adapt_mass` is None, a dense mass matrix is adapted unless a fit has whitened the
+    coordinate.
+    """
 
     num_warmup: int = 1000
     num_samples: int = 1000
@@ -26,9 +30,9 @@ class Options(NamedTuple):
 
 
 def kernel(problem: Problem, options: Options) -> Kernel:
-    """Return the chain of Hoffman, Gelman (2014), JMLR 15, 1593.
+    """Return the kernel of NUTS by Hoffman, Gelman (2014), JMLR 15, 1593.
 
-    Trajectories are `diverging` whose energy went astray or met no likelihood.
+    `diverging` marks trajectories with a large error of energy or with no finite likelihood.
     """
     adapt = not problem.located if options.adapt_mass is None else options.adapt_mass
     nuts = NUTS(
@@ -43,7 +47,7 @@ def kernel(problem: Problem, options: Options) -> Kernel:
     def init(key: Key[Array, ""], w: Float[Array, " parameter"]) -> PyTree:
         return nuts.init(key, options.num_warmup, w, (), {})
 
-    # NumPyro binds its functions in `init`: traced once, nothing is computed.
+    # NumPyro binds its functions in `init`. This only traces it; nothing is computed.
     origin = jnp.zeros_like(problem.whitening.centre)
     jax.eval_shape(partial(init, w=origin), jax.random.key(0))
 

@@ -2,13 +2,13 @@ r"""The posterior by quadrature: exact to a stated error, for up to four paramet
 
 $$Z = \prod_i h_i \sum_{n} p(w_n), \qquad w_n = (n_1 h_1, \dots, n_d h_d)$$
 
-by the trapezoidal rule in the whitened logit of the box, its tails drawn in. The density vanishes
-smoothly to all sides there, bounds of the box included, so that the rule converges exponentially in
-1 / h. What it changes over the rule on every other node is the stated error. Each parameter has a
-grid of its own along its axis, which gives its distribution function and quantiles. A mode is
-overlooked that is a few times narrower than the first spacing: a tenth of the posterior's deviation
-for two parameters, a third for three, two thirds for four. A thin ridge that bends through the box
-takes more nodes than there are: the stated error is then large, and the verdict fails.
+by the trapezoidal rule in the whitened logit of the box, with compressed tails. The density
+vanishes smoothly on all sides there, including the bounds of the box, so the rule converges
+exponentially in 1 / h. The stated error is the change against the rule on every other node. Each
+parameter has a separate grid along its axis, which gives its distribution function and quantiles.
+A mode is missed if it is a few times narrower than the first spacing: a tenth of the posterior's
+deviation for two parameters, a third for three, two thirds for four. A thin ridge that bends
+through the box would need more nodes: the stated error is then large, and the verdict fails.
 
 Reference:
     Trefethen, Weideman (2014), SIAM Review 56, 385.
@@ -41,13 +41,17 @@ from jbw.inference.samplers.grid import (
 from jbw.inference.space.coordinates import IDENTITY, Affine, Composed
 from jbw.inference.space.problem import Problem
 
-PLACES = {1: 1025, 2: 257, 3: 97, 4: 41}  # along each coordinate, by number of parameters
-FACES = {1: 1, 2: 257, 3: 65, 4: 21}  # the same of a side of the grid
+PLACES = {1: 1025, 2: 257, 3: 97, 4: 41}  # nodes per coordinate, by number of parameters
+FACES = {1: 1, 2: 257, 3: 65, 4: 21}  # nodes per coordinate on a side of the grid
 PROBABILITIES = (0.005, 0.01, 0.05, 0.5, 0.95, 0.99, 0.995)
 
 
 class Options(NamedTuple):
-    """Draws of each of `num_chains` groups; nodes a coordinate, odd, None for the default."""
+    """The options of quadrature: numbers of draws, of groups, and of nodes per coordinate (odd).
+
+    `num_samples` draws are returned for each of `num_chains` groups; `num_places` is the odd number
+    of nodes per coordinate, None for the default.
+    """
 
     num_samples: int = 1000
     num_chains: int = 4
@@ -55,10 +59,10 @@ class Options(NamedTuple):
 
 
 class Marginal(NamedTuple):
-    """Marginal of one parameter by its grid, quantiles at `PROBABILITIES`.
+    """The marginal distribution of one parameter, with quantiles at `PROBABILITIES`.
 
-    The error is what the finer of two rules changed: log evidence [nats], mean and standard
-    deviation over the deviation.
+    The error is the change by the finer of two rules: log evidence [nats], mean and standard
+    deviation relative to the deviation.
     """
 
     log_evidence: Float[Array, ""]
@@ -69,7 +73,10 @@ class Marginal(NamedTuple):
 
 
 def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
-    """Draw independently; group `exact` has each parameter's mean, sd and quantiles."""
+    """Draw from a posterior by quadrature; also return exact means, sds and quantiles.
+
+    The group `exact` contains the mean, sd and quantiles of each parameter.
+    """
     d = len(problem.box.names)
     if problem.outer != IDENTITY:
         raise ConfigError("Sampler quadrature draws in the parameters themselves, in their box.")
@@ -102,10 +109,10 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
 def _on_its_axis(
     i: int, problem: Problem, moments: LogitMoments, count: int
 ) -> tuple[Marginal, Grid]:
-    """Build a grid whose first coordinate alone fixes one parameter; return its marginal too."""
+    """Return a parameter's marginal and its grid, whose first coordinate alone sets it."""
     whitening = whitened_by(moments.mean, moments.covariance, first=i)
     bounds = bounds_of(problem, whitening, moments, FACES[len(problem.box.names)])
-    # The rule converges in the stretched coordinate as well: it is smooth, and ends as low.
+    # The rule converges in the stretched coordinate too: it is smooth, and its ends are as low.
     drawn_in = Composed((Stretch(), whitening))
     grid = grid_within(problem, drawn_in, Stretch().inverse(bounds), count)
     d = len(grid.axes)
@@ -124,7 +131,7 @@ def _marginal(i: int, problem: Problem, whitening: Affine, grid: Grid) -> Margin
     p = jnp.sum(grid.weights.reshape(grid.axes.shape[1], -1), axis=1)
     centre, slope = whitening.centre[i], whitening.factor[i, 0]
     lower, width = problem.lower[i], problem.upper[i] - problem.lower[i]
-    # Moments of the unit coordinate about its centre keep the digits of a narrow posterior.
+    # Moments of the unit coordinate around its centre keep the digits of a narrow posterior.
     middle = jax.nn.sigmoid(centre)
     x = jax.nn.sigmoid(centre + slope * Stretch().forward(grid.axes[0])) - middle
     mean = p @ x
@@ -156,7 +163,7 @@ def _quantiles(axis: Any, p: Any) -> NDArray[np.float64]:
 def distribution(
     w: float, axis: Float[np.ndarray, " node"], p: Float[np.ndarray, " node"]
 ) -> float:
-    r"""Return the probability below w by sinc functions through nodes, as exact as the rule.
+    r"""Return the distribution function at w, by sinc functions through the nodes.
 
     $$F(w) = \sum_j p_j \left[\tfrac12 + \tfrac1\pi \mathrm{Si}
     \!\left(\tfrac{\pi (w - w_j)}{h}\right)\right]$$
@@ -168,7 +175,7 @@ def distribution(
 def _drawn(
     key: Key[Array, ""], problem: Problem, grid: Grid, options: Options
 ) -> dict[str, Float[Array, "chain draw"]]:
-    """Return the draws cell by cell, weighed by the density where they fell in the cell."""
+    """Draw from a grid's posterior cell by cell, weighted by the density at the drawn points."""
     count = options.num_samples * options.num_chains
     key_cell, key_order, key_move, key_keep = jax.random.split(key, 4)
     cells = jax.random.permutation(key_order, resampling.stratified(key_cell, grid.weights, count))

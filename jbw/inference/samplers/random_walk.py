@@ -1,9 +1,10 @@
-r"""The paper's sampler: random-walk Metropolis-Hastings in the unit coordinate: section 3.2.
+r"""The paper's sampler: random-walk Metropolis-Hastings in the unit coordinate, section 3.2.
 
 $$x' = x + \sigma_p L \eta, \quad \eta \sim N(0, I); \qquad
 P(\text{accept}) = \min\{1, p(x')/p(x)\}\ \text{inside}, \ 0\ \text{outside}$$
 
-Outside of the box the current state is repeated: clipping would break detailed balance.
+A proposal outside of the box repeats the current state, because clipping would break detailed
+balance.
 """
 
 from typing import NamedTuple
@@ -18,13 +19,14 @@ from jbw.inference.space.problem import Problem, log_density
 
 AVERAGING = 0.75  # exponent of the weights of the averaged step, as in dual averaging
 FORGETTING = 0.6  # exponent of the decaying gain: its sum diverges, its sum of squares converges
-FIRST_STEP = (0.1, 1.0)  # in the box, or where a fit has whitened it: where tuning starts
+FIRST_STEP = (0.1, 1.0)  # first step of the tuning, without and with whitening by a fit
 
 
 class Options(NamedTuple):
-    """Options of the walk; the step size is a proposal's fixed deviation in x, in all directions.
+    """The options of the random walk.
 
-    None tunes it to `target_accept` in the warm-up, in the shape of a fit's covariance.
+    `step_size` is a proposal's fixed standard deviation in x, in all directions. If None, the
+    warm-up tunes it to `target_accept`, with the shape of a fit's covariance.
     """
 
     num_warmup: int = 1000
@@ -42,8 +44,8 @@ PAPER = Options(num_warmup=85, num_samples=765, step_size=2.5108e-3)
 class WalkState(NamedTuple):
     """The state of one walk after i steps, and the outcome of the last step.
 
-    `log_step` is that of the proposal's standard deviation in x, used on average after the burn-in;
-    a proposal in the box with no finite density has `failed`.
+    `log_step` is the log of the proposal's standard deviation in x; its average is used after the
+    burn-in. `failed` marks a proposal in the box with no finite density.
     """
 
     i: Int[Array, ""]
@@ -61,7 +63,7 @@ def kernel(problem: Problem, options: Options) -> Kernel:
     """Return the kernel of the random-walk Metropolis sampler for a problem."""
     unit = problem.unit_coordinate
     shaped = problem.located and options.step_size is None
-    # The whitening carried from the logit to x at its centre, where the slope is x (1 - x).
+    # Transform the whitening from the logit to x at its centre, where the slope is x (1 - x).
     centre = jax.nn.sigmoid(problem.whitening.centre)
     scale = (centre * (1 - centre))[:, None] * problem.whitening.factor
 
@@ -80,7 +82,7 @@ def kernel(problem: Problem, options: Options) -> Kernel:
         move = jax.random.normal(key_proposal, state.x.shape)
         proposal = state.x + jnp.exp(state.log_step) * (scale @ move if shaped else move)
         inside = jnp.all((proposal >= 0) & (proposal <= 1))
-        # The model is evaluated inside the box even for a proposal that will be rejected.
+        # The model is evaluated inside the box even if the proposal will be rejected.
         proposed = density(jnp.where(inside, proposal, state.x))
         failed = ~jnp.isfinite(proposed)
         ratio = jnp.exp(jnp.minimum(proposed - state.log_density, 0.0))
@@ -114,7 +116,7 @@ def kernel(problem: Problem, options: Options) -> Kernel:
 def tuned(
     state: WalkState, accept_prob: Float[Array, ""], options: Options
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Return Robbins and Monro's next log step and its average, which is used at the end."""
+    """Return the next log step size by Robbins and Monro, and its average."""
     if options.step_size is not None:
         return state.log_step, state.log_step_average
     t = state.i + 1.0

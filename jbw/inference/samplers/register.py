@@ -1,11 +1,11 @@
-"""The register of samplers: the one list of their names, readable without JAX.
+"""The register of samplers: the single list of their names, readable without JAX.
 
-A sampler is a module with a record `Options` and one of three functions, of which the first two are
-pure under `jit` and `vmap`:
+A sampler is a module with a record `Options` and one of three functions. The first two are pure
+under `jit` and `vmap`:
 
-    kernel(problem, options) -> Kernel          a Markov chain: first state, step, what a state says
-    draw(key, problem, options) -> Draws        everything at once, with the evidence
-    gather(key, problem, options, ...)          the same in rounds that can be watched and kept
+    kernel(problem, options) -> Kernel          a Markov chain: first state, step, read-out
+    draw(key, problem, options) -> Draws        all draws at once, with the evidence
+    gather(key, problem, options, ...)          draws in rounds that can be monitored and stored
 
 To add one, copy `elliptical_slice.py` or `importance.py`, and call `register`.
 """
@@ -18,21 +18,24 @@ from jbw.errors import ConfigError
 
 
 class Sampler(NamedTuple):
-    """A sampler by name, its module not imported until it draws.
+    """A sampler by name, whose module is imported when it draws.
 
     Attributes:
-        name: As `[identify] sampler` and `sample` take it.
-        module: Its module, or the path to that.
-        options: Name of the module's record of options, or of other values of it.
-        needs_fit: Whether it draws about a fit's covariance, and needs one.
-        from_prior: Whether it crosses the whole box without a fit, and without a ridge's help.
-        ignores_fit: Whether it is laid over the box itself, in no coordinates of a fit.
-        most_parameters: How many parameters it takes at most; None for any number.
-        draws: Warm-up, and draws kept of a chain, where an evaluation steps through time.
-        cheap_draws: The same where an evaluation costs microseconds.
-        is_fixed: Whether it draws as many as it is told, enough or not: what a paper printed.
-        suits_costly: Whether a comparison tries it by itself where time is stepped through.
-        in_rounds: Whether rounds are planned between compiled calls: one posterior at a time.
+        name: Name in `[identify] sampler` and in `sample`.
+        module: The module, or its import path.
+        options: Name of the module's record of options, or of an instance of it.
+        needs_fit: Whether it draws around a fit with its covariance, which is then required.
+        from_prior: Whether it covers the whole box without a fit or ridge coordinates.
+        ignores_fit: Whether it uses the box itself and no coordinates of a fit.
+        most_parameters: Largest number of parameters; None for any number.
+        draws: Numbers of warm-up steps and draws of a chain, if an evaluation steps through time.
+        cheap_draws: Numbers of warm-up steps and draws of a chain, if an evaluation takes
+            microseconds.
+        is_fixed: Whether it always draws the requested number, as printed in a paper.
+        suits_costly: Whether a comparison of samplers tries it by default if an evaluation steps
+            through time.
+        in_rounds: Whether rounds are planned between compiled calls, so that it samples one
+            posterior at a time.
     """
 
     name: str
@@ -58,7 +61,7 @@ SAMPLERS: dict[str, Sampler] = {}
 
 
 def register(sampler: Sampler) -> None:
-    """Add a sampler to the list, or replace the one of its name."""
+    """Add a sampler to the list, or replace the one of the same name."""
     SAMPLERS[sampler.name] = sampler
 
 
@@ -95,7 +98,7 @@ for _sampler in (
 
 
 def sampler_named(name: str) -> Sampler:
-    """Return the sampler of a name; an unknown name is refused with the nearest known one."""
+    """Return the sampler of a name; raise a ConfigError with the nearest known name otherwise."""
     if name in SAMPLERS:
         return SAMPLERS[name]
     near = get_close_matches(name, SAMPLERS, 1)
@@ -106,13 +109,13 @@ def sampler_named(name: str) -> Sampler:
 
 
 def module_of(sampler: Sampler) -> Any:
-    """Return the module of a sampler, imported where it is given by its path."""
+    """Return the module of a sampler; import it if it is given by its path."""
     module = sampler.module
     return import_module(module) if isinstance(module, str) else module
 
 
 def default_options(sampler: Sampler) -> Any:
-    """Return the options of a sampler as they are unless somebody chooses others."""
+    """Return the default options of a sampler."""
     options = getattr(module_of(sampler), sampler.options)
     return options() if isinstance(options, type) else options
 

@@ -1,7 +1,7 @@
-"""Sampling again about the moments of the draws, where chains about a fit disagree.
+"""Repeated sampling around the moments of the draws if chains that start at a fit disagree.
 
-A fit knows the posterior about its optimum. Where that is no normal distribution, slices about the
-fit's covariance crawl; the draws that they leave know better where the posterior lies.
+A fit describes the posterior near its optimum. If the posterior is far from normal, slices with the
+fit's covariance move slowly, but their draws show better where the posterior lies.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,9 +21,9 @@ from jbw.inference.space.box import Box
 from jbw.inference.space.problem import Target
 from jbw.inference.space.reparametrisation import Reparametrisation
 
-AGREED = 1.05  # R-hat of the worst parameter, above which the draws say where to draw again
-WIDER = 1.3  # times the covariance of draws that have not seen all
-INSIDE = 1e-9  # of the box's width, from its bounds
+AGREED = 1.05  # R-hat of the worst parameter above which sampling is repeated at the draws
+WIDER = 1.3  # factor on the covariance of draws that may be incomplete
+INSIDE = 1e-9  # least distance of a mean from the bounds over the box's width
 
 
 def sample_until(
@@ -37,16 +37,16 @@ def sample_until(
     keep: Callable[[int], Kept | None] = lambda round_: None,
     attrs: Mapping[str, Mapping[str, str]] | None = None,
 ) -> xr.DataTree:
-    """Sample until draws are enough; where chains disagree, sample again about their moments.
+    """Sample until draws are enough; if chains disagree, sample again around their moments.
 
-    Chains go on, twice as many draws at a time. What draws everything at once draws again, twice as
-    many, unless k-hat says that more of its draws would be no better.
+    Chains continue with the number of draws doubled each time. A sampler that draws everything at
+    once draws again, twice as many, unless k-hat shows that more draws would be no better.
 
-    `rounds` are those about the draws' own moments at most; `until` says when draws are enough, and
-    bounds the time beyond the first draws of all, None for as many as told; `keep` says by the
-    number of a round where its chains outlive the process; `attrs` is as of `sample`. The draws are
-    those of the last round alone; attributes count the evaluations of all, the rounds after the
-    first as `rewhitened`, and hold `budget_spent_s` where the time was, without enough.
+    `rounds` is the largest number of rounds around the draws' own moments. `until` states when
+    draws are enough, and limits the time beyond the first draws; None for the requested number.
+    `keep` returns the checkpoint of a round by its number; `attrs` is as in `sample`. The draws are
+    those of the last round alone. Attributes give the number of all evaluations, the rounds after
+    the first as `rewhitened`, and `budget_spent_s` if the time ran out before enough draws.
     """
     evaluations, spent, round_ = 0, 0.0, 0
     budget_s = np.inf if until is None else until.budget_s
@@ -70,7 +70,7 @@ def sample_until(
             break
         if not (last or agree(draws)):
             coordinates = by_moments(draws, target.box, coordinates)
-        elif until is None or "rounds" in tree.attrs:  # those have grown until they were
+        elif until is None or "rounds" in tree.attrs:  # these draws have grown already
             break
         elif tree.attrs.get("khat", 0.0) >= GOOD_KHAT:
             break
@@ -83,7 +83,7 @@ def sample_until(
 
 
 def agree(draws: Mapping[str, Float[np.ndarray, "chain draw"]]) -> bool:
-    """Return whether chains agree well enough to go on with their draws; one chain always does."""
+    """Return whether chains agree well enough to continue; a single chain always does."""
     if len(next(iter(draws.values()))) < 2:
         return True
     return all(diagnose(values)["r_hat"] < AGREED for values in draws.values())
@@ -92,7 +92,7 @@ def agree(draws: Mapping[str, Float[np.ndarray, "chain draw"]]) -> bool:
 def by_moments(
     draws: Mapping[str, Float[np.ndarray, "chain draw"]], box: Box, place: Reparametrisation
 ) -> Reparametrisation:
-    """Return coordinates about the mean and widened covariance of all chains' second halves."""
+    """Return coordinates around the mean and widened covariance of all chains' second halves."""
     half = next(iter(draws.values())).shape[1] // 2
     theta = np.stack([draws[name][:, half:].ravel() for name in box.names], axis=-1)
     u = np.asarray(jax.vmap(place.outer.inverse)(jnp.asarray(theta)))

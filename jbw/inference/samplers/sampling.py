@@ -1,4 +1,4 @@
-"""Draw from a posterior: one call for every sampler, one container."""
+"""Draws from a posterior: one call for every sampler, one form of the result."""
 
 import time
 import warnings
@@ -39,8 +39,8 @@ from jbw.inference.space.reparametrisation import Reparametrisation, in_box
 
 ChainMethod = Literal["sequential", "vectorized", "parallel"]
 VERSIONED = ("jax", "jaxlib", "numpyro", "numpy")
-LEAST = {"num_warmup": 0, "num_samples": 1, "num_chains": 1}  # that can be asked for
-# Keywords of `sample`: those of its signature, and those that all samplers share.
+LEAST = {"num_warmup": 0, "num_samples": 1, "num_chains": 1}  # least values of a request
+# Keywords of `sample`: those of its signature, and those that all samplers have.
 SIGNED = ("data", "sampler", "start", "covariance", "coordinates")
 REQUESTED = (*LEAST, "chain_method")
 SHARED = (*REQUESTED, "options", "attrs", *Supervision._fields)
@@ -54,11 +54,11 @@ class SamplingRequest(NamedTuple):
     """The choice of a sampler, and its numbers of chains, warm-up steps and draws.
 
     Attributes:
-        sampler: One of the register.
-        num_warmup: Steps of each chain that are discarded; the sampler's own when None.
-        num_samples: Draws kept of each chain; the sampler's own when None.
-        num_chains: Chains.
-        chain_method: One of `ChainMethod`.
+        sampler: Name of a sampler in the register.
+        num_warmup: Number of discarded steps of each chain; the sampler's own if None.
+        num_samples: Number of draws of each chain; the sampler's own if None.
+        num_chains: Number of chains.
+        chain_method: One of the methods in `ChainMethod`.
         options: Further options of the sampler; those that it does not have are ignored.
     """
 
@@ -84,43 +84,46 @@ def sample(
 ) -> xr.DataTree:
     """Sample the posterior of a log likelihood and a uniform prior in a box.
 
-    Compiled once for a `log_likelihood`, names, shapes and options. Under `vectorized` all chains
-    wait for the longest trajectory: where a likelihood is slow (an ODE) prefer `parallel` or
-    `sequential`. Equal keys give equal draws for one chain method, machine and set of versions.
+    The function is compiled once for a `log_likelihood`, names, shapes and options. Under
+    `vectorized` all chains wait for the longest trajectory: if a likelihood is slow (an ODE) prefer
+    `parallel` or `sequential`. Equal keys give equal draws for one chain method, machine and set of
+    versions.
 
     Args:
         key: Random key.
-        log_likelihood: (theta, data) to independent terms [nats], whose sum is the log likelihood;
-            non-finite where a solve failed. Every draw stores its terms: not one a sample.
+        log_likelihood: Function of (theta, data) that returns independent terms [nats], whose sum
+            is the log likelihood; non-finite where a solve failed. The terms of every draw are
+            stored, so there should not be one per sample of a record.
         box: Prior bounds.
-        data: Whatever `log_likelihood` takes, arrays in any pytree.
-        sampler: One of the register: "nuts"; "elliptical_slice" (about four evaluations a draw);
-            "random_walk" (tuned); "random_walk_paper" (fixed step, 85 + 765). With the evidence
-            "importance"; "amis" (the same in rounds that adapt); "tempered_smc" and "nested" (a
-            chain is a run); "quadrature" (exact, up to four parameters). The second, "importance"
-            and "amis" need `covariance`.
-        start: Start by name, one value for all or one a chain; None: uniform in the box.
+        data: Data argument of `log_likelihood`, arrays in any pytree.
+        sampler: Name in the register: "nuts"; "elliptical_slice" (about four evaluations per draw);
+            "random_walk" (tuned); "random_walk_paper" (fixed step, 85 + 765). The following ones
+            also give the evidence: "importance"; "amis" (importance sampling in adaptive rounds);
+            "tempered_smc" and "nested" (each chain is a run); "quadrature" (exact, up to four
+            parameters). "elliptical_slice", "importance" and "amis" need `covariance`.
+        start: Start by name, as one value for all or one per chain; None: uniform in the box.
         covariance: Laplace covariance at `start`, in the parameters' units: it whitens sampling.
-        coordinates: Others to sample in, with what a fit knows there, in place of these two.
-        **options: How much is drawn: `num_warmup`, steps of each chain that are discarded;
-            `num_samples`, draws kept of each chain, particles of "tempered_smc", twice the live
-            points of "nested"; both the sampler's own when None; `num_chains`, 4;
+        coordinates: Other coordinates to sample in, with their start and covariance, in place of
+            `start` and `covariance`.
+        **options: The amounts to draw: `num_warmup`, discarded steps of each chain;
+            `num_samples`, draws of each chain, particles of "tempered_smc", or twice the live
+            points of "nested" (both the sampler's own if None); `num_chains`, by default 4;
             `chain_method`, "sequential", "vectorized", or "parallel" over the devices of JAX.
-            Then the sampler's own options, as its record `Options` names them, such as
+            The sampler's own options by the names in its record `Options`, such as
             `target_accept`; or a mapping `options` of them, of which the sampler ignores those
             that it does not have, so that several samplers can share it.
-            Further `attrs`, `units` and `long_name` by parameter, which the draws carry; and how
-            the run is supervised: `progress`, `kept` and `until`, as `Supervision` describes them.
+            Also `attrs`, `units` and `long_name` by parameter, which are stored with the draws;
+            and the supervision of the run by `progress`, `kept` and `until`, as in `Supervision`.
 
     Returns:
         Groups posterior, sample_stats, log_likelihood, log_prior and timing. The root's attributes
-        hold num_evaluations, the warm-up's included, and where the sampler gives them log_evidence
-        and log_evidence_error [nats].
+        contain num_evaluations, including the warm-up, and log_evidence and log_evidence_error
+        [nats] if the sampler gives them.
 
     Raises:
-        ConfigError: A keyword that does not exist; an option, start or covariance that cannot be
-            used; or a float32 session.
-        ModelError: No possible start.
+        ConfigError: A keyword does not exist; an option, start or covariance cannot be used; or the
+            session is in float32.
+        ModelError: No start has a finite likelihood.
 
     Reference:
         Eqs. (32), (33), (35), (36), (37).
@@ -148,18 +151,19 @@ def draw_posterior(
     supervision: Supervision = UNSUPERVISED,
     attrs: Mapping[str, Mapping[str, str]] | None = None,
 ) -> xr.DataTree:
-    """Draw from a target as requested; what `sample` does once its keywords are read.
+    """Draw from a posterior as requested; `sample` calls this once its keywords are checked.
 
     Args:
         key: Random key.
         target: The posterior.
-        request: Which sampler draws, and how much.
-        coordinates: To sample in, with what a fit knows there; the box itself when None.
-        supervision: Who hears of the run, where it is stored, and what ends it.
+        request: The sampler and the amounts to draw.
+        coordinates: Coordinates to sample in, with start and covariance of a fit; the box itself if
+            None.
+        supervision: Listeners, checkpoint and end of the run.
         attrs: `units` and `long_name` by parameter, which the draws carry.
 
     Returns:
-        As of `sample`.
+        The same tree as from `sample`.
     """
     require_float64()
     entry = sampler_named(request.sampler)
@@ -182,7 +186,7 @@ def draw_posterior(
     drawn, terms, earlier = outcome
     tree = _tree(drawn, terms, target.box, attrs or {})
     spent = {"wall_s": time.perf_counter() - clock + earlier}
-    tree["timing"] = xr.DataTree(xr.Dataset(attrs=spent))  # apart: it differs between equal runs
+    tree["timing"] = xr.DataTree(xr.Dataset(attrs=spent))  # differs between equal runs
     tree.attrs |= {
         **_plain(chosen._asdict()),
         "chain_method": method,
@@ -196,7 +200,7 @@ def draw_posterior(
 
 
 def _require_keywords(entry: Sampler, keywords: Mapping[str, Any]) -> None:
-    """Refuse keywords of `sample` that neither it nor its sampler has."""
+    """Raise a ConfigError for keywords that neither `sample` nor its sampler has."""
     names = dict.fromkeys((*SIGNED, *SHARED, *default_options(entry)._fields))
     for keyword in keywords:
         if keyword not in names:
@@ -224,7 +228,7 @@ def _in_chunks(
 ) -> SamplerOutput:
     """Run chains chunk by chunk, so that they can be monitored and saved."""
     (draw, terms), earlier = grow_chains(starts, problem, make, options, *supervision)
-    # As many evaluations a draw in the warm-up as after.
+    # The warm-up is assumed to take as many evaluations per draw as the draws.
     evaluations = np.mean(draw.stats["n_steps"]) if "n_steps" in draw.stats else 1.0
     num_samples = next(iter(draw.theta.values())).shape[1]
     steps = options.num_chains * (options.num_warmup + num_samples)
@@ -235,7 +239,7 @@ def _in_chunks(
 def _at_once(
     entry: Sampler, key: Key[Array, ""], problem: Problem, options: Any, method: str
 ) -> SamplerOutput:
-    """Return all draws at once, and the terms of the log likelihood at each."""
+    """Draw everything at once; return the draws and the log likelihood's terms at each."""
     drawn = _drawn(entry, key, problem, options)
     require_possible(bool(drawn.possible))
     if hasattr(module_of(entry), "require_arrival"):
@@ -251,7 +255,7 @@ def _tree(
     box: Box,
     attrs: Mapping[str, Mapping[str, str]],
 ) -> xr.DataTree:
-    """Return the posterior's one container, the prior bounds beside each parameter."""
+    """Return the tree of a posterior, with the prior bounds as attributes of each parameter."""
     dims, volume = ("chain", "draw"), float(log_volume(jax.device_get(box)))
     log_prior = np.full(terms.shape[:2], -volume)
     dimensionless = {"units": "1"}

@@ -3,10 +3,10 @@ r"""Adaptive tempered sequential Monte Carlo through BlackJAX, with its evidence
 $$p_\beta(w) \propto r(w)\, e^{\beta \ell(w)}, \qquad 0 = \beta_0 < \dots < \beta_T = 1,
 \qquad \log \hat Z = \sum_t \log \frac1N \sum_i e^{(\beta_t - \beta_{t-1}) \ell(w_i)}$$
 
-Particles are carried from a reference density r to the posterior through rising powers of their
-ratio; between them every particle takes moves of a random walk shaped by the particles' covariance.
-A chain is a run of its own, so that R-hat compares independent runs. Descendants of one particle
-stay neighbours among the draws, where autocorrelation sees them.
+Particles move from a reference density r to the posterior through rising powers of their ratio.
+Between these steps every particle takes moves of a random walk with the shape of the particles'
+covariance. A chain is a separate run, so that R-hat compares independent runs. Descendants of one
+particle stay neighbours among the draws, where autocorrelation detects them.
 
 Reference:
     Del Moral, Doucet, Jasra (2006), J. R. Stat. Soc. B 68, 411.
@@ -31,14 +31,17 @@ from jbw.inference.samplers.evidence import (
 )
 from jbw.inference.space.problem import Problem
 
-TARGET_ESS = 0.6  # share of the particles that a step of the temperature leaves effective
-TARGET_ACCEPT = 0.3  # of the moves
-MOST_STEPS = 500  # of the temperature; a run that needs more is stopped
-NUGGET = 1e-10  # of the variances: particles that coincide have no covariance
+TARGET_ESS = 0.6  # effective share of the particles after a step of the temperature
+TARGET_ACCEPT = 0.3  # acceptance rate of the moves
+MOST_STEPS = 500  # most steps of the temperature
+NUGGET = 1e-10  # relative increase of variances in case particles coincide
 
 
 class Options(NamedTuple):
-    """Particles of each run, runs, and moves of a particle at a temperature, 5 d + 5 when None."""
+    """The options of tempering: numbers of particles, runs and moves per temperature.
+
+    A particle takes `num_moves` moves at each temperature, 5 d + 5 if None.
+    """
 
     num_samples: int = 1000
     num_chains: int = 4
@@ -47,7 +50,7 @@ class Options(NamedTuple):
 
 
 def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
-    """Return the particles at the end of each run, after moves on the posterior itself."""
+    """Return equally weighted particles of several tempered runs, with the evidence."""
     keys = jax.random.split(key, options.num_chains)
     moves = options.num_moves or 5 * len(problem.box.names) + 5
 
@@ -96,7 +99,7 @@ def _run(
     )
 
     def advance(at: _State) -> _State:
-        # With no room left for beta, the last step only resamples and moves on the posterior.
+        # At beta = 1, the last step only resamples and moves on the posterior.
         ended = at.particles.tempering_param >= 1
         key, key_step = jax.random.split(at.key)
         covariance = weighted_moments(at.particles.weights, at.particles.particles)[1]

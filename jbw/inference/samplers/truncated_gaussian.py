@@ -1,12 +1,13 @@
-r"""Draws of a Gaussian within bounds, however far its mean lies beyond them.
+r"""Draws of a Gaussian within bounds, however far its mean lies outside.
 
 $$x = m + L w, \quad L L^T = \Sigma, \qquad
   w_i \sim N(0, 1) \text{ within } [a_i, b_i], \quad
   a_i = \Bigl(l_i - m_i - \sum_{j < i} L_{ij} w_j\Bigr) / L_{ii}, \qquad
   \log p = \sum_i \log\,(\Phi(b_i) - \Phi(a_i))$$
 
-and b by the upper bounds u. The weight p of a draw makes them those of the Gaussian. What is least
-likely to lie within its bounds comes first, so that weights are nearly equal.
+with b by the upper bounds u. Weighted by p, the draws follow the Gaussian within the bounds. The
+component that is least likely to lie within its bounds comes first, so that weights are nearly
+equal.
 
 Reference:
     Genz (1992), J. Comput. Graph. Stat. 1, 141.
@@ -55,8 +56,8 @@ def mixture_within(
 ) -> tuple[Float[np.ndarray, "draw parameter"], Float[np.ndarray, "draw parameter"]]:
     """Draw from a mixture of Gaussians within bounds; return points and normal numbers.
 
-    Each Gaussian is its share, mean and covariance, and `member` the one that every point is of
-    before the bounds count.
+    Each Gaussian is given by share, mean and covariance; `member` gives the Gaussian of every point
+    before the bounds are applied.
     """
     points, w = (np.zeros((len(member), len(lower))) for _ in range(2))
     log_weight = np.zeros(len(member))
@@ -70,13 +71,13 @@ def mixture_within(
 
 
 def log_mass(a: Rows, b: Rows) -> Rows:
-    r"""Return the logarithm of $\Phi(b) - \Phi(a)$, exact far out on either side."""
-    a, b = np.where(a > 0, -b, a), np.where(a > 0, -a, b)  # the lower tail has the small numbers
+    r"""Return the logarithm of $\Phi(b) - \Phi(a)$, exact even far out on either side."""
+    a, b = np.where(a > 0, -b, a), np.where(a > 0, -a, b)  # the lower tail is more exact
     return log_ndtr(b) + np.log(-np.expm1(np.minimum(log_ndtr(a) - log_ndtr(b), 0.0)))
 
 
 def normal_within(share: Rows, a: Rows, b: Rows) -> Rows:
-    r"""Return the number x of which $\Phi(x) = \Phi(a) + p\,(\Phi(b) - \Phi(a))$, for shares p."""
+    r"""Return x with $\Phi(x) = \Phi(a) + p\,(\Phi(b) - \Phi(a))$, for shares p."""
     is_upper = a > 0
     low, high = np.where(is_upper, -b, a), np.where(is_upper, -a, b)
     log_share = np.log(np.maximum(share, np.finfo(float).tiny))

@@ -1,4 +1,4 @@
-"""All weighted points so far, the mixtures that they were drawn from, and their weights."""
+"""The weighted points of all rounds of AMIS, their mixtures, and their weights."""
 
 from typing import Any, NamedTuple
 
@@ -10,7 +10,7 @@ from jbw.inference.samplers.chunked_run import Arrays
 from jbw.inference.samplers.importance import SMALLEST, smooth
 from jbw.inference.samplers.mixtures import Mixture, Points, Weights
 
-Pair = tuple[Mixture, Mixture]  # of the points of even number, and of odd
+Pair = tuple[Mixture, Mixture]  # for the points of even and of odd number
 
 
 class Past(NamedTuple):
@@ -18,12 +18,12 @@ class Past(NamedTuple):
 
     Attributes:
         w: Whitened points.
-        terms: Of the log likelihood [nats].
-        log_density: Of the posterior, not normalised [nats]; -inf where impossible.
+        terms: Terms of the log likelihood [nats].
+        log_density: Log posterior density, not normalised [nats]; -inf where impossible.
         log_mixed: Logarithm of the sum of the densities of all mixtures of a point's half, each
-            times its points.
-        sizes: Points of either half of every round.
-        rounds: The mixtures.
+            times its number of points.
+        sizes: Number of points in each half, by round.
+        rounds: The pair of mixtures of every round.
     """
 
     w: Points
@@ -35,15 +35,16 @@ class Past(NamedTuple):
 
     @property
     def log_weight(self) -> Weights:
-        """Logarithm of the posterior over the mean of the mixtures."""
+        """The logarithm of the posterior over the mean of the mixtures, for every point."""
         return self.log_density - self.log_mixed + np.log(len(self.w) / 2)
 
 
 class SmoothedWeights(NamedTuple):
-    """Smoothed weights that sum to one, their k-hat, and their effective number of draws.
+    """Smoothed importance weights, their k-hat, and their effective number.
 
-    Raw weights may be less effective than smoothed ones: a point far from all others, in another
-    mode, weighs too little once it is smoothed, and its evidence would be trusted without it.
+    The effective number is the smaller one of raw and smoothed weights: smoothing reduces the
+    weight of a point far from all others, in another mode, and would hide that mode from the
+    evidence.
     """
 
     weights: Weights
@@ -52,12 +53,12 @@ class SmoothedWeights(NamedTuple):
 
 
 def weighed(past: Past) -> SmoothedWeights:
-    """Return the weights of all points, their tail smoothed."""
+    """Return the weights of all points, with a smoothed tail."""
     return weights_of(past.log_weight)
 
 
 def weights_of(log_weight: Weights) -> SmoothedWeights:
-    """Return the weights by their logarithms up to a constant, the tail smoothed by a Pareto's."""
+    """Return weights from their logarithms up to a constant, with a Pareto-smoothed tail."""
     raw = relative(log_weight)
     log_smoothed, khat = smooth(raw)
     weights = softmax(log_smoothed)
@@ -66,12 +67,12 @@ def weights_of(log_weight: Weights) -> SmoothedWeights:
 
 
 def relative(log_weight: Weights) -> Weights:
-    """Log weights below the largest, those that count as zero still numbers."""
+    """Return log weights relative to the largest, limited from below to stay finite."""
     return np.maximum(log_weight - log_weight.max(), SMALLEST)
 
 
 def as_arrays(past: Past, spent: float, mark: str) -> dict[str, np.ndarray]:
-    """Return the rounds by name, for a `Kept`."""
+    """Return all rounds as arrays by name, for a checkpoint."""
     arrays: dict[str, Any] = {"fingerprint": mark, "wall_s": spent, **past._asdict()}
     for i, pair in enumerate(arrays.pop("rounds")):
         for half, mixture in enumerate(pair):

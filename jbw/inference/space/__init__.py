@@ -1,1 +1,1 @@
-"""The space of the parameters: boxes, priors, and coordinates that compose."""
+"""The parameter space: boxes, priors, and coordinates that can be composed."""

@@ -13,7 +13,7 @@ from jbw.errors import ConfigError
 
 
 class Box(eqx.Module):
-    r"""Uniform priors $\theta_i \sim U[\theta_{min,i}, \theta_{max,i}]$, in units: section 3.2."""
+    r"""Uniform priors $\theta_i \sim U[\theta_{min,i}, \theta_{max,i}]$ with units, section 3.2."""
 
     names: tuple[str, ...] = eqx.field(static=True)
     lower: Float[Array, " parameter"]
@@ -21,7 +21,7 @@ class Box(eqx.Module):
 
 
 def bounds_by_name(box: Box) -> dict[str, tuple[float, float]]:
-    """Return the lower and upper bound of every parameter."""
+    """Return the lower and upper bound of every parameter of a box, by name."""
     pairs = zip(box.lower.tolist(), box.upper.tolist(), strict=True)
     return dict(zip(box.names, pairs, strict=True))
 
@@ -30,7 +30,8 @@ def box(bounds: Mapping[str, tuple[float, float]]) -> Box:
     """Build the box from parameter names and (lower, upper) in their units, in order.
 
     Raises:
-        ConfigError: No parameter, not a pair of finite numbers, or lower not below upper.
+        ConfigError: There is no parameter, bounds are not a pair of finite numbers, or lower is not
+            below upper.
     """
     if not bounds:
         raise ConfigError(
@@ -73,7 +74,7 @@ def _checked(name: str, pair: Any) -> tuple[float, float]:
 def from_unit(x: Float[Any, "... parameter"], box: Box) -> dict[str, Any]:
     r"""Return parameters $\theta_{min} + x\,(\theta_{max} - \theta_{min})$ by name, with units."""
     lower, upper = box.lower, box.upper
-    if isinstance(x, np.ndarray):  # nothing is traced: no program to compile
+    if isinstance(x, np.ndarray):  # NumPy avoids compiling a program
         lower, upper = np.asarray(lower), np.asarray(upper)
     return named(lower + x * (upper - lower), box)
 
@@ -84,7 +85,7 @@ def named(values: Float[Any, "... parameter"], box: Box) -> dict[str, Any]:
 
 
 def require_float64() -> None:
-    """Refuse a float32 session."""
+    """Raise a ConfigError in a float32 session."""
     if not jax.config.jax_enable_x64:
         raise ConfigError(
             "Inference needs float64, but JAX runs in float32.",
@@ -94,7 +95,7 @@ def require_float64() -> None:
 
 
 class Product(NamedTuple):
-    r"""A product of powers, $\prod_i \theta_i^{p_i}$; factors might be traded for one another."""
+    r"""A product of powers, $\prod_i \theta_i^{p_i}$, whose factors may compensate each other."""
 
     name: str
     text: str
@@ -103,12 +104,12 @@ class Product(NamedTuple):
 
 
 def alone(name: str) -> Product:
-    """Return a parameter by itself."""
+    """Return a single parameter as a product."""
     return Product(name, name, {name: 1.0})
 
 
 def value_of(product: Product, theta: Mapping[str, Any]) -> Any:
-    """Return the product's value at one point, or of draws."""
+    """Return the product's value at one point, or for each of several draws."""
     return math.prod(theta[name] ** power for name, power in product.powers.items())
 
 
@@ -129,7 +130,7 @@ def prior_of(product: Product, box: Box) -> tuple[float, float]:
     $$E[\theta^p] = \frac{u^{p+1} - l^{p+1}}{(p + 1)(u - l)}, \qquad
       E[\theta^{-1}] = \frac{\log(u/l)}{u - l}$$
 
-    multiplied over the parameters; infinite where a negative power meets a bound at zero.
+    multiplied over the parameters; infinite if a negative power meets a bound at zero.
     """
     missing = [name for name in product.powers if name not in box.names]
     if missing:
@@ -150,10 +151,10 @@ def prior_std(lower: float, upper: float) -> float:
     """Return the standard deviation of log theta (theta, unless positive), uniform in a box."""
     if lower <= 0:
         return (upper - lower) / math.sqrt(12)
-    # In units of the geometric mean, theta runs from 1/r to r.
+    # In units of the geometric mean, theta ranges from 1/r to r.
     r = math.sqrt(upper / lower)
     log_r, width = math.log(r), r - 1 / r
-    if log_r < 1e-3:  # the moments below cancel; the logarithm is uniform to one in a million
+    if log_r < 1e-3:  # the moments below cancel; log theta is uniform to 1e-6
         return log_r / math.sqrt(3)
     first = (r + 1 / r) * log_r / width - 1
     second = log_r**2 + 2 - 2 * (r + 1 / r) * log_r / width
@@ -166,7 +167,7 @@ def log_prior_std(lower: float, upper: float) -> float:
 
 
 def log_prior_of(product: Product, box: Box) -> float:
-    r"""Return the prior deviation of log f, $(\sum_i p_i^2\,\mathrm{var}(\log\theta_i))^{1/2}$."""
+    r"""Return the prior sd of a product's log, $\sqrt{\sum p_i^2\,\mathrm{var}(\log\theta_i)}$."""
     bounds = bounds_by_name(box)
     powers = product.powers.items()
     return math.hypot(*(power * log_prior_std(*bounds[name]) for name, power in powers))

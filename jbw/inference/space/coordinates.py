@@ -1,11 +1,11 @@
-r"""Changes of variable that compose: what a sampler walks in, and back to the parameters.
+r"""Changes of variable between a sampler's coordinates and the parameters, which compose.
 
 A coordinate maps a vector x to a vector y = f(x), in the order of the prior box, one to one and
-smoothly. A density carries over with the determinant of its derivatives,
+smoothly. A density transforms with the determinant of its derivatives,
 
 $$p(x) = p(y)\,\left|\det \frac{\partial f}{\partial x}\right|$$
 
-so that a sampler may walk in whatever x it likes.
+so that a sampler may use any coordinate x.
 """
 
 from abc import abstractmethod
@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from numpyro.distributions import biject_to, constraints
 from numpyro.distributions.transforms import AffineTransform, Transform
 
-Vector = Float[Any, " parameter"]  # NumPy's where nothing is traced
+Vector = Float[Any, " parameter"]  # a NumPy array outside of compiled code
 
 
 class Coordinate(eqx.Module):
@@ -31,7 +31,7 @@ class Coordinate(eqx.Module):
 
     @abstractmethod
     def inverse(self, y: Vector) -> Vector:
-        """Return the point x of which y = f(x)."""
+        """Return the point x for which y = f(x)."""
 
     @abstractmethod
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
@@ -46,7 +46,7 @@ class Affine(Coordinate):
     log_det: Float[Array, ""]
 
     def __init__(self, centre: Any, factor: Any) -> None:
-        if isinstance(factor, np.ndarray):  # nothing is traced: no program to compile
+        if isinstance(factor, np.ndarray):  # NumPy avoids compiling a program
             log_det = np.linalg.slogdet(factor)[1]
             self.centre, self.factor, self.log_det = jax.device_put((centre, factor, log_det))
         else:
@@ -58,16 +58,16 @@ class Affine(Coordinate):
         return self.centre + self.factor @ x
 
     def inverse(self, y: Vector) -> Vector:
-        """Return the point that L maps to y - c."""
+        """Return the point x for which y = c + L x."""
         return jnp.linalg.solve(self.factor, y - self.centre)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Return the logarithm of |det L|, the same everywhere."""
+        """Return the logarithm of |det L|, which is constant."""
         return self.log_det
 
 
 class Elementwise(Coordinate):
-    """Each parameter by itself, by one of NumPyro's transforms."""
+    """A separate change of each parameter by one of NumPyro's transforms."""
 
     transform: Transform
 
@@ -76,23 +76,23 @@ class Elementwise(Coordinate):
         return jnp.asarray(self.transform(x))
 
     def inverse(self, y: Vector) -> Vector:
-        """Return the point that is transformed to y."""
+        """Return the point whose transform is y."""
         if _namespace(y) is np:
             return np.asarray(jax.tree.map(np.asarray, self.transform).inv(y))
         return jnp.asarray(self.transform.inv(y))
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Sum of the logarithms of the slopes."""
+        """Return the log determinant: the sum of the logarithms of the slopes."""
         return jnp.sum(self.transform.log_abs_det_jacobian(x, self.transform(x)))
 
 
 def interval(lower: Vector, upper: Vector) -> Elementwise:
-    r"""Map all real numbers into bounds, $y = l + (u - l) / (1 + e^{-x})$."""
+    r"""Return the map of all real numbers into bounds, $y = l + (u - l) / (1 + e^{-x})$."""
     return Elementwise(biject_to(constraints.interval(lower, upper)))
 
 
 def unit(lower: Vector, upper: Vector) -> Elementwise:
-    r"""Map the unit cube into bounds, $y = l + (u - l)\,x$."""
+    r"""Return the map of the unit cube into bounds, $y = l + (u - l)\,x$."""
     ends = lower, upper - lower
     if _namespace(lower) is np:
         ends = jax.device_put(ends)
@@ -100,22 +100,22 @@ def unit(lower: Vector, upper: Vector) -> Elementwise:
 
 
 class Logarithms(Coordinate):
-    """Some by their logarithms, $y_i = e^{x_i}$, where a product is a straight valley."""
+    """The logarithms of chosen parameters, $y_i = e^{x_i}$: valleys of products are straight."""
 
     chosen: tuple[bool, ...] = eqx.field(static=True)
 
     def forward(self, x: Vector) -> Vector:
-        """Return the point with the chosen ones exponentiated."""
+        """Return the point with chosen coordinates exponentiated."""
         xp = _namespace(x)
         return xp.where(self._mask, xp.exp(xp.where(self._mask, x, 0.0)), x)
 
     def inverse(self, y: Vector) -> Vector:
-        """Return the point with the logarithms of the chosen ones."""
+        """Return the point with the logarithms of chosen parameters."""
         xp = _namespace(y)
         return xp.where(self._mask, xp.log(xp.where(self._mask, y, 1.0)), y)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Sum of the chosen logarithms."""
+        """Return the log determinant: the sum of the chosen logarithms."""
         return jnp.sum(jnp.where(self._mask, x, 0.0))
 
     @property
@@ -124,49 +124,49 @@ class Logarithms(Coordinate):
 
 
 class Sinh(Coordinate):
-    r"""Some by $y_i = c_i \sinh x_i$: far from zero their logarithms, of either sign.
+    r"""The map $y_i = c_i \sinh x_i$ of chosen parameters: logarithms of either sign far from zero.
 
-    Scales are those c of the chosen ones, and zero of the others, which stay as they are.
+    The scales are c for chosen parameters, and zero for the others, which do not change.
     """
 
     scale: Vector
 
     def forward(self, x: Vector) -> Vector:
-        """Return the point c sinh x."""
+        """Return the point c sinh x for chosen parameters."""
         return jnp.where(self.scale > 0, self.scale * jnp.sinh(x), x)
 
     def inverse(self, y: Vector) -> Vector:
-        """Return the point arsinh(y / c)."""
+        """Return the point arsinh(y / c) for chosen parameters."""
         xp = _namespace(y)
         scale = np.asarray(self.scale) if xp is np else self.scale
         return xp.where(scale > 0, xp.arcsinh(y / xp.where(scale > 0, scale, 1.0)), y)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Sum of log(c cosh x)."""
+        """Return the log determinant: the sum of log(c cosh x) over chosen parameters."""
         chosen = self.scale > 0
         slope = jnp.where(chosen, self.scale, 1.0) * jnp.cosh(jnp.where(chosen, x, 0.0))
         return jnp.sum(jnp.log(slope))
 
 
 class Composed(Coordinate):
-    """One change of variable after the other, the first part first."""
+    """Several changes of variable applied one after the other, the first part first."""
 
     parts: tuple[Coordinate, ...]
 
     def forward(self, x: Vector) -> Vector:
-        """Return the point after all parts."""
+        """Return the point after all changes of variable."""
         for part in self.parts:
             x = part.forward(x)
         return x
 
     def inverse(self, y: Vector) -> Vector:
-        """Return the point before all parts."""
+        """Return the point before all changes of variable."""
         for part in reversed(self.parts):
             y = part.inverse(y)
         return y
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Sum over the parts, each at the point that reaches it."""
+        """Return the sum of the parts' log determinants, each at the point that it receives."""
         total = jnp.zeros(())
         for part in self.parts:
             total = total + part.log_abs_det_jacobian(x)
@@ -175,7 +175,7 @@ class Composed(Coordinate):
 
 
 def _namespace(x: Any) -> Any:
-    """Return NumPy for NumPy arrays (nothing is compiled), otherwise JAX."""
+    """Return NumPy for NumPy arrays (nothing is compiled), otherwise JAX's NumPy."""
     return np if isinstance(x, np.ndarray) else jnp
 
 

@@ -1,4 +1,4 @@
-"""A posterior to draw from: likelihood, prior box, and the coordinates that samplers walk in."""
+"""A posterior to sample: likelihood, prior box, and the coordinates of samplers."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -17,17 +17,17 @@ from jbw.inference.space.reparametrisation import Reparametrisation
 
 Theta = Mapping[str, Float[Array, "..."]]
 LogLikelihood = Callable[[Theta, Any], Float[Array, "..."]]
-# A uniform prior in the box is a logistic distribution of the logit, of variance pi^2 / 3.
+# A uniform prior in the box is a logistic distribution of the logit, with variance pi^2 / 3.
 LOGIT_PRIOR_PRECISION = 3 / np.pi**2
 
 
 class Target(NamedTuple):
-    """A posterior to draw from, before coordinates are chosen.
+    """A posterior to sample, before its coordinates are chosen.
 
     Attributes:
-        log_likelihood: (theta, data) to independent terms [nats].
+        log_likelihood: Function of (theta, data) that returns independent terms [nats].
         box: Prior bounds.
-        data: What the likelihood takes.
+        data: Data argument of the likelihood.
         is_costly: Whether an evaluation steps through time.
     """
 
@@ -38,14 +38,14 @@ class Target(NamedTuple):
 
 
 class Problem(eqx.Module):
-    r"""A posterior to draw from, in coordinates that are composed of three changes of variable.
+    r"""A posterior to sample, in coordinates that are composed of three changes of variable.
 
     $$w \;\to\; \mathrm{logit}\ z = z_0 + L w \;\to\; u = u_{min} + \frac{u_{max} - u_{min}}
     {1 + e^{-z}} \;\to\; \theta$$
 
-    w is what most samplers walk in: any real numbers, and standard normal to second order where the
-    problem is `located` by a fit. The `outer` step, from u of bounds `lower` and `upper`, is the
-    identity, logarithms, or a ridge. The box is of theta; the likelihood gives terms [nats].
+    Most samplers use w: any real numbers, and standard normal to second order if the problem is
+    `located` by a fit. The `outer` step, from u within bounds `lower` and `upper`, is the identity,
+    logarithms, or a ridge. The box bounds theta; the likelihood returns terms [nats].
     """
 
     log_likelihood: LogLikelihood
@@ -59,20 +59,20 @@ class Problem(eqx.Module):
 
     @property
     def coordinate(self) -> Composed:
-        """From the whitened w to the parameters."""
+        """The map from the whitened w to the parameters."""
         return Composed((self.whitening, interval(self.lower, self.upper), self.outer))
 
     @property
     def unit_coordinate(self) -> Composed:
-        """From the unit cube to the parameters."""
+        """The map from the unit cube to the parameters."""
         return Composed((unit(self.lower, self.upper), self.outer))
 
     def theta(self, w: Float[Array, " parameter"]) -> dict[str, Array]:
-        """Return the parameters by name at a whitened point."""
+        """Return the parameters by name at a whitened point w."""
         return named(self.coordinate.forward(w), self.box)
 
     def log_density(self, w: Float[Array, " parameter"]) -> Float[Array, ""]:
-        """Log posterior density of w, the uniform prior normalised [nats]."""
+        """Return the log posterior density at a whitened point w [nats]."""
         return log_density(self, self.coordinate, w)
 
 
@@ -91,11 +91,11 @@ def problem_of(
 def log_density(
     problem: Problem, coordinate: Coordinate, x: Float[Array, " parameter"]
 ) -> Float[Array, ""]:
-    r"""Log posterior density of a coordinate, not divided by the evidence.
+    r"""Return the log posterior density [nats] in a coordinate, not divided by the evidence.
 
     $$\log p(x | D) = \sum_i \log L_i(\theta) + \log \pi(x)$$
 
-    by eqs. (32), (33), (35)-(37); -inf outside the box, and where a solve failed.
+    by eqs. (32), (33), (35)-(37); -inf outside the box and where a solve failed.
     """
     theta = named(coordinate.forward(x), problem.box)
     likelihood = jnp.sum(problem.log_likelihood(theta, problem.data))
@@ -106,7 +106,7 @@ def log_density(
 def log_prior(
     problem: Problem, coordinate: Coordinate, x: Float[Array, " parameter"]
 ) -> Float[Array, ""]:
-    r"""Log prior density of a coordinate, -inf outside the box of volume V.
+    r"""Return the log prior density in a coordinate; -inf outside the box of volume V.
 
     $$\log \pi(x) = -\log V + \log\left|\det \frac{\partial\theta}{\partial x}\right|$$
     """
@@ -118,7 +118,7 @@ def log_prior(
 
 def log_volume(box: Box) -> Float[Array, ""]:
     """Return the logarithm of the box's volume, in the parameters' units."""
-    xp = np if isinstance(box.lower, np.ndarray) else jnp  # of NumPy's nothing is compiled
+    xp = np if isinstance(box.lower, np.ndarray) else jnp  # NumPy compiles nothing
     return xp.sum(xp.log(box.upper - box.lower))
 
 
@@ -128,13 +128,13 @@ def laplace_whitening(
     lower: Float[Array, " parameter"],
     upper: Float[Array, " parameter"],
 ) -> Affine:
-    r"""Return whitening such that a Gaussian of this covariance about `start` is standard normal.
+    r"""Return the whitening that makes a Gaussian of this covariance at `start` standard normal.
 
     $$\Sigma_z^{-1} = J \Sigma_x^{-1} J + \tfrac{3}{\pi^2} I, \qquad J = x (1 - x), \qquad
     L L^T = \Sigma_z$$
 
-    with x the place of the start between the bounds, 0 to 1, and z its logit, of the prior's
-    precision 3 / pi^2. A centre closer to a bound than its standard deviation is moved inside.
+    with x the position of the start between the bounds, 0 to 1, and z its logit, whose prior
+    precision is 3 / pi^2. A centre closer to a bound than its standard deviation is moved inside.
     """
     low, width = np.asarray(lower), np.asarray(upper) - np.asarray(lower)
     covariance_x = np.asarray(covariance, dtype=float) / np.outer(width, width)

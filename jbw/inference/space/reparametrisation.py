@@ -15,16 +15,16 @@ from jbw.inference.space.coordinates import IDENTITY, Coordinate, Logarithms
 Theta = Mapping[str, Any]
 Covariance = Float[np.ndarray, "parameter parameter"]
 
-EDGE = 1e-6  # of the box: the logit of a start on a bound would be infinite
-CERTAIN = 3.0  # conditional standard deviations from zero: then the parameter cannot be zero
-WIDER = 10.0  # times the box's width to either side
-FLOOR = 1e-6  # of the optimum: where a lower bound of zero is put
+EDGE = 1e-6  # least distance of starts to a bound, where the logit would be infinite
+CERTAIN = 3.0  # conditional standard deviations from which a parameter cannot be zero
+WIDER = 10.0  # extension of bounds to either side over the box's width
+FLOOR = 1e-6  # lower bound over the optimum in place of zero
 
 
 class Reparametrisation(NamedTuple):
-    """The coordinates u that a posterior is sampled in, `outer` from u to the parameters.
+    """The sampling coordinates u of a posterior, with `outer` from u to the parameters.
 
-    Starts are one point, about which a Laplace covariance of u is, one a chain, or None.
+    `start` is one point with a Laplace covariance of u around it, or one point per chain, or None.
     """
 
     outer: Coordinate
@@ -37,7 +37,7 @@ class Reparametrisation(NamedTuple):
 def in_box(
     box: Box, start: Theta | None, covariance: Covariance | None, num_chains: int
 ) -> Reparametrisation:
-    """Return the parameters themselves, in their prior box; starts and covariance checked."""
+    """Return the prior box as sampling coordinates, with checked starts."""
     parametrisation = Reparametrisation(IDENTITY, box.lower, box.upper)
     if start is None:
         if covariance is not None:
@@ -80,7 +80,7 @@ def _checked_start(start: Theta, box: Box, num_chains: int) -> Float[np.ndarray,
 
 
 def never_zero(theta: Theta, covariance: Covariance, box: Box) -> tuple[str, ...]:
-    """Return the parameters to sample in logarithms: those certainly non-zero by a fit."""
+    """Return the parameters to sample in logarithms: those certainly positive by box or fit."""
     conditional = 1 / np.sqrt(np.diag(np.linalg.inv(covariance)))
     return tuple(
         name
@@ -92,10 +92,10 @@ def never_zero(theta: Theta, covariance: Covariance, box: Box) -> tuple[str, ...
 def along_logarithms(
     theta: Theta, covariance: Covariance, box: Box, names: tuple[str, ...]
 ) -> Reparametrisation:
-    """Return coordinates with some parameters in logarithms and the others unchanged.
+    """Return coordinates with some parameters as logarithms and the others unchanged.
 
-    Bounds are put ten widths of the box further out: the sampler's logit is a straight line over
-    the box, which bends no ridge. The posterior itself keeps to the prior box.
+    Bounds are ten widths of the box further out: the sampler's logit is then nearly linear over the
+    box and does not bend a ridge. The posterior itself remains within the prior box.
     """
     place = in_logarithms(theta, covariance, box, names)
     reach = WIDER * (place.upper - place.lower)

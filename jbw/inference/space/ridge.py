@@ -1,13 +1,13 @@
 r"""Coordinates along the direction that the data leave open, from wall to wall of the box.
 
-Where only a combination is known, as a product from one kernel, the posterior is a thin ridge that
-ends at the walls of the box. Along the weakest direction v of a fit, and across it,
+If only a combination is determined, such as a product from one kernel, the posterior is a thin
+ridge that ends at the walls of the box. Along the weakest direction v of a fit, and across it,
 
 $$s = s_0 + B\,w + \bigl[\tau_- + r\,(\tau_+ - \tau_-)\bigr]\,v, \qquad 0 < r < 1$$
 
-where s are the parameters that have a part in it, by their logarithms where they are positive, in
+where s are the members, the parameters that contribute to it, by their logarithms if positive, in
 units of the box, and tau_-, tau_+ is where the line through s_0 + B w meets the walls. In (w, r)
-the ridge is straight, and the wall a bound of r alone. With orthonormal columns B and v,
+the ridge is straight, and the wall is a bound of r alone. With orthonormal columns B and v,
 
 $$\left|\det \frac{\partial s}{\partial (w, r)}\right| = \tau_+ - \tau_-$$
 """
@@ -33,13 +33,13 @@ from jbw.inference.space.reparametrisation import (
 
 PART = 0.3  # least share of the ridge's largest component that makes a parameter a member
 NARROW = 1e-9  # component of the direction below which a wall is parallel to it
-MIDDLE = (0.05, 0.95)  # where along the ridge chains start, though the optimum be at a wall
+MIDDLE = (0.05, 0.95)  # range of r where chains start, even if the optimum is at a wall
 
 Member = Float[Array, " member"]
 
 
 class Ridge(Coordinate):
-    """The other parameters, then w across the ridge, then r along it.
+    """Coordinates of a ridge: the other parameters, then w across it, then r along it.
 
     Its `members` have bounds `lower` and `width`; s_0 is the `origin`, B is `across`, v is `along`.
     """
@@ -60,7 +60,7 @@ class Ridge(Coordinate):
         return self._joined(x[: len(self.others)], self.lower + s * self.width)
 
     def inverse(self, y: Vector) -> Vector:
-        """Return the point of the ridge at parameters."""
+        """Return the ridge coordinates of a point of the parameters."""
         s = (y[np.array(self.members)] - self.lower) / self.width
         w, tau = self.across.T @ (s - self.origin), self.along @ (s - self.origin)
         low, high = walls(self.origin + self.across @ w, self.along)
@@ -85,7 +85,7 @@ class Ridge(Coordinate):
 
 
 def walls(foot: Member, along: Member) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Return a line's entry and exit of the unit cube; the exit is not later if it misses."""
+    """Return where a line enters and leaves the unit cube; equal if it misses the cube."""
     parallel = jnp.abs(along) < NARROW
     slope = jnp.where(parallel, 1.0, along)
     ends = jnp.stack([(0 - foot) / slope, (1 - foot) / slope])
@@ -96,17 +96,17 @@ def walls(foot: Member, along: Member) -> tuple[Float[Array, ""], Float[Array, "
 
 
 def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) -> Reparametrisation:
-    """Return coordinates about a fit's optimum, with its least determined direction as ridge."""
+    """Return coordinates near a fit whose ridge is the least determined direction."""
     logarithms = never_zero(theta, covariance, box)
     in_logs = in_logarithms(theta, covariance, box, logarithms)
-    # Where the prior's lower bound is zero, logarithms end at a floor too low to matter.
+    # If the prior's lower bound is zero, logarithms end at a floor that is too low to matter.
     floored = np.isin(box.names, logarithms) & (np.asarray(box.lower) <= 0)
     ridge = _ridge_of(in_logs, floored)
-    # The corners of the box as seen across the ridge: beyond them no line meets the box.
+    # Project the corners of the box across the ridge: beyond them no line meets the box.
     corners = np.array(list(product((0.0, 1.0), repeat=len(ridge.members))))
     ends = (corners - np.asarray(ridge.origin)) @ np.asarray(ridge.across)
     others = np.array(ridge.others, dtype=int)
-    # Their logarithms as `along_logarithms` bounds them.
+    # Bound the logarithms of the others as `along_logarithms` does.
     reach = floored[others] * WIDER * (in_logs.upper - in_logs.lower)[others]
     return Reparametrisation(
         Composed((ridge, in_logs.outer)),
@@ -123,8 +123,8 @@ def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) ->
 def _ridge_of(in_logs: Reparametrisation, floored: NDArray[np.bool_]) -> Ridge:
     """Return the ridge along the weakest direction, in units of the box.
 
-    Its members have a part in that direction, in which logarithms down to a floor count as they
-    are: that this lies far down makes none of them small.
+    Its members contribute to that direction. Logarithms that reach down to a floor are not divided
+    by their width here, because this large width would make them look small.
     """
     lower, width = np.asarray(in_logs.lower), np.asarray(in_logs.upper - in_logs.lower)
     covariance = np.asarray(in_logs.covariance)
@@ -150,9 +150,9 @@ def _ridge_of(in_logs: Reparametrisation, floored: NDArray[np.bool_]) -> Ridge:
 def _laplace_along(
     in_logs: Reparametrisation, ridge: Ridge
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return optimum and covariance in ridge coordinates, linear about the optimum.
+    """Return optimum and covariance in ridge coordinates, linearised at the optimum.
 
-    Chains start away from the walls, and with no more than the width of a uniform r.
+    Chains start away from the walls, with at most the width of a uniform r.
     """
     low, high = (float(wall) for wall in walls(ridge.origin, ridge.along))
     length = max(high - low, NARROW)  # zero for an optimum in a corner

@@ -1,16 +1,16 @@
 r"""Prior densities that a campaign states, in addition to the uniform prior of the box.
 
-A parameter with a stated density $\pi$ keeps a box, whose bounds [l, u] hold all of the density
-but a negligible tail. Its posterior is that of the box with one more term,
+A parameter with a stated density $\pi$ keeps a box, whose bounds [l, u] contain all of the density
+except a negligible tail. Its posterior is that of the box with one more term,
 
 $$\log \pi(\theta) + \log(u - l)$$
 
-so that every sampler and every evidence takes it as it takes a test. Least squares takes the
+which every sampler and every evidence treats like the term of a test. Least squares use the
 standard normal score, whose square is that of a measurement of the same weight:
 
 $$r = \Phi^{-1}(F(\theta))$$
 
-with F the distribution function; for a normal density it is (theta - mean) / deviation.
+with F the distribution function. For a normal density it is (theta - mean) / deviation.
 """
 
 from collections.abc import Mapping
@@ -27,18 +27,18 @@ from scipy.optimize import brentq
 from jbw.inference.density import TAIL, Density
 from jbw.inference.space.box import Box, bounds_by_name, box, prior_std
 
-NUM_POINTS = 4001  # of a density that falls to 4e-6 of its peak at the ends: moments to 1e-6
-WIDEST = 20.0  # logarithm of the ratio of a bound to the middle of the widest box
+NUM_POINTS = 4001  # points of a density; give its moments to 1e-6
+WIDEST = 20.0  # log of the ratio of a bound to the middle of the widest box
 
 
 class StatedDensities(eqx.Module):
-    """Densities by name of the parameter, with the bounds of their boxes.
+    """Stated prior densities by parameter name, with the bounds of their boxes.
 
     Attributes:
-        names: Parameters that have one.
-        distributions: NumPyro's distribution of each.
-        log_width: Logarithm of the width of each one's box.
-        texts: Each as a campaign file states it.
+        names: Parameters with a stated density.
+        distributions: NumPyro distribution of each.
+        log_width: Logarithm of the width of each density's box.
+        texts: Text of each density in a campaign file.
     """
 
     names: tuple[str, ...] = eqx.field(static=True, default=())
@@ -48,7 +48,7 @@ class StatedDensities(eqx.Module):
 
     @classmethod
     def of(cls, prior: Mapping[str, Any]) -> "StatedDensities":
-        """Collect a campaign's priors that are densities rather than only bounds."""
+        """Collect a campaign's priors that are densities and not only bounds."""
         stated = {name: stated for name, stated in prior.items() if isinstance(stated, Density)}
         return cls(
             tuple(stated),
@@ -59,7 +59,7 @@ class StatedDensities(eqx.Module):
 
 
 def distributions_of(box: Box, stated: StatedDensities) -> dict[str, Any]:
-    """Return NumPyro's distribution per parameter of a box, uniform unless one is stated."""
+    """Return the NumPyro distribution of each parameter of a box, uniform unless one is stated."""
     densities = dict(zip(stated.names, stated.distributions, strict=True))
     return {
         name: densities.get(name, Uniform(low, high))
@@ -68,9 +68,9 @@ def distributions_of(box: Box, stated: StatedDensities) -> dict[str, Any]:
 
 
 def log_over_uniform(theta: Mapping[str, Any], stated: StatedDensities) -> Float[Array, " density"]:
-    r"""Return the terms $\log \pi(\theta) + \log(u - l)$ [nats], in the order of the names.
+    r"""Return the log density terms $\log \pi(\theta) + \log(u - l)$ of stated priors [nats].
 
-    Zero of a parameter that a nested model lacks.
+    The terms are in the order of the names. A term is zero if a nested model lacks the parameter.
     """
     triples = zip(stated.names, stated.distributions, stated.log_width, strict=True)
     terms = [
@@ -83,7 +83,7 @@ def log_over_uniform(theta: Mapping[str, Any], stated: StatedDensities) -> Float
 def standard_scores(
     theta: Mapping[str, Any], stated: StatedDensities
 ) -> dict[str, Float[Array, "1"]]:
-    r"""Return scores $\Phi^{-1}(F(\theta))$ by name; zero for parameters that a model lacks."""
+    r"""Return the normal scores $\Phi^{-1}(F(\theta))$ of stated priors, by parameter name."""
     pairs = zip(stated.names, stated.distributions, strict=True)
     return {
         name: jnp.atleast_1d(_score(density, theta[name]) if name in theta else jnp.zeros(()))
@@ -98,8 +98,8 @@ def _score(density: Any, value: Any) -> Float[Array, ""]:
 def as_wide(prior: Box, stated: StatedDensities) -> Box:
     """Return the box in which a uniform prior is as wide as each stated density.
 
-    As wide in the logarithm where the box is positive, otherwise in the parameter itself; what
-    compares a posterior with its prior compares it with this box.
+    Widths are compared in the logarithm if the box is positive, otherwise in the parameter itself.
+    Comparisons of a posterior with its prior use this box.
     """
     bounds = bounds_by_name(prior)
     for name, distribution in zip(stated.names, stated.distributions, strict=True):
@@ -114,14 +114,14 @@ def _uniform_of_width(distribution: Any, lower: float, upper: float) -> tuple[fl
     grid = np.linspace(ends[0], ends[1], NUM_POINTS)
     values = np.exp(grid) if is_log else grid
     weight = np.exp(np.asarray(distribution.log_prob(values))) * (values if is_log else 1.0)
-    weight[~np.isfinite(weight)] = 0.0  # an end at which a density has a pole
+    weight[~np.isfinite(weight)] = 0.0  # the density may have a pole at an end
     weight /= np.sum(weight)
     mean = float(weight @ grid)
     std = float(np.sqrt(weight @ (grid - mean) ** 2))
     if not is_log:
         return mean - np.sqrt(3) * std, mean + np.sqrt(3) * std
 
-    # A uniform density has a logarithm of at most one standard deviation.
+    # The logarithm of a uniform density has a standard deviation of at most one.
     def excess(log_r: float) -> float:
         return prior_std(np.exp(-log_r), np.exp(log_r)) - std
 

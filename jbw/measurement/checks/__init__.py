@@ -1,1 +1,1 @@
-"""Checks of records against what is said of them: one file a property or a kind of test."""
+"""Checks of records against their description: one file per property or kind of test."""

@@ -1,4 +1,4 @@
-"""Checks of every channel after reading: each finds one fault and says what to do about it."""
+"""Checks of every channel after reading: each finds one fault and says how to remedy it."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -12,31 +12,34 @@ from jbw.measurement.records import RESPONSES, Record
 from jbw.measurement.spans import exclude_line, kept_part, span_line, start_of
 from jbw.report.messages import record_faults as messages
 
-LARGEST = 1e12  # beyond any SI value of a vibration test: what a flipped bit in a float makes
-FOLDS = 4  # turns of the frequency along a curve: more are lines out of order
-CLIP_RUN = 3  # equal samples at the extreme, in a row
-BEYOND_NOISE = 4.0  # standard deviations of the noise, that no flat peak falls by chance
-FLATTENED = 2.0  # standard deviations of the noise, by which a crest of equal samples is higher
-NO_CHANCE = 6  # samples of a flat peak, that noise does not make
-NEAR_TOP = 8.0  # converter steps below an extreme, in which unclipped peaks would lie too
-SAME = 1e-9  # of the range: values that round-off alone tells apart
-MORE_OFTEN = 2.0  # samples at both extremes over those at any two levels
-PILED = 3  # samples at the extremes beyond one each and those next to them
-HELD_RUN = 4  # equal samples in a row amid others that change: a recorder filled them in
-CHANCE = 1e-6  # that equal samples of a converter of few bits are taken for filled ones
-FALL = 8.0  # converter steps to a neighbour, beyond what a slow signal makes
-FAR = 10.0  # ranges of all other samples: where a logger writes its word for a lost sample
-CLIPPED_SHARE = 1e-3  # of the samples: above it a sweep cannot be fitted
+# Beyond any SI value of a vibration test: a flipped bit in a float makes such values.
+LARGEST = 1e12
+FOLDS = 4  # turns of the frequency along a curve; more turns mean that lines are out of order
+CLIP_RUN = 3  # consecutive equal samples at the extreme
+BEYOND_NOISE = 4.0  # standard deviations of the noise that a flat peak does not fall by chance
+FLATTENED = 2.0  # standard deviations of the noise by which a flattened crest may be higher
+NO_CHANCE = 6  # equal samples of a flat peak that noise does not produce
+# Converter steps below an extreme, where peaks of an unclipped signal would also lie.
+NEAR_TOP = 8.0
+SAME = 1e-9  # relative to the range: closer values differ only by round-off
+MORE_OFTEN = 2.0  # number of samples at both extremes over the number at any two levels
+PILED = 3  # samples at the extremes, beyond one each and beyond the number of samples near them
+HELD_RUN = 4  # consecutive equal samples in a changing signal: the recorder filled them in
+CHANCE = 1e-6  # probability of mistaking equal samples of a coarse converter for filled ones
+FALL = 8.0  # converter steps to a neighbouring sample, more than a slow signal makes
+FAR = 10.0  # ranges of all other samples: a logger's code for a lost sample lies that far away
+CLIPPED_SHARE = 1e-3  # largest share of clipped samples with which a sweep can be fitted
 FEWEST_LEVELS = 256  # distinct values: 8 bits
-FEW_SOURCE_LEVELS = 16  # a source of few levels is a pulse train, not a clipped signal
-LEVELS_FROM = 2**20  # samples looked at to count levels; sorting a huge record is slow
+FEW_SOURCE_LEVELS = 16  # a source of fewer levels is a pulse train, not a clipped signal
+LEVELS_FROM = 2**20  # samples used to count levels, because sorting a huge record is slow
 PLAUSIBLE = {"displacement": 0.5, "velocity": 20.0, "acceleration": 2e4}  # [m], [m/s], [m/s^2]
 GUESS = {"displacement": "mm or um", "velocity": "mm/s or um/s", "acceleration": "mm/s^2"}
 
 
 def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> tuple[Fault, ...]:
-    """Return all faults that the checks find, errors first; `masked` samples may be NaN."""
-    # `is_curve` tells whether frequencies, where there are any, are the lines of a curve.
+    """Return all faults that the checks find in a record, errors first."""
+    # With `masked`, samples may be NaN. `is_curve` tells whether a frequency channel holds the
+    # lines of a curve.
     faults, lengths = [], {role: len(x) for role, x in record.channels.items()}
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"`{role}` has {n}" for role, n in lengths.items())
@@ -49,7 +52,7 @@ def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> t
 
 
 def _channel(record: Record, role: str, masked: bool) -> Iterator[Fault]:
-    """Yield the checks of one channel; whatever makes its numbers meaningless ends them."""
+    """Yield the faults of one channel; stop after a fault that makes its numbers meaningless."""
     x = record.channels[role]
     # NaN passes through min and max, which need no copy of a long record.
     if len(x) and not np.isfinite([x.min(), x.max()]).all():
@@ -82,7 +85,7 @@ def _ordered(record: Record) -> Iterator[Fault]:
     if not (np.all(freq > 0) and (np.all(steps > 0) or np.all(steps < 0))):
         turns = np.count_nonzero(np.diff(np.sign(steps)))
         back = min(np.count_nonzero(steps < 0), np.count_nonzero(steps > 0))
-        # One step back alone is a line out of place.
+        # A single step back is one line out of place, not a folded curve.
         is_curve = np.all(freq > 0) and turns <= FOLDS and back > 1
         is_folded = is_curve and "force" in record.channels
         yield refusal("frequency", *(messages.FOLDED if is_folded else messages.UNORDERED))
@@ -103,7 +106,7 @@ def _signal(record: Record, role: str) -> Iterator[Fault]:
         return
     is_measured = role in RESPONSES or role == "restoring_force"
     each, first = held_for(x) if is_measured else (1, 0)
-    if each > 1:  # what else is wrong shows in the values that it had
+    if each > 1:  # other faults show in the values without their repetitions
         yield doubt(role, *messages.held(each, record.fs / each))
         thinned = replace(record, fs=record.fs / each, channels={role: x[first::each]})
         yield from _signal(thinned, role)
@@ -121,7 +124,7 @@ def _signal(record: Record, role: str) -> Iterator[Fault]:
 
 
 def _lost(record: Record, role: str) -> Iterator[Fault]:
-    """Refuse samples at one value far from all others, as a logger's -9999 for lost samples."""
+    """Report samples at one value far from all others, as a logger's -9999 for lost samples."""
     x = record.channels[role]
     ends = float(x.min()), float(x.max())
     others = x[(x > ends[0]) & (x < ends[1])]
@@ -130,7 +133,7 @@ def _lost(record: Record, role: str) -> Iterator[Fault]:
     low, high = float(others.min()), float(others.max())
     for end, away in zip(ends, (low - ends[0], ends[1] - high), strict=True):
         at = np.flatnonzero(x == end)
-        # One sample of a source alone may be a pulse.
+        # A single such sample of a source may be a pulse.
         if away > FAR * (high - low) and (len(at) > 1 or role in RESPONSES):
             first, remedy = at[0] / record.fs, kept_part(record, x == end)
             fault_text = messages.lost_samples(len(at), len(x), end, first, (low, high), remedy)
@@ -138,7 +141,7 @@ def _lost(record: Record, role: str) -> Iterator[Fault]:
 
 
 def _clipped(record: Record, role: str, levels: Reals) -> Iterator[Fault]:
-    """Report runs of three or more samples clipped at an extreme, or peaks that pile up."""
+    """Report samples clipped at an extreme: runs of three or more, or peaks that pile up there."""
     x, fs = record.channels[role], record.fs
     step, noise, runs = float(np.diff(levels).min()), noise_of(x), []
     shortest = 1 if role in RESPONSES and _piles_up(x, step) else CLIP_RUN
@@ -164,12 +167,12 @@ def _clipped(record: Record, role: str, levels: Reals) -> Iterator[Fault]:
 
 
 def _is_no_crest(x: Reals, start: int, stop: int, step: float, noise: float) -> bool:
-    r"""Return whether a flat peak is none that a smooth signal has by rounding or by noise.
+    r"""Return whether a flat peak is too flat to be the crest of a smooth, rounded, noisy signal.
 
-    A parabola that is within one step of a converter for n samples is, n samples farther, lower by
-    $((3n - 1) / (n - 1))^2$ steps at most, and rounding adds one; noise flattens a sharper one.
-    Noise of more than a step makes no six samples equal. Of less than three samples, which pile up,
-    all count.
+    A parabola that stays within one converter step for n samples is lower, n samples further, by at
+    most $((3n - 1) / (n - 1))^2$ steps; rounding adds one step, and noise flattens a sharper crest.
+    Noise larger than a step makes no six samples equal. A peak of fewer than three samples, of
+    those that pile up, always counts.
     """
     size = stop - start
     by = size if size >= CLIP_RUN else 1
@@ -184,10 +187,10 @@ def _is_no_crest(x: Reals, start: int, stop: int, step: float, noise: float) -> 
 
 
 def _piles_up(x: Reals, step: float) -> bool:
-    """Return whether single peaks end at one value more often than chance lets them.
+    """Return whether single peaks end at the same extreme value more often than by chance.
 
-    A steady sine comes near its crest more often than to it, and a record that repeats itself does
-    so at every level.
+    A steady sine has more samples near its crest than on it, and a record that repeats itself has
+    equal samples at every level.
     """
     ends = beyond = 0
     for depth in (x.max() - x, x - x.min()):
@@ -197,31 +200,34 @@ def _piles_up(x: Reals, step: float) -> bool:
     if beyond < PILED:
         return False
     span, middle = np.ptp(x), (x.max() + x.min()) / 2
-    some = x[np.abs(x - middle) > span / 4][:LEVELS_FROM]  # of a quiet end few levels are many
-    levels = np.unique(np.round(some / (SAME * span)))  # but for round-off
+    # Without the quiet end of a record, which has few levels.
+    some = x[np.abs(x - middle) > span / 4][:LEVELS_FROM]
+    # Values that differ only by round-off count as one level.
+    levels = np.unique(np.round(some / (SAME * span)))
     return bool(ends > 2 * MORE_OFTEN * len(some) / len(levels))
 
 
 def _filled(record: Record, role: str, step: float) -> Iterator[Fault]:
-    """Report runs of equal samples within a moving response: blocks that a recorder lost.
+    """Report runs of equal samples within a moving response: blocks that the recorder lost.
 
-    A force that stays where it is, as that of a slider, is no lost block.
+    A constant force, such as that of a slider, is not a lost block.
     """
     x, fs = record.channels[role], record.fs
-    changes = np.flatnonzero(np.diff(x)) + 1  # first samples of runs, but for the record's own
+    # First sample of each run, except of the first run of the record.
+    changes = np.flatnonzero(np.diff(x)) + 1
     starts, stops = changes, np.append(changes[1:], len(x))
-    # Of n runs, chance makes n p^(length - 1) as long, p of which hold a second sample.
+    # Chance makes n p^(length - 1) of n runs as long, where p is the share of runs of two or more.
     chance_of_repeat = min(np.mean(stops - starts > 1), 1 - 1e-9)
     by_chance = 1 + np.log(CHANCE / len(x)) / np.log(max(chance_of_repeat, CHANCE))
     long = stops - starts >= max(HELD_RUN, by_chance)
     gaps = []
     for start, stop in zip(starts[long].tolist(), stops[long].tolist(), strict=True):
-        if x[start] in (x.max(), x.min()):  # clipped, and told so
+        if x[start] in (x.max(), x.min()):  # clipped samples are reported elsewhere
             continue
         before = abs(x[start] - x[start - 1])
         after = abs(x[stop] - x[start]) if stop < len(x) else before
         around = x[max(0, start - max(stop - start, 2 * HELD_RUN)) : start]
-        # A block of zeros falls out on both sides; one that holds the last value on one.
+        # A block of zeros jumps at both ends; a block that repeats the last value, at one end.
         if min(before, after) > FALL * step or (
             role in RESPONSES
             and stop < len(x)

@@ -1,4 +1,4 @@
-"""Whether the points of a controlled test can be what they are said to be: sign, phase, branch."""
+"""Checks of the points of a controlled test: sign of the phase, held phase and branch jumps."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -14,23 +14,25 @@ from jbw.report.messages import controlled_faults as messages
 
 FEWEST_POINTS = 3
 LISTED = 8  # points named in a message
-JUMP = 0.3  # of log amplitude from one point to the next, at least: by a third
-SHIFT = 0.01  # of the frequency of a backbone from one point to the next, at least
-TIMES = 8.0  # the median step, for one that jumps
-TURN = np.radians(20.0)  # by which the phase jumps too, where it is known
-SAME = 1e-6  # of a frequency: points of one S-curve
+JUMP = 0.3  # smallest jump of log amplitude between neighbouring points: about a third
+SHIFT = 0.01  # smallest relative jump of a backbone's frequency between neighbouring points
+TIMES = 8.0  # multiple of the median step from which a step counts as a jump
+# [rad], smallest simultaneous jump of the phase, where the phase is measured.
+TURN = np.radians(20.0)
+SAME = 1e-6  # relative difference of frequency below which points belong to one S-curve
 
 
 class Control(NamedTuple):
-    """The settings of a controller's check: the phase to hold, its tolerance, reports of jumps."""
+    """The settings of the check of a controller: phase to hold, tolerance, reports of jumps."""
 
-    locked_phase: float | None  # of the displacement to the force [deg]; None where it is not held
-    tolerance: float = 5.0  # of a measured phase about it [deg]
+    # Phase of the displacement relative to the force to hold [deg]; None if no phase is held.
+    locked_phase: float | None
+    tolerance: float = 5.0  # largest deviation of a measured phase from `locked_phase` [deg]
     names_jumps: bool = True
 
 
 def uncontrolled(record: Record, control: Control) -> Iterator[Fault]:
-    """Refuse too few points and amplitudes below zero; report doubtful phases, branches."""
+    """Report too few points, values that are not positive, and doubtful phases or branches."""
     role, lines = record.response, record.valid
     channels = {name: samples[lines] for name, samples in record.channels.items()}
     for name in ("frequency", *INPUTS):
@@ -54,10 +56,10 @@ def uncontrolled(record: Record, control: Control) -> Iterator[Fault]:
 
 
 def _turned(role: str, curve: ControlledCurve) -> Fault:
-    """Return the doubt that a displacement leads the force, which then takes energy out."""
+    """Return a warning that the displacement leads the force, which would then extract energy."""
     phase = np.zeros(1) if curve.phase is None else curve.phase
     lowest = np.argsort(curve.freq_hz)[: max(1, len(curve.freq_hz) // 4)]
-    # Far below the resonance a displacement goes with its force: turned over, it goes against it.
+    # Far below the resonance a displacement is in phase with its force; a sign error inverts it.
     over = np.mean(np.cos(phase[lowest])) < -0.5
     remedy = messages.PUT_CONJUGATE
     if over:
@@ -68,7 +70,7 @@ def _turned(role: str, curve: ControlledCurve) -> Fault:
 def _off_phase(
     role: str, phase: Reals, numbers: NDArray[np.intp], control: Control
 ) -> Iterator[Fault]:
-    """Yield the doubt that a controller missed the phase that it was to hold."""
+    """Yield a warning if a controller missed the phase that it was to hold."""
     held = control.locked_phase or 0.0
     error = np.degrees(np.angle(np.exp(1j * (phase - np.radians(held)))))
     off = np.abs(error) > control.tolerance
@@ -86,7 +88,7 @@ def _off_phase(
 def _jumps(
     role: str, curve: ControlledCurve, numbers: NDArray[np.intp], *, is_locked: bool
 ) -> Iterator[Fault]:
-    """Yield the doubt that the motion jumped to another branch from one point to the next."""
+    """Yield a warning if the motion jumped to another branch between neighbouring points."""
     steps = _steps_apart(curve, is_locked=is_locked)
     if not steps.any():
         return
@@ -101,13 +103,14 @@ def _jumps(
 
 
 def _steps_apart(curve: ControlledCurve, *, is_locked: bool) -> np.ndarray:
-    """Return a mask of steps between points that are far longer than the other steps."""
+    """Return a mask of the steps between neighbouring points that are far longer than usual."""
     moved = np.abs(np.diff(np.log(curve.freq_hz)))
     if is_locked:
         return moved > max(SHIFT, TIMES * float(np.median(moved)))
     grown = np.abs(np.diff(np.log(curve.amplitude)))
     within = np.ones(len(grown), bool)
-    if np.mean(moved < SAME) > 0.5:  # S-curves, one behind the other: the next begins anew
+    # Several S-curves in sequence: a step to the next curve is no jump.
+    if np.mean(moved < SAME) > 0.5:
         within = moved < SAME
     usual = float(np.median(grown[within]))
     apart = within & (grown > max(JUMP, TIMES * usual))

@@ -1,12 +1,12 @@
-r"""Whether the noise of a measured drive makes more error at a resonance than the response's own.
+r"""Check whether noise of a measured drive makes more error at a resonance than response noise.
 
-A fit takes the drive as it was measured. White noise of that channel passes the resonance and
-stands in the predicted response as an error that no residual shows to be one, as narrow as the
-resonance, over the noise of the response's channel,
+A fit takes the measured drive as exact. White noise of the drive channel passes the resonance and
+appears in the predicted response as an error that no residual reveals, as narrow as the resonance.
+Its ratio to the noise of the response's channel is
 
 $$r = |H|^2_{max}\, S_u / S_y$$
 
-Two repeats tell both noises by their difference on the lines that the drive leaves empty.
+Two repeats determine both noises from their difference on lines that the drive does not excite.
 """
 
 from collections.abc import Iterator
@@ -18,16 +18,17 @@ from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.records import INPUTS, Record
 from jbw.report.messages import record_faults as messages
 
-EMPTY = 0.1  # of the largest line of the drive: lines below it are not driven
-FEWEST_EMPTY = 32  # lines that a median is taken of
-HALF = 0.5  # of the largest power: the lines of the resonance
-MEASURED = 0.5  # of what the drive's noise would make of the response, if the structure felt it
-ONE_DRIVE = 0.1  # of the drive's power: repeats that differ by more had no drive in common
-MORE = 1.0  # r from which the noise is named
+EMPTY = 0.1  # share of the drive's largest line below which a line counts as not driven
+FEWEST_EMPTY = 32  # smallest number of lines for a median
+HALF = 0.5  # share of the largest power above which lines belong to the resonance
+# Share of the drive noise in the response above which the structure must have felt it.
+MEASURED = 0.5
+ONE_DRIVE = 0.1  # share of the drive's power by which drives of two repeats may differ
+MORE = 1.0  # smallest ratio r that is reported
 
 
 def noisy_drive(first: Record, second: Record) -> Iterator[Fault]:
-    """Yield the doubt that the drive of two repeats was measured too roughly."""
+    """Yield a warning if the drive of two repeats was measured with too much noise."""
     if not set(INPUTS) & first.channels.keys():
         return
     role, y = first.source, first.response
@@ -42,10 +43,11 @@ def noisy_drive(first: Record, second: Record) -> Iterator[Fault]:
 
 
 def passed_on(u: Reals, y: Reals) -> float:
-    """Return the ratio r of two repeats of drive and response, (repeat, time).
+    """Return the ratio r of drive noise to response noise from two repeats, shape (repeat, time).
 
-    Zero where the drives are not one, where they leave too few lines empty, and where the response
-    moved with what differs in the drive, which is no noise of its channel then.
+    The ratio is zero in three cases: the drives of the repeats differ; they leave too few lines
+    without excitation; or the response followed the difference of the drives, which is then a real
+    force and no noise of the drive's channel.
     """
     if np.mean((u[1] - u[0]) ** 2) > ONE_DRIVE * np.mean(u**2):
         return 0.0

@@ -1,4 +1,4 @@
-"""A fault of a record: what it is, why it matters, what to do; faults of several records as one."""
+"""The faults of records: finding, reason and remedy of each, and the merging of similar faults."""
 
 import re
 import warnings
@@ -15,14 +15,14 @@ NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing wrong, or doubtful, in one channel."""
+    """One error or doubt in one channel of a record."""
 
-    severity: str  # `error` when the record cannot be used, `warning` when it is doubtful
-    channel: str  # the role it was found in
+    severity: str  # `error` if the record cannot be used, `warning` if it is doubtful
+    channel: str  # role of the channel in which the fault was found
     what: str  # what was found, with numbers
     why: str = ""  # why it matters
     remedy: str = ""  # what to do
-    # Frequency [Hz] and damping ratio that a remedy leaves; None where nothing tells them.
+    # Frequency [Hz] and damping ratio after the remedy; None where they cannot be determined.
     leaves: tuple[float, float] | None = None
 
 
@@ -30,9 +30,9 @@ refusal, doubt = partial(Fault, "error"), partial(Fault, "warning")
 
 
 def gathered(named_faults: Iterable[tuple[str, Fault]], count: int) -> list[Fault]:
-    """Merge faults of `count` records by name: doubts that differ only in numbers become one.
+    """Merge faults of `count` records: doubts that differ only in their numbers become one fault.
 
-    It says of how many records, and from where to where the numbers reach.
+    A merged fault says how many records it concerns and the range of its numbers.
     """
     by_pattern: dict[tuple[str, ...], list[tuple[str, Fault]]] = {}
     for name, fault in named_faults:
@@ -43,7 +43,7 @@ def gathered(named_faults: Iterable[tuple[str, Fault]], count: int) -> list[Faul
 
 
 def _of_one_record(fault: Fault) -> bool:
-    """Return whether a fault is cured record by record, and not by a key of its whole test."""
+    """Return whether a fault is remedied record by record, not by one key of the whole test."""
     of_test = "Put under [[test]]" in fault.remedy or LEAVES_OUT.search(fault.remedy)
     return fault.severity == "error" and not of_test
 
@@ -61,7 +61,7 @@ def told_together(test: str, count: int) -> Iterator[None]:
 
 def _together(faults: Sequence[tuple[str, Fault]], count: int) -> Fault:
     (name, first), *others = faults
-    # Of a key that all records share the value is told that serves every one.
+    # If one key serves all records, give the value that suits every record.
     remedies = [fault.remedy for _, fault in faults]
     leaves_out = LEAVES_OUT.search(first.remedy)
     remedy = of_all(remedies, count) if leaves_out else max(remedies, key=_numbers)
@@ -79,11 +79,11 @@ def _numbers(text: str) -> list[float]:
 
 
 def _reach(numbers: Sequence[str]) -> str:
-    """Return the least to the largest of numbers as they were written."""
+    """Return the range of the numbers as text, in the notation in which they were given."""
     least, most = min(numbers, key=float), max(numbers, key=float)
     return least if float(least) == float(most) else f"{least} to {most}"
 
 
 def worst(faults: Iterable[Fault]) -> str:
-    """Return `error`, `warning` or `ok`: the worst of the faults."""
+    """Return `error`, `warning` or `ok`: the worst severity among the faults."""
     return min((fault.severity for fault in faults), default="ok")

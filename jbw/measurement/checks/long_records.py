@@ -1,4 +1,4 @@
-"""Records that are longer or finer than what they show: what cutting or decimating would save."""
+"""Records that are longer or finer than needed: what cutting or decimating would save."""
 
 from collections.abc import Iterator
 
@@ -10,25 +10,26 @@ from jbw.measurement.spans import span_line, start_of
 from jbw.measurement.spectra import strongest_line
 from jbw.report.messages import reading as messages
 
-LONG = 60_000  # samples from where on a fit takes minutes
-DRIFTS = 8  # cycles in a record: what has fewer is a drift
-STILL = 0.005  # of the largest response: below it a structure rests
-SPARED = 0.1  # of the samples, from which a cut is worth proposing
-PER_CYCLE = 64  # samples of the strongest frequency that are plenty
+LONG = 60_000  # samples from which a fit takes minutes
+DRIFTS = 8  # cycles in a record: motion of fewer cycles is a drift
+STILL = 0.005  # share of the largest response below which a structure is at rest
+SPARED = 0.1  # smallest saved share of the samples that is worth a proposal
+PER_CYCLE = 64  # samples per cycle of the strongest frequency that are plenty
 
 
 def long_records(name: str, traits: Kind, record: Record) -> Iterator[str]:
     """Propose a shorter span and a lower sampling frequency for a long record of samples.
 
-    Samples of rest at either end are cut by `span`, and a rate of more than 64 samples a cycle of
-    the strongest frequency is lowered by exporting again. A fit solves every sample, so that its
-    time falls with their number. `name` and `traits` are the test's.
+    `span` cuts samples of rest at either end; a new export lowers a rate of more than 64 samples
+    per cycle of the strongest frequency. The time of a fit falls with the number of samples.
+    `name` and `traits` belong to the test.
     """
     total = record.num_samples
     if total < LONG or traits.is_curve or traits.is_broadband:
         return
     response = np.nan_to_num(record.channels[record.response])
-    response = response - np.median(response)  # the level at rest, where most of a record rests
+    # The level at rest, provided that most of the record is at rest.
+    response = response - np.median(response)
     size = np.abs(response)
     moving = np.flatnonzero(size > STILL * size.max())
     if not len(moving):
@@ -37,7 +38,7 @@ def long_records(name: str, traits: Kind, record: Record) -> Iterator[str]:
     span_length = last - first + 1
     proposals = []
     if total - span_length > SPARED * total:
-        # Outwards to a hundredth of the record or less, a power of ten.
+        # Round outwards to a power of ten of at most a hundredth of the record.
         step = 10.0 ** np.floor(np.log10(total / record.fs / 100))
         ends = (
             float(f"{np.floor(first / record.fs / step) * step:.12g}"),

@@ -1,8 +1,8 @@
-r"""The features of force loops under a prescribed displacement that a law may lack.
+r"""Features of force loops under prescribed displacement that a law may lack.
 
-A joint that is stronger to one side. Free travel: each stroke becomes stiffer to its
-end, where slip alone makes it softer, and the mean of both strokes at each displacement has kinks,
-by the better of
+The first is a joint that is stronger to one side. The second is free travel: each stroke becomes
+stiffer towards its end, where slip alone makes it softer, and the mean of both strokes at each
+displacement has kinks. The mean is fitted by the best of
 
 $$a + b\,y + c\,y^3, \quad a + b\,y + c\,y^5, \quad
   a + b\,y + c\,\mathrm{sgn}(y)\,(|y| - g)_+$$
@@ -18,18 +18,18 @@ from jbw.measurement.curves import ForcedLoop
 from jbw.measurement.loops import cycles_of, lopsided
 from jbw.report.messages import loop_faults as messages
 
-LOPSIDED = 0.25  # difference of the forces of both sides over their sum
-FREE = ("gap_series", "stop")  # laws that have contacts
-POINTS = 40  # of the mean of both strokes
-END = POINTS // 8  # of a stroke's values, over which a slope is read
-TWICE = 1.5  # slope at the end of a stroke over the least one, from where on it stiffens
-STIFFER = 1.0  # in contact, over what holds in the free travel: less is no gap
+LOPSIDED = 0.25  # difference of the peak forces of both sides over their sum
+FREE = ("gap_series", "stop")  # laws with contacts
+POINTS = 40  # number of points on the mean of both strokes
+END = POINTS // 8  # values at the end of a stroke over which its slope is read
+TWICE = 1.5  # slope at the end of a stroke over its smallest slope, from which the stroke stiffens
+STIFFER = 1.0  # contact stiffness over stiffness in the free travel; a smaller ratio is no gap
 GAPS = np.linspace(0.04, 0.9, 44)  # half the free travel over the amplitude
-BETTER = 0.4  # of the squares that a smooth spring leaves
+BETTER = 0.4  # largest residual sum of squares with a gap, over that of a smooth spring
 
 
 def one_sided(loop: ForcedLoop) -> Iterator[Fault]:
-    """Yield the doubt that a joint is stronger to one side than to the other."""
+    """Yield a warning if a joint is stronger to one side than to the other."""
     side = lopsided(loop)
     if abs(side) > LOPSIDED:
         ratio = (1 + abs(side)) / (1 - abs(side))
@@ -37,7 +37,7 @@ def one_sided(loop: ForcedLoop) -> Iterator[Fault]:
 
 
 def travels_freely(loop: ForcedLoop, laws: Sequence[str]) -> Iterator[Fault]:
-    """Yield the doubt that a joint has free travel between two contacts, and its laws have none."""
+    """Yield a warning if a joint has free travel between two contacts but its laws have none."""
     cycles = cycles_of(loop)
     if not cycles or set(laws) & set(FREE):
         return
@@ -78,6 +78,6 @@ def _gap_of(y: Reals, force: Reals) -> float | None:
 
 
 def _stiffens(stroke: Reals) -> bool:
-    """Return whether the force along a stroke, at even steps of motion, is steeper at its end."""
+    """Return whether a stroke (force at even steps of displacement) stiffens towards its end."""
     slopes = stroke[END:] - stroke[:-END]
     return bool(slopes[-1] > TWICE * np.min(slopes[:-END]))

@@ -1,4 +1,4 @@
-"""Whether a record of broad-band excitation can be what its campaign file says it is."""
+"""Checks whether a record of broad-band excitation can be what its campaign file states."""
 
 import warnings
 from collections.abc import Iterator
@@ -14,21 +14,21 @@ from jbw.measurement.records import INPUTS, Record
 from jbw.measurement.spectra import FRF, frf, half_power_bandwidth, stands_out
 from jbw.report.messages import record_faults as messages
 
-LOOKED_AT = 2**21  # samples; a stationary record shows its faults in them
-SEGMENTS = 8  # of the spectra: coarse, but a resonance still stands out
-LONGEST = 4  # windows in a record at the least, for the finest look at the resonance
-FLOOR = 1e-4  # of the largest density: lines below it are outside the excitation
-CLEAR = 4.0  # times the median of the band: a resonance in it
-PEAKED = 10.0  # times more peaked than the response: an input that looks like a response
-RESOLVED = 1.5  # times the window's own width; a narrower peak shows the window, T 2 zeta f_n < 2
+LOOKED_AT = 2**21  # samples used; a stationary record shows its faults in them
+SEGMENTS = 8  # number of segments: few, but a resonance still stands out of the spectra
+LONGEST = 4  # segments at the finest resolution of the resonance
+FLOOR = 1e-4  # share of the largest density below which lines are outside the excitation
+CLEAR = 4.0  # times the median of the band: a peak above it is a resonance in the band
+PEAKED = 10.0  # times more peaked than the response: such an input looks like a response
+RESOLVED = 1.5  # window widths; a narrower peak shows the window itself, T 2 zeta f_n < 2
 LOW_COHERENCE = 0.5  # median over the lines that carry the response
-MASS_FACTOR = 3.0  # between the modal mass seen and the one given; more is a wrong unit
+MASS_FACTOR = 3.0  # between estimated and stated modal mass; more means a wrong unit
 
 
 def doubts(
     record: Record, band_hz: tuple[float, float] | None, delay: float, per_unit: float | None
 ) -> Iterator[Fault]:
-    """Report doubts on a noise or multisine record: fs, band, channels, length, size, sign."""
+    """Report doubts about a noise or multisine record: fs, band, channels, length, size, sign."""
     # `per_unit` is force per modal mass for one unit of the input: a gain [N/kg/V] or 1/m [1/kg].
     if not any(role in record.channels for role in INPUTS):
         return
@@ -37,7 +37,7 @@ def doubts(
     except DataError as error:  # a record of a few samples
         yield doubt(record.response, error.what, error.why, error.remedy)
         return
-    # Either leaves no FRF whose size or width would mean anything.
+    # After each of these two faults the size and the width of the FRF mean nothing.
     broken = [*_swapped(record.source, coarse), *_incoherent(record.response, coarse)]
     if broken:
         yield broken[0]
@@ -51,7 +51,7 @@ def doubts(
 
 
 def swapped(record: Record) -> Iterator[Fault]:
-    """Yield the doubt that input and response of a sweep are swapped."""
+    """Yield a warning if input and response of a sweep are swapped."""
     try:
         estimate = _frf(record, SEGMENTS, 0.0)
     except DataError:  # too short, or no input at some frequencies: nothing to compare
@@ -63,12 +63,12 @@ def _frf(record: Record, segments: int, delay: float) -> FRF:
     u, y = (record.channels[role][:LOOKED_AT] for role in (record.source, record.response))
     nperseg = len(u) // segments
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # said below, in the words of a check
+        warnings.simplefilter("ignore")  # the checks below report the same faults
         return frf(u, y, record.fs, response=record.response, nperseg=nperseg, delay=delay)
 
 
 def _carried(estimate: FRF) -> NDArray[np.bool_]:
-    """Return the lines at which both channels hold something."""
+    """Return a mask of the lines at which both input and response have power."""
     force, response = estimate.input_spectrum, estimate.output_spectrum
     return (force > FLOOR * force.max()) & (response > FLOOR * response.max())
 
@@ -96,7 +96,7 @@ def _outside_band(role: str, estimate: FRF, band_hz: tuple[float, float] | None)
     if band_hz is None or lines_within(np.array(peak), band_hz):
         return
     inside = density[lines_within(freq, band_hz)]
-    # A structure may have a stronger mode elsewhere, beside a clear one in the band.
+    # A structure may have a stronger mode elsewhere, in addition to a clear one in the band.
     if len(inside) > SEGMENTS and inside[1:-1].max() > max(
         CLEAR * np.median(inside), *inside[[0, -1]]
     ):
@@ -107,7 +107,7 @@ def _outside_band(role: str, estimate: FRF, band_hz: tuple[float, float] | None)
 
 
 def _unresolved(record: Record, resolution_hz: float, freq: Reals, h: Complexes) -> Iterator[Fault]:
-    """Yield a half-power width 2 zeta f_n that the longest useful window cannot tell from none."""
+    """Yield a warning if the longest window cannot resolve the half-power width 2 zeta f_n."""
     width, peak = half_power_bandwidth(freq, h), float(freq[np.abs(h).argmax()])
     lasts = record.num_samples / record.fs
     if width <= RESOLVED * resolution_hz:

@@ -1,4 +1,4 @@
-"""Whether tones, curves, loops and decays can be what their campaign file says they are."""
+"""Checks whether tones, curves, loops and decays can be what their campaign file states."""
 
 import warnings
 from collections.abc import Iterator, Sequence
@@ -18,46 +18,47 @@ from jbw.quantities import derivative_order
 from jbw.report.messages import decay_faults as decay_messages
 from jbw.report.messages import response_faults as messages
 
-THIRD = 3  # the highest order looked at
+THIRD = 3  # highest harmonic order that is checked
 LISTED = 6  # tones named in a message
-ALONG = 0.3  # correlation of force and displacement: of less, friction may be all
-DEGREES = 20.0  # [rad]; a phase beyond three turns was written in degrees
+ALONG = 0.3  # correlation of force and displacement: below it the force may be friction alone
+DEGREES = 20.0  # [rad]; a phase beyond three turns was probably written in degrees
 FEWEST_LINES = 4
-MOVING = 0.3  # of its usual amplitude: a record from rest does not begin so
-LOCKED = 0.2  # [rad]; a phase that a controller holds changes by less
-OFFSET = 1.0  # mean of a response over its standard deviation: more is a channel's offset
-COHERENT = 0.8  # of the power of a first period that one tone explains; wide-band noise has none
-LIKE = 2.0  # times peak or rms of a channel: a level beyond that is of none
+MOVING = 0.3  # share of the usual amplitude below which a record from rest begins
+LOCKED = 0.2  # [rad]; a phase that a controller holds varies by less
+OFFSET = 1.0  # mean of a response over its standard deviation: more is an offset of the channel
+COHERENT = 0.8  # power of a first period that one tone explains; wide-band noise explains less
+LIKE = 2.0  # factor to peak or rms of a channel: a level further away belongs to no channel
 NO_LEVEL = ("frequency", "phase", "time")
-ABOUT = 0.2  # of the strongest line, to either side: what is there is of that line
-WIDEST = 0.5  # of that line, to either side: a band where no other line is near
-OTHER, PEAK_LINES = 3e-3, 2  # of the strongest: another line; lines to either side that are lower
-ELSEWHERE = 0.1  # of the power of a displacement, more than one oscillator has there
-STANDS_OUT = 5.0  # times the median around: of 1000 lines of noise the largest is 3.2 times it
-FEW = 256  # samples of a displacement: fewer are points that somebody read off
-PERIODS = 8  # of a record at least, where a line is taken for a mode
-FEWEST_VALUES = 16  # of an envelope, before anything is said of it
-WIDENED = (1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0)  # times a band
-LOWEST = 0.2  # of its centre, at the least
+# Share of the strongest line's frequency, to either side, within which lines belong to it.
+ABOUT = 0.2
+WIDEST = 0.5  # half width of a band without neighbouring lines, over the frequency of its line
+OTHER, PEAK_LINES = 3e-3, 2  # height of another line over the strongest; lower lines to either side
+ELSEWHERE = 0.1  # share of a displacement's power beyond that of a single oscillator
+STANDS_OUT = 5.0  # times the median around: the largest of 1000 lines of noise is 3.2 times it
+FEW = 256  # samples of a displacement: fewer were probably read off a chart
+PERIODS = 8  # smallest number of periods in a record for a line to count as a mode
+FEWEST_VALUES = 16  # smallest number of independent envelope values
+WIDENED = (1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0)  # factors by which a band is widened
+LOWEST = 0.2  # smallest lower edge over the centre of the band
 DECAYED = 0.9  # last quarter of a decay over its first: more is no decay
 
 
 def unsteady(
     record: Record, tones_hz: Sequence[float], settle: float, dwell: float | None
 ) -> Iterator[Fault]:
-    """Yield whether tones, or steps of `dwell` seconds, settled and order 3 is above the noise."""
+    """Report tones, or steps of `dwell` seconds, that did not settle or whose order 3 is noise."""
     y, role, fs = record.channels[record.response], record.response, record.fs
     fitted, refused = [], []
     for i, tone in enumerate(tones_hz):
         part, others = y, tones_hz
         if dwell is not None:
             part, others = y[round(i * dwell * fs) : round((i + 1) * dwell * fs)], ()
-        # Harmonics of one tone may coincide with another tone; those are fitted once.
+        # A harmonic of one tone may coincide with another tone, which is then fitted only once.
         others = [f for f in others if all(abs(f - n * tone) > 1e-6 * tone for n in (1, 2, THIRD))]
         omega, also = 2 * np.pi * tone, [2 * np.pi * f for f in others]
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # the drift becomes a finding
+                warnings.simplefilter("ignore")  # the drift is reported as a finding instead
                 fitted.append(
                     harmonics(part, fs, omega, THIRD, response=role, start=settle, also=also)
                 )
@@ -68,7 +69,7 @@ def unsteady(
     if drifting := [fit for fit in fitted if fit.is_drifting]:
         largest = max(float(fit.drift) for fit in drifting)
         yield doubt(role, *messages.drifting(_named(drifting), largest))
-    # Only a probing test, whose tones are all present at once, is read for its third harmonic.
+    # The third harmonic is used only of a probing test, in which all tones are present at once.
     third = [(abs(fit.amplitudes[-1]), float(np.sqrt(fit.variance[-1] / 2))) for fit in fitted]
     buried = [i for i, (size, std) in enumerate(third) if size < NOISE_FLOOR * std]
     if buried and dwell is None:
@@ -83,7 +84,7 @@ def _named(fitted: Sequence[Harmonics]) -> str:
 
 
 def impassive(curve: MeasuredCurve) -> Iterator[Fault]:
-    """Report doubtful signs and units: work -pi F Im Y must be positive, phase must fall."""
+    """Report doubtful signs and units: the work -pi F Im Y must be positive, the phase falling."""
     role = curve.response_kind
     if len(curve.freq_hz) < FEWEST_LINES:
         yield refusal(role, *messages.few_lines(len(curve.freq_hz), FEWEST_LINES))
@@ -99,7 +100,7 @@ def impassive(curve: MeasuredCurve) -> Iterator[Fault]:
         return
     falls = phase[-1] < phase[0]
     upright = curve if falls else curve._replace(response=np.conj(curve.response))
-    # Summed over the lines; the resonance decides the sign.
+    # The sum is over all lines; the resonance decides its sign.
     takes_in = np.sum(-np.imag(displacement_of(upright)) * curve.source) > 0
     turn = f"scale = {{ {role} = -1.0 }}"
     wrong = [] if falls else [(messages.RISING_PHASE, "`conjugate = true`")]
@@ -110,8 +111,8 @@ def impassive(curve: MeasuredCurve) -> Iterator[Fault]:
 
 
 def phase_in_degrees(phase: Reals) -> Iterator[Fault]:
-    """Yield the doubt that a phase given in radians was written in degrees."""
-    largest = float(np.nanmax(np.abs(phase)))  # lines that are masked are NaN
+    """Yield a warning if a phase given in radians was written in degrees."""
+    largest = float(np.nanmax(np.abs(phase)))  # masked lines are NaN
     if largest > DEGREES:
         yield doubt("phase", *messages.in_degrees(largest))
 
@@ -119,20 +120,20 @@ def phase_in_degrees(phase: Reals) -> Iterator[Fault]:
 def gives_energy(loop: ForcedLoop) -> Iterator[Fault]:
     """Report a probable sign error: the force falls with displacement or supplies energy.
 
-    A force that rises with the displacement and gives out energy is late.
+    A force that rises with the displacement but supplies energy is delayed instead.
     """
     y, force = loop.displacement, loop.force
     if not np.ptp(y) or not np.ptp(force):
         return
     rises = float(np.corrcoef(y, force)[0, 1])
     work = float(np.trapezoid(force, y))
-    stored = float(np.ptp(force) * np.ptp(y)) / 8  # of a spring, at its most
+    stored = float(np.ptp(force) * np.ptp(y)) / 8  # upper bound of the energy stored in a spring
     if rises < -ALONG or (rises < ALONG and work <= -stored):
         yield doubt("displacement", *messages.loop_turned(rises, work))
 
 
 def undecaying(record: Record, settle: float) -> Iterator[Fault]:
-    """Yield the doubt that a free decay does not decay: its last quarter against its first."""
+    """Yield a warning if a free decay does not decay from its first to its last quarter."""
     x = record.channels[record.response][round(settle * record.fs) :]
     quarter = len(x) // 4
     if quarter == 0:
@@ -144,12 +145,13 @@ def undecaying(record: Record, settle: float) -> Iterator[Fault]:
 
 
 def already_moving(record: Record, band: Sequence[float] | None, settle: float) -> Iterator[Fault]:
-    """Yield the doubt that a record followed from rest begins in motion, by its first period."""
+    """Yield a warning if a record that should start from rest moves in its first period."""
     x, fs = record.channels[record.response], record.fs
     if abs(np.mean(x)) > OFFSET * np.std(x):
         yield doubt(record.response, *messages.offset(abs(np.mean(x)) / np.std(x)))
         return
-    x = np.concatenate([x, np.zeros_like(x)])  # so that the end does not reach round to the start
+    # Zeros keep the filter from wrapping the end to the start.
+    x = np.concatenate([x, np.zeros_like(x)])
     freq, spectrum = np.fft.rfftfreq(len(x), 1 / fs), np.fft.rfft(x)
     spectrum[~lines_within(freq, band or (0.0, fs)) | (freq == 0)] = 0
     x = np.fft.irfft(spectrum, len(x))[: len(x) // 2]
@@ -164,7 +166,7 @@ def already_moving(record: Record, band: Sequence[float] | None, settle: float) 
 
 
 def level_unlike(record: Record, level: float) -> Iterator[Fault]:
-    """Yield the doubt that a level is a name: neither peak nor rms of any channel comes near it."""
+    """Yield a warning if a level is near neither the peak nor the rms value of any channel."""
     seen = {}
     for role, samples in record.channels.items():
         x = np.abs(samples[np.isfinite(samples)])
@@ -180,7 +182,7 @@ def level_unlike(record: Record, level: float) -> Iterator[Fault]:
 
 
 def bandless(record: Record, settle: float) -> Iterator[Fault]:
-    """Yield the refusal of a free decay without a band, with one about its strongest line."""
+    """Yield an error for a free decay without `band`; propose a band about its strongest line."""
     remedy = messages.STATE_BAND
     if record.num_samples - settle * record.fs > 2 * PERIODS:
         low, high = band_about_peak(record, settle)
@@ -189,10 +191,10 @@ def bandless(record: Record, settle: float) -> Iterator[Fault]:
 
 
 def several_resonances(record: Record) -> Iterator[Fault]:
-    """Yield the doubt that a driven record without a band holds other modes than the strongest.
+    """Yield a warning if a driven record without a band contains several modes.
 
-    By the power that lies away from the strongest line, less what one oscillator has there under
-    the same source.
+    The criterion is the power away from the strongest line, less the power that one oscillator has
+    there under the same source.
     """
     try:
         lines = driven_lines(record)
@@ -211,7 +213,7 @@ def several_resonances(record: Record) -> Iterator[Fault]:
 
 
 def _around_line(peak_hz: float) -> tuple[float, float]:
-    """Return the frequencies about a line [Hz]."""
+    """Return the band of frequencies [Hz] whose lines count as part of one line."""
     return (1 - ABOUT) * peak_hz, (1 + ABOUT) * peak_hz
 
 
@@ -223,20 +225,21 @@ def _in_two_digits(band_hz: tuple[float, float]) -> tuple[float, float]:
 def band_about_peak(
     record: Record, settle: float = 0.0, *, within: tuple[float, float] | None = None
 ) -> tuple[float, float]:
-    """Return the band to propose for a record, `about_peak`, to two digits [Hz]."""
+    """Return the band to propose for a record: the band of `about_peak` in two digits [Hz]."""
     return _in_two_digits(about_peak(record, settle, within=within))
 
 
 def about_peak(
     record: Record, settle: float = 0.0, *, within: tuple[float, float] | None = None
 ) -> tuple[float, float]:
-    """Return a band [Hz] about a displacement's strongest line, limited by other lines.
+    """Return a band [Hz] about a displacement's strongest line, limited by neighbouring lines.
 
-    A narrow band takes long to settle, which costs the strongest part of a decay: it goes half way
-    to the nearest other line, and no further than half of the line's frequency.
+    A filter of a narrow band takes long to settle, which costs the strongest part of a decay. The
+    band therefore reaches half way to the nearest other line, but at most half of the line's
+    frequency to either side.
 
-    The line is one of those `within` some frequencies [Hz] where these are given and the record has
-    any, and of those that stand out of what is around them: noise of an acceleration is a large
+    The line is searched `within` a band of frequencies [Hz] where this is given and contains lines,
+    and among lines that stand out of their surroundings: noise of an acceleration is a large
     displacement at low frequencies.
     """
     freq, size, lowest = _lines(record, settle)
@@ -257,7 +260,7 @@ def about_peak(
 
 
 def height_within(record: Record, band: tuple[float, float]) -> float:
-    """Return a displacement's largest prominent line in a band over its largest overall."""
+    """Return the height of the largest prominent line in a band over that of all lines."""
     freq, size, lowest = _lines(record, 0.0)
     standing = size[lowest:, 1]
     inside = lines_within(freq[lowest:], band)
@@ -268,9 +271,9 @@ def height_within(record: Record, band: tuple[float, float]) -> float:
 def _lines(record: Record, settle: float) -> tuple[Reals, Reals, int]:
     """Return frequencies [Hz], displacement lines (all, prominent) and the first reliable index.
 
-    The first is beyond what a mean that drifts adds. Of a few points, as read off a chart, whose
-    record may hold no more than two or three periods, it is what a straight line leaves: there is
-    nothing else below.
+    The first reliable line is above the lines of a drifting mean. A record of a few points, as read
+    off a chart, may contain only two or three periods; a straight line is then subtracted instead,
+    and lower lines are reliable.
     """
     x = record.channels[record.response][round(settle * record.fs) :]
     x = np.where(np.isfinite(x), x, 0.0) - np.nanmean(x)
@@ -280,7 +283,7 @@ def _lines(record: Record, settle: float) -> tuple[Reals, Reals, int]:
         x = x - np.polyval(np.polyfit(place, x, 1), place)
         lowest = min(2, lowest)
     freq = np.fft.rfftfreq(len(x), 1 / record.fs)[1:]
-    # As a displacement, of which the joint's mode is the largest part.
+    # Compare lines as displacement, of which the joint's mode is the largest part.
     measured = np.abs(np.fft.rfft(x * np.hanning(len(x)))[1:])
     size = measured / freq ** derivative_order(record.response)
     stands_out = measured > STANDS_OUT * _around(freq, measured)
@@ -288,7 +291,7 @@ def _lines(record: Record, settle: float) -> tuple[Reals, Reals, int]:
 
 
 def _around(freq: Reals, size: Reals) -> Reals:
-    """Return the median of lines between frequencies of a ratio of 1.5, at every frequency."""
+    """Return the median of the lines around each frequency, in bands of a frequency ratio 1.5."""
     edges = np.geomspace(freq[0], freq[-1], 2 + int(np.log(freq[-1] / freq[0]) / np.log(1.5)))
     parts = np.searchsorted(edges, freq, side="right")
     middles, medians = zip(
@@ -302,7 +305,7 @@ def _around(freq: Reals, size: Reals) -> Reals:
 
 
 def too_short(record: Record, band: tuple[float, float], settle: float) -> Iterator[Fault]:
-    """Yield the refusal of a record that holds too few independent values in its band."""
+    """Yield an error if a record has too few independent values in its band."""
     size = record.num_samples - round(settle * record.fs)
     count = _num_values(band, size, record.fs)
     if count >= FEWEST_VALUES:
@@ -325,9 +328,9 @@ def too_short(record: Record, band: tuple[float, float], settle: float) -> Itera
 
 
 def _num_values(band: tuple[float, float], size: int, fs: float) -> int:
-    """Return the number of independent values of a record of some samples in a band."""
+    """Return the number of independent envelope values of a record in a band."""
     try:
         chosen = band_filter(band, fs)
-    except DataError:  # a band that no record resolves
+    except DataError:  # no record resolves the band
         return 0
     return max(0, -(-(size - 2 * chosen.half) // chosen.step))

@@ -1,28 +1,30 @@
-"""The recorder faults that samples show: values held for several samples, and drop-outs.
+"""Recorder faults that samples show: values held for several samples, and drop-outs.
 
-Calibrated on records of `benchmarks/outside`: of 1,600 sound ones of four kinds none is accused;
-of drop-outs that exceed the noise nine of ten are seen.
+The thresholds are calibrated on records of `benchmarks/outside`: none of 1,600 sound records of
+four kinds is accused, and nine of ten drop-outs that exceed the noise are detected.
 """
 
 import numpy as np
 
 from jbw.measurement.channels import OF_NORMAL, Reals
 
-CHANGES = 24  # of the value, from which all at multiples of samples are no chance: 2^-24
-ORDER = 8  # samples that predict the next one
-MANY = 2**16  # samples that the prediction is fitted to
-FITS = 4  # of the prediction, each without the outliers of the last one
-OUTLYING = 5.0  # robust standard deviations: left out of the prediction's fit
-FAR = 12.0  # robust standard deviations of a prediction's error: no noise
-INWARD = 0.45  # of the predicted value: a drop-out ends below
-STRETCHES = 32  # of a record, each with its own scale
-FEWEST, MOST = 5, 0.6  # drop-outs, and of all outliers
+# Changes of the value; by chance all lie at multiples of samples in 2^-24 of the cases.
+CHANGES = 24
+ORDER = 8  # samples from which the next one is predicted
+MANY = 2**16  # samples to which the prediction is fitted
+FITS = 4  # number of fits of the prediction, each without the outliers of the previous fit
+OUTLYING = 5.0  # robust standard deviations: samples beyond are excluded from the prediction's fit
+FAR = 12.0  # robust standard deviations of a prediction's error: beyond it is no noise
+INWARD = 0.45  # share of the predicted value below which a sample of a drop-out lies
+STRETCHES = 32  # stretches of a record, each with its own scale
+FEWEST, MOST = 5, 0.6  # smallest number of drop-outs; smallest share of all outliers
 
 
 def held_for(x: Reals) -> tuple[int, int]:
-    """Return for how many samples each value is held, and the first sample of a new one.
+    """Return for how many samples each value is held, and the index of the first new value.
 
-    All changes of a value lie whole multiples of that number apart; 1 where they do not.
+    The number is the greatest common divisor of the distances between changes; 1 if nothing is
+    held.
     """
     changes = np.flatnonzero(np.diff(x)) + 1
     if len(changes) < CHANGES:
@@ -32,14 +34,14 @@ def held_for(x: Reals) -> tuple[int, int]:
 
 
 def drop_outs(x: Reals) -> list[int]:
-    r"""Return the samples at which a signal falls to nearly zero, against what its past predicts.
+    r"""Return the samples at which a signal drops to nearly zero, against its linear prediction.
 
     $$x_k = \sum_i a_i x_{k-i} + e_k, \qquad |x_k| < 0.45\,|x_k - e_k|, \qquad
       |e_k| > 12\,s_k + \tfrac q2 \Bigl(1 + \sum_i |a_i|\Bigr)$$
 
-    with s the robust scale of e in the stretch about k and q the least difference of two values:
-    the second term is the most that rounding to q adds. Impacts push outward as often: where no
-    more than 60 % of such samples fall inward, none is returned.
+    where s is the robust scale of e in the stretch about k and q the smallest difference of two
+    values: the second term is the largest error that rounding to q adds. Impacts push outward as
+    often as inward: if at most 60 % of such samples fall inward, the list is empty.
     """
     if len(x) < 16 * ORDER or not np.ptp(x) > 0:
         return []
@@ -56,7 +58,8 @@ def drop_outs(x: Reals) -> list[int]:
     error = rows[:, -1] - rows[:, :-1] @ filtered
     rounding = float(np.min(np.diff(np.unique(unit)))) / 2 * (1 + np.sum(np.abs(filtered)))
     far = np.flatnonzero(np.abs(error) > FAR * _scales(error) + rounding)
-    first = far[np.diff(far, prepend=-ORDER - 1) > ORDER]  # the next ones are predicted from it
+    # The samples that follow are predicted from a faulty one.
+    first = far[np.diff(far, prepend=-ORDER - 1) > ORDER]
     predicted = rows[first, -1] - error[first]
     inward = np.abs(rows[first, -1]) < INWARD * np.abs(predicted)
     found = (first[inward] + ORDER).tolist()

@@ -1,1 +1,1 @@
-"""One reader a file format, and one door that checks what was read."""
+"""Readers of file formats, one each, and one entry point that checks what was read."""

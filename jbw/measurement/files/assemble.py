@@ -1,4 +1,4 @@
-"""From the arrays of an open file to records: repeats, sampling frequency, units, provenance."""
+"""Conversion of the arrays of an open file to records: repeats, rate, units and provenance."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -37,18 +37,18 @@ from jbw.memory import MAX_BYTES, VALUE, Admit, admit_all
 from jbw.report.messages import reading as messages
 from jbw.units import TORSION, decibels, factor_of, is_voltage, plain, si_unit
 
-LARGEST_GAIN = 30.0  # exponent: 1e13, beyond what any converter resolves
+LARGEST_GAIN = 30.0  # largest exponent: a gain of 1e13, beyond the resolution of any converter
 TURNING = {si_unit(quantity) for quantity in TORSION}
-CENTRED = (*INPUTS, BASE, *RESPONSES, "restoring_force")  # roles whose mean may be taken out
+CENTRED = (*INPUTS, BASE, *RESPONSES, "restoring_force")  # roles whose mean may be removed
 
 
 class _Channels(NamedTuple):
-    """Channels by role, as they were read.
+    """Channels by role, as they were read from a file.
 
     Attributes:
-        rows: Repeats in SI.
-        units: Their units.
-        done: What was done to them, for the provenance.
+        rows: Repeats of each channel in SI units.
+        units: SI unit of each channel.
+        done: Changes made to each channel, for the provenance.
     """
 
     rows: Mapping[str, Repeats]
@@ -63,11 +63,11 @@ class _Channels(NamedTuple):
 
 
 class _Clock(NamedTuple):
-    """The rate at which a file is read [Hz], the samples of it, and whether it is made even."""
+    """The rate at which a file is read [Hz], the samples to read, and whether to resample them."""
 
     fs: float
     part: slice
-    first: int  # sample of the file that the span begins with
+    first: int  # index in the file of the first sample of the span
     is_resampled: bool
 
 
@@ -78,7 +78,7 @@ def records_of(
     sources = _sources(contents, request)
     clock, rate_source = _clock(contents, sources, request)
     samples, channels = _size(contents, sources, request, clock)
-    if samples * VALUE <= MAX_BYTES:  # longer channels are refused by their name as they are read
+    if samples * VALUE <= MAX_BYTES:  # longer channels are refused by name when they are read
         admit(samples, channels, path.name)
     whole = {"path": str(path), "sha256": digest, "reader": contents.reader, "fs": rate_source}
     read = _Channels({}, {}, {**whole, **contents.notes})
@@ -100,7 +100,7 @@ def records_of(
         read = read.beside(_Channels({}, {}, {SPAN: span_words(request.span)}))
     rows = _of_one_length(read.rows) if clock.is_resampled else read.rows
     if "frequency" in rows and all(row[0] == 0 for row in rows["frequency"]):
-        # Analysers export the mean as a line, of which no response is measured.
+        # Analysers export the mean as a line at 0 Hz, where no response is measured.
         rows = {role: [row[1:] for row in each] for role, each in rows.items()}
         read = read.beside(_Channels({}, {}, {"line at 0 Hz": "left out"}))
     return _repeats(rows, Record(clock.fs, {}, dict(read.units), path.name, dict(read.done)))
@@ -109,7 +109,7 @@ def records_of(
 def _clock(
     contents: Contents, sources: Mapping[str, list[Leaf]], request: Wanted
 ) -> tuple[_Clock, str]:
-    """Return the rate and the samples to read, and how the rate is known."""
+    """Return the rate and the samples to read, and a description of where the rate comes from."""
     is_resampled = bool(request.resample) and "frequency" not in sources
     fs, rate_source, part = (
         (request.resample, messages.resampled_to(request.resample), WHOLE)
@@ -123,9 +123,9 @@ def _clock(
 def _size(
     contents: Contents, sources: Mapping[str, list[Leaf]], request: Wanted, clock: _Clock
 ) -> tuple[int, int]:
-    """Return samples of a record and channels of all, by the shapes that the file states.
+    """Return the number of samples per record and the number of channels, from the file's shapes.
 
-    Channels that are resampled from an unknown rate have no sample here.
+    Channels that are resampled from an unknown rate count with zero samples.
     """
     samples, channels = 0, 0
     for item in (item for role, items in sources.items() if role != "time" for item in items):
@@ -141,7 +141,7 @@ def _size(
 
 
 def _is_curve(role: str, sources: Mapping[str, list[Leaf]]) -> bool:
-    """Return whether a role is that of a response along frequency."""
+    """Return whether a role is a response along frequency."""
     return "frequency" in sources and role in RESPONSES
 
 
@@ -152,7 +152,7 @@ def _channel(
     request: Wanted,
     clock: _Clock,
 ) -> tuple[_Channels, str]:
-    """Return the repeats of one role in SI, and what a response along frequency is per unit of."""
+    """Return one role's repeats in SI, and the source per unit of which the response is given."""
     items, is_curve, done = sources[role], _is_curve(role, sources), {}
     unit, against = _unit(role, items[0].unit, request)
     reference, unit = decibels(unit) or (0.0, unit)
@@ -172,7 +172,7 @@ def _channel(
     if reference:
         rows = [reference * 10 ** (_of_amplitudes(row, role, is_curve) / 20) for row in rows]
         done[f"decibels of {role}"] = f"0 dB is {reference:g} {unit}"
-    # Most files are in SI already: no copy of a long record then.
+    # Most files are in SI units already, which saves copying a long record.
     rows = rows if factor == 1.0 else [row * factor for row in rows]
     if items[0].start_s is not None:
         done[f"start of {role}"] = f"{items[0].start_s:.9g} s"
@@ -186,7 +186,7 @@ def _channel(
 
 
 def _unit_source(source: str, sources: Mapping[str, list[Leaf]], read: _Channels) -> _Channels:
-    """Return the source that a response is per unit of: its amplitude is 1."""
+    """Return the constant source of amplitude 1 of a response per unit of excitation."""
     if any(role in sources for role in INPUTS):
         raise DataError(
             f"the response is per unit of excitation, but `{source}` is given too.",
@@ -198,7 +198,7 @@ def _unit_source(source: str, sources: Mapping[str, list[Leaf]], read: _Channels
 
 
 def _parted(role: str, sources: Mapping[str, list[Leaf]], rows: Repeats) -> _Channels:
-    """Return the complex repeats as magnitude and phase."""
+    """Return complex repeats as magnitude and phase."""
     if "phase" in sources:
         raise DataError(
             f"role `{role}` is complex, but `phase` is given too.",
@@ -246,7 +246,7 @@ def _of_amplitudes(row: Reals, role: str, is_curve: bool) -> Reals:
 
 
 def _require_one_motion(units: Mapping[str, str]) -> None:
-    """Refuse a rotation beside a force, or a displacement beside a torque."""
+    """Raise a ConfigError if channels of torsion and of translation are mixed."""
     turning = {role for role, unit in units.items() if unit in TURNING}
     straight = {role for role, unit in units.items() if role in CENTRED} - turning
     straight -= {role for role in straight if role == "input"}
@@ -262,10 +262,10 @@ def _require_one_motion(units: Mapping[str, str]) -> None:
 
 
 def unwindowed(x: Reals, tau: float, first: int) -> Reals:
-    r"""Return the samples without the exponential window of an analyser, $x(t) e^{t / \tau}$.
+    r"""Return samples with an analyser's exponential window removed, $x(t) e^{t / \tau}$.
 
-    The window counts from the record's first sample, of which `x` begins `first` samples later;
-    `tau` is its time constant in samples.
+    The window starts at the record's first sample; `x` starts `first` samples later. `tau` is the
+    time constant of the window in samples.
     """
     last = (first + len(x)) / tau
     if last > LARGEST_GAIN:
@@ -278,7 +278,7 @@ def unwindowed(x: Reals, tau: float, first: int) -> Reals:
 
 
 def _repeats(channels: Mapping[str, Repeats], record: Record) -> tuple[Record, ...]:
-    """Return one record a repeat; a channel given once is shared by all repeats."""
+    """Return one record per repeat; a channel given once is shared by all repeats."""
     counts = {role: len(rows) for role, rows in channels.items()}
     number = max(counts.values(), default=0)
     if any(count not in (1, number) for count in counts.values()):
@@ -298,9 +298,9 @@ def _repeats(channels: Mapping[str, Repeats], record: Record) -> tuple[Record, .
 
 
 def _unit(role: str, stated: str, request: Wanted) -> tuple[str, str]:
-    """Return a role's unit, and the file's unit where the caller's unit replaces it.
+    """Return a role's unit, and the file's unit if the caller's unit replaces it.
 
-    The caller's must not contradict the file's, unless he says that his are right.
+    The caller's unit must not contradict the file's unless `units_are` is "mine".
     """
     stated_unit = request.units.get(role, "")
     if role in request.sensitivity:
@@ -315,15 +315,15 @@ def _unit(role: str, stated: str, request: Wanted) -> tuple[str, str]:
         )
     bare = decibels(stated_unit) is None
     if stated_unit and bare:
-        si_of(role, stated_unit)  # an unknown unit is the first thing to say
+        si_of(role, stated_unit)  # report an unknown unit first
     contradicts = bool(stated_unit and stated) and plain(stated_unit) != plain(stated)
     if contradicts and request.units_are == "mine":
         return stated_unit, stated
-    # Of decibels the file says that they are such, and the campaign what 0 dB stands for.
+    # A file only says that its values are decibels; the campaign says what 0 dB stands for.
     if contradicts and not (plain(stated).lower() == "db" and not bare):
         remedy = messages.MINE
         if is_voltage(stated) and role in SENSITIVITIES:
-            # A factor beside the unit is the calibration of one volt.
+            # A factor next to the unit is the calibration of one volt.
             example = f"1 V/{stated_unit}" if role in request.scale else SENSITIVITIES[role]
             line = toml_table({**request.sensitivity, role: example})
             remedy = messages.of_sensor(line, is_scaled=role in request.scale)
@@ -335,7 +335,7 @@ def _unit(role: str, stated: str, request: Wanted) -> tuple[str, str]:
 
 
 def _volts_per_unit(role: str, item: Leaf, request: Wanted) -> float:
-    """Return the sensitivity of a role's sensor in the file's unit of voltage; 1 without one."""
+    """Return the sensitivity of a role's sensor in the file's unit of voltage; 1 if not given."""
     if role not in request.sensitivity:
         return 1.0
     if item.unit and not is_voltage(item.unit):
@@ -359,7 +359,7 @@ def _calibration(role: str, reader: str, request: Wanted) -> float:
     if not np.isfinite(scale) or scale == 0:
         raise ConfigError(f"`scale` of role `{role}` must be finite and not 0, but is {scale}.")
     is_rms = request.amplitudes == "rms" and role in (*RESPONSES, *INPUTS)
-    return scale * np.sqrt(2) if is_rms else scale  # amplitudes are peak inside jbw
+    return scale * np.sqrt(2) if is_rms else scale  # amplitudes are peak values inside jbw
 
 
 def _sources(contents: Contents, request: Wanted) -> dict[str, list[Leaf]]:
@@ -382,7 +382,7 @@ def _sources(contents: Contents, request: Wanted) -> dict[str, list[Leaf]]:
 
 
 def joined(parts: Sequence[Sequence[Record]]) -> tuple[Record, ...]:
-    """Return the records whose channels lie in several files, put together repeat by repeat."""
+    """Return the records whose channels come from several files, merged repeat by repeat."""
     heads = [part[0] for part in parts]
     if len({len(part) for part in parts}) != 1:
         listed = ", ".join(f"{part[0].name} has {len(part)}" for part in parts)

@@ -1,4 +1,4 @@
-"""Cells of a text table that are no plain number: lost samples, grouped digits, dates and times."""
+"""Parsing of table cells that are no plain number: lost samples, grouped digits, dates, times."""
 
 import re
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ import numpy as np
 
 from jbw.measurement.channels import Reals
 
-# Words that recorders write in the place of a sample that they lost, in lower case.
+# Words, in lower case, that recorders write in place of a lost sample.
 LOST = frozenset(
     ("", "-", "--", "---", "*", "nan", "n/a", "na", "#n/a", "null", "none", "nil", "ovl", "ovld",
      "overload", "ovf", "overflow", "over", "missing", "lost", "invalid", "no data", "err",
@@ -21,16 +21,16 @@ CLOCK = r"(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,:](\d{1,9}))?)?\s*([AaPp][Mm])?(?:Z|
 DATES = (r"(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})", r"(\d{1,2})[./-](\d{1,2})[./-](\d{4}|\d{2})")
 STAMP = re.compile(rf"(?:(?:{DATES[0]}|{DATES[1]})(?:[ T,;_]+|$))?(?:{CLOCK})?")
 DAY = 86400.0
-DIGITS = 9  # of a second, that stamps have at most
+DIGITS = 9  # most decimals of a second in a time stamp
 
 
 def is_lost(text: str) -> bool:
-    """Return whether a cell stands for a sample that is not there."""
+    """Return whether a cell stands for a lost sample."""
     return text.partition("(")[0].strip().lower() in LOST
 
 
 def ungrouped(text: str, decimal: str) -> str:
-    """Return a number without the marks between its thousands, and with a decimal point."""
+    """Return a number as text without thousands separators and with a decimal point."""
     if GROUPED[decimal].fullmatch(text):
         return re.sub(r"[.' ]" if decimal == "," else r"[,' ]", "", text).replace(",", ".")
     if decimal == ",":
@@ -50,7 +50,7 @@ def stamp(text: str) -> tuple[int, float] | None:
     )  # fmt: skip
     if not (1 <= month <= 31 and 1 <= day <= 31):
         return None
-    # Only differences count: whether a month or a day comes first matters at midnight alone.
+    # Only differences count: whether month or day comes first matters only at midnight.
     days = 372 * year + 31 * month + day
     if not match[7]:
         return days, 0.0
@@ -66,15 +66,16 @@ def stamp(text: str) -> tuple[int, float] | None:
 
 
 def since_first(stamps: Sequence[tuple[int, float] | None]) -> Reals:
-    """Return seconds since the first stamp, also past midnight; NaN where a stamp is missing."""
+    """Return the seconds since the first stamp, also past midnight; NaN for a missing stamp."""
     seconds = np.array([np.nan if moment is None else moment[1] for moment in stamps])
     days = np.array([0 if moment is None else moment[0] for moment in stamps])
-    # Of a time of day alone, and of a date: the day after is the next one, whatever the month.
+    # Each change of date counts as the next day, whatever the month. Times without a date count one
+    # day where they fall by more than half a day.
     turned = np.concatenate([[0.0], np.cumsum(np.diff(days) != 0)])
     plain = np.nan_to_num(seconds)
     if not turned.any():
         turned = np.concatenate([[0.0], np.cumsum(np.diff(plain) < -DAY / 2)])
     first = seconds[np.isfinite(seconds)][:1]
     since = seconds + DAY * turned - (first[0] if len(first) else 0.0)
-    # Without the round-off of the time of day.
+    # Remove the round-off of the time of day.
     return np.asarray(np.round(since, DIGITS), np.float64)

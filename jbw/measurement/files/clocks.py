@@ -1,8 +1,8 @@
-"""The clock of a column of times: even or not, and its rate within the last digit printed.
+"""Regularity of a column of times, and its rate within the precision of the printed digits.
 
-A time that is printed to a quantum q lies within q / 2 of the instant that it stands for, or of
-that instant less the same q / 2 where digits are cut off. A column is even where one line
-$t_0 + n / f_s$ passes within that distance of every time.
+A time that is printed to a quantum q lies within q / 2 of its true instant, or of that instant
+less q / 2 if digits are cut off. A column is even if one line $t_0 + n / f_s$ passes within
+that distance of every time.
 """
 
 from collections.abc import Sequence
@@ -20,26 +20,27 @@ from jbw.report.messages import reading as messages
 from jbw.report.messages.remedies import PUT
 from jbw.units import factor_of
 
-REGULARITY = 1e-3  # of a sampling interval: the largest deviation of a sample from the even grid
-ROUND = 1e-6  # of an interval: how far a record drifts from a round rate that is taken for its own
-# Of an interval: a quantum that is larger is no reason for times to be uneven. A lost sample moves
-# the times behind it by half of an interval against every line, which must stay visible.
+REGULARITY = 1e-3  # largest deviation of a sample from the even grid, in sampling intervals
+ROUND = 1e-6  # largest drift of a record from a round rate that counts as its rate, in intervals
+# Of an interval: a larger quantum does not excuse uneven times. A lost sample moves the following
+# times by half an interval against every line, which must stay visible.
 COARSEST = 0.4
-DECIMALS = range(-3, 13)  # of times, in the unit in which they are printed
-SIGNIFICANT = range(3, 10)  # digits that programs print of a time
-STATED = 6  # digits of an interval from which it may be a rounded one: universal files print six
-SLOPES = 60  # that are tried for a line through all times
+DECIMALS = range(-3, 13)  # decimals of times, in their printed unit
+SIGNIFICANT = range(3, 10)  # significant digits that programs print of a time
+STATED = 6  # digits of an interval from which it may be rounded: universal files print six
+SLOPES = 60  # slopes tried for a line through all times
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-EPOCH = (9.4e8, 4.2e9)  # seconds since 1970, of the years 2000 to 2100
-# [Hz], of times without a unit: in decimals quasi-static records are met, in whole numbers none.
+EPOCH = (9.4e8, 4.2e9)  # seconds since 1970, for the years 2000 to 2100
+# [Hz], slowest plausible rates of times without a unit: quasi-static records have times with
+# decimals, never whole numbers.
 SLOWEST, SLOWEST_COUNTED = 1.0, 20.0
-MOST = 0.5  # of a record, in a part between gaps that is kept rather than resampled
+MOST = 0.5  # share of a record above which a part between gaps is kept rather than resampled
 
 
 def stated_rate(fs: float) -> float:
-    """Return the round rate whose interval is printed with the same digits; else the rate itself.
+    """Return the round rate whose interval prints with the same digits; else the rate itself.
 
-    A file that keeps 0.000976562 s means 1024 Hz, and 1e-5 s is 100 kHz but for round-off. An
+    A file that states 0.000976562 s means 1024 Hz, and 1e-5 s is 100 kHz apart from round-off. An
     interval of fewer than six digits is exact: 0.0004096 s is 2441.40625 Hz.
     """
     interval = float(f"{1 / fs:.15g}")
@@ -53,20 +54,20 @@ def stated_rate(fs: float) -> float:
 def sampling_frequency(
     time: NDArray[np.number], name: str = "time", *, begins: float = 0.0, factor: float = 1.0
 ) -> tuple[float, float]:
-    """Return the sampling frequency of an even column of times [Hz], and it before rounding.
+    """Return the sampling frequency of an even column of times [Hz], rounded and unrounded.
 
-    The rate is the roundest one, of 1 Hz or 0.1 Hz, that agrees with every printed digit; else that
-    of the line through all times in least squares, which is within half of the last digit of every
-    one, or of the nearest line that is.
+    The rounded rate is the roundest one, of 1 Hz or 0.1 Hz, that agrees with every printed digit.
+    If there is none, it is that of the least-squares line through all times, provided that the line
+    is within half of the last digit of every time, or else of the nearest line that is.
 
     Args:
-        time: Times as they are printed, of one axis.
-        name: What the file calls them, for messages.
-        begins: Where they lie in their file, for the remedies of uneven ones [s].
-        factor: Of their unit, to seconds.
+        time: Times of one axis, in their printed unit.
+        name: Name of the times in the file, for messages.
+        begins: Start of the times in their file, for remedies of uneven times [s].
+        factor: Factor from the unit of the times to seconds.
 
     Raises:
-        DataError: Times that are lost, fall, pause or jitter, or that have too few digits.
+        DataError: Times are lost, fall, pause or jitter, or have too few digits.
     """
     if time.ndim != 1 or len(time) < 2:
         raise DataError(
@@ -87,7 +88,7 @@ def sampling_frequency(
     bit = 4 * np.spacing(np.abs(seconds).max())
     exact = np.full(len(seconds), bit)
     if _line_within(seconds, exact + ROUND / mean_rate, 1 / mean_rate, slopes=1):
-        # No digit is lost: 0.033 s is no rounding of 1 / 30.3 s.
+        # No digit is lost: 0.033 s is not a rounded 1 / 30.3 s.
         distances = [exact]
     else:
         distances = [np.where(q * mean_rate > COARSEST, 0.0, q / 2) + bit for q in every_quanta]
@@ -95,7 +96,8 @@ def sampling_frequency(
         for within in distances:
             if _line_within(seconds, within + ROUND / near, 1 / near, slopes=1):
                 return near, mean_rate
-    if len(distances) > 1:  # all times tell more than the first and the last, which are rounded
+    # All times determine the rate better than the rounded first and last ones.
+    if len(distances) > 1:
         n = np.arange(len(seconds)) - (len(seconds) - 1) / 2
         mean_rate = float(np.sum(n**2) / np.sum(n * (seconds - seconds.mean())))
     for within in distances:
@@ -115,10 +117,10 @@ def sampling_frequency(
 
 
 def coarse_rate(time: NDArray[np.number], factor: float = 1.0) -> float | None:
-    """Return the mean rate of times whose digits are too few to tell samples apart [Hz].
+    """Return the mean rate of times with too few digits to distinguish samples [Hz]; else None.
 
-    Such times repeat or skip a quantum, but lie within half of it from a line. The rate has the
-    digits that they leave; None of other times.
+    Such times repeat or skip a quantum, but lie within half a quantum of a line. The rate is
+    rounded to the digits that the times support.
     """
     return _coarse_rate(
         np.asarray(time, np.float64) * factor, [quanta * factor for quanta in _quanta(time)]
@@ -138,15 +140,15 @@ def _coarse_rate(seconds: Reals, every_quanta: Sequence[Reals]) -> float | None:
 
 
 def _is_exact(seconds: Reals) -> bool:
-    """Return whether all steps are one but for round-off, whatever their digits."""
+    """Return whether all steps are equal within round-off, whatever their digits."""
     steps = np.diff(seconds)
     return float(np.ptp(steps)) <= REGULARITY * abs(float(np.median(steps)))
 
 
 def on_clock(item: Leaf, time: NDArray[np.number], unit: str) -> Leaf:
-    """Return a channel with rate and start by its own times, or as it is where nothing is stated.
+    """Return a channel with rate and start from its own times, if these are even and have a unit.
 
-    Nothing is by uneven times, in an unknown unit, and by whole numbers without one.
+    Uneven times, an unknown unit, and whole numbers without a unit leave the channel unchanged.
     """
     if not unit and are_whole_numbers(time):
         return item
@@ -159,16 +161,16 @@ def on_clock(item: Leaf, time: NDArray[np.number], unit: str) -> Leaf:
 
 
 def are_whole_numbers(time: NDArray[np.number]) -> bool:
-    """Return whether times are whole numbers, as those of counters and of small units are."""
+    """Return whether all times are whole numbers, as of counters and of small units."""
     values = np.asarray(time, np.float64)
     return bool(len(values) > 2 and np.isfinite(values).all() and np.all(values == np.rint(values)))
 
 
 def time_unit(time: NDArray[np.number]) -> tuple[str, bool]:
-    """Return the likeliest unit of times that state none, empty of counts, and whether it is sure.
+    """Return the likeliest unit of times that state none ("" for counts), and whether it is sure.
 
-    It is the largest one that gives the rate of a recorder; of the time of a computer's clock, for
-    sure, the one in which that lies in this century.
+    It is the largest unit that gives the rate of a recorder. For times of a computer's clock it is,
+    with certainty, the unit in which they lie in this century.
     """
     values = np.asarray(time, np.float64)
     steps = np.diff(values[np.isfinite(values)])
@@ -183,13 +185,13 @@ def time_unit(time: NDArray[np.number]) -> tuple[str, bool]:
 
 
 def _round_rates(fs: float) -> tuple[float, ...]:
-    """Return the multiples of 1 Hz and of 0.1 Hz next to a rate."""
+    """Return the multiples of 1 Hz and of 0.1 Hz nearest to a rate."""
     # Dividing by 10 instead of multiplying by 0.1 keeps 51.2 exactly 51.2.
     return tuple(near for near in (float(round(fs)), round(10 * fs) / 10) if near > 0)
 
 
 def _line_within(time: Reals, within: Reals, interval: float, slopes: int = SLOPES) -> float | None:
-    """Return the interval of a line within given distances of all times; None where none is found.
+    """Return the interval of a line within the given distances of all times; None if none is found.
 
     The excess over the distances is convex in the interval, so that Newton's steps towards its zero
     never pass beyond it.
@@ -209,10 +211,10 @@ def _line_within(time: Reals, within: Reals, interval: float, slopes: int = SLOP
 
 
 def _quanta(time: NDArray[np.number]) -> tuple[Reals, Reals]:
-    """Return the quantum of every time in its own unit, by common decimals and by common digits.
+    """Return the quantum of every time in its own unit, for fixed decimals and for fixed digits.
 
-    `%.6f` writes the same decimals everywhere; `%.7g` writes 9.876953 and 10.00195, rounded the
-    more, the later. Times of a binary file have the last bit of their type.
+    `%.6f` writes the same number of decimals everywhere; `%.7g` writes 9.876953 and 10.00195, so
+    that later times are rounded more. Times of a binary file have the resolution of their type.
     """
     exact = np.asarray(time, np.float64)
     if not np.isfinite(exact).all():
@@ -233,13 +235,13 @@ def _quanta(time: NDArray[np.number]) -> tuple[Reals, Reals]:
 
 def _are_whole(values: Reals, quanta: Reals, error: float) -> bool:
     """Return whether values are multiples of their quanta within their error."""
-    some = slice(None, None, 1 + len(values) // 1000)  # which say of most quanta that they are none
+    some = slice(None, None, 1 + len(values) // 1000)  # a sample rejects most quanta quickly
     for part in (some, slice(None)):
         x, q = values[part], quanta[part]
         steps = np.divide(x, q, out=np.zeros(len(x)), where=q > 0)
         room = 1e-6 + np.divide(error, q, out=np.zeros(len(x)), where=q > 0)
         nearest = np.round(steps)
-        # Times that all lie near zero beside a quantum are no multiples of it.
+        # Times that are all near zero compared with a quantum are no multiples of it.
         if np.any(np.abs(steps - nearest) > np.minimum(room, 1e-3)) or not nearest.any():
             return False
     return True

@@ -1,4 +1,4 @@
-"""Text columns in their dialects: delimiter, decimal mark, names, units, footers, lost cells."""
+"""Text columns in any dialect: delimiter, decimal mark, names, units, footers, lost cells."""
 
 import io
 import re
@@ -22,14 +22,15 @@ from jbw.report.messages import reading as messages
 from jbw.units import is_unit, titled
 
 WORDS = {None: "spaces", "\t": "tab", ";": "semicolon", ",": "comma", "|": "stroke"}
-LOOKED_AT = 400  # lines, to find the dialect
-LEAST_LINES = 2  # of numbers, before a dialect is believed
-HEADED = 6  # lines above a table, among which names and units are looked for
-SEPARATOR = re.compile(r'\s*"?sep\s*=\s*(\\t|.)"?\s*$', re.IGNORECASE)  # for spreadsheets
-NO_UNIT = ("-", "--", "none", "1", "[-]", "(-)", "[]", "()", "'")  # in a row of units
+LOOKED_AT = 400  # lines used to find the dialect
+LEAST_LINES = 2  # lines of numbers needed to accept a dialect
+HEADED = 6  # lines above a table that may contain names and units
+SEPARATOR = re.compile(r'\s*"?sep\s*=\s*(\\t|.)"?\s*$', re.IGNORECASE)  # as spreadsheets write it
+# Entries of a row of units that mean no unit.
+NO_UNIT = ("-", "--", "none", "1", "[-]", "(-)", "[]", "()", "'")
 OTHER_UNIT = re.compile(r"EU|%|Pa|[a-z]?C|degC|K|bar|psi|[dDmMyYhHsSfF][dDmMyYhHsSfF.:/ -]*")
-COMMENT = re.compile(r'\s*"?(?:[#;%!*]|//)')  # that a line begins with
-LEAST_ROWS = 3  # of a table with columns of text
+COMMENT = re.compile(r'\s*"?(?:[#;%!*]|//)')  # start of a comment line
+LEAST_ROWS = 3  # smallest number of rows of a table with columns of text
 PART = re.compile(
     r"(.*?)[\s_.]*[\[(]?\b(?:(re|real)|(im|imag|imaginary))\b\.?[\])]?", re.IGNORECASE
 )
@@ -38,22 +39,22 @@ KEYED = re.compile(r"^(?:[A-Z]{2,}\s*=|headers?[:;,\t]|columns?[:;,\t])\s*", re.
 
 @dataclass(frozen=True)
 class Dialect:
-    """How the numbers are written."""
+    """The way in which a text file writes its numbers."""
 
-    delimiter: str | None  # between the fields; None is any white space
+    delimiter: str | None  # between the fields; None means any white space
     decimal: str  # decimal mark
     first: int = 0  # line of the first numbers, counted from zero
     columns: int = 0  # fields in a line
-    trailing: bool = False  # a delimiter ends every line
+    trailing: bool = False  # whether every line ends with a delimiter
 
     def fields(self, line: str) -> list[str]:
-        """Split a line into fields without quotes; ignore a delimiter at every line's end."""
+        """Split a line into fields without quotes; ignore a delimiter at the end of every line."""
         fields = [text.strip().strip('"').strip() for text in line.split(self.delimiter)]
         return fields[:-1] if self.trailing and len(fields) > 1 and not fields[-1] else fields
 
     def is_number(self, text: str) -> bool:
-        """Return whether a field is a number; a point beside a decimal comma makes it none."""
-        if "_" in text:  # which Python would read
+        """Return whether a field is a number; with a decimal comma, a field with a point is not."""
+        if "_" in text:  # Python would accept the underscore
             return False
         for written in (text if self.decimal == "." else None, ungrouped(text, self.decimal)):
             with suppress(ValueError):
@@ -63,19 +64,19 @@ class Dialect:
         return False
 
     def is_cell(self, text: str) -> bool:
-        """Return whether a field is a number, a date or time, or stands for a lost sample."""
+        """Return whether a field is a number, a date, a time or a lost sample."""
         return self.is_number(text) or is_lost(text) or stamp(text) is not None
 
     def has_decimals(self, fields: Sequence[str]) -> bool:
-        """Return whether a field is a number with decimals, as no column's number is."""
+        """Return whether any field is a number with decimals, which a column number never is."""
         return any(self.decimal in text and self.is_number(text) for text in fields)
 
     def width(self, line: str) -> int:
-        """Return the number of cells; 0 for unreadable or only lost fields, -1 if blank."""
+        """Return a line's number of cells; 0 if unreadable or all lost, -1 if blank."""
         if not line.strip():
             return -1
         if self.delimiter and self.delimiter not in line:
-            return 0  # one column is looked for apart
+            return 0  # single columns are handled separately
         if '"' in line and any(text.count('"') % 2 for text in line.split(self.delimiter)):
             return 0  # the delimiter cuts a quoted field, such as "1,5"
         fields = self.fields(line)
@@ -99,7 +100,7 @@ DIALECTS = tuple(
 
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
-    """Open a text file of columns; without a header they are `column[0]`, `column[1]`, ..."""
+    """Open a text file of columns, named `column[0]`, `column[1]`, ... if there is no header."""
     text = _decode(path.read_bytes())
     lines = text.replace("\r\r\n", "\n").splitlines()
     recorded = of_lines(lines, path)
@@ -116,16 +117,16 @@ def table(
     fs: float | None = None,
     dialect: Dialect | None = None,
 ) -> Contents:
-    """Read the single table of a text; a recorder's facts replace those of its lines.
+    """Read the single table of a text; facts from a recorder replace facts from the lines.
 
     Args:
-        lines: Of the file, or what its recorder makes of them.
-        path: Of the file, for messages.
-        is_ended: Whether the last line ends.
-        names: Of all columns; by default from the lines above the table.
-        units: The same.
+        lines: Lines of the file, or their version prepared by a recorder module.
+        path: Path of the file, for messages.
+        is_ended: Whether the last line ends with a line break.
+        names: Names of all columns; by default from the lines above the table.
+        units: Units of all columns; by default from the lines above the table.
         fs: Sampling frequency [Hz]; by default from the lines above the table, if they state one.
-        dialect: How the numbers are written, where that is known.
+        dialect: Notation of the numbers, if it is known.
     """
     separator = SEPARATOR.match(lines[0].lstrip("\ufeff")) if lines else None
     lines = lines[1:] if separator else lines
@@ -160,7 +161,7 @@ def table(
 
 
 def _sniffed(lines: Sequence[str], file: str, mark: str) -> tuple[list[str], int, Dialect]:
-    """Return a table's lines, how many columns of text they are rid of, and their dialect."""
+    """Return a table's lines without text columns, the number of these columns, and the dialect."""
     try:
         return list(lines), 0, sniff(lines[:LOOKED_AT], file, mark)
     except DataError as error:
@@ -175,7 +176,7 @@ def _sniffed(lines: Sequence[str], file: str, mark: str) -> tuple[list[str], int
 
 
 def _text_columns(lines: Sequence[str], marks: Dialect) -> tuple[int, ...]:
-    """Return the columns of a table that hold words and no number; none where there is no table."""
+    """Return the columns of a table that contain words and no numbers; empty if it is no table."""
     rows = [marks.fields(line) for line in lines if line.strip() and not COMMENT.match(line)]
     tail = [row for row in takewhile(lambda row: len(row) == len(rows[-1]), reversed(rows))
             if any(map(marks.is_number, row))]  # fmt: skip
@@ -191,14 +192,14 @@ def _text_columns(lines: Sequence[str], marks: Dialect) -> tuple[int, ...]:
 
 
 def _without(line: str, marks: Dialect, columns: Sequence[int]) -> str:
-    """Return a line without some of its columns."""
+    """Return a line of a text table without the given columns."""
     fields = line.split(marks.delimiter)
     delimiter = marks.delimiter or " "
     return delimiter.join(field for i, field in enumerate(fields) if i not in columns)
 
 
 def _unfitting_names(header: Sequence[str], dialect: Dialect) -> list[str]:
-    """Return the doubt about a line of names that are more or fewer than the columns."""
+    """Return a warning if a line of names has more or fewer entries than there are columns."""
     rows = [_row(line, dialect) for line in header[-HEADED:] if line.strip()]
     words = [text for text in (rows[-1] if rows else []) if text and not dialect.is_number(text)]
     if len(words) < 2 or dialect.columns < 2:
@@ -229,7 +230,7 @@ def sniff(lines: Sequence[str], file: str, mark: str = "") -> Dialect:
 
 
 def _trial(lines: Sequence[str], marks: Dialect) -> tuple[int, Dialect]:
-    """Count the lines read as numbers in the last block of one width; return the dialect too."""
+    """Return the number of final lines of one width that read as numbers, and their dialect."""
     if marks.delimiter and not any(marks.delimiter in line for line in lines):
         return 0, marks
     widths = [marks.width(line) for line in lines]
@@ -242,7 +243,7 @@ def _trial(lines: Sequence[str], marks: Dialect) -> tuple[int, Dialect]:
         marks = replace(marks, trailing=True)
         widths = [marks.width(line) for line in lines]
     while widths and (widths[-1] < 0 or (widths[-1] == 0 and _is_remark(lines[len(widths) - 1]))):
-        widths.pop()  # blank lines and statistics at the end
+        widths.pop()  # skip blank lines and statistics at the end
     columns = widths[-1] if widths else 0
     count = len(list(takewhile(lambda width: width == columns, reversed(widths))))
     dialect = replace(marks, first=len(widths) - count, columns=columns)
@@ -250,7 +251,7 @@ def _trial(lines: Sequence[str], marks: Dialect) -> tuple[int, Dialect]:
 
 
 def _one_column(lines: Sequence[str]) -> tuple[int, Dialect]:
-    """Count lines of one number each, with decimal point and no separator; return dialect."""
+    """Return the number of final lines that are a single decimal number, and their dialect."""
     marks = Dialect(None, ".")
     widths = [0 if re.search("[,;\t]", line) else marks.width(line) for line in lines]
     while widths and widths[-1] < 0:
@@ -262,13 +263,13 @@ def _one_column(lines: Sequence[str]) -> tuple[int, Dialect]:
 
 
 def _is_label(line: str) -> bool:
-    """Return whether a line begins with a word, as that of a statistic below a table does."""
+    """Return whether a line begins with a word, such as a statistic below a table."""
     first = line.strip().strip('"#*%')
     return bool(re.match(r"\s*[^\W\d_]{2,}", first)) and not is_lost(first.split(";")[0])
 
 
 def _is_remark(line: str) -> bool:
-    """Return whether a line is a comment, or begins with a word as those of statistics do."""
+    """Return whether a line is a comment or begins with a word, such as a statistic."""
     return bool(COMMENT.match(line)) or _is_label(line)
 
 
@@ -283,7 +284,7 @@ def _without_footer(body: Sequence[str], dialect: Dialect) -> tuple[list[str], l
 
 
 def _is_ambiguous(lines: Sequence[str], dialect: Dialect) -> bool:
-    """Return whether `1,5` alone on a line may be two integers or one decimal number."""
+    """Return whether lines such as `1,5` may be two integers or one decimal number."""
     if dialect.delimiter != "," or dialect.columns % 2:
         return False
     body = [line for line in lines[dialect.first :] if line.strip()]
@@ -294,10 +295,10 @@ def _is_ambiguous(lines: Sequence[str], dialect: Dialect) -> bool:
 
 
 def _refuse_broken(header: Sequence[str], dialect: Dialect, path: Path) -> None:
-    """Raise if measured values stand above the table: a lower line split it in two."""
+    """Raise a DataError if measured values are above the table, which a broken line then split."""
     rows = [dialect.fields(line) for line in header]
     wide = [i for i, row in enumerate(rows) if len(row) == dialect.columns]
-    # The first line of the table's width may name the columns, by numbers too; and a recorder may
+    # The first line of the table's width may name the columns, even by numbers. A recorder may also
     # list a word and numbers above the names, but not between the names and the table.
     words = [sum(not dialect.is_number(text) for text in row) for row in rows]
     values = [i for i in wide[1:] if words[i] == 0 and dialect.has_decimals(rows[i])]
@@ -324,10 +325,10 @@ def _refuse_broken(header: Sequence[str], dialect: Dialect, path: Path) -> None:
 
 
 def _is_cut(body: Sequence[str], dialect: Dialect, path: Path) -> bool:
-    """Return whether a last line without its end has fewer digits than all others.
+    """Return whether a last line without a line break has fewer digits than all others.
 
     Raises:
-        DataError: All others have the same digits, so that some are lacking.
+        DataError: All other lines have the same number of digits, so that some are missing here.
     """
     if len(body) < 2:
         return False
@@ -345,7 +346,7 @@ def _is_cut(body: Sequence[str], dialect: Dialect, path: Path) -> bool:
 
 
 def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[str]]:
-    """Return names and units of the columns, from the last lines above of the table's width."""
+    """Return names and units of the columns from the last lines above the table of equal width."""
     lines = [line for line in header if line.strip()][-HEADED:]
     rows = [_row(line, dialect) for line in lines]
     rows = [row for row in rows if len(row) == dialect.columns]
@@ -356,7 +357,7 @@ def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[st
             units = [_bare(text) for text in last]
         elif not any(text and not dialect.is_number(text) for text in last):
             if any(text.strip() for text in last) and not rows:
-                return last, units or [""] * len(last)  # numbers may name the columns too
+                return last, units or [""] * len(last)  # numbers may also name the columns
         else:
             parts = [titled(title) for title in last]
             names_are_unique = len({name for name, _ in parts}) == len(parts) or _names_times(last)
@@ -364,7 +365,7 @@ def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[st
                 return last, units or [""] * len(last)
             behind = [unit for _, unit in parts]
             if not units and not any(behind) and rows and _are_units(rows[-1]):
-                units = [_bare(text) for text in rows[-1]]  # above the names
+                units = [_bare(text) for text in rows[-1]]  # the row of units is above the names
             if not units and not any(behind) and dialect.columns == 1:
                 units = _unit_in(header)
             return [name.replace('"', "") for name, _ in parts], units or behind
@@ -372,14 +373,14 @@ def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[st
 
 
 def _unit_in(header: Sequence[str]) -> list[str]:
-    """Return the unit of a single column that a line above it states, such as `Unit: g`."""
+    """Return the unit of a single column from a line above it, such as `Unit: g`."""
     units = [stated(line, "units?|einheit|y[ _]units?") for line in header]
     return [text for text in units if text][-1:]
 
 
 def _row(line: str, dialect: Dialect) -> list[str]:
-    """Return the fields of a line above the table, with or without a final delimiter."""
-    if dialect.columns == 1:  # of one name, which may have several words
+    """Return the fields of a line above the table, without a final delimiter."""
+    if dialect.columns == 1:  # the one name may have several words
         is_fact = rate_in([line]) or stated(line, "units?|einheit|y[ _]units?")
         return [] if is_fact else [line.strip().strip('#% "')]
     fields = dialect.fields(KEYED.sub("", line.lstrip("#%; ")))
@@ -396,7 +397,7 @@ def _are_units(row: Sequence[str]) -> bool:
 
 
 def _bare(text: str) -> str:
-    """Return a unit without what encloses it; empty of a sign of none."""
+    """Return a unit without its brackets or quotes; empty if the text means no unit."""
     text = text.strip(" '\"")
     if text.lower() in NO_UNIT:
         return ""
@@ -405,16 +406,16 @@ def _bare(text: str) -> str:
 
 
 def _names_times(row: Sequence[str]) -> bool:
-    """Return whether several columns of a row are times, which may be called alike."""
+    """Return whether several columns of a row are times, which may share one name."""
     return sum(is_time(titled(title)[0]) for title in row) > 1
 
 
 def _columns(
     body: Sequence[str], dialect: Dialect, path: Path
 ) -> tuple[list[Reals], frozenset[int]]:
-    """Return the columns of a table, lost samples as NaN, and which are dates or times of day [s].
+    """Return a table's columns (NaN for lost samples), and the indices of date or time columns [s].
 
-    A ValueError names a line that breaks the table.
+    A ValueError names the line that breaks the table.
     """
     rows = "\n".join(
         line.rstrip().rstrip(dialect.delimiter) if dialect.trailing else line for line in body
@@ -432,7 +433,7 @@ def _columns(
 
 
 def _cell_by_cell(body: Sequence[str], dialect: Dialect) -> tuple[list[Reals], frozenset[int]]:
-    """Return the same of a table with lost cells, grouped digits, dates or times."""
+    """Return a table's columns cell by cell, for lost cells, grouped digits, dates or times."""
     cells: list[list[str]] = []
     for i, line in enumerate(body):
         if not line.strip():
@@ -475,7 +476,7 @@ def _tree(
     """Return columns by number and by title, and the measured columns by path."""
     titles = list(titles) if len(titles) == len(columns) else [""] * len(columns)
     units = list(units) if len(units) == len(columns) else [""] * len(columns)
-    # A column of one date is no clock.
+    # A column with a single date is no clock.
     moving = [len(np.unique(column[np.isfinite(column)])) > 1 for column in columns]
     clocks = [i for i, title in enumerate(titles) if is_time(title) and moving[i]]
     leaves = _on_own_clocks(columns, titles, units, clocks)
@@ -484,7 +485,7 @@ def _tree(
     pairs = _complex_pairs(titles, leaves)
     parts = {title for title in titles if _part(title)[0] in pairs}
     for i, (title, column_leaf) in enumerate(zip(titles, leaves, strict=True)):
-        # A name that is given twice would be a guess; its columns keep their numbers only.
+        # A name that occurs twice is ambiguous; its columns are accessible by number only.
         is_unique = bool(title) and titles.count(title) == 1
         if is_unique:
             root[title] = column_leaf
@@ -494,13 +495,13 @@ def _tree(
 
 
 def _part(title: str) -> tuple[str, bool]:
-    """Return what a real or imaginary part is of, and whether it is the real one; else nothing."""
+    """Return the channel of a real or imaginary part, and whether it is real; else empty."""
     match = PART.fullmatch(title)
     return (match[1] or "response", bool(match[2])) if match else ("", False)
 
 
 def _complex_pairs(titles: Sequence[str], leaves: Sequence[Leaf]) -> dict[str, Leaf]:
-    """Return the complex channels whose real and imaginary parts are columns, by their names."""
+    """Return by name the complex channels whose real and imaginary parts are columns."""
     found = {_part(title): i for i, title in enumerate(titles)}
     pairs = {}
     for (name, is_real), i in found.items():
@@ -512,7 +513,7 @@ def _complex_pairs(titles: Sequence[str], leaves: Sequence[Leaf]) -> dict[str, L
 
 
 def _numbered(columns: Sequence[Reals], leaves: Sequence[Leaf]) -> Node:
-    """Return the columns by their numbers: one table where all are alike, else one by one."""
+    """Return the columns by number: one table if all are alike, otherwise separate channels."""
     if all(column_leaf.fs is None and not column_leaf.unit for column_leaf in leaves):
         return leaf(np.stack(columns)) if columns else Opaque("empty")
     numbered: NDArray[np.object_] = np.empty(len(leaves), dtype=object)
@@ -523,10 +524,10 @@ def _numbered(columns: Sequence[Reals], leaves: Sequence[Leaf]) -> Node:
 def _on_own_clocks(
     columns: Sequence[Reals], titles: Sequence[str], units: Sequence[str], clocks: Sequence[int]
 ) -> list[Leaf]:
-    """Return column leaves, each at the rate of the time column before it, if several.
+    """Return column leaves; with several time columns each gets the rate of the one before it.
 
-    Cells that are empty below the end of a shorter column, and those between the samples of a
-    slower one, are no lost samples.
+    Empty cells below the end of a shorter column, and those between the samples of a slower one,
+    are no lost samples.
     """
     plain_leaves = [
         replace(leaf(column), unit=unit, label=title)
@@ -557,7 +558,7 @@ def _filled(column: Reals) -> int:
 
 
 def _of_slower(full_rate: Leaf, columns: Sequence[Reals], clocks: Sequence[int]) -> Leaf:
-    """Return a channel that fills every k-th row at its slower rate, by the table's times."""
+    """Return a channel that fills every k-th row at its slower rate, from the table's times."""
     values = np.asarray(full_rate.array)
     is_filled = np.isfinite(values)
     step = _stride(is_filled)
@@ -583,7 +584,7 @@ def _decode(data: bytes) -> str:
         return data.decode("utf-16")
     if data[1:64:2] and not any(data[1:64:2]):
         return data.decode("utf-16-le", "replace")
-    data = data.replace(b"\0", b"")  # that a recorder leaves where it was switched off
+    data = data.replace(b"\0", b"")  # null bytes that a recorder leaves when it is switched off
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -1,4 +1,4 @@
-"""HDF5: lazy reading that never leaves the file, and a writer with checksums."""
+"""Reading of HDF5 files, lazily and without leaving the file, and writing with checksums."""
 
 import mmap
 import os
@@ -18,18 +18,19 @@ from jbw.measurement.files.tree import RATE, Contents, Node, Opaque, leaf
 from jbw.measurement.records import Record
 from jbw.report.messages import reading as messages
 
-HEAP = b"GCOL\x01\0\0\0"  # signature, version, three bytes of nothing; then the heap's size
-HEAD = 16  # bytes of a heap's head, and of an object's
+HEAP = b"GCOL\x01\0\0\0"  # signature, version, three reserved bytes; the heap's size follows
+HEAD = 16  # bytes of the header of a heap, and of an object in it
 UNITS = ("unit", "units", "unit_str")  # attributes that hold a channel's unit
-LABELS = ("long_name", "label", "name")  # and what it is
-MOST_TEXTS, MOST_FACTS = 256, 64  # that are looked at of an attribute, and of a dataset
-LEAST_HEAP = 4096  # bytes
-REACH = 2**26  # bytes looked through at either end of a file; samples lie between
+LABELS = ("long_name", "label", "name")  # attributes that describe a channel
+# Largest number of texts read per attribute, of attributes per dataset.
+MOST_TEXTS, MOST_FACTS = 256, 64
+LEAST_HEAP = 4096  # bytes of the smallest heap
+REACH = 2**26  # bytes searched at either end of a file; samples lie between
 
 
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
-    """Open an HDF5 file: groups are names, datasets stay on disk until loaded."""
+    """Open an HDF5 file as a tree of groups; datasets stay on disk until loaded."""
     with path.open("rb") as stream:
         is_classic = stream.read(3) == b"CDF"
     if is_classic:
@@ -56,7 +57,7 @@ def write_hdf5(
     names: Mapping[str, str] | None = None,
     dtype: DTypeLike = np.float64,
 ) -> None:
-    """Write a record, whole or not at all: one checksummed dataset a channel, named by `names`."""
+    """Write a record atomically, with one checksummed dataset per channel, named by `names`."""
     path = Path(path)
     partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
@@ -76,7 +77,7 @@ def write_hdf5(
 
 
 def group_tree(group: h5py.Group, node: Callable[[h5py.Group, str], Node]) -> dict[str, Node]:
-    """Return the names of a group and what they hold, as `node` finds it."""
+    """Return a group's entries by name, each converted by `node`."""
     return {name: node(group, name) for name in map(str, group) if not name.startswith("#")}
 
 
@@ -95,7 +96,7 @@ def fs_of(attributes: Mapping[str, Any]) -> float | None:
 
 def attribute(attributes: Mapping[str, Any], name: str) -> Any:
     """Return a text or number attribute; empty text if it is absent or of another type."""
-    # Others are never read: a changed byte in their type can end the process.
+    # Other types are never read: a changed byte in their type can crash the process.
     if name not in attributes:
         return ""
     if isinstance(attributes, h5py.AttributeManager):
@@ -112,7 +113,8 @@ def inside(dataset: h5py.Dataset) -> h5py.Dataset:
         raise _outside(dataset.name or "dataset")
     if dataset.chunks is None:
         stored = dataset.id.get_storage_size()
-        is_complete = stored in (0, dataset.nbytes)  # nothing is stored of a dataset never written
+        # A dataset that was never written stores nothing.
+        is_complete = stored in (0, dataset.nbytes)
     else:
         most = dataset.maxshape or dataset.shape
         sizes = zip(dataset.chunks, dataset.shape, most, strict=True)
@@ -135,7 +137,7 @@ def text_of(attributes: Mapping[str, Any], name: str) -> str:
 
 
 def _node(group: h5py.Group, name: str) -> Node:
-    """Return the node with a name; follow links inside the file only."""
+    """Return the node of the given name; follow only links inside the file."""
     link = group.get(name, getlink=True)
     if isinstance(link, h5py.ExternalLink):
         raise _outside(f"{group.name}/{name}")
@@ -153,7 +155,8 @@ def _array(item: Any) -> Node:
                       _texts(item))  # fmt: skip
     unit = next(filter(None, (text_of(item.attrs, key) for key in UNITS)), "")
     label = next(filter(None, (text_of(item.attrs, key) for key in LABELS)), "")
-    unit = "" if item.ndim > 1 and "\n" in unit else unit  # one a channel: for a recorder
+    # A text per channel is left to the recorder modules.
+    unit = "" if item.ndim > 1 and "\n" in unit else unit
     samples = leaf(inside(item), fs=fs_of(item.attrs), unit=unit.partition(" since ")[0])
     return replace(samples, attributes=facts_of(item.attrs), label=label)
 
@@ -174,7 +177,7 @@ def _joined(value: Any) -> str:
 
 
 def facts_of(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the attributes that are texts or numbers, by name; several texts are a line each."""
+    """Return the attributes that are texts or numbers, by name; several texts become lines."""
     facts: dict[str, Any] = {}
     for name in list(attributes)[:MOST_FACTS]:
         value = attribute(attributes, name)
@@ -190,7 +193,7 @@ def _behind(group: h5py.Group, name: str, target: str) -> Node:
     here: Any = group.file if target.startswith("/") else group
     steps = [part for part in target.split("/") if part not in ("", ".")]
     for step in steps:
-        # A link behind a link is refused too: it could lead out, or round in a circle.
+        # A link behind a link is refused too: it could lead out of the file or in a circle.
         is_hard = isinstance(here, h5py.Group) and isinstance(
             here.get(step, getlink=True), h5py.HardLink
         )
@@ -211,9 +214,9 @@ def _outside(name: str) -> DataError:
 
 
 def require_sound_heaps(path: Path) -> None:
-    """Refuse a file with a heap of texts in which one object does not lead to the next."""
-    # One changed byte in a heap, and the library walks in it without end, deaf even to Ctrl-C.
-    # HDF5 File Format Specification 3.0, section III.E.
+    """Raise a ValueError if a heap of texts in the file is corrupt."""
+    # One changed byte in a heap makes the library loop forever and ignore even Ctrl-C.
+    # See HDF5 File Format Specification 3.0, section III.E.
     size = path.stat().st_size
     with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
         for begin, end in {(0, min(REACH, size)), (max(size - REACH, 0), size)}:
@@ -225,15 +228,15 @@ def require_sound_heaps(path: Path) -> None:
 
 
 def _is_sound(data: mmap.mmap, start: int) -> bool:
-    """Return whether the objects of a heap fill it, one behind the other."""
+    """Return whether the objects of a heap fill it without a gap."""
     head = data[start + len(HEAP) : start + HEAD]
     total = int.from_bytes(head, "little")
     if len(head) < HEAD - len(HEAP) or not LEAST_HEAP <= total <= len(data) - start:
-        return True  # no heap: these bytes are samples, or the library refuses them by their size
+        return True  # no heap: the bytes are samples, or the library refuses their size
     at = HEAD
     while at + HEAD <= total:
         number, _, _, size = struct.unpack("<HHIQ", data[start + at : start + at + HEAD])
-        # Free space, number 0, counts its own head; objects do not, and are padded to 8 bytes.
+        # Free space (number 0) counts its own header; objects do not, and are padded to 8 bytes.
         step = size if number == 0 else HEAD + size + -size % 8
         if step < 8 or at + step > total:
             return False

@@ -1,4 +1,4 @@
-"""MATLAB files: v5 to v7 through scipy, v7.3 through h5py; structs, struct arrays and cells."""
+"""MATLAB files: v5 to v7 read with scipy, v7.3 with h5py; structs, struct arrays and cells."""
 
 import warnings
 from collections.abc import Iterator
@@ -27,7 +27,7 @@ from jbw.measurement.files.tree import (
 )
 from jbw.report.messages import reading as messages
 
-# What MATLAB keeps as its own objects: they hold no arrays that can be told from outside.
+# MATLAB's own objects, which contain no arrays that other programs can read.
 OPAQUE = (
     scipy.io.matlab.MatlabOpaque,
     scipy.io.matlab.MatlabFunction,
@@ -45,8 +45,8 @@ def contents(path: Path) -> Iterator[Contents]:
     else:
         require_sound(path)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # of sparse matrices, not read here
-            # Objects have no name of their own in the file; two of them look like a repetition.
+            warnings.simplefilter("ignore", DeprecationWarning)  # sparse matrices are not read here
+            # Objects have no name in the file, so that two of them look like a duplicate.
             warnings.filterwarnings("ignore", message='Duplicate variable name "None"')
             loaded = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
         root = {name: _node(x) for name, x in loaded.items() if not name.startswith("__")}
@@ -54,7 +54,7 @@ def contents(path: Path) -> Iterator[Contents]:
 
 
 def _node(value: Any) -> Node:
-    """Return a tree from what scipy hands over: structs, object arrays, numbers."""
+    """Return a tree from scipy's values: structs, object arrays, numbers."""
     if isinstance(value, OPAQUE):
         return Opaque(messages.MATLAB_OBJECT, messages.EXPORT_ARRAYS)
     if isinstance(value, scipy.io.matlab.mat_struct):
@@ -67,7 +67,7 @@ def _node(value: Any) -> Node:
 
 
 def _complex73(item: Any) -> OnDemand:
-    """Return the complex numbers, which MATLAB keeps as compounds of `real` and `imag`."""
+    """Return complex numbers that MATLAB stores as compounds of `real` and `imag`."""
 
     def read(index: Any) -> NDArray[np.complex128]:
         parts = item[index]
@@ -77,7 +77,7 @@ def _complex73(item: Any) -> OnDemand:
 
 
 def _node73(group: h5py.Group, name: str) -> Node:
-    """Return a tree from MATLAB's conventions in HDF5: references for cells, axes in reverse."""
+    """Return a tree from MATLAB's HDF5 conventions: references for cells, axes in reverse order."""
     link = group.get(name, getlink=True)
     if not isinstance(link, h5py.HardLink):
         raise DataError(
@@ -93,7 +93,7 @@ def _item73(item: Any) -> Node:
         return Opaque(messages.MATLAB_OBJECT, messages.EXPORT_ARRAYS)
     if isinstance(item, h5py.Group):
         fields: Any = hdf5.group_tree(item, _node73)
-        # Each field of a struct array is an array of references, without a class of its own.
+        # Each field of a struct array is an array of references without a class.
         are_arrays = [
             isinstance(field, h5py.Dataset)
             and h5py.check_ref_dtype(field.dtype) is h5py.Reference
@@ -102,7 +102,7 @@ def _item73(item: Any) -> Node:
         ]
         if not (are_arrays and all(are_arrays)):
             return fields
-        # An array of structs, as v5 files have it.
+        # Build an array of structs, as in v5 files.
         shape = np.shape(next(iter(fields.values())))
         structs = [{name: fields[name][i] for name in fields} for i in np.ndindex(shape)]
         return cells(structs, shape)
@@ -124,7 +124,7 @@ def _item73(item: Any) -> Node:
 
 
 def _text73(item: Any) -> str:
-    """Return the text of a char array of one row, which is stored as codes; empty if it is none."""
+    """Return the text of a one-row char array, which is stored as codes; empty if it is none."""
     if not np.issubdtype(item.dtype, np.integer) or item.size > LONGEST_TEXT:
         return ""
     if hdf5.attribute(item.attrs, "MATLAB_empty"):

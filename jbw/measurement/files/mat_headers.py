@@ -1,8 +1,8 @@
-"""Headers of a MATLAB file before v7.3, walked before its reader is let in: what they say must be.
+"""Validation of the headers of MATLAB files before v7.3, prior to reading.
 
-The reader takes types and sizes on trust: one changed byte among them can end the process, or take
-all of its memory. A walk in front of it refuses both at once and on every system; a process of its
-own with limits would cost its start, read every file twice, and judge by the clock.
+The reader trusts types and sizes: one changed byte among them can crash the process or exhaust
+its memory. Validation before reading refuses both at once and on every system. A separate process
+with limits would take time to start, read every file twice, and depend on a timer.
 """
 
 import math
@@ -17,26 +17,26 @@ import numpy as np
 from jbw.memory import require_readable
 from jbw.report.messages import reading as messages
 
-HEADER = 128  # bytes of a file before its first variable
-MATRIX, COMPRESSED = 14, 15  # data types that hold further elements
-# Data type of plain numbers or text to the bytes of one: int8 to uint64, then UTF-8, -16, -32.
+HEADER = 128  # bytes before the first variable of a file
+MATRIX, COMPRESSED = 14, 15  # data types that contain further elements
+# Bytes of one value by data type of plain numbers or text: int8 to uint64, then UTF-8, -16, -32.
 NUMBERS = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}
 WIDTHS = {**NUMBERS, 16: 1, 17: 2, 18: 4}
-WIDTHS_4 = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}  # the same of version 4
+WIDTHS_4 = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}  # the bytes of one value by data type in version 4
 NAMES = (1, 2, 16)  # data types of names
 CELL, STRUCT, OBJECT, CHAR, SPARSE = 1, 2, 3, 4, 5
-NUMERIC = range(6, 16)  # classes of arrays of numbers: double to uint64
+NUMERIC = range(6, 16)  # classes of numeric arrays: double to uint64
 FUNCTION, OPAQUE = 16, 17
-MOST_BARE = 2**16  # structs without a field in an array: nothing in the file stands for them
+MOST_BARE = 2**16  # structs without fields in an array, which occupy no bytes in the file
 LONGEST_NAME = 2**16
-SLACK = 2**16  # bytes that a packed variable may hold beyond what it declares
+SLACK = 2**16  # bytes that a compressed variable may contain beyond its declared size
 
 
 def require_sound(path: Path) -> None:
-    """Refuse headers that declare what is not there, or more than is read at once."""
-    # MATLAB, MAT-File Format, level 5: data elements and their tags.
+    """Raise an error if headers declare absent content, or more than can be read at once."""
+    # The reference is MATLAB, MAT-File Format, level 5: data elements and their tags.
     data = memoryview(np.memmap(path, np.uint8, "r"))
-    # Version 5 to 7 begins with a text, version 4 with a number below 5000.
+    # Versions 5 to 7 begin with a text, version 4 with a number below 5000.
     variables = _variables(data) if 0 not in data[:4] else _variables_4(data)
     declared = 0
     for size, check in variables:
@@ -46,7 +46,7 @@ def require_sound(path: Path) -> None:
 
 
 def _variables(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
-    """Yield the variables of a v5 file: the bytes that each takes once unpacked, and its check."""
+    """Yield the unpacked size in bytes and the check of each variable of a v5 file."""
     order = {b"IM": "<", b"MI": ">"}.get(bytes(data[HEADER - 2 : HEADER]))
     if order is None:
         raise ValueError("its header has no mark of the byte order")
@@ -67,7 +67,10 @@ def _variables(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
 
 
 def _variables_4(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
-    """Yield variables of a v4 file: type, rows, columns, imaginary part, name, numbers."""
+    """Yield the size in bytes and the check of each variable of a v4 file.
+
+    A variable consists of type, rows, columns, imaginary part, name and numbers.
+    """
     file = Elements(data, "<")
     while len(file.data) >= 20:
         first = struct.unpack("<i", file.data[:4])[0]
@@ -82,29 +85,29 @@ def _variables_4(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
 
 
 def _packed(content: memoryview, order: str, size: int) -> None:
-    """Unpack a variable of a v5 file and walk through it."""
+    """Unpack a compressed variable of a v5 file and validate it."""
     unpack = zlib.decompressobj()
     unpacked = memoryview(unpack.decompress(content, 8 + size + SLACK))
-    if not unpack.eof:  # where its checksum stands
+    if not unpack.eof:  # the checksum is at the end
         raise ValueError("a packed variable has no end, or holds more than it declares")
     _matrix(Elements(unpacked[8:], order).take(size), order)
 
 
 class Elements:
-    """The elements that lie one behind the other in the bytes that are left."""
+    """The consecutive elements of a block of bytes, consumed from its start."""
 
     def __init__(self, data: memoryview, order: str) -> None:
         self.data, self.order = data, order
 
     def take(self, count: int) -> memoryview:
-        """Return the next bytes, all of them."""
+        """Return the next `count` bytes of a MATLAB file; raise a ValueError if fewer remain."""
         if count > len(self.data):
             raise ValueError(f"{count} bytes are declared, where {len(self.data)} are left")
         head, self.data = self.data[:count], self.data[count:]
         return head
 
     def integers(self, form: str) -> tuple[int, ...]:
-        """Return the next bytes as integers of these forms."""
+        """Return the next bytes of a MATLAB file as integers of the given struct format."""
         form = self.order + form
         return struct.unpack(form, self.take(struct.calcsize(form)))
 
@@ -122,31 +125,31 @@ class Elements:
         return code, content
 
     def short(self, what: str, codes: tuple[int, ...]) -> memoryview:
-        """Return the next element's content, which must be short and of one given type."""
+        """Return the next element's content, which must be short and of one of the given types."""
         code, content = self.element()
         if code not in codes or len(content) > LONGEST_NAME:
             raise ValueError(f"its {what} have data type {code} and {len(content)} bytes")
         return content
 
     def whole_numbers(self, what: str, codes: tuple[int, ...]) -> tuple[int, ...]:
-        """Return the next element as integers of four bytes."""
+        """Return the next element of a MATLAB file as four-byte integers."""
         content = self.short(what, codes)
         return struct.unpack(f"{self.order}{len(content) // 4}i", content[: len(content) & ~3])
 
     def numbers(self, count: int | None) -> None:
-        """Pass over an element that must hold so many numbers."""
+        """Skip an element of a MATLAB file that must contain `count` numbers."""
         code, content = self.element()
         if code not in NUMBERS or count not in (None, len(content) / NUMBERS[code]):
             raise ValueError(f"{count} numbers have the type {code} and {len(content)} bytes")
 
     def text(self, count: int) -> None:
-        """Pass over a text, which may take more bytes than it has characters, or none if blank."""
+        """Skip a text, which may take more bytes than it has characters, or none if blank."""
         code, content = self.element()
         if code not in WIDTHS or 0 < len(content) < count:
             raise ValueError(f"{count} characters have the type {code} and {len(content)} bytes")
 
     def matrices(self, count: int) -> None:
-        """Walk through so many matrices."""
+        """Validate the next `count` matrices of a MATLAB file."""
         if 8 * count > len(self.data):
             raise ValueError(f"{count} items are declared, where {len(self.data)} bytes are left")
         for _ in range(count):
@@ -157,7 +160,7 @@ class Elements:
 
 
 def _matrix(content: memoryview, order: str) -> None:
-    """Walk through one matrix: flags, shape, name, then what its class has."""
+    """Validate one matrix: flags, shape, name, then the content that its class requires."""
     if not content:  # an empty item has no bytes at all
         return
     walk = Elements(content, order)
@@ -165,7 +168,7 @@ def _matrix(content: memoryview, order: str) -> None:
     if len(flags) != 2:
         raise ValueError("a variable has no flags")
     of_class, is_complex = flags[0] & 0xFF, flags[0] >> 11 & 1
-    if of_class == OPAQUE:  # no shape; names of itself, its system and its class
+    if of_class == OPAQUE:  # no shape; the names of the object, its system and its class
         for _ in range(3):
             walk.short("names", NAMES)
         walk.matrices(1)
@@ -194,7 +197,7 @@ def _matrix(content: memoryview, order: str) -> None:
 
 
 def _fields(walk: Elements, count: int, of_class: int) -> None:
-    """Walk through the fields of so many structs, or objects, which have a class name first."""
+    """Validate the fields of `count` structs, or of objects, which have a class name first."""
     if of_class == OBJECT:
         walk.short("names", NAMES)
     lengths = walk.whole_numbers("field names", (5, 6))

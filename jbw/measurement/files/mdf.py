@@ -1,4 +1,4 @@
-"""MDF of measurement systems in vehicles, through asammdf, an optional extra."""
+"""MDF files of vehicle measurement systems, read with asammdf, an optional extra."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,9 +14,9 @@ from jbw.measurement.files.tree import Contents, Leaf, Node, leaf, numeric, opti
 
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
-    """Open an MDF file: its groups hold channels, each with rate and start by its group's times.
+    """Open an MDF file as groups of channels; rate and start come from each group's times.
 
-    Samples are read at once, in the units that the file converts them to.
+    All samples are read at once, in the units to which the file converts them.
     """
     root: dict[str, Node] = {}
     series: dict[str, Leaf] = {}
@@ -30,7 +30,7 @@ def contents(path: Path) -> Iterator[Contents]:
 
 
 def _group(file: Any, number: int) -> dict[str, Leaf]:
-    """Return the channels of a group that hold a number a time, and their times before them."""
+    """Return the channels of a group with one number per time, preceded by their times."""
     channels, master = file.groups[number].channels, file.masters_db.get(number)
     chosen = [(channel.name, number, i) for i, channel in enumerate(channels) if i != master]
     group: dict[str, Leaf] = {}

@@ -1,4 +1,4 @@
-"""NumPy archives, without pickle: an object array is refused."""
+"""NumPy archives, read without pickle, so that object arrays are refused."""
 
 import zipfile
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from jbw.report.messages import reading as messages
 
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
-    """Open an .npz archive, or an .npy array under the name `data`."""
+    """Open an .npz archive, or an .npy file as an array named `data`."""
     if path.suffix.lower() == ".npy":
         array = np.load(path, mmap_mode="r", allow_pickle=False)
         if (declared := array.offset + array.nbytes) != path.stat().st_size:
@@ -23,12 +23,12 @@ def contents(path: Path) -> Iterator[Contents]:
         return
     require_unpackable(path, messages.AS_HDF5)
     with np.load(path, allow_pickle=False) as archive:
-        # A damaged member fails its CRC here, before any of its samples is used.
+        # A damaged member fails its checksum here, before any of its samples is used.
         yield Contents({name: numeric(archive[name]) for name in archive.files}, "npz")
 
 
 def require_unpackable(path: Path, remedy: str) -> None:
-    """Refuse an .npz archive that unpacks to more than is read at once, before it is unpacked."""
+    """Refuse an .npz archive that unpacks to more than can be read at once, before unpacking it."""
     with zipfile.ZipFile(path) as archive:
         size = sum(member.file_size for member in archive.infolist())
     require_readable(size, f"File `{path.name}` unpacks to", remedy)

@@ -1,11 +1,12 @@
-"""Paths into a file's tree.
+"""Paths into the tree of a file.
 
-A path is `group.sub.name`, with `/` allowed for `.`. Brackets hold one index an axis, counted from
-zero as in Python: `[3]` takes the fourth item and drops the axis, `[:]` keeps it, `[:, 1]` is short
-for `[:][1]`. Parentheses and braces count from one, as in MATLAB, so that a path can be copied from
-there: `FR.Level(4).force` is `FR.Level[3].force`, and `xData{:, 2}` is `xData[:, 1]`. A `[:]` over
-cells or a struct array visits every item, and each gives one repeat. Axes of length one are dropped
-in MATLAB files. `a - b`, with spaces around the sign, is the difference of two channels.
+A path is `group.sub.name`, with `/` allowed for `.`. Brackets contain one index per axis, counted
+from zero as in Python: `[3]` takes the fourth item and drops the axis, `[:]` keeps it, `[:, 1]` is
+short for `[:][1]`. Parentheses and braces count from one, as in MATLAB, so that a MATLAB path can
+be copied: `FR.Level(4).force` is `FR.Level[3].force`, and `xData{:, 2}` is `xData[:, 1]`. A `[:]`
+over cells or a struct array visits every item, and each item gives one repeat. In MATLAB files,
+axes of length one are dropped. `a - b`, with spaces around the sign, is the difference of two
+channels.
 """
 
 import re
@@ -25,7 +26,7 @@ MINUS = " - "
 
 
 def select(root: Node, path: str) -> Leaf | list[Leaf]:
-    """Return the array at a path, or a list of one per item where `[:]` runs over cells."""
+    """Return the array at a path, or a list with one array per item if `[:]` runs over cells."""
     if MINUS not in path or (isinstance(root, Mapping) and path in root):
         return _follow(root, path)
     picked = [_follow(root, part.strip()) for part in path.split(MINUS, 1)]
@@ -37,13 +38,13 @@ def select(root: Node, path: str) -> Leaf | list[Leaf]:
 
 
 def _follow(root: Node, path: str) -> Leaf | list[Leaf]:
-    """Return the node at one path; a refusal lists the nodes found and the closest match."""
+    """Return the array at one path; the error message lists similar and available channels."""
     path = path.strip("/")
     try:
         return _walk(root, [], path)
     except DataError as error:
         name, unit = titled(path)
-        if unit and isinstance(root, Mapping) and name in root:  # a title with its unit behind
+        if unit and isinstance(root, Mapping) and name in root:  # a title followed by its unit
             return _walk(root[name], [], "")
         channels = [name for name, item in names(root) if isinstance(item, Leaf)]
         more = f" and {len(channels) - 20} more" if len(channels) > 20 else ""
@@ -53,7 +54,7 @@ def _follow(root: Node, path: str) -> Leaf | list[Leaf]:
 
 
 def _walk(node: Node, indices: Sequence[int | None], rest: str) -> Leaf | list[Leaf]:
-    """Apply indices to a node, then follow the rest of a path from there."""
+    """Apply indices to a node, then follow the rest of the path from there."""
     if isinstance(node, Opaque):
         raise DataError(f"is {node.kind}, not an array of numbers.", remedy=node.remedy)
     while rest and rest[0] in CLOSING and (isinstance(node, Leaf) or not indices):
@@ -72,7 +73,7 @@ def _walk(node: Node, indices: Sequence[int | None], rest: str) -> Leaf | list[L
     if not rest:
         raise DataError("is a group, not an array.")
     rest = rest.lstrip("./")
-    # A name that the file has as written is never split at its dots or brackets.
+    # A name is matched as the file has it, and never split at its own dots or brackets.
     fitting = (n for n in map(str, node) if rest.startswith(n) and rest[len(n) :][:1] in "./[({")
     name = max(fitting, key=len, default="")
     if not name:
@@ -103,10 +104,10 @@ def _indices(rest: str) -> tuple[list[int | None], str]:
 def _item(
     node: Mapping[str, Any] | NDArray[Any], indices: Sequence[int | None], rest: str
 ) -> Leaf | list[Leaf]:
-    """Apply the first index to a struct or to cells, whose every item `[:]` visits in order."""
+    """Apply the first index to a struct or to cells; `[:]` visits every cell in order."""
     step, *others = indices
     if isinstance(node, Mapping):
-        if step in (0, None):  # a struct array of one is a struct
+        if step in (0, None):  # a struct array of length one is a struct
             return _walk(node, others, rest)
         raise DataError(f"asks for item [{step}], counted from zero, but there is one item.")
     if step is not None:

@@ -1,8 +1,8 @@
-"""The one door for measurement files: open, convert to SI, check, and say what was done.
+"""The single entry point for measurement files: open, convert to SI, check and report changes.
 
-A reader is a module with `contents(path)`, a context manager that gives the open file as a tree
-(`jbw.measurement.files.tree`), and one line in `READERS`; npz.py is the shortest to copy. It may
-raise anything, `ValueError` by preference, where the file is damaged: which becomes a refusal here.
+A reader is a module with `contents(path)`, a context manager that yields the open file as a tree
+(`jbw.measurement.files.tree`), and one line in `READERS`; npz.py is the shortest example. If the
+file is damaged, a reader may raise any error, preferably `ValueError`; it becomes a DataError here.
 """
 
 import hashlib
@@ -23,13 +23,13 @@ from jbw.measurement.records import ROLES, Record
 from jbw.memory import Admit, admit_all
 from jbw.report.messages.reading import EXPORTS
 
-# Suffix to the module that reads it, imported when first needed.
+# Module that reads each suffix, imported when first needed.
 READERS: dict[str, str] = {}
 PICKLES = (".pkl", ".pickle", ".p", ".joblib", ".pt")
 
 
 def register(module: str, *suffixes: str) -> None:
-    """Register a module, by its dotted name, as reader of suffixes such as ".npz"."""
+    """Register a module, by its dotted name, as the reader of suffixes such as ".npz"."""
     READERS.update(dict.fromkeys(suffixes, module))
 
 
@@ -56,32 +56,32 @@ def read(
     span: tuple[float, float] | None = None,
     exclude: Sequence[int] = (),
 ) -> tuple[Record, ...]:
-    """Return the records of one measurement file, in SI and checked.
+    """Return the records of one measurement file in SI units, after checking them.
 
     Args:
         path: The file: .mat (any version), .h5, .npz, .csv and other text, .wav, .uff, .tdms, .mf4,
             .mseed, .sac.
-        channels: Role to the channel's path in the file, such as
-            {"force": "FRdata.ResponseControl[3].force"}; brackets count from zero, parentheses and
-            braces from one as in MATLAB, and `[:]` over cells gives a repeat an item. `a - b` is
-            the difference of two channels. The role `time` gives the sampling frequency. When None,
-            the channels whose names are roles.
-        units: Role to unit, such as {"velocity": "mm/s"}; a file that states units needs none.
-        fs: Sampling frequency [Hz], or the path of a scalar that holds it; when None, from the
-            time channel or the file's attributes.
-        scale: Role to factor, applied before the unit: calibration of a WAV file.
-        sensitivity: Role to volts per unit of the sensor of a channel in volts, such as
+        channels: Path in the file of each role's channel, such as
+            {"force": "FRdata.ResponseControl[3].force"}. Brackets count from zero, parentheses
+            and braces from one as in MATLAB; `[:]` over cells gives one repeat per item. `a - b`
+            is the difference of two channels. The role `time` gives the sampling frequency. When
+            None, channels named like a role are read.
+        units: Unit of each role, such as {"velocity": "mm/s"}; not needed if the file states units.
+        fs: Sampling frequency [Hz], or the path of a scalar that contains it; when None, taken
+            from the time channel or the attributes of the file.
+        scale: Factor of each role, applied before the unit, as for the calibration of a WAV file.
+        sensitivity: Sensor sensitivity of each role whose channel is in volts, such as
             {"acceleration": "100 mV/g"}.
-        repeats: "files" when the file is one repeat; "rows" when the rows of a 2-D channel are.
-        span: First and last second to read, for cutting; only that part is loaded.
-        exclude: Repeats to leave out, counted from zero.
+        repeats: "files" if the file is one repeat; "rows" if each row of a 2-D channel is one.
+        span: First and last second to read; only that part is loaded.
+        exclude: Indices of the repeats to leave out, counted from zero.
 
     Returns:
-        One record a repeat. What is doubtful is given as a warning.
+        One record per repeat. Doubts are issued as warnings.
 
     Raises:
-        DataError: Missing file or channel, damaged file, or a channel that fails a check.
-        ConfigError: Unknown role or unit, or one that is missing.
+        DataError: The file or a channel is missing, damaged or fails a check.
+        ConfigError: A role or unit is unknown, or a unit is missing.
 
     Examples:
         A laser in mm/s is read in m/s, with the sampling frequency that the file has:
@@ -110,7 +110,7 @@ def read(
 
 
 def records(path: Path, request: Wanted, admit: Admit = admit_all) -> tuple[Record, ...]:
-    """Read a file's records in SI, without checks of samples; raise as `read` does."""
+    """Return a file's records in SI units without checking the samples; raise errors as `read`."""
     tables = (request.channels or {}, request.units, request.scale, request.sensitivity)
     for role in [role for table in tables for role in table]:
         if role not in ROLES:
@@ -124,7 +124,7 @@ def records(path: Path, request: Wanted, admit: Admit = admit_all) -> tuple[Reco
 
 
 def report(record: Record, findings: Sequence[Fault]) -> None:
-    """Raise the first error among findings as a DataError, and warn of the rest."""
+    """Raise the first error among the findings as a DataError; issue the others as warnings."""
     for finding in findings:
         what = f"{record.name}, channel `{finding.channel}`: {finding.what}"
         if finding.severity == "error":
@@ -134,7 +134,7 @@ def report(record: Record, findings: Sequence[Fault]) -> None:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Contents]:
-    """Open a measurement file with the reader of its suffix; a DataError if it cannot."""
+    """Open a measurement file with the reader of its suffix; raise a DataError if that fails."""
     module = _reader_of(path)
     try:
         with import_module(module).contents(path) as contents:

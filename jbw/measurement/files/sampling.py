@@ -1,4 +1,4 @@
-"""Sampling frequency of a file's channels, from all that states it, and the rows of a channel."""
+"""Sampling frequency of a file's channels from every statement of it, and the rows of a channel."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -23,11 +23,11 @@ from jbw.report.messages import reading as messages
 from jbw.report.messages.remedies import PUT
 from jbw.units import TIME, plain
 
-SLOWEST, FASTEST = 1e-6, 1e12  # [Hz] sampling frequencies that recorders have
-SAME_RATE = 2e-5  # relative: between channels of one record
-ADRIFT = 1.0  # intervals at most between a sample's time and its place
+SLOWEST, FASTEST = 1e-6, 1e12  # plausible sampling frequencies of recorders [Hz]
+SAME_RATE = 2e-5  # relative difference allowed between channels of one record
+ADRIFT = 1.0  # largest deviation of a sample's time from the even grid, in sampling intervals
 Repeats = list[NDArray[np.float64]]
-Sources = Mapping[str, list[Leaf]]  # role to the arrays that its path selects
+Sources = Mapping[str, list[Leaf]]  # arrays that the path of each role selects
 
 
 @dataclass(frozen=True)
@@ -45,17 +45,17 @@ class Wanted:
     window_s: float | None = None
     lines_hz: tuple[float, ...] = ()
     conjugate: bool = False
-    resample: float | None = None  # [Hz], for channels of several rates or uneven clocks
-    units_are: str = "file"  # whose units count where the file's are others: "file", or "mine"
-    # Volts per unit, of sensors whose channels are in volts, such as "100 mV/g".
+    resample: float | None = None  # [Hz]; for channels of several rates or with uneven clocks
+    units_are: str = "file"  # whose units apply if file and campaign differ: "file" or "mine"
+    # Volts per unit, such as "100 mV/g", of sensors whose channels are in volts.
     sensitivity: Mapping[str, str] = field(default_factory=dict)
-    is_timed: bool = True  # whether samples must have a time: those of a loop need none
+    is_timed: bool = True  # whether samples must have a time; samples of a loop need none
 
 
 def sampling_of(contents: Contents, sources: Sources, request: Wanted) -> tuple[float, str, slice]:
     """Return sampling frequency [Hz] (NaN for a measured FRF), its source, and samples to read.
 
-    All that states it must agree.
+    All statements of the frequency in the file and the campaign must agree.
     """
     if "frequency" in sources:
         fs = float("nan")
@@ -102,7 +102,7 @@ def sampling_of(contents: Contents, sources: Sources, request: Wanted) -> tuple[
 def on_even_grid(
     rows: Repeats, item: Leaf, contents: Contents, sources: Sources, request: Wanted
 ) -> tuple[Repeats, str]:
-    """Resample a channel's rows to the caller's rate and span; describe it in words."""
+    """Resample a channel's rows to the caller's rate and span, and describe how."""
     fs = request.resample or 0.0
     resampled: Repeats = []
     how = ""
@@ -128,7 +128,7 @@ def on_even_grid(
 def _own_clock(
     row: NDArray[np.float64], item: Leaf, contents: Contents, sources: Sources, request: Wanted
 ) -> tuple[float, NDArray[np.float64] | None]:
-    """Return the rate of a channel [Hz], or the times of its samples where these are uneven."""
+    """Return the rate of a channel [Hz], and the times of its samples if these are uneven."""
     if item.fs is not None:
         return item.fs, None
     for clock in sources.get("time", ()):
@@ -138,7 +138,7 @@ def _own_clock(
         time = np.asarray(printed, np.float64) * _seconds_in(clock, printed, request)
         times = time if request.span is None else time[rows_of_span(time, request.span)]
         if not np.isfinite(times).all() or np.any(np.diff(times) <= 0):
-            sampling_frequency(times)  # which refuses them by their places
+            sampling_frequency(times)  # raises an error that says where they fail
         try:
             return sampling_frequency(time)[0], None
         except DataError:
@@ -151,7 +151,7 @@ def _own_clock(
 
 
 def _without_rate(contents: Contents, sources: Sources, request: Wanted) -> DataError:
-    """Return the error for samples of unknown rate, with candidate time columns."""
+    """Return the error for an unknown sampling frequency, with candidate time columns."""
     times = [name for name, _ in _unused_times(contents, sources)]
     remedy = messages.STATE_RATE
     if times:
@@ -164,25 +164,25 @@ def _without_rate(contents: Contents, sources: Sources, request: Wanted) -> Data
 
 
 def _with_time(name: str, request: Wanted) -> str:
-    """Return the channels of a request and a column of times, as a campaign file has them."""
+    """Return a request's channels plus a column of times, formatted for a campaign file."""
     return toml_table({"time": name, **(request.channels or {})})
 
 
 def _agree_with_unused_time(
     contents: Contents, sources: Sources, request: Wanted, fs: float
 ) -> None:
-    """Refuse a rate against which a column of times in the file speaks that nobody named."""
+    """Raise a DataError if an unused time column of the file contradicts the sampling frequency."""
     for name, item in _unused_times(contents, sources):
-        # In the unit that it states, or in seconds as a column of times without one is.
+        # Times are taken in their stated unit; without one, in seconds.
         try:
             seconds = load(item) * si_of("time", item.unit or "s")[0]
             steps = np.diff(seconds) * fs
-        except ConfigError:  # a unit that nobody knows tells nothing
+        except ConfigError:  # times in an unknown unit prove nothing
             continue
         off = np.abs((seconds - seconds[0]) * fs - np.arange(len(seconds)))
         if len(steps) < 2 or not np.all(np.isfinite(steps)) or np.median(steps) <= 0:
             continue
-        # A clock in another unit, or a number of samples, is some power of ten away.
+        # A clock in another unit, or a sample counter, differs by a power of ten and is ignored.
         if 0.5 < np.median(steps) < 2.0 and off.max() > ADRIFT:
             raise DataError(
                 f"the file's `{name}` speaks against {fs:g} Hz: by it sample {int(off.argmax())} "
@@ -193,17 +193,17 @@ def _agree_with_unused_time(
 
 
 def _unused_times(contents: Contents, sources: Sources) -> Iterator[tuple[str, Leaf]]:
-    """Yield the columns of a file that are called times, as long as a channel that is read."""
+    """Yield the columns that are named like times and are as long as a channel that is read."""
     lengths = {max(item.shape, default=0) for items in sources.values() for item in items}
     for name, item in names(contents.root):
         is_time = isinstance(item, Leaf) and re.search(TIME, name.rpartition(".")[2].lower())
         if isinstance(item, Leaf) and is_time and len(item.shape) == 1 and item.shape[0] in lengths:
-            if item.unit or time_unit(load(item))[0]:  # others count samples
+            if item.unit or time_unit(load(item))[0]:  # other columns count samples
                 yield name, item
 
 
 def _stated_fs(contents: Contents, fs: float | str) -> tuple[float, str]:
-    """Return the caller's sampling frequency: a number, or a scalar at a path."""
+    """Return the caller's sampling frequency, given as a number or as the path of a scalar."""
     source = "the argument"
     if isinstance(fs, str):
         leaf = select(contents.root, fs)
@@ -217,9 +217,9 @@ def _stated_fs(contents: Contents, fs: float | str) -> tuple[float, str]:
 
 
 def _timed(sources: Sources, request: Wanted) -> tuple[dict[str, float], slice | None]:
-    """Return the sampling frequency of each time channel, all of which must be even.
+    """Return the sampling frequency of each time channel, and the samples to read if limited.
 
-    A clock that is even within the span alone tells the samples of that as well.
+    A clock that is even only within the span determines the samples of the span as well.
     """
     timed: dict[str, float] = {}
     part: slice | None = None
@@ -242,9 +242,9 @@ def _timed(sources: Sources, request: Wanted) -> tuple[dict[str, float], slice |
 
 
 def _seconds_in(item: Leaf, printed: NDArray[np.number], request: Wanted) -> float:
-    """Return the seconds in the unit of a time channel, by the campaign or by the file.
+    """Return the seconds per unit of a time channel, as stated by the campaign or the file.
 
-    Whole numbers without a unit are refused: they may be counts, or in a small unit.
+    Whole numbers without a unit are refused: they may be counts, or times in a small unit.
     """
     unit = request.units.get("time", "")
     if unit and item.unit and plain(unit) != plain(item.unit) and request.units_are != "mine":
@@ -261,7 +261,7 @@ def _seconds_in(item: Leaf, printed: NDArray[np.number], request: Wanted) -> flo
 
 
 def cut(fs: float, span: tuple[float, float] | None) -> slice:
-    """Return the samples of a span in seconds."""
+    """Return the slice of samples for a span in seconds."""
     if span is None:
         return WHOLE
     if not np.isfinite(fs):
@@ -279,7 +279,7 @@ def rows_of(
     curve: bool = False,
 ) -> Repeats:
     """Return an array's repeats: itself or its rows; complex only for a response curve."""
-    # A time column is not made `exact` float64: the last bit of its own type is its resolution.
+    # A time column is not converted to float64, because the last bit of its type is its resolution.
     loaded = load(item, part, np.float64 if exact else None)
     where = (request.channels or {}).get(role, role)
     if loaded.ndim > (2 if request.repeats == "rows" else 1):

@@ -1,4 +1,4 @@
-"""MiniSEED and SAC of seismic recorders, through obspy, an optional extra."""
+"""MiniSEED and SAC files of seismic recorders, read with obspy, an optional extra."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,10 +10,10 @@ from jbw.measurement.files.tree import Contents, Leaf, Node, leaf, optional
 
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
-    """Open a file of traces by their identifiers; their counts have no unit.
+    """Open a file of traces, named by their identifiers; their counts have no unit.
 
     Raises:
-        DataError: A trace that pauses, which the format keeps in pieces.
+        DataError: A trace has gaps, which the format stores as separate pieces.
     """
     traces = optional("obspy", "seismic", path).read(str(path))
     names = [trace.id.strip(".") or f"trace {i}" for i, trace in enumerate(traces)]

@@ -1,4 +1,4 @@
-"""SEP-005, the time-series dictionaries of the sdypy community: taken in, and given out."""
+"""Conversion from and to SEP-005, the time-series dictionaries of the sdypy community."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ from jbw.measurement.files.sampling import Wanted
 from jbw.measurement.files.tree import Contents, Leaf, leaf
 from jbw.measurement.records import ROLES, Record
 
-# The standard's letter for what a series measures, by role.
+# The standard's letter for the measured quantity of each role.
 QUANTITIES = {"force": "f", "acceleration": "a", "velocity": "v", "displacement": "d"}
 NEEDED = ("name", "data", "unit_str")
 
@@ -27,9 +27,10 @@ def from_sep005(
     *,
     name: str = "SEP-005",
 ) -> Record:
-    """Return a record, in SI and checked, of SEP-005 series that were sampled together.
+    """Return SEP-005 series that were sampled together as one record, in SI units and checked.
 
-    Without `channels`, role to series, it takes series named like a role, or whose `quantity` is.
+    `channels` gives the name of the series of each role. Without it, series named like a role are
+    taken, or else series whose `quantity` belongs to a role.
 
     Examples:
         A series in mm/s becomes a channel in m/s:
@@ -66,7 +67,7 @@ def from_sep005(
 
 
 def to_sep005(record: Record, names: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
-    """Return the channels of a record in time as SEP-005 dictionaries, in SI, `names` by role.
+    """Return the channels of a time record as SEP-005 dictionaries in SI, named by `names`.
 
     Examples:
         A channel becomes a series under the name that the other tool knows:

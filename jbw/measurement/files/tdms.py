@@ -1,4 +1,4 @@
-"""TDMS through npTDMS, an optional extra: samples stay on disk until asked for."""
+"""TDMS files, read with npTDMS, an optional extra: samples stay on disk until needed."""
 
 import logging
 import os
@@ -18,26 +18,28 @@ import numpy as np
 from jbw.errors import DataError
 from jbw.measurement.files.tree import Contents, Node, OnDemand, Opaque, leaf, optional
 
-UNITS = ("unit_string", "NI_UnitDescription", "unit")  # properties that hold a channel's unit
+# Properties that may contain a channel's unit.
+UNITS = ("unit_string", "NI_UnitDescription", "unit")
 INTERVAL = "wf_increment"  # property that holds the sampling interval [s]
-START, OFFSET = "wf_start_time", "wf_start_offset"  # of a channel: a date, and seconds after it
+# Properties that contain a channel's start date, and seconds after it.
+START, OFFSET = "wf_start_time", "wf_start_offset"
 SECOND = np.timedelta64(1, "s")
-LEAD_IN = 28  # bytes that begin a segment
-METADATA, BIG_ENDIAN = 0x2, 0x40  # of the flags in them
+LEAD_IN = 28  # bytes at the beginning of a segment
+METADATA, BIG_ENDIAN = 0x2, 0x40  # flags in the lead-in
 
 
 class Bounded(BufferedReader):
-    """A file never asked for more bytes than it has, which a damaged length would do."""
+    """A file that is never asked for more bytes than it has, as after a damaged length."""
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """Return the next bytes, up to the end of the file."""
+        """Return the next bytes of the file, at most up to its end."""
         remaining = os.fstat(self.fileno()).st_size - self.tell()
         return super().read(remaining if size is None or size < 0 else min(size, max(remaining, 0)))
 
 
 @contextmanager
 def _overheard() -> Iterator[list[logging.LogRecord]]:
-    """Collect the library's log, since it prints a damaged file's bytes at great length."""
+    """Collect npTDMS's log messages, which print a damaged file's bytes at great length."""
     console = import_module("nptdms.log").log_manager.console_handler
     log, handler, level = logging.getLogger("nptdms"), BufferingHandler(sys.maxsize), console.level
     handler.setLevel(logging.WARNING)
@@ -54,9 +56,9 @@ def _overheard() -> Iterator[list[logging.LogRecord]]:
 
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
-    """Open a TDMS file: groups hold channels, with their interval and unit."""
+    """Open a TDMS file as groups of channels, with the interval and unit of each."""
     nptdms = optional("nptdms", "tdms", path)
-    # By its stream: given the path, npTDMS would believe a stale index file beside it.
+    # Given a path instead of a stream, npTDMS would trust a stale index file next to it.
     with _overheard() as logged, Bounded(FileIO(path)) as stream:
         _require_consistent_segments(stream)
         with nptdms.TdmsFile.open(stream) as file:
@@ -64,8 +66,8 @@ def contents(path: Path) -> Iterator[Contents]:
 
 
 def _require_consistent_segments(stream: Bounded) -> None:
-    """Refuse a segment that says it has no metadata and where they end: it lost a flag."""
-    # The library would go on with the channels before and add its bytes to their samples.
+    """Raise a ValueError if a segment has lost its metadata flag or is cut off."""
+    # npTDMS would continue with the previous channels and append the segment's bytes to them.
     begin = 0
     while True:
         stream.seek(begin)
@@ -75,7 +77,7 @@ def _require_consistent_segments(stream: Bounded) -> None:
         if begin and (len(lead_in) < LEAD_IN or lead_in[:4] != b"TDSm"):
             raise ValueError(f"The segment at byte {begin} is cut within its lead-in.")
         if len(lead_in) < LEAD_IN or lead_in[:4] != b"TDSm":
-            break  # no such file: the library says what it lacks
+            break  # no TDMS file: npTDMS itself reports what is missing
         flags = int.from_bytes(lead_in[4:8], "little")
         order = ">" if flags & BIG_ENDIAN else "<"
         length, samples_at = struct.unpack(f"{order}QQ", lead_in[12:])
@@ -86,7 +88,7 @@ def _require_consistent_segments(stream: Bounded) -> None:
 
 
 def _checked(file: Any, logged: Sequence[logging.LogRecord], path: Path) -> Contents:
-    """Return the contents of an opened file; raise if samples of it are missing."""
+    """Return the contents of an opened file; raise an error if some of its samples are missing."""
     groups = file.groups()
     if file.file_status.incomplete_final_segment or not groups:
         num_samples = sum(len(channel) for group in groups for channel in group.channels())
@@ -105,7 +107,7 @@ def _checked(file: Any, logged: Sequence[logging.LogRecord], path: Path) -> Cont
         if START in channel.properties
     }
     first = min(starts.values(), default=None)
-    # A date is no number of seconds that keeps microseconds: times count from the first start.
+    # As seconds, a date loses its microseconds; times therefore count from the first start.
     seconds = {path: float((time - first) / SECOND) for path, time in starts.items()}
     root: dict[str, Node] = {
         group.name: {

@@ -14,38 +14,39 @@ from jbw import memory
 from jbw.errors import DataError
 from jbw.report.messages import reading as messages
 
-# What ends as a sampling frequency is called, such as `_fs_hz` or `log_samplerate`.
+# Endings of names of sampling frequencies, such as `_fs_hz` or `log_samplerate`.
 RATE = re.compile(
     r"(?:^|_)(?:fs|sampl(?:e|ing)_(?:frequency|freq|rate)|samplerate)(?:_?hz)?_*$", re.IGNORECASE
 )
-LONGEST_TEXT = 4096  # letters of a text in a file that are looked at
+LONGEST_TEXT = 4096  # longest text in a file that is looked at [characters]
 WHOLE = slice(0, None)
 
 
 @dataclass(frozen=True)
 class Leaf:
-    """A numeric array of a file, and the part of it that a path selects; read only on demand."""
+    """A numeric array of a file and the part of it that a path selects, read only on demand."""
 
-    array: Any  # with shape, dtype and items: numpy's, or of the file, such as h5py's dataset
-    axes: tuple[int, ...]  # stored axes still open, in the user's order
-    # Stored axis to the index taken along it.
+    array: Any  # numpy array or file object, such as an h5py dataset, with shape, dtype and items
+    axes: tuple[int, ...]  # stored axes without an index yet, in the user's order
+    # Index taken along each fixed stored axis.
     fixed: Mapping[int, int] = field(default_factory=dict)
-    fs: float | None = None  # sampling frequency that the file gives for it [Hz], if any
-    unit: str = ""  # unit that the file gives for it, if any
-    start_s: float | None = None  # when it was started, as the file says, since some instant [s]
-    minus: "Leaf | None" = None  # what to subtract from it, if it is a difference of two channels
-    label: str = ""  # what the file calls it, where its path does not tell
-    attributes: Mapping[str, Any] = field(default_factory=dict)  # whatever else the file says of it
+    fs: float | None = None  # sampling frequency that the file states for the array [Hz], if any
+    unit: str = ""  # unit that the file states for the array, if any
+    start_s: float | None = None  # start of the array by the file, from an arbitrary instant [s]
+    minus: "Leaf | None" = None  # leaf to subtract, if this is a difference of two channels
+    label: str = ""  # name of the array in the file, if its path does not tell
+    # All other attributes of the array in the file.
+    attributes: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Length of each open axis."""
+        """The length of each open axis."""
         return tuple(self.array.shape[axis] for axis in self.axes)
 
 
 @dataclass(frozen=True)
 class OnDemand:
-    """An array of a file that a function reads, index by index, converted as it is read."""
+    """An array of a file, read and converted index by index through a function."""
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
@@ -55,36 +56,37 @@ class OnDemand:
         return np.asarray(self.read(index), self.dtype)
 
     def astype(self, dtype: DTypeLike) -> "OnDemand":
-        """Return the same array in another type."""
+        """Return the array with another type for its values."""
         return replace(self, dtype=np.dtype(dtype))
 
 
 @dataclass(frozen=True)
 class Opaque:
-    """Something that is no array of numbers."""
+    """A node of a file that is no array of numbers."""
 
-    kind: str  # what it is, for messages
-    remedy: str = ""  # how to export it instead
-    text: str = ""  # what it says, if it is text; of several texts a line each
+    kind: str  # description, for messages
+    remedy: str = ""  # how to export it as numbers
+    text: str = ""  # its content if it is text; several texts are one line each
 
 
 @dataclass(frozen=True)
 class Contents:
-    """An open file."""
+    """The content of an open file."""
 
-    root: "Node"  # its tree
-    reader: str  # which reader opened it
-    fs: float | None = None  # sampling frequency of the whole file [Hz], if it gives one
-    # What the reader decided by itself, for the provenance.
+    root: "Node"  # tree of the file
+    reader: str  # name of the reader that opened it
+    fs: float | None = None  # sampling frequency of the whole file [Hz], if stated
+    # Decisions that the reader made, for the provenance.
     notes: Mapping[str, str] = field(default_factory=dict)
-    attributes: Mapping[str, Any] = field(default_factory=dict)  # what the file says of itself
-    # Path to the channels that a recorder measured; None where all arrays may be such.
+    attributes: Mapping[str, Any] = field(default_factory=dict)  # attributes of the file as a whole
+    # Measured channels by path; None if any array may be one.
     series: "Mapping[str, Leaf] | None" = None
-    recorder: str = ""  # which wrote it, if it is known
-    doubts: tuple[str, ...] = ()  # what the file says and its reader cannot use, a sentence each
+    recorder: str = ""  # recorder that wrote the file, if it is known
+    # Statements of the file that the reader cannot use, one sentence each.
+    doubts: tuple[str, ...] = ()
 
 
-# A container of cells is a numpy array of objects, each a node.
+# A container of cells is a numpy array of objects; each object is a node.
 Node = Mapping[str, Any] | NDArray[Any] | Leaf | Opaque
 
 
@@ -96,7 +98,7 @@ def leaf(
 
 
 def numeric(array: NDArray[Any]) -> Leaf | Opaque:
-    """Return the leaf of an array in memory, if it has numbers."""
+    """Return the leaf of an array in memory if it contains numbers, else an opaque node."""
     if np.issubdtype(array.dtype, np.number):
         return leaf(array)
     if not np.issubdtype(array.dtype, np.character):
@@ -114,7 +116,7 @@ def cells(nodes: Sequence[Node], shape: tuple[int, ...]) -> NDArray[Any]:
 
 
 def names(root: Node, prefix: str = "") -> Iterator[tuple[str, Leaf | Opaque]]:
-    """Yield every path of the tree that ends in an array, and what is there."""
+    """Yield the path and node of every array or opaque node of the tree."""
     if isinstance(root, Leaf | Opaque):
         yield prefix, root
     elif isinstance(root, Mapping):
@@ -126,8 +128,8 @@ def names(root: Node, prefix: str = "") -> Iterator[tuple[str, Leaf | Opaque]]:
 
 
 def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> NDArray[Any]:
-    """Read a leaf, or a part along its last open axis; axes of length one are dropped."""
-    # Converted to `dtype` while it is read; left as stored when None, or when complex.
+    """Load a leaf, or a part along its last open axis; axes of length one are dropped."""
+    # The array is converted to `dtype` on reading, unless `dtype` is None or the array complex.
     array: Any = source.array
     axes = [axis for axis in source.axes if array.shape[axis] != 1] or source.axes[-1:]
     index: list[Any] = [source.fixed.get(i, 0) for i in range(len(array.shape))]
@@ -136,7 +138,7 @@ def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> N
     if axes:
         index[axes[-1]] = part
     lengths = [len(range(*index[axis].indices(array.shape[axis]))) for axis in axes]
-    # As it will be held: bytes that a file packs may unpack to eight times as many.
+    # Count the size in memory, since packed bytes of a file may unpack to eight times as many.
     width = max(array.dtype.itemsize, np.dtype(dtype or array.dtype).itemsize)
     size = int(np.prod(lengths, dtype=np.float64)) * width
     fewer = memory.MAX_BYTES * lengths[-1] / max(size, 1) if lengths else 1
@@ -159,13 +161,13 @@ def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> N
             f"the other {facts[1]}.",
             remedy="Subtract channels that were sampled together, in one unit.",
         )
-    # In float64, so that integers do not wrap around.
+    # Subtract in float64, so that integers do not wrap around.
     subtracted = load(source.minus, part)
     return np.subtract(loaded, subtracted, dtype=np.result_type(loaded, subtracted, np.float64))
 
 
 def optional(package: str, extra: str, path: Path) -> Any:
-    """Return a library that only files of one format need."""
+    """Import a library that only one file format needs; raise a DataError if it is missing."""
     try:
         return import_module(package)
     except ImportError:

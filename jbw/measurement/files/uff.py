@@ -1,4 +1,4 @@
-"""UFF 58 through pyuff, an optional extra: read with every set counted, and written."""
+"""UFF 58 files, read and written with pyuff, an optional extra; the sets are counted."""
 
 import os
 import re
@@ -16,7 +16,7 @@ from jbw.measurement.files.tree import Contents, Leaf, Node, cells, leaf, load, 
 from jbw.measurement.records import Record
 from jbw.units import FACTORS, measured, plain
 
-# Specific data types of the format.
+# Quantity of each specific data type of the format.
 SPECIFIC = {8: "displacement", 9: "force", 11: "velocity", 12: "acceleration", 13: "force"}
 BEHIND = {"displacement": "", "force": "", "velocity": "/s", "acceleration": "/s^2"}
 SYSTEMS = {
@@ -25,16 +25,16 @@ SYSTEMS = {
     7: {"length": "in", "force": "lbf"}, 8: {"length": "mm", "force": "kgf"},
     10: {"length": "mm", "force": "N"},
 }  # fmt: skip
-SAME_FACTOR = 1e-5  # of a unit that has a name, as files round it
-MOST_PADDED = 5  # numbers that fill the last line of a set
+SAME_FACTOR = 1e-5  # relative; files round the factor of a named unit
+MOST_PADDED = 5  # largest number of values that pad the last line of a set
 FREQUENCY_RESPONSE = 4  # function type of the format
 SET = re.compile(rb"^ {4}-1[ \t]*\r?\n[ \t]*(\d+)b?(?=\s)", re.MULTILINE)  # the head of a set
-TAKEN = (58, 151, 164)  # types of sets that are read: functions, the program, units
+TAKEN = (58, 151, 164)  # types of sets that are read: functions, program, units
 
 
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
-    """Open a universal file as `set[0]`, `set[1]`, ..., and by their names where unique."""
+    """Open a universal file as `set[0]`, `set[1]`, ..., and by name where names are unique."""
     declared = [int(number) for number in SET.findall(path.read_bytes())]
     if declared and 58 not in declared:
         others = ", ".join(map(str, sorted(set(declared))))
@@ -74,21 +74,21 @@ def contents(path: Path) -> Iterator[Contents]:
 
 
 def names_of(node: Node, path: str) -> Iterator[tuple[str, Leaf]]:
-    """Yield the arrays of a set, by their paths."""
+    """Yield the arrays of a set with their paths."""
     for name, item in names(node):
         if isinstance(item, Leaf):
             yield (f"{path}.{name}" if name else path), item
 
 
 def _stated(dataset: Mapping[str, Any], key: str) -> str:
-    """Return a text of a set; empty where it says NONE."""
-    # pyuff replaces what is no UTF-8: behind a second that is a power, of files in Latin-1.
+    """Return a text field of a set; empty if it says NONE."""
+    # pyuff replaces bytes that are not UTF-8; after an `s` this was a Latin-1 superscript two.
     text = re.sub("(?<=s)\ufffd", "^2", str(dataset.get(key, "")).strip())
     return "" if text.upper() == "NONE" else text
 
 
 def _titles(sets: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the sets' names: first lines, or ordinate labels where these are uninformative."""
+    """Return the sets' names: first lines, or ordinate labels if first lines are uninformative."""
     firsts = [_stated(dataset, "id1") for dataset in sets]
     labels = [_stated(dataset, "ordinate_axis_lab") for dataset in sets]
     first_lines_differ = len(set(firsts)) > 1 or len(sets) == 1
@@ -99,7 +99,7 @@ def _node(dataset: Mapping[str, Any], where: str, system: Mapping[str, Any]) -> 
     data, declared = np.asarray(dataset["data"]), dataset.get("num_pts")
     x = np.asarray(dataset["x"])
     if declared is not None and declared < len(data) <= declared + MOST_PADDED:
-        if not np.any(data[declared:]):  # zeros that fill the last line
+        if not np.any(data[declared:]):  # zeros that pad the last line
             data, x = data[:declared], x[:declared]
     if declared not in (None, len(data)):
         raise DataError(
@@ -129,7 +129,7 @@ def _node(dataset: Mapping[str, Any], where: str, system: Mapping[str, Any]) -> 
 
 
 def _is_ratio(unit: str) -> bool:
-    """Return whether a unit is a response per force already, as `m/s^2/N` or `1/kg`."""
+    """Return whether a unit already is a response per force, such as `m/s^2/N` or `1/kg`."""
     of_unit = measured(plain(unit))
     return of_unit is not None and of_unit[1][1] < 0
 
@@ -137,10 +137,10 @@ def _is_ratio(unit: str) -> bool:
 def _unit_of(
     dataset: Mapping[str, Any], axis: str, quantity: str, system: Mapping[str, Any]
 ) -> str:
-    """Return an axis's unit by label, else by its quantity and the unit system of set 164.
+    """Return an axis's unit in a universal file from its label, or from its quantity and set 164.
 
-    Numbers of the file are SI numbers times the factors of that set; where a factor contradicts
-    the code of the system, nothing is stated.
+    Numbers of the file are SI numbers times the factors of set 164. The unit is empty if a factor
+    contradicts the code of the unit system.
     """
     unit = _stated(dataset, f"{axis}_axis_units_lab")
     if unit or not quantity or not system:
@@ -154,17 +154,18 @@ def _unit_of(
 
 
 def write_uff(path: str | Path, record: Record) -> None:
-    """Write the channels of a record in time as UFF 58, a double-precision set each, in SI.
+    """Write the channels of a time record as UFF 58 in SI, one double-precision set per channel.
 
-    The sets are named by the channels' roles, so that `jbw.read` takes them by these; the file is
-    read again before it gets its name. The format says the sampling interval in five digits.
+    The sets are named by the roles of the channels, so that `jbw.read` finds them. The file is read
+    back before it gets its name. The format stores the sampling interval with five digits.
 
     Args:
-        path: A new file, ending in .uff or .unv.
-        record: A record in time, all of whose samples are finite.
+        path: Path of the new file, ending in .uff or .unv.
+        record: A time record whose samples are all finite.
 
     Raises:
-        DataError: A response curve, a sample that is not finite, or a file that reads otherwise.
+        DataError: The record is a response curve, has a sample that is not finite, or does not
+            read back as it was written.
         ConfigError: The file exists, cannot be written, or has another ending.
 
     Examples:
@@ -202,8 +203,8 @@ def write_uff(path: str | Path, record: Record) -> None:
         raise ConfigError(f"File `{path}` exists.", remedy="Choose another name, or remove it.")
     part = path.with_name(f"{path.stem}.part{path.suffix}")
     try:
-        part.write_bytes(b"")  # pyuff would say less of what it cannot open
-        # Only this mode writes sets whole.
+        part.write_bytes(b"")  # gives a clearer error than pyuff if the file cannot be created
+        # Only this mode writes complete sets.
         writer = optional("pyuff", "uff", path).UFF(str(part))
         writer.write_sets([_set_of(record, role) for role in record.channels], mode="add")
         _require_same(part, record)
@@ -230,7 +231,7 @@ def _set_of(record: Record, role: str) -> dict[str, Any]:
 
 
 def _require_same(path: Path, record: Record) -> None:
-    """Refuse a file that does not hold what was written; of five digits the sampling interval."""
+    """Raise a DataError if a written file does not read back with the record's samples."""
     with contents(path) as written:
         leaves = dict(names(written.root))
         for role, samples in record.channels.items():

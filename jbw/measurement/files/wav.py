@@ -1,4 +1,4 @@
-"""WAV: full scale is 1, so a calibration factor is needed; a truncated file is refused."""
+"""WAV files: full scale is 1, so a calibration factor is needed; truncated files are refused."""
 
 import struct
 import warnings
@@ -16,15 +16,15 @@ from jbw.measurement.files.tree import Contents, OnDemand, leaf
 
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
-    """Open a WAV file as `channel[0]`, `channel[1]`, ...: full scale of integer samples is 1."""
+    """Open a WAV file as `channel[0]`, `channel[1]`, ...; full scale of integer samples is 1."""
     _require_whole(path)
     with warnings.catch_warnings():
-        # scipy only warns when the data chunk is cut short, and hands over half the samples.
+        # If the data chunk is cut short, scipy only warns and returns the samples before the cut.
         warnings.simplefilter("error", scipy.io.wavfile.WavFileWarning)
         warnings.filterwarnings("ignore", message=".*not understood.*")
         try:
             rate, samples = scipy.io.wavfile.read(path, mmap=True)
-        except ValueError:  # 24 bits cannot be mapped; a damaged file fails again below
+        except ValueError:  # samples of 24 bits cannot be mapped; a damaged file fails again here
             rate, samples = scipy.io.wavfile.read(path)
     stored, integer = np.atleast_2d(samples.T), np.issubdtype(samples.dtype, np.integer)
     full = 2.0 ** (8 * samples.dtype.itemsize - 1) if integer else 1.0
@@ -39,7 +39,7 @@ def contents(path: Path) -> Iterator[Contents]:
 
 
 def _require_whole(path: Path) -> None:
-    """Refuse chunks beyond the file, of broken samples, or that end where no other one begins."""
+    """Raise a ValueError if a chunk exceeds the file, has partial samples, or is not a chunk."""
     size, frame = path.stat().st_size, 1
     with path.open("rb") as stream:
         order = {b"RIFF": "<", b"RIFX": ">"}.get(stream.read(12)[:4])
@@ -62,7 +62,7 @@ def _require_whole(path: Path) -> None:
 
 
 def _frame_of(head: tuple[int, ...]) -> int:
-    """Return the bytes per sample of all channels, if the header's numbers are consistent."""
+    """Return the bytes per frame (one sample of every channel) if the header is consistent."""
     channels, rate, bytes_a_second, frame, bits = head
     if bytes_a_second != rate * frame or frame != channels * -(-bits // 8):
         raise ValueError(

@@ -1,1 +1,1 @@
-"""Faults of records as hypotheses: one file each, fitted together with the mode and compared."""
+"""Faults of records as hypotheses, one file each, fitted jointly with the mode and compared."""

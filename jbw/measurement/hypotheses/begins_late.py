@@ -14,17 +14,19 @@ from jbw.measurement.records import Record, is_sampled
 from jbw.measurement.spans import SPAN, span_words, start_of
 from jbw.report.messages import decay_faults as messages
 
-QUIET, LOUD = 0.1, 0.5  # of the largest response, before a blow and within a period after it
+# Shares of the largest response: upper limit before a blow, lower limit within a period after.
+QUIET, LOUD = 0.1, 0.5
 FLAT = 0.05  # change of log X while a shaker holds the motion
-FALLS = 0.3  # change of log X in the time after it, as long as the held one, at the least
-TIMES_FLAT = 12.0  # of that change over the held one; at the top of a beat it is 8
-FEWEST_VALUES = 16  # of an envelope, before anything is said of it
+FALLS = 0.3  # smallest change of log X in the time after it, which is as long as the held time
+# Smallest ratio of that change to the change while held; at the top of a beat it is 8.
+TIMES_FLAT = 12.0
+FEWEST_VALUES = 16  # smallest number of independent envelope values
 
 
 class _Beginning(NamedTuple):
     """The envelope of a record in its band: log |X|, and its times [s].
 
-    A sudden change is spread over `across` values; the filter reaches `half_s` to either side.
+    A sudden change is spread over `across` values; the filter extends `half_s` to either side.
     """
 
     size: Reals
@@ -34,14 +36,14 @@ class _Beginning(NamedTuple):
     centre_hz: float
 
 
-BLOW = "blow"  # in a record's provenance: when it came
+BLOW = "blow"  # key of a record's provenance: time of its blow
 
 
 def after_its_blow(record: Record, band_hz: tuple[float, float] | None) -> Record:
-    """Return a record from one period after its blow on, where it was quiet before it.
+    """Return a record cut to start one period after its blow, if it was quiet before the blow.
 
-    What a trigger keeps of the time before it is no free decay. When the blow came stands in the
-    provenance, with the span that is left. Nothing is cut where no motion follows.
+    The quiet time that a trigger keeps before the blow is no free decay. The provenance states the
+    time of the blow and the remaining span. Nothing is cut if no motion follows.
     """
     x = record.channels[record.response]
     if band_hz is None or not (is_sampled(record) and np.isfinite(x).all() and np.any(x)):
@@ -52,7 +54,8 @@ def after_its_blow(record: Record, band_hz: tuple[float, float] | None) -> Recor
         return record
     first = whole_up((onset + 1 / course.centre_hz) * record.fs)
     after = np.abs(x[first : 2 * first - round(onset * record.fs)])
-    if not after.size or after.max() < QUIET * np.abs(x).max():  # a bad sample, or a hard blow
+    # A single bad sample, or a hard blow.
+    if not after.size or after.max() < QUIET * np.abs(x).max():
         return record
     begins = start_of(record)
     span = begins + first / record.fs, begins + record.num_samples / record.fs
@@ -62,7 +65,7 @@ def after_its_blow(record: Record, band_hz: tuple[float, float] | None) -> Recor
 
 
 def blows_seen(test: str, records: Sequence[Mapping[str, str]]) -> list[str]:
-    """Return a sentence on records that were cut to what follows their blow, by provenances."""
+    """Return a sentence about records that were cut to start after their blow, or no sentence."""
     blows = sorted((p[BLOW] for p in records if BLOW in p), key=lambda blow: float(blow.split()[0]))
     if not blows:
         return []
@@ -70,7 +73,7 @@ def blows_seen(test: str, records: Sequence[Mapping[str, str]]) -> list[str]:
 
 
 def begins_late(record: Record, band_hz: tuple[float, float], settle_s: float) -> Iterator[Fault]:
-    """Yield the refusal of a record that does not begin with its free motion."""
+    """Yield an error for a record that does not begin with its free motion."""
     course = _course(record, band_hz, settle_s)
     if course is None:
         return
@@ -98,14 +101,14 @@ def _course(record: Record, band_hz: tuple[float, float], settle_s: float) -> _B
 
 
 def late_blow(record: Record, course: _Beginning) -> float | None:
-    """Return when the blow comes of a record that begins before it [s]; None of others."""
+    """Return the time of the blow if a record begins before it [s]; otherwise None."""
     begins = course.time[0] - course.half_s
     onset = _onset(record.channels[record.response], record.fs, begins, course.centre_hz)
     if onset is not None:
         return onset
     size = course.size
     peak = int(np.argmax(size))
-    # A beat of two modes rises as well, but not within a filter's length out of quiet.
+    # A beat of two modes also rises, but not from quiet within a filter's length.
     before = size[: max(peak - course.across, 0)]
     if len(before) <= course.across or before.max() > size[peak] + np.log(QUIET):
         return None
@@ -113,7 +116,7 @@ def late_blow(record: Record, course: _Beginning) -> float | None:
 
 
 def _onset(x: Reals, fs: float, begins: float, centre_hz: float) -> float | None:
-    """Return when a quiet record turns loud within a period [s]; None where it does not."""
+    """Return when a quiet record turns loud within one period [s]; None if it does not."""
     first, period = round(begins * fs), whole_up(fs / centre_hz)
     size = np.abs(x[first:] - np.median(x[first:]))
     size = size / size.max()
@@ -124,7 +127,7 @@ def _onset(x: Reals, fs: float, begins: float, centre_hz: float) -> float | None
 
 
 def still_driven(record: Record, course: _Beginning) -> Iterator[Fault]:
-    """Yield the refusal of a record that begins with steady motion and decays later."""
+    """Yield an error for a record that begins with steady motion and decays later."""
     size = course.size
     best = None
     for held in range(course.across, (len(size) - course.across) // 2 + 1):
@@ -137,12 +140,12 @@ def still_driven(record: Record, course: _Beginning) -> Iterator[Fault]:
             best = held
     if best is None:
         return
-    # The largest part that is flat ends where the drive does.
+    # The longest flat part ends where the drive ends.
     end = course.time[best - 1] + 2 * course.half_s
     yield refusal(record.response, *messages.still_driven(course.time[best - 1], _rounded_up(end)))
 
 
 def _rounded_up(seconds: float) -> str:
-    """Return a time to two digits, not below it."""
+    """Return a time as text, rounded up to two digits."""
     unit = 10.0 ** (np.floor(np.log10(seconds)) - 1)
     return f"{np.ceil(seconds / unit * (1 - 1e-12)) * unit:.2g}"

@@ -1,4 +1,4 @@
-"""A drive that falls into its own noise at the resonance, where the structure moves by itself."""
+"""A drive that drops to its own noise at the resonance, where the structure moves most easily."""
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -6,14 +6,14 @@ from scipy.ndimage import uniform_filter1d
 from jbw.measurement.channels import Reals
 from jbw.measurement.readings.sweep import SweepSignal
 
-FALLS = 0.5  # of its median: a drive that falls by less does not drop off
-NOISY = 0.05  # of the drive where it is least: its noise, from which a damping is off by percents
-RANDOM = 0.3  # of its median: sweeps vary by 0.01 from one moment to the next, noise by 0.5
-SMOOTHED = 0.02  # of the values, over which the drive is smooth
+FALLS = 0.5  # share of its median to which a drive must fall to count as dropping off
+NOISY = 0.05  # noise over the smallest drive; more makes an error of percents in the damping
+RANDOM = 0.3  # roughness over the median: a sweep's is 0.01 between moments, that of noise 0.5
+SMOOTHED = 0.02  # share of the values over which the drive is smoothed
 
 
 def drop_off(signal: SweepSignal) -> tuple[float, float] | None:
-    """Return the least drive over its median, and its noise over it; None where it is no drop."""
+    """Return the smallest drive over its median, and its relative noise; None if it is no drop."""
     smooth, rough = drive_course(signal)
     least = float(smooth.min())
     noise = rough / least
@@ -21,11 +21,11 @@ def drop_off(signal: SweepSignal) -> tuple[float, float] | None:
 
 
 def drive_course(signal: SweepSignal) -> tuple[Reals, float]:
-    """Return the smoothed size of a drive over its median, and the rms of what is smoothed away."""
+    """Return the smoothed size of a drive over its median, and the rms of the rest around it."""
     size = np.abs(signal.u)
     width = max(
         min(max(int(SMOOTHED * len(size)), 5), len(size) // 4), 1
-    )  # of few values a quarter
+    )  # a quarter of few values
     smooth = uniform_filter1d(size, width, mode="nearest")
     inner = slice(width, -width) if len(size) > 2 * width else slice(None)
     usual = float(np.median(smooth[inner]))

@@ -1,4 +1,4 @@
-"""A record read once: its table, and its faults; kept by what was read, for the next command."""
+"""Reading of a record once, with its table and faults; results are cached for later commands."""
 
 import hashlib
 import json
@@ -32,8 +32,8 @@ from jbw.sources import sources_of
 
 Band = tuple[float, float]
 UNREADABLE = (ArithmeticError, IndexError, JbwError, ValueError, np.linalg.LinAlgError)
-KEPT_DAYS = 30  # a reading that nobody asked for
-# Packages whose source makes a reading: another source reads anew.
+KEPT_DAYS = 30  # days after which an unused reading is removed from the cache
+# Packages that readings depend on: a change of their source invalidates the cache.
 SOURCES = ("jbw.measurement.readings", "jbw.measurement.hypotheses", "jbw.report.messages")
 
 
@@ -42,8 +42,8 @@ class Examined:
     """The reading of one record, with its faults and the band that was read.
 
     Attributes:
-        reading: Frequency and damping against amplitude; None where none can be read.
-        faults: What is wrong with the record, or doubtful.
+        reading: Frequency and damping against amplitude; None if they cannot be read.
+        faults: Errors and doubts found in the record.
         band_hz: Band that was read [Hz].
     """
 
@@ -56,21 +56,21 @@ _read: dict[str, Examined] = {}
 
 
 def examined_decay(record: Record, band_hz: Band | None, settle_s: float) -> Examined:
-    """Read a record of a decay and name its faults; a band about its strongest line unless given.
+    """Read a record of a decay and find its faults.
 
     Args:
-        record: With finite samples.
-        band_hz: Band of its one mode [Hz].
-        settle_s: Time at its start that is not read [s].
+        record: A record whose samples are all finite.
+        band_hz: Band of its single mode [Hz]; if None, a band about its strongest line.
+        settle_s: Time at the start of the record that is not read [s].
     """
     band = band_hz or about_peak(record, settle_s)
     key = _key(record, "decay", (*band, settle_s))
-    with np.errstate(all="ignore"):  # of searches that run away
+    with np.errstate(all="ignore"):  # searches may diverge
         return _kept(key, lambda: _read_or(band, lambda: _decay(record, band, settle_s)))
 
 
 def read_decays(test: Test) -> list[ModeReading | None]:
-    """Read every record of a test of decays; None of a record that cannot be read.
+    """Return the reading of every record of a decay test; None for each unreadable record.
 
     Raises:
         DataError: No record can be read.
@@ -87,11 +87,11 @@ def read_decays(test: Test) -> list[ModeReading | None]:
 
 
 def examined_sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
-    """Read a record of a sweep and name its faults.
+    """Read a record of a sweep and find its faults.
 
     Args:
-        record: With a source and a response of finite samples.
-        band_hz: Band of its one mode [Hz]; what the drive sweeps unless given.
+        record: A record whose source and response have finite samples.
+        band_hz: Band of its single mode [Hz]; if None, the band that the drive sweeps.
         delay_s: Stated lag of the response [s].
     """
     key = _key(record, "sweep", (*(band_hz or ()), delay_s))
@@ -101,7 +101,7 @@ def examined_sweep(record: Record, band_hz: Band | None, delay_s: float) -> Exam
 
 
 def _read_or(band: Band, make: Callable[[], Examined]) -> Examined:
-    """Run an examination; without reading or fault if its numerics fail on an odd record."""
+    """Return the result of an examination; empty if its numerics fail on an unusual record."""
     try:
         return make()
     except UNREADABLE:
@@ -143,7 +143,7 @@ def _sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
 
 
 def _read_fits(fits: Fits) -> ModeReading | None:
-    """Return the table of a record; None where its errors cannot be told."""
+    """Return the readings of a record's fits; None if their errors cannot be computed."""
     try:
         return read_fits(fits)
     except np.linalg.LinAlgError:
@@ -164,7 +164,7 @@ def _key(record: Record, kind: str, numbers: Sequence[float]) -> str:
 def _kept(key: str, make: Callable[[], Examined]) -> Examined:
     """Return the stored result of this process or an earlier command, else compute and store it.
 
-    A folder that cannot be written, or a file that cannot be read, costs a reading its time alone.
+    If the folder cannot be written or a file cannot be read, the only cost is a new computation.
     """
     if key not in _read:
         path = platformdirs.user_cache_path("jbw") / "readings" / f"{key}.json"
@@ -195,7 +195,7 @@ def _write(path: Path, examined: Examined) -> None:
 
 @cache
 def _forget(folder: Path) -> None:
-    """Remove readings that no command asked for in a month, once a process."""
+    """Remove readings that no command used for a month; do so once per process."""
     oldest = time.time() - KEPT_DAYS * 86400
     for path in folder.iterdir():
         with suppress(OSError):  # another process may have removed it

@@ -1,4 +1,4 @@
-"""All hypotheses in one list, and the faults of one record by them."""
+"""The list of all hypotheses, and the faults of one record that they explain."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -22,15 +22,15 @@ from jbw.measurement.readings.sweep import SweepFits
 from jbw.report.messages import clock_faults as clocks
 from jbw.report.messages import decay_faults as messages
 
-# In the order of their parameters.
+# The hypotheses are ordered by their number of parameters.
 HYPOTHESES: tuple[Hypothesis, ...] = (
     Delay(), ClocksApart(), UndecayingLine(), SecondBlow(), LostBlock(), SecondMode(),
 )  # fmt: skip
 
 
 def explained(fits: Fits, facts: Facts) -> Iterator[tuple[str, Fault]]:
-    """Yield the one cause of what a mode leaves of a record: name, and what to say of it."""
-    # Noise of the drive hides in the damping, and leaves nothing.
+    """Yield name and fault of the one cause that explains the residual of a fitted mode."""
+    # Noise of the drive biases the damping and leaves no residual, so check it first.
     if isinstance(fits, SweepFits) and (dropped := drop_off(fits.signal)) is not None:
         yield "drop-off of the drive", doubt(facts.record.source, *clocks.drop_off(*dropped))
         return
@@ -39,7 +39,7 @@ def explained(fits: Fits, facts: Facts) -> Iterator[tuple[str, Fault]]:
         return
     named = named_cause(fits, (UndecayingLine(),) if left.is_noise else HYPOTHESES)
     if named is not None:
-        fault = named.hypothesis.fault(named.values, fits, facts)
+        fault = named.hypothesis.fault(named.values, fits, facts._replace(mode=named.mode))
         yield named.hypothesis.name, replace(fault, leaves=named.mode)
     elif left.rms > UNEXPLAINED and left.share > UNEXPLAINED_SHARE:
         yield "unexplained", doubt(facts.record.response, *messages.unexplained(left.share))

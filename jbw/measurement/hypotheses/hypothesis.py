@@ -1,17 +1,17 @@
-r"""A fault as a hypothesis against a reading, and the conditions under which it is named.
+r"""Faults as hypotheses against a reading, and the conditions under which one is named.
 
-A mode is fitted first. Only where something is left beyond noise and the law's own error is a
-further cause tried, one at a time, *fitted together with the mode*. It is named where four
-conditions hold, calibrated on sound records of every law (`benchmarks/outside`):
+A mode is fitted first. Only if its residual exceeds noise and the law's own error are further
+causes tried, one at a time, *fitted together with the mode*. A cause is named if it meets four
+conditions, which are calibrated on sound records of every law (`benchmarks/outside`):
 
 1. something is left: a weighted rms above 1.2, or 6 % of the response; for a steady line alone a
    line of 30 times its local median and 0.05 % of the largest response;
-2. the cause takes at least 40 % of the weighted squares;
+2. the cause explains at least 40 % of the weighted squares;
 3. $2 \ln L_1/L_0 - k \ln n > 25$, with n the effective number of values of a coloured residual
-   and k the cause's parameters;
-4. it has a size that matters, each hypothesis its own.
+   and k the number of the cause's parameters;
+4. it is large enough to matter, by a limit of each hypothesis.
 
-Of causes within 20 of the best one that has fewer parameters is named.
+Among causes within 20 of the best, the one with the fewest parameters is named.
 """
 
 from collections.abc import Iterator, Sequence
@@ -27,26 +27,27 @@ from jbw.measurement.readings.slow_flow import ModeFit, filtered_share, independ
 from jbw.measurement.readings.sweep import SweepCause, SweepFits, fit_sweep
 from jbw.measurement.records import Record
 
-LEFT, LINE, LINE_SIZE, LEFT_SHARE = 1.2, 30.0, 5e-4, 0.06  # of condition 1
-EXPLAINS = 0.6  # of the squares that are left, at the most, by a cause: condition 2
-ENOUGH = 0.01  # of these squares: a cause that leaves less needs no rival
-ODDS = 25.0  # condition 3
-NEARLY = 20.0  # of 2 ln of the likelihood: causes that are alike
-UNEXPLAINED, UNEXPLAINED_SHARE = 20.0, 0.03  # weighted rms and share of the response that are said
-BASES_TRIED = ("linear", "power")  # of the mode beside a cause
-AROUND = 61  # lines of a residual's spectrum, whose median a line is held against
+LEFT, LINE, LINE_SIZE, LEFT_SHARE = 1.2, 30.0, 5e-4, 0.06  # limits of condition 1
+EXPLAINS = 0.6  # largest share of the residual squares that a cause may leave: condition 2
+ENOUGH = 0.01  # share of the residual squares; a cause that leaves less needs no rival
+ODDS = 25.0  # limit of condition 3
+NEARLY = 20.0  # difference in 2 ln of the likelihood below which two causes count as equal
+# Weighted rms and share of the response from which an unexplained residual is reported.
+UNEXPLAINED, UNEXPLAINED_SHARE = 20.0, 0.03
+BASES_TRIED = ("linear", "power")  # amplitude bases of the mode that is fitted with a cause
+AROUND = 61  # lines of a residual's spectrum whose median is compared with a line
 
 Fits = DecayFits | SweepFits
 
 
 class Named(NamedTuple):
-    """A cause that is named.
+    """A named cause of a record's residual.
 
     Attributes:
-        hypothesis: What it is.
-        values: Its parameters.
+        hypothesis: Kind of the cause.
+        values: Parameters of the cause.
         odds: 2 ln of the likelihood ratio.
-        mode: Frequency [Hz] and damping ratio of a linear mode beside it: what a remedy leaves.
+        mode: Frequency [Hz] and damping ratio of the linear mode fitted with it, as after a remedy.
     """
 
     hypothesis: "Hypothesis"
@@ -56,50 +57,52 @@ class Named(NamedTuple):
 
 
 class Hypothesis(Protocol):
-    """One kind of fault that a record's residual may have."""
+    """A kind of fault that a record's residual may have."""
 
     @property
     def name(self) -> str:
-        """Words for it in a table."""
+        """The name of the fault in a table."""
         ...
 
     def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
-        """Yield the cause with starting values beside a mode of a basis; none of other records."""
+        """Yield the cause with starting values for a joint fit with a mode, if it is applicable."""
         ...
 
     def matters(self, values: Reals, fits: Fits) -> bool:
-        """Return whether a cause of these values is large enough, and physical."""
+        """Return whether a cause with these values is physical and large enough to matter."""
         ...
 
     def fault(self, values: Reals, fits: Fits, facts: "Facts") -> Fault:
-        """Return what, why and remedy."""
+        """Return the fault to report: finding, reason and remedy."""
         ...
 
 
 class Facts(NamedTuple):
-    """A record and what is stated of it, for a remedy's line.
+    """A record and its stated settings, for the text of a remedy.
 
     Attributes:
         record: The whole record.
-        settle_s: Time at its start that was not read [s].
+        settle_s: Time at the start of the record that was not read [s].
         delay_s: Stated lag of the response [s].
         band_hz: Band that was read [Hz].
+        mode: Frequency [Hz] and damping ratio of the mode that is fitted with the cause.
     """
 
     record: Record
     settle_s: float
     delay_s: float
     band_hz: tuple[float, float]
+    mode: tuple[float, float] = (np.nan, np.nan)
 
 
 class LeftOver(NamedTuple):
     """The residual of a mode's fit to a record.
 
     Attributes:
-        rms: Weighted root mean square: 1 of noise alone.
-        line: Largest line of its spectrum over the local median.
+        rms: Weighted root mean square; 1 for noise alone.
+        line: Largest line of the spectrum over the local median.
         line_size: Amplitude of that line over the largest response.
-        share: Of the rms of the response.
+        share: Rms of the residual over the rms of the response.
     """
 
     rms: float
@@ -109,25 +112,25 @@ class LeftOver(NamedTuple):
 
     @property
     def has_line(self) -> bool:
-        """Whether one line of it stands out."""
+        """Whether a single line of the residual stands out."""
         return self.line > LINE and self.line_size > LINE_SIZE
 
     @property
     def is_noise(self) -> bool:
-        """Whether nothing is left to be explained, but for a line that may stand out."""
+        """Whether the residual is explained by noise, apart from a line that may stand out."""
         return self.rms < LEFT and self.share < LEFT_SHARE
 
 
 def best_of(fits: Fits) -> ModeFit:
-    """Return the fit of the basis that leaves least."""
+    """Return the fit of the amplitude basis with the smallest residual."""
     return min(fits.fits.values(), key=lambda fit: fit.squares)
 
 
 def remainder(fits: Fits) -> LeftOver:
-    """Return what the best basis leaves of a record."""
+    """Return the residual of the best basis' fit to a record."""
     best, signal = best_of(fits), fits.signal
     turned = best.residual
-    if isinstance(fits, SweepFits):  # a steady line turns against the frame of the drive
+    if isinstance(fits, SweepFits):  # a steady line rotates relative to the frame of the drive
         frame = fits.signal.phase - 2 * np.pi * fits.signal.centre_hz * fits.signal.time
         turned = turned * np.exp(1j * frame)
     power = np.abs(np.fft.fft(turned * fits.weight)) ** 2
@@ -141,25 +144,25 @@ def remainder(fits: Fits) -> LeftOver:
 
 
 def named_cause(fits: Fits, hypotheses: Sequence[Hypothesis]) -> Named | None:
-    """Return the hypothesis that explains what a mode leaves of a record, if one does."""
+    """Return the hypothesis that explains the residual of a fitted mode; None if there is none."""
     nothing = best_of(fits)
     enough = min(LEFT**2 * len(fits.signal.z), ENOUGH * nothing.squares)
     tried, rivals = [], 0
-    modes = {}  # by the name of a hypothesis
+    modes = {}  # mode of each hypothesis, by its name
     for hypothesis in hypotheses:
         found = list(_joint_fits(fits, hypothesis))
         if found:
             modes[hypothesis.name] = _mode(fits, found[0][1])
         tried += [(hypothesis, *row) for row in found if hypothesis.matters(row[0], fits)]
         rivals += len(found) > 0
-        # They are in the order of parameters: one of two that leaves noise alone is enough.
+        # Hypotheses come in order of parameters: it is enough that one of two leaves noise alone.
         if rivals > 1 and any(fitted.squares < enough for _, _, fitted in tried):
             break
     if not tried:
         return None
     closest = min(tried, key=lambda row: row[2].squares)[2]
     signal = fits.signal
-    # A spectrum of few lines cannot show how coloured it is; what the filter does is known.
+    # A spectrum of few lines cannot show how coloured it is, but the effect of the filter is known.
     of_filter = filtered_share(signal.taps, round(signal.step_s * signal.fs))
     share = min(independent_share(closest.residual * fits.weight), of_filter)
     count = 2 * len(signal.z) * share
@@ -185,9 +188,9 @@ def _mode(fits: Fits, linear: ModeFit) -> tuple[float, float]:
 
 
 def _joint_fits(fits: Fits, hypothesis: Hypothesis) -> Iterator[tuple[Reals, ModeFit]]:
-    """Yield joint fits of a hypothesis, with a linear mode and with a power of amplitude.
+    """Yield joint fits of a hypothesis, with a linear mode and with a power law of amplitude.
 
-    With a power it begins from where the linear mode ended as well.
+    The fit with a power law also starts from the result of the fit with a linear mode.
     """
     ended: list[DecayCause | SweepCause] = []
     for basis in BASES_TRIED:
@@ -206,7 +209,7 @@ def _joint_fits(fits: Fits, hypothesis: Hypothesis) -> Iterator[tuple[Reals, Mod
 
 
 def joint_fit(fits: Fits, basis: str, cause: DecayCause | SweepCause) -> ModeFit | None:
-    """Return the fit of a mode with a cause; None where its numbers fail."""
+    """Return the joint fit of a mode and a cause; None if its numerics fail."""
     fit: Any = fit_decay if isinstance(fits, DecayFits) else fit_sweep
     try:
         return fit(fits.signal, basis, fits.fits[basis].theta, fits.scale, fits.weight, cause)

@@ -1,12 +1,12 @@
-r"""Drive and response that do not keep one time: a lag that stays, grows or jumps.
+r"""Drive and response whose clocks differ: a lag that is constant, grows or jumps.
 
-A response that comes late by $\tau(t)$ turns by $e^{-i\dot\phi\tau}$ in the frame of the drive. A
-constant lag is a delay, one that grows the clocks of two recorders, one that jumps a block of
-samples that one of them lost. Lags are in mean periods of the sweep. A lag of half a period is the
-other sign of a channel.
+A response that is late by $\tau(t)$ is rotated by $e^{-i\dot\phi\tau}$ in the frame of the drive. A
+constant lag is a delay; one that grows comes from two recorders with different clocks; one that
+jumps comes from a block of samples that a recorder lost. Lags are in mean periods of the sweep. A
+lag of half a period is a wrong sign of a channel.
 
-A lag of channels is the same at every amplitude; a joint bends the phase where it moves. So a
-delay must be that of the beginning, before the motion is loud.
+A lag between channels is the same at every amplitude, whereas a joint changes the phase where it
+moves. A delay must therefore be equal to that at the beginning, before the motion is large.
 """
 
 from collections.abc import Callable, Iterator
@@ -22,35 +22,36 @@ from jbw.measurement.readings.sweep import SweepCause, SweepFits, SweepSignal, l
 from jbw.measurement.spans import kept_before
 from jbw.report.messages import clock_faults as messages
 
-OTHER_SIGN = 0.45  # of a period
-LEAST_DELAY, LEAST_DRIFT, LEAST_STEP = 0.01, 0.04, 0.05  # of a period; the drift along the record
+OTHER_SIGN = 0.45  # lag, in periods, from which the sign of a channel is wrong instead
+# Smallest lags in periods; the drift is over the whole record.
+LEAST_DELAY, LEAST_DRIFT, LEAST_STEP = 0.01, 0.04, 0.05
 LEAST_LOST = 1.6  # samples
-PLACES = np.linspace(0.03, 0.97, 16)  # shares of what the motion tells before a step
-SCANNED = 12  # places between two of these
-QUIET = 0.4  # of the largest motion: what comes before it tells a lag without the joint
-FEWEST, FAINT = 24, 1e-6  # values of that part; weight of the others
-ALIKE = 0.5  # of a delay, between that part and the whole record: true ones differ by 0.06
+PLACES = np.linspace(0.03, 0.97, 16)  # shares of the response's weighted size before a step
+SCANNED = 12  # scanned places between two of these
+QUIET = 0.4  # share of the largest motion below which the lag is determined without the joint
+FEWEST, FAINT = 24, 1e-6  # smallest number of values of that part; weight of the others
+ALIKE = 0.5  # relative difference between the delay of that part and of the record; 0.06 if true
 MILLION = 1e6
 
 
 def _courses(signal: SweepSignal) -> tuple[float, Reals]:
-    """Return a drive's mean period [s], and time from the record's middle over its length."""
+    """Return a drive's mean period [s], and time from the middle of the record over its length."""
     time = signal.time
     return signal.mean_period_s, (time - time.mean()) / np.ptp(time)
 
 
 class _Lag:
-    """A lag of some course over the record."""
+    """A lag that varies over the record by a given function."""
 
     name: str
     starts: tuple[tuple[float, ...], ...]
 
     def course(self, signal: SweepSignal, values: Reals) -> Reals:
-        """Return the lag at every time, in mean periods."""
+        """Return the lag at every time, in mean periods of the drive."""
         raise NotImplementedError
 
     def causes(self, fits: Any, basis: str) -> Iterator[SweepCause]:
-        """Yield the lag from several starts."""
+        """Yield the lag with each of several starting values."""
         if not isinstance(fits, SweepFits) or basis != "linear":
             return
         period = fits.signal.mean_period_s
@@ -62,17 +63,17 @@ class _Lag:
 
 
 class Delay(_Lag):
-    """A constant lag, in mean periods."""
+    """A constant lag, in mean periods of the drive."""
 
     name = "delay of the response"
     starts = ((-0.35,), (-0.12,), (0.12,), (0.35,))
 
     def course(self, signal: SweepSignal, values: Reals) -> Reals:
-        """Return a constant."""
+        """Return the same lag at every time, in mean periods of the drive."""
         return np.full(len(signal.time), values[0])
 
     def matters(self, values: Reals, fits: Any) -> bool:
-        """Return whether a lag exceeds 1 % of a period, is no turned sign, and holds at first."""
+        """Return whether a lag exceeds 1 % of a period, is no sign error, and exists initially."""
         if not LEAST_DELAY <= abs(values[0]) <= OTHER_SIGN:
             return False
         signal = fits.signal
@@ -88,7 +89,7 @@ class Delay(_Lag):
         return bool(abs(own - values[0]) <= ALIKE * abs(values[0]))
 
     def fault(self, values: Reals, fits: Any, facts: Facts) -> Fault:
-        """Name lag and stated delay."""
+        """Return the fault: how much the response lags, against the stated delay."""
         seconds = facts.delay_s + float(values[0]) * fits.signal.mean_period_s
         way = "lags behind" if seconds > 0 else "leads"
         return doubt(
@@ -98,21 +99,21 @@ class Delay(_Lag):
 
 
 class ClocksApart(_Lag):
-    """A lag that grows: in the middle of the record, and its change along it, in mean periods."""
+    """A growing lag: its value at mid-record and its change over the record, in mean periods."""
 
     name = "clocks apart"
     starts = ((-0.25, -0.5), (-0.12, -0.25), (0.12, 0.25), (0.25, 0.5))
 
     def course(self, signal: SweepSignal, values: Reals) -> Reals:
-        """Return a straight line."""
+        """Return the lag as a straight line in time, in mean periods of the drive."""
         return values[0] + values[1] * _courses(signal)[1]
 
     def matters(self, values: Reals, fits: Any) -> bool:
-        """Return whether it changes by 4 % of a period along the record."""
+        """Return whether the lag changes by at least 4 % of a period along the record."""
         return abs(values[0]) <= OTHER_SIGN and abs(values[1]) >= LEAST_DRIFT
 
     def fault(self, values: Reals, fits: Any, facts: Facts) -> Fault:
-        """Name the difference of the clocks."""
+        """Return the fault: by how much the clocks differ."""
         change = float(values[1]) * fits.signal.mean_period_s
         slope = change / float(np.ptp(fits.signal.time))
         fast = "fast" if slope > 0 else "slow"
@@ -123,12 +124,12 @@ class ClocksApart(_Lag):
 
 
 class LostBlock(_Lag):
-    """A lag that jumps from none: its size in mean periods, and its time over the length."""
+    """A lag that jumps from zero: its size in mean periods, its time over the record's length."""
 
     name = "lost block"
 
     def causes(self, fits: Any, basis: str) -> Iterator[SweepCause]:
-        """Yield the best step: at one of several places, then between its neighbours."""
+        """Yield the best step, searched over several places and then between their neighbours."""
         if not isinstance(fits, SweepFits) or basis != "linear":
             return
         signal, count = fits.signal, len(fits.fits["linear"].theta)
@@ -136,7 +137,7 @@ class LostBlock(_Lag):
         times = np.interp(PLACES, share / share[-1], signal.time)
 
         def fitted(at: float, step: float) -> tuple[float, float, float]:
-            """Return the squares, place and step of the best fit from a step at a place."""
+            """Return squares, place and step of the best fit from a step at the given place."""
             found = joint_fit(fits, "linear", SweepCause(np.array([step]), _stepped(float(at))))
             return (found.squares, at, float(found.theta[count])) if found else (np.inf, at, step)
 
@@ -144,7 +145,8 @@ class LostBlock(_Lag):
         inner = int(np.searchsorted(times, at))
         ends = signal.time[0], *times[max(inner - 1, 0) : inner + 2], signal.time[-1]
         low, high = max(x for x in ends if x < at), min(x for x in ends if x > at)
-        # A fit finds a place within its filter alone: a scan between neighbours leads there.
+        # A fit finds the place only within the filter's length; a scan between neighbours gets
+        # close.
         found: Any = minimize_scalar(
             lambda x: fitted(x, step)[0], bounds=(low, high), options={"maxiter": SCANNED}
         )
@@ -152,7 +154,7 @@ class LostBlock(_Lag):
         yield SweepCause(np.array([step, at / float(np.ptp(signal.time))]), _stepped(None))
 
     def matters(self, values: Reals, fits: Any) -> bool:
-        """Return whether it is 1.6 samples and 5 % of a period."""
+        """Return whether the jump is at least 1.6 samples and 5 % of a period."""
         signal = fits.signal
         samples = abs(values[0]) * signal.mean_period_s * signal.fs
         at = float(values[1]) * float(np.ptp(signal.time))
@@ -160,7 +162,7 @@ class LostBlock(_Lag):
         return is_inside and samples >= LEAST_LOST and abs(values[0]) >= LEAST_STEP
 
     def fault(self, values: Reals, fits: Any, facts: Facts) -> Fault:
-        """Name the time and the length of the block, and keep what comes before it."""
+        """Return the fault: time and length of the lost block; its remedy keeps the time before."""
         signal = fits.signal
         at = float(values[1]) * float(np.ptp(signal.time))
         jump = float(values[0]) * signal.mean_period_s
@@ -173,7 +175,7 @@ class LostBlock(_Lag):
 
 
 def _stepped(at_s: float | None) -> Callable[[SweepSignal, Complexes, Reals], Complexes]:
-    """Return a lag that jumps at a time [s], or at one that is a parameter."""
+    """Return a function that applies a lag that jumps at a given time [s] or at a fitted one."""
 
     def stepped(signal: SweepSignal, columns: Complexes, values: Reals) -> Complexes:
         place = float(values[1]) * float(np.ptp(signal.time)) if at_s is None else at_s

@@ -1,8 +1,9 @@
-r"""Whether drive and response of noise keep one time: a lag that stays, that grows, or that jumps.
+r"""Drive and response of a noise test whose clocks differ: a lag that is constant, grows or jumps.
 
-A constant lag is a delay, one that grows along the record two clocks that run apart, and one that
-jumps a block of samples that one channel lost. Parts of a record have the same FRF but for it;
-away from the resonance the structure's phase is known whatever its joint does,
+A constant lag is a delay, one that grows along the record comes from two clocks of different
+speed, and one that jumps from a block of samples that one channel lost. Parts of a record have the
+same FRF apart from the lag. Away from the resonance the phase of the structure is known whatever
+its joint does,
 
 $$\arg \frac{Y}{U} = -\omega\,\tau - \frac{2\zeta\,r}{1 - r^2} - k\pi, \quad
   r = \omega / \omega_n$$
@@ -24,27 +25,27 @@ from jbw.measurement.spectra import averaged
 from jbw.quantities import derivative_order
 from jbw.report.messages import clock_faults as messages
 
-AWAY = 0.08  # |1 - r^2| from where on the damping alone bends the phase
-LOUD = 0.3  # of the drive's largest amplitude, where a phase is read
-FEWEST = 12  # values of a phase, or of a lag
+AWAY = 0.08  # |1 - r^2| beyond which damping is the only effect on the phase
+LOUD = 0.3  # share of the drive's median power above which the phase of a line is used
+FEWEST = 12  # smallest number of values of a phase or lag
 CERTAIN = 6.0  # standard errors of a lag
-ONE_MODE = 0.3  # scatter of log |Y/U| about that of one mode: more is of several
-ROUGH = 0.15  # [rad]; a phase that scatters by more is not that of one mode
-PARTS, AVERAGES = 8, 8  # of a record of noise, and of each of them
-LEAST_PARTS = 2  # on each side of one in which the lag jumps
-COHERENT = 0.5  # between response and drive in the mean, for a lag to be read
-MOST_TURNS = 3  # half turns of the phase that are tried about its middle
-ODDS = 1e-6  # that a lag of chance is called one
-TURNED = 0.05  # [rad] at the end of the record: a smaller error moves no damping
+ONE_MODE = 0.3  # standard deviation of log |Y/U| about that of one mode; more means several modes
+ROUGH = 0.15  # [rad]; a phase that varies by more is not that of one mode
+PARTS, AVERAGES = 8, 8  # parts of a record of noise, averages in each part
+LEAST_PARTS = 2  # smallest number of parts on each side of a part within which the lag jumps
+COHERENT = 0.5  # smallest mean coherence of response and drive for which a lag is read
+MOST_TURNS = 3  # half turns of the phase that are tried on either side of its middle
+ODDS = 1e-6  # probability of calling a chance result a lag
+TURNED = 0.05  # [rad] at the end of the record: a smaller error does not affect the damping
 
 
 class Lag(NamedTuple):
-    """How a response lags behind its drive along a record.
+    """The lag of a response behind its drive along a record.
 
     Attributes:
-        constant_s: At the start of the record [s], and its standard error.
-        slope: Growth along it [s/s], and its standard error.
-        step: Times between which it jumps, and by how much [s]; None where it does not.
+        constant_s: Lag at the start of the record [s], and its standard error.
+        slope: Growth of the lag along the record [s/s], and its standard error.
+        step: Times between which the lag jumps, and size of the jump [s]; None without a jump.
     """
 
     constant_s: tuple[float, float]
@@ -53,7 +54,7 @@ class Lag(NamedTuple):
 
 
 def untimely(record: Record, delay: float) -> Iterator[Fault]:
-    """Yield the doubt that drive and response of a record of noise do not keep one time."""
+    """Yield a warning if drive and response of a noise record differ by a lag, drift or gap."""
     u, x = (record.channels[role] for role in (record.source, record.response))
     parts = _lags_of_noise(u, x, record.fs)
     if parts is None:
@@ -67,7 +68,7 @@ def untimely(record: Record, delay: float) -> Iterator[Fault]:
         text = messages.lost_block(0.5 * (before + after), what, kept_before(record, before))
         yield doubt(record.response, *text)
     elif abs(lag.slope[0]) * length > least:
-        # A fast clock takes its samples early: they show what was before, and the lag grows.
+        # A fast clock samples early: each sample shows an earlier instant, and the lag grows.
         slope, fast = lag.slope[0], "fast" if lag.slope[0] > 0 else "slow"
         text = messages.another_clock(1e6 * abs(slope), fast, abs(slope) * length, 1e6 * slope)
         yield doubt(record.response, *text)
@@ -76,9 +77,9 @@ def untimely(record: Record, delay: float) -> Iterator[Fault]:
 
 
 def _delayed(record: Record, lag: Lag, delay: float, least: float) -> Iterator[Fault]:
-    """Yield the doubt that a lag along the whole record is another than the campaign states."""
+    """Yield a warning if the lag along the whole record differs from the stated delay."""
     seconds, error = lag.constant_s
-    # What is fed in volts is held from sample to sample, which is half a sample of lag.
+    # A voltage input is held from sample to sample, which is half a sample of lag.
     held = 1 / record.fs if record.source == "input" else 0.0
     if abs(seconds - delay) > max(least, CERTAIN * error, held):
         way = "lags behind" if seconds > 0 else "leads"
@@ -88,14 +89,14 @@ def _delayed(record: Record, lag: Lag, delay: float, least: float) -> Iterator[F
 def _away(
     omega: Reals, receptance: Complex[np.ndarray, " line"]
 ) -> tuple[Int[np.ndarray, " kept"], Reals, Reals] | None:
-    """Return lines off a single resonance, their phase, and its bend by damping; else None."""
+    """Return lines away from a single resonance, their phase and its change by damping, or None."""
     natural = float(omega[np.argmax(np.abs(omega * receptance))])
     r = omega / natural
     lines_away = np.flatnonzero(np.abs(1 - r**2) > AWAY)
     if len(lines_away) < FEWEST:
         return None
     r = r[lines_away]
-    # Of one mode the size falls off as 1 / (1 - r^2); of several the phase tells no lag.
+    # The size of a single mode falls as 1 / (1 - r^2); with several modes the phase shows no lag.
     if np.std(np.log(np.abs(receptance[lines_away] * (1 - r**2)))) > ONE_MODE:
         return None
     phase = np.angle(receptance[lines_away] * np.where(r < 1, 1.0, -1.0))
@@ -103,7 +104,7 @@ def _away(
 
 
 def _constant_of_noise(record: Record) -> Lag | None:
-    """Return the lag of a whole record of noise, by its averaged FRF away from the resonance."""
+    """Return the lag of a whole record of noise, from its averaged FRF away from the resonance."""
     u, x = (record.channels[role] for role in (record.source, record.response))
     short = 2 * len(u) // (PARTS * (AVERAGES + 1))
     freq, power, response, cross = averaged(
@@ -121,7 +122,7 @@ def _constant_of_noise(record: Record) -> Lag | None:
         return None
     lines_away, phase, bend = away
     phase, design = np.unwrap(phase), np.column_stack([-omega[lines_away], -bend])
-    # Half turns are the polarity of a channel: a lag turns the phase by as much as the frequency.
+    # Half turns are the polarity of a channel, whereas a lag rotates the phase with frequency.
     nearest = np.round(np.median(phase) / np.pi)
     turns = np.pi * (nearest + np.arange(-MOST_TURNS, MOST_TURNS + 1))
     fitted = min((_squares(design, phase - turn) for turn in turns), key=lambda fit: fit.squares)
@@ -134,7 +135,7 @@ def _constant_of_noise(record: Record) -> Lag | None:
 
 class _Fit(NamedTuple):
     values: Reals
-    errors: Reals  # for residuals of unit variance
+    errors: Reals  # standard errors for residuals of unit variance
     squares: float
 
 
@@ -147,14 +148,14 @@ def _squares(design: Float[np.ndarray, "value unknown"], target: Reals) -> _Fit:
 
 
 def _better(simple: _Fit, extended: _Fit, count: int, unknowns: int) -> bool:
-    """Return whether a further unknown takes away more squares than noise would give it."""
+    """Return whether an additional unknown reduces the squares by more than noise would."""
     degrees = (count - unknowns) / 2  # neighbouring values overlap by half
     ratio = (simple.squares - extended.squares) / max(extended.squares, 1e-300) * degrees
     return bool(fdtrc(1, degrees, ratio) < ODDS)
 
 
 def _lags_of_noise(u: Reals, x: Reals, fs: float) -> tuple[Reals, Reals, float] | None:
-    """Time of the parts of a record, their lags against the first [s], and the frequency there."""
+    """Return the times of parts of a record, their lags to the first [s], and a frequency [Hz]."""
     size = len(u) // PARTS
     short = 2 * size // (AVERAGES + 1)
     if short < 64:
@@ -183,7 +184,7 @@ def _lags_of_noise(u: Reals, x: Reals, fs: float) -> tuple[Reals, Reals, float] 
 
 
 def _cross(u: Reals, x: Reals, short: int) -> Complex[np.ndarray, "two line"]:
-    """Return the cross spectrum and the coherence of a part."""
+    """Return the cross spectrum and the coherence of one part of a record."""
     window = np.hanning(short)
     starts = range(0, len(u) - short + 1, short // 2)
     spectra = np.array(
@@ -196,13 +197,13 @@ def _cross(u: Reals, x: Reals, short: int) -> Complex[np.ndarray, "two line"]:
 
 
 def _jump_within(at: int, lags: Reals) -> _Fit:
-    """Fit lags that jump within one of the parts."""
+    """Fit lags of parts that jump within one of the parts."""
     part = np.arange(len(lags))
     return _squares(np.column_stack([np.ones_like(lags), part > at, part == at]), lags)
 
 
 def _course(time: Reals, lags: Reals) -> Lag:
-    """Choose a constant, a slope or a step that describes the lags of noise over time."""
+    """Return a constant, a slope or a step, whichever describes the lags of noise over time."""
     constant = np.ones_like(time)
     plain = _squares(constant[:, None], lags)
     growing = _squares(np.column_stack([constant, time - time[0]]), lags)
@@ -210,7 +211,7 @@ def _course(time: Reals, lags: Reals) -> Lag:
         (at, _squares(np.column_stack([constant, np.arange(len(time)) >= at]), lags))
         for at in range(1, len(time))
     ]
-    # A part in which it jumps has a lag of its own, between the two.
+    # A part within which the lag jumps has an intermediate lag.
     within = [(at, _jump_within(at, lags)) for at in range(LEAST_PARTS, len(time) - LEAST_PARTS)]
     unknowns, before, after, jump = min(
         *((3, at - 1, at, fit) for at, fit in stepped),
@@ -218,7 +219,7 @@ def _course(time: Reals, lags: Reals) -> Lag:
         key=lambda candidate: candidate[-1].squares,
     )
     chosen = plain
-    # Two or three of eight parts are left for the scatter: the odds say what that is worth.
+    # Only a few of eight parts remain to estimate the variation; the odds account for this.
     if _better(plain, growing, 2 * len(time), 2):
         chosen = growing
     if jump.squares < chosen.squares and _better(plain, jump, 2 * len(time), unknowns):

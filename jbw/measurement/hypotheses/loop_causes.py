@@ -1,12 +1,12 @@
-r"""Faults of a force loop as hypotheses on what sliders and springs leave of it.
+r"""Faults of a force loop as hypotheses on the residual of a fit by sliders and springs.
 
 A load cell whose zero is off and drifts adds $c_0 + c_1 t$. A joint that wears along its path s
-has the force $F = F_0 + (w_1 s + w_2 s^2) F$, with $F_0$ the force of the unworn joint. A force
-that is late fits where it is read later; one behind a charge amplifier of time constant T leaves
-$-\frac1T \int F\,\mathrm{d}t$; behind a gauge that slips once the motion is another. A cause is
-named where sliders leave more than 1 % of the rms of the force beyond noise, and it takes 85 % of
-the squares of that. What a campaign states, a zero that drifts or a law that wears, stands beside
-the sliders from the beginning.
+has the force $F = F_0 + (w_1 s + w_2 s^2) F$, with $F_0$ the force of the unworn joint. A delayed
+force fits if it is read later. A force behind a charge amplifier of time constant T leaves
+$-\frac1T \int F\,\mathrm{d}t$. Behind a displacement gauge that slips once, the motion differs. A
+cause is named if sliders leave more than 1 % of the rms of the force beyond noise, and the cause
+explains 85 % of the squares of that residual. Effects that a campaign states, a drifting zero or a
+wearing law, are fitted together with the sliders from the beginning.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -24,15 +24,15 @@ from jbw.measurement.records import LOAD_CELLS, Record
 from jbw.measurement.spans import kept_part, span_line, start_of
 from jbw.report.messages import loop_faults as messages
 
-LEFT = 0.01  # of the rms of the force, beyond noise: what no sound loop leaves
-OFF = 0.02  # of the rms of the force: what is read before the motion, at the most
-NOISE = 1.2  # times its square: what sliders leave of it by chance
-EXPLAINS = 0.85  # of what is left beyond noise, by a cause
-OF_CYCLE = 0.125  # longest lag that is tried
-SLIPS = 3  # places at which a gauge may have slipped
-NEIGHBOURS = 2  # steps of a motion to either side, whose median is the usual one
-FEWEST = 64  # samples
-STILL = 1e-3  # of the whole stroke: a joint that has moved by less rests
+LEFT = 0.01  # largest residual beyond noise of a sound loop, over the rms of the force
+OFF = 0.02  # largest force before the motion, over the rms of the force
+NOISE = 1.2  # factor on the squares of noise that sliders leave by chance
+EXPLAINS = 0.85  # share of the residual beyond noise that a cause must explain
+OF_CYCLE = 0.125  # largest lag that is tried, of a cycle
+SLIPS = 3  # number of places at which a gauge may have slipped
+NEIGHBOURS = 2  # steps of a motion to either side, whose median is the usual step
+FEWEST = 64  # fewest samples of a loop
+STILL = 1e-3  # share of the whole stroke within which a joint counts as at rest
 WEARING = ("bwbn", "bwbn_pinching")  # laws under which every cycle changes the joint
 
 
@@ -46,12 +46,12 @@ class Cause(NamedTuple):
 def loop_causes(
     record: Record, delay: float, load_cell: str = "exact", laws: Sequence[str] = ()
 ) -> Iterator[Fault]:
-    """Yield the zero of the load cell, and the one cause of what else sliders leave of a loop.
+    """Yield a fault of the load cell's zero, and the one cause of the remaining residual of a loop.
 
     Args:
-        record: Of kind `loop`.
+        record: A record of kind `loop`.
         delay: Stated lag of its force [s].
-        load_cell: What the zero of the load cell is stated to do.
+        load_cell: Stated behaviour of the zero of the load cell.
         laws: Stated laws of the joint.
     """
     whole = forced_loop(record, delay)
@@ -83,7 +83,7 @@ def loop_causes(
 def _named(
     force: Reals, part: Reals, square: float, tried: Iterable[Cause | None], least: float = LEFT
 ) -> Iterator[Fault]:
-    """Yield the best of the causes of what is left of a part of a force, if it takes enough."""
+    """Yield the best of the tried causes of a residual, if it explains enough of it."""
     noise = noise_of(force) ** 2 * len(part)
     if square - NOISE * noise < least**2 * len(part) * np.var(force) or len(part) < FEWEST:
         return
@@ -94,11 +94,11 @@ def _named(
 
 
 def _bases(loop: ForcedLoop, load_cell: str, laws: Sequence[str]) -> tuple[LoopBasis, Columns]:
-    """Return the columns of what is stated, and those of the zero of the load cell that is not."""
+    """Return the columns of the stated effects, and of unstated parts of the load cell's zero."""
     y, basis = loop.displacement, basis_of(loop.displacement)
     known = LOAD_CELLS.index(load_cell)
     if not begins_unmoved(y):
-        known = max(known, 1)  # sliders that are stuck there have a constant of their own
+        known = max(known, 1)  # stuck sliders there add a constant of their own
     springs, zero = np.split(basis.springs, [basis.springs.shape[1] - 2 + known], axis=1)
     if set(laws) & set(WEARING):
         springs = np.column_stack([springs, *(_path_of(loop) * loop.force)])
@@ -106,7 +106,7 @@ def _bases(loop: ForcedLoop, load_cell: str, laws: Sequence[str]) -> tuple[LoopB
 
 
 def _at_rest(loop: ForcedLoop) -> Reals:
-    """Return the force before the motion, which is none of a joint, whatever its law."""
+    """Return the force before the motion starts, which should be zero for every law."""
     y = loop.displacement
     if not begins_unmoved(y):
         return loop.force[:0]
@@ -114,7 +114,7 @@ def _at_rest(loop: ForcedLoop) -> Reals:
 
 
 def _loaded(rest: Reals, force: Reals) -> Iterator[Cause]:
-    """Yield a load cell whose zero is off, by the force before the motion."""
+    """Yield the cause of a load cell with zero offset, from the force before the motion."""
     text = messages.off_centre(float(np.mean(rest) / (0.5 * np.ptp(force))), 0.0)
     yield Cause(len(rest) * float(np.var(rest)), doubt("restoring_force", *text))
 
@@ -130,13 +130,13 @@ def _off_zero(loop: ForcedLoop, basis: LoopBasis, zero: Columns) -> Iterator[Cau
 
 
 def _path_of(loop: ForcedLoop) -> Columns:
-    """Return the path of the motion over the whole of it, and its square, a row each."""
+    """Return the relative path of the motion and its square, one row each."""
     path = np.append(0.0, np.cumsum(np.abs(np.diff(loop.displacement))))
     return np.stack([path / path[-1], (path / path[-1]) ** 2])
 
 
 def _worn(loop: ForcedLoop, basis: LoopBasis) -> Cause | None:
-    """Return a joint whose force falls or rises along its path, by cycles of one amplitude."""
+    """Return the cause of a force that changes along its path, from cycles of one amplitude."""
     if not (groups := of_one_amplitude(cycles_of(loop))):
         return None
     path = _path_of(loop)
@@ -160,8 +160,9 @@ def _late(loop: ForcedLoop, whole: LoopBasis, stated: float) -> Cause | None:
     if not (cycles := cycles_of(loop)):
         return None
     longest = OF_CYCLE * float(np.median([one.num_samples for one in cycles]))
-    known = slice(0, len(loop.force) - int(np.ceil(longest)))  # whose force is in the record
-    # Beside a lag a dashpot tells nothing: of a spring it is its opposite.
+    # Samples whose force at the longest lag is in the record.
+    known = slice(0, len(loop.force) - int(np.ceil(longest)))
+    # With a lag, a dashpot is redundant: a lagging spring acts as a negative dashpot.
     basis = LoopBasis(whole.losses[known, :-1], whole.springs[known])
     samples = np.arange(len(loop.force))
 
@@ -175,7 +176,7 @@ def _late(loop: ForcedLoop, whole: LoopBasis, stated: float) -> Cause | None:
 
 
 def _high_passed(loop: ForcedLoop, basis: LoopBasis) -> Cause | None:
-    """Return a force behind the high-pass of a charge amplifier."""
+    """Return the cause of a force behind the high-pass filter of a charge amplifier."""
     mean = 0.5 * (loop.force[1:] + loop.force[:-1]) / loop.fs
     integral = np.concatenate([[0.0], np.cumsum(mean)])
     found = fit_loop(basis, loop.force, [-integral])
@@ -186,14 +187,14 @@ def _high_passed(loop: ForcedLoop, basis: LoopBasis) -> Cause | None:
 
 
 def _slipped(loop: ForcedLoop, record: Record, every: int) -> Iterator[Cause]:
-    """Yield causes of a slipping gauge, at the motion steps least like their neighbours."""
+    """Yield causes of a slipping gauge, at the motion steps that differ most from neighbours."""
     steps = np.diff(loop.displacement)
     around = np.lib.stride_tricks.sliding_window_view(steps, 2 * NEIGHBOURS + 1)
     unlike = steps[NEIGHBOURS:-NEIGHBOURS] - np.median(around, axis=1)
-    before = loop.begins - start_of(record)  # a stated delay may leave out the first samples
+    before = loop.begins - start_of(record)  # a stated delay may skip the first samples
     skipped = round(before * record.fs) if before else 0
     for place in np.argsort(np.abs(unlike))[-SLIPS:].tolist():
-        first = place + NEIGHBOURS + 1  # sample behind the slip
+        first = place + NEIGHBOURS + 1  # first sample after the slip
         motion = loop.displacement.copy()
         motion[first:] -= unlike[place]
         found = fit_loop(basis_of(motion), loop.force)

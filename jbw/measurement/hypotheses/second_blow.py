@@ -1,4 +1,4 @@
-"""A decay that goes on from another place of its own course: hit again, or samples are missing."""
+"""A decay that continues from another point of its course: hit again, or samples are missing."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -12,18 +12,18 @@ from jbw.measurement.readings.decay import DecayCause, DecayFits
 from jbw.measurement.spans import left_out_from
 from jbw.report.messages import decay_faults as messages
 
-PLACES = 60  # at which a jump is looked for
-APART = 0.1  # of the record between the two places that are tried
-LOUD = 6.0  # noise amplitudes
-LEAST = 0.05  # of ln a and of the phase [rad] together
-LOST = 0.08  # of ln a: a smaller jump of the size is one of the phase alone
-GREW = 0.2  # of ln a: no samples that are missing make a decay so much larger
-GROWTH = (-1.5, 8.0)  # of ln a: no jump is larger
-ENDS = 0.02  # of the record, at which nothing is told
+PLACES = 60  # candidate places of a jump
+APART = 0.1  # smallest distance of the two places that are tried, over the record's length
+LOUD = 6.0  # noise amplitudes; a quieter envelope is not searched
+LEAST = 0.05  # smallest jump of ln a and the phase [rad] combined
+LOST = 0.08  # jump of ln a below which only the phase jumps
+GREW = 0.2  # jump of ln a above which missing samples cannot be the cause
+GROWTH = (-1.5, 8.0)  # range of plausible jumps of ln a
+ENDS = 0.02  # share of the record at either end where a jump cannot be seen
 
 
 class SecondBlow:
-    """A jump along the same decay: its time, of ln a, of the phase."""
+    """A jump along the same decay: its time, and the jumps of ln a and of the phase."""
 
     name = "second blow"
 
@@ -33,13 +33,13 @@ class SecondBlow:
             yield from map(DecayCause, _places(fits))
 
     def matters(self, values: Reals, fits: Any) -> bool:
-        """Return whether it lies within the record and moves size or phase by 5 %."""
+        """Return whether the jump is within the record and changes size or phase by 5 % or more."""
         place, growth, turn = values
         size = np.hypot(growth, np.angle(np.exp(1j * turn)))
         return ENDS < place < 1 - ENDS and GROWTH[0] < growth < GROWTH[1] and size > LEAST
 
     def fault(self, values: Reals, fits: Any, facts: Facts) -> Fault:
-        """Name time and size, and leave out what follows."""
+        """Return the fault: time and size of the jump, and a remedy that excludes what follows."""
         place, growth, turn = values
         signal = fits.signal
         at = facts.settle_s + signal.begins + float(place) * float(signal.time[-1])
@@ -54,7 +54,7 @@ class SecondBlow:
 
 
 def _places(fits: DecayFits) -> list[Reals]:
-    """Return starting values of jumps: where a step best explains ln z about a cubic in time."""
+    """Return starting values of jumps, where a step best explains ln z about a cubic in time."""
     signal, linear = fits.signal, fits.fits["linear"].theta
     size, count = signal.size, len(signal.z)
     loud = np.flatnonzero(size > LOUD * max(signal.tail, 1e-4 * size.max()))

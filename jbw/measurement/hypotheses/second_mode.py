@@ -1,4 +1,4 @@
-"""A second mode within the band, which beats with the first."""
+"""A second mode within the band, which beats with the first mode."""
 
 from collections.abc import Iterator
 
@@ -8,6 +8,7 @@ from jbw.measurement.channels import Complexes, Reals
 from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.hypotheses.hypothesis import Facts, Fits
 from jbw.measurement.readings.decay import DecayCause, DecayFits, DecaySignal
+from jbw.measurement.readings.read import decay_fits
 from jbw.measurement.readings.slow_flow import strongest_line
 from jbw.measurement.readings.sweep import (
     SweepCause,
@@ -18,19 +19,22 @@ from jbw.measurement.readings.sweep import (
 )
 from jbw.report.messages import decay_faults as messages
 
-LEAST = 0.02  # of the amplitude at the start
-DAMPINGS = (0.2, 6.0)  # times that of the first: a mode that decays so fast or slowly is none
-NEAREST = 2.0  # damping rates of the first apart, in a sweep
-BEAT = 4.0  # damping rates of the first apart: where it is looked for within the first's own line
+LEAST = 0.02  # smallest amplitude over that of the first mode at the start
+DAMPINGS = (0.2, 6.0)  # range of a mode's damping, over the damping of the first mode
+NEAREST = 2.0  # smallest distance to the first mode in a sweep, in damping rates of the first
+# Distance in damping rates of the first mode, if the second is within the first mode's line.
+BEAT = 4.0
+# Largest change of the first mode's frequency and damping, over its damping, by a narrower band.
+MOVED = 0.1
 
 
 class SecondMode:
-    """A second mode: amplitude and phase, distance and damping in damping rates of the first."""
+    """A second mode: amplitude, phase, distance and damping, the last two in damping rates."""
 
     name = "second mode"
 
     def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
-        """Yield modes to both sides of the first, and at the strongest line of what is left."""
+        """Yield modes on both sides of the first, and at the strongest line of the residual."""
         if isinstance(fits, DecayFits):
             yield from _in_decay(fits, basis)
             return
@@ -41,30 +45,47 @@ class SecondMode:
             yield _in_sweep(fits, away)
 
     def matters(self, values: Reals, fits: Fits) -> bool:
-        """Return whether a sweep passes it; of a decay, whether it beats and has 2 % of it."""
+        """Return whether a sweep passes the mode; for a decay, whether it beats and exceeds 2 %."""
         low, high = DAMPINGS
         if isinstance(fits, SweepFits):
             rate = fits.signal.rate
             second = 2 * np.pi * _first_hz(fits) + float(values[1]) * _rate(fits)
             passed = low < abs(values[0]) < high and rate.min() < second < rate.max()
-            # Nearer, it is the first one turned by a lag.
+            # A nearer mode would be the first one, rotated by a lag.
             return bool(passed and abs(float(values[1])) > NEAREST)
-        # Nearer than both damping rates together, one of them has decayed before they beat.
+        # If nearer than the sum of both damping rates, one mode has decayed before they beat.
         beats = abs(float(values[2])) > 1.0 + abs(float(values[3]))
         return beats and low < abs(values[3]) < high and float(np.hypot(*values[:2])) > LEAST
 
     def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
-        """Name both frequencies, and a band without the second."""
+        """Return the fault: both frequencies, and a band without the second mode if there is one.
+
+        That band is tried on a decay: what it leaves of the second mode, or eats of the record,
+        must not move the first.
+        """
         first = _first_hz(fits)
         away = values[2] if isinstance(fits, DecayFits) else values[1]
         second = first + float(away) * _rate(fits) / (2 * np.pi)
         low, high = facts.band_hz
         middle = 0.5 * (first + second)
-        band = (low, middle) if second > first else (middle, high)
+        ends = (low, middle) if second > first else (middle, high)
+        band = _three(ends[0]), _three(ends[1])
+        separates = not isinstance(fits, DecayFits) or _keeps_mode(band, facts)
         return doubt(
             facts.record.response,
-            *messages.second_mode(first, second, (_three(band[0]), _three(band[1]))),
+            *messages.second_mode(first, second, band if separates else None),
         )
+
+
+def _keeps_mode(band_hz: tuple[float, float], facts: Facts) -> bool:
+    """Return whether a decay that is read in a band has the mode of the fit with both modes."""
+    fits = decay_fits(facts.record, band_hz, facts.settle_s)
+    if fits is None:
+        return False
+    hz, zeta = _first_hz(fits), _rate(fits) / (2 * np.pi * _first_hz(fits))
+    first_hz, first_zeta = facts.mode
+    moved = abs(hz / first_hz - 1) / first_zeta, abs(zeta / first_zeta - 1)
+    return max(moved) < MOVED
 
 
 def _three(hz: float) -> float:

@@ -1,4 +1,4 @@
-"""A line that does not decay, or that the drive does not make: hum, or a machine that runs."""
+"""A line that does not decay or that the drive does not cause: hum, or a running machine."""
 
 from collections.abc import Iterator
 
@@ -16,8 +16,8 @@ from jbw.measurement.readings.slow_flow import strongest_line
 from jbw.measurement.readings.sweep import SweepCause, SweepFits, SweepSignal
 from jbw.report.messages import decay_faults as messages
 
-LEAST = 2e-3  # of the amplitude at the start: a weaker line matters to no reading
-SPOILS = 0.01  # of that amplitude: readings a decade below it are off by 10 %
+LEAST = 2e-3  # share of the initial amplitude below which a line affects no reading
+SPOILS = 0.01  # share of the initial amplitude; readings a decade below have an error of 10 %
 STANDS_OUT = 60.0  # times the local median of a sweep's residual
 
 
@@ -27,14 +27,14 @@ class UndecayingLine:
     name = "steady line"
 
     def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
-        """Yield a line at the strongest frequency of the basis' residual."""
+        """Yield a line at the strongest frequency of the residual of the fit with this basis."""
         residual = fits.fits[basis].residual
         yield (
             _in_decay(fits, residual) if isinstance(fits, DecayFits) else _in_sweep(fits, residual)
         )
 
     def matters(self, values: Reals, fits: Fits) -> bool:
-        """Return whether it is 0.2 % of the decay, or stands out of a sweep's residual."""
+        """Return whether the line exceeds 0.2 % of the decay or stands out of the residual."""
         if self.turn(values, fits) <= -2 * np.pi * fits.signal.centre_hz:
             return False  # the image of the mode's own oscillation
         if isinstance(fits, SweepFits):
@@ -42,9 +42,9 @@ class UndecayingLine:
         return self.share(values, fits) > LEAST
 
     def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
-        """Name the line's frequency and size."""
+        """Return the fault to report: frequency and size of the steady line."""
         hz = fits.signal.centre_hz + self.turn(values, fits) / (2 * np.pi)
-        # As many digits as tell its place among the lines of the record's spectrum.
+        # Use enough digits to distinguish neighbouring lines of the record's spectrum.
         digits = max(
             4, 1 + int(np.ceil(np.log10(abs(hz) * facts.record.num_samples / facts.record.fs)))
         )
@@ -56,20 +56,20 @@ class UndecayingLine:
         return severity(facts.record.response, *messages.steady_line(named, share))
 
     def share(self, values: Reals, fits: DecayFits) -> float:
-        """Return the line's amplitude before the filter, over that of the decay at its start."""
+        """Return the line's amplitude before the filter over the decay's amplitude at its start."""
         mode = float(fits.fits["linear"].theta[3]) * fits.scale
         passed = fits.signal.passed(mode) / fits.signal.passed(self.turn(values, fits))
         return float(np.hypot(values[0], values[1])) * passed
 
     def turn(self, values: Reals, fits: Fits) -> float:
-        """Return the line's frequency above the centre of the band [rad/s]."""
+        """Return the line's frequency relative to the centre of the band [rad/s]."""
         if isinstance(fits, DecayFits):
             return float(values[2]) / fits.signal.time[-1] * 2 * np.pi
         return float(values[0]) / float(np.ptp(fits.signal.time)) * 2 * np.pi
 
 
 def _in_decay(fits: DecayFits, residual: Complexes) -> DecayCause:
-    """Return starting values of a line in a decay: relative amplitudes, lines above centre."""
+    """Return a steady line as a cause in a decay, with starting values from the residual."""
     signal = fits.signal
     turn, size = strongest_line(residual * fits.weight**2, signal.step_s)
     level = size / np.sum(fits.weight**2) / signal.a0
@@ -83,7 +83,7 @@ def _in_decay(fits: DecayFits, residual: Complexes) -> DecayCause:
 
 
 def _in_sweep(fits: SweepFits, residual: Complexes) -> SweepCause:
-    """Return the lines above the centre of the band; its amplitude is a gain."""
+    """Return a steady line as a cause in a sweep, with its starting frequency from the residual."""
     signal = fits.signal
     frame = signal.phase - 2 * np.pi * signal.centre_hz * signal.time
     turn, _ = strongest_line(residual * np.exp(1j * frame), signal.step_s)

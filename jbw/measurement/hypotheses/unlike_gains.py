@@ -1,4 +1,4 @@
-"""Repeats whose response over the drive has a sign or size unlike that of most, or of a mass."""
+"""Repeats whose response over drive differs in sign or size from most, or from a modal mass."""
 
 from collections.abc import Iterator, Sequence
 
@@ -8,20 +8,22 @@ from jbw.measurement.checks.faults import Fault, doubt
 from jbw.report.messages import clock_faults as messages
 from jbw.report.messages.record_faults import base_motion, negative_gain
 
-BASE = 0.1  # from -1: gains of a base's acceleration, -1 of one mode, are read to 4 % and better
-LARGER = 1.5  # times the median, or smaller by as much: no joint changes a modal mass so
+# Distance from -1, the gain of a base's acceleration for one mode, read to 4 % or better.
+BASE = 0.1
+LARGER = 1.5  # ratio to the median; no joint changes a modal mass that much
 
 
 def unlike_gains(
     gains: Sequence[tuple[str, float]], role: str, source: str
 ) -> Iterator[tuple[str, Fault]]:
-    """Yield repeats by name, with the doubt that a channel has another sign or unit there.
+    """Yield repeats by name, each with a warning that a channel there has another sign or unit.
 
-    A force drives the mode that it is measured with by a positive gain, one over a modal mass.
+    A force that is measured at the mode's own point drives it with a positive gain, one over a
+    modal mass.
 
     Args:
-        gains: Name of every repeat and gain of its mode; NaN where none was read.
-        role: Of the response.
+        gains: Name of each repeat and gain of its mode; NaN if none was read.
+        role: Role of the response.
         source: Role of the drive.
     """
     known = [(name, gain) for name, gain in gains if np.isfinite(gain) and gain != 0.0]
@@ -42,6 +44,6 @@ def unlike_gains(
 
 
 def turned_over(role: str, gain: float) -> Fault:
-    """Return the doubt of a response that moves against its drive, by a gain [1/kg]."""
+    """Return a warning that the response moves against its drive, from its gain [1/kg]."""
     is_base = role == "acceleration" and abs(gain + 1) < BASE
     return doubt(role, *(base_motion(gain) if is_base else negative_gain(role)))

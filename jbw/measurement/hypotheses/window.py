@@ -2,7 +2,7 @@ r"""An exponential window: a record was multiplied by exp(-t / tau), so that its
 
 $$\log P(t, f) = c(f) - 2 t / \tau$$
 
-of the noise outside the band, alike at all frequencies and to the record's end.
+for the noise outside the band, equally at all frequencies and up to the end of the record.
 """
 
 from typing import NamedTuple
@@ -15,27 +15,31 @@ from scipy.special import chdtrc
 
 from jbw.measurement.channels import Reals
 
-SURE = 8.0  # standard errors of the fall
-FRAMES, LINES_OF_NOISE = 10, 10  # in time and in frequency, at the least, for the noise's course
-APART = 3  # lines between two that a Blackman-Harris window leaves independent
-GROUPS, LEAST_OF_GROUP = 4, 5  # of frequencies, in which noise under a window falls alike; of lines
-SCATTERED = 0.67  # lower quartile of the noise's lines over their median, at the most
-ALIKE = 1e-3  # probability of the scatter between them and along time, at the least
-OF_MODE = 0.95  # of the mode's own decay: noise that falls faster is its skirt
-CONVERTED = 0.35  # of a converter step: rms of noise below which samples show steps, not noise
+SURE = 8.0  # standard errors by which the fall must differ from zero
+# Smallest number of frames in time and of lines in frequency for the course of noise.
+FRAMES, LINES_OF_NOISE = 10, 10
+APART = 3  # distance of lines that are independent under a Blackman-Harris window
+# Groups of frequencies, in which windowed noise falls equally; smallest number of lines in each.
+GROUPS, LEAST_OF_GROUP = 4, 5
+SCATTERED = 0.67  # largest ratio of the lower quartile of the noise's lines to their median
+ALIKE = 1e-3  # smallest probability of the variation between groups and along time
+# Share of the mode's own decay rate; noise that falls faster is the skirt of the mode.
+OF_MODE = 0.95
+# Smallest rms of noise in converter steps; with less noise, samples show only the steps.
+CONVERTED = 0.35
 
 
 def window_constant(
     x: Reals, fs: float, outside_hz: tuple[float, float], decay_rate: float, quantum: float
 ) -> tuple[float, float] | None:
-    """Return the time constant of a window and its standard error [s]; None where there is none.
+    """Return the time constant of a window and its standard error [s]; None if there is no window.
 
     Args:
         x: Samples of the decay.
         fs: Sampling frequency [Hz].
-        outside_hz: Below and above these there is noise alone [Hz].
-        decay_rate: Of the mode's amplitude [1/s].
-        quantum: Step of the converter, 0 where none shows.
+        outside_hz: Frequencies below and above which there is only noise [Hz].
+        decay_rate: Decay rate of the mode's amplitude [1/s].
+        quantum: Step of the converter; 0 if none is visible.
     """
     size = len(x) // (2 * FRAMES)
     if size < LINES_OF_NOISE:
@@ -58,16 +62,16 @@ def window_constant(
     count = len(spectra) // len(groups)
     # The median of n exponential variables has the relative variance 1 / (n ln^2 2).
     variance = 1 / (count * np.log(2) ** 2)
-    # Noise scatters about its median; the skirt of a strong line is smooth. Low values tell:
-    # the lower quartile of an exponential variable is 0.415 of its median.
+    # Noise varies about its median, whereas the skirt of a strong line is smooth. Low values show
+    # the difference: the lower quartile of an exponential variable is 0.415 of its median.
     quartiles = np.array([np.log(np.quantile(group, 0.25, axis=0)) for group in groups])
     if np.mean(quartiles - logs) > np.log(SCATTERED):
         return None
-    # Frames overlap by half: every second is independent.
+    # Frames overlap by half, so that every second one is independent.
     logs, time = logs[:, ::2], time[::2]
     fall = _fall_of(logs, time, variance)
     if fall.unlike < ALIKE:
-        # Of few lines those that other modes stand in are more than a median passes over.
+        # With few lines, other modes take up more of them than a median tolerates.
         modal = int(np.argmax([group.max() for group in groups]))
         fall = _fall_of(np.delete(logs, modal, axis=0), time, variance)
     is_sure = SURE * fall.error <= fall.rate <= OF_MODE * 2 * decay_rate
@@ -77,7 +81,7 @@ def window_constant(
 
 
 class _Fall(NamedTuple):
-    """Fall of log P [1/s], its standard error, and how likely its misfit is by chance."""
+    """The rate of fall of log P [1/s], its standard error, and the probability of its misfit."""
 
     rate: float
     error: float
@@ -85,7 +89,7 @@ class _Fall(NamedTuple):
 
 
 def _fall_of(logs: Float[np.ndarray, "group frame"], time: Reals, variance: float) -> _Fall:
-    """Return the one fall of all groups, whose values have a variance."""
+    """Return the common rate of fall of the log noise power in all groups of frequencies."""
     centred = time - time.mean()
     spread = float(np.sum(centred**2))
     rate = -float(np.mean(logs @ centred)) / spread

@@ -1,1 +1,1 @@
-"""Readings of one mode: frequency and damping against amplitude of a record, with their errors."""
+"""Readings of one mode from a record: frequency and damping against amplitude, with errors."""

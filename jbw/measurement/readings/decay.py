@@ -2,9 +2,9 @@ r"""A free decay of one mode in a band: its filtered samples, and the slow flow 
 
 $$t = \int \frac{d \ln a}{-\sigma(a)}, \qquad \varphi = \int \frac{\omega(a)}{\sigma(a)}\,d\ln a$$
 
-by quadrature over ln a; the filter's own response at the complex frequency $i\omega - \sigma$
-stands in the model, so that nothing has to settle. The samples themselves are fitted and not
-their logarithm: noise stays additive, and a tail of noise carries no weight.
+The integrals are quadratures over ln a. The filter's response at the complex frequency
+$i\omega - \sigma$ is part of the model, so that nothing has to settle. The samples are fitted
+instead of their logarithm: noise remains additive, and a noisy tail has no weight.
 """
 
 from collections.abc import Callable
@@ -31,26 +31,28 @@ from jbw.measurement.readings.slow_flow import (
     strongest_line,
 )  # fmt: skip
 
-BETA = 7.0  # of the Kaiser window that is the band's filter
-LAW_ERROR = 1e-3  # of the amplitude: residual of a sound joint, by averaging and by the basis
-QUANTUM_NOISE = 0.02  # of a squared half converter step
-FIRST_BLOW = 0.6  # of the largest envelope: a later blow may be the larger one
-QUADRATURE = 160  # amplitudes of the quadrature
-MOMENTS = 24  # even moments of the filter: its response to 1e-12 in its band
-FEWEST_POWERS = 14  # values from which a power of the amplitude is fitted
-WORTH_A_TERM = 0.9  # of the squares: the next term of a basis must leave less
-NO_MODEL = 1e3  # times the signal: value of a model that does not exist
-FADED = 2.4  # half converter steps below which a converter without dither passes nothing
-QUIETEST = 0.3  # of the noise: amplitude at which a decay ends
-LOUD = 4.0  # noise amplitudes, which one value in 10^7 of noise exceeds
+BETA = 7.0  # shape of the Kaiser window that filters the band
+LAW_ERROR = 1e-3  # relative error of the model of a sound joint, from averaging and from the basis
+QUANTUM_NOISE = 0.02  # variance of quantisation over the square of half a converter step
+# Share of the largest envelope from which a blow counts, as a later one may be stronger.
+FIRST_BLOW = 0.6
+QUADRATURE = 160  # number of amplitudes in the quadrature
+MOMENTS = 24  # even moments of the filter, which give its response to 1e-12 in its band
+FEWEST_POWERS = 14  # fewest values for a fit of a power of the amplitude
+WORTH_A_TERM = 0.9  # largest ratio of squares for which the next term of a basis is worth adding
+NO_MODEL = 1e3  # times the signal: value that stands for an invalid model
+FADED = 2.4  # half converter steps below which a converter without dither shows nothing
+QUIETEST = 0.3  # amplitude over the noise at which a decay ends
+LOUD = 4.0  # noise amplitudes, which noise alone exceeds in one of 10^7 values
 FEWEST_KEPT = 24
-LEAST_FALL = 1e-3  # of the rate at which the envelope falls
-HALF_GAIN, FEWEST_LINES = 0.5, 12  # of the filter, and lines within: those that noise is read off
-SAFE = 1.15  # times a noise that few lines tell
+LEAST_FALL = 1e-3  # smallest rate of fall of a decay's envelope, over `scale`
+# Gain of the filter above which lines are used for the noise, and their smallest number.
+HALF_GAIN, FEWEST_LINES = 0.5, 12
+SAFE = 1.15  # factor on a noise that is estimated from few lines
 
 
 class Jump(NamedTuple):
-    """A decay that goes on from another place of the same flow: when [s], d ln a, d phase."""
+    """A jump of a decay to another point of its flow: time [s], changes of ln a and of phase."""
 
     time_s: float
     growth: float
@@ -58,12 +60,12 @@ class Jump(NamedTuple):
 
 
 class DecayCause(NamedTuple):
-    """A further cause of what a record shows, fitted together with the mode.
+    """An additional cause that shapes a record, fitted together with the mode.
 
     Attributes:
-        start: Starting values of its parameters.
-        apply: Of signal, model and parameters, the model with what the cause adds; None of a jump,
-            which changes the flow itself.
+        start: Starting values of the parameters.
+        apply: Function of signal, model and parameters that returns the model with the cause; None
+            for a jump, which changes the flow itself.
     """
 
     start: Reals
@@ -77,19 +79,19 @@ class DecaySignal:
     Attributes:
         raw: Samples of the record after `settle`.
         fs: Sampling frequency [Hz].
-        centre_hz: Frequency that became zero [Hz].
-        half_width_hz: Half of the band [Hz].
-        taps: Impulse response of the filter, sum 1.
-        moments: Its even moments over (2k)! [s^2k].
-        a0: Amplitude at the start, to which amplitudes are relative.
+        centre_hz: Frequency that was moved to zero [Hz].
+        half_width_hz: Half the width of the band [Hz].
+        taps: Impulse response of the filter, with sum 1.
+        moments: Even moments of the filter over (2k)! [s^2k].
+        a0: Amplitude at the start, which is the reference of relative amplitudes.
         z: Envelope values, in the unit of the samples.
-        time: Of the values, from the first on [s].
+        time: Times of the values, from the first value [s].
         begins: Time of the first value in `raw` [s].
         step_s: Time between two values [s].
         quantum: Step of the converter.
-        tail: Noise amplitude in the band at the record's end.
-        order: Of the derivative of the displacement that the samples are.
-        unit: Of the samples, which are so much smaller than those of the record.
+        tail: Noise amplitude in the band at the end of the record.
+        order: Order of the derivative of displacement that was measured.
+        unit: Factor from the unit of the samples to that of the record.
     """
 
     raw: Reals
@@ -110,12 +112,12 @@ class DecaySignal:
 
     @property
     def half(self) -> int:
-        """Samples to either side of the filter's middle tap."""
+        """The number of samples on either side of the filter's middle tap."""
         return len(self.taps) // 2
 
     @property
     def size(self) -> Reals:
-        """Amplitude of every value."""
+        """The amplitude of every envelope value."""
         return np.abs(self.z)
 
     def first(self) -> tuple[float, float]:
@@ -128,26 +130,26 @@ class DecaySignal:
         return max(float(rate), 1e-3 / self.time[-1]), turn
 
     def passed(self, turn: float) -> float:
-        """Return the filter's response to a steady line above the centre [rad/s]."""
+        """Return the filter's gain for a steady line above the centre [rad/s]."""
         return float(np.abs(np.exp(_log_response(self, np.array([1j * turn]))[0]))[0])
 
     def until(self, count: int) -> "DecaySignal":
-        """Return the first values alone."""
+        """Return the decay signal cut to its first `count` values."""
         return replace(self, z=self.z[:count], time=self.time[:count])
 
     def filtered_step(self, at_s: float) -> Reals:
-        """Return a unit step at a time [s], as the filter passes it."""
+        """Return a unit step at a given time [s], as passed by the filter."""
         return filtered_step(self.taps, (self.time - at_s) * self.fs)
 
 
 def decay_signal(x: Reals, fs: float, band_hz: tuple[float, float], order: int) -> DecaySignal:
-    """Filter a record of a decay about its band, from its first blow on.
+    """Filter a record of a decay about its band, starting from its first blow.
 
     Args:
         x: Samples after `settle`.
         fs: Sampling frequency [Hz].
-        band_hz: Lowest and highest frequency of the one mode [Hz].
-        order: Of the derivative of the displacement that the samples are.
+        band_hz: Lowest and highest frequency of the single mode [Hz].
+        order: Order of the derivative of displacement that was measured.
     """
     centre, half_width = 0.5 * sum(band_hz), 0.5 * (band_hz[1] - band_hz[0])
     wanted = whole_up(np.hypot(1, BETA / np.pi) * fs / half_width)
@@ -157,7 +159,7 @@ def decay_signal(x: Reals, fs: float, band_hz: tuple[float, float], order: int) 
     carrier = np.exp(-2j * np.pi * centre / fs * np.arange(len(x)))
     whole = 2 * fftconvolve(x * carrier, taps, "valid")
     size = np.abs(whole)
-    # The blow: half a filter behind the envelope's top, or the beginning of the record.
+    # The blow is half a filter length after the peak of the envelope, or the record's beginning.
     top = int(np.argmax(size > FIRST_BLOW * size.max()))
     top += int(np.argmax(size[top : top + half + 1]))
     start = 0 if top < half // 4 else top + half + half // 2
@@ -176,12 +178,12 @@ def decay_signal(x: Reals, fs: float, band_hz: tuple[float, float], order: int) 
 
 
 def _between_lines(z: Complexes, taps: Reals, step: int) -> float:
-    r"""Return noise amplitude from an envelope's last third, between its lines and modes.
+    r"""Return the noise amplitude from the last third of an envelope, between its lines and modes.
 
     $$E|Z(f)|^2 = 4\sigma^2 |H(f)|^2 \sum w^2 / s, \qquad E|z|^2 = 4\sigma^2 \sum h^2$$
 
-    with every s-th value kept, by the median of its lines in the middle of the band; infinite
-    where there are too few.
+    where every s-th value is kept. The density is the median of the lines in the middle of the
+    band; the result is infinite if these are too few.
     """
     late = z[-(len(z) // 3) :]
     window = np.hanning(len(late) + 2)[1:-1]
@@ -204,7 +206,7 @@ def _moments(taps: Reals, fs: float) -> Reals:
 
 
 def _log_response(signal: DecaySignal, pole: Complexes) -> tuple[Complexes, Complexes]:
-    """Return the log of a filter's response to exp(s t), by even moments, and its slope by s."""
+    """Return the log of a filter's response to exp(s t), from even moments, and its slope in s."""
     square = pole**2
     response, slope = np.full(len(pole), signal.moments[-1], complex), np.zeros(len(pole), complex)
     for moment in signal.moments[-2::-1]:
@@ -216,10 +218,10 @@ def _log_response(signal: DecaySignal, pole: Complexes) -> tuple[Complexes, Comp
 def decay_model(
     signal: DecaySignal, theta: Reals, basis: AmplitudeBasis, scale: float, jump: Jump | None = None
 ) -> Complexes:
-    """Return the filtered decay of a slow flow at the signal's times.
+    """Return the filtered decay of a slow flow at the times of the signal.
 
-    `theta` holds ln a and phase at the start, then the coefficients of damping rate and of
-    frequency above the centre over `scale` [1/s], then the exponent.
+    `theta` contains ln a and phase at the start, the coefficients of the damping rate and of the
+    frequency above the centre, both over `scale` [1/s], and the exponent.
     """
     none = np.full(len(signal.time), NO_MODEL * signal.a0 + 0j)
     if not np.all(np.isfinite(theta)) or not abs(theta[0] - np.log(signal.a0)) < 20:
@@ -233,7 +235,7 @@ def decay_model(
         if jump is not None:
             log = log + signal.filtered_step(jump.time_s) * (jump.growth + 1j * jump.turn)
         return np.exp(log)
-    # From above where the decay, or what follows a jump, begins, to below the noise.
+    # The flow starts above the decay and any jump, and ends below the noise.
     above = max(jump.growth, 0.0) + 0.05 if jump is not None else 0.0
     flow = _flow(signal, theta, basis, scale, above)
     if flow is None:
@@ -256,7 +258,7 @@ def decay_model(
 def decay_slopes(
     signal: DecaySignal, theta: Reals, basis: AmplitudeBasis, scale: float, model: Complexes
 ) -> Complex[np.ndarray, "value parameter"]:
-    r"""Return the derivatives of a filtered decay by `theta`; zero of a model that does not exist.
+    r"""Return the derivatives of a filtered decay with respect to `theta`; zero if invalid.
 
     $$\delta L = \sigma\,\delta t, \quad \delta t = \frac{\delta L_0}{\sigma(L_0)}
       - \int \frac{\delta\sigma}{\sigma^2}\,dL, \qquad
@@ -264,14 +266,14 @@ def decay_slopes(
       + \frac{\omega(L_0)}{\sigma(L_0)}\,\delta L_0
       + \int \Big(\frac{\delta\omega}{\sigma} - \frac{\omega\,\delta\sigma}{\sigma^2}\Big) dL$$
 
-    with L = ln a, and the slope of the filter's response.
+    with L = ln a, plus the slope of the filter's response.
 
     Args:
         signal: From `decay_signal`.
-        theta: As `decay_model` takes it.
-        basis: Powers of the amplitude.
+        theta: Parameters as in `decay_model`.
+        basis: Powers of the amplitude in rates and frequencies.
         scale: Unit of rates [1/s].
-        model: From `decay_model`.
+        model: Decay from `decay_model` for the same parameters.
     """
     slopes = np.zeros((len(model), len(theta)), complex)
     if basis.terms == 1:
@@ -300,12 +302,12 @@ def decay_slopes(
 
 
 def _steepest(signal: DecaySignal) -> float:
-    """Return the damping rate that the filter's moments do not follow any more [1/s]."""
+    """Return the damping rate above which the filter's moments are no longer accurate [1/s]."""
     return 300 * signal.fs / max(signal.half, 1)
 
 
 class _Flow(NamedTuple):
-    """Slow flow over ln a: rates, their derivatives by all parameters, and the time [s]."""
+    """A slow flow over ln a: rates, their derivatives with respect to all parameters, times [s]."""
 
     signal: DecaySignal
     logs: Reals
@@ -318,12 +320,12 @@ class _Flow(NamedTuple):
 
     @property
     def slope(self) -> Complexes:
-        """Rate of ln a + j phase by time [1/s]."""
+        """The time derivative of ln a + j phase [1/s]."""
         rate: Any = 1j * self.turn - self.sigma
         return rate
 
     def course(self) -> "_Course":
-        """Return what the flow is along time."""
+        """Return the flow as a function of time."""
         through, _ = _log_response(self.signal, self.slope)
         phase = _integral(self.turn / self.sigma, self.step)
         return _Course(
@@ -335,7 +337,7 @@ class _Flow(NamedTuple):
 def _flow(
     signal: DecaySignal, theta: Reals, basis: AmplitudeBasis, scale: float, above: float = 0.0
 ) -> _Flow | None:
-    """Return a basis's flow from its start, raised by `above` in ln a; None if it is invalid."""
+    """Return the flow of a basis from its start, raised by `above` in ln a; None if invalid."""
     terms = basis.terms
     own, turned = slice(2, 2 + terms), slice(2 + terms, 2 + 2 * terms)
     low = min(np.log(max(signal.tail, 1e-4 * signal.a0)) - 2.0, theta[0] - 3.0)
@@ -359,7 +361,7 @@ def _flow(
 
 
 class _Course(NamedTuple):
-    """A slow flow along time: knots, log a + j phase with its slopes, and the filter's part."""
+    """A slow flow over time: knots, log a + j phase with its slopes, and the filter's response."""
 
     time: Reals
     log: Complexes
@@ -368,22 +370,22 @@ class _Course(NamedTuple):
     through_slope: Complexes
 
     def at(self, since: Reals) -> Complexes:
-        """Return the logarithm of the filtered decay, straight on beyond the last knot."""
+        """Return the logarithm of the filtered decay, extended linearly beyond the last knot."""
         both = self.log + self.through, self.slope + self.through_slope
         late = np.maximum(since - self.time[-1], 0.0)
         return _hermite(self.time, *both, np.minimum(since, self.time[-1])) + late * self.slope[-1]
 
     def bare(self, since: float) -> complex:
-        """Return log a + j phase without the filter at one time."""
+        """Return log amplitude + j phase of a decay at one time, without the filter."""
         return complex(_hermite(self.time, self.log, self.slope, np.array([since]))[0])
 
     def time_of(self, log_size: float) -> float:
-        """Return the time at which the flow has an amplitude."""
+        """Return the time at which a decay has a given log amplitude."""
         return float(np.interp(-log_size, -self.log.real, self.time))
 
 
 def _hermite(knots: Reals, values: Complexes, slopes: Complexes, at: Reals) -> Complexes:
-    """Interpolate by cubics through values and slopes at knots."""
+    """Interpolate by cubics through the values and slopes at the knots."""
     i = np.clip(np.searchsorted(knots, at, "right") - 1, 0, len(knots) - 2)
     step = knots[i + 1] - knots[i]
     x = (at - knots[i]) / step
@@ -395,7 +397,7 @@ def _hermite(knots: Reals, values: Complexes, slopes: Complexes, at: Reals) -> C
 
 
 def _integral(values: Any, step: float) -> Any:
-    """Return the running integral by the end-corrected trapezoidal rule, of order 4; by rows."""
+    """Return the running integral of each row by the end-corrected trapezoidal rule of order 4."""
     slope = np.gradient(values, step, axis=-1)
     pieces = step * (values[..., 1:] + values[..., :-1]) / 2
     pieces -= step**2 / 12 * (slope[..., 1:] - slope[..., :-1])
@@ -410,15 +412,15 @@ def fit_decay(
     weight: Reals,
     cause: DecayCause | None = None,
 ) -> ModeFit:
-    """Fit a basis to a decay, with a further cause where one is given.
+    """Fit the slow flow of a basis to a decay, together with an additional cause if given.
 
     Args:
-        signal: From `decay_signal`.
-        name: Of the basis, one of `BASES`.
+        signal: Decay from `decay_signal`.
+        name: Name of the basis, one of `BASES`.
         start: Starting values, as `decay_model` takes them.
         scale: Unit of rates [1/s].
-        weight: Of every value, one over its standard deviation.
-        cause: What else may have shaped the record.
+        weight: Weight of every value: one over its standard deviation.
+        cause: Additional cause that may have shaped the record.
     """
     basis, count = BASES[name], len(start)
 
@@ -449,7 +451,7 @@ def fit_decay(
     jac: Any = "2-point" if cause is not None and cause.apply is None else slopes_at
     begin = np.concatenate([start, cause.start]) if cause is not None else np.array(start, float)
     lower, upper = np.full(len(begin), -np.inf), np.full(len(begin), np.inf)
-    if basis.terms == 1:  # a free motion falls; what beats may seem to grow
+    if basis.terms == 1:  # a free motion decays, although beating may look like growth
         lower[2], begin[2] = LEAST_FALL, max(begin[2], 2 * LEAST_FALL)
     if basis.is_free:
         at = count - 1
@@ -474,19 +476,19 @@ def fit_decay(
 
 
 class DecayFits(NamedTuple):
-    """A decay, cut where its noise begins, and all bases fitted to it.
+    """A decay, cut where its noise begins, and the fits of all bases to it.
 
     Attributes:
-        signal: The values that were fitted.
-        fits: By the name of the basis.
+        signal: Values that were fitted.
+        fits: Fit of each basis, by name.
         scale: Unit of rates [1/s].
-        weight: Of every value.
+        weight: Weight of every value.
         noise: Noise amplitude in the band.
-        faded: Amplitude below which the converter passes nothing.
-        KIND: Of the record.
-        FIRST: Place of the first damping rate in theta.
-        SECOND_ORDER: c of the error of first-order averaging, see `table`.
-        FLOOR: Of the frequency, over zeta.
+        faded: Amplitude below which the converter shows nothing.
+        KIND: Kind of the record.
+        FIRST: Index of the first damping rate in theta.
+        SECOND_ORDER: Factor c of the error of first-order averaging, see `table`.
+        FLOOR: Smallest error of the frequency, over zeta.
     """
 
     signal: DecaySignal
@@ -503,7 +505,7 @@ class DecayFits(NamedTuple):
 
 
 def fit_bases(signal: DecaySignal) -> DecayFits:
-    """Fit all bases to a decay, its noise read where the mode is gone."""
+    """Fit all bases to a decay, with the noise estimated where the mode has decayed."""
     scale, turn = signal.first()
     noise = max(signal.tail, 1e-9 * signal.a0)
     half_step = 0.5 * signal.quantum
@@ -512,7 +514,8 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
         own = min(noise, 0.3 * signal.a0) ** 2 + QUANTUM_NOISE * half_step**2
         return 1 / np.sqrt(own + (LAW_ERROR * size) ** 2)
 
-    # From the mean frequency, and from the strongest line: of modes that beat one may lead nowhere.
+    # Start from the mean frequency and the strongest line, since beating modes can mislead one
+    # start.
     turns = turn, strongest_line(signal.z, signal.step_s)[0]
     begins = ([np.log(signal.size[0]), np.angle(signal.z[0]), 1.0, one / scale] for one in turns)
     weight = weight_at(signal.size)
@@ -526,13 +529,14 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
         quiet = size < 0.5 * noise
         if quiet.sum() > 8:
             left = float(np.sqrt(np.mean(np.abs(linear.residual[quiet]) ** 2)))
-            # Noise is no larger than what the record ends with, whatever a mode alone leaves.
+            # Noise is at most the level at the end of the record, whatever residual a single mode
+            # leaves.
             noise = max(min(left, signal.tail), 1e-12 * signal.a0)
         else:
             late = np.abs(linear.residual[-max(len(size) // 5, 4) :])
             noise = max(min(noise, float(np.sqrt(np.mean(late**2)))), 1e-9 * signal.a0)
     ends = int(np.searchsorted(-size, -max(QUIETEST * noise, FADED * half_step)))
-    # A mode alone may die where two that beat go on.
+    # The model of a single mode may have decayed where two beating modes continue.
     loud = np.flatnonzero(signal.size > max(LOUD * noise, FADED * half_step))
     signal = signal.until(max(ends, FEWEST_KEPT, int(loud[-1]) + 1 if loud.size else 0))
     weight = weight_at(size[: len(signal.z)])
@@ -545,7 +549,7 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
 def _powers(
     signal: DecaySignal, linear: ModeFit, scale: float, weight: Reals
 ) -> dict[str, ModeFit]:
-    """Fit bases with powers of the amplitude, while the next one has a smaller residual."""
+    """Fit bases with powers of the amplitude, as long as each next basis has a smaller residual."""
     level, phase, sigma, turn = linear.theta
 
     def fitted(name: str, start: list[float]) -> ModeFit:

@@ -1,11 +1,11 @@
-r"""A force loop read without a law: sliders, a dashpot and springs, by least squares.
+r"""Least-squares fit of a force loop by sliders, a dashpot and springs, without a law.
 
 $$F(y, t) = \sum_i w_i f_i(y) + w \dot y + \sum_j c_j s_j(y) + c_0 + c_1 t, \qquad w_i, w \ge 0$$
 
-A slider of half width d behind a gap g holds the play p of half width g + d, with the force
-$f = \mathrm{sgn}(y - p)\,(|y - p| - g)_+$; here g = 0. Springs s are powers, contacts behind a gap
-on one side and on both. Sound loops of every law of `benchmarks/outside` leave at most 0.6 % of the
-rms of their force beyond noise.
+A slider of half width d behind a gap g has the play p of half width g + d and the force
+$f = \mathrm{sgn}(y - p)\,(|y - p| - g)_+$; here g = 0. Springs s are powers, and contacts behind a
+gap on one side or both. Sound loops of every law of `benchmarks/outside` leave at most 0.6 % of
+the rms of their force beyond noise.
 
 Reference:
     Visintin (1994), Differential Models of Hysteresis; Lawson and Hanson (1974), Solving Least
@@ -21,36 +21,36 @@ from scipy.optimize import nnls
 
 from jbw.measurement.channels import Reals
 
-NUM_SLIDERS, SHORTEST = 48, 0.01  # and the least half width over the largest motion
-POWERS = (1, 2, 3, 4, 5)  # of springs
+NUM_SLIDERS, SHORTEST = 48, 0.01  # and the smallest half width over the largest motion
+POWERS = (1, 2, 3, 4, 5)  # powers of displacement of the springs
 ONE_SIDED = (0.2, 0.4, 0.6, 0.8)  # gaps of contacts on one side, over the largest motion
 TWO_SIDED = (0.1, 0.3, 0.5, 0.7)
-MOST_SAMPLES = 5000  # that are read; a denser loop is read at fewer
+MOST_SAMPLES = 5000  # samples that are read; a denser loop is thinned
 
 Columns = Float[np.ndarray, "sample column"]
 
 
 class LoopBasis(NamedTuple):
-    """Forces along a motion: of sliders and last a dashpot, and of springs with constants."""
+    """Columns of unit forces along a motion: sliders and a dashpot, and springs with constants."""
 
     losses: Columns
     springs: Columns
 
 
 class LoopFit(NamedTuple):
-    """The residual of a fit of sliders and springs to a force; coefficients of other columns."""
+    """The residual of a fit of sliders and springs to a force, and extra columns' coefficients."""
 
     residual: Reals
     beside: Reals
 
     @property
     def square(self) -> float:
-        """Sum of squares of the residual."""
+        """The sum of squares of the residual."""
         return float(self.residual @ self.residual)
 
 
 def slider_columns(y: Reals, half_widths: Reals, gaps: Reals | float = 0.0) -> Columns:
-    """Return the force of sliders of unit strength along a motion from rest, one column each."""
+    """Return the forces of sliders of unit strength along a motion from rest, one column each."""
     reach = gaps + half_widths
     play, columns = np.zeros_like(reach), np.empty((len(y), len(reach)))
     for k, position in enumerate(y):
@@ -61,9 +61,9 @@ def slider_columns(y: Reals, half_widths: Reals, gaps: Reals | float = 0.0) -> C
 
 
 def basis_of(y: Reals) -> LoopBasis:
-    """Return the columns of a motion, each over the largest of its values or so."""
+    """Return the force columns of a motion, each scaled to about one."""
     largest = float(np.max(np.abs(y - y[0])))
-    # A slider as wide as the motion never slips: it is a spring.
+    # A slider as wide as the motion never slips, so that it would be a spring.
     half_widths = largest * np.geomspace(SHORTEST, 1.0, NUM_SLIDERS + 1)[:-1]
     sliders = slider_columns(y - y[0], half_widths) / largest
     u = y / max(float(np.max(np.abs(y))), largest)
@@ -78,16 +78,17 @@ def basis_of(y: Reals) -> LoopBasis:
 
 
 def fit_loop(basis: LoopBasis, force: Reals, beside: Sequence[Reals] = ()) -> LoopFit:
-    """Return what losses, springs and further columns leave of a force.
+    """Fit losses, springs and extra columns to a force by least squares.
 
-    Springs and what stands beside them are free: they are projected out before the strengths of the
-    losses, none negative, are found.
+    Springs and extra columns may have any sign: they are projected out before the strengths of the
+    losses, none negative, are determined.
     """
     free = np.column_stack([basis.springs, *beside])
     orthonormal, upper = np.linalg.qr(free)
     both = np.column_stack([basis.losses, force])
     away = both - orthonormal @ (orthonormal.T @ both)
-    triangle = np.linalg.qr(away, mode="r")  # the same squares in as many rows as columns
+    # Preserves the squares with only as many rows as columns.
+    triangle = np.linalg.qr(away, mode="r")
     strengths, _ = nnls(triangle[:, :-1], triangle[:, -1])
     residual = away[:, -1] - away[:, :-1] @ strengths
     of_free = force - basis.losses @ strengths

@@ -1,4 +1,4 @@
-"""Records of decays and sweeps to fits of one mode: the band that is read."""
+"""Fits of one mode to records of decays and sweeps, and the choice of the band to read."""
 
 from dataclasses import replace
 from typing import Any
@@ -13,25 +13,23 @@ from jbw.measurement.records import Record
 from jbw.quantities import derivative_order
 
 FEWEST = 16  # values of an envelope
-MOVING = 0.05  # of the largest motion: frequencies at which the mode moves
-PADDED = 0.35  # of that range, to either side
-NARROWER = 0.7  # of a band: a narrower one is read instead
-FAST = (
-    6.0  # sqrt of the sweep's rate: half of a band that it passes in many of its filter's lengths
-)
-DRIVEN = 5e-3  # of the drive's energy, beyond either end of what it sweeps
-MARGIN = 0.15  # of what it sweeps, to either side
-MOST_VALUES = 20_000  # of a thinned sweep: more are of a band that no mode needs
+MOVING = 0.05  # share of the largest motion above which the mode is moving
+PADDED = 0.35  # width added on either side, over the range of frequencies of that motion
+NARROWER = 0.7  # share of a band below which a narrower band replaces it
+FAST = 6.0  # sqrt of the sweep rate: half of a band that lasts many lengths of its filter
+DRIVEN = 5e-3  # share of the drive's energy beyond either end of its sweep
+MARGIN = 0.15  # width added on either side, over the swept range
+MOST_VALUES = 20_000  # largest number of values of a thinned sweep: no mode needs a band with more
 
 
 def decay_fits(record: Record, band_hz: tuple[float, float], settle_s: float) -> DecayFits | None:
-    """Fit one mode to a record of a decay; None where its band holds too few values."""
+    """Fit one mode to a record of a decay; return None if its band contains too few values."""
     x = record.channels[record.response][round(settle_s * record.fs) :]
     low, high = band_hz
     if len(x) < FEWEST or not 0 < low < high < record.fs / 2 or not np.any(x):
         return None
     x = x - np.mean(x)
-    unit = float(np.max(np.abs(x)))  # an image in other units takes the same steps
+    unit = float(np.max(np.abs(x)))  # the optimiser then takes the same steps in any unit
     signal = decay.decay_signal(x / unit, record.fs, band_hz, derivative_order(record.response))
     signal = replace(signal, unit=unit)
     if len(signal.z) < FEWEST or not np.all(signal.size > 0):
@@ -42,7 +40,7 @@ def decay_fits(record: Record, band_hz: tuple[float, float], settle_s: float) ->
 def swept_signal(
     record: Record, band_hz: tuple[float, float] | None, lag_s: float
 ) -> tuple[SweepSignal, tuple[float, float]] | None:
-    """Filter a record of a sweep; return it with the band that is read, None where that is none."""
+    """Filter a record of a sweep; return it with the band that was read, or None without a band."""
     u, y = (record.channels[role] for role in (record.source, record.response))
     u, y = u - np.mean(u), y - np.mean(y)
     band = swept_band(u, record.fs, band_hz)
@@ -60,7 +58,7 @@ def swept_signal(
 
 
 def sweep_fits(signal: SweepSignal) -> SweepFits | None:
-    """Fit one mode to a sweep; None of too few or too many values, or of one that stands still."""
+    """Fit one mode to a sweep; return None for too few or too many values, or a standstill."""
     if not FEWEST < len(signal.time) < MOST_VALUES or np.any(signal.rate <= 0):
         return None
     return sweep.fit_bases(signal)
@@ -69,7 +67,7 @@ def sweep_fits(signal: SweepSignal) -> SweepFits | None:
 def swept_band(
     u: Reals, fs: float, band_hz: tuple[float, float] | None
 ) -> tuple[float, float] | None:
-    """Return the frequencies that a drive sweeps, in a band if given [Hz]; None of no sweep."""
+    """Return the range of frequencies that a drive sweeps, within a given band [Hz], or None."""
     freq = np.fft.rfftfreq(len(u), 1 / fs)
     power = np.abs(np.fft.rfft(u)) ** 2
     if not power.sum() > 0 or len(freq) < 8:
@@ -84,10 +82,11 @@ def swept_band(
 
 
 def near_resonance(signal: SweepSignal, band_hz: tuple[float, float]) -> tuple[float, float] | None:
-    """Return frequencies about the one resonance [Hz]; None where those of a band are few enough.
+    """Return the band about the single resonance [Hz]; None if the given band is narrow enough.
 
-    They are those at which the motion is above 5 % of its largest, ringing included, and a third as
-    many to either side; no fewer than the sweep passes in many lengths of their own filter.
+    The band contains the frequencies at which the motion, including ringing, exceeds 5 % of its
+    largest value, and a third more on either side. It lasts at least many lengths of its own
+    filter.
     """
     hz, motion = signal.rate / (2 * np.pi), signal.amplitude
     moving = hz[motion > MOVING * motion.max()]

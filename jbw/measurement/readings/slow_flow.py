@@ -1,13 +1,13 @@
-r"""Powers of the amplitude that frequency and damping are read in, and errors of what is read.
+r"""Powers of amplitude for reading frequency and damping, and the errors of such readings.
 
-One mode of amplitude a moves slowly by (averaging of Krylov and Bogoliubov, first order)
+By first-order averaging (Krylov and Bogoliubov), one mode of amplitude a moves slowly as
 
 $$\frac{\dot a}{a} = -\sigma(a), \qquad \dot\varphi = \omega(a), \qquad
   \sigma = \sum_{k} \sigma_k r^{kp}, \quad \omega = \sum_{k} \omega_k r^{kp}, \quad
   r = \frac{a}{a_0}$$
 
-whose power p is a parameter like the others: 1 of a Bouc-Wen law and of quadratic damping, 2 of a
-cubic spring, 1 + chi of an Iwan law.
+The power p is a parameter like the others: 1 for a Bouc-Wen law and quadratic damping, 2 for a
+cubic spring, 1 + chi for an Iwan law.
 """
 
 from collections.abc import Callable
@@ -19,49 +19,50 @@ from scipy.signal import fftconvolve
 
 from jbw.measurement.channels import Complexes, Reals
 
-# Least change of squares and steps: of a mode, and of one beside a cause, where the likelihood of n
-# values is then off by n / 10^4, against the 25 of a cause that is named.
+# Smallest relative changes of squares and steps. The second is for a mode with a cause: the
+# likelihood of n values is then wrong by n / 10^4, against the limit of 25 for a named cause.
 FULLY, NEAR_BEST = 1e-8, 1e-4
-SHIFT = 1e-7  # of a cause's parameter, for its slope
-LEAST_RATIO = 1e-9  # of an amplitude over the largest: none is zero
+SHIFT = 1e-7  # relative step of a cause's parameter for its slope
+# Smallest amplitude over the largest, since an amplitude of zero has no logarithm.
+LEAST_RATIO = 1e-9
 SMOOTHED = 12  # lines of a residual's spectrum that are averaged
-FEWEST_INDEPENDENT = 0.02  # of a residual's values, however coloured it is
+FEWEST_INDEPENDENT = 0.02  # smallest share of independent values of a residual, for any colour
 
 
 class AmplitudeBasis(NamedTuple):
-    """Powers of the amplitude: how many, and whether their common exponent is a parameter."""
+    """Powers of the amplitude: their number, and whether their common exponent is a parameter."""
 
     terms: int
     is_free: bool = False
 
     def exponent(self, theta: Reals) -> float:
-        """Return the exponent p among parameters, of which it is the last."""
+        """Return the exponent p of the amplitude: the last parameter if fitted, otherwise 1."""
         return float(theta[-1]) if self.is_free else 1.0
 
     def values(self, r: Reals, exponent: float) -> Float[np.ndarray, "term amplitude"]:
-        """Return the powers r^(k p) of relative amplitudes."""
+        """Return the powers r^(k p) of relative amplitudes r."""
         return np.maximum(r, LEAST_RATIO) ** (exponent * np.arange(self.terms)[:, None])
 
 
 BASES = {
     "linear": AmplitudeBasis(1),
-    "quadratic": AmplitudeBasis(3),  # for the test of whether anything changes with amplitude
+    "quadratic": AmplitudeBasis(3),  # tests whether anything changes with amplitude
     "power": AmplitudeBasis(2, is_free=True),
     "power2": AmplitudeBasis(3, is_free=True),
     "power3": AmplitudeBasis(4, is_free=True),
 }
-NESTED = ("linear", "power", "power2", "power3")  # each holds the one before it
+NESTED = ("linear", "power", "power2", "power3")  # each basis contains its predecessor
 
 
 class ModeFit(NamedTuple):
-    """Parameters of a basis fitted to a signal: exponents and coefficients, what is left, squares.
+    """The fit of a basis to a signal: parameters, residual, derivatives and squares.
 
     Attributes:
-        theta: Parameters; those of a cause that was fitted together with the mode come last.
+        theta: Parameters; those of a cause fitted together with the mode come last.
         residual: Signal less model.
-        jacobian: Derivatives of the model by the parameters.
+        jacobian: Derivatives of the model with respect to the parameters.
         squares: Weighted sum of squares of the residual.
-        gains: Linear coefficients that were projected out; empty where there are none.
+        gains: Linear coefficients that were projected out; empty if there are none.
     """
 
     theta: Reals
@@ -74,7 +75,7 @@ class ModeFit(NamedTuple):
 def independent_share(residual: Complexes) -> float:
     r"""Return the share of a coloured residual's values that count as independent.
 
-    $$\frac{(\sum_k S_k)^2}{n \sum_k S_k^2}$$ of its smoothed power spectrum S.
+    $$\frac{(\sum_k S_k)^2}{n \sum_k S_k^2}$$ with its smoothed power spectrum S.
     """
     if len(residual) < 8:
         return 1.0
@@ -88,8 +89,8 @@ def independent_share(residual: Complexes) -> float:
 def filtered_share(taps: Reals, step: int) -> float:
     r"""Return the share of values of filtered white noise that count as independent.
 
-    $$\frac{r_0^2}{\sum_k r_k^2}, \qquad r_k = \sum_i h_i\,h_{i + k m}$$ of a filter h, for one
-    value in m samples and k of both signs.
+    $$\frac{r_0^2}{\sum_k r_k^2}, \qquad r_k = \sum_i h_i\,h_{i + k m}$$ for a filter h, one value
+    per m samples, and k of both signs.
     """
     correlation = fftconvolve(taps, taps[::-1])[len(taps) - 1 :: step] / np.sum(taps**2)
     return float(1 / (2 * np.sum(correlation**2) - 1))
@@ -101,7 +102,7 @@ def covariance(fitted: ModeFit, weight: Reals) -> Float[np.ndarray, "parameter p
     $$A^{-1} B A^{-1}, \quad A = \mathrm{Re}\,J^H J, \quad
       B = \tfrac12 \mathrm{Re} \sum_k S_k\,\hat J_k^H \hat J_k$$
 
-    with J weighted, its Fourier transform, and the residual's smoothed spectrum S.
+    with J weighted, \hat J its Fourier transform, and S the residual's smoothed spectrum.
     """
     jacobian = fitted.jacobian * weight[:, None]
     size = np.linalg.norm(jacobian, axis=0) + 1e-300
@@ -126,14 +127,14 @@ def _smooth_spectrum(residual: Complexes, padded: int) -> Reals:
 
 
 def filtered_step(taps: Reals, since: Reals) -> Reals:
-    """Return a unit step as a filter of sum 1 passes it, at times since the step in samples."""
+    """Return a unit step after a filter of sum 1, at times since the step in samples."""
     passed = np.concatenate([[0.0], np.cumsum(taps)])
     place = since + len(taps) // 2
     return np.interp(place, np.arange(len(passed)), passed, left=0.0, right=1.0)
 
 
 def converter_step(x: Reals) -> float:
-    """Return the step of an analogue-to-digital converter, 0 where samples show none."""
+    """Return the step of an analogue-to-digital converter; 0 if the samples show none."""
     levels = np.unique(x[np.isfinite(x)])
     if len(levels) < 8 or (len(levels) > 0.5 * len(x) and len(x) > 500):
         return 0.0
@@ -144,7 +145,7 @@ def converter_step(x: Reals) -> float:
 
 
 def slopes_of_cause(model: Callable[[Reals], Any], values: Reals) -> list[Any]:
-    """Return forward differences of a model by each parameter of a cause."""
+    """Return forward differences of a model with respect to each parameter of a cause."""
     here, found = model(values), []
     for i, value in enumerate(values):
         further = values.copy()
@@ -154,7 +155,7 @@ def slopes_of_cause(model: Callable[[Reals], Any], values: Reals) -> list[Any]:
 
 
 def strongest_line(values: Complexes, step_s: float) -> tuple[float, complex]:
-    """Return frequency [rad/s] and complex amplitude of the strongest line among values."""
+    """Return the frequency [rad/s] and complex amplitude of the strongest line of a signal."""
     padded = 4 * len(values)
     spectrum = np.fft.fft(values, padded)
     at = int(np.argmax(np.abs(spectrum)))

@@ -1,15 +1,15 @@
-r"""Statements on readings as tests: do records differ, does amplitude matter, by which power.
+r"""Statistical tests of readings: do records differ, does amplitude matter, with which power.
 
-Of a frequency, or a damping ratio, row j of record i at amplitude $a_{ij}$,
+A frequency or damping ratio, in row j of record i at amplitude $a_{ij}$, is modelled as
 
 $$y_{ij} = \mu + b_1 r_{ij} + b_2 r_{ij}^2 + \beta_i + \epsilon_{ij}, \qquad
   \beta_i \sim N(0, \tau^2), \quad \epsilon_i \sim N(0, C_i), \quad r = a / a_{max}$$
 
-with the covariance C of every record's own reading. Whether records differ at equal amplitude is
-asked first: $\tau$ by restricted maximum likelihood, tested by its likelihood ratio against 0.
-Whether amplitude matters is Wald's test of b with $\tau$ in its errors: a joint that relaxes from
-record to record is not taken for one that softens. The power is that of $\mu + b\,r^p$ by the
-profile of its likelihood.
+with the covariance C of the reading of each record. The first question is whether records differ at
+equal amplitude: $\tau$ is found by restricted maximum likelihood and tested by its likelihood ratio
+against 0. Whether amplitude matters is Wald's test of b with $\tau$ in its errors, so that a joint
+that relaxes between records is not mistaken for one that softens. The power is that of
+$\mu + b\,r^p$ from the profile of its likelihood.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,21 +23,24 @@ from scipy.special import chdtrc, erfc, fdtrc
 from jbw.measurement.channels import Reals
 from jbw.measurement.resonances import AmplitudeCurve
 
-ROWS = 4  # of a record: its table is that smooth
+ROWS = 4  # used per record, because its table is that smooth
 EXPONENTS = np.round(np.concatenate([np.arange(-1.2, 0.0, 0.1), np.arange(0.1, 4.01, 0.05)]), 3)
-INSIDE = 6.63  # of 2 ln of the likelihood: the 99 % interval of one parameter
-RECORDS, AMPLITUDE = 1e-3, 1e-4  # chances below which records are said to differ, and a change
-SPREADS = np.geomspace(1e-7, 1.0, 141)  # relative standard deviations of records that are tried
-LEAST_RANGE = 1.2  # largest over smallest amplitude: over less nothing is said of amplitude
-LEAST = {"hz": 3e-3, "zeta": 5e-3}  # least change: of zeta for a frequency, relative for zeta
+INSIDE = 6.63  # limit on 2 ln of the likelihood for the 99 % interval of one parameter
+# Probabilities below which records or values are reported to differ.
+RECORDS, AMPLITUDE = 1e-3, 1e-4
+# Relative standard deviations between records that are tried.
+SPREADS = np.geomspace(1e-7, 1.0, 141)
+LEAST_RANGE = 1.2  # largest over smallest amplitude: a smaller range says nothing about amplitude
+# Smallest change: relative to zeta for a frequency, relative for zeta.
+LEAST = {"hz": 3e-3, "zeta": 5e-3}
 SURE = 3.5  # standard deviations by which a turning frequency falls and rises again
 CERTAIN = 2.576  # standard deviations of a 99 % interval
-EQUAL = 0.05  # of a power: what averaging moves it by
-SPRING = 0.02  # of the relative change of frequency: a spring's damping ratio changes by as little
-# Change of the damping ratio over the relative fall of the frequency, at least, of a joint that
-# slips: of sliders of an Iwan exponent chi 4 (chi + 1) / (pi (chi + 3)), which is 0.1 at -0.8.
+EQUAL = 0.05  # shift of a power by averaging
+SPRING = 0.02  # largest change of damping by a spring, over the relative change of frequency
+# Smallest change of the damping ratio over the relative fall of frequency for a joint that slips:
+# for sliders of an Iwan exponent chi, 4 (chi + 1) / (pi (chi + 3)), which is 0.1 at -0.8.
 SLIPS = 0.1
-# Laws by the power of the amplitude that frequency, damping, or both go with.
+# Laws by the power of the amplitude in their frequency, their damping, or both.
 SPRINGS = {"cubic": 2.0, "quintic": 4.0}
 DAMPERS = {"quadratic_damping": 1.0, "cubic_damping": 2.0}
 HYSTERESIS = {"bouc_wen": 1.0}
@@ -47,9 +50,9 @@ SLIDERS = ("masing_power", "iwan4")
 
 
 class RecordTable(NamedTuple):
-    """Readings of one record: amplitude of the motion, frequency and damping with covariances.
+    """The readings of one record: amplitude of motion, frequency and damping with covariances.
 
-    `chance` is the probability that a linear mode would make such a record, where it was tested.
+    `chance` is the probability that a linear mode produces such a record, if that was tested.
     """
 
     y: Reals
@@ -61,7 +64,10 @@ class RecordTable(NamedTuple):
 
 
 def curve_of(tables: Sequence[RecordTable]) -> AmplitudeCurve:
-    """Return the rows of all records as one curve; its covariances contain how records differ."""
+    """Return the frequency and damping readings of all records as one amplitude curve.
+
+    Its covariances include the variation between records.
+    """
 
     def covariance(quantity: str, unit: float) -> Float[np.ndarray, "row row"]:
         mean = np.mean(np.concatenate([getattr(table, quantity) for table in tables]))
@@ -77,21 +83,21 @@ def curve_of(tables: Sequence[RecordTable]) -> AmplitudeCurve:
 
 
 class AmplitudeTrend(NamedTuple):
-    """The dependence of one quantity on amplitude, estimated from readings.
+    """The dependence of frequency or damping on amplitude, estimated from readings.
 
     Attributes:
-        at_rest: Its value at vanishing amplitude.
-        change: From the smallest to the largest amplitude, relative of a frequency; and its
-            standard deviation.
-        chance: Probability of such a change without any influence of the amplitude.
-        is_seen: Whether it is improbable and large enough to matter.
-        exponent: Power of the amplitude with the ends of its 99 % interval; None where no change
-            is seen, or where it turns.
-        turn: Amplitude and value at which it turns round; None where it goes one way.
-        scatter: Standard deviation between records at equal amplitude, relative.
-        records_chance: Probability of such a scatter among equal records.
-        offsets: Of every record from the mean, relative, with standard deviations.
-        onset: Smallest amplitude at which the change is sure; None where none is seen.
+        at_rest: Value at vanishing amplitude.
+        change: Change from the smallest to the largest amplitude, relative for a frequency.
+        change_sd: Standard deviation of the change.
+        chance: Probability of such a change if amplitude has no influence.
+        is_seen: Whether the change is improbable by chance and large enough to matter.
+        exponent: Power of the amplitude with the ends of its 99 % interval; None if no change is
+            seen or the value turns.
+        turn: Amplitude and value at the turning point; None if the value is monotonic.
+        scatter: Relative standard deviation between records at equal amplitude.
+        records_chance: Probability of such a variation among equal records.
+        offsets: Relative deviation of each record from the mean, with its standard deviation.
+        onset: Smallest amplitude at which the change is certain; None if no change is seen.
     """
 
     at_rest: float
@@ -108,29 +114,29 @@ class AmplitudeTrend(NamedTuple):
 
 
 class _RowsOfRecords(NamedTuple):
-    """Rows of all records, in units of a mean value: relative amplitude, value, covariance."""
+    """The rows of all records relative to a mean value: relative amplitude, value, covariance."""
 
     r: Reals
     value: Reals
     blocks: tuple[Float[np.ndarray, "row row"], ...]
 
     def split(self, values: Reals) -> list[Reals]:
-        """Return values of all rows by record."""
+        """Return values of all rows, split by record."""
         return np.split(values, np.cumsum([len(block) for block in self.blocks])[:-1])
 
 
 class _Estimate(NamedTuple):
     values: Reals
     covariance: Float[np.ndarray, "unknown unknown"]
-    squares: float  # of the residual, in units of its covariance
+    squares: float  # sum of squares of the residual, in units of its covariance
     penalty: float  # -2 ln of the restricted likelihood
 
 
 def trend(tables: Sequence[RecordTable], quantity: str) -> AmplitudeTrend:
-    """Return what a set of readings says of `hz` or of `zeta`.
+    """Return how readings of `hz` or `zeta` depend on amplitude and differ between records.
 
     Args:
-        tables: One a record.
+        tables: Readings, one table per record.
         quantity: "hz" or "zeta".
     """
     unit = float(np.mean([np.mean(getattr(table, quantity)) for table in tables]))
@@ -154,7 +160,7 @@ def trend(tables: Sequence[RecordTable], quantity: str) -> AmplitudeTrend:
         return none
     b = found.values[1:]
     statistic = max(float(b @ np.linalg.pinv(inflated[1:, 1:], hermitian=True) @ b), 0.0)
-    # Of one reading a record the scatter is estimated; along records each has its own errors.
+    # With one reading per record its variation is estimated; otherwise each record has own errors.
     is_along = max(len(table.y) for table in tables) > 1
     chance = float(
         chdtrc(terms, statistic) if is_along else fdtrc(terms, degrees, statistic / terms)
@@ -216,14 +222,14 @@ def _estimated(
 def _between_records(
     rows: _RowsOfRecords, design: Float[np.ndarray, "row unknown"]
 ) -> tuple[float, float]:
-    """Return the standard deviation between records, and its likelihood's chance probability."""
+    """Return the standard deviation between records, and the probability of it by chance."""
     if len(rows.blocks) < 2 or len(rows.value) - design.shape[1] < 1:
         return 0.0, 1.0
     nothing = _estimated(rows, design, 0.0).penalty
     penalties = [_estimated(rows, design, float(tau)).penalty for tau in SPREADS]
     at = int(np.argmin(penalties))
     gain = max(nothing - penalties[at], 0.0)
-    # A variance at its bound: half of a chi-square of one degree of freedom.
+    # The variance is at its bound: the statistic is half a chi-square of one degree of freedom.
     chance = 0.5 * float(erfc(np.sqrt(gain / 2)))
     return (float(SPREADS[at]), chance) if gain > 0 else (0.0, 1.0)
 
@@ -231,7 +237,7 @@ def _between_records(
 def _offsets(
     rows: _RowsOfRecords, design: Float[np.ndarray, "row unknown"], found: _Estimate, tau: float
 ) -> tuple[tuple[float, float], ...]:
-    """Return the mean residual of every record and its standard deviation."""
+    """Return the mean residual of every record with its standard deviation."""
     left = rows.split(rows.value - design @ found.values)
     weights = [np.linalg.inv(block).sum() for block in rows.blocks]
     sums = [
@@ -257,7 +263,7 @@ def _turn(b: Reals, covariance: Reals, low: float) -> float | None:
 
 
 def _onset(b: Reals, covariance: Reals, low: float, top: float) -> float | None:
-    """Return the smallest amplitude whose value differs surely from that at the smallest."""
+    """Return the smallest amplitude at which the value clearly differs from that at the lowest."""
     powers = np.arange(1, len(b) + 1)
     for r in np.geomspace(low, 1.0, 60)[1:]:
         step = r**powers - low**powers
@@ -269,7 +275,7 @@ def _onset(b: Reals, covariance: Reals, low: float, top: float) -> float | None:
 def _exponent(
     rows: _RowsOfRecords, tau: float, inflation: float
 ) -> tuple[float, float, float] | None:
-    """Return the exponent of the amplitude and its 99 % interval, by profile likelihood."""
+    """Return the exponent of the amplitude with its 99 % interval, from the profile likelihood."""
     if len(rows.value) < 4:
         return None
     squares = np.array([
@@ -282,12 +288,12 @@ def _exponent(
 
 
 def laws_with(hz: AmplitudeTrend, zeta: AmplitudeTrend) -> tuple[str, ...]:
-    """Return names of laws whose frequency and damping change by such powers of the amplitude.
+    """Return names of laws whose frequency and damping follow the observed powers of amplitude.
 
-    To first order in the amplitude; of several laws the simplest first, but behind others a law
-    that would have to saturate. A law of sliders has any power by the distribution of their slips.
-    Springs change no damping; that no change of it is seen rules slip out only where it would have
-    been seen.
+    Laws are compared to first order in the amplitude. The simplest law comes first, but a law that
+    would have to saturate comes last. A law of sliders can have any power, depending on the
+    distribution of their slips. Springs do not change the damping. An unseen change of damping
+    excludes slip only if it would have been seen.
     """
     if hz.turn is not None:
         return ("bouc_wen", "cubic")
@@ -309,7 +315,7 @@ def laws_with(hz: AmplitudeTrend, zeta: AmplitudeTrend) -> tuple[str, ...]:
 def _with_power(
     laws: Mapping[str, float], interval: tuple[float, float, float] | None
 ) -> tuple[str, ...]:
-    """Return the laws whose power lies in an interval; none without one."""
+    """Return the laws whose power lies in an interval; none without an interval."""
     if interval is None:
         return ()
     low, high = interval[1] - EQUAL, interval[2] + EQUAL

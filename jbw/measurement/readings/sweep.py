@@ -1,13 +1,13 @@
-r"""One mode passed by a sweep: a time-varying linear filter of the drive.
+r"""A mode passed by a sweep, as a time-varying linear filter of the drive.
 
-In the frame of the drive's phase $\phi(t)$ the mode's complex amplitude moves by
+In the frame of the drive's phase $\phi(t)$ the mode's complex amplitude follows
 
 $$\dot z = (i\omega(a) - \sigma(a) - i\dot\phi)\,z + g u$$
 
-with the amplitude a of the motion *given*: what was measured, smoothed by the model. Then the
-equation is linear, a trial of $\omega$ and $\sigma$ is two bidiagonal solves, and gains are
-projected out. A jump from branch to branch does no harm, as nothing is integrated with an
-amplitude of its own; the phase is the joint's.
+with the amplitude a of the motion *given*: the measured one, smoothed by the model. The equation is
+then linear, a trial of $\omega$ and $\sigma$ takes two bidiagonal solves, and gains are projected
+out. A jump between branches does no harm, because no amplitude is integrated; the phase is that of
+the joint.
 """
 
 from collections.abc import Callable, Mapping
@@ -32,25 +32,26 @@ from jbw.measurement.readings.slow_flow import (
     slopes_of_cause,
 )  # fmt: skip
 
-LAW_ERROR = 3e-3  # of the amplitude: residual of a sound joint, by averaging and by the basis
-SOLVE: Any = vars(lapack)["ztbtrs"]  # of a triangular band, which SciPy's stubs leave out
-DRIVEN = 0.2  # of the drive's largest amplitude: below, nothing is driven
-WORTH_A_TERM = 0.9  # of the squares: the next term of a basis must leave less
-CLEAR = 30.0  # noise amplitudes above which the measured amplitude schedules, below the model's
-IN_PHASE = (1, 3, 5)  # imaginary parts of the gains of the mode and of those outside the band
-MODES_OWN = (0.5, 2.0)  # of response over frequency^order: motion while the mode rings by itself
+LAW_ERROR = 3e-3  # relative error of the model of a sound joint, from averaging and from the basis
+SOLVE: Any = vars(lapack)["ztbtrs"]  # solves a triangular band; SciPy's stubs do not list it
+DRIVEN = 0.2  # share of the drive's largest amplitude below which nothing is driven
+WORTH_A_TERM = 0.9  # largest ratio of squares for which the next term of a basis is worth adding
+CLEAR = 30.0  # noise amplitudes: the filter follows the measured amplitude above, the model's below
+IN_PHASE = (1, 3, 5)  # imaginary parts of the gains of the mode and of modes outside the band
+# Limits of the motion over response / frequency^order, while the mode rings freely.
+MODES_OWN = (0.5, 2.0)
 
 Columns = Complex[np.ndarray, "value column"]
 Slopes = Complex[np.ndarray, "value slope"]
 
 
 class SweepCause(NamedTuple):
-    """A further cause of what a sweep shows, fitted together with the mode.
+    """An additional cause of a sweep's response, fitted together with the mode.
 
     Attributes:
-        start: Starting values of its parameters.
-        apply: Of signal, columns of the model and parameters, the columns with the cause: the same
-            linear map of each, and columns of its own after them.
+        start: Starting values of the parameters.
+        apply: Function of signal, columns of the model and parameters that returns the columns with
+            the cause: each column after the same linear map, followed by columns of the cause.
     """
 
     start: Reals
@@ -59,27 +60,28 @@ class SweepCause(NamedTuple):
 
 @dataclass(frozen=True)
 class SweepSignal:
-    """Drive and response of a sweep, filtered, thinned and turned back by the drive's phase.
+    """Drive and response of a sweep, filtered, thinned and rotated by the drive's phase.
 
     Attributes:
         raw: Samples of the response.
         fs: Sampling frequency [Hz].
-        centre_hz: Centre of the band that is kept [Hz].
-        taps: Impulse response of the filter, sum 1.
-        time: Of the values [s].
-        u: Drive in its own frame: real and slow.
-        z: Response in that frame.
-        phase: Of the drive [rad].
+        centre_hz: Centre of the retained band [Hz].
+        taps: Impulse response of the filter, with sum 1.
+        time: Times of the values [s].
+        u: Drive in its own frame, where it is real and slow.
+        z: Response in the frame of the drive.
+        phase: Phase of the drive [rad].
         rate: Frequency of the drive [rad/s].
         step_s: Time between two values [s].
         quantum: Step of the response's converter.
-        order: Of the derivative of the displacement that the response is.
+        order: Order of the derivative of displacement that the response is.
         lag_s: Stated lag of the response [s].
-        is_force: Whether the drive is the force itself, in phase with what the mode feels.
-        amplitude: Of the motion, in the unit of the response at resonance; schedules the filter.
-        a0: Its largest value.
-        unit: Of the response, which is so much smaller than that of the record.
-        drive_unit: The same of the drive.
+        is_force: Whether the drive is the force itself, in phase with the force on the mode.
+        amplitude: Amplitude of the motion, in the unit of the response at resonance; the filter
+            varies with it.
+        a0: Largest value of `amplitude`.
+        unit: Factor from the unit of the response to that of the record.
+        drive_unit: Factor from the unit of the drive to that of the record.
     """
 
     raw: Reals
@@ -103,20 +105,20 @@ class SweepSignal:
 
     @property
     def top(self) -> int:
-        """Index of the largest motion."""
+        """The index of the value with the largest motion."""
         return int(np.argmax(np.abs(self.z) / self.rate**self.order))
 
     @property
     def mean_period_s(self) -> float:
-        """Period of the drive in the middle of the sweep [s]."""
+        """The period of the drive in the middle of the sweep [s]."""
         return float(2 * np.pi / np.median(self.rate))
 
     def filtered_step(self, at_s: float) -> Reals:
-        """Return a unit step at a time [s], as the filter passes it."""
+        """Return a unit step at a given time [s], as passed by the filter."""
         return filtered_step(self.taps, (self.time - at_s) * self.fs)
 
     def at_amplitude(self, amplitude: Reals) -> "SweepSignal":
-        """Return the same, scheduled by another course of the amplitude."""
+        """Return the signal with another amplitude of motion, on which the filter depends."""
         return replace(self, amplitude=amplitude)
 
 
@@ -130,20 +132,20 @@ def sweep_signal(
     lag_s: float = 0.0,
     is_force: bool = True,
 ) -> SweepSignal:
-    """Filter drive and response about a band and turn both back by the drive's phase.
+    """Filter drive and response about a band and rotate both back by the drive's phase.
 
     Args:
         u: Samples of the drive.
         y: Samples of the response.
         fs: Sampling frequency [Hz].
-        band_hz: Lowest and highest frequency to keep [Hz].
-        order: Of the derivative of the displacement that the response is.
+        band_hz: Lowest and highest frequency of the retained band [Hz].
+        order: Order of the derivative of displacement that the response is.
         lag_s: Stated lag of the response [s].
-        is_force: Whether the drive is a force; a voltage is out of phase with that.
+        is_force: Whether the drive is a force; a voltage is out of phase with the force.
     """
     low, high = band_hz
     centre, half_width = 0.5 * (low + high), 0.5 * (high - low)
-    edge = 0.5 * min(half_width, low)  # flat to the edges of the band
+    edge = 0.5 * min(half_width, low)  # flat up to the edges of the band
     num_taps = min(whole_down(7.3 * fs / edge) | 1, (len(u) // 8) | 1)
     cutoff = min(half_width + 0.2 * edge, 0.999 * fs / 2)
     window: Any = ("kaiser", 6.5)
@@ -178,9 +180,10 @@ class SweepColumns(NamedTuple):
     """The response columns of a mode under the drive of a sweep, up to gains.
 
     Attributes:
-        columns: Responses to the drive, of modes outside the band (two), and to an initial state.
-        slopes: Derivatives of the first and of the last by every parameter, parameter by parameter.
-        motion: Amplitude of the motion over that of the response, by the model.
+        columns: Response of the mode to the drive, of modes outside the band (two columns), and
+            to an initial state.
+        slopes: Derivatives of the first and last column, in pairs for each parameter.
+        motion: Amplitude of the motion over that of the response, from the model.
     """
 
     columns: Columns
@@ -198,13 +201,13 @@ def sweep_columns(
       \dot s' = (p - i\dot\phi)\,s' + p' s$$
 
     with the part s_- of the conjugate pole, the m-th derivative y of the displacement, and the
-    derivative s' by a parameter that moves the pole by p'.
+    derivative s' with respect to a parameter that changes the pole by p'.
 
     Args:
-        signal: From `sweep_signal`.
-        pole: Of the mode at every time [1/s].
-        mirror: From `mirror_of`.
-        slopes: Derivative of the pole by every parameter, by columns; none of no parameters.
+        signal: Sweep from `sweep_signal`.
+        pole: Pole of the mode at every time [1/s].
+        mirror: Part of the conjugate pole, from `mirror_of`.
+        slopes: Derivatives of the pole, one column per parameter; None without parameters.
     """
     if slopes is None:
         slopes = np.zeros((len(pole), 0), complex)
@@ -221,7 +224,7 @@ def sweep_columns(
         motion = np.abs(state - mirror) / np.abs(main * 2 * omega)
     free = power * np.cumprod(np.append(1.0, growth))
     free = free / (np.abs(free).max() + 1e-300)
-    # Modes outside the band move with the drive, as displacements in phase with it.
+    # Modes outside the band follow the drive, with displacements in phase with it.
     away = signal.rate / signal.rate.mean() - 1
     beyond = (1j * signal.rate / signal.rate.mean()) ** order * u
     columns = np.stack([main, beyond, beyond * away, free], axis=1)
@@ -239,26 +242,26 @@ def sweep_columns(
 
 
 def mirror_of(signal: SweepSignal, pole: Complexes) -> Complexes:
-    """Return the part of the conjugate pole: far from resonance, the same for all close poles."""
+    """Return the part of the conjugate pole, which is nearly equal for all similar poles."""
     growth, first, second, *_ = _moments(signal, np.conj(pole))
     begins = signal.u[0] / (1j * signal.rate[0] - np.conj(pole[0]))
     return _marched(growth, np.append(begins, _forced(signal, first, second)))
 
 
 def _middle(values: Any) -> Any:
-    """Return the values in the middle of every step."""
+    """Return the mean of the values at both ends of every step."""
     return 0.5 * (values[1:] + values[:-1])
 
 
 def late(columns: Columns, rate: Reals, lag_s: Any) -> Columns:
-    """Return columns of a response that comes late by a lag, or by one at every time [s]."""
+    """Return the columns of a response that lags by a time [s], constant or given at every time."""
     return columns * np.exp(-1j * rate * lag_s)[:, None]
 
 
 def _moments(signal: SweepSignal, pole: Complexes) -> tuple[Complexes, ...]:
     """Return exp(x), the integrals of exp(x s) and (1 - s) exp(x s), and slopes, safe at zero.
 
-    Of every step, with x the change of a state's logarithm in it.
+    x is the change of the logarithm of a state in each step.
     """
     x = _middle(pole) * signal.step_s - 1j * np.diff(signal.phase)
     growth = np.exp(x)
@@ -278,7 +281,7 @@ def _forced(signal: SweepSignal, first: Complexes, second: Complexes) -> Complex
 
 
 def _marched(growth: Complexes, right: Any) -> Any:
-    """Solve z[n] = growth[n - 1] z[n - 1] + right[n], by columns."""
+    """Solve the recursion z[n] = growth[n - 1] z[n - 1] + right[n] for each column."""
     if not right.size:
         return right
     bands = np.ones((2, len(right)), complex)
@@ -294,22 +297,22 @@ def fit_sweep(
     weight: Reals,
     cause: SweepCause | None = None,
 ) -> ModeFit:
-    """Fit a basis to a sweep, gains projected out, with a further cause where one is given.
+    """Fit a basis to a sweep with gains projected out, together with an additional cause if given.
 
-    Gains are real where the drive is a force, but for that of the initial state.
+    If the drive is a force, all gains except that of the initial state are real.
 
     Args:
-        signal: From `sweep_signal`.
-        name: Of the basis, one of `BASES`.
-        start: Coefficients of damping rate, and of frequency above the centre, over `scale`; then
-            the exponent.
+        signal: Sweep from `sweep_signal`.
+        name: Name of the basis, one of `BASES`.
+        start: Coefficients of the damping rate and of the frequency above the centre, both over
+            `scale`; then the exponent.
         scale: Unit of rates [1/s].
-        weight: Of every value, one over its standard deviation.
-        cause: What else may have shaped the record.
+        weight: Weight of every value: one over its standard deviation.
+        cause: Additional cause that may have shaped the record.
     """
     basis, count = BASES[name], len(start)
     mirror = mirror_of(signal, pole_of(signal, np.asarray(start, float), name, scale)[0])
-    kept: Any = []  # the last evaluation, which its derivative goes on from
+    kept: Any = []  # the last evaluation, from which its derivative continues
 
     def projected(theta: Reals) -> _Projected:
         if not kept or not np.array_equal(kept[0], theta):
@@ -333,7 +336,7 @@ def fit_sweep(
         lower[at], upper[at] = (0.2, 4.0) if basis.terms == 2 else (0.2, 2.2)
         begin[at] = np.clip(begin[at], lower[at] + 0.05, upper[at] - 0.05)
     near = FULLY if cause is None else NEAR_BEST
-    jac: Any = slopes_at  # of which SciPy's stubs do not know
+    jac: Any = slopes_at  # SciPy's stubs do not accept a function here
     found: Any = least_squares(
         residual, begin, jac, bounds=(lower, upper), x_scale="jac", max_nfev=30,
         ftol=near, xtol=near,
@@ -346,7 +349,7 @@ def fit_sweep(
 
 
 class _Projected(NamedTuple):
-    """A model with its gains projected out: what is left, the gains, and slopes of what is left."""
+    """A model with its gains projected out: residual, gains, and derivatives of the residual."""
 
     left: Complexes
     gains: Complexes
@@ -361,12 +364,13 @@ def _project(
     weight: Reals,
     cause: SweepCause | None,
 ) -> _Projected:
-    r"""Project out the gains c of columns, of which some are real.
+    r"""Project out the gains c of the columns, some of which are real.
 
     $$r = y - \Phi c, \quad \Phi^T r = 0, \qquad
       r' = -\Phi' c - \Phi G^{-1} (\Phi'^T r - \Phi^T \Phi' c), \quad G = \Phi^T \Phi$$
 
-    with real and imaginary parts apart; of a force what it drives is in phase with it.
+    with real and imaginary parts as separate rows. Gains of a force that act in phase with it are
+    real.
     """
     number = columns.shape[1]
 
@@ -386,10 +390,10 @@ def _project(
     if signal.is_force:
         at, turn = np.delete(at, IN_PHASE), np.delete(turn, IN_PHASE)
     inner = np.real(np.outer(turn.conj(), turn) * (columns.conj().T @ columns)[np.ix_(at, at)])
-    inner[np.diag_indices_from(inner)] += 1e-12  # a hair: columns may be alike
+    inner[np.diag_indices_from(inner)] += 1e-12  # a tiny ridge, in case columns coincide
 
     def along(columns: Columns, values: Complexes) -> Reals:
-        """Return the inner products of columns, with real and imaginary parts of their gains."""
+        """Return the real inner products of columns and values, one per real or imaginary gain."""
         return np.real(turn.conj() * (columns.conj().T @ values)[at])
 
     def gains_of(right: Reals) -> Complexes:
@@ -401,7 +405,7 @@ def _project(
     left = target - columns @ gains
 
     def moved(by: Columns) -> Complexes:
-        """Return the slope of what is left where the columns change."""
+        """Return the derivative of the residual when the columns change."""
         change = by @ gains
         return -change - columns @ gains_of(along(by, left) - along(columns, change))
 
@@ -421,7 +425,7 @@ def _project(
 
 
 def pole_of(signal: SweepSignal, theta: Reals, name: str, scale: float) -> tuple[Complexes, Slopes]:
-    """Return the mode's pole [1/s] at every time, by a basis, and its slopes by the parameters."""
+    """Return the mode's pole [1/s] at every time from a basis, and its derivatives by parameter."""
     basis = BASES[name]
     r = np.maximum(signal.amplitude / signal.a0, LEAST_RATIO)
     powers = basis.values(r, basis.exponent(theta)).T * scale
@@ -433,26 +437,26 @@ def pole_of(signal: SweepSignal, theta: Reals, name: str, scale: float) -> tuple
         powers @ theta[terms : 2 * terms] + 2 * np.pi * signal.centre_hz
     )
     slopes = [-powers * falls[:, None], 1j * powers]
-    if basis.is_free:  # of r^(k p) by p
+    if basis.is_free:  # derivative of r^(k p) with respect to p
         of_exponent = np.sum(powers * weights * np.arange(terms), axis=1) * np.log(r)
         slopes.append(of_exponent[:, None])
     return pole, np.concatenate(slopes, axis=1)
 
 
 class SweepFits(NamedTuple):
-    """A sweep, scheduled by the amplitude of the motion, and all bases fitted to it.
+    """A sweep with the amplitude on which its filter depends, and the fits of all bases to it.
 
     Attributes:
-        signal: With the amplitude that schedules.
-        fits: By the name of the basis.
+        signal: Sweep with the amplitude on which the filter depends.
+        fits: Fit of each basis, by name.
         scale: Unit of rates [1/s].
-        weight: Of every value.
+        weight: Weight of every value.
         noise: Noise amplitude in the band.
-        faded: Amplitude below which the converter passes nothing.
-        KIND: Of the record.
-        FIRST: Place of the first damping rate in theta.
-        SECOND_ORDER: c of the error of first-order averaging, see `table`.
-        FLOOR: Of the frequency, over zeta.
+        faded: Amplitude below which the converter shows nothing.
+        KIND: Kind of the record.
+        FIRST: Index of the first damping rate in theta.
+        SECOND_ORDER: Factor c of the error of first-order averaging, see `table`.
+        FLOOR: Smallest error of the frequency, over zeta.
     """
 
     signal: SweepSignal
@@ -469,7 +473,7 @@ class SweepFits(NamedTuple):
 
 
 def fit_bases(signal: SweepSignal) -> SweepFits:
-    """Fit all bases to a sweep, and schedule the filter anew by what they found."""
+    """Fit all bases to a sweep, and update the amplitude of its filter from each round's fits."""
     top, order = signal.top, signal.order
     motion = (signal.rate[top] / signal.rate) ** order
     size = np.abs(signal.z)
@@ -486,7 +490,8 @@ def fit_bases(signal: SweepSignal) -> SweepFits:
         noise = max(noise, 1e-9 * signal.a0)
         amplitude = size * motion
         weight = 1 / np.sqrt(noise**2 + (LAW_ERROR * amplitude) ** 2)
-        if best is not None and order:  # a response that rings is no motion at the drive's rate
+        # A ringing response is not a motion at the drive's frequency.
+        if best is not None and order:
             pole, _ = pole_of(signal, fits[best].theta, best, scale)
             own = sweep_columns(signal, pole, mirror_of(signal, pole)).motion
             own = own * signal.rate[top] ** order
@@ -502,7 +507,7 @@ def fit_bases(signal: SweepSignal) -> SweepFits:
 
 
 def _linear_start(signal: SweepSignal, top: int) -> tuple[ModeFit, float]:
-    """Fit a linear mode near the largest motion from several starts; return rate [1/s] too."""
+    """Fit a linear mode near the largest motion from several starts; return it and a rate [1/s]."""
     above = signal.amplitude > signal.amplitude[top] / np.sqrt(2)
     width = max(abs(float(np.ptp(signal.rate[above]))), 1e-6 * float(signal.rate[top]))
     at_top = signal.rate[top] - 2 * np.pi * signal.centre_hz
@@ -525,7 +530,10 @@ def _bases(
     scale: float,
     weight: Reals,
 ) -> dict[str, ModeFit]:
-    """Fit bases with powers of amplitude from the last round's, while the residual gets smaller."""
+    """Fit bases with powers of amplitude, starting from the previous round's fits if possible.
+
+    Each next basis is tried only while the residual decreases.
+    """
 
     def fitted(name: str, *starts: list[float]) -> ModeFit:
         begun = [before[name].theta.tolist()] if name in before else starts

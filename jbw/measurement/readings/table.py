@@ -1,17 +1,17 @@
-r"""The table of a record: frequency and damping at amplitudes, with the covariance of both.
+r"""The readings of a record: frequency and damping at several amplitudes, with covariances.
 
-Damping is that of the *motion*: a response of order n falls otherwise where the frequency changes,
+Damping is that of the *motion*: a response of order n decays differently if the frequency changes,
 
 $$\sigma_{motion} = \sigma_{response} \Big(1 - n \frac{d \ln\omega}{d \ln a}\Big)$$
 
-Errors are the sandwich covariance of a basis with one coefficient more than the data ask for, half
-of what that coefficient moves, and a floor: the frequency at an amplitude is not defined closer
-than first-order averaging is,
+Errors combine the sandwich covariance of a basis with one coefficient more than the data require,
+half of the change that this coefficient makes, and a floor: the frequency at an amplitude is no
+better defined than first-order averaging is,
 
 $$(c + \zeta)\,\Delta f + \Delta f^2 / f + f \zeta \Delta\zeta, \qquad
   (c + \zeta)\,\Delta\zeta + \zeta\,\Delta f / f$$
 
-and 0.3 % of zeta (1.5 % in a sweep, for the frequency), which the documentation states.
+and 0.3 % of zeta (1.5 % for the frequency of a sweep), as the documentation states.
 """
 
 from dataclasses import dataclass, replace
@@ -34,13 +34,14 @@ from jbw.measurement.readings.slow_flow import (
 from jbw.measurement.readings.statement import RecordTable
 from jbw.measurement.readings.sweep import SweepFits
 
-POINTS = 12  # amplitudes of a table
-ABOVE_NOISE = 3.0  # noise amplitudes from which an amplitude is read
-DEEPEST = 0.02  # of the largest amplitude: the smallest that is read
-FLOOR_OF_DAMPING = 0.003  # of zeta
-BEYOND = 0.3  # of zeta, a relative misfit beyond the noise
-ODDS = 1e-4  # chance of a change of amplitude by a linear mode, below which it is nonlinear
-LEAST_CHANGE = 5e-3  # of zeta: a smaller change, of zeta or of the frequency, is none
+POINTS = 12  # number of amplitudes in a table
+ABOVE_NOISE = 3.0  # noise amplitudes: smaller amplitudes are not read
+DEEPEST = 0.02  # share of the largest amplitude below which no amplitude is read
+FLOOR_OF_DAMPING = 0.003  # smallest error of zeta, over zeta
+BEYOND = 0.3  # error of zeta, over zeta, per relative misfit beyond the noise
+# Probability of a change with amplitude in a linear mode, below which the mode is nonlinear.
+ODDS = 1e-4
+LEAST_CHANGE = 5e-3  # smallest change of zeta or of the frequency that counts, over zeta
 SURE = 3.0  # standard deviations of a change
 
 Square = Float[np.ndarray, "row row"]
@@ -55,27 +56,27 @@ class MeasuredChange(NamedTuple):
 
 @dataclass(frozen=True)
 class ModeReading:
-    """Frequency and damping of one mode by one record, against amplitude.
+    """The frequency and damping of one mode against amplitude, read from one record.
 
     Attributes:
         kind: "decay" or "sweep".
-        order: Of the derivative of the displacement that the response is.
-        amplitude: Peak amplitude of the response, falling, in its unit.
+        order: Order of the derivative of displacement that the response is.
+        amplitude: Peak amplitudes of the response in its unit, in decreasing order.
         hz: Natural frequency at each amplitude, sqrt(omega^2 + sigma^2) / (2 pi) [Hz].
         zeta: Damping ratio of the motion at each amplitude.
-        hz_covariance: Of the frequencies [Hz^2].
-        zeta_covariance: Of the damping ratios.
-        linear_hz: Frequency and its standard deviation, by a linear mode [Hz].
-        linear_zeta: The same of the damping ratio.
-        basis: Name of the basis that the data ask for.
+        hz_covariance: Covariance of the frequencies [Hz^2].
+        zeta_covariance: Covariance of the damping ratios.
+        linear_hz: Frequency of a linear mode, with standard deviation [Hz].
+        linear_zeta: Damping ratio of a linear mode, with standard deviation.
+        basis: Name of the basis that describes the data best.
         chance: Probability that a linear mode shows such a change with amplitude.
         hz_change: Relative change of the frequency.
-        zeta_change: MeasuredChange of the damping ratio.
-        exponent: Power of the amplitude and its standard deviation; NaN of a linear record.
-        residual: Root mean square of what is left, over that of the response.
-        linear_residual: The same of a linear mode.
+        zeta_change: Change of the damping ratio.
+        exponent: Power of the amplitude, with standard deviation; NaN for a linear record.
+        residual: Root mean square of the residual, over that of the response.
+        linear_residual: The same ratio for a linear mode.
         noise: Amplitude of the noise in the band, in the unit of the response.
-        gain: Of the mode per unit of the drive, real of a force; NaN of a decay.
+        gain: Gain of the mode per unit of the drive, real for a force; NaN for a decay.
     """
 
     kind: str
@@ -99,21 +100,21 @@ class ModeReading:
 
     @property
     def hz_sd(self) -> Reals:
-        """Standard deviation of each frequency [Hz]."""
+        """The standard deviation of each frequency [Hz]."""
         return np.sqrt(np.diag(self.hz_covariance))
 
     @property
     def zeta_sd(self) -> Reals:
-        """Standard deviation of each damping ratio."""
+        """The standard deviation of each damping ratio."""
         return np.sqrt(np.diag(self.zeta_covariance))
 
     @property
     def y(self) -> Reals:
-        """Amplitude of the displacement [m]."""
+        """The amplitude of the displacement [m]."""
         return self.amplitude / (2 * np.pi * self.hz) ** self.order
 
     def at(self, amplitudes: Reals) -> "ModeReading":
-        """Return the reading at other amplitudes of its range, by cubics through its rows."""
+        """Return the reading at other amplitudes within its range, by cubic interpolation."""
         rows = np.eye(len(self.amplitude))[::-1]
         weights = CubicSpline(np.log(self.amplitude[::-1]), rows)(np.log(amplitudes))
         return replace(
@@ -123,7 +124,7 @@ class ModeReading:
         )  # fmt: skip
 
     def table(self) -> RecordTable:
-        """Return the rows as statements take them, from the smallest amplitude on."""
+        """Return the readings as a table for statistical tests, in order of rising amplitude."""
         back = slice(None, None, -1)
         return RecordTable(
             self.y[back], self.hz[back], self.zeta[back], self.hz_covariance[back, back],
@@ -132,7 +133,7 @@ class ModeReading:
 
 
 def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
-    """Choose the basis of a record and read frequency and damping from it, with errors."""
+    """Return the reading of a record with errors, from the basis that describes its data best."""
     best = min(fits.fits.values(), key=lambda fit: fit.squares)
     count = 2 * len(fits.signal.z) * independent_share(best.residual * fits.weight)
     chosen = _chosen(fits.fits, count)
@@ -170,7 +171,7 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
         exponent = MeasuredChange(float(power.theta[-1]), sd)
     amplitude, gain = grid, np.nan
     if isinstance(fits, SweepFits):
-        # From the motion at resonance to the response at its own frequency.
+        # Convert from the motion at resonance to the response at its own frequency.
         top = fits.signal.rate[fits.signal.top]
         amplitude = grid * (2 * np.pi * rows.hz / top) ** fits.signal.order
         if fits.signal.is_force:
@@ -193,7 +194,7 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
 
 
 def _chosen(fits: dict[str, ModeFit], count: float) -> str:
-    """Choose the basis of best concentrated likelihood with a penalty per parameter (BIC)."""
+    """Return the basis with the best concentrated likelihood and a penalty per parameter (BIC)."""
     scores = {
         name: count * np.log(max(fit.squares, 1e-300)) + len(fit.theta) * np.log(count)
         for name, fit in fits.items()
@@ -205,7 +206,7 @@ def _chosen(fits: dict[str, ModeFit], count: float) -> str:
 
 
 def _amplitudes(fits: DecayFits | SweepFits, name: str) -> Reals:
-    """Return the amplitudes of the table: from the largest down to where the noise begins."""
+    """Return the amplitudes of the table, from the largest down to where the noise begins."""
     if isinstance(fits, DecayFits):
         size = np.abs(decay_model(fits.signal, fits.fits[name].theta, BASES[name], fits.scale))
     else:
@@ -216,7 +217,7 @@ def _amplitudes(fits: DecayFits | SweepFits, name: str) -> Reals:
 
 
 class _Rows:
-    """Frequency and damping at amplitudes by one basis, with their covariances."""
+    """Frequency and damping at several amplitudes from one basis, with their covariances."""
 
     def __init__(self, fits: DecayFits | SweepFits, name: str, grid: Reals) -> None:
         basis, fit, scale = BASES[name], fits.fits[name], fits.scale
@@ -245,7 +246,7 @@ class _Rows:
 
 
 def _floors(fits: DecayFits | SweepFits, best: ModeFit, rows: _Rows) -> tuple[Reals, Reals]:
-    """Return errors that a residual beyond noise at high amplitude implies, at least the floor."""
+    """Return the errors due to a residual beyond noise at high amplitude, at least the floor."""
     size = np.abs(fits.signal.z)
     loud = size > 0.4 * size.max()
     excess = float(np.mean(np.abs(best.residual[loud]) ** 2)) - 1.5 * fits.noise**2
@@ -274,13 +275,13 @@ def _change(values: Reals, spread: Square, floor: float, factor: float = 1.0) ->
 
 
 def _matters(hz: MeasuredChange, zeta: MeasuredChange, damping: float) -> bool:
-    """Return whether a change is larger than averaging tells, and sure."""
+    """Return whether a change exceeds the error of averaging and is certain."""
     is_large = max(abs(hz.value), abs(zeta.value)) >= LEAST_CHANGE * abs(damping)
     return is_large and any(abs(change.value) >= SURE * change.sd for change in (hz, zeta))
 
 
 def _chance_of_linear(fits: DecayFits | SweepFits, count: float) -> float:
-    """Return the probability of the coefficients beyond the constants by chance: Wald's test."""
+    """Return the probability (Wald's test) that only chance makes the coefficients of amplitude."""
     if "quadratic" not in fits.fits:
         return 1.0
     fit, first = fits.fits["quadratic"], fits.FIRST

@@ -1,8 +1,8 @@
-"""The table of recorders: one file a recorder, found by being here.
+"""The table of recorders: one file per recorder, found because it is in this folder.
 
-A module of this folder that defines `RECORDER`, or `RECORDERS`, is in the table; nothing else needs
+A module of this folder that defines `RECORDER` or `RECORDERS` is in the table; nothing else needs
 to be changed. Its docstring is its row in the documentation: a title, then lines such as `Known by:
-...`. They are loaded with the first file that is opened.
+...`. The modules are loaded when the first file is opened.
 """
 
 import pkgutil
@@ -16,7 +16,7 @@ from jbw.measurement.files.tree import Contents, Leaf, Node
 from jbw.measurement.recorders.recorder import Recorder
 from jbw.units import titled
 
-LOOKED_AT = 80  # lines of a text by which its recorder is known
+LOOKED_AT = 80  # lines of a text from which its recorder is recognised
 
 
 @cache
@@ -31,7 +31,7 @@ def modules() -> tuple[str, ...]:
 
 @cache
 def recorders() -> tuple[Recorder, ...]:
-    """Return all recorders in the order of their files, those that take a whole format last."""
+    """Return all recorders in the order of their files, those that accept a whole format last."""
     collected: list[Recorder] = []
     for name in modules():
         module = import_module(name)
@@ -40,7 +40,7 @@ def recorders() -> tuple[Recorder, ...]:
 
 
 def of_lines(lines: Sequence[str], path: Path) -> Contents | None:
-    """Read a text by its recorder's own rules; None where no recorder recognises it."""
+    """Read a text by the rules of its recorder; return None if no recorder recognises it."""
     head = lines[:LOOKED_AT]
     for recorder in recorders():
         if recorder.of_text and recorder.read_text and recorder.of_text(head):
@@ -49,7 +49,7 @@ def of_lines(lines: Sequence[str], path: Path) -> Contents | None:
 
 
 def annotated(contents: Contents) -> Contents:
-    """Add the recorder's facts on the channels to an open file; unchanged if none matches."""
+    """Return an open file's contents with its recorder's facts on the channels, if recognised."""
     for recorder in recorders() if not contents.recorder else ():
         if recorder.of and recorder.read and recorder.of(contents):
             contents = replace(recorder.read(contents), recorder=recorder.name)
@@ -61,7 +61,7 @@ def annotated(contents: Contents) -> Contents:
 
 
 def _with_units(node: Node, name: str = "") -> Node:
-    """Return a tree whose arrays have the units that their names end in, if they state none."""
+    """Return a tree whose arrays take the unit at the end of their name if they state none."""
     if isinstance(node, Mapping):
         return {key: _with_units(child, str(key)) for key, child in node.items()}
     return _with_unit(node, name) if isinstance(node, Leaf) else node

@@ -27,13 +27,13 @@ TIME = re.compile(r"(Data\d+)_time_?(.*)")
 
 
 def is_of(contents: Contents) -> bool:
-    """Return whether there are times beside channels of their names."""
+    """Return whether a MATLAB file has arrays named like DEWESoft's times, `Data1_time_NAME`."""
     root = top(contents)
     return contents.reader.startswith("MATLAB") and any(TIME.fullmatch(str(name)) for name in root)
 
 
 def read(contents: Contents) -> Contents:
-    """Return the rate and start of every channel by its own times."""
+    """Return the contents with rate and start of every channel from its own times."""
     root = top(contents)
     series: dict[str, Leaf] = {}
     for name, item in top(contents).items():
@@ -50,13 +50,13 @@ def read(contents: Contents) -> Contents:
 
 
 def is_text(lines: Sequence[str]) -> bool:
-    """Return whether a preamble is DEWESoft's."""
+    """Return whether the first lines of a text are a DEWESoft preamble."""
     has_rate = any(stated(line, "sample rate") for line in lines)
     return has_rate and any(line.lower().lstrip(' "').startswith("data info") for line in lines)
 
 
 def read_text(lines: Sequence[str], path: Path) -> Contents:
-    """Return the table below the preamble."""
+    """Return the table below the preamble of a DEWESoft text."""
     from jbw.measurement.files.csv import table
 
     return table(lines, path)

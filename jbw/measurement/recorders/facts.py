@@ -1,4 +1,4 @@
-"""The facts stated in words in file trees and preambles: texts, numbers, rates, titles."""
+"""Extraction of facts from file trees and preambles: texts, numbers, rates, titles."""
 
 import math
 import re
@@ -11,11 +11,11 @@ import numpy as np
 from jbw.measurement.files.tree import Contents, Leaf, Opaque, load
 from jbw.units import FACTORS, is_unit, plain, titled
 
-MOST_VALUES = 4096  # that are read to learn one fact
+MOST_VALUES = 4096  # values read for one fact
 
 
 def top(contents: Contents) -> dict[str, Any]:
-    """Return the top-level nodes of a tree by name."""
+    """Return the top-level nodes of a file's tree by name."""
     root = contents.root
     return {str(name): node for name, node in root.items()} if isinstance(root, Mapping) else {}
 
@@ -30,13 +30,13 @@ def node_at(node: Any, *names: str) -> Any:
 
 
 def text_at(node: Any, *names: str) -> str:
-    """Return the text at names within structs; empty where there is none."""
+    """Return the text at a path of names within structs; empty if there is none."""
     child = node_at(node, *names)
     return child.text.strip() if isinstance(child, Opaque) else ""
 
 
 def number_at(node: Any, *names: str) -> float:
-    """Number at names within structs, or as text there, perhaps with a decimal comma; else NaN."""
+    """Return the number, or number written as text, at a path of names within structs; else NaN."""
     child = node_at(node, *names)
     if isinstance(child, Leaf) and 0 < math.prod(child.shape) <= MOST_VALUES:
         values = np.ravel(load(child))
@@ -45,7 +45,7 @@ def number_at(node: Any, *names: str) -> float:
 
 
 def number_in(text: Any) -> float:
-    """Return the number at the start of a text, such as `51200,0 Hz`; NaN if there is none."""
+    """Return the number at the start of a text such as `51200,0 Hz`; NaN if there is none."""
     match = re.match(r"\s*([-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?)", str(text)[:80])
     try:
         return float(match[1].replace(",", ".")) if match else math.nan
@@ -54,17 +54,17 @@ def number_in(text: Any) -> float:
 
 
 def rate_of(increment: float) -> float | None:
-    """Return the sampling frequency [Hz] for an increment in seconds, if it is valid."""
+    """Return the sampling frequency [Hz] for a sampling interval [s]; None if not positive."""
     return 1 / increment if math.isfinite(increment) and increment > 0 else None
 
 
 def positive(value: float) -> float | None:
-    """Return a number that is positive and finite, or None."""
+    """Return a number if it is positive and finite, else None."""
     return value if math.isfinite(value) and value > 0 else None
 
 
 def stated(text: str, pattern: str) -> str:
-    """Return the text after a key in a line, as `Sample rate: 1000 Hz` or `Key;value`; or ''."""
+    """Return the text after a key in a line, as in `Sample rate: 1000 Hz` or `Key;value`; or ''."""
     match = re.match(rf"[\"#%;\s]*(?:{pattern})[\"\s]*(?:[:=;,\t]|\s{{2,}})[\"\s]*(.*)", text,
                      re.IGNORECASE)  # fmt: skip
     return match[1].strip(' "\t;,') if match else ""
@@ -84,7 +84,7 @@ INTERVAL = re.compile(
     r"(?P<value>[-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*(?P<behind>[A-Za-zµ]*)",
     re.IGNORECASE,
 )
-# A rate within a sentence, which must name its unit: `sampled at 2 kHz`, `1000 Hz sampling rate`.
+# A rate within a sentence, which must state its unit: `sampled at 2 kHz`, `1000 Hz sampling rate`.
 SPOKEN = re.compile(
     r"(?:(?<!re)(?<!down)sampl|abtast|acquisition\s+rate|scan\s+rate|\bfs\b)[^\d\n]{0,40}?(?P<value>\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)"
     r"\s*(?P<unit>[kM]?(?:Hz|S/s|Sa/s))\b"
@@ -98,15 +98,15 @@ SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "sec": 1.0
 
 
 class Axis(NamedTuple):
-    """The axis of a table that lines above it describe."""
+    """The first axis of a table, as described by lines above the table."""
 
-    name: str  # time, or frequency
+    name: str  # time or frequency
     unit: str
-    fs: float | None  # sampling frequency, of an axis of times [Hz]
+    fs: float | None  # sampling frequency of an axis of times [Hz]
 
 
 def axis_in(lines: Sequence[str]) -> Axis | None:
-    """Return the axis that keys such as `Delta` and `AxisUnit` describe; None where none do."""
+    """Return the axis that keys such as `Delta` and `AxisUnit` describe; None without such keys."""
     facts = {
         key: next(filter(None, (stated(line, pattern) for line in lines)), "")
         for key, pattern in (
@@ -127,7 +127,7 @@ def axis_in(lines: Sequence[str]) -> Axis | None:
 def rate_in(lines: Sequence[str], *, with_sentences: bool = False) -> float | None:
     """Return the sampling frequency [Hz] stated in the lines above a table; None if absent.
 
-    Sentences of comments are read where asked for.
+    With `with_sentences`, sentences in comments are searched as well.
     """
     for pattern, units, to_fs in (
         (RATE, HERTZ, lambda x: x),
@@ -149,14 +149,14 @@ def rate_in(lines: Sequence[str], *, with_sentences: bool = False) -> float | No
 
 
 def named(leaf: Leaf, title: str, unit: str = "") -> Leaf:
-    """Return a leaf with a title; take its unit from behind the name if it is not stated."""
+    """Return a leaf with a title; its unit comes from the end of the title if not given."""
     name, behind = titled(title)
     unit = unit or behind
     return replace(leaf, label=name, unit=plain(unit) if is_unit(unit) else unit)
 
 
 def titled_leaf(leaf: Leaf, title: str) -> Leaf:
-    """Return a leaf with the title restored from a file's name with underscores."""
+    """Return a leaf with the title restored from a name with underscores."""
     return replace(leaf, label=title.replace("_", " ").strip())
 
 

@@ -22,7 +22,7 @@ DATA = re.compile(r"(Channel_\d+)_Data")
 
 
 def is_of(contents: Contents) -> bool:
-    """Return whether there is a header of the file, and channels."""
+    """Return whether a file has the header and channel arrays of HBK Pulse or HBM catman."""
     root = top(contents)
     return not math.isnan(number_at(root, "File_Header", "SampleFrequency")) and any(
         DATA.fullmatch(str(name)) for name in root
@@ -30,7 +30,7 @@ def is_of(contents: Contents) -> bool:
 
 
 def read(contents: Contents) -> Contents:
-    """Read rate, and name and unit of each channel that has the declared number of samples."""
+    """Return the contents with the rate, and name and unit of each channel, from the headers."""
     root = top(contents)
     series: dict[str, Leaf] = {}
     fs = positive(number_at(root, "File_Header", "SampleFrequency"))

@@ -30,16 +30,16 @@ from jbw.report.messages import reading as messages
 
 END = "***End_of_Header***"
 SEPARATORS = {"tab": "\t", "comma": ","}
-LARGEST_ROUNDING = 1e-4  # of an interval, that the provenance does not mention
+LARGEST_ROUNDING = 1e-4  # relative rounding of an interval above which the provenance mentions it
 
 
 def is_text(lines: Sequence[str]) -> bool:
-    """Return whether it begins as the specification says."""
+    """Return whether a text begins as the LVM specification requires."""
     return bool(lines) and lines[0].strip("\ufeff \t,").startswith("LabVIEW Measurement")
 
 
 def read_text(lines: Sequence[str], path: Path) -> Contents:
-    """Return one segment: its channels with their own rate, start and unit."""
+    """Return the single segment of an LVM file: channels with their own rate, start and unit."""
     ends = [i for i, line in enumerate(lines) if line.startswith(END)]
     if len(ends) < 2:
         raise ValueError(f"a LabVIEW measurement has two headers, but this has {len(ends)}")
@@ -93,7 +93,7 @@ def read_text(lines: Sequence[str], path: Path) -> Contents:
 def _with_times_of_each(
     lines: Sequence[str], path: Path, segment_facts: dict[str, list[str]], marks: tuple[str, str]
 ) -> Contents:
-    """Return the channels that each have a column of times before them."""
+    """Return the channels of an LVM segment in which each has a column of times before it."""
     mark, decimal = marks
     number = int(number_in(segment_facts.get("channels", ["0"])[0]))
     names = [text.strip() for text in lines[0].split(mark)]
@@ -107,7 +107,7 @@ def _with_times_of_each(
 
 
 def _without_empty(columns: Contents, counts: Sequence[str]) -> Contents:
-    """Return the times and channels, but for those that declare no sample."""
+    """Return the times and channels, except channels that declare no sample."""
     series = columns.series or {}
     if len(series) != 1 + len(counts):
         return columns
@@ -119,7 +119,7 @@ def _without_empty(columns: Contents, counts: Sequence[str]) -> Contents:
 
 
 def _packets(name: str, declared: float, size: int, is_one_header: bool) -> int:
-    """Return the number of packets of declared length; several if one header covers all."""
+    """Return the number of packets of declared length; more than one if one header covers all."""
     if np.isnan(declared) or declared == size:
         return 1
     if is_one_header and declared > 0 and size % declared == 0:
@@ -130,7 +130,7 @@ def _packets(name: str, declared: float, size: int, is_one_header: bool) -> int:
 def _rounding(text: str) -> float:
     """Return half a unit of a number's last digit over that number; 0 if there is no number.
 
-    LabVIEW writes six decimals; zeros at their end may be missing.
+    LabVIEW writes six decimals, of which zeros at the end may be missing.
     """
     value = number_in(text)
     mantissa, _, exponent = text.strip().lower().partition("e")
@@ -139,7 +139,7 @@ def _rounding(text: str) -> float:
 
 
 def _facts(lines: Sequence[str], mark: str = "\t") -> dict[str, list[str]]:
-    """Return the keys of a header, in lower case, and what stands behind each."""
+    """Return the keys of a header, in lower case, and the fields after each."""
     mark = mark if any(mark in line for line in lines) else ","
     parts = [[text.strip() for text in line.split(mark)] for line in lines]
     return {row[0].lower(): row[1:] for row in parts if row[0] and len(row) > 1}
@@ -151,7 +151,7 @@ def _of_each(facts: dict[str, list[str]], key: str, number: int) -> list[str]:
 
 
 def _cells(line: str, mark: str, first: int, number: int) -> str:
-    """Return the numbers of a row: without the empty column of times, and without a comment."""
+    """Return the numbers of a row without the empty column of times and without a comment."""
     return mark.join(line.split(mark)[first : number + 1])
 
 

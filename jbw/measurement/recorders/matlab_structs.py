@@ -27,7 +27,7 @@ UNITS = ("units", "Units", "unit", "VariableUnits")
 
 
 def _texts(node: Any) -> list[str]:
-    """Return the texts of a cell, or the lines of one text."""
+    """Return the texts of a cell array, or the lines of one text."""
     if isinstance(node, Opaque):
         return [line.strip() for line in node.text.split("\n")] if node.text else []
     if isinstance(node, np.ndarray):
@@ -36,7 +36,7 @@ def _texts(node: Any) -> list[str]:
 
 
 def _units_of(node: Mapping[str, Any]) -> dict[str, str]:
-    """Return the units of the arrays of a struct by their names; empty where none are stated."""
+    """Return the units of a struct's arrays by name; empty if none are stated."""
     fields = [name for name, item in node.items() if isinstance(item, Leaf)]
     properties = node_at(node, "Properties")
     if isinstance(properties, Mapping):
@@ -55,7 +55,7 @@ def _units_of(node: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _rate_of(node: Mapping[str, Any]) -> float | None:
-    """Return a rate that a struct states as text, or an interval that it states as a number [s]."""
+    """Return the rate of a struct, stated as text or as an interval [s]; None if not stated."""
     for name, item in node.items():
         if isinstance(item, Opaque) and item.text and RATE.search(str(name)):
             return positive(number_in(item.text))
@@ -69,7 +69,7 @@ def _states_units(node: Any) -> bool:
 
 
 def is_of(contents: Contents) -> bool:
-    """Return whether the file, or a struct at its top, states units or a rate beside its arrays."""
+    """Return whether a file or a struct at its top level states units or a rate for its arrays."""
     root = top(contents)
     if not contents.reader.startswith(("MATLAB", "npz")):
         return False
@@ -77,7 +77,7 @@ def is_of(contents: Contents) -> bool:
 
 
 def read(contents: Contents) -> Contents:
-    """Return the arrays with the units and the rate that stand beside them."""
+    """Return the contents with the units and the rate that are stated next to the arrays."""
     root = _with_units(top(contents))
     for name, node in top(contents).items():
         if _states_units(node):

@@ -26,12 +26,12 @@ FIRST = re.compile(
 
 
 def is_text(lines: Sequence[str]) -> bool:
-    """Return whether the columns are those of a telephone's sensor."""
+    """Return whether the columns of a text are those of a telephone's sensor."""
     return bool(lines) and FIRST.match(lines[0].lstrip("\ufeff")) is not None
 
 
 def read_text(lines: Sequence[str], path: Path) -> Contents:
-    """Return the table below its names."""
+    """Return the table of a phyphox text."""
     return table(lines, path)
 
 

@@ -25,7 +25,7 @@ from jbw.measurement.recorders.recorder import Recorder
 
 
 def is_of(contents: Contents) -> bool:
-    """Return whether there is an interval beside channels of one letter."""
+    """Return whether a file has PicoScope's interval and channels named by one letter."""
     root = top(contents)
     return "Tinterval" in root and any(
         re.fullmatch("[A-H]", str(name)) for name in root
@@ -33,7 +33,7 @@ def is_of(contents: Contents) -> bool:
 
 
 def read(contents: Contents) -> Contents:
-    """Return the rate and start of every channel."""
+    """Return the contents with the rate and start of every PicoScope channel."""
     root = top(contents)
     series: dict[str, Leaf] = {}
     fs, start = rate_of(number_at(root, "Tinterval")), number_at(root, "Tstart")
@@ -46,12 +46,12 @@ def read(contents: Contents) -> Contents:
 
 
 def is_text(lines: Sequence[str]) -> bool:
-    """Return whether the columns are called as PicoScope calls them."""
+    """Return whether the columns of a text are named as PicoScope names them."""
     return bool(lines) and re.match(r"\"?Time\"?[,;\t] *\"?Channel [A-H]", lines[0]) is not None
 
 
 def read_text(lines: Sequence[str], path: Path) -> Contents:
-    """Return the table below names and units."""
+    """Return the table of a PicoScope text, below its names and units."""
     from jbw.measurement.files.csv import table
 
     return table(lines, path)

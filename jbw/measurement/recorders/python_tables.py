@@ -31,7 +31,7 @@ NAMES = ("channel_names", "channels", "names", "columns", "labels", "channel")
 UNITS = ("units", "unit", "unit_str", "channel_units")
 RATES = ("fs", "sampling_rate", "sample_rate", "sampling_frequency", "samplerate")
 INTERVALS = ("dt", "interval", "sampling_interval", "increment")
-ITEMS, VALUES, INDEX = "block0_items", "block0_values", "axis1"  # of pandas
+ITEMS, VALUES, INDEX = "block0_items", "block0_values", "axis1"  # names of pandas' arrays in HDF5
 
 
 def _list(facts: Mapping[str, Any], keys: tuple[str, ...]) -> list[str]:
@@ -56,7 +56,7 @@ def _rate(facts: Mapping[str, Any]) -> float | None:
 
 
 def _facts(node: Any, item: Leaf) -> dict[str, Any]:
-    """Return the values next to an array and its attributes, which take precedence."""
+    """Return the values next to an array and its attributes; attributes take precedence."""
     siblings = dict(node) if isinstance(node, Mapping) else {}
     return {**siblings, **item.attributes}
 
@@ -81,12 +81,12 @@ def _clock(node: Any) -> Leaf | None:
 
 
 def is_of(contents: Contents) -> bool:
-    """Return whether there is a table with names."""
+    """Return whether a file contains a table with channel names."""
     return contents.reader in ("HDF5", "npz") and bool(_tables(top(contents)))
 
 
 def read(contents: Contents) -> Contents:
-    """Return every row or column of a named table as a channel of its name."""
+    """Return the contents with every row or column of a named table as a channel."""
     root = top(contents)
     series: dict[str, Leaf] = {}
     for _, item, facts in _tables(top(contents)):
@@ -99,7 +99,8 @@ def read(contents: Contents) -> Contents:
         fs, start = _rate(facts) or contents.fs or _rate(contents.attributes), None
         index = facts.get(INDEX)
         if isinstance(index, Leaf) and index.shape == (item.shape[1 - along],):
-            clock = on_clock(Leaf(None, (), fs=fs), load(index), "")  # whole numbers count rows
+            # Whole numbers only count the rows.
+            clock = on_clock(Leaf(None, (), fs=fs), load(index), "")
             fs, start = clock.fs, clock.start_s
         for i, (name, unit) in enumerate(zip(names, units, strict=True)):
             axis = item.axes[along]
@@ -108,18 +109,18 @@ def read(contents: Contents) -> Contents:
                 fs, unit, start,
             )  # fmt: skip
             if name in root:
-                continue  # the file has another thing of that name
+                continue  # the file uses this name for something else
             root[name] = series[name] = channel
     return replace(contents, root=root, series=series)
 
 
 def is_labelled(contents: Contents) -> bool:
-    """Return whether there is a coordinate of times."""
+    """Return whether an HDF5 file has a coordinate of times, as xarray writes it."""
     return contents.reader == "HDF5" and _clock(top(contents)) is not None
 
 
 def read_labelled(contents: Contents) -> Contents:
-    """Return the variables along a coordinate of times, which is the role `time` of all."""
+    """Return the variables along a coordinate of times, which becomes the role `time` of all."""
     clock = _clock(top(contents))
     if clock is None:
         return contents

@@ -9,11 +9,12 @@ from jbw.measurement.files.tree import Contents
 
 @dataclass(frozen=True)
 class Recorder:
-    """One dialect of one program that writes measurement files.
+    """The recorder of one file dialect, as written by one program.
 
-    A tree of MATLAB, HDF5, UFF, TDMS, WAV or NumPy is known by `of` and annotated by `read`; text
-    is known by `of_text`, by its first lines, and parsed by `read_text`. The docstring of its
-    module says how it is known, on what that rests, and what of it nobody has seen.
+    A tree of MATLAB, HDF5, UFF, TDMS, WAV or NumPy is recognised by `of` and annotated by `read`. A
+    text is recognised from its first lines by `of_text`, and parsed by `read_text`. The docstring
+    of the recorder's module says how files are recognised, on what evidence, and what has not been
+    tested.
     """
 
     name: str
@@ -21,4 +22,4 @@ class Recorder:
     read: Callable[[Contents], Contents] | None = None
     of_text: Callable[[Sequence[str]], bool] | None = None
     read_text: Callable[[Sequence[str], Path], Contents] | None = None
-    is_general: bool = False  # whether it takes what no other recorder is known by
+    is_general: bool = False  # whether it accepts files that no other recorder recognises

@@ -24,7 +24,7 @@ from jbw.units import plain
 
 
 def signals(contents: Contents) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the structs of signals at the top of a file."""
+    """Yield the structs of signals at the top level of a Testlab file, by name."""
     for name, node in top(contents).items():
         values = node_at(node, "y_values", "values")
         if isinstance(values, Leaf) and not math.isnan(number_at(node, "x_values", "increment")):
@@ -32,7 +32,7 @@ def signals(contents: Contents) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def is_of(contents: Contents) -> bool:
-    """Return whether there are such structs."""
+    """Return whether a MATLAB file contains structs of Testlab signals."""
     return contents.reader.startswith("MATLAB") and any(True for _ in signals(contents))
 
 

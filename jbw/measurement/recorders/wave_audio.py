@@ -17,7 +17,7 @@ from jbw.measurement.recorders.recorder import Recorder
 
 
 def read(contents: Contents) -> Contents:
-    """Return the channels as the reader found them."""
+    """Return the contents unchanged, because the reader found all facts."""
     return replace(contents)
 
 

@@ -1,7 +1,7 @@
-"""The register of laws: one file a law, one line of registration here.
+"""The register of laws: one file per law, and one line of registration here.
 
-A law that is defined elsewhere, in a test or a notebook, joins by `register` and is then known by
-its name wherever a campaign or a command names laws.
+A law that is defined elsewhere, in a test or a notebook, is added by `register`. A campaign or a
+command can then use its name.
 
 Examples:
     A law is built from the parameters that its name has:
@@ -41,7 +41,7 @@ from jbw.report.messages import joint as messages
 
 Kind = type[Law]
 
-# By name; a family makes the law of `name_3` from the number.
+# The laws by name; a family makes the law `name_3` from its number.
 LAWS: dict[str, Kind] = {
     law.name: law
     for law in (
@@ -67,7 +67,7 @@ FAMILIES: dict[str, Callable[[int], Kind]] = {"jenkins": jenkins}
 
 
 def is_law(kind: Any) -> bool:
-    """Return whether this is a kind of law, a class."""
+    """Return True if this object is a law class (a subclass of `Law`)."""
     return isinstance(kind, type) and issubclass(kind, Law)
 
 
@@ -75,10 +75,10 @@ def register(law: Kind) -> Kind:
     """Add a law to the register by its name; usable as a decorator.
 
     Args:
-        law: The class.
+        law: The law class.
 
     Raises:
-        ConfigError: Another law has this name, it is no law, or its methods disagree with its
+        ConfigError: Another law has this name, it is not a law, or its methods disagree with its
             force and rate: see `jbw.oscillator.contract`.
     """
     if not is_law(law):
@@ -91,10 +91,10 @@ def register(law: Kind) -> Kind:
 
 
 def law_named(name: str | Kind) -> Kind:
-    """Return the kind of law of a name, such as `bouc_wen` or `jenkins_3`; a law's class is itself.
+    """Return the law class of a name, such as `bouc_wen` or `jenkins_3`; return a class unchanged.
 
     Raises:
-        ConfigError: There is no such law; with the nearest known name.
+        ConfigError: There is no such law; the message gives the nearest known name.
     """
     if is_law(name):
         return name  # pyright: ignore[reportReturnType]
@@ -112,10 +112,10 @@ def law_named(name: str | Kind) -> Kind:
 
 
 def laws_named(names: Iterable[str | Kind]) -> tuple[Kind, ...]:
-    """Return the kinds of several laws that act in parallel.
+    """Return the classes of several laws that act in parallel.
 
     Raises:
-        ConfigError: One is unknown, one is there twice, or two share a parameter's name.
+        ConfigError: A law is unknown or named twice, or two laws share a parameter's name.
     """
     kinds = tuple(law_named(name) for name in names)
     owner: dict[str, str] = {}
@@ -137,8 +137,8 @@ def laws_named(names: Iterable[str | Kind]) -> tuple[Kind, ...]:
 def same_by_construction(names: Iterable[str | Kind]) -> str | None:
     """Return a message on laws among `names` that no motion can distinguish, or None.
 
-    The sum of two laws of Masing's kind, sliders among them, is one of the virgin curves' sum; and
-    Bouc-Wen's law is that of a free exponent at one.
+    The sum of two Masing laws, sliders included, is the Masing law of the sum of their virgin
+    curves; and Bouc-Wen's law is the law with a free exponent at an exponent of one.
     """
     kinds = laws_named(names)
     for why in (messages.SAME_CURVES, messages.SAME_EXPONENT):
@@ -149,12 +149,12 @@ def same_by_construction(names: Iterable[str | Kind]) -> str | None:
 
 
 def quantities_of(laws: Iterable[str | Kind]) -> tuple[Quantity, ...]:
-    """Return the tables of several laws, one after the other."""
+    """Return the parameter tables of several laws, one after the other."""
     return tuple(quantity for law in laws_named(laws) for quantity in law.table)
 
 
 def vocabulary() -> dict[str, Quantity]:
-    """Return the quantities of all laws by name: parameters, products, other coordinates."""
+    """Return the quantities of all laws by name: parameters, products and other coordinates."""
     quantities: dict[str, Quantity] = {}
     for law in LAWS.values():
         coordinates = (quantity for other in law.coordinates.values() for quantity in other.table)

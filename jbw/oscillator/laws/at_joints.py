@@ -1,8 +1,8 @@
-r"""A law of one of several joints: the same law, its parameters named with the joint's name.
+r"""Laws at one of several joints: a law whose parameters carry the joint's name.
 
 `bouc_wen@bolt_1` has the parameters `alpha@bolt_1`, `delta@bolt_1` and `gamma@bolt_1`, in the
-joint's units: alpha [N/m] where its motion is in metres. Joints that share one law are named
-together, `bouc_wen@bolt_1=bolt_2`; its parameters bear the first one's name.
+joint's units: alpha is in N/m if the joint's motion is in metres. Joints that share one law are
+named together, `bouc_wen@bolt_1=bolt_2`; its parameters carry the first joint's name.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,7 +16,7 @@ from jbw.quantities import Quantity, law_name, name_at, split
 
 @cache
 def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
-    """Return the law's kind for joints that share it, with parameters named after the first."""
+    """Return the law class for joints that share it; the first joint names the parameters."""
     joint = joints[0]
 
     def named(quantity: Quantity) -> Quantity:
@@ -33,7 +33,7 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
         return {name: theta[name_at(name, joint)] for name in kind.names()}
 
     class AtJoints(kind):
-        """The law of its kind, by the parameters' names at a joint."""
+        """A law at a joint, with parameter names that carry the joint's name."""
 
         name = law_name(kind.name, joints)
         table = tuple(named(quantity) for quantity in kind.table)
@@ -42,31 +42,31 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
 
         @classmethod
         def build(cls, theta: Mapping[str, Any]) -> Self:
-            """Return the law from a dictionary of its parameters at the joint."""
+            """Return the law from a dictionary of its parameters with the joint's name."""
             return _of_kind(cls, kind.build(plain(theta)))
 
         @classmethod
         def unnamed(cls, theta: Mapping[str, Any]) -> Law:
-            """Return the same as a law of its kind, which programs that step it share."""
+            """Return the plain law without the joint's name, which shares compiled programs."""
             return kind.build(plain(theta))
 
         def parameters(self) -> dict[str, Any]:
-            """Return the values of the parameters by their names at the joint."""
+            """Return the parameter values by their names at the joint."""
             plain_values = _of_kind(kind, self).parameters()
             return {name_at(name, joint): value for name, value in plain_values.items()}
 
         @classmethod
         def prior(cls, scales: Scales) -> Bounds:
-            """Return bounds from the joint's scales: sqrt(stiffness) for omega_n, its motion."""
+            """Return bounds by the joint's scales: sqrt(stiffness) for omega_n, and its motion."""
             return {name_at(name, joint): pair for name, pair in kind.prior(scales).items()}
 
         @classmethod
         def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-            """Return a warning about the joint's bounds, or None."""
+            """Return a warning about the joint's prior bounds, or None."""
             return kind.caution(plain(bounds), y_peak)
 
         def powers_of_length(self) -> dict[str, Any]:
-            """Return the powers of length, by the parameters' names at the joint."""
+            """Return the parameters' powers of length, by their names at the joint."""
             plain_powers = _of_kind(kind, self).powers_of_length()
             return {name_at(name, joint): value for name, value in plain_powers.items()}
 
@@ -79,7 +79,7 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
 
 
 def _of_kind[Kind: Law](kind: type[Kind], law: Law) -> Kind:
-    """Return a law with the same numbers, of another class of the same fields."""
+    """Return a law with the same numbers, of another class with the same fields."""
     same = object.__new__(kind)
     for field in fields(law):
         object.__setattr__(same, field.name, getattr(law, field.name))
@@ -87,7 +87,7 @@ def _of_kind[Kind: Law](kind: type[Kind], law: Law) -> Kind:
 
 
 def _unit(quantity: Quantity) -> str:
-    """Return the unit at a joint, whose force is in newtons: times [kg], so `1/s^2` is `N/m`."""
+    """Return a quantity's unit at a joint, where forces are in N: `1/s^2` becomes `N/m`."""
     return _PER_MASS.get(quantity.unit, quantity.unit)
 
 
@@ -102,6 +102,6 @@ _PER_MASS = {
 
 
 def resolved(name: str, law_named: Callable[[str], type[Law]]) -> type[Law]:
-    """Return the kind of law of a name with joints in it."""
+    """Return the law class of a name that contains joints, such as `bouc_wen@bolt_1`."""
     plain, joints = split(name)
     return law_at(law_named(plain), joints)

@@ -24,12 +24,14 @@ from jbw.report.messages import joint as messages
 
 _ALPHA, _DELTA, _GAMMA = BOUC_WEN
 
-SHARE = (0.0005, 0.9)  # of the stiffness: from a joint that hardly carries to nearly all of it
-# Under a prescribed displacement nothing else need carry, and the secant of a wide loop is softer.
+# Prior of the joint's share of the stiffness: from almost none to nearly all of it.
+SHARE = (0.0005, 0.9)
+# If the displacement is prescribed, the joint may carry all, and the secant of a wide loop is
+# softer.
 FORCED_SHARE = (0.01, MOST_SOFTENING)
-REACH = 4.0  # times a fitted product: the upper bound of its prior
+REACH = 4.0  # upper bound of a product's prior, over the fitted product
 
-# Weak motion identifies two products alone: alpha delta (softening) and alpha gamma (losses).
+# Small motion determines only two products: alpha delta (softening) and alpha gamma (losses).
 _PRODUCTS = Coordinates(
     "products",
     forward=(
@@ -61,7 +63,7 @@ _PRODUCTS = Coordinates(
 
 
 class BoucWenLaw(Law):
-    r"""The paper's hysteresis; its memory is the force Z itself.
+    r"""The Bouc-Wen hysteresis law of the paper; its memory is the force Z itself.
 
     $$\dot Z = \alpha\dot y - \gamma|\dot y||Z|^{\nu-1}Z - \delta\dot y|Z|^\nu$$
 
@@ -89,7 +91,7 @@ class BoucWenLaw(Law):
         ),
     )
     coordinates: ClassVar[Mapping[str, Coordinates]] = {"products": _PRODUCTS}
-    # Range that a plan assumes for a parameter without a stated one: a fraction of a quantity.
+    # Range that a plan assumes for a parameter without a stated one, as a fraction of a quantity.
     usual: ClassVar[Mapping[str, tuple[str, tuple[float, float]]]] = {
         "alpha": ("omega_n^2", (0.01, 0.1)),
         "gamma": ("delta", (0.05, 0.3)),
@@ -102,23 +104,24 @@ class BoucWenLaw(Law):
 
     @classmethod
     def of_weak_motion(cls, softening: float, opening: float, alpha: float) -> Self:
-        """Build the law from alpha and its weak-motion products alpha delta and alpha gamma."""
+        """Build the law from alpha and its small-motion products alpha delta and alpha gamma."""
         return cls(alpha, softening / alpha, opening / alpha)
 
     def weak_motion(self) -> tuple[Scalar, Scalar]:
-        """Return weak-motion products: alpha delta (softening) and alpha gamma (losses)."""
+        """Return the small-motion products: alpha delta (softening) and alpha gamma (losses)."""
         return self.alpha * self.delta, self.alpha * self.gamma
 
     def slip(self, y: Scalar) -> Scalar:
-        """Return the slip measure delta y at a displacement y [m]; motion is weak far below 1."""
+        """Return the slip measure delta y at a displacement y [m]; motion is small far below 1."""
         return jnp.abs(self.delta) * y
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        r"""Return bounds in which softening delta Y and opening gamma Y can reach order one.
+        r"""Return prior bounds in which softening delta Y and opening gamma Y can reach order one.
 
-        alpha is a part of omega_n^2. Below zero, where the joint hardens, delta is bounded by what
-        its force may grow to, $(e^{|\delta| Y} - 1) / |\delta| Y$ = 3.2 times that of a spring.
+        alpha is bounded as a share of omega_n^2. A negative delta, with which the joint hardens, is
+        bounded by the growth of its force, $(e^{|\delta| Y} - 1) / |\delta| Y$ = 3.2 times that of
+        a spring.
         """
         share = FORCED_SHARE if scales.forced else SHARE
         return {
@@ -131,7 +134,10 @@ class BoucWenLaw(Law):
     def coordinate_bounds(
         cls, coordinates: str, bounds: Bounds, theta: Mapping[str, float], stated: Bounds
     ) -> Bounds:
-        """Bound products by 4 times the larger fitted one, below 0 where delta or gamma may be."""
+        """Return prior bounds of the products: up to four times the larger fitted product.
+
+        The lower bound is 0 unless delta or gamma may be negative.
+        """
         fitted = cls.coordinates[coordinates].from_parameters(theta)
         largest = REACH * max(abs(fitted["softening"]), abs(fitted["opening"]))
         square = theta["omega_n"] ** 2
@@ -144,7 +150,7 @@ class BoucWenLaw(Law):
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """Warn if the prior contains delta + gamma < 0, for which Z is unbounded; else None."""
+        """Return a warning if the prior contains delta + gamma < 0, where Z is unbounded."""
         lowest = bounds["gamma"][0] + bounds["delta"][0]
         return None if lowest >= 0 else messages.prior_unbounded(lowest)
 
@@ -161,16 +167,16 @@ class BoucWenLaw(Law):
         return memory
 
     def rate(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
-        """Return the rate of Z [N/kg/s]."""
+        """Return the time derivative of the hysteretic force Z [N/kg/s]."""
         return hysteresis_rate(self, v, memory)
 
     def move(self, y: Scalar, memory: Scalar, dy: Scalar) -> Scalar:
-        """Return Z after a monotone move; exact for nu = 1."""
+        """Return the hysteretic force Z after a monotone move; exact for nu = 1."""
         return hysteresis_map(self, memory, dy) if self.nu == 1.0 else super().move(y, memory, dy)
 
     @property
     def stepped(self) -> bool:
-        """Only with nu = 1 has the law an exact map."""
+        """Whether the exact time step supports the law: only with nu = 1."""
         return self.nu == 1.0
 
     def branch(self, v: Scalar, memory: Scalar) -> Scalar:
@@ -180,13 +186,13 @@ class BoucWenLaw(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Scalar, branch: Scalar
     ) -> tuple[Scalar, Scalar]:
-        """Return Z - alpha y and h times its continuous rate -c v Z."""
+        """Return the remainder Z - alpha y and h times its continuous rate -c v Z."""
         return memory - self.alpha * y, -h * branch * v * memory
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Scalar, branch: Scalar
     ) -> Scalar:
-        """Return half of h^2 times the remainder's second derivative."""
+        """Return half of h^2 times the remainder's second time derivative."""
         slope = self.alpha - branch * memory
         return -0.5 * h**2 * branch * (a * memory + v**2 * slope)
 
@@ -200,11 +206,14 @@ class BoucWenLaw(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """Move Z through a turning point, a zero of Z or both, with hand-coded derivatives."""
+        """Return Z and its kinks' impulses after a step with a reversal, a zero of Z, or both.
+
+        The derivatives are coded by hand.
+        """
         return kinked_step((self.alpha, self.delta, self.gamma), memory, ends, quartic)
 
     def shift(self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar) -> Scalar:
-        """Return Z after a small move along its tangent."""
+        """Return Z after a small move dy along its tangent."""
         return memory + (self.alpha - branch * memory) * dy
 
     def scaled(self, length: Scalar, stiffness: Scalar) -> "BoucWenLaw":
@@ -214,7 +223,7 @@ class BoucWenLaw(Law):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Integrate the harmonics of periodic Z between turning points and zeros of Z."""
+        """Return the odd harmonics of the remainder, integrated between turns and zeros of Z."""
         return self.alpha * periodic_path.relaxed_force(q, self.delta, self.gamma, max_turns)  # pyright: ignore[reportReturnType]
 
     def force_over_period(
@@ -224,16 +233,16 @@ class BoucWenLaw(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Return the exact force of the periodic motion at given angles."""
+        """Return the exact steady force at given angles of a periodic motion [N/kg]."""
         args = self.delta, self.gamma, max_turns
         return self.alpha * periodic_path.force_over_period(q, theta, *args)  # pyright: ignore[reportReturnType]
 
     def check_periodic(self) -> None:
-        """Refuse nu other than 1: only there is the force along a period available."""
+        """Raise unless nu = 1, the only case with a known force along a period."""
         require_closed_form(self)
 
     def admits(self, memory: Scalar) -> None:
-        """Refuse a Z beyond alpha/(delta + |gamma|), from which it would run away."""
+        """Raise if an initial Z exceeds alpha/(delta + |gamma|), from where it would diverge."""
         softening = np.maximum(np.asarray(self.delta) + np.abs(np.asarray(self.gamma)), 0.0)
         limit = np.maximum(np.asarray(self.alpha), 0.0)
         if self.nu == 1.0 and np.any(np.abs(memory) * softening > limit):
@@ -244,7 +253,7 @@ class BoucWenLaw(Law):
             )
 
     def doubts(self) -> str | None:
-        """Warn of parameters for which Z has no bound (the motion may still be bounded)."""
+        """Return a warning if Z is unbounded for these parameters (the motion may be bounded)."""
         alpha, delta, gamma = (np.asarray(x) for x in (self.alpha, self.delta, self.gamma))
         linear = (delta == 0.0) & (gamma == 0.0)
         conditions = {
@@ -262,18 +271,18 @@ class BoucWenLaw(Law):
         )
 
     def at_tip(self, y_peak: Scalar) -> Scalar:
-        """Return Z at y = Y on the steady loop; in closed form for nu = 1."""
+        """Return Z at the tip y = Y of the steady loop; in closed form for nu = 1."""
         return steady_loop(self, y_peak).z_max if self.nu == 1.0 else super().at_tip(y_peak)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Return the equivalent stiffness and damping; in closed form for nu = 1."""
+        """Return the loop's equivalent stiffness and damping; in closed form for nu = 1."""
         if self.nu != 1.0:
             return super().loop(y_peak, omega)
         loop = steady_loop(self, y_peak)
         return Loop(loop.k_eq, loop.c_eq_omega)
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """Convert to Baber-Noori parameters (used by OpenSees) and the hysteretic benchmark's."""
+        """Return this law in the conventions of Baber-Noori (OpenSees) and of the benchmark."""
         nu = {"nu": self.nu, "restoring": None}
         return conversions(
             SimpleNamespace(omega_n=omega_n, zeta=zeta, **self.parameters(), **nu), mass

@@ -1,11 +1,12 @@
-r"""Bouc-Wen's law with its exponent free, by the stretch w = Z / alpha of the joint's spring.
+r"""The Bouc-Wen law with a free exponent, in the stretch w = Z / alpha of the joint's spring.
 
 $$\frac{dw}{dy} = 1 - c\,|w / \mathrm{1\,mm}|^\nu, \qquad
   c = d + g\,\mathrm{sgn}(\dot y)\,\mathrm{sgn}(w)$$
 
-With exponents other than 1 the law has no closed map. One step takes means of powers of c |w|^nu
-along the stretch, whose integrals are known on both sides of w = 0. So neither the zero nor its
-broken power is a kink to it; what the time step's cubics miss of that power is known too.
+With exponents other than 1 the law has no closed map. One step uses the means of the powers of c
+|w|^nu along the stretch, whose integrals are known on both sides of w = 0. The zero and its
+fractional power are therefore no kink of the step; the error of the time step's cubics from that
+power is known too.
 
 Reference:
     Wen (1976); Ismail, Ikhouane and Rodellar (2009), Archives of Computational Methods in
@@ -33,17 +34,20 @@ from jbw.quantities import Quantity
 from jbw.report.messages.joint import SAME_EXPONENT
 
 NU = (0.1, 3.0)
-_ROUNDS = 2  # of Newton's steps to the end of a short move
-_NEAR = 0.03  # of the stretch, what a step adds to it: there its power is no straight line
+_ROUNDS = 2  # Newton steps to the end of a short move
+# Change of the stretch in a step, relative to its size, above which its power is not linear.
+_NEAR = 0.03
 _TINY = 1e-9  # of the slope, where all of it is lost
 _PARTS = 8  # of a move along a record
-_SHORT, _MANY_PARTS = 0.05, 32  # of the stretch that loses all of its slope; parts of a longer move
-_INSIDE = 0.9  # of the largest stretch, where the search for the steady one begins at most
-_PERIODS = 4  # Newton's steps to the steady stretch
+# Longest move in one part, over the stretch that loses all slope; parts of a longer move.
+_SHORT, _MANY_PARTS = 0.05, 32
+# The search for the steady stretch begins at most at this part of the largest stretch.
+_INSIDE = 0.9
+_PERIODS = 4  # Newton steps to the steady stretch
 
 
 def weak_loop(nu: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    r"""Return weak-motion stiffness loss per delta, damping per gamma, both per (alpha Y)^nu.
+    r"""Return the small-motion stiffness loss per delta and damping per gamma, over (alpha Y)^nu.
 
     $$C_s = \frac{4 I(\nu + 2)}{\pi (\nu + 1)}, \qquad C_d = \frac{4}{\pi (\nu + 2)}$$
     """
@@ -53,7 +57,7 @@ def weak_loop(nu: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
 
 
 class BoucWenNu(Law):
-    r"""Bouc-Wen's law of any exponent; its memory is the stretch w.
+    r"""The Bouc-Wen law with any exponent; its memory is the stretch w.
 
     $$d = \delta\,\alpha^{\nu-1}\,\mathrm{(1\,mm)}^\nu, \qquad
       g = \gamma\,\alpha^{\nu-1}\,\mathrm{(1\,mm)}^\nu$$
@@ -61,7 +65,7 @@ class BoucWenNu(Law):
     Attributes:
         nu_stiffness: Stiffness alpha [1/s^2].
         nu_softening: d, the part of the slope that is lost at a stretch of 1 mm [-].
-        nu_opening: g, how much more of it is lost on loading than on unloading, halved [-].
+        nu_opening: g, half of the difference between the parts lost on loading and unloading [-].
         nu: Exponent [-].
 
     Reference:
@@ -97,7 +101,10 @@ class BoucWenNu(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return bounds with softening and opening of order one at the largest motion (nu = 1)."""
+        """Return prior bounds; softening and opening may be of order one at largest motion.
+
+        This holds for nu = 1.
+        """
         share, part = FORCED_SHARE if scales.forced else SHARE, REFERENCE / scales.y_peak
         return {
             "nu_stiffness": (share[0] * scales.omega_n**2, share[1] * scales.omega_n**2),
@@ -108,21 +115,21 @@ class BoucWenNu(Law):
 
     @classmethod
     def of_bouc_wen(cls, alpha: Scalar, delta: Scalar, gamma: Scalar, nu: Scalar) -> "BoucWenNu":
-        """Return the law of Eq. (2)'s parameters; delta and gamma in kg^(nu-1)/(N^(nu-1) m)."""
+        """Return the law from Eq. (2)'s parameters; delta and gamma in kg^(nu-1)/(N^(nu-1) m)."""
         factor = power(alpha, nu - 1.0) * power(REFERENCE, nu)
         return cls(alpha, delta * factor, gamma * factor, nu)
 
     @classmethod
     def of_masing(cls, alpha: Scalar, loss: Scalar, exponent: Scalar) -> "BoucWenNu":
-        r"""Return the law that weak motion does not tell from a Masing law that softens by a power.
+        r"""Return the law that small motion cannot distinguish from a Masing law with a power loss.
 
         $$\nu = q, \qquad \alpha d = \kappa\,C_s^M / C_s, \qquad
           \alpha g = \kappa\,C_d^M / C_d$$
 
         Args:
-            alpha: Stiffness; that of the Masing law, where it has one [1/s^2].
+            alpha: Stiffness; that of the Masing law, if it has one [1/s^2].
             loss: Secant stiffness kappa that the Masing law loses at 1 mm [1/s^2].
-            exponent: Exponent q of the loss; 1 + chi of Iwan's law.
+            exponent: Exponent q of the loss; 1 + chi for Iwan's law.
         """
         (softens, opens), (own_softens, own_opens) = power_loop(exponent), weak_loop(exponent)
         softening, opening = loss * softens / own_softens, loss * opens / own_opens
@@ -142,11 +149,11 @@ class BoucWenNu(Law):
         return dict.fromkeys(names, -self.nu)
 
     def memory_unit(self, omega_n: Scalar) -> Scalar:
-        """Return a displacement times omega_n is a velocity."""
+        """Return the factor to a velocity, omega_n, because the memory is a displacement."""
         return omega_n
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """Convert to OpenSees' Bouc-Wen material, whose z is the stretch w [m]."""
+        """Return this law as OpenSees' Bouc-Wen material, whose z is the stretch w [m]."""
         lost = (c / REFERENCE**self.nu for c in (self.nu_softening, self.nu_opening))
         return of_opensees(bouc_wen(mass * self.nu_stiffness, self.nu, *lost))
 
@@ -155,18 +162,18 @@ class BoucWenNu(Law):
         return self.nu_stiffness * memory
 
     def rate(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
-        """Return the rate of w [m/s]."""
+        """Return the time derivative of the stretch w [m/s]."""
         return v * (1.0 - self._lost(v, memory))
 
     def move(self, y: Scalar, memory: Scalar, dy: Scalar) -> Scalar:
-        """Return the stretch after a monotone move of any length, by the way that it takes."""
+        """Return the stretch after a monotone move of any length; see `stretch_path`."""
         return batched(stretch_path.moved, self, memory, dy)
 
     def follow(self, y: Scalar, memory: Scalar, dy: Scalar) -> Scalar:
-        """Return the stretch by eight short moves.
+        """Return the stretch after a move along a record, by eight short moves.
 
-        Of a record of 250 samples a cycle within 1e-6 of the largest stretch for nu >= 0.5, and
-        2e-4 for nu = 0.1, whose force bends sharply at w = 0.
+        With 250 samples per cycle the error is 1e-6 of the largest stretch for nu >= 0.5, and 2e-4
+        for nu = 0.1, whose force bends sharply at w = 0.
         """
         part = dy / _PARTS
         for _ in range(_PARTS):
@@ -174,12 +181,12 @@ class BoucWenNu(Law):
         return memory
 
     def _factors(self) -> tuple[Array, Array]:
-        """Return the factors c of the way to w = 0 and of that away from it."""
+        """Return the factors c of the motion towards w = 0 and of the motion away from it."""
         less, more = self.nu_softening - self.nu_opening, self.nu_softening + self.nu_opening
         return jnp.asarray(less), jnp.asarray(more)
 
     def _factor(self, v: Scalar, w: Scalar) -> Scalar:
-        """Factor c of the part that is lost."""
+        """Return the factor c of the lost part of the slope."""
         return self.nu_softening + signed(signed(self.nu_opening, v), w)
 
     def _lost(self, v: Scalar, w: Scalar) -> Scalar:
@@ -192,14 +199,14 @@ class BoucWenNu(Law):
         return lost, lost * w / (self.nu + 1.0), lost**2 * w / (2.0 * self.nu + 1.0)
 
     def _stretched(self, w: Scalar, dy: Scalar) -> Scalar:
-        r"""Return w after a short monotone move, from the mean m and variance of $f = c|w|^\nu$.
+        r"""Return the stretch w after a short move, from mean m and variance of $f = c|w|^\nu$.
 
         $$w_1 = w + \frac{\Delta y}{\langle 1/(1 - f)\rangle}, \qquad
           \Bigl\langle\frac{1}{1 - f}\Bigr\rangle = \frac{1}{1 - m}
           \Bigl(1 + \frac{\mu}{(1 - m)^2} + \dots\Bigr)$$
 
-        over the stretch, by Newton's steps. Away from w = 0, where f is close to a straight line,
-        $\mu = (f_1 - f)^2 / 12$, of which rounding is small.
+        over the stretch, by Newton steps. Away from w = 0, where f is nearly linear, $\mu = (f_1 -
+        f)^2 / 12$ is used because its rounding is small.
         """
         lost, mean, square = self._powers(dy, w)
         end = w + dy * (1.0 - lost)
@@ -212,13 +219,13 @@ class BoucWenNu(Law):
             spread = jnp.where(near, (square_1 - square) * over - m**2, (lost_1 - lost) ** 2 / 12.0)
             rest = jnp.where(m == 1.0, _TINY, 1.0 - m)
             iterate = w + dy * rest / (1.0 + spread / rest**2)
-            # What f at the end does to m is most of the slope.
+            # Most of the slope is the effect of f at the end on m.
             end = end + (iterate - end) / (1.0 + jnp.maximum((lost_1 - m) / rest, -0.5))
         return end
 
     # -- through a time step -----------------------------------------------------------------------
     def branch(self, v: Scalar, memory: Scalar) -> Scalar:
-        """Return the sense of motion."""
+        """Return the direction of motion, 1 or -1."""
         return signed(1.0, v)
 
     def remainder(
@@ -231,19 +238,22 @@ class BoucWenNu(Law):
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Scalar, branch: Scalar
     ) -> Scalar:
-        """Return half of h^2 times the remainder's second derivative near a turn (v is small)."""
+        """Return half of h^2 times the remainder's second derivative near a turn (small v)."""
         return -0.5 * h**2 * self.nu_stiffness * a * self._lost(v, memory)
 
     def glide(
         self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar
     ) -> tuple[Scalar, Bool[Array, "..."] | bool]:
-        """Advance by one short step (the zero of w needs no special treatment)."""
+        """Return the stretch after one short step (the zero of w needs no special treatment)."""
         return self._stretched(memory, dy), False
 
     def turn(
         self, h: Scalar, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """Return two short moves about a reversal and the impulse of its kink, 2 alpha g |w|^nu."""
+        """Return the stretch after moves to and from a reversal, and its kink's impulses.
+
+        The force's slope jumps by 2 alpha g |w|^nu at the kink.
+        """
         path = StepPath.through(ends, quartic)
         w_turn = self._stretched(memory, path.before)
         jump = self.nu_stiffness * (
@@ -255,7 +265,7 @@ class BoucWenNu(Law):
         return self._stretched(w_turn, path.after), impulse.v, impulse.y
 
     def shift(self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar) -> Scalar:
-        """Return the stretch along its tangent."""
+        """Return the stretch after a small move dy along its tangent."""
         return memory + (1.0 - self._lost(branch, memory)) * dy
 
     def missed(
@@ -263,7 +273,7 @@ class BoucWenNu(Law):
     ) -> tuple[Scalar, Scalar]:
         r"""Return the impulses of $r' = -\alpha h v f$ near w = 0, for w linear in time.
 
-        Far from there it vanishes, and would be rounding.
+        Far from w = 0 the result would be rounding and is set to zero.
         """
         (v, w), (v_1, w_1) = start, end
         rise = w_1 - w
@@ -281,7 +291,7 @@ class BoucWenNu(Law):
 
     # -- along a periodic motion -------------------------------------------------------------------
     def at_tip(self, y_peak: Scalar) -> Scalar:
-        """Return the stretch at y = Y on the steady loop."""
+        """Return the stretch at the tip y = Y of the steady loop."""
         return batched(stretch_path.tip, self, y_peak)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
@@ -295,13 +305,14 @@ class BoucWenNu(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Return the force along a period that ends where it starts, by moves between angles."""
+        """Return the steady force [N/kg] at angles of a period, by moves between the angles."""
         y = synthesis(q, theta)
         steps = jnp.diff(jnp.append(y, y[0]))
         fixed = stop_gradient((self, steps))
 
         def toward(w: Array, last: Array, slope: Array) -> Array:
-            # A period brings stretches together; where slip is long, rounding makes any slope.
+            # Over a period stretches converge; where slip is long, rounding makes the slope
+            # arbitrary.
             return w - (last - w) / (jnp.where(jnp.abs(slope) < 1.0, slope, 0.0) - 1.0)
 
         def newton(_: Any, state: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -309,19 +320,19 @@ class BoucWenNu(Law):
             last, slope = jax.jvp(lambda w: _along(*fixed, w)[0], (w,), (jnp.ones_like(w),))
             return toward(w, last, slope), slope
 
-        # Within the stretch that nothing passes: from beyond, the way back leads away.
+        # The start lies within the largest possible stretch: from beyond it, the search diverges.
         limit = stretch_path.stretch_limit(jnp.maximum(*self._factors()), self.nu)
         w = stop_gradient(jnp.clip(0.5 * y[0], -_INSIDE * limit, _INSIDE * limit))
         w, slope = jax.lax.fori_loop(0, _PERIODS, newton, (w, jnp.zeros_like(w)))
-        for _ in range(2):  # at the root they change no digit and carry two derivatives
+        for _ in range(2):  # at the root, these two steps change no digit and carry two derivatives
             w = toward(w, _along(self, steps, w)[0], slope)
         _, after = _along(self, steps, w)
         return self.nu_stiffness * jnp.append(w, after[:-1])  # pyright: ignore[reportReturnType]
 
 
 def _along(law: BoucWenNu, steps: Float[Array, " time"], w: Array) -> tuple[Array, Array]:
-    """Return the stretch at the end of moves from w, and after each of them."""
-    # In long slip, a step between two angles passes the whole layer in which slip begins.
+    """Return the stretch at the end of several moves that start from w, and after each of them."""
+    # In long slip, one step between two angles may pass the whole layer in which slip begins.
     most = jnp.max(jnp.abs(jnp.stack(law._factors())))
     longest = _SHORT * stretch_path.stretch_limit(most, law.nu)
 
@@ -334,7 +345,7 @@ def _along(law: BoucWenNu, steps: Float[Array, " time"], w: Array) -> tuple[Arra
 
 
 def _in_parts(operands: tuple[BoucWenNu, Scalar, Scalar]) -> Scalar:
-    """Return the stretch w after a move dy of any length along a period, by many short ones."""
+    """Return the stretch w after a move dy of any length, by many short moves."""
     law, w, dy = operands
     part = dy / _MANY_PARTS
     return jax.lax.fori_loop(0, _MANY_PARTS, lambda _, at: law._stretched(at, part), w)

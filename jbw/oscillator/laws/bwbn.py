@@ -1,7 +1,7 @@
-r"""Bouc-Wen's law with degradation and pinching, as Baber, Wen and Noori have it.
+r"""The Bouc-Wen law with degradation and pinching, as in Baber, Wen and Noori.
 
-By the stretch z of the joint's spring over that at yield, w, and the dissipated energy over that of
-yield, e:
+Its state is w, the stretch z of the joint's spring relative to that at yield, and e, the dissipated
+energy relative to the energy of yield:
 
 $$w = \frac{z}{z_y}, \qquad e = \frac{1}{z_y^2}\int z\,\mathrm{d}y, \qquad F = \alpha z$$
 
@@ -15,13 +15,13 @@ $$h = 1 - \zeta_1 \exp\Bigl[-\Bigl(\frac{w\,\mathrm{sgn}(\dot y) - q\,w_u}{\zeta
 $$\zeta_1 = \zeta_s (1 - e^{-p e}), \qquad
   \zeta_2 = (\psi + \delta_\psi e)(\lambda + \zeta_1)$$
 
-All but alpha and z_y are pure numbers: energies are counted in alpha z_y^2, that of a slip by z_y
-under the force of yield. As the joint changes with every cycle, no motion is steady: what asks for
-a steady loop, such as a backbone, gets that of the joint before damage, which is Bouc-Wen's of the
-exponent n.
+All parameters except alpha and z_y are pure numbers: energies are relative to alpha z_y^2, that of
+a slip by z_y under the yield force. The joint changes with every cycle, so no motion is steady. A
+steady loop, as for a backbone, is therefore that of the joint before damage, which is Bouc-Wen's
+law with the exponent n.
 
-No move is known in closed form. Along a record it takes Runge and Kutta's rule of order 4 in parts;
-a move of any length takes an adaptive one of order 8.
+No move has a closed form. Along a record the move is integrated by the Runge-Kutta rule of order 4
+in parts; a move of any length uses an adaptive rule of order 8.
 
 Reference:
     Baber and Wen (1981), J. Eng. Mech. Div. 107, 1069; Baber and Noori (1985), J. Eng. Mech. 111,
@@ -42,36 +42,40 @@ from jbw.oscillator.laws.powers import REFERENCE, power
 from jbw.oscillator.parameters import SLOW, Conversion, Material, Scalar, batched, of_opensees
 from jbw.quantities import Quantity
 
-WORN_SHARE = (0.01, 2.0)  # of the stiffness of the stiffest cycle, which is worn already
-TOLERANCE = 1e-12  # of a move of any length, over the stretch at yield
-MOST_STEPS = 4096  # of such a move
-PARTS = 4  # of a move along a record
-NEWTON = (1e-10, 100.0)  # of OpenSees: its tolerance over the stretch at yield, and its iterations
+# Prior of the stiffness over that of the stiffest cycle, which is worn already.
+WORN_SHARE = (0.01, 2.0)
+TOLERANCE = 1e-12  # of a move of any length, relative to the stretch at yield
+MOST_STEPS = 4096  # largest number of steps of such a move
+PARTS = 4  # Runge-Kutta steps of a move along a record
+# Settings of OpenSees: tolerance relative to the stretch at yield, and number of iterations.
+NEWTON = (1e-10, 100.0)
 
 
 class Worn(NamedTuple):
-    """Memory: the stretch z [m] and the dissipated energy e over alpha z_y^2 [-]."""
+    """The memory of the law: the stretch z [m] and the dissipated energy e over alpha z_y^2 [-]."""
 
     stretch: Scalar
     energy: Scalar
 
 
 class BWBNPinching(Law):
-    r"""The law without degradation of strength and stiffness, which is OpenSees' `BWBN`.
+    r"""The Bouc-Wen law with pinching, but without degradation of strength or stiffness.
+
+    It is the law of OpenSees' material `BWBN`.
 
     $$\nu = \eta = 1$$
 
     Attributes:
         bwbn_stiffness: Stiffness alpha of the hysteretic part [1/s^2].
-        bwbn_yield: Stretch z_y beyond which the force of a fresh joint grows no more [m].
+        bwbn_yield: Stretch z_y beyond which the force of a fresh joint no longer grows [m].
         bwbn_n: Exponent n: the larger, the sharper the yield [-].
-        bwbn_beta: Part beta of the lost slope that dissipates; gamma is the rest [-].
-        bwbn_zeta_s: Total slip zeta_s, the most that pinching takes of the slope [-].
-        bwbn_p: How fast pinching comes with energy, p [-].
-        bwbn_q: Where it is centred, in stretches that the law can reach, q [-].
-        bwbn_psi: How far it spreads, psi [-].
-        bwbn_delta_psi: How that grows with energy, delta_psi [-].
-        bwbn_lambda: How much zeta_1 makes it spread: the more, the less lambda is [-].
+        bwbn_beta: Part beta of the lost slope that dissipates; gamma is the remaining part [-].
+        bwbn_zeta_s: Total slip zeta_s, the largest part of the slope that pinching removes [-].
+        bwbn_p: Rate of pinching with energy, p [-].
+        bwbn_q: Centre of pinching, relative to the largest stretch that the law reaches, q [-].
+        bwbn_psi: Spread of pinching, psi [-].
+        bwbn_delta_psi: Growth of the spread with energy, delta_psi [-].
+        bwbn_lambda: Spread at little pinching; the larger lambda, the less zeta_1 adds [-].
     """
 
     name: ClassVar[str] = "bwbn_pinching"
@@ -104,9 +108,9 @@ class BWBNPinching(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Yield within the motion or somewhat beyond; pinching from none to nearly all.
+        """Return prior bounds: yield within the motion or a little beyond, any amount of pinching.
 
-        Where the stiffness is a secant's, that of the fresh joint is up to twice as large.
+        Where the stiffness is that of a secant, the fresh joint may be up to twice as stiff.
         """
         share, peak = WORN_SHARE if scales.forced else SHARE, scales.y_peak
         return {
@@ -131,7 +135,7 @@ class BWBNPinching(Law):
         return Worn(0.0, 0.0)
 
     def memory_unit(self, omega_n: Scalar) -> Worn:
-        """Return a displacement times omega_n is a velocity; the energy is a number."""
+        """Return the memory's factors to velocities: omega_n for the stretch, 0 for the energy."""
         return Worn(omega_n, 0.0)
 
     def force(self, y: Scalar, v: Scalar, memory: Worn) -> Scalar:
@@ -139,15 +143,15 @@ class BWBNPinching(Law):
         return self.bwbn_stiffness * memory[0]
 
     def rate(self, y: Scalar, v: Scalar, memory: Worn) -> Worn:
-        """Return the rates of the stretch z [m/s] and of the energy e [1/s]."""
+        """Return the time derivatives of the stretch z [m/s] and of the energy e [1/s]."""
         return Worn(v * self.slope(v, memory), v * memory[0] / self.bwbn_yield**2)
 
     def degradation(self, energy: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the degradation of strength nu and of stiffness eta."""
+        """Return the degradation factors of strength, nu, and of stiffness, eta, at an energy e."""
         return 1.0, 1.0
 
     def slope(self, v: Scalar, memory: Worn) -> Scalar:
-        """Return the slope dz/dy in a direction of motion."""
+        """Return the slope dz/dy of the stretch for a direction of motion."""
         w, n = memory[0] / self.bwbn_yield, self.bwbn_n
         nu, eta = self.degradation(memory[1])
         dissipating = signed(signed(self.bwbn_beta, v), w)
@@ -167,18 +171,18 @@ class BWBNPinching(Law):
         return batched(_moved, self, Worn(*memory), dy)
 
     def follow(self, y: Scalar, memory: Worn, dy: Scalar) -> Worn:
-        r"""Advance by Runge and Kutta's rule of order 4 in four parts, with an error of $O(h^4)$.
+        r"""Return the memory after a short move, by four Runge-Kutta steps (error of $O(h^4)$).
 
-        Where z passes zero the slope has a kink of $|w|^n$, and the error of that step is of the
+        Where z passes zero, the slope has a kink of $|w|^n$, and the error of that step is of the
         order $h^{1+n}$.
         """
         return self._in_parts(memory, dy, PARTS)
 
     def _in_parts(self, memory: Worn, dy: Scalar, parts: int) -> Worn:
-        """Return the memory after a short monotone move by Runge and Kutta's rule of order 4.
+        """Return the memory after a short monotone move, by Runge-Kutta steps of order 4.
 
-        Stages stay within the largest stretch that the law reaches, so that moves much longer than
-        the yield end in slip and not beyond.
+        Stages are limited to the largest stretch that the law reaches, so that moves much longer
+        than the yield end in slip and not beyond it.
         """
         h = dy / parts
         limit = self._largest(memory)
@@ -201,26 +205,26 @@ class BWBNPinching(Law):
         return memory
 
     def _largest(self, memory: Worn) -> Scalar:
-        r"""Return a bound of the stretch: 1.01 max(|initial stretch|, $z_y w_u$) [m]."""
+        r"""Return an upper bound of the stretch: 1.01 max(|initial stretch|, $z_y w_u$) [m]."""
         nu, _ = self.degradation(memory[1])
         ultimate = self.bwbn_yield * nu ** (-1.0 / self.bwbn_n)
         return 1.01 * jnp.maximum(jnp.abs(memory[0]), ultimate)
 
     # -- through a time step -----------------------------------------------------------------------
     def branch(self, v: Scalar, memory: Worn) -> Scalar:
-        """Return the sense of motion."""
+        """Return the direction of motion, 1 or -1."""
         return signed(1.0, v)
 
     def glide(
         self, y: Scalar, memory: Worn, dy: Scalar, branch: Scalar
     ) -> tuple[Worn, Bool[Array, "..."] | bool]:
-        """Advance by one short step (the zero of z needs no special treatment)."""
+        """Return the memory after one short step (the zero of z needs no special treatment)."""
         return self._in_parts(memory, dy, 1), False
 
     def turn(
         self, h: Scalar, y: Scalar, memory: Worn, ends: Ends, quartic: Scalar
     ) -> tuple[Worn, Scalar, Scalar]:
-        """Return two short moves, and the impulse of the jump of the slope between them."""
+        """Return the memory after moves to and from a reversal, and its slope jump's impulses."""
         path = StepPath.through(ends, quartic)
         top = self._in_parts(memory, path.before, 1)
         jump = self.bwbn_stiffness * (self.slope(path.after, top) - self.slope(path.before, top))
@@ -230,12 +234,15 @@ class BWBNPinching(Law):
         return self._in_parts(top, path.after, 1), impulse.v, impulse.y
 
     def shift(self, y: Scalar, memory: Worn, dy: Scalar, branch: Scalar) -> Worn:
-        """Return the stretch along its tangent; the energy of the change is of second order."""
+        """Return the memory after a small move along the stretch's tangent.
+
+        The change of the energy is of second order and neglected.
+        """
         return Worn(memory[0] + self.slope(branch, memory) * dy, memory[1])
 
     # -- before damage -----------------------------------------------------------------------------
     def undamaged(self) -> BoucWenNu:
-        """Return the law at e = 0, without pinching: Bouc-Wen's of the exponent n."""
+        """Return the law before damage, e = 0, without pinching: Bouc-Wen's with the exponent n."""
         lost = power(REFERENCE / self.bwbn_yield, self.bwbn_n)
         softening, opening = (1.0 - self.bwbn_beta) * lost, self.bwbn_beta * lost
         return BoucWenNu(self.bwbn_stiffness, softening, opening, self.bwbn_n)
@@ -256,12 +263,12 @@ class BWBNPinching(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Return the steady force of the undamaged joint at angles of a period."""
+        """Return the steady force of the undamaged joint at given angles of a period [N/kg]."""
         return self.undamaged().force_over_period(q, theta, max_turns, omega)
 
     # -- for other programs ------------------------------------------------------------------------
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """Convert to OpenSees' `BWBN`, whose z is the stretch [m]; its energy is in joules."""
+        """Return this law as OpenSees' `BWBN`; its z is the stretch [m], its energy is in J."""
         return of_opensees(self._card(mass))
 
     def _card(self, mass: float) -> Material:
@@ -286,7 +293,7 @@ class BWBNPinching(Law):
         )  # fmt: skip
 
     def _unworn(self, mass: float) -> tuple[Scalar, ...]:
-        """Return the first arguments of both materials: ratio, k_0, n, gamma, beta, A_0."""
+        """Return both OpenSees materials' first arguments: ratio, k_0, n, gamma, beta, A_0."""
         lost = self.bwbn_yield**-self.bwbn_n
         gamma, beta = (1.0 - self.bwbn_beta) * lost, self.bwbn_beta * lost
         return 0.0, mass * self.bwbn_stiffness, self.bwbn_n, gamma, beta, 1.0
@@ -297,7 +304,7 @@ class BWBNPinching(Law):
 
 
 class BWBN(BWBNPinching):
-    r"""The law with degradation of strength and stiffness.
+    r"""The Bouc-Wen law with pinching and with degradation of strength and stiffness.
 
     $$\nu = 1 + \delta_\nu e, \qquad \eta = 1 + \delta_\eta e$$
 
@@ -318,16 +325,16 @@ class BWBN(BWBNPinching):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return bounds; strength and stiffness fall by at most half within two energy units."""
+        """Return prior bounds; strength and stiffness at most halve within two units of energy."""
         worn = (0.0, 0.5)
         return {**super().prior(scales), "bwbn_delta_nu": worn, "bwbn_delta_eta": worn}
 
     def degradation(self, energy: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the degradation of strength nu and of stiffness eta."""
+        """Return the degradation factors of strength, nu, and of stiffness, eta, at an energy e."""
         return 1.0 + self.bwbn_delta_nu * energy, 1.0 + self.bwbn_delta_eta * energy
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """Convert to OpenSees if degradation or pinching is absent; no material has both."""
+        """Return the law in OpenSees if degradation or pinching is absent; no material has both."""
         if not self.bwbn_delta_nu and not self.bwbn_delta_eta:
             return super().convert(omega_n, zeta, mass)
         if self.bwbn_zeta_s:

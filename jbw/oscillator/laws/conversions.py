@@ -1,11 +1,11 @@
-r"""The joint in other people's letters: finite elements, earthquake engineering, the benchmark.
+r"""The Bouc-Wen joint in the notation of OpenSees, of Baber and Noori, and of the benchmark.
 
-All say the same law. They differ in what z is (a force a mass, a force, a displacement) and in
-which of beta, gamma and delta stands before the term that dissipates:
+All describe the same law. They differ in the meaning of z (a force per mass, a force, a
+displacement) and in the name, beta, gamma or delta, of the coefficient of the dissipating term:
 
 $$\dot Z = \alpha v - \gamma\,|v|\,|Z|^{\nu-1} Z - \delta\,v\,|Z|^\nu$$
 
-here; there the dissipating coefficient is called beta and the other one gamma.
+here; in the other notations the dissipating coefficient is called beta and the other one gamma.
 """
 
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ OF_BOTH = {"mass": "kg", "damping": "N s/m", "stiffness": "N/m"}
 
 
 class BaberNoori(NamedTuple):
-    r"""Bouc-Wen-Baber-Noori oscillator without degradation or pinching; z is a displacement.
+    r"""A Bouc-Wen-Baber-Noori oscillator without degradation or pinching; z is a displacement.
 
     $$m\ddot y + c\dot y + a k_0 y + (1 - a) k_0 z = F, \qquad
       \dot z = v - \beta\,|v|\,|z|^{n-1} z - \gamma\,v\,|z|^n$$
@@ -26,9 +26,9 @@ class BaberNoori(NamedTuple):
         mass: m [kg].
         damping: c [N s/m].
         stiffness: k_0, initial stiffness [N/m].
-        ratio: a, stiffness after slip over the initial one [-].
+        ratio: a, stiffness after slip divided by the initial stiffness [-].
         beta: Dissipating coefficient [m^-n].
-        gamma: The other one [m^-n].
+        gamma: Non-dissipating coefficient [m^-n].
         n: Exponent.
     """
 
@@ -42,7 +42,7 @@ class BaberNoori(NamedTuple):
 
 
 class Benchmark(NamedTuple):
-    r"""The hysteretic benchmark's oscillator; z is a force.
+    r"""The oscillator of the hysteretic (Bouc-Wen) benchmark; z is a force.
 
     $$m\ddot y + c\dot y + k y + z = F, \qquad
       \dot z = \alpha v - \beta\,(\gamma\,|v|\,|z|^{\nu-1} z + \delta\,v\,|z|^\nu)$$
@@ -54,7 +54,7 @@ class Benchmark(NamedTuple):
         alpha: Stiffness of the hysteretic force [N/m].
         beta: Common factor of gamma and delta.
         gamma: Dissipating coefficient; beta gamma in N^(1 - nu)/m.
-        delta: The other one; beta delta likewise.
+        delta: Non-dissipating coefficient; beta delta in N^(1 - nu)/m.
         nu: Exponent.
 
     Reference:
@@ -72,7 +72,7 @@ class Benchmark(NamedTuple):
 
 
 def to_baber_noori(joint: Any, mass: float) -> BaberNoori:
-    r"""Return the joint as a Bouc-Wen-Baber-Noori oscillator.
+    r"""Return the joint in the parameters of a Bouc-Wen-Baber-Noori oscillator.
 
     $$z = Z / \alpha: \quad k_0 = m\omega_n^2, \quad a = k / \omega_n^2, \quad
       \beta = \gamma\,\alpha^{\nu-1}, \quad \gamma_{BN} = \delta\,\alpha^{\nu-1}$$
@@ -91,7 +91,7 @@ def to_baber_noori(joint: Any, mass: float) -> BaberNoori:
 
 
 def to_benchmark(joint: Any, mass: float, beta: float = 1.0) -> Benchmark:
-    r"""Return the joint in the hysteretic benchmark's letters.
+    r"""Return the joint in the parameters of the hysteretic benchmark.
 
     $$z = m Z: \quad k = m (\omega_n^2 - \alpha), \quad \alpha_B = m\alpha, \quad
       \beta\gamma_B = \gamma\,m^{1-\nu}, \quad \beta\delta_B = \delta\,m^{1-\nu}$$
@@ -119,17 +119,18 @@ def bouc_wen(stiffness: Scalar, n: Scalar, gamma: Scalar, beta: Scalar) -> Mater
     Args:
         stiffness: k_0 [N/m].
         n: Exponent.
-        gamma: What does not dissipate [m^-n].
-        beta: What does [m^-n].
+        gamma: Non-dissipating coefficient [m^-n].
+        beta: Dissipating coefficient [m^-n].
     """
-    # The ratio of a linear spring of its own comes first, A = 1 and no degradation last.
+    # The first argument is the ratio of a linear spring, here 0; the last are A = 1 and no
+    # degradation.
     return Material("BoucWen", (0.0, stiffness, n, gamma, beta, 1.0, 0.0, 0.0, 0.0))
 
 
 def conversions(joint: Any, mass: float) -> dict[str, Conversion]:
-    """Return the joint in every convention of this file, by name."""
+    """Return the joint in every convention of this module, by name."""
     baber, benchmark = to_baber_noori(joint, mass), to_benchmark(joint, mass)
-    # Of z as a displacement, and as a force; the exponent decides.
+    # Units for z as a displacement and as a force; they depend on the exponent.
     n = baber.n
     length, force = ("1/m", "1/m") if n == 1.0 else (f"1/m^{n:g}", f"N^{1.0 - n:g}/m")
     baber_units = {**OF_BOTH, "ratio": "1", "beta": length, "gamma": length, "n": "1"}
@@ -155,6 +156,6 @@ def _scalars(joint: Any, mass: float) -> tuple[float, ...]:
 
 
 def require_positive(value: float, name: str) -> None:
-    """Refuse a number that is not positive."""
+    """Raise if a number is not positive."""
     if not value > 0.0:
         raise ModelError(f"Argument `{name}` must be positive, but it is {value:g}.")

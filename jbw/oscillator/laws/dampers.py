@@ -1,4 +1,4 @@
-r"""Viscous controls: the forces $c\,v|v|$ and $c\,v^3$ of the velocity."""
+r"""Nonlinear viscous dampers: the forces $c\,v|v|$ and $c\,v^3$ of the velocity."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -22,14 +22,14 @@ from jbw.oscillator.steady.waveform import (
 )
 from jbw.quantities import Quantity
 
-# Damping ratio that it may add at the largest displacement, moved at the natural frequency.
+# Prior limit of the damping ratio added at the largest displacement and the natural frequency.
 MOST_ADDED = 0.05
 _NODES, _NODES_PER_HARMONIC = 24, 4
-_POINTS = 512  # of half a period that turns more than once
+_POINTS = 512  # on half a period that turns more than once
 
 
 class QuadraticDamping(Damper):
-    r"""Drag of a flow, $g(v) = c\,v|v|$ [N/kg].
+    r"""Quadratic damping, as the drag of a flow, $g(v) = c\,v|v|$ [N/kg].
 
     Attributes:
         c: Coefficient [1/m].
@@ -45,7 +45,7 @@ class QuadraticDamping(Damper):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        r"""Bound c by the damping ratio added at the largest displacement, $4 c Y / (3\pi)$."""
+        r"""Return bounds of c, by the damping ratio it adds at most, $4 c Y / (3\pi)$."""
         return {"quadratic_damping": (0.0, MOST_ADDED * 0.75 * np.pi / scales.y_peak)}
 
     def __call__(self, v: Scalar) -> Scalar:
@@ -55,12 +55,15 @@ class QuadraticDamping(Damper):
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: tuple[()], branch: tuple[()]
     ) -> Scalar:
-        """Return half of h^2 g'' a^2; the remaining term g' da/dt vanishes at a turning point."""
+        """Return half of h^2 times the second time derivative of the damper's force.
+
+        This is half of h^2 g'' a^2; the remaining term g' da/dt vanishes at a turning point.
+        """
         return h**2 * self.c * jnp.sign(v) * a**2
 
     @property
     def kinked(self) -> bool:
-        """Its second derivative jumps at v = 0."""
+        """Whether the law has kinks; it has, because g'' jumps at v = 0."""
         return True
 
     def turn(
@@ -75,7 +78,7 @@ class QuadraticDamping(Damper):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Integrate between two turning points, or on a uniform grid if there are more."""
+        """Return the odd harmonics of the force, by quadrature or on a uniform grid."""
         if max_turns > 2:
             theta = crest(stop_gradient(q)) + np.pi * (np.arange(_POINTS) + 0.5) / _POINTS
             weights = jnp.full(_POINTS, np.pi / _POINTS)
@@ -87,17 +90,17 @@ class QuadraticDamping(Damper):
         return 2.0 / jnp.pi * ((weights * force) @ exponentials(theta, q.shape[0]).conj())
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return the closed-form loop, $\mathrm{Im}\,\kappa = 8 c Y \omega^2 / (3\pi)$."""
+        r"""Return the equivalent damping, $\mathrm{Im}\,\kappa = 8 c Y \omega^2 / (3\pi)$."""
         damping = 8.0 / (3.0 * jnp.pi) * self.c * jnp.asarray(y_peak) * omega**2
         return Loop(jnp.zeros_like(damping), damping)  # pyright: ignore[reportArgumentType]
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """Convert to an OpenSees dashpot with velocity to the power 2."""
+        """Return this damper as an OpenSees dashpot with velocity to the power 2."""
         return of_opensees(Material("Viscous", (mass * self.c, 2.0)))
 
 
 class CubicDamping(Damper):
-    r"""Damping that grows with the velocity, $g(v) = c\,v^3$ [N/kg].
+    r"""Cubic damping, $g(v) = c\,v^3$ [N/kg].
 
     Attributes:
         c: Coefficient [s/m^2].
@@ -113,7 +116,7 @@ class CubicDamping(Damper):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        r"""Bound c by the damping ratio added at the largest motion, $3 c Y^2 \omega_n / 8$."""
+        r"""Return bounds of c, by the damping ratio it adds at most, $3 c Y^2 \omega_n / 8$."""
         return {"cubic_damping": (0.0, MOST_ADDED * 8 / 3 / (scales.y_peak**2 * scales.omega_n))}
 
     def __call__(self, v: Scalar) -> Scalar:
@@ -123,14 +126,14 @@ class CubicDamping(Damper):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Return the exact odd harmonics of the cube of the velocity."""
+        """Return the exact odd harmonics of the cubic damping force."""
         return odd_harmonics(self, jnp.asarray(1j * orders(q.shape[0])) * omega * q)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return the closed-form loop, $\mathrm{Im}\,\kappa = 3 c Y^2 \omega^3 / 4$."""
+        r"""Return the equivalent damping, $\mathrm{Im}\,\kappa = 3 c Y^2 \omega^3 / 4$."""
         damping = 0.75 * self.c * jnp.asarray(y_peak) ** 2 * omega**3
         return Loop(jnp.zeros_like(damping), damping)  # pyright: ignore[reportArgumentType]
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """Convert to an OpenSees dashpot with velocity to the power 3."""
+        """Return this damper as an OpenSees dashpot with velocity to the power 3."""
         return of_opensees(Material("Viscous", (mass * self.c, 3.0)))

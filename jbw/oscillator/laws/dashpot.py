@@ -1,6 +1,6 @@
-r"""The dashpot across a joint, $g(v) = c\,v$, of a damping matrix that modes do not diagonalise.
+r"""The dashpot across a joint, $g(v) = c\,v$, for a damping matrix not diagonal in the modes.
 
-No campaign names it: across the joint of one mode it is that mode's damping ratio.
+No campaign names it: across the joint of a single mode it is part of that mode's damping ratio.
 """
 
 from typing import ClassVar
@@ -16,10 +16,10 @@ from jbw.quantities import Quantity
 
 
 class Dashpot(Damper):
-    r"""Linear damping $g(v) = c\,v$; below zero where modes have more of it than the joint.
+    r"""Linear damping $g(v) = c\,v$; c is negative where modes have more damping than the joint.
 
     Attributes:
-        c: Coefficient [1/s; across a joint in physical units N s/m].
+        c: Coefficient [1/s; N s/m across a joint in physical units].
     """
 
     name: ClassVar[str] = "dashpot"
@@ -38,6 +38,6 @@ class Dashpot(Damper):
         return self.c * jnp.asarray(1j * orders(q.shape[0])) * omega * q  # pyright: ignore[reportReturnType]
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return the equivalent damping, $\mathrm{Im}\,\kappa = c\,\omega$."""
+        r"""Return the loop, with the equivalent damping $\mathrm{Im}\,\kappa = c\,\omega$."""
         damping = self.c * omega + 0.0 * jnp.asarray(y_peak)
         return Loop(jnp.zeros_like(damping), damping)  # pyright: ignore[reportArgumentType]

@@ -1,13 +1,13 @@
-r"""Bouc-Wen's law behind a gap: free travel between two contacts, as of a joint with backlash.
+r"""The Bouc-Wen law behind a gap: free travel between two contacts, as in a joint with backlash.
 
-Memory is the element's force Z and the place s in the gap, $-b \le s \le b$. While |s| < b
-there is no force; at a contact the element takes what is moved beyond it. A move d in the
-direction $\sigma$ unloads Z to zero, over the travel
+The memory is the element's force Z and the position s in the gap, $-b \le s \le b$. While |s| < b
+there is no force; at a contact the element takes all motion beyond it. A move in the direction
+$\sigma$ unloads Z to zero, over the travel
 
 $$D_0 = \frac{\log(1 + (\gamma - \delta)|Z|/\alpha)}{\gamma - \delta},$$
 
-then crosses the gap, then loads the element on the other side. Slope and curvature of the force
-jump where Z comes to zero and where contact is made, without any turning point.
+then crosses the gap, then loads the element on the other side. The slope and curvature of the force
+jump where Z reaches zero and where contact is made, without any turning point.
 """
 
 from typing import ClassVar
@@ -32,24 +32,27 @@ from jbw.oscillator.steady.waveform import (
 from jbw.quantities import Quantity
 from jbw.report.messages import joint as messages
 
-WIDTH = (0.005, 0.9)  # half the gap, over the largest displacement: a wider one is never crossed
-# Over the stiffness of rest; over that of a whole loop, where the motion is given.
+# Prior of half the gap over the largest displacement: a wider gap is never crossed.
+WIDTH = (0.005, 0.9)
+# Largest stiffness over that at rest, or over that of a whole loop where the motion is prescribed.
 STIFFEST = {False: 2.0, True: 20.0}
 _NODES, _NODES_PER_HARMONIC = 32, 4
 
-Contact = tuple[Bool[Array, "..."], Scalar]  # whether the element moves, and c of its slope [1/m]
+# Whether the element moves, and the constant c of its slope [1/m].
+Contact = tuple[Bool[Array, "..."], Scalar]
 
 
 class GapSeries(Law):
-    r"""Bouc-Wen's law with nu = 1 in series with a gap.
+    r"""The Bouc-Wen law with nu = 1 in series with a gap.
 
-    At rest the gap is open and the joint has no stiffness: omega_n is the frequency of rest, and
-    in contact the stiffness is $\omega_n^2 + \alpha$. A gap wider than all motion never acts.
+    At rest the gap is open and the joint has no stiffness: omega_n is the frequency with an open
+    gap, and in contact the stiffness is $\omega_n^2 + \alpha$. A gap wider than all motion never
+    acts.
 
     Attributes:
         gap_stiffness: Stiffness alpha of the element at a contact [1/s^2].
-        gap_softening: Its delta [1/m].
-        gap_opening: Its gamma [1/m].
+        gap_softening: Delta of the element [1/m].
+        gap_opening: Gamma of the element [1/m].
         gap: Half of the free travel, b [m].
     """
 
@@ -97,7 +100,7 @@ class GapSeries(Law):
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """Warn if the prior has gaps beyond all motion, so that the element has no effect."""
+        """Return a warning if the prior has gaps wider than all motion, which have no effect."""
         return beyond_all_motion("gap", bounds["gap"], y_peak)
 
     def thresholds(self) -> tuple[Threshold, ...]:
@@ -106,11 +109,11 @@ class GapSeries(Law):
 
     @property
     def element(self) -> BoucWenLaw:
-        """The element behind the gap."""
+        """The Bouc-Wen element behind the gap."""
         return BoucWenLaw(self.gap_stiffness, self.gap_softening, self.gap_opening)
 
     def at_rest(self) -> Memory:
-        """Return the memory at rest, in the middle of the gap."""
+        """Return the memory at rest: no force, in the middle of the gap."""
         return 0.0, 0.0
 
     def force(self, y: Scalar, v: Scalar, memory: Memory) -> Scalar:
@@ -122,24 +125,24 @@ class GapSeries(Law):
         return 0.0 * self.gap_stiffness
 
     def memory_unit(self, omega_n: Scalar) -> Memory:
-        """Return the factors to velocities for a force and for a displacement."""
+        """Return the factors of force and position to velocities, 1 / omega_n and omega_n."""
         return 1.0 / omega_n, omega_n
 
     def branch(self, v: Scalar, memory: Memory) -> Contact:
-        """Return whether the element moves, and the constant c of dZ/dy = alpha - c Z."""
+        """Return whether the element moves, and the constant c of dZ/dy = alpha - c Z [1/m]."""
         z, s = memory
         outward = (jnp.abs(s) >= self.gap) & (signed(s, v) > 0.0)
         c = signed(self.gap_opening, v) + signed(self.gap_softening, jnp.where(z == 0.0, v, z))
         return (jnp.asarray(z) != 0.0) | outward, c
 
     def rate(self, y: Scalar, v: Scalar, memory: Memory) -> Memory:
-        """Return the rates of the force Z and of the position s in the gap."""
+        """Return the time derivatives of the force Z and of the position s in the gap."""
         contact, c = self.branch(v, memory)
         slope = self.gap_stiffness - c * memory[0]
         return jnp.where(contact, slope * v, 0.0), jnp.where(contact, 0.0, v)
 
     def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """Return the exact memory after a monotone move of any length."""
+        """Return the law's exact memory after a monotone move of any length."""
         return moved(self, memory, dy).memory
 
     # -- through a time step -----------------------------------------------------------------------
@@ -152,7 +155,7 @@ class GapSeries(Law):
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Memory, branch: Contact
     ) -> Scalar:
-        """Return half of h^2 times the remainder's second derivative."""
+        """Return half of h^2 times the remainder's second time derivative."""
         slope = self._slope(memory[0], branch)
         return 0.5 * h**2 * slope * (a - branch[1] * v**2)
 
@@ -170,10 +173,10 @@ class GapSeries(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
-        r"""Return two moves, and the impulses of the turning point, of releases and of contacts.
+        r"""Return the memory after a step that may turn, and impulses of turn, release and contact.
 
-        With $c = \sigma(\gamma - \delta)$ at a release and $\sigma(\gamma + \delta)$ at a contact,
-        whose jumps have the other sign,
+        The constant is $c = \sigma(\gamma - \delta)$ at a release and $\sigma(\gamma + \delta)$ at
+        a contact, whose jumps have the opposite sign:
 
         $$J_1 = \alpha v, \quad J_2 = \alpha (a - c v^2), \quad
           J_3 = \alpha (\dot a - 3 c v a + c^2 v^3)$$
@@ -210,7 +213,7 @@ class GapSeries(Law):
         return second.memory, impulse_v, impulse_y
 
     def shift(self, y: Scalar, memory: Memory, dy: Scalar, branch: Contact) -> Memory:
-        """Move Z along its tangent down to zero at most, or s up to contact at most."""
+        """Return the memory after a small move: Z along its tangent to zero, or s to contact."""
         z, s = memory
         contact, _ = branch
         moved = z + self._slope(z, branch) * dy
@@ -226,7 +229,10 @@ class GapSeries(Law):
         return self.element.at_tip(beyond), jnp.minimum(jnp.asarray(y_peak, float), self.gap)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Integrate the loop of y = Y cos(theta); $\mathrm{Im}\,\kappa = E(Y - b)/(\pi Y^2)$."""
+        r"""Return equivalent stiffness and damping, $\mathrm{Im}\,\kappa = E(Y - b)/(\pi Y^2)$.
+
+        The motion is y = Y cos(theta).
+        """
         y_peak = jnp.asarray(y_peak, float)
         peak = jnp.where(y_peak > self.gap, y_peak, 1.0)
         acts = y_peak > self.gap
@@ -247,14 +253,14 @@ class GapSeries(Law):
         return Loop(jnp.where(acts, real, 0.0), jnp.where(acts, damping, 0.0))
 
     def _falling(self, travel: Scalar, tip: Memory) -> Scalar:
-        """Return the force after some travels down from a tip [N/kg]."""
+        """Return the joint's force [N/kg] after given travels downwards from a loop's tip."""
         column = GapSeries(*(jnp.asarray(x)[..., None] for x in self.parameters().values()))
         return moved(column, tip, -travel).memory[0]
 
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Integrate over half a period from the crest, between release and contact."""
+        """Return the law's odd harmonics, integrated over half a period at release and contact."""
         if max_turns > 2:
             return generic.harmonics_by_moves(self, q, max_turns, omega)
         fixed = stop_gradient(q)

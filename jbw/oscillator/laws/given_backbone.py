@@ -1,9 +1,9 @@
-r"""A Masing law of any given virgin curve, as a contact model or a quasi-static analysis gives it.
+r"""Masing laws of a given virgin curve, as from a contact model or a quasi-static analysis.
 
 $$F_b(x) = s_F\, B(x / s_x)$$
 
-B goes through the given points by monotone cubic pieces (PCHIP) and on by its last slope. The two
-scales are the law's parameters: both 1 is the curve as given.
+B interpolates the given points by monotone cubic pieces (PCHIP) and continues with its last slope.
+The two scales are the law's parameters; with both equal to 1 the curve is the given one.
 
 Reference:
     Fritsch, Carlson (1980) for the pieces; Lacayo, Allen (2019) for such curves.
@@ -25,17 +25,18 @@ from jbw.oscillator.parameters import Scalar
 from jbw.quantities import Quantity
 
 FEWEST_POINTS = 3
-SCALE = (0.2, 5.0)  # prior of both scales: a curve that was computed is right to a few times
+SCALE = (0.2, 5.0)  # prior of both scales: a computed curve is correct within a few times
 _RISES = 1e-9  # of the slope at rest, by which rounding may let the slope rise
 
 
 class GivenBackbone(Masing):
-    r"""Base of Masing's laws of given curves, made by `given_backbone`.
+    r"""The base class of Masing laws of given curves, made by `given_backbone`.
 
     Attributes:
         knots: Displacements of the points, from 0 [m]; a class variable.
-        pieces: Coefficients of the lag $K x - B$ in each piece by powers of the way from its knot,
-            and of its integral from 0 there; the last one is straight; class variables.
+        pieces: Coefficients of the lag $K x - B$ in each piece, by powers of the distance from its
+            knot; the last piece is straight; a class variable. `integrals` holds the integral of
+            the lag from 0 to each knot.
     """
 
     knots: ClassVar[np.ndarray]
@@ -48,7 +49,7 @@ class GivenBackbone(Masing):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return the curve to a few times; no stiffer than the structure's own stiffness."""
+        """Return the scales' bounds: within a factor of 5, no stiffer than the structure."""
         stiffest = scales.omega_n**2 / cls.at_zero
         return {
             cls.names()[0]: (SCALE[0] * min(1.0, stiffest), min(SCALE[1], stiffest)),
@@ -57,32 +58,32 @@ class GivenBackbone(Masing):
 
     @classmethod
     def build(cls, theta: Any) -> "GivenBackbone":
-        """Return the law of a dictionary of its two scales."""
+        """Return the law from a dictionary of its two scales."""
         return cls(*(theta[name] for name in cls.names()))
 
     def parameters(self) -> dict[str, Any]:
-        """Return the two scales by name."""
+        """Return the two scale parameters by name."""
         return dict(zip(self.names(), (self.scale_force, self.scale_displacement), strict=True))
 
     def stiffness(self) -> Scalar:
-        """Return the slope of the curve at zero [1/s^2]."""
+        """Return the slope of the scaled curve at zero [1/s^2]."""
         return self.at_zero * self.scale_force / self.scale_displacement
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the lag at x without cancellation at small x, and its slope."""
+        """Return the virgin curve's lag at x, without cancellation at small x, and its slope."""
         c, t, _ = self._piece(x)
         lag = c[0] + t * (c[1] + t * (c[2] + t * c[3]))
         slope = c[1] + t * (2.0 * c[2] + 3.0 * t * c[3])
         return self.scale_force * lag, self.scale_force / self.scale_displacement * slope
 
     def lag_integral(self, x: Scalar) -> Scalar:
-        """Return the integral of the lag."""
+        """Return the integral of the virgin curve's lag from 0 to x [J/kg]."""
         c, t, before = self._piece(x)
         scaled_integral = before + t * (c[0] + t * (c[1] / 2.0 + t * (c[2] / 3.0 + t * c[3] / 4.0)))
         return self.scale_force * self.scale_displacement * scaled_integral
 
     def _piece(self, x: Scalar) -> tuple[Float[Array, "4 ..."], Scalar, Scalar]:
-        """Return the piece's coefficients at x, the distance from its knot, the prior integral."""
+        """Return the piece's coefficients at x, distance from its knot, and integral up to it."""
         way = jnp.asarray(x, float) / self.scale_displacement
         knots = jnp.asarray(self.knots)
         index = jnp.sum(stop_gradient(way)[..., None] >= knots[1:], -1)
@@ -95,17 +96,18 @@ class GivenBackbone(Masing):
 
 
 def given_backbone(name: str, x: Sequence[float], force: Sequence[float]) -> type[GivenBackbone]:
-    r"""Return the kind of law of a given virgin curve; `register` makes it available to campaigns.
+    r"""Return the law class of a given virgin curve; `register` makes it available to campaigns.
 
     Args:
         name: Name of the law, such as `lap_joint`; its parameters are `NAME_force` and
             `NAME_displacement`, the two scales.
         x: Displacements of the joint, increasing from 0 [m].
-        force: Force there per unit modal mass, from 0 [N/kg]; the slope must not rise anywhere.
+        force: Force at each displacement per unit modal mass, from 0 [N/kg]; the slope must never
+            rise.
 
     Raises:
         ConfigError: Too few points, points out of order, no force at all, or a curve that stiffens,
-            of which no array of sliders exists.
+            which no array of sliders can represent.
     """
     if not name.isidentifier():
         raise ConfigError(f"The name of a law must be a word such as `lap_joint`, not {name!r}.")

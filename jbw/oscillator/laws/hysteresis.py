@@ -1,4 +1,4 @@
-"""The Bouc-Wen hysteresis by itself: its rate, its exact map and its steady loop."""
+"""The Bouc-Wen hysteresis alone: its rate, its exact map and its steady loop."""
 
 import warnings
 
@@ -19,18 +19,18 @@ from jbw.oscillator.laws.relaxation import half_width, loop_harmonics, opening_a
 from jbw.oscillator.parameters import Hysteresis
 from jbw.report.messages import joint as messages
 
-# The strongest sweeps reach 17; beyond this the joint slips all the way, or a unit is wrong.
+# The strongest sweeps reach 17; beyond this limit the joint slips fully, or a unit is wrong.
 _LARGEST_EXPONENT = 50.0
 _REMEDY = "Check delta and gamma [1/m] and the unit of the displacement [m]."
 
 
 class SteadyLoop(eqx.Module):
-    """Steady symmetric hysteresis loop for y = Y cos(theta), z = Re sum z_n exp(j n theta).
+    """The steady symmetric loop for y = Y cos(theta), z = Re sum z_n exp(j n theta).
 
     Attributes:
         y_open: Displacement at which z vanishes on unloading, with gamma's sign [m].
         z_max: Hysteretic force at y = Y [N/kg].
-        energy: Dissipated per cycle, with gamma's sign [J/kg].
+        energy: Energy dissipated per cycle, with gamma's sign [J/kg].
         z_1: First harmonic of z, peak amplitude [N/kg].
         z_3: Third harmonic of z, peak amplitude [N/kg].
         z_5: Fifth harmonic of z, peak amplitude [N/kg].
@@ -145,7 +145,7 @@ def _move(joint: Hysteresis, z: ArrayLike, dy: ArrayLike) -> Array:
     z_in = jnp.where(towards_zero, z, 0.0)
     to_zero = -psi(c_in / joint.alpha, z_in) / joint.alpha
     stays = towards_zero & (distance <= to_zero)
-    # Both parts are computed, so each gets the zero move where the other one holds.
+    # Both parts are always computed, so each receives a zero move where the other one applies.
     inner = z_in + (joint.alpha - c_in * z_in) * phi(c_in, jnp.where(stays, distance, 0.0))
     z_out = jnp.where(towards_zero, 0.0, z)
     rest = jnp.where(stays, 0.0, distance - jnp.where(towards_zero, to_zero, 0.0))
@@ -156,14 +156,14 @@ def _move(joint: Hysteresis, z: ArrayLike, dy: ArrayLike) -> Array:
 def steady_loop(joint: Hysteresis, y_peak: Real[ArrayLike, "..."]) -> SteadyLoop:
     r"""Return the steady symmetric loop of z for a displacement between -Y and Y, nu = 1.
 
-    With g = |gamma|, b = delta + g and the half-width of one sign x = Y + |y_open|,
+    With g = |gamma|, b = delta + g and x = Y + |y_open|, half the width on which z has one sign,
 
     $$Z_{max} = \alpha\,\phi(b, x), \qquad
       |y_0| = x - Y = g \int_0^x \frac{\phi(b,t)}{e^{-bt} + 2 g \phi(b,t)}\,dt$$
     $$|E| = 4 \alpha g \int_0^x \frac{\phi(b,t)^2}{e^{-bt} + 2 g \phi(b,t)}\,dt$$
 
     where the denominator is 1 - (delta - g) phi(b, t) written without cancellation. Everything is
-    computed in units of Y, where only delta Y and gamma Y remain, so Y = 0 is an ordinary point.
+    computed in units of Y, where only delta Y and gamma Y remain, so Y = 0 is a regular point.
     Opening, tip and energy are accurate to about 1e-14, stiffness and harmonics to 1e-12 where
     (delta + |gamma|) (Y + |y_open|) is some hundreds.
 
@@ -225,7 +225,7 @@ def _loop(joint: Hysteresis, y_peak: ArrayLike) -> SteadyLoop:
 
 
 def _warn_unbounded(joint: Hysteresis, z: ArrayLike, dy: ArrayLike) -> None:
-    """Warn where z leaves every bound instead of relaxing to alpha/(delta + gamma)."""
+    """Warn if z exceeds every bound instead of relaxing to alpha/(delta + gamma)."""
     alpha, delta, gamma = (np.asarray(x) for x in (joint.alpha, joint.delta, joint.gamma))
     if np.any((alpha <= 0.0) | (delta + gamma < 0.0)):
         reason = messages.BOUNDED
@@ -238,7 +238,7 @@ def _warn_unbounded(joint: Hysteresis, z: ArrayLike, dy: ArrayLike) -> None:
 
 
 def _warn_saturated(joint: Hysteresis, y_peak: ArrayLike, loop: SteadyLoop) -> None:
-    """Warn where the joint slips almost all the way: of a wrong unit, most likely."""
+    """Warn if the joint slips almost completely, which is most likely due to a wrong unit."""
     exponent = np.abs(joint.delta + np.abs(joint.gamma)) * (y_peak + np.abs(loop.y_open))
     if np.any(exponent > _LARGEST_EXPONENT):
         warnings.warn(

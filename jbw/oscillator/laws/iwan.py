@@ -1,4 +1,4 @@
-r"""Masing's laws by their virgin curves: a power, Segalman's four parameters, an exponential."""
+r"""Masing laws with three virgin curves: a power, Segalman's four parameters, an exponential."""
 
 from typing import Any, ClassVar
 
@@ -12,23 +12,24 @@ from jbw.oscillator.laws.relaxation import exponential_remainder
 from jbw.oscillator.parameters import SLOW, Scalar
 from jbw.quantities import Quantity
 
-LOSS = (1e-4, 0.3)  # of the stiffness, lost at the largest displacement of a loop whose q is usual
+# Prior of the stiffness loss at the largest displacement, for a loop with the usual exponent.
+LOSS = (1e-4, 0.3)
 _USUAL_EXPONENT = 0.7
 SEGALMAN_UNITS = {"K_T": "N/m", "F_S": "N", "chi": "1", "beta": "1", "phi_max": "m"}
 EXPONENT = (0.05, 3.0)
 
 
 class MasingPower(Masing):
-    r"""Masing's law of a virgin curve that softens by a power, Iwan's below macroslip.
+    r"""The Masing law whose virgin curve softens by a power, as Iwan's does below macroslip.
 
     $$F_b = -\kappa\,x\,(x/\mathrm{1\,mm})^q$$
 
-    An elastic part of it would only move stiffness from beside the law into it; it has none, so
-    that its force is what the joint's slip takes and nothing of its stiffness must be known.
+    An elastic part would only move stiffness from the parallel spring into the law. The law has
+    none, so that its force is only the part lost to slip, and its stiffness need not be known.
 
     Attributes:
         loss: Secant stiffness lost at 1 mm, kappa [1/s^2].
-        exponent: Exponent q of the loss; the energy per cycle grows by Y^(2+q) [-].
+        exponent: Exponent q of the loss; the energy per cycle grows with Y^(2+q) [-].
     """
 
     name: ClassVar[str] = "masing_power"
@@ -44,13 +45,13 @@ class MasingPower(Masing):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Bound the stiffness loss at the largest motion, for an exponent typical of joints."""
+        """Return prior bounds of the stiffness loss at the largest motion, for a usual exponent."""
         square, reach = scales.omega_n**2, scales.y_peak / REFERENCE
         low, high = (float(part * square * reach**-_USUAL_EXPONENT) for part in LOSS)
         return {"power_loss": (low, high), "power_exponent": EXPONENT}
 
     def stiffness(self) -> Scalar:
-        """Return zero stiffness."""
+        """Return zero, as the law has no elastic part [1/s^2]."""
         return 0.0 * self.power_loss
 
     def powers_of_length(self) -> dict[str, Scalar]:
@@ -58,12 +59,12 @@ class MasingPower(Masing):
         return {"power_loss": -self.power_exponent}
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the power-law lag and its slope."""
+        """Return the virgin curve's power-law lag, and its slope."""
         secant = self.power_loss * power(x * PER_REFERENCE, self.power_exponent)
         return secant * x, (1.0 + self.power_exponent) * secant
 
     def lag_integral(self, x: Scalar) -> Scalar:
-        """Return the integral of the lag."""
+        """Return the integral of the virgin curve's lag from 0 to x [J/kg]."""
         return self.lag(x)[0] * x / (2.0 + self.power_exponent)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
@@ -74,22 +75,22 @@ class MasingPower(Masing):
 
 
 class Iwan4(Masing):
-    r"""Iwan's array of sliders by Segalman's four parameters.
+    r"""Iwan's array of sliders with Segalman's four parameters.
 
     $$\rho(\varphi) = R\varphi^\chi + S\,\delta(\varphi - \varphi_{max}), \qquad
       F_b = K_T x - c\,x^{2+\chi} \text{ below } \varphi_{max}, \quad F_S \text{ beyond}$$
     $$\varphi_{max} = \frac{F_S (1+\beta)}{K_T \left(\beta + \frac{\chi+1}{\chi+2}\right)}, \qquad
       c = \frac{K_T \varphi_{max}^{-(1+\chi)}}{(1+\beta)(2+\chi)}$$
 
-    Below macroslip only c and chi act, which are the power law's: weak motion knows the loss at
-    1 mm, $\kappa = c\,\mathrm{(1\,mm)}^{1+\chi}$, in place of F_S. Then all that is known of K_T
-    and beta is that macroslip lies farther out.
+    Below macroslip only c and chi act, and the law is the power law: small motion determines the
+    loss at 1 mm, $\kappa = c\,\mathrm{(1\,mm)}^{1+\chi}$, instead of F_S. K_T and beta are then
+    only constrained by macroslip lying beyond the motion.
 
     Attributes:
         iwan_stiffness: Stiffness at rest, K_T [1/s^2].
         iwan_loss: Secant stiffness lost at 1 mm below macroslip, kappa [1/s^2].
         iwan_chi: Exponent chi > -1 of the sliders' density [-].
-        iwan_beta: Stiffness of the sliders that slip last over that of the others [-].
+        iwan_beta: Stiffness of the last sliders to slip over that of all others [-].
 
     Reference:
         Segalman (2005).
@@ -120,7 +121,7 @@ class Iwan4(Masing):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return a part of the stiffness, and what the power law loses of it."""
+        """Return prior bounds: a share of the stiffness, and a loss like the power law's."""
         share = FORCED_SHARE if scales.forced else SHARE
         low, high = MasingPower.prior(scales)["power_loss"]
         return {
@@ -132,50 +133,50 @@ class Iwan4(Masing):
 
     @classmethod
     def of_segalman(cls, k_t: Scalar, f_s: Scalar, chi: Scalar, beta: Scalar) -> "Iwan4":
-        """Return the law of Segalman's parameters: K_T [1/s^2], F_S [N/kg], chi and beta."""
+        """Return the law from Segalman's parameters: K_T [1/s^2], F_S [N/kg], chi and beta."""
         phi_max = f_s * (1.0 + beta) / (k_t * (beta + (chi + 1.0) / (chi + 2.0)))
         secant = k_t / ((1.0 + beta) * (2.0 + chi))
         return cls(k_t, secant * power(REFERENCE / phi_max, 1.0 + chi), chi, beta)
 
     @classmethod
     def of_density(cls, phi_max: Scalar, r: Scalar, s: Scalar, chi: Scalar) -> "Iwan4":
-        """Return the law of its density: phi_max [m], R [1/(m^(1+chi) s^2)], S [1/s^2] and chi."""
+        """Return the law of a density: phi_max [m], R [1/(m^(1+chi) s^2)], S [1/s^2] and chi."""
         spread = r * power(phi_max, 1.0 + chi) / (1.0 + chi)
         loss = r * power(REFERENCE, 1.0 + chi) / ((1.0 + chi) * (2.0 + chi))
         return cls(spread + s, loss, chi, s / spread)
 
     @property
     def phi_max(self) -> Scalar:
-        """Displacement of macroslip [m]."""
+        """The displacement phi_max of macroslip [m]."""
         return REFERENCE * power(self._secant / self.iwan_loss, 1.0 / (1.0 + self.iwan_chi))
 
     @property
     def f_s(self) -> Scalar:
-        """Force of macroslip F_S, at which all sliders slip [N/kg]."""
+        """The force of macroslip F_S, at which all sliders slip [N/kg]."""
         return (self.iwan_stiffness - self._secant) * self.phi_max
 
     @property
     def r(self) -> Scalar:
-        """Factor R of the density [1/(m^(1+chi) s^2)]."""
+        """The factor R of the sliders' density [1/(m^(1+chi) s^2)]."""
         return self.c * (self.iwan_chi + 1.0) * (self.iwan_chi + 2.0)
 
     @property
     def s(self) -> Scalar:
-        """Stiffness S of the sliders that slip last [1/s^2]."""
+        """The stiffness S of the sliders that slip last [1/s^2]."""
         return self.iwan_stiffness * self.iwan_beta / (1.0 + self.iwan_beta)
 
     @property
     def c(self) -> Scalar:
-        """Factor of the lag c x^(2+chi) [1/(m^(1+chi) s^2)]."""
+        """The factor c of the lag c x^(2+chi) [1/(m^(1+chi) s^2)]."""
         return self.iwan_loss / power(REFERENCE, 1.0 + self.iwan_chi)
 
     @property
     def _secant(self) -> Scalar:
-        """Secant stiffness lost at macroslip, K_T - F_S / phi_max [1/s^2]."""
+        """The secant stiffness lost at macroslip, K_T - F_S / phi_max [1/s^2]."""
         return self.iwan_stiffness / ((1.0 + self.iwan_beta) * (2.0 + self.iwan_chi))
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """Return Segalman's parameters for this modal mass, and where macroslip begins."""
+        """Return Segalman's parameters for a modal mass, and the displacement of macroslip."""
         parameters = {"K_T": mass * self.iwan_stiffness, "F_S": mass * self.f_s}
         parameters |= {"chi": self.iwan_chi, "beta": self.iwan_beta, "phi_max": self.phi_max}
         values = {name: float(x) for name, x in parameters.items()}
@@ -186,7 +187,7 @@ class Iwan4(Masing):
         return self.iwan_stiffness
 
     def kink(self) -> Kink:
-        """Return the kink at macroslip, where the last sliders slip together."""
+        """Return the virgin curve's kink at macroslip, where the last sliders slip together."""
         phi_max = self.phi_max
         spread = self.iwan_stiffness / (1.0 + self.iwan_beta)
         return Kink(phi_max, -self.s, spread * (1.0 + self.iwan_chi) / phi_max)
@@ -200,7 +201,7 @@ class Iwan4(Masing):
         return (Threshold("macroslip", self.phi_max, "K_T, F_S and beta"),)
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the lag (a power below macroslip, K_T x - F_S beyond) and its slope."""
+        """Return the virgin curve's lag (a power below macroslip, K_T x - F_S beyond) and slope."""
         sticks = x < self.phi_max
         below = jnp.minimum(x, self.phi_max)
         secant = self.iwan_loss * power(below * PER_REFERENCE, 1.0 + self.iwan_chi)
@@ -208,7 +209,7 @@ class Iwan4(Masing):
         return lag, jnp.where(sticks, (2.0 + self.iwan_chi) * secant, self.iwan_stiffness)
 
     def lag_integral(self, x: Scalar) -> Scalar:
-        """Return the integral of the lag."""
+        """Return the integral of the virgin curve's lag from 0 to x [J/kg]."""
         phi_max = self.phi_max
         below = jnp.minimum(x, phi_max)
         slips = self.iwan_stiffness * (x + below) / 2.0 - self.f_s
@@ -216,7 +217,10 @@ class Iwan4(Masing):
         return secant * below**2 / (3.0 + self.iwan_chi) + (x - below) * slips
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Return the loop: in closed form below macroslip, by quadrature beyond."""
+        """Return the equivalent stiffness and damping.
+
+        They are in closed form below macroslip, and by quadrature beyond it.
+        """
         y_peak, q = jnp.asarray(y_peak, float), 1.0 + self.iwan_chi
         below, part = y_peak <= self.phi_max, y_peak / self.phi_max
         softening, damping = power_loop(q)
@@ -229,7 +233,7 @@ class Iwan4(Masing):
 
 
 class MasingExponential(Masing):
-    r"""Masing's law of the exponential virgin curve; Bouc-Wen's law shares that curve alone.
+    r"""The Masing law of the exponential virgin curve, the only curve shared with Bouc-Wen's law.
 
     $$F_b = \frac{\alpha}{b}\left(1 - e^{-b x}\right)$$
 
@@ -263,7 +267,7 @@ class MasingExponential(Masing):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return a part of the stiffness; softening matters where b Y is of order one."""
+        """Return prior bounds: a share of the stiffness, and softening b Y around order one."""
         share = FORCED_SHARE if scales.forced else SHARE
         low, high = (float(part * scales.omega_n**2) for part in share)
         return {
@@ -276,12 +280,15 @@ class MasingExponential(Masing):
         return self.exponential_alpha
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
-        """Return alpha x s E_2(s), s = b x (no cancellation), and its slope alpha s E_1(s)."""
+        """Return the lag alpha x s E_2(s) with s = b x, and its slope alpha s E_1(s).
+
+        This form has no cancellation.
+        """
         s = jnp.asarray(self.exponential_b * x, float)
         alpha = self.exponential_alpha
         return alpha * x * s * exponential_remainder(2, s), alpha * s * exponential_remainder(1, s)
 
     def lag_integral(self, x: Scalar) -> Scalar:
-        """Return the integral of the lag, alpha x^2 s E_3(s)."""
+        """Return the integral of the virgin curve's lag, alpha x^2 s E_3(s) [J/kg]."""
         s = jnp.asarray(self.exponential_b * x, float)
         return self.exponential_alpha * x**2 * s * exponential_remainder(3, s)

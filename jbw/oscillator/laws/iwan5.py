@@ -1,14 +1,14 @@
-r"""Iwan's array whose sliders slide at less than they stick: loops, paths, and motion in time.
+r"""Iwan's array whose sliders slide at less force than they stick: loops, paths, motion in time.
 
-A slider that sticks up to its limit and slides below it drops as it lets go, and climbs to the
-limit again before it slides the next time. So a loop within a loop is not forgotten as it closes,
-and no stack of reversals follows the array. Its sliders are followed one by one, in time and along
-paths. Not in the register: nothing fits it.
+A slider sticks up to its limit and slides at a lower force. Its force drops when it begins to
+slide, and must rise to the limit again before it slides the next time. Therefore a closed inner
+loop is not forgotten, and a stack of reversals cannot describe the array. Its sliders are followed
+one by one, in time and along paths. The law is not in the register: nothing fits it.
 
 Reference:
     Mignolet, Song and Wang (2015), Journal of Sound and Vibration 349, 289; the densities of
-    Segalman (2005). The five parameters of Segalman and Starr (2004), which round off macroslip,
-    are another law: any concave virgin curve, see `given_backbone`.
+    Segalman (2005). The five-parameter law of Segalman and Starr (2004), which smooths macroslip,
+    is different: any concave virgin curve, see `given_backbone`.
 """
 
 from typing import ClassVar, NamedTuple, NoReturn
@@ -28,13 +28,13 @@ from jbw.oscillator.parameters import SLOW, Scalar
 from jbw.quantities import Quantity
 
 COUNT = 1000
-GRADING = 2  # edges of the sliders' limits are this power of even ones
-_GRADED = 3  # power of a loop's nodes
+GRADING = 2  # edges of the bins of sliders' limits are this power of uniform ones
+_GRADED = 3  # power that grades a loop's nodes towards 0
 _WITHIN = 1.0 - 1e-14  # of the largest drop, at which its angle has no derivative
 
 
 class SliderStretches(NamedTuple):
-    """Every slider's stretch [m], and whether it slides: the direction, or 0 where it sticks."""
+    """Every slider's stretch [m], and its sliding direction, or 0 if it sticks."""
 
     stretch: Float[Array, " slider"]
     slides: Float[Array, " slider"]
@@ -46,18 +46,18 @@ class Iwan5(Law):
     $$\rho(\varphi) = R\varphi^\chi + S\,\delta(\varphi - \varphi_{max}), \qquad
       F_b(u) = \vartheta \int_0^u \varphi\,\rho\,d\varphi + u \int_u^\infty \rho\,d\varphi$$
 
-    With theta = 1 it is `Iwan4`. The density is met by so many sliders, each with the stiffness and
-    the moment of its bin: virgin curves and loops are good to the inverse square of their number,
-    and to its inverse where a bin is about to let go. Stepped in time they let go one by one, each
-    within its step: good to 6e-4, 2e-4 and 1e-4 of the largest motion by one, two and four steps a
-    sample where theta is 0.8 and a period has 40 samples.
+    With theta = 1 it is `Iwan4`. A finite number of sliders represents the density, each with the
+    stiffness and the moment of its bin: the error of virgin curves and loops falls with the square
+    of their number, and linearly where a bin is about to slide. Stepped in time they begin to slide
+    one by one, each within its step: errors are 6e-4, 2e-4 and 1e-4 of the largest motion with one,
+    two and four steps per sample where theta is 0.8 and a period has 40 samples.
 
     Attributes:
         iwan_stiffness: Stiffness at rest, K_T [1/s^2].
         iwan_loss: Secant stiffness that `Iwan4` of the same limits loses at 1 mm [1/s^2].
         iwan_chi: Exponent chi > -1 of the sliders' density [-].
-        iwan_beta: Stiffness of the sliders that slip last over that of the others [-].
-        iwan_theta: Force of sliding over that of sticking, above 0, at most 1 [-].
+        iwan_beta: Stiffness of the last sliders to slip over that of all others [-].
+        iwan_theta: Sliding force over sticking limit, above 0, at most 1 [-].
         count: Number of sliders.
     """
 
@@ -76,7 +76,7 @@ class Iwan5(Law):
 
     @property
     def sticking(self) -> Iwan4:
-        """The law of the sliders' limits, of theta = 1."""
+        """The Iwan law of the sliders' sticking limits, theta = 1."""
         return Iwan4(self.iwan_stiffness, self.iwan_loss, self.iwan_chi, self.iwan_beta)
 
     def array(self) -> tuple[Float[Array, " slider"], Float[Array, " slider"]]:
@@ -95,11 +95,11 @@ class Iwan5(Law):
         return SliderStretches(jnp.zeros(self.count), jnp.zeros(self.count))
 
     def force(self, y: Scalar, v: Scalar, memory: SliderStretches) -> Scalar:
-        """Sum of the sliders' forces [N/kg]."""
+        """Return the sum of the sliders' forces [N/kg]."""
         return memory.stretch @ self.array()[0]
 
     def move(self, y: Scalar, memory: SliderStretches, dy: Scalar) -> SliderStretches:
-        """Return the sliders after a monotone move, exact for each slider."""
+        """Return the sliders' stretches after a monotone move, exact for each slider."""
         limit = self.array()[1]
         way = jnp.sign(jnp.asarray(dy, float))
         stuck_stretch = memory.stretch + dy
@@ -110,18 +110,18 @@ class Iwan5(Law):
         return SliderStretches(stretch, direction)
 
     def virgin(self, x: Scalar) -> Scalar:
-        """Return the force of the first loading to a displacement x >= 0 [N/kg], in closed form."""
+        """Return the force [N/kg] of the first loading to x >= 0, in closed form."""
         most, theta = self.sticking.phi_max, self.iwan_theta
         q, last = jnp.minimum(x, most), self._lump * jnp.where(x < most, x, theta * most)
         return theta * self._first(q) + x * (self._spread - self._zeroth(q)) + last
 
     def unloading(self, y_peak: Scalar, by: Scalar) -> Scalar:
-        r"""Return the steady loop's force at a distance D back from its tip Y [N/kg], closed form.
+        r"""Return the steady loop's force [N/kg] at a distance D back from its tip Y (closed form).
 
         $$F = -\vartheta M_1(p) + \vartheta (M_1(q) - M_1(p)) - D (M_0(q) - M_0(p))
           + (Y - D)(M_0(\infty) - M_0(q)), \qquad M_n(x) = \int_0^x \varphi^n \rho\,d\varphi$$
 
-        with p = D/(1 + theta) and q = Y, no more than Y and phi_max; the last sliders likewise.
+        with p = D/(1 + theta) and q = Y, both limited to Y and phi_max; the last sliders likewise.
         """
         most, theta = self.sticking.phi_max, self.iwan_theta
         q = jnp.minimum(y_peak, most)
@@ -133,24 +133,24 @@ class Iwan5(Law):
         return gone - stuck + never + self._lump * jnp.where(y_peak < most, y_peak - by, slid)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return the equivalent stiffness and damping of the steady loop, from each slider's own.
+        r"""Return the equivalent stiffness and damping of the steady loop, summed over sliders.
 
-        With r = phi/Y, and the angle of its drop $\cos c = 1 - (1 + \vartheta)\,r$, a slider of
-        unit stiffness that slides has
+        With r = phi/Y, and the angle at which it begins to slide, $\cos c = 1 - (1 +
+        \vartheta)\,r$, a sliding slider of unit stiffness has
 
         $$\mathrm{Re}\,\kappa = \frac{2}{\pi}\Bigl[(2\vartheta r - 1)\sin c
           + \frac{c + \sin c\cos c}{2}\Bigr], \qquad
           E = 4\vartheta\varphi Y - (1 + \vartheta)(3\vartheta - 1)\,\varphi^2$$
 
-        The sum of E over the density is closed. That of the stiffness is by Gauss's rule in c,
-        graded towards 0, where it has a broken power.
+        The sum of E over the density has a closed form. The sum of the stiffness is computed by
+        Gauss's rule in c, graded towards 0, where the integrand has a fractional power.
         """
         y_peak = jnp.asarray(y_peak, float)
         at_zero = y_peak == 0.0
         peak = jnp.where(at_zero, REFERENCE, y_peak)
         most, theta, chi = self.sticking.phi_max, self.iwan_theta, self.iwan_chi
         reach = jnp.minimum(peak, most)
-        last = jnp.where(peak < most, 0.0, self._lump)  # of the sliders that slip last
+        last = jnp.where(peak < most, 0.0, self._lump)  # stiffness of the last sliders if they slip
         end = _drop(theta, reach / peak)
 
         def part(node: Scalar, weight: Scalar) -> Scalar:
@@ -172,14 +172,14 @@ class Iwan5(Law):
         )
 
     def rate(self, y: Scalar, v: Scalar, memory: SliderStretches) -> SliderStretches:
-        """Return the rate of stuck sliders [m/s]; `move` handles the drop of each slider."""
+        """Return the stretch rates of stuck sliders [m/s]; `move` handles each slider's drop."""
         stays = memory.slides * v > 0.0
         return SliderStretches(jnp.where(stays, 0.0, v), jnp.zeros_like(memory.slides))
 
     def turn(
         self, h: Scalar, y: Scalar, memory: SliderStretches, ends: Ends, quartic: Scalar
     ) -> tuple[SliderStretches, Scalar, Scalar]:
-        """Return every slider that slides sticks at the turning point."""
+        """Return the sliders after a step, and its impulses; at a turn all sliders stick."""
         path = StepPath.through(ends, quartic)
         at_turn = self.move(y, memory, path.before)
         regained = jnp.sum(self.array()[0] * jnp.abs(at_turn.slides))
@@ -209,30 +209,30 @@ class Iwan5(Law):
     # -- of the density ----------------------------------------------------------------------------
     @property
     def _spread(self) -> Scalar:
-        """Stiffness of all sliders but the last [1/s^2]."""
+        """The total stiffness of all sliders except the last ones [1/s^2]."""
         return self.iwan_stiffness / (1.0 + self.iwan_beta)
 
     @property
     def _lump(self) -> Scalar:
-        """Stiffness of the last ones [1/s^2]."""
+        """The stiffness of the sliders that slip last [1/s^2]."""
         return self.sticking.s
 
     def _zeroth(self, x: Scalar) -> Scalar:
-        """Return the moment M_0 up to x <= phi_max [1/s^2]."""
+        """Return the moment M_0 of the density up to x <= phi_max [1/s^2]."""
         return self._spread * power(x / self.sticking.phi_max, self.iwan_chi + 1.0)
 
     def _first(self, x: Scalar) -> Scalar:
-        """Return the moment M_1 up to x <= phi_max [N/kg]."""
+        """Return the moment M_1 of the density up to x <= phi_max [N/kg]."""
         return (self.iwan_chi + 1.0) / (self.iwan_chi + 2.0) * x * self._zeroth(x)
 
 
 def _drop(theta: Scalar, ratio: Scalar) -> Scalar:
-    """Return the loop angle at which sliders of limit `ratio` times the peak let go [rad]."""
+    """Return the loop angle at which sliders of limit `ratio` times the peak slip [rad]."""
     return 2.0 * jnp.arcsin(jnp.sqrt(0.5 * (1.0 + theta) * ratio * _WITHIN))
 
 
 def _slider_stiffness(theta: Scalar, c: Scalar) -> Scalar:
-    """Return the equivalent stiffness of a unit-stiffness slider that lets go at angle c [-]."""
+    """Return the equivalent stiffness of a unit-stiffness slider that slips from angle c on [-]."""
     ratio = 2.0 * jnp.sin(0.5 * c) ** 2 / (1.0 + theta)
     sine = jnp.sin(c)
     return 2.0 / jnp.pi * ((2.0 * theta * ratio - 1.0) * sine + 0.5 * (c + sine * jnp.cos(c)))

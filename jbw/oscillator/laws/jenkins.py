@@ -1,4 +1,4 @@
-r"""Jenkins sliders in parallel: springs that each slip at a displacement of their own."""
+r"""Jenkins sliders in parallel: springs, each of which slips at its own displacement."""
 
 from collections.abc import Mapping
 from functools import cache, reduce
@@ -29,18 +29,18 @@ from jbw.oscillator.steady.waveform import (
 from jbw.quantities import Quantity
 from jbw.report.messages import joint as messages
 
-# The prior of the first slip is between these fractions of the largest displacement, of the others
-# from there up by ratios of at least one, so that sliders cannot be interchanged. The ratios
-# together span as much; a slider that never slips is a linear spring.
+# The prior of the first slip lies between these fractions of the largest displacement. Each other
+# slip is its predecessor times a ratio of at least one, so that sliders cannot be interchanged. The
+# ratios together span the same range; a slider that never slips is a linear spring.
 SLIP = (0.02, 2.0)
-SHARE = (0.002, 0.5)  # of the stiffness, all sliders together
+SHARE = (0.002, 0.5)  # of the stiffness, for all sliders together
 FORCED_SHARE = (0.01, MOST_SOFTENING)
 _NODES, _NODES_PER_HARMONIC = 24, 2
 _SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 def _table(count: int) -> tuple[Quantity, ...]:
-    """Return the parameters of `count` sliders, in the order of their slips."""
+    """Return the parameter table of `count` sliders, in the order of their slips."""
     rows = []
     for i in range(1, count + 1):
         low, before = (f"{number}".translate(_SUBSCRIPT) for number in (i, i - 1))
@@ -60,7 +60,7 @@ def _slip(i: int) -> Quantity:
 
 
 def _slips(count: int) -> tuple[Monomial, ...]:
-    """Return the other sliders' slips, products of the first one and the ratios."""
+    """Return the slips of all sliders after the first, as products of slip_1 and ratios."""
     return tuple(
         Monomial(_slip(i), {"slip_1": 1} | {f"slip_ratio_{j}": 1 for j in range(2, i + 1)})
         for i in range(2, count + 1)
@@ -68,16 +68,16 @@ def _slips(count: int) -> tuple[Monomial, ...]:
 
 
 class Jenkins(Law):
-    r"""Parallel array of Jenkins elements; its memory is the tuple of the springs' stretches x.
+    r"""A parallel array of Jenkins elements; its memory is the tuple of the springs' stretches x.
 
     $$F = \sum_i \alpha_i x_i, \qquad x_i \leftarrow \mathrm{clip}(x_i + dy,\,
       -\varphi_i,\, \varphi_i)$$
 
-    The move is exact for every monotone path. A Masing law: damping follows from softening.
+    The move is exact for every monotone path. It is a Masing law: damping follows from softening.
 
     Attributes:
         alpha: Stiffness of each slider [1/s^2]; scalars, or an array of one axis.
-        phi: Displacement at which each slips [m].
+        phi: Displacement at which each slider slips [m].
 
     Reference:
         Iwan (1966).
@@ -104,7 +104,7 @@ class Jenkins(Law):
         return cls(tuple(theta[f"stiffness_{i}"] for i in range(1, len(phi) + 1)), tuple(phi))
 
     def parameters(self) -> dict[str, Any]:
-        """Return the values by name."""
+        """Return the stiffnesses, the first slip and the slip ratios by name."""
         values: dict[str, Any] = {}
         for i, (alpha, phi) in enumerate(zip(self.alpha, self.phi, strict=True)):
             values[f"stiffness_{i + 1}"] = alpha
@@ -113,7 +113,7 @@ class Jenkins(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Bound each slider to an equal stiffness share; bound the first slip and slip ratios."""
+        """Return prior bounds: equal stiffness shares of sliders, first slip, and slip ratios."""
         count = len(cls.table) // 2
         share = FORCED_SHARE if scales.forced else SHARE
         low, high = (float(part * scales.omega_n**2 / count) for part in share)
@@ -126,14 +126,14 @@ class Jenkins(Law):
 
     # -- motion ------------------------------------------------------------------------------------
     def thresholds(self) -> tuple[Threshold, ...]:
-        """Return the slips; sliders that never slip are one linear spring."""
+        """Return the slip displacements; sliders that never slip act as one linear spring."""
         return tuple(
             Threshold(f"slip of slider {i}", phi, messages.STUCK_SLIDER)
             for i, phi in enumerate(self.phi, 1)
         )
 
     def stiffness(self) -> Scalar:
-        """Return all sliders stuck [1/s^2]."""
+        """Return the total stiffness of the stuck sliders [1/s^2]."""
         return sum(self.alpha)
 
     def at_rest(self) -> tuple[Scalar, ...]:
@@ -141,25 +141,25 @@ class Jenkins(Law):
         return tuple(0.0 for _ in self.alpha)
 
     def force(self, y: Scalar, v: Scalar, memory: tuple[Scalar, ...]) -> Scalar:
-        """Sum of the sliders' forces [N/kg]."""
+        """Return the sum of the sliders' forces [N/kg]."""
         return sum(alpha * x for alpha, x in zip(self.alpha, memory, strict=True))
 
     def rate(self, y: Scalar, v: Scalar, memory: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-        """Return a spring stretches as y moves while its slider sticks."""
+        """Return the stretch rates: the velocity for stuck sliders, zero for slipping ones."""
         slips = self.branch(v, memory)
         return tuple(jnp.where(slip, 0.0, v) for slip in slips)
 
     def move(self, y: Scalar, memory: tuple[Scalar, ...], dy: Scalar) -> tuple[Scalar, ...]:
-        """Return the exact stretches after a monotone move."""
+        """Return the sliders' exact stretches after a monotone move."""
         return tuple(jnp.clip(x + dy, -phi, phi) for x, phi in zip(memory, self.phi, strict=True))
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """Convert each slider to an elastic-perfectly-plastic spring in OpenSees."""
+        """Return each slider as an elastic-perfectly-plastic material of OpenSees."""
         pairs = zip(self.alpha, self.phi, strict=True)
         return of_opensees(*(Material("ElasticPP", (mass * k, slip)) for k, slip in pairs))
 
     def memory_unit(self, omega_n: Scalar) -> tuple[Scalar, ...]:
-        """Return a stretch times omega_n is a velocity."""
+        """Return the factor to a velocity, omega_n, because each memory entry is a displacement."""
         return tuple(omega_n for _ in self.alpha)
 
     # -- through a time step -----------------------------------------------------------------------
@@ -178,13 +178,13 @@ class Jenkins(Law):
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: tuple, branch: tuple
     ) -> Scalar:
-        """Return half of h^2 times the remainder's second derivative."""
+        """Return half of h^2 times the remainder's second time derivative."""
         return -0.5 * h**2 * a * self._slipping(branch)
 
     def glide(
         self, y: Scalar, memory: tuple[Scalar, ...], dy: Scalar, branch: tuple
     ) -> tuple[tuple[Scalar, ...], Bool[Array, "..."]]:
-        """Return the exact move, and whether a slider began to slip."""
+        """Return the exact stretches after a move, and True if a slider began to slip."""
         moved = self.move(y, memory, dy)
         after = self.branch(dy, moved)
         met = (now != was for now, was in zip(after, branch, strict=True))
@@ -193,10 +193,10 @@ class Jenkins(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: tuple[Scalar, ...], ends: Ends, quartic: Scalar
     ) -> tuple[tuple[Scalar, ...], Scalar, Scalar]:
-        """Return every slider may begin to slip before the turning point and again after it."""
+        """Return stretches and impulses of a step; sliders may slip before and after its turn."""
         path = StepPath.through(ends, quartic)
         start = jnp.where(ends[0] == 0.0, ends[1], ends[0])
-        # All sliders at once: one by one they take several times as long to compile.
+        # All sliders are treated at once: one by one they take several times as long to compile.
         alpha, phi, x = (jnp.stack(part) for part in (self.alpha, self.phi, memory))
         at_turn = barrier(jnp.clip(x + path.before, -phi, phi))
         slid = signed(at_turn, start) >= phi
@@ -207,7 +207,7 @@ class Jenkins(Law):
         regained = jnp.where(path.turns & slid, alpha, 0.0)
         turned = kink_impulse(1.0 - path.fraction, regained * path.bend, 0.0)
         impulse_v, impulse_y = turned.v, turned.y
-        # Slip begins: the slope of r falls by alpha. It ends where the motion turns.
+        # Where slip begins, the slope of r falls by alpha; slip ends where the motion turns.
         for begins, s in (first, (slips_again, path.passage(place, first=False))):
             s = barrier(jnp.where(begins, s, 1.0))
             lost = jnp.where(begins, -alpha, 0.0)
@@ -220,22 +220,24 @@ class Jenkins(Law):
     def shift(
         self, y: Scalar, memory: tuple[Scalar, ...], dy: Scalar, branch: tuple
     ) -> tuple[Scalar, ...]:
-        """Shift the stretches of stuck sliders only."""
+        """Return the sliders' stretches after a small move, which shifts only the stuck ones."""
         triples = zip(memory, self.phi, branch, strict=True)
         return tuple(jnp.where(slip, x, jnp.clip(x + dy, -phi, phi)) for x, phi, slip in triples)
 
     def _slipping(self, branch: tuple) -> Scalar:
-        """Return the stiffness of the sliders that slip [1/s^2]."""
+        """Return the total stiffness of the slipping sliders [1/s^2]."""
         pairs = zip(self.alpha, branch, strict=True)
         return sum(jnp.where(slip, alpha, 0.0) for alpha, slip in pairs)
 
     # -- along a periodic motion -------------------------------------------------------------------
     def at_tip(self, y_peak: Scalar) -> tuple[Scalar, ...]:
-        """Return the stretches at y = Y of the steady loop."""
+        """Return the stretches at the tip y = Y of the steady loop."""
         return tuple(jnp.minimum(y_peak, phi) for phi in self.phi)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return the closed-form loop; c = arccos(1 - 2 phi/Y) for Y > phi, alpha elsewhere.
+        r"""Return the sliders' equivalent stiffness and damping, in closed form.
+
+        c = arccos(1 - 2 phi/Y) for Y > phi; elsewhere a slider's stiffness is alpha.
 
         $$\kappa = \frac{\alpha}{\pi}\left(c - \tfrac12 \sin 2c\right)
           + 4j\,\frac{\alpha\varphi (Y - \varphi)}{\pi Y^2}$$
@@ -255,7 +257,7 @@ class Jenkins(Law):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Integrate between the turning points and the angle where each slider slips again."""
+        """Return odd harmonics, integrated between turns and the angle where each slider slips."""
         if max_turns > 2:
             return super().harmonics(q, max_turns, omega)
         start = crest(q)
@@ -277,7 +279,7 @@ class Jenkins(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Return the force at angles of a period; exact for two turning points a period."""
+        """Return the steady force [N/kg] at angles of a period; exact for two turns a period."""
         if max_turns > 2:
             return super().force_over_period(q, theta, max_turns, omega)
         peak = synthesis(q, crest(q))
@@ -290,13 +292,13 @@ class Jenkins(Law):
         return side * sum(parts)
 
     def _unloading(self, phi: Scalar, peak: Scalar, y: Scalar) -> Scalar:
-        """Stretch less displacement on the way down from the peak: first stuck, then slipping."""
+        """Return a slider's stretch minus displacement on unloading: first stuck, then slipping."""
         return jnp.where(peak > phi, -jnp.minimum(peak - phi, y + phi), 0.0)
 
 
 @cache
 def jenkins(count: int) -> type[Jenkins]:
-    """Return the kind of law with `count` sliders, `jenkins_3` in a campaign."""
+    """Return the law class with `count` sliders, `jenkins_3` in a campaign."""
     body = {
         "name": f"jenkins_{count}",
         "table": _table(count),

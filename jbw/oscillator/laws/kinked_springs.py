@@ -27,15 +27,15 @@ from jbw.oscillator.steady.waveform import (
 )
 from jbw.quantities import Quantity
 
-# Of a stop, over the linear stiffness: an interface that opens, and one that pins.
+# Prior of a stop's stiffness over the linear stiffness: from an opening interface to a pin.
 STOP_SHARE = (-0.5, 2.0)
-# Where it begins to act, over the largest displacement: at rest it would be a linear spring.
+# Prior of the gap over the largest displacement: with no gap it would be a linear spring.
 STOP_GAP = (0.02, 1.0)
 _NODES, _NODES_PER_HARMONIC = 16, 4
 
 
 class Corner(NamedTuple):
-    """A displacement where a spring's derivatives jump, with the jumps as y rises through it.
+    """A displacement at which a spring's derivatives jump, with the jumps for rising y.
 
     Attributes:
         y: Displacement [m].
@@ -49,34 +49,34 @@ class Corner(NamedTuple):
 
 
 class KinkedSpring(Spring):
-    """Base of the odd springs with corners, at which the time step and the quadrature are split."""
+    """The base class of odd springs with corners, where the step and the quadrature are split."""
 
     def corners(self) -> tuple[Corner, ...]:
-        """Return the corners in falling order of their displacements."""
+        """Return the spring's corners in falling order of their displacements."""
         raise NotImplementedError
 
     def even_part(self) -> None:
-        """Return None, as the spring has no even part."""
+        """Return None: the spring is odd and has no even part."""
 
     # -- through a time step -----------------------------------------------------------------------
     @property
     def kinked(self) -> bool:
-        """Always."""
+        """Whether the law has kinks; always."""
         return True
 
     def glide(
         self, y: Scalar, memory: tuple[()], dy: Scalar, branch: tuple[()]
     ) -> tuple[tuple[()], Bool[Array, "..."]]:
-        """Return whether the step leads through a corner."""
+        """Return the (empty) memory, and True if the step passes through a corner."""
         passed = ((y > corner.y) != (y + dy > corner.y) for corner in self.corners())
         return (), jnp.any(jnp.stack([jnp.asarray(crossed) for crossed in passed]), 0)
 
     def turn(
         self, h: Scalar, y: Scalar, memory: tuple[()], ends: Ends, quartic: Scalar
     ) -> tuple[tuple[()], Scalar, Scalar]:
-        r"""Return the impulses of the corners passed before the turning point, and after it.
+        r"""Return the impulses of the corners passed before and after the turning point.
 
-        With the jumps f', f'' of a corner, those of the force's derivatives in time are
+        From the jumps of f' and f'' at a corner, the jumps of the force's time derivatives are
 
         $$J_1 = f'\,|v|, \quad J_2 = \mathrm{sgn}(v)\,(f' a + f'' v^2), \quad
           J_3 = \mathrm{sgn}(v)\,(f' \dot a + 3 f'' v a)$$
@@ -107,7 +107,7 @@ class KinkedSpring(Spring):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Integrate over half a period from the crest, between the corners."""
+        """Return the spring's odd harmonics, integrated between its corners over half a period."""
         if max_turns > 2:
             return generic.harmonics_by_moves(self, q, max_turns, omega)
         fixed = stop_gradient(q)
@@ -125,7 +125,7 @@ class Quadratic(KinkedSpring):
     r"""Stiffness that changes with the size of the displacement, $f(y) = c\,y|y|$ [N/kg].
 
     Attributes:
-        c: Quadratic stiffness, negative where it softens [1/(m s^2)].
+        c: Quadratic stiffness, negative if it softens [1/(m s^2)].
     """
 
     name: ClassVar[str] = "quadratic"
@@ -138,7 +138,7 @@ class Quadratic(KinkedSpring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Bound the spring, of either sign, to 0.3 of the linear stiffness at largest motion."""
+        """Return prior bounds, up to 0.3 of the linear force at the largest motion, either sign."""
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak
         return {"quadratic": (-most, most)}
 
@@ -147,23 +147,23 @@ class Quadratic(KinkedSpring):
         return self.c * y * jnp.abs(y)
 
     def corners(self) -> tuple[Corner, ...]:
-        """Return the corner at rest, where f'' = 2 c sgn(y) jumps."""
+        """Return the corner at rest, y = 0, where f'' = 2 c sgn(y) jumps."""
         return (Corner(0.0 * self.c, 0.0 * self.c, 4.0 * self.c),)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return the closed-form loop, $\kappa = 8 c Y / (3\pi)$."""
+        r"""Return the equivalent stiffness in closed form, $\kappa = 8 c Y / (3\pi)$."""
         stiffness = 8.0 / (3.0 * jnp.pi) * self.c * jnp.asarray(y_peak, float)
         return Loop(stiffness, jnp.zeros_like(stiffness))  # pyright: ignore[reportArgumentType]
 
 
 class Stop(KinkedSpring):
-    r"""Two-sided stop, $f(y) = K\,\mathrm{sgn}(y)\,\max(|y| - \delta, 0)$ [N/kg].
+    r"""A two-sided stop, $f(y) = K\,\mathrm{sgn}(y)\,\max(|y| - \delta, 0)$ [N/kg].
 
-    A pin that comes to bear stiffens (K > 0), an interface that opens softens (K < 0).
+    A pin that makes contact stiffens (K > 0); an interface that opens softens (K < 0).
 
     Attributes:
         k: Stiffness beyond the gap [1/s^2].
-        gap: Displacement delta at which it begins to act [m].
+        gap: Displacement delta at which the stop begins to act [m].
     """
 
     name: ClassVar[str] = "stop"
@@ -178,14 +178,14 @@ class Stop(KinkedSpring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return a share of the linear stiffness, of either sign; within what was moved."""
+        """Return prior bounds: a stiffness share of either sign, and gaps within the motion."""
         least, most = (share * scales.omega_n**2 for share in STOP_SHARE)
         near, far = (share * scales.y_peak for share in STOP_GAP)
         return {"stop_stiffness": (least, most), "stop_gap": (near, far)}
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """Warn if the prior has stops beyond all motion: the stop then has no effect."""
+        """Return a warning if the prior has stops beyond all motion, which have no effect."""
         return beyond_all_motion("stop_gap", bounds["stop_gap"], y_peak)
 
     def thresholds(self) -> tuple[Threshold, ...]:
@@ -202,7 +202,7 @@ class Stop(KinkedSpring):
         return Corner(self.gap, self.k, none), Corner(-self.gap, -self.k, none)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return the closed-form loop beyond the gap, with $c = \arccos(\delta/Y)$.
+        r"""Return the equivalent stiffness beyond the gap, with $c = \arccos(\delta/Y)$.
 
         $$\kappa = \frac{K}{\pi}\,(2c - \sin 2c)$$
         """
@@ -213,7 +213,7 @@ class Stop(KinkedSpring):
         return Loop(stiffness, jnp.zeros_like(stiffness))
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """Convert to OpenSees' piecewise line through four points, continued at both ends."""
+        """Return this law as OpenSees' line through four points, extended at both ends."""
         gap, force = float(self.gap), mass * self.k * float(self.gap)
         points = ("-strain", -2 * gap, -gap, gap, 2 * gap, "-stress", -force, 0.0, 0.0, force)
         return of_opensees(Material("ElasticMultiLinear", points))

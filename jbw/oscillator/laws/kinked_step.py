@@ -1,10 +1,10 @@
-r"""The joint's part of one time step, through a turning point, a zero of z, or both.
+r"""The Bouc-Wen force in one time step, through a turning point, a zero of z, or both.
 
 The residual force $r = z - \alpha y$ has jumps of its second and third derivative: at a turning
-point $J_2 = -2\gamma|\dot v|z$, $J_3 = -2\gamma\,\mathrm{sgn}(v_1)\,\ddot v z$; at a zero of z
-$J_2 = -2\alpha\delta v|v|$, $J_3 = -6\alpha\delta|v|\dot v + 4\alpha\gamma\delta v^3$. They are
-paid back as impulses on v and y: with J_2 the state is of order 4, with the rest its derivatives
-are too. The derivatives are written out: found by AD they cost several times as much.
+point $J_2 = -2\gamma|\dot v|z$, $J_3 = -2\gamma\,\mathrm{sgn}(v_1)\,\ddot v z$; at a zero of z $J_2
+= -2\alpha\delta v|v|$, $J_3 = -6\alpha\delta|v|\dot v + 4\alpha\gamma\delta v^3$. Impulses on v and
+y compensate them: with J_2 the state is of order 4, and with J_3 its derivatives are too. The
+derivatives are written out, because automatic differentiation costs several times as much.
 """
 
 from collections.abc import Sequence
@@ -30,20 +30,20 @@ from jbw.oscillator.kinks import (
 from jbw.oscillator.laws.piecewise_map import MoveSlopes, TwoMoves, two_moves
 from jbw.oscillator.parameters import Scalar
 
-# Derivatives by delta, gamma, z, the path's start, end and rise, and its quartic term.
+# Derivatives by delta, gamma, z, the path's start slope, end slope and rise, and its quartic term.
 Slopes = tuple[Scalar, ...]
 Law = tuple[Scalar, Scalar, Scalar]
 
 
 class _Kinked(NamedTuple):
-    """z at the end and the impulses (times 1/h and 1/h^2), and the derivatives of each."""
+    """The force z at the end and impulses (times 1/h and 1/h^2), and derivatives of each."""
 
     values: tuple[Scalar, Scalar, Scalar]
     slopes: tuple[Slopes, Slopes, Slopes]
 
 
 class _Motion(NamedTuple):
-    """Path of a step, where it turns and how sharply, and the two moves along it."""
+    """The path of a step, its turning point and sharpness, and the two moves along it."""
 
     path: CubicPath
     turns: Bool[Array, "..."]
@@ -56,8 +56,8 @@ class _Motion(NamedTuple):
 def kinked_step(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> tuple[Scalar, Scalar, Scalar]:
     """Return the force z at the end of a step, and its kinks' impulses on v/h and y/h^2 [m/s^2].
 
-    Without the path's quartic term, (h d/dt)^4 y / 24 [m], the turning point would be of order 4
-    only, and its derivatives, which move it within the step, of order 3.
+    Without the path's quartic term, (h d/dt)^4 y / 24 [m], the turning point would only be of order
+    4, and its derivatives of order 3, because they move it within the step.
     """
     return _kinked(law, z, ends, quartic).values
 
@@ -78,7 +78,7 @@ def _kinked_step_jvp(primals, tangents):
 
 
 def _kinked(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Kinked:
-    """Return the values and derivatives; under jit only those that are used are computed."""
+    """Return the values and derivatives of a kinked step; under jit only if they are used."""
     motion = _motion(law, z, ends, quartic)
     fraction_slopes, sharpness_slopes, by_path, by_quartic = _turn_slopes(motion, ends, quartic)
     z_1 = motion.moves.end
@@ -93,7 +93,7 @@ def _kinked(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Kinked:
 
 
 def _motion(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Motion:
-    """Locate the turning point of the path and compute z along it."""
+    """Return the motion in a step: the turning point of its path, and z along it."""
     start, end, rise = ends
     turns = jnp.asarray(start * end < 0.0)
     path = barrier(hermite(*ends))
@@ -108,9 +108,9 @@ def _motion(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Motion:
 def _turn_slopes(
     motion: _Motion, ends: Ends, quartic: Scalar
 ) -> tuple[PathSlopes, PathSlopes, PathSlopes, Scalar]:
-    """Differentiate the turning point, its sharpness and the move before it by the path.
+    """Return the derivatives of turning point, sharpness and first move by the path.
 
-    The cubic being flat there, its move depends on the path alone and not on where it turns.
+    Because the cubic is flat there, its move depends only on the path and not on where it turns.
     """
     move, slope, bend = hermite_basis(motion.fraction)
     per_bend = barrier(jnp.where(motion.turns, signed(1.0 / motion.sharpness, ends[0]), 0.0))
@@ -131,7 +131,7 @@ def _turn_slopes(
 
 
 def _along(moves: MoveSlopes, by_path: PathSlopes, by_quartic: Scalar) -> Slopes:
-    """Return the derivatives by the path instead of by the two moves along it."""
+    """Return derivatives by a step's path, from those by the two moves along it."""
     delta, gamma, z, first, second = moves
     more = first - second
     start, end, rise = (more * x for x in by_path)
@@ -146,7 +146,7 @@ def _turn_impulse(
     sharpness_slopes: PathSlopes,
     fraction_slopes: PathSlopes,
 ) -> tuple[KinkImpulse, tuple[Slopes, Slopes]]:
-    """Return the impulse of the turning point and its derivatives."""
+    """Return the impulse of the turning point, and its derivatives."""
     gamma, z = law[2], motion.moves.turn
     twice = jnp.where(motion.turns, -2.0, 0.0)
     sharpness, twist = motion.sharpness, signed(6.0 * motion.path.c_3, ends[1])
@@ -177,7 +177,7 @@ def _turn_impulse(
 def _zero_impulse(
     law: Law, z: Scalar, motion: _Motion, end_slopes: Slopes
 ) -> tuple[KinkImpulse, tuple[Slopes, Slopes]]:
-    """Return the impulse of the zero of z and its derivatives."""
+    """Return the impulse of the zero of z, and its derivatives."""
     alpha, delta, gamma = law
     path, z_1 = motion.path, motion.moves.end
     crosses = z * z_1 < 0.0
@@ -191,7 +191,7 @@ def _zero_impulse(
     shape_2, shape_3 = barrier((twice * shape_2, twice * shape_3))
     impulse = kink_impulse(1.0 - s, delta * shape_2, delta * shape_3)
 
-    # Where z passes zero: on the exact map if the path does not turn, else on a chord of z.
+    # z passes zero by the exact map if the path does not turn, otherwise on a chord of z.
     move_basis, slope_basis, bend_basis = (barrier(tuple(b)) for b in hermite_basis(s))
     per_speed = barrier(jnp.where(steady, 1.0 / jnp.where(steady, speed, 1.0), 0.0))
     chord = jnp.where(steady, 0.0, share**2)

@@ -1,8 +1,8 @@
-r"""LuGre's law, whose friction falls with speed: for simulation alone.
+r"""The LuGre law, whose friction falls with speed: for simulation only.
 
 Its force depends on the rate of motion, so that it has no loop, no backbone and no move along a
-path without its time; joints in harmonic motion at one frequency show none of that. Not in the
-register: a stock solver integrates it, and nothing fits it.
+path without time; joints in harmonic motion at one frequency show no such dependence. It is not in
+the register: a stock solver integrates it, and nothing fits it.
 
 Reference:
     Canudas de Wit, Olsson, Astrom and Lischinsky (1995), IEEE Trans. Autom. Control 40, 419.
@@ -19,7 +19,7 @@ from jbw.quantities import Quantity
 
 
 class LuGre(Law):
-    r"""Bristles of mean deflection z, which slip as $g(v)$ has it.
+    r"""LuGre friction: bristles with mean deflection z, which slip according to $g(v)$.
 
     $$\dot z = v - \frac{\sigma_0 |v|}{g(v)}\,z, \qquad
       g(v) = F_c + (F_s - F_c)\,e^{-(v/v_s)^2}, \qquad
@@ -32,7 +32,8 @@ class LuGre(Law):
         lugre_stiffness: Stiffness sigma_0 of the bristles [1/s^2].
         lugre_friction: Friction F_c of fast motion [N/kg].
         lugre_static: Friction F_s at rest [N/kg].
-        lugre_speed: Stribeck's speed v_s, at which the one becomes the other [m/s].
+        lugre_speed: Stribeck's speed v_s, at which static friction turns into friction of motion
+            [m/s].
         lugre_bristle_damping: Damping sigma_1 of the bristles [1/s].
         lugre_viscous: Viscous friction sigma_2 [1/s].
     """
@@ -64,7 +65,7 @@ class LuGre(Law):
         return 0.0
 
     def rate(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
-        """Return the rate of the bristles' deflection [m/s]."""
+        """Return the time derivative of the bristles' deflection [m/s]."""
         falls = self.lugre_static - self.lugre_friction
         limit = self.lugre_friction + falls * jnp.exp(-((v / self.lugre_speed) ** 2))
         return v - self.lugre_stiffness * jnp.abs(v) / limit * memory
@@ -75,7 +76,7 @@ class LuGre(Law):
         return self.lugre_stiffness * memory + bristles + self.lugre_viscous * v
 
     def move(self, y: Scalar, memory: Scalar, dy: Scalar) -> NoReturn:
-        """Raise an error: the force needs the motion in time, so there is no loop."""
+        """Raise an error: the force depends on the motion in time, so that there is no loop."""
         raise ModelError(
             "The law `lugre` depends on the rate of motion and has no loop or backbone.",
             remedy="Simulate it, or take `Valanis.dahl` where the rate does not matter.",

@@ -1,11 +1,11 @@
-r"""Masing's laws: a concave virgin curve, from which all other branches follow.
+r"""Masing laws: a concave virgin curve, from which all other branches follow.
 
 $$F = s F_b(s (y - y_0)) \text{ at first}, \qquad
   F = F_r + 2 s F_b\!\left(\tfrac{s (y - y_r)}{2}\right) \text{ after a reversal at } (y_r, F_r)$$
 
-and a branch that closes is forgotten with its reversals. The virgin curve is given by its lag
-$\ell(x) = K x - F_b(x)$, what slip takes of the elastic force, which is accurate where it is small.
-The same law is a parallel array of sliders of density $-F_b''(\varphi)$.
+and a closed branch is forgotten with its reversals. The virgin curve is given by its lag $\ell(x) =
+K x - F_b(x)$, the part of the elastic force lost to slip, which is accurate where it is small. The
+law is equivalent to a parallel array of sliders of density $-F_b''(\varphi)$.
 
 Reference:
     Masing (1926); Iwan (1966); Mayergoyz (1991) for the closures.
@@ -52,13 +52,13 @@ class Kink(NamedTuple):
 
 
 class _Move(NamedTuple):
-    """A monotone move.
+    """A monotone move of a Masing law.
 
     Attributes:
-        begin: The branch at its start, turned into its direction.
-        end: The branch at its end.
-        popped: How many reversals it has closed.
-        closure: Where it closed the last of them [m].
+        begin: Branch at the start, turned into the direction of the move.
+        end: Branch at the end.
+        popped: Number of reversals that the move has closed.
+        closure: Displacement of the last closure [m].
     """
 
     begin: Branch
@@ -68,10 +68,10 @@ class _Move(NamedTuple):
 
 
 class Masing(Law):
-    """Base of Masing's laws; a subclass defines `stiffness`, `lag` and `lag_integral`.
+    """The base class of Masing laws; a subclass defines `stiffness`, `lag` and `lag_integral`.
 
     Attributes:
-        depth: Reversals that are remembered; static.
+        depth: Number of reversals that can be remembered; static.
     """
 
     same_as: ClassVar[str] = SAME_CURVES
@@ -83,7 +83,7 @@ class Masing(Law):
         raise NotImplementedError
 
     def lag_integral(self, x: Scalar) -> Scalar:
-        """Return the integral of the lag from 0 to x [J/kg]."""
+        """Return the integral of the virgin curve's lag from 0 to x [J/kg]."""
         raise NotImplementedError
 
     def kink(self) -> Kink | None:
@@ -104,7 +104,7 @@ class Masing(Law):
         return memory.force
 
     def rate(self, y: Scalar, v: Scalar, memory: Branch) -> Branch:
-        """Return the rate of the force along the present branch, or along a branch that begins."""
+        """Return the time derivative of the memory: the force along the present or a new branch."""
         goes_on = memory.sense * v > 0.0
         slope = self.stiffness() + jnp.where(goes_on, memory.slope, 0.0)
         still = jax.tree.map(lambda x: 0.0 * x * v, memory)
@@ -115,7 +115,7 @@ class Masing(Law):
         return self._moved(y, memory, dy).end
 
     def refreshed(self, y: Scalar, memory: Branch) -> Branch:
-        """Return the branch and the force at y found anew from the reversals."""
+        """Return the branch and the force at y, recomputed from the reversals."""
         branch = branch_of(memory.sense, memory.stack)
         force, slope = self._on_branch(branch, y)
         moved = memory.stack.count > 0.5
@@ -124,15 +124,15 @@ class Masing(Law):
         )
 
     def at_tip(self, y_peak: Scalar) -> Branch:
-        """Return the memory on the virgin curve, which contains the steady loops' tips."""
+        """Return the memory at y = Y on the virgin curve, on which the steady loops' tips lie."""
         y_peak = jnp.asarray(y_peak, float)
         return self.move(0.0 * y_peak, self.at_rest(), y_peak)
 
     def memory_unit(self, omega_n: Scalar) -> Branch:
-        """Return a force over omega_n and a displacement times omega_n are velocities."""
+        """Return the memory's factors to velocities: 1/omega_n for forces, omega_n for lengths."""
         # Counters and dependent entries have a small weight; a power of two causes no rounding.
         small = 2.0**-10 + 0.0 * omega_n
-        none = 0.0 * omega_n  # `missed` counts on
+        none = 0.0 * omega_n  # `missed` is a counter that keeps growing
         stack = Stack(small, small, none, (omega_n,) * self.depth, (1.0 / omega_n,) * self.depth)
         return Branch(small, small, small, small, small, 1.0 / omega_n, small, stack)
 
@@ -145,12 +145,12 @@ class Masing(Law):
         return branch._replace(force=memory.force, slope=memory.slope, stack=stack)
 
     def unpacked(self, memory: Branch) -> Branch:
-        """Unpack the arrays of reversals into separate scalars."""
+        """Return the memory with its arrays of reversals unpacked into scalars."""
         y, f = (tuple(jnp.moveaxis(x, -1, 0)) for x in (memory.stack.y, memory.stack.f))
         return memory._replace(stack=memory.stack._replace(y=y, f=f))
 
     def guesses(self, memory: Branch) -> Scalar:
-        """Number of times that the motion returned to reversals that had been dropped."""
+        """Return the number of times that the motion returned to dropped reversals."""
         return memory.stack.missed
 
     # -- for derivatives ---------------------------------------------------------------------------
@@ -159,24 +159,24 @@ class Masing(Law):
         return memory.stack.y, memory.stack.f
 
     def with_columns(self, y: Scalar, memory: Branch, columns: tuple) -> Branch:
-        """Return the branch at y that other reversals leave."""
+        """Return the branch at y that follows from other reversals."""
         stack = memory.stack._replace(y=columns[0], f=columns[1])
         return self.refreshed(y, memory._replace(stack=stack))
 
     def turned_or_closed(self, before: Branch, after: Branch) -> Bool[Array, "..."]:
-        """Return whether a step has turned or closed a branch."""
+        """Return True if a step has turned the motion or closed a branch."""
         closed = before.stack.count != after.stack.count
         return jnp.asarray((before.sense != after.sense) | closed)
 
     def _on_branch(self, memory: Branch, y: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the force at y on the present branch, and its slope less that of rest."""
+        """Return the force at y on the present branch, and its slope minus that at rest."""
         distance, stretched = memory.sense * (y - memory.y), memory.stretch > 1.5
         lag, slope = self.lag(jnp.maximum(distance, 0.0) * jnp.where(stretched, 0.5, 1.0))
         rest = self.stiffness() * distance - jnp.where(stretched, 2.0, 1.0) * lag
         return memory.f + memory.sense * rest, -slope
 
     def _moved(self, y: Scalar, memory: Branch, dy: Scalar) -> _Move:
-        """Return a monotone move."""
+        """Return a monotone move by dy: its branches, closures and last closing displacement."""
         sense, stack = headed(memory.sense, memory.stack, y, memory.force, dy)
         begin = branch_of(sense, stack)._replace(force=memory.force)
         begin, stack = barrier((begin, stack))
@@ -200,7 +200,7 @@ class Masing(Law):
     def glide(
         self, y: Scalar, memory: Branch, dy: Scalar, branch: tuple
     ) -> tuple[Branch, Bool[Array, "..."]]:
-        """Advance along the branch; return True if it turned, closed or met the kink."""
+        """Return the memory after a step on its branch; True if it turned, closed or met a kink."""
         sense, after = memory.sense, y + dy
         force, slope = self._on_branch(memory, after)
         met = (sense * dy <= 0.0) | closes(sense, after, memory.y, memory.closure)
@@ -212,14 +212,14 @@ class Masing(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Branch, ends: Ends, quartic: Scalar
     ) -> tuple[Branch, Scalar, Scalar]:
-        """Return two moves, before and after the turning point, and the impulses of their kinks."""
+        """Return the memory after moves before and after the turn, and their kinks' impulses."""
         start, end, rise = ends
-        # A start against the sense is a residue of the corrector: too short for a turn.
+        # A start against the direction is a residue of the corrector: too short for a turn.
         strays = (memory.sense * start <= 0.0) & (start * end < 0.0)
         path = StepPath.through((jnp.where(strays, 0.0, start), end, rise), quartic)
         first = self._moved(y, memory, path.before)
         last = self.move(y + path.before, first.end, path.after)
-        # The slope of the turn's new branch is that of rest.
+        # The new branch after the turn has the slope at rest.
         jump = jnp.where(path.turns, -first.end.slope, 0.0)
         impulse = kink_impulse(1.0 - path.fraction, jump * path.bend, jump * 6.0 * path.cubic.c_3)
         impulse_v, impulse_y = impulse.v, impulse.y
@@ -228,7 +228,7 @@ class Masing(Law):
         return last, impulse_v, impulse_y
 
     def shift(self, y: Scalar, memory: Branch, dy: Scalar, branch: tuple) -> Branch:
-        """Return the force along its tangent."""
+        """Return the memory after a small move dy, with the force along its tangent."""
         return memory._replace(force=memory.force + (self.stiffness() + memory.slope) * dy)
 
     def _kinks(self, y: Scalar, path: StepPath, first: _Move):
@@ -255,7 +255,9 @@ class Masing(Law):
 
     # -- along a periodic motion -------------------------------------------------------------------
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return the loop from the lag, with x = Y sin^2(theta/2) on the way from Y to -Y.
+        r"""Return the loop's stiffness and damping from the lag, with x = Y sin^2(theta/2).
+
+        theta is the phase on the way from Y to -Y.
 
         $$\mathrm{Re}\,\kappa = K + \frac{4}{\pi Y}\int_0^\pi \ell(x) \cos\theta\,d\theta, \qquad
           \mathrm{Im}\,\kappa = \frac{4}{\pi Y^2}\left(Y \ell(Y) - 2\int_0^Y \ell\right)$$
@@ -265,7 +267,7 @@ class Masing(Law):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Return the harmonics; by quadrature if there are two turning points a period."""
+        """Return the remainder's odd harmonics, by quadrature for two turning points a period."""
         if max_turns > 2:
             return super().harmonics(q, max_turns, omega)
         return steady_harmonics(self, q)
@@ -277,7 +279,7 @@ class Masing(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Return the force at angles of a period; exact for two turning points a period."""
+        """Return the steady force [N/kg] at angles of a period; exact for two turns a period."""
         if max_turns > 2:
             return super().force_over_period(q, theta, max_turns, omega)
         return steady_force(self, q, theta)

@@ -1,10 +1,11 @@
-r"""Hysteretic force along a periodic motion (nu = 1).
+r"""The Bouc-Wen force along a periodic motion (nu = 1).
 
-Between two turning points the motion is monotone. Where there are two a period, the force depends
-on the path through the peak Y alone: it is the steady loop's, in closed form. Where there are more,
-the exact map gives the force from the last turning point, and its value at the first one is the
-root of the periodicity z(theta + pi) = -z(theta), one scalar equation, monotone with slope in
-[1, 2]. Everything is in one unit of length, with delta and gamma in its inverse and z over alpha.
+Between two turning points the motion is monotone. With two turning points per period, the force
+depends on the path only through the peak Y: it is that of the steady loop, in closed form. With
+more, the exact map gives the force from the last turning point on; its value at the first one is
+the root of the periodicity condition z(theta + pi) = -z(theta), one monotone scalar equation with
+slope in [1, 2]. Everything is in one unit of length, with delta and gamma in its inverse and z
+divided by alpha.
 """
 
 from typing import Any, NamedTuple
@@ -28,7 +29,8 @@ from jbw.oscillator.steady.waveform import (
     synthesis,
 )
 
-# The force is smooth between turning point and zero; each harmonic adds about pi/2 of phase there.
+# The force is smooth between a turning point and a zero; each harmonic adds about pi/2 of phase
+# there.
 _NODES = 24
 _NODES_PER_HARMONIC = 2
 _GRID_PER_HARMONIC = 16
@@ -47,14 +49,14 @@ def opening(y_peak: Scalar, delta: Scalar, gamma: Scalar) -> Float[Array, "..."]
 def relaxed_force(
     q: Complex[Array, " harmonic"], delta: Scalar, gamma: Scalar, max_turns: int
 ) -> Complex[Array, " harmonic"]:
-    r"""Return the harmonics of what relaxation takes from the elastic force, r = z/alpha - y.
+    r"""Return the harmonics of the part that relaxation removes, r = z/alpha - y.
 
     $$r_n = \frac{2}{\pi}\int_{\theta_t}^{\theta_t+\pi} r\, e^{-jn\theta}\,d\theta, \qquad
       r = -(y_0 + \text{lag}) \text{ on unloading}$$
 
-    by Gauss-Legendre between the turning points and the zero of z. The integrand is continuous
-    at these break points and equal at both ends, to its first derivative, so their motion adds
-    nothing to two derivatives of r_n and the nodes carry none.
+    by Gauss-Legendre quadrature between the turning points and the zero of z. The integrand is
+    continuous at these break points and equal at both ends, up to its first derivative. Their
+    motion therefore adds nothing to two derivatives of r_n, and the nodes carry none.
     """
     if max_turns > 2:
         return _folded_relaxed_force(q, delta, gamma, max_turns)
@@ -79,12 +81,12 @@ def force_over_period(
     gamma: Scalar,
     max_turns: int,
 ) -> Float[Array, " time"]:
-    """Return the hysteretic force z/alpha at angles of the period."""
+    """Return the steady Bouc-Wen force z/alpha at angles of the period."""
     if max_turns > 2:
         return _folded_force_over_period(q, theta, delta, gamma, max_turns)
     delta, gamma = jnp.asarray(delta), jnp.asarray(gamma)
     y_open = opening(synthesis(q, crest(q)), delta, gamma)
-    # Loading mirrors unloading.
+    # The loading branch mirrors the unloading branch.
     side = jnp.where(synthesis(q, theta, 1) > 0.0, -1.0, 1.0)
     y = side * synthesis(q, theta)
     return side * (y - y_open - unloading_lag(y, y_open, delta, gamma))
@@ -93,7 +95,7 @@ def force_over_period(
 def _folded_relaxed_force(
     q: Complex[Array, " harmonic"], delta: Scalar, gamma: Scalar, max_turns: int
 ) -> Complex[Array, " harmonic"]:
-    """Return the same with more turning points, by quadrature between them and the zeros of z."""
+    """Return `relaxed_force` for more turning points, integrated between these and zeros of z."""
     num_harmonics = q.shape[0]
     law, turns, y_turn, z_turn = _turning_states(q, delta, gamma, max_turns)
     turns, zeros = stop_gradient((turns, _zeros(q, turns, y_turn, z_turn, law)))
@@ -115,7 +117,7 @@ def _folded_force_over_period(
     gamma: Scalar,
     max_turns: int,
 ) -> Float[Array, " time"]:
-    """Return the same with more turning points, from the last one on."""
+    """Return `force_over_period` for motion with more than two turning points per period."""
     law, turns, y_turn, z_turn = _turning_states(q, delta, gamma, max_turns)
     after = jnp.mod(theta - turns[0], 2.0 * jnp.pi)
     side = jnp.where(after >= jnp.pi, -1.0, 1.0)
@@ -128,7 +130,7 @@ def turning_angles(q: Complex[Array, " harmonic"], max_turns: int) -> Float[Arra
     r"""Return half a period's turning points from the crest to its mirror; pad with the mirror."""
     start = crest(q)
     points = max(_LEAST_GRID, _GRID_PER_HARMONIC * q.shape[0])
-    # Half a cell off the ends, whose zeros of y' are known.
+    # The grid is half a cell off both ends, where y' is zero anyway.
     theta = stop_gradient(start) + np.pi * (np.arange(points) + 0.5) / points
     rising = synthesis(stop_gradient(q), theta, 1) > 0.0
     size = max_turns // 2 - 1
@@ -143,7 +145,7 @@ def turning_angles(q: Complex[Array, " harmonic"], max_turns: int) -> Float[Arra
 def _polish(
     q: Complex[Array, " harmonic"], lower: Float[Array, " turn"], width: float
 ) -> Float[Array, " turn"]:
-    """Zero of y' in each cell: halving, then Newton, whose last step carries the derivative."""
+    """Return the zero of y' in each cell: halving, then Newton steps that carry derivatives."""
     fixed = stop_gradient(q)
     sign = jnp.sign(synthesis(fixed, lower, 1))
 
@@ -159,7 +161,7 @@ def _polish(
 def _turning_states(
     q: Complex[Array, " harmonic"], delta: Scalar, gamma: Scalar, max_turns: int
 ) -> tuple[Any, Float[Array, " turn"], Float[Array, " turn"], Float[Array, " turn"]]:
-    """Return the law of z/alpha, the turning points, y and z there; the last mirrors the first."""
+    """Return the law of z/alpha, the turning points, and y and z there; last mirrors first."""
     law: Any = _UnitLaw(jnp.ones_like(delta), delta, gamma)
     turns = turning_angles(q, max_turns)
     y = synthesis(q, turns)
@@ -179,7 +181,7 @@ def _turning_states(
     fixed = stop_gradient((law, y))
     z = y[0] - opening(y[0], law.delta, law.gamma)
     z = jax.lax.fori_loop(0, _NUM_PERIODICITY, lambda _, z: newton(*fixed, z), stop_gradient(z))
-    # At the root two more steps change no digit and carry two derivatives.
+    # At the root, these two steps change no digit and carry two derivatives.
     z = newton(law, y, newton(law, y, stop_gradient(z)))
     return law, turns, y, path(law, y, z)
 
@@ -211,7 +213,7 @@ def _zeros(
 
 
 class _UnitLaw(NamedTuple):
-    """The hysteresis of z/alpha."""
+    """The Bouc-Wen parameters of z/alpha, with alpha = 1."""
 
     alpha: Scalar
     delta: Scalar
@@ -219,5 +221,5 @@ class _UnitLaw(NamedTuple):
 
     @property
     def nu(self) -> float:
-        """The exponent, no leaf."""
+        """The exponent, 1; it is not a leaf of the pytree."""
         return 1.0

@@ -32,16 +32,16 @@ def _expm1_ratio(x: np.ndarray) -> np.ndarray:
     return np.where(x == 0.0, 1.0, -np.expm1(-x) / np.where(x == 0.0, 1.0, x))
 
 
-# P on [-1, 1]; error 3e-15: a bias here shifts the stiffness, and the phase adds it up.
+# P on [-1, 1], with an error of 3e-15: a bias would shift the stiffness and accumulate in phase.
 _P = _interpolated(_expm1_ratio, 1.0, 12, -1.0)
-# Its derivative on the same interval, in gradients only; error 1e-11.
+# Derivative of P on the same interval, for gradients only, with an error of 1e-11.
 _P_SLOPE = _interpolated(lambda x: (np.expm1(-x) + x * np.exp(-x)) / x**2, 1.0, 9, -1.0)
-# atanh(t)/t as a function of t^2, t up to tanh(1/2); error 1e-13.
+# atanh(t)/t as a function of t^2, for t up to tanh(1/2), with an error of 1e-13.
 _ATANH = _interpolated(lambda s: np.arctanh(np.sqrt(s)) / np.sqrt(s), np.tanh(0.5) ** 2, 9)
 
 
 def _polynomial(terms: list, x: Scalar) -> Scalar:
-    """Sum of terms[n] x^n by Estrin's scheme: few dependent operations."""
+    """Return the sum of terms[n] x^n by Estrin's scheme, which has few dependent operations."""
     while len(terms) > 1:
         odd = terms[-1:] if len(terms) % 2 else []
         terms = [a + b * x for a, b in zip(terms[::2], terms[1::2], strict=False)] + odd
@@ -67,7 +67,7 @@ def saturation_slope(x: Scalar) -> Scalar:
 
 
 def smooth_move(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> Scalar:
-    r"""Return the force z after a move dy along one branch, $|c\,dy| \le 1$.
+    r"""Return the force z after a move dy along one branch, for $|c\,dy| \le 1$.
 
     $$z + (\alpha - c z)\,dy\,P(c\,dy)$$
     """
@@ -75,7 +75,7 @@ def smooth_move(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> Scalar:
 
 
 def segment(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> tuple[Scalar, Scalar]:
-    r"""Return the force z after a move dy along one branch, $|c\,dy| \le 4$, and $\phi$.
+    r"""Return the force z after a move dy along one branch, for $|c\,dy| \le 4$, and $\phi$.
 
     $$z_1 = z + (\alpha - c z)\,\phi, \quad \phi = dy\,P(c\,dy), \qquad
       \partial_{dy} z_1 = \alpha - c z_1, \quad \partial_z z_1 = 1 - c\phi, \quad
@@ -114,7 +114,7 @@ def _distance_jvp(primals, tangents):
 
 
 def _total(out: Scalar, tangents: tuple, *partials: Callable[[], Scalar]) -> Scalar:
-    """Return the total derivative: only the partial derivatives that are needed are computed."""
+    """Return the total derivative, computing only the partial derivatives that are needed."""
     terms = [
         barrier(derivative()) * tangent
         for derivative, tangent in zip(partials, tangents, strict=True)
@@ -127,7 +127,7 @@ Pair = tuple[Scalar, Scalar]
 
 
 class MoveSlopes(NamedTuple):
-    """Derivatives of a result of two moves; alpha's follows from the scaling of (alpha, z)."""
+    """The derivatives of a result of two moves; alpha's follows from the scaling of (alpha, z)."""
 
     delta: Scalar
     gamma: Scalar
@@ -137,12 +137,12 @@ class MoveSlopes(NamedTuple):
 
 
 class TwoMoves(NamedTuple):
-    """Force after each move, and the move at which z passes zero in the first.
+    """The force z after each of two moves, and the move at which z passes zero in the first.
 
     Attributes:
         turn: z after the first move [N/kg].
-        end: z after the second [N/kg].
-        zero: Signed move from the start to the zero of z, where the first move crosses it [m].
+        end: z after the second move [N/kg].
+        zero: Signed move from the start to the zero of z, if the first move crosses it [m].
         turn_slopes: Derivatives of `turn`.
         end_slopes: Derivatives of `end`.
         zero_slopes: Derivatives of `zero`.
@@ -157,7 +157,7 @@ class TwoMoves(NamedTuple):
 
 
 class _Segment(NamedTuple):
-    """One monotone segment on one branch: signs of its terms in c, start, length, end and phi."""
+    """A monotone segment on one branch: signs of its terms in c, start, length, end and phi."""
 
     gamma_sign: Scalar
     delta_sign: Scalar
@@ -182,7 +182,7 @@ class _Segments(NamedTuple):
 def two_moves(
     alpha: Scalar, delta: Scalar, gamma: Scalar, z: Scalar, moves: Pair, directions: Pair
 ) -> TwoMoves:
-    """Return the force z after each of two monotone moves, of which one may lead through z = 0."""
+    """Return the force z after each of two monotone moves, one of which may pass through z = 0."""
     segments = _segments(alpha, delta, gamma, z, moves, directions)
     a, b, c, early, late, past = segments
     length_a = jnp.where(early, past - moves[0], moves[0])
@@ -191,7 +191,7 @@ def two_moves(
         length**2 * saturation_slope(part.c * length)
         for part, length in ((a, length_a), (b, length_b), (c, c.length))
     )
-    # Slope of the signed distance to zero by the force there: 1/(alpha - c z).
+    # Slope of the signed distance to the zero of z by the force there: 1/(alpha - c z).
     per_start = barrier(1.0 / jnp.where(early, alpha - a.c * z, 1.0))
     per_turn = barrier(1.0 / jnp.where(late, alpha - b.c * a.end, 1.0))
     slope_b, slope_c = barrier((alpha - b.c * b.end, alpha - c.c * c.end))
@@ -223,7 +223,7 @@ def two_moves(
 
 
 def _by_law(*terms: tuple[_Segment, Scalar]) -> Pair:
-    """Return the derivatives by delta and gamma from those by the constants c of the segments."""
+    """Return the derivatives by delta and gamma, from those by the constants c of the segments."""
     by_delta = sum((part.delta_sign * by_c for part, by_c in terms), 0.0)
     by_gamma = sum((part.gamma_sign * by_c for part, by_c in terms), 0.0)
     return barrier((by_delta, by_gamma))
@@ -232,9 +232,9 @@ def _by_law(*terms: tuple[_Segment, Scalar]) -> Pair:
 def _segments(
     alpha: Scalar, delta: Scalar, gamma: Scalar, z: Scalar, moves: Pair, directions: Pair
 ) -> _Segments:
-    """Split two moves into three segments that end where z vanishes or a move ends.
+    """Split two moves into three segments, each of which ends where z vanishes or a move ends.
 
-    The first segment is the first move as if z kept its sign. Each of the others is the part of a
+    The first segment is the first move as if z kept its sign. Each other segment is the part of a
     move after a zero of z, or else the second move.
     """
 
@@ -247,7 +247,7 @@ def _segments(
     a = along(first, jnp.where(z == 0.0, first, signed(1.0, z)), z, moves[0])
     early = jnp.asarray(z * a.end < 0.0)
     sign_b = jnp.where(early, first, second), jnp.where(early, first, signed(1.0, a.end))
-    # Signed distance from zero to a.end along the first segment's branch, or the second's.
+    # Signed distance from zero to a.end along the branch of the first segment, or of the second.
     c_zero = barrier(jnp.where(early, a.c, sign_b[0] * gamma + sign_b[1] * delta))
     heading_to_zero = early | (a.end * second < 0.0)
     past = distance(c_zero, jnp.where(heading_to_zero, a.end, 0.0) / alpha)

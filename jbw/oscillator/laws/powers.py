@@ -1,4 +1,4 @@
-"""A power of the displacement, by which laws of microslip lose stiffness."""
+"""The power of the displacement by which laws of microslip lose stiffness."""
 
 import jax
 import jax.numpy as jnp
@@ -8,15 +8,15 @@ from jaxtyping import Array, Float
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.power_losses import power_losses
 
-# Displacement at which the power law's loss of stiffness is stated: the law is the same for any.
+# Displacement [m] at which a power law's stiffness loss is stated; the law does not depend on it.
 REFERENCE = 1e-3
-PER_REFERENCE = 1.0 / REFERENCE  # a product in every time step, where a quotient takes long
+PER_REFERENCE = 1.0 / REFERENCE  # a product in every time step is faster than a quotient
 
 
 @jax.custom_jvp
 def power(x: Scalar, exponent: Scalar) -> Float[Array, "..."]:
     """Return x^exponent for x >= 0, exponent > 0; at x = 0 it and its two derivatives are 0."""
-    # One call: a logarithm and an exponential wait for each other in every step.
+    # One call is used: a logarithm and an exponential would wait for each other in every step.
     return jnp.power(jnp.maximum(jnp.asarray(x, float), 0.0), exponent)
 
 
@@ -31,7 +31,7 @@ def _power_jvp(primals, tangents):
 
 
 def power_loop(exponent: Scalar) -> tuple[Scalar, Scalar]:
-    """Return `power_losses` of any exponent; use NumPy if nothing is traced or compiled."""
+    """Return a power law's stiffness loss and damping; by NumPy for a plain float exponent."""
     if isinstance(exponent, float):
         return power_losses(exponent)
     return power_losses(jnp.asarray(exponent, float), jnp, gammaln)

@@ -9,9 +9,10 @@ from jaxtyping import Array, ArrayLike, Complex, Float, Real
 
 from jbw.oscillator.steady.waveform import gauss_legendre, gauss_legendre_between
 
-# atanh(r)/r in r^2; at |s| = 1/2, r^2 <= 1/9 and the first one left out is below 1e-17.
+# Coefficients of atanh(r)/r in r^2; at |s| = 1/2, r^2 <= 1/9 and the first omitted term is below
+# 1e-17.
 _ATANH = tuple(1 / (2 * n + 1) for n in range(17))
-# Terms of E_k; at |s| = 1 the first one left out is below 1e-17.
+# Number of terms of E_k; at |s| = 1 the first omitted term is below 1e-17.
 _NUM_TERMS = 18
 
 
@@ -26,7 +27,7 @@ def exponential_remainder(k: int, s: Float[Array, "..."]) -> Float[Array, "..."]
     """
     near = jnp.abs(s) < 1.0
     coefficients = tuple((-1) ** n / math.factorial(n + k) for n in range(_NUM_TERMS))
-    # Each side of a `where` sees a safe argument.
+    # Each side of a `where` receives a safe argument.
     far_s = jnp.where(near, 1.0, s)
     far = -jnp.expm1(-far_s) / far_s
     for j in range(1, k):
@@ -42,18 +43,18 @@ def _remainder_jvp(k: int, primals: tuple[Array], tangents: tuple[Array]) -> tup
 
 
 def lag(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
-    r"""Return the part of the move x that relaxation removes.
+    r"""Return the lag: the part of the move x that relaxation at the rate c removes.
 
     $$x - \phi(c, x) = s\,x\,E_2(s), \qquad s = c\,x$$
 
-    Holds its relative accuracy down to c x = 0, where x - phi would cancel.
+    The relative accuracy holds down to c x = 0, where x - phi would cancel.
     """
     s = jnp.asarray(c * x)
     return s * x * exponential_remainder(2, s)
 
 
 def phi(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
-    r"""Return the relaxed distance, the solution of phi' = 1 - c phi from zero.
+    r"""Return the relaxed distance: from zero, the solution of phi' = 1 - c phi at x.
 
     $$\phi(c, x) = \frac{1 - e^{-c x}}{c} = x\,E_1(c x), \qquad \phi(0, x) = x$$
     """
@@ -61,7 +62,7 @@ def phi(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, ".
 
 
 def psi(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
-    r"""Return the distance that relaxes to x, the inverse of `phi`.
+    r"""Return the distance that relaxes to x at the rate c, the inverse of `phi`.
 
     $$\psi(c, x) = -\frac{\ln(1 - c x)}{c}, \qquad \psi(0, x) = x$$
     """
@@ -86,20 +87,23 @@ def _horner(s: Float[Array, "..."], coefficients: tuple[float, ...]) -> Float[Ar
 _NUM_NODES = 64
 _NUM_NODES_HARMONICS = 48
 _NUM_NEWTON = 8
-_LONG = 20.0  # relaxations of one sign, from which on the loop's integrals are closed
-_OPEN = 0.01  # of the half-width: so much of it must be opening for a closed form to keep digits
+# From this number of relaxations on, the loop's integrals are computed in closed form.
+_LONG = 20.0
+# Part of the half-width that must be opening for the closed form to keep its digits.
+_OPEN = 0.01
 
 
 def opening_and_area(
     x: Float[Array, "..."], b: Float[Array, "..."], g: Float[Array, "..."]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    r"""Return the opening and the area of the loop of half-width x.
+    r"""Return the dimensionless opening and area of the Bouc-Wen loop of half-width x.
 
     $$\frac{|y_0|}{Y} = g \int_0^x \frac{\phi(b,t)}{e^{-bt} + 2 g \phi(b,t)}\,dt, \qquad
       \frac{|E|}{\alpha Y^2} = 4 g \int_0^x \frac{\phi(b,t)^2}{e^{-bt} + 2 g \phi(b,t)}\,dt$$
 
-    Where x holds many relaxations, rule and integrand part: there $\psi(a, \phi(b, x))$, the
-    way that unloads the tip, and its moment are taken in closed form, with a = b - 2g,
+    If x spans many relaxations, the quadrature rule no longer fits the integrand. There $\psi(a,
+    \phi(b, x))$, the distance that unloads the tip, and its moment are used in closed form, with a
+    = b - 2g,
 
     $$\frac{|y_0|}{Y} = \frac{x - \psi(a, w)}{2}, \qquad
       \frac{|E|}{\alpha Y^2} = 2\Bigl[\frac{x - w}{b} - \frac{\psi(a, w) - w}{a}\Bigr],
@@ -134,10 +138,10 @@ def _long_opening_and_area(
 
 @jax.custom_jvp
 def half_width(d: Float[Array, "..."], g: Float[Array, "..."]) -> Float[Array, "..."]:
-    r"""Return the half-width x = 1 + |y_0|/Y, the root of x - 1 - opening(x).
+    r"""Return the half-width x = 1 + |y_0|/Y of the loop, the root of x - 1 - opening(x).
 
-    The residual is concave and increasing, so Newton's iteration from x = 1 is monotone; its
-    slope lies in [1/2, 1]. Derivatives follow from the root's equation, not from the iteration.
+    The residual is concave and increasing, so Newton's iteration from x = 1 is monotone; its slope
+    lies in [1/2, 1]. Derivatives follow from the root's equation, not from the iteration.
     """
 
     def newton(_: int, x: Array) -> Array:
@@ -160,7 +164,7 @@ def _half_width_jvp(
 
 
 def _slope(x: Array, b: Array, g: Array) -> Array:
-    """Return the slope of x - 1 - opening(x)."""
+    """Return the derivative by x of the residual of a loop's half-width, x - 1 - opening(x)."""
     relaxed = phi(b, x)
     return 1.0 - g * relaxed / (jnp.exp(-b * x) + 2.0 * g * relaxed)
 
@@ -171,11 +175,11 @@ def loop_harmonics(
     opening: Float[Array, "..."],
     area: Float[Array, "..."],
 ) -> tuple[Complex[Array, "..."], Complex[Array, "..."], Complex[Array, "..."]]:
-    r"""Return the harmonics 1, 3 and 5 of z/(alpha Y) for y = Y cos(theta).
+    r"""Return the harmonics 1, 3 and 5 of z/(alpha Y) in a steady loop with y = Y cos(theta).
 
     On unloading, 0 < theta < pi, z/(alpha Y) = cos(theta) - opening - lag. The first two terms are
-    integrated by hand, so that the harmonics stay accurate where the lag is small; the imaginary
-    part of the first one is the area over pi.
+    integrated analytically, so that the harmonics stay accurate where the lag is small; the
+    imaginary part of the first harmonic is the area divided by pi.
     """
     theta, weights = gauss_legendre_between(_NUM_NODES_HARMONICS, 0.0, jnp.arccos(opening), jnp.pi)
     shape = (x[..., None] for x in (opening, d, gamma))
@@ -195,7 +199,7 @@ def unloading_lag(
     delta: Float[Array, "..."],
     gamma: Float[Array, "..."],
 ) -> Float[Array, "..."]:
-    r"""Return the difference between the elastic line and the unloading branch.
+    r"""Return the difference between the elastic line and the Bouc-Wen loop's unloading branch.
 
     $$y - y_0 - Z/\alpha, \qquad Z = Z_1 \text{ for } y > y_0, \quad Z_2 \text{ for } y < y_0$$
 

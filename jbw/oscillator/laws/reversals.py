@@ -1,10 +1,10 @@
-r"""The reversals that a Masing law remembers, the oldest first.
+r"""The load reversals that a Masing law remembers, oldest first.
 
-A branch begins at a reversal $(y_n, F_n)$, the last of them. The first is where the virgin curve
-begins, the second where that curve was left for the first time. A branch closes, so that it is
-forgotten and the one it interrupted goes on, at the reversal before its own; the first branch after
-the virgin curve at the mirror image of its own reversal. Closures are nested: a monotone move
-passes them in order, any number of them. Those that are left keep their places.
+A branch begins at the last reversal $(y_n, F_n)$. The first entry is where the virgin curve begins,
+the second where that curve was left for the first time. A branch closes at the reversal before its
+own; it is then forgotten, and the branch that it interrupted continues. The first branch after the
+virgin curve closes at the mirror image of its own reversal. Closures are nested: a monotone move
+passes any number of them in order. The remaining reversals keep their places.
 """
 
 from collections.abc import Callable
@@ -18,23 +18,24 @@ from jaxtyping import Array, Bool
 from jbw.oscillator.kinks import barrier
 from jbw.oscillator.parameters import Scalar
 
-SIZE = 10  # by default
-# A closure is met to this rounding, of the displacements that determine it.
+SIZE = 10  # default number of remembered reversals
+# A closure is detected up to this rounding, relative to the displacements that determine it.
 _ROUNDING = 1e-14
 
-# A tuple of scalars, or one array in a time loop, which must copy little.
+# A tuple of scalars; in a time loop one array, because the loop must copy little.
 Entries = Any
 
 
 class Stack(NamedTuple):
-    """The reversals, and what is counted of them.
+    """The reversals, and the counts that belong to them.
 
     Attributes:
-        count: Number of reversals held, the beginning of the virgin curve included.
-        lost: Whether reversals were given up for want of places, and not passed since.
-        missed: How often the motion came back to them: the branch from there on may be a guess.
+        count: Number of remembered reversals, including the beginning of the virgin curve.
+        lost: Whether reversals were dropped for lack of places, and not passed since.
+        missed: How often the motion returned to dropped reversals: the branch from there may be
+            wrong.
         y: Displacements of the reversals [m].
-        f: Forces there [N/kg].
+        f: Forces at the reversals [N/kg].
     """
 
     count: Scalar
@@ -45,17 +46,18 @@ class Stack(NamedTuple):
 
 
 class Branch(NamedTuple):
-    """Memory of a Masing law: the present branch and the force on it, and the reversals behind it.
+    """The memory of a Masing law: the present branch, its force, and the reversals before it.
 
     Attributes:
         sense: Direction of motion, 1 or -1; 0 before the first motion.
-        stretch: The branch is the virgin curve stretched by this: 1 for that curve itself, else 2.
+        stretch: Factor by which the virgin curve is stretched: 1 for the virgin curve itself, else
+            2.
         y: Displacement at which the branch begins [m].
-        f: Force there [N/kg].
-        closure: Displacement at which it closes; out of reach for the virgin curve [m].
-        force: Force now [N/kg].
-        slope: Slope of the force now, less that of rest [1/s^2].
-        stack: The reversals; in a time loop in arrays, as they seldom change.
+        f: Force at the beginning of the branch [N/kg].
+        closure: Displacement at which the branch closes; out of reach for the virgin curve [m].
+        force: Present force [N/kg].
+        slope: Present slope of the force, minus that at rest [1/s^2].
+        stack: Reversals; in a time loop as arrays, because they seldom change.
     """
 
     sense: Scalar
@@ -72,13 +74,13 @@ _OUT_OF_REACH = 1e3  # m
 
 
 def nothing_remembered(size: int = SIZE) -> Branch:
-    """Return an empty memory for `size` reversals."""
+    """Return an empty memory with places for `size` reversals."""
     none = (0.0,) * size
     return Branch(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, Stack(0.0, 0.0, 0.0, none, none))
 
 
 def with_room(memory: Branch, size: int) -> Branch:
-    """Return a memory for more reversals; those that were dropped are lost."""
+    """Return a memory with places for `size` reversals; those dropped before stay lost."""
     stack = memory.stack
     more = tuple(0.0 * stack.count for _ in range(size - len(stack.y)))
     return memory._replace(stack=stack._replace(y=(*stack.y, *more), f=(*stack.f, *more)))
@@ -96,13 +98,13 @@ def branch_of(sense: Scalar, stack: Stack) -> Branch:
 
 
 def closes(sense: Scalar, y: Scalar, begin: Scalar, closure: Scalar) -> Bool[Array, "..."]:
-    """Return whether a motion to y closes a branch."""
+    """Return True if a motion to y closes a hysteresis branch."""
     rounding = _ROUNDING * (jnp.abs(y) + jnp.abs(begin))
     return jnp.asarray(sense * (y - closure) >= -rounding)
 
 
 def headed(sense: Scalar, stack: Stack, y: Scalar, f: Scalar, dy: Scalar) -> tuple[Scalar, Stack]:
-    """Return the sense and the reversals after a turn at (y, f), if the next move reverses."""
+    """Return the direction and the reversals at (y, f); a move that reverses adds one."""
     turned = jnp.asarray((sense * dy < 0.0) | ((sense == 0.0) & (dy != 0.0)))
     full = turned & jnp.asarray(stack.count > len(stack.y) - 0.5)
     place = jnp.where(turned, stack.count - jnp.where(full, 2.0, 0.0), -1.0)
@@ -118,7 +120,7 @@ def headed(sense: Scalar, stack: Stack, y: Scalar, f: Scalar, dy: Scalar) -> tup
 
 
 def closed(sense: Scalar, stack: Stack, y: Scalar) -> tuple[Stack, Scalar, Scalar]:
-    """Return the reversals after a move to y, the number removed by closures, the last place."""
+    """Return the reversals after a move to y, the number of them closed, and the last closure."""
     fixed_sense, fixed, end = stop_gradient((sense, stack, y))
 
     def going_on(count: Scalar) -> tuple[Scalar, Bool[Array, "..."]]:
@@ -135,7 +137,7 @@ def closed(sense: Scalar, stack: Stack, y: Scalar) -> tuple[Stack, Scalar, Scala
     popped = fixed.count - count
     in_pairs = popped == 2.0 * jnp.floor(0.5 * popped)
     place = jnp.where(in_pairs, _at(stack.y, count), _mirrored(stack.y))
-    # With three entries left the place that closes the branch is given up, with two it is passed.
+    # With three entries left, the place that closes the branch was dropped; with two it is passed.
     edge = (stack.lost > 0.5) & (popped > 0.5) & (count < 3.5)
     after = Stack(
         count,
@@ -148,17 +150,20 @@ def closed(sense: Scalar, stack: Stack, y: Scalar) -> tuple[Stack, Scalar, Scala
 
 
 def _closing_place(y: Entries, count: Scalar) -> Scalar:
-    """Return where the last of `count` branches closes, if another branch precedes it [m]."""
+    """Return the displacement at which the last of `count` branches closes [m]."""
     return jnp.where(count > 2.5, _at(y, count - 2.0), _mirrored(y))
 
 
 def _mirrored(entries: Entries) -> Scalar:
-    """Mirror image of the second about the first, where the first branch closes [m]."""
+    """Return the mirror image of a stack's second entry about the first [m].
+
+    The first branch after the virgin curve closes there.
+    """
     return 2.0 * entries[0] - entries[1]
 
 
 def _at(entries: Entries, place: Scalar) -> Scalar:
-    """Return the entry at a place, or an arbitrary entry if the place is not used."""
+    """Return a stack's entry at a place, or an arbitrary entry if the place is not used."""
     if not isinstance(entries, tuple):
         place = jnp.asarray(place, jnp.int32)
         return jax.lax.dynamic_index_in_dim(entries, place, keepdims=False)
@@ -169,16 +174,16 @@ def _at(entries: Entries, place: Scalar) -> Scalar:
 
 
 def _replaced(entries: Entries, chosen: Callable[[Any], Any], value: Scalar) -> Entries:
-    """Replace the entries at the chosen places by a value."""
+    """Return a stack's entries with those at chosen places replaced by a value."""
     if not isinstance(entries, tuple):
         return jnp.where(chosen(jnp.arange(len(entries))), value, entries)
     return tuple(jnp.where(chosen(i), value, entry) for i, entry in enumerate(entries))
 
 
 def _shortened(entries: Entries, full: Bool[Array, "..."]) -> Entries:
-    """Remove two entries from a full register.
+    """Return a full register without its second-oldest pair of entries.
 
-    It keeps its two oldest, by which the virgin curve is found again, and gives up the next pair.
+    It keeps the two oldest entries, which determine the virgin curve, and drops the next pair.
     """
     if not isinstance(entries, tuple):
         shorter = jnp.concatenate([entries[:2], entries[4:], jnp.zeros(2)])

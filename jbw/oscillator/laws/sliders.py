@@ -1,10 +1,10 @@
-r"""A law of Masing's kind as sliders in parallel, for programs that have no other hysteresis.
+r"""Masing laws as parallel sliders, for programs that have no other hysteresis.
 
-A slider of stiffness k and slip s stands for the part of the density $-F_b''$ between two edges,
+A slider of stiffness k and slip s represents the part of the density $-F_b''$ between two edges,
 
 $$k = \ell'(b) - \ell'(a), \qquad k s = \Bigl[x\,\ell' - \ell\Bigr]_a^b$$
 
-by the lag $\ell = K x - F_b$ of the virgin curve: exact for a bin, whatever the density does in it.
+by the lag $\ell = K x - F_b$ of the virgin curve: exact for a bin with any density inside.
 """
 
 from typing import NamedTuple
@@ -16,18 +16,18 @@ from numpy.typing import ArrayLike, NDArray
 from jbw.oscillator.laws.masing import Masing
 
 COUNT = 60
-# Edges are this power of even ones: even sliders lose tens of per cent too little two decades
-# below the largest slip.
+# Edges are this power of uniform ones: uniform sliders lose tens of per cent too little energy two
+# decades below the largest slip.
 GRADING = 4
 
 
 class Sliders(NamedTuple):
-    """Elasto-plastic elements in parallel with each other and a spring.
+    """Elasto-plastic elements in parallel with each other and with a spring.
 
     Attributes:
-        stiffness: Of each slider [1/s^2].
+        stiffness: Stiffness of each slider [1/s^2].
         slip: Displacement at which each slips [m].
-        spring: Stiffness that does not slip below the reach [1/s^2].
+        spring: Stiffness of all that does not slip within the reach [1/s^2].
     """
 
     stiffness: NDArray[np.float64]
@@ -36,18 +36,18 @@ class Sliders(NamedTuple):
 
 
 def sliders_of(law: Masing, reach: float, count: int = COUNT) -> Sliders:
-    """Return the sliders that slip up to a displacement; what slips farther out is a spring.
+    """Return the sliders that slip within a displacement, and a spring for all others.
 
     Args:
-        law: One law, its parameters scalars.
+        law: A Masing law with scalar parameters.
         reach: The displacement [m].
-        count: How many sliders; a kink of the virgin curve within the reach is one more.
+        count: Number of sliders; a kink of the virgin curve within the reach adds one.
     """
     kink = law.kink()
     most = reach if kink is None else min(reach, float(kink.x))
     edges = most * np.linspace(0.0, 1.0, count + 1) ** GRADING
     if most < reach:
-        edges = np.append(edges[:-1], [most * (1.0 - 1e-12), most])  # the jump is a bin of its own
+        edges = np.append(edges[:-1], [most * (1.0 - 1e-12), most])  # the jump is a separate bin
     lag, slope = (np.asarray(x) for x in law.lag(jnp.asarray(edges)))
     stiffness, moment = np.diff(slope), np.diff(edges * slope - lag)
     some = stiffness > 0.0

@@ -18,14 +18,14 @@ from jbw.oscillator.steady.waveform import odd_harmonics, synthesis
 from jbw.quantities import Quantity
 from jbw.report.messages import joint as messages
 
-# Displacements at which a force is probed for oddness [m].
+# Displacements at which a force is tested for oddness [m].
 _PROBES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
-# A spring's force at the largest displacement, over that of the linear stiffness.
+# Prior limit of a spring's force at the largest displacement, over that of the linear stiffness.
 MOST_SHARE = 0.3
 
 
 class Spring(Law):
-    """Base of the springs: a law without memory, which may be called with the displacement."""
+    """The base class of springs: laws without memory, callable with the displacement."""
 
     def __call__(self, y: Scalar) -> Scalar:
         """Return the force at the displacement y [m]."""
@@ -44,7 +44,7 @@ class Spring(Law):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Return the odd harmonics on a uniform grid, exact for polynomials to degree 7."""
+        """Return the odd harmonics from a uniform grid, exact for polynomials to degree 7."""
         return odd_harmonics(self, q)
 
     def force_over_period(
@@ -54,11 +54,11 @@ class Spring(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Return the force of the displacement there."""
+        """Return the spring's force at given angles of a periodic motion [N/kg]."""
         return self(synthesis(q, theta))  # pyright: ignore[reportReturnType]
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Return the lossless first harmonic over Y of an odd force, exact to degree 61."""
+        """Return the loop of an odd force: no damping, first harmonic over Y exact to degree 61."""
         y_peak = jnp.asarray(y_peak, float)
         peak = jnp.where(y_peak == 0.0, 1.0, y_peak)
         cosines = np.cos(np.pi * (np.arange(16) + 0.5) / 32)
@@ -72,7 +72,7 @@ class Spring(Law):
         return self(y)
 
     def check_periodic(self) -> None:
-        """Refuse an even part, for which the response has even orders too."""
+        """Raise if the force has an even part, with which the response has even harmonics too."""
         if (even := self.even_part()) is not None:
             raise ModelError(
                 f"Parameter `restoring` must be an odd force for a periodic response, but {even}.",
@@ -82,13 +82,13 @@ class Spring(Law):
             )
 
     def even_part(self) -> str | None:
-        """Describe the even part of the force at test displacements, or None; concrete only."""
+        """Return a description of the force's even part, or None; for concrete values only."""
         if not is_concrete(self):
             return None
         for y in _PROBES:
-            with jax.ensure_compile_time_eval():  # of constants under jit, too
+            with jax.ensure_compile_time_eval():  # this also works for constants under jit
                 plus, minus = self(y), self(-y)
-            if not is_concrete(plus, minus):  # a function that holds a traced number in itself
+            if not is_concrete(plus, minus):  # the function contains a traced number
                 return None
             plus, minus = np.asarray(plus), np.asarray(minus)
             if not np.all(np.abs(plus + minus) <= 1e-9 * np.abs(plus - minus)):
@@ -99,10 +99,10 @@ class Spring(Law):
 class Cubic(Spring):
     r"""Cubic stiffness, $f(y) = \lambda_3\,y^3$ [N/kg].
 
-    Beside no other law it makes a Duffing oscillator of natural frequency omega_n.
+    As the only law of an oscillator it gives a Duffing oscillator of natural frequency omega_n.
 
     Attributes:
-        lambda_3: Cubic stiffness, positive where it stiffens [1/(m^2 s^2)].
+        lambda_3: Cubic stiffness, positive if it stiffens [1/(m^2 s^2)].
 
     Examples:
         The resonance of a Duffing oscillator lies at sqrt(omega_n^2 + 3/4 lambda_3 Y^2):
@@ -123,7 +123,7 @@ class Cubic(Spring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Bound the spring, of either sign, to 0.3 of the linear stiffness at largest motion."""
+        """Return prior bounds, up to 0.3 of the linear force at the largest motion, either sign."""
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak**2
         return {"cubic": (-most, most)}
 
@@ -132,14 +132,14 @@ class Cubic(Spring):
         return self.lambda_3 * y**3
 
     def even_part(self) -> None:
-        """Return None, as the cubic force is odd."""
+        """Return None: the cubic force has no even part."""
 
 
 class Quintic(Spring):
-    r"""Stiffness of the fifth power, $f(y) = k_5\,y^5$ [N/kg]; beside it stands a cubic one.
+    r"""Stiffness of the fifth power, $f(y) = k_5\,y^5$ [N/kg], for use with a cubic spring.
 
     Attributes:
-        k_5: Quintic stiffness, positive where it stiffens [1/(m^4 s^2)].
+        k_5: Quintic stiffness, positive if it stiffens [1/(m^4 s^2)].
     """
 
     name: ClassVar[str] = "quintic"
@@ -152,7 +152,7 @@ class Quintic(Spring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Bound the spring, of either sign, to 0.3 of the linear stiffness at largest motion."""
+        """Return prior bounds, up to 0.3 of the linear force at the largest motion, either sign."""
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak**4
         return {"quintic": (-most, most)}
 
@@ -161,15 +161,15 @@ class Quintic(Spring):
         return self.k_5 * y**5
 
     def even_part(self) -> None:
-        """Return None, as the quintic force is odd."""
+        """Return None: the quintic force has no even part."""
 
 
 class Square(Spring):
     r"""Stiffness that differs in tension and compression, $f(y) = k_2\,y^2$ [N/kg].
 
-    The force is even, so that the motion has a mean and even harmonics: for records, which are
-    followed in time, and not for steady responses. A cubic spring about another rest is this one,
-    a cubic one and a part of omega_n^2.
+    The force is even, so the motion has a mean and even harmonics. It is therefore for records,
+    which are followed in time, and not for steady responses. A cubic spring about another rest
+    position equals this spring, a cubic spring and a part of omega_n^2.
 
     Attributes:
         k_2: Stiffness gained by displacement, of either sign [1/(m s^2)].
@@ -186,7 +186,7 @@ class Square(Spring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Bound the spring, of either sign, to 0.3 of the linear stiffness at largest motion."""
+        """Return prior bounds, up to 0.3 of the linear force at the largest motion, either sign."""
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak
         return {"square": (-most, most)}
 
@@ -195,7 +195,7 @@ class Square(Spring):
         return self.k_2 * y**2
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Return a zero loop: an even force has a mean and even harmonics but no first one."""
+        """Return a zero loop: an even force has a mean and even harmonics, but no first one."""
         none = 0.0 * self.k_2 * jnp.asarray(y_peak, float)
         return Loop(none, none)  # pyright: ignore[reportArgumentType]
 
@@ -206,7 +206,7 @@ class Square(Spring):
         return 0.0 * q
 
     def even_part(self) -> str:
-        """Return all of it."""
+        """Return the description of the even part, which is the whole force."""
         return messages.EVEN_SQUARE
 
 
@@ -214,8 +214,8 @@ class Polynomial(Spring):
     r"""Polynomial stiffness, $f(y) = \sum_{n \ge 2} c_n\,y^n$ [N/kg].
 
     Attributes:
-        coefficients: c_2, c_3, c_4, ... [1/(m^(n-1) s^2)]; None for a power that is not there.
-            The periodic responses, being of odd orders, need None (or a plain 0) for even powers.
+        coefficients: c_2, c_3, c_4, ... [1/(m^(n-1) s^2)]; None for an absent power. Periodic
+            responses have odd harmonics only, and need None (or a plain 0) for even powers.
 
     Examples:
         The resonance lies at sqrt(omega_n^2 + 3/4 c_3 Y^2 + 5/8 c_5 Y^4):
@@ -233,7 +233,7 @@ class Polynomial(Spring):
     coefficients: tuple[Scalar | None, ...] = eqx.field(converter=tuple)
 
     def parameters(self) -> dict[str, Any]:
-        """Return the values by name, c_2, c_3, ... of the powers that are there."""
+        """Return the coefficients by name, c_2, c_3, ..., of the powers that are present."""
         terms = enumerate(self.coefficients, start=2)
         return {f"c_{n}": c for n, c in terms if c is not None}
 
@@ -254,10 +254,10 @@ class Polynomial(Spring):
 
 
 class Callable(Spring):
-    """Any function of the displacement as a law.
+    """A law from any function of the displacement.
 
     Attributes:
-        function: From y [m] to f(y) [N/kg]; a pytree, whose leaves are parameters.
+        function: Function from y [m] to f(y) [N/kg]; a pytree, whose leaves are parameters.
     """
 
     name: ClassVar[str] = "callable"
@@ -271,5 +271,5 @@ class Callable(Spring):
 
 
 def as_law(force: Restoring) -> Spring:
-    """Return a restoring force as a law: itself where it is one."""
+    """Return a restoring force as a law; return it unchanged if it is one."""
     return force if hasattr(force, "stiffness") else Callable(force)  # pyright: ignore

@@ -1,9 +1,9 @@
-r"""Long moves, tips and loops of Bouc-Wen's law of any exponent, by the way that a stretch takes.
+r"""Long moves, tips and loops of the Bouc-Wen law with any exponent, from the way of a stretch.
 
 $$D_c(w) = \int_0^w \frac{dt}{1 - c\,|t / \mathrm{1\,mm}|^\nu}$$
 
-is the displacement after which the spring is stretched by w, c being d - g on the way to w = 0 and
-d + g away from it. Its inverse is the law's exact map.
+is the displacement (way) after which the spring is stretched by w, where c is d - g for motion
+towards w = 0 and d + g for motion away from it. Its inverse is the law's exact map.
 """
 
 from collections.abc import Callable
@@ -20,17 +20,20 @@ from jbw.oscillator.laws.powers import REFERENCE, power
 from jbw.oscillator.parameters import Scalar
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
-# Gauss and Legendre's rule on [0, 1]; NumPy's, for JAX may be switched to float64 after this.
+# The Gauss-Legendre rule on [0, 1], in NumPy because JAX may be switched to float64 later.
 UNIT_RULE = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 _UNIT, _UNIT_WEIGHTS = UNIT_RULE
-_HALVINGS = 60  # of the search for a stretch
-_FAR = 16.0  # times the move: what a spring that hardens may be stretched by
-_POLE = 0.5  # of the limit, from which on its pole is taken out of the integral
-_DEEP = 40.0  # e-folds towards the limit, beyond which nothing is left of a loop's integral
+_HALVINGS = 60  # in the search for a stretch
+# Limit of the search for the stretch of a hardening spring, over the length of the move.
+_FAR = 16.0
+# From this part of the limit on, the pole is taken out of the integral.
+_POLE = 0.5
+# E-folds towards the limit beyond which the rest of a loop's integral is negligible.
+_DEEP = 40.0
 
 
 class StretchLaw(Protocol):
-    """Parameters of `BoucWenNu`, by their names there."""
+    """The parameters of `BoucWenNu`, by their names there."""
 
     nu_stiffness: Scalar
     nu_softening: Scalar
@@ -39,21 +42,21 @@ class StretchLaw(Protocol):
 
 
 def _way(c: Scalar, w: Scalar, nu: Scalar, gap: Scalar | None = None) -> Scalar:
-    r"""Return $\int_0^w dt / (1 - c|t/\mathrm{1\,mm}|^\nu)$ for w >= 0."""
+    r"""Return the way $\int_0^w dt / (1 - c|t/\mathrm{1\,mm}|^\nu)$ to a stretch w >= 0."""
     return w + _lag(c, w, nu, 0, gap)
 
 
 def _lag(c: Scalar, w: Scalar, nu: Scalar, m: int = 0, gap: Scalar | None = None) -> Scalar:
     r"""Return $\int_0^w t^m f/(1 - f)\,dt$ with $f = c|t/\mathrm{1\,mm}|^\nu$, for w >= 0.
 
-    By Gauss's rule. Near the limit L of w, with z = t/L, its pole is taken out and known:
+    Gauss's rule is used. Near the limit L of w, with z = t/L, its pole is separated analytically:
 
     $$\frac{z^\nu}{1 - z^\nu} = \Bigl[\frac{z^\nu}{1 - z^\nu} - \frac{z}{\nu (1 - z)}\Bigr]
       + \frac{z}{\nu (1 - z)}, \qquad
       \int_0^x \frac{z^{m+1}}{1 - z}\,dz = -\ln(1 - x) - x - \frac{m x^2}{2}$$
 
-    `gap` is 1 - w/L where it is known better than from w. The rule is along s of t = w s^p, p whole
-    and such that the broken power is at least of third order at s = 0.
+    `gap` is 1 - w/L where it is known more accurately than from w. The rule is along s with t = w
+    s^p, where p is an integer such that the fractional power is at least of third order at s = 0.
     """
     limit = stretch_limit(c, nu)
     near = w > _POLE * limit
@@ -63,7 +66,7 @@ def _lag(c: Scalar, w: Scalar, nu: Scalar, m: int = 0, gap: Scalar | None = None
     p = stop_gradient(jnp.ceil(3.0 / nu))
     unit, log_unit = jnp.asarray(_UNIT), jnp.log(_UNIT)
     s = power(unit, p)
-    # Beside the pole 1 - z and 1 - z^nu as small numbers of their own.
+    # Near the pole, 1 - z and 1 - z^nu are computed directly as small numbers.
     log_z = jnp.log1p(-gap) + p * log_unit
     lost = c * power(w * s / REFERENCE, nu)
     lost = jnp.where(near, jnp.exp(nu * log_z), lost)
@@ -76,18 +79,18 @@ def _lag(c: Scalar, w: Scalar, nu: Scalar, m: int = 0, gap: Scalar | None = None
 
 
 def stretch_limit(c: Scalar, nu: Scalar) -> Scalar:
-    """Return the stretch at which 1 - c |w|^nu vanishes, that nothing passes."""
+    """Return the largest stretch, at which 1 - c |w|^nu vanishes; infinite for c <= 0."""
     bounded = c > 0.0
     most = power(1.0 / jnp.where(bounded, c, 1.0), 1.0 / nu)
     return jnp.where(bounded, REFERENCE * most, jnp.inf)
 
 
 def _gap(q: Scalar, c: Scalar, nu: Scalar, most: Scalar) -> Scalar:
-    r"""Return how far a stretch $w = L_m (1 - e^{-q})$ is from the limit L of c, over L.
+    r"""Return the distance of a stretch $w = L_m (1 - e^{-q})$ from the limit L of c, over L.
 
     $$1 - w/L = (1 - L_m/L) + e^{-q} L_m/L$$
 
-    `most` is the factor of the limit L_m, which is the nearer one.
+    `most` is the factor c of the limit L_m, which is the nearer one.
     """
     bounded = (c > 0.0) & (most > 0.0)
     log_ratio = jnp.log(jnp.where(bounded, c, 1.0) / jnp.where(bounded, most, 1.0)) / nu
@@ -97,8 +100,8 @@ def _gap(q: Scalar, c: Scalar, nu: Scalar, most: Scalar) -> Scalar:
 def _scale(most: Scalar, nu: Scalar, way: Scalar) -> tuple[Scalar, Scalar]:
     r"""Return L of $w = L (1 - e^{-q})$ and the largest q that a displacement `way` may need.
 
-    The way is L q or more for an exponent below one, $L q / \nu$ or more above: near the limit its
-    e-folds tell two stretches apart. Where there is no limit, that of the search takes its place.
+    The way is at least L q for an exponent below one, and $L q / \nu$ above: near the limit its
+    e-folds distinguish two stretches. Without a limit, the limit of the search is used.
     """
     limit = stretch_limit(most, nu)
     bounded = most > 0.0
@@ -110,7 +113,7 @@ def _scale(most: Scalar, nu: Scalar, way: Scalar) -> tuple[Scalar, Scalar]:
 def _root(
     excess: Callable[[Scalar], Scalar], high: Scalar, slope: Callable[[Scalar], Scalar]
 ) -> Scalar:
-    """Find the root of a rising function between 0 and `high`; differentiate by one Newton step."""
+    """Return the root of a rising function between 0 and `high`; it carries one derivative."""
 
     def halved(_, pair: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = pair
@@ -146,7 +149,7 @@ def moved(law: StretchLaw, memory: Scalar, dy: Scalar) -> Scalar:
 
 
 def _slope(q: Scalar, c: Scalar, nu: Scalar, most: Scalar, scale: Scalar) -> Scalar:
-    """Return the derivative of the way by q, finite however near the limit."""
+    """Return the derivative of the way by q, which is finite however near the limit."""
     gap = jnp.maximum(_gap(q, c, nu, most), 1e-300)
     lost = c * power(-scale * jnp.expm1(-q) / REFERENCE, nu)
     near = gap < _POLE
@@ -155,7 +158,7 @@ def _slope(q: Scalar, c: Scalar, nu: Scalar, most: Scalar, scale: Scalar) -> Sca
 
 
 def _tip(law: StretchLaw, peak: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-    """Return the tip stretch as its e-folds q, its scale, and the nearer limit's factor c."""
+    """Return the stretch at the loop's tip as e-folds q, scale, and the nearer limit's factor c."""
     less, more = law.nu_softening - law.nu_opening, law.nu_softening + law.nu_opening
     most, nu = jnp.maximum(less, more), law.nu
     scale, largest = _scale(most, nu, 2.0 * peak)
@@ -172,22 +175,22 @@ def _tip(law: StretchLaw, peak: Scalar) -> tuple[Scalar, Scalar, Scalar]:
 
 
 def tip(law: StretchLaw, y_peak: Scalar) -> Scalar:
-    r"""Stretch at the tip, $D_{d-g}(w) + D_{d+g}(w) = 2Y$, with D the way from w = 0."""
+    r"""Return the tip stretch: $D_{d-g}(w) + D_{d+g}(w) = 2Y$ with D the way from w = 0."""
     peak = jnp.abs(jnp.asarray(y_peak, float))
     q, scale, _ = _tip(law, peak)
     return signed(-scale * jnp.expm1(-q), jnp.asarray(y_peak, float))
 
 
 def loop(law: StretchLaw, y_peak: Scalar) -> tuple[Scalar, Scalar]:
-    r"""Return the equivalent stiffness and damping of one law; those of rest at Y = 0.
+    r"""Return the equivalent stiffness and damping of one law; those at rest for Y = 0.
 
     $$\mathrm{Re}\,\kappa = \frac{2\alpha}{\pi Y}
       \int_{-w_m}^{w_m} \sqrt{1 - (y(w)/Y)^2}\,dw, \qquad
       \mathrm{Im}\,\kappa = \frac{2\alpha}{\pi Y^2} \left(\int_0^{w_m} \frac{t\,dt}{1 - b\,t^\nu}
       - \int_0^{w_m} \frac{t\,dt}{1 - a\,t^\nu}\right)$$
 
-    along the way down from the tip, a = d - g above w = 0 and b = d + g below. The first integral
-    is over q of $w = L (1 - e^{-q})$: near the limit most of the motion passes in little of w.
+    on unloading from the tip, with a = d - g above w = 0 and b = d + g below. The first integral is
+    over q of $w = L (1 - e^{-q})$, because near the limit most of the motion changes w only little.
     """
     at_zero = y_peak == 0.0
     peak = jnp.where(at_zero, REFERENCE, y_peak)
@@ -202,7 +205,8 @@ def loop(law: StretchLaw, y_peak: Scalar) -> tuple[Scalar, Scalar]:
         return _lag(c, -scale * jnp.expm1(-end), nu, 1, _gap(end, c, nu, most))
 
     zero = peak - way(less, end)
-    # q_m sin t: no root at the end; t is graded towards the zero of w, where y has a broken power.
+    # The substitution q_m sin t removes the root at the end; t is graded towards the zero of w,
+    # where y has a fractional power.
     t, weights = 0.5 * jnp.pi * _UNIT**3, 1.5 * jnp.pi * _UNIT**2 * _UNIT_WEIGHTS
     reach = jnp.minimum(end, _DEEP)
     q = reach * jnp.sin(t)

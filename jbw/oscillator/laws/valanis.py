@@ -1,7 +1,7 @@
-r"""Valanis's endochronic law, and Dahl's, which is a limit of it.
+r"""Valanis's endochronic law, and Dahl's law as a limit of it.
 
-Not in the register, for on weak motion it softens to no first order while joints do: `register` it
-to fit or compare it.
+It is not in the register, because in small motion it has no softening of first order while joints
+have: use `register` to fit or compare it.
 
 Reference:
     Valanis (1971); Gaul and Lenz, Acta Mechanica 125 (1997) 169; Dahl (1968).
@@ -16,7 +16,7 @@ from jbw.oscillator.laws.bouc_wen import SHARE, BoucWenLaw
 from jbw.oscillator.parameters import Scalar
 from jbw.quantities import Quantity
 
-MOST_MICROSLIP = 0.95  # of kappa, at 1 of which the slope of a reversal has no end
+MOST_MICROSLIP = 0.95  # of kappa; at 1 the slope after a reversal is infinite
 
 
 class Valanis(Law):
@@ -25,13 +25,14 @@ class Valanis(Law):
     $$\frac{dZ}{dy} = \frac{E_0 - \lambda s Z}{1 - \kappa\lambda s Z / E_0} - E_t, \qquad
       |Z| < \frac{E_0 - E_t}{\lambda (1 - \kappa E_t / E_0)}$$
 
-    With $\kappa = 0$ it is Bouc-Wen's law of delta = 0, gamma = lambda and alpha = E_0 - E_t beside
-    a spring; with E_t = 0, too, Dahl's of the friction force E_0/lambda.
+    With $\kappa = 0$ it is Bouc-Wen's law with delta = 0, gamma = lambda and alpha = E_0 - E_t,
+    parallel to a spring E_t. If E_t = 0 too, it is Dahl's law with the friction force E_0/lambda.
 
     Attributes:
-        valanis_stiffness: Stiffness E_0 of the sticking joint [1/s^2].
-        valanis_hardening: Stiffness left when all slips over that of sticking, E_t/E_0 [-].
-        valanis_rate: Rate lambda at which the force comes to its limit [1/m].
+        valanis_stiffness: Stiffness E_0 of the stuck joint [1/s^2].
+        valanis_hardening: Stiffness of the fully slipping joint over that of the stuck joint,
+            E_t/E_0 [-].
+        valanis_rate: Rate lambda at which the force approaches its limit [1/m].
         valanis_microslip: Share kappa of sticking before the limit, from 0 to below 1 [-].
     """
 
@@ -67,7 +68,7 @@ class Valanis(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return bounds: a share of omega_n^2; slip limits from far within to far beyond motion."""
+        """Return prior bounds: a share of omega_n^2, and slip far within to far beyond motion."""
         low, high = (part * scales.omega_n**2 for part in SHARE)
         return {
             "valanis_stiffness": (low, high),
@@ -81,7 +82,7 @@ class Valanis(Law):
         return self.valanis_stiffness
 
     def at_rest(self) -> Scalar:
-        """Return zero force."""
+        """Return the memory at rest, Z = 0."""
         return 0.0
 
     def force(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
@@ -89,7 +90,7 @@ class Valanis(Law):
         return memory + self.valanis_hardening * self.valanis_stiffness * y
 
     def rate(self, y: Scalar, v: Scalar, memory: Scalar) -> Any:
-        """Return the slope dZ/dy in the direction of motion, times the velocity."""
+        """Return the time derivative of Z: the slope dZ/dy in this direction times v."""
         stiffness, towards = self.valanis_stiffness, jnp.where(v < 0.0, -1.0, 1.0)
         part = towards * self.valanis_rate * memory / stiffness
         slope = stiffness * ((1.0 - part) / (1.0 - self.valanis_microslip * part))

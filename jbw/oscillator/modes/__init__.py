@@ -1,1 +1,1 @@
-"""Several modes about one joint."""
+"""Structures of several modes that share joints."""

@@ -1,15 +1,15 @@
-r"""States of all modes after every step, and their derivatives in forward and reverse mode.
+r"""The states of all modes after every step, with derivatives in forward and reverse mode.
 
-As in `jbw.oscillator.adjoint`, whose Jacobian of a step would have (2N + M)^2 entries with M
-memories. Only the joints' kernels are differentiated, each by itself; what lies between them is
-linear and is applied as it stands:
+The method is that of `jbw.oscillator.adjoint`, where the Jacobian of a step would have (2N + M)^2
+entries with M memories. Here only the joints' kernels are differentiated, each separately;
+everything between them is linear and is applied directly:
 
 $$(x, v, m)_j \to (r, h\dot r)_j \;|\; x_1, v_1, a\ \text{of all} \;|\;
   (x, v, m, x_1, v_1, a)_j \to (\Delta r, h\dot r_1, k_y, k_v, m)_j \;|\; \Delta x, q, \dot q$$
 
-so that the cost grows as the number of joints and not as its square. Of several joints, where one
-turns depends on how the forces of the others bend its path: $(x, v, m, a)_j \to h^2\ddot r_j / 2$
-stands between.
+so that the cost grows with the number of joints and not with its square. With several joints, the
+turning point of one depends on how the forces of the others bend its path: $(x, v, m, a)_j \to
+h^2\ddot r_j / 2$ is then a part in between.
 """
 
 from collections.abc import Callable
@@ -45,12 +45,12 @@ from jbw.oscillator.modes.step import (
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.step import End, shifted
 
-# A `ModalState` and the kicks of the step before it, with time as the axis of every leaf.
+# A `ModalState` and the impulses of the step before it, with time as the axis of every leaf.
 Trajectory = Any
 
 
 def modal_solve(stepping: ModalStepping, initial: ModalState) -> Trajectory:
-    """Return the states at the start and after each substep, with the joints' kicks on y and v."""
+    """Return the states at the start and after each substep, with the joints' impulses on y, v."""
     # Laws with a stack of reversals have memories too long for a column each.
     if any(law.depth for joint in stepping.step.joints for law in joint.laws):
         return _march(stepping, initial)
@@ -78,7 +78,7 @@ def _march(stepping: ModalStepping, initial: ModalState) -> Trajectory:
 
 
 def _no_kicks(step: ModalStep, state: ModalState) -> tuple:
-    """Return the kicks before the first step."""
+    """Return the (zero) impulses before the first step."""
     none = jnp.zeros_like(state[0][0])
     return tuple((none, none) for _ in step.joints)
 
@@ -99,18 +99,18 @@ def _solve_jvp(primals, tangents):
 
 
 class StepSlopes(NamedTuple):
-    """Derivatives of a part of a joint's step.
+    """The derivatives of one part of a joint's step.
 
     Attributes:
-        columns: What the part changes by for each of its arguments.
-        offset: What constants and input add to it.
+        columns: Change of the part per unit of each of its arguments.
+        offset: Change of the part by the tangents of constants and input.
     """
 
     columns: tuple
     offset: tuple
 
     def along(self, *arguments: Any) -> tuple:
-        """Change of the part for changes of its arguments."""
+        """Return the change of a part of a joint's step for given changes of its arguments."""
         changes = jax.tree.leaves(arguments)
         return tuple(
             offset + sum(column[i] * x for column, x in zip(self.columns, changes, strict=True))
@@ -119,17 +119,17 @@ class StepSlopes(NamedTuple):
 
 
 class JointSlopes(NamedTuple):
-    """Derivatives of all parts of a joint's step, and what constants add to what is linear.
+    """The derivatives of all parts of a joint's step, and of the linear parts by the constants.
 
     Attributes:
-        start: Of r and h r' by x, v and the memories.
-        path_by: What constants add to the path.
-        half_bend: Of half of h^2 r'' by x, v, a and the memories; None of one joint.
-        bent_by: What constants add to what the other joints' bends do to the path.
-        turns: 1 where the joint turns, so that these move the end of its path, else 0.
-        passing: Of `Passed` and the memories by x, v, memories and path.
-        move_by: What constants add to the correction of x.
-        by_move: Of the memories by the correction of x.
+        start: Derivatives of r and h r' by x, v and the memories.
+        path_by: Change of the path by the constants.
+        half_bend: Derivatives of half of h^2 r'' by x, v, a and the memories; None for one joint.
+        bent_by: Change of the other joints' bending of the path by the constants.
+        turns: 1 where the joint turns, so that this bending moves the end of its path, else 0.
+        passing: Derivatives of `Passed` and the memories by x, v, memories and path.
+        move_by: Change of the correction of x by the constants.
+        by_move: Derivatives of the memories by the correction of x.
     """
 
     start: StepSlopes
@@ -143,9 +143,9 @@ class JointSlopes(NamedTuple):
 
 
 def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, Any, Any]:
-    """Return the derivatives of every joint's steps, and what constants and input add to the modes.
+    """Return the derivatives of every joint's steps, and of the modes by constants and input.
 
-    Of many steps, along the first axis of all but the constants.
+    Many steps are computed at once, along the first axis of all arguments but the constants.
     """
     (q, v, memories), _ = start
 
@@ -176,7 +176,7 @@ def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, 
     turns = tuple(jnp.where(joint.shift != 0.0, 1.0, 0.0) for joint in passed)
     moves, move_by = by_constants(corrections, starts, passed)
     passing, by_move = _of_all(_moved_slopes, kernels, ends, moves, by_along)
-    # The step's own change of what the modes do with the joints' forces.
+    # This is the change, by the step's constants, of the joints' effect on the modes.
     none = tuple(jnp.zeros_like(part) for part in q)
     _, post = by_constants(driven, (none, none), (none, none), starts, passed)
     parts = by_start, path_by, by_bend, bent_by, turns, passing, move_by, by_move
@@ -186,7 +186,7 @@ def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, 
 def _by_constants(
     step: ModalStep, step_dot: ModalStep, function: Callable[..., Any], *arguments: Any
 ) -> tuple[Any, Any]:
-    """Return a function's values in many steps and their tangents by the step's constants."""
+    """Return a function's values in many steps, and their tangents by the step's constants."""
 
     def in_step(step_dot: ModalStep, *arguments: Any) -> tuple[Any, Any]:
         return jax.jvp(lambda step: function(step, *arguments), (step,), (step_dot,))
@@ -197,8 +197,8 @@ def _by_constants(
 def _of_all(function: Callable[..., tuple], kernels: tuple, *arguments: Any) -> tuple[tuple, ...]:
     """Apply a function to every joint in many steps; group each returned value by joint.
 
-    Joints with the same laws stand side by side in one array: they are compiled once, which is
-    most of what several joints would add to compiling.
+    Joints with the same laws are stacked in one array: they are compiled once, which saves most of
+    the additional compilation for several joints.
     """
     joints = list(zip(kernels, *arguments, strict=True))
     by_structure: dict[Any, list[int]] = {}
@@ -222,21 +222,21 @@ def _of_all(function: Callable[..., tuple], kernels: tuple, *arguments: Any) -> 
 
 
 def _start(kernel: JointKernel, at: tuple) -> tuple[Scalar, ...]:
-    """Return the remainder r and h r' at the start, from x, v and the memories."""
+    """Return the remainder r and h r' at the start of a step, from x, v and the memories."""
     return remainder(Begun(kernel, *at))
 
 
 def _half_bend(kernel: JointKernel, at: tuple) -> tuple[Scalar, ...]:
-    """Return half of h^2 r'' at the start, from x, v, the memories and a."""
+    """Return half of h^2 r'' at the start of a step, from x, v, the memories and a."""
     *start, a = at
     return (half_bend(Begun(kernel, *start), a),)
 
 
 def _passing(kernel: JointKernel, bends: tuple, at: tuple) -> tuple[Passed, End]:
-    """Return a joint's step before the correction of its x, by x, v, memories and path.
+    """Return a joint's step before the correction of its x, from x, v, memories and path.
 
-    Where the joint turns, the bends of the others add to x and v at the end of the path, and to the
-    shift; derivatives by them follow from those by the path.
+    Where the joint turns, the bends of the other joints add to x and v at the end of the path, and
+    to the shift; derivatives by these bends follow from the derivatives by the path.
     """
     *start, path = at
     return pass_always(Begun(kernel, *start), path, bends)
@@ -254,7 +254,7 @@ def _sloped(
 def _passing_slopes(
     kernel: JointKernel, kernel_dot: JointKernel, at: tuple, bends: tuple
 ) -> tuple[Passed, End, StepSlopes]:
-    """Return a joint after its kernel, its end, and the derivatives of both."""
+    """Return a joint after its kernel, its end of the step, and the derivatives of both."""
     (passed, end), by_at = jax.linearize(partial(_passing, kernel, bends), at)
     _, offset = jax.jvp(lambda kernel: _passing(kernel, bends, at), (kernel,), (kernel_dot,))
     return passed, end, StepSlopes(tuple(by_at(way) for way in _ways(at)), offset)
@@ -263,7 +263,7 @@ def _passing_slopes(
 def _moved_slopes(
     kernel: JointKernel, kernel_dot: JointKernel, end: End, move: Scalar, by_along: StepSlopes
 ) -> tuple[StepSlopes, tuple]:
-    """Differentiate `Passed` and the memories after the correction of x, and by the correction."""
+    """Differentiate `Passed` and the corrected memories, also by the correction of x."""
     laws, laws_dot = kernel.laws, kernel_dot.laws
     _, by_end = jax.linearize(lambda end: shifted(laws, end, move), end)
 
@@ -282,7 +282,7 @@ def _moved_slopes(
 
 
 def _ways(at: Any) -> list[Any]:
-    """Return one unit change of each number of an argument, with the others at rest."""
+    """Return one unit change for each number of an argument, with all other numbers fixed."""
     leaves, tree = jax.tree.flatten(at)
     none, unit = jnp.zeros_like(leaves[0]), jnp.ones_like(leaves[0])
     size = range(len(leaves))
@@ -290,7 +290,7 @@ def _ways(at: Any) -> list[Any]:
 
 
 def _recurrence(step: ModalStep, state_dot, inputs):
-    """Return one step of the tangent recurrence: linear parts, and the columns of every joint."""
+    """Advance the tangent of the state by one step: the linear parts and every joint's columns."""
     slopes, (rise_by, gain_by, seen_by), post = inputs
     (q, v, memories), _ = state_dot
     none = tuple(jnp.zeros_like(part) for part in q)
@@ -332,7 +332,7 @@ def _recurrence(step: ModalStep, state_dot, inputs):
 
 
 def _bent_paths(step: ModalStep, joints: list, paths: list) -> tuple[list, tuple]:
-    """Return the changes of turning joints' paths and shifts due to bends of other joints."""
+    """Return turning joints' path and shift tangents, with the bends of the other joints."""
     halves = tuple(
         by.half_bend.along(free.x, free.v, memory, path.a)[0]
         for (by, free, memory), path in zip(joints, paths, strict=True)

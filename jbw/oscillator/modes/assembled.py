@@ -1,17 +1,17 @@
-r"""A structure with several joints by the names of its parameters, as a posterior has them.
+r"""Structures with several joints, built from named parameters as in a posterior.
 
-Frequencies and damping ratios of the modes that tests drive come first, under their usual names;
-everything else is of the reduced model, and held:
+The frequencies and damping ratios of the modes that tests drive come first, under their usual
+names; all other numbers belong to the reduced model and are fixed:
 
 $$\ddot q_i + 2\zeta_i\omega_i\dot q_i + \omega_i^2q_i + \sum_jH_{ji}r_j = \frac{g}{b_1c_1}b_iu,
   \qquad x_j = \sum_iH_{ji}q_i, \qquad y_o = \sum_ic_{oi}q_i$$
 
-`push_i` is b_i, `seen_i` is c_i of the first point, `seen_i@tip` that of another one, and
-`motion_i@bolt_1` is H_ji of the model, by which `motion_factor_i@bolt_1` is multiplied where the
-model's shapes are uncertain. `model_omega_i` and `model_zeta_i` are of the reduced model, and hold
-for modes after those that are driven, residual ones among them. The `gain` g is that of the first
-mode, as in a structure of one joint: g = b_1 c_1 where the source is a force. `stiffness@bolt_1` is
-k_j in full stick.
+`push_i` is b_i, `seen_i` is c_i of the first point, `seen_i@tip` that of another point, and
+`motion_i@bolt_1` is H_ji of the model. It is multiplied by `motion_factor_i@bolt_1` where the
+model's shapes are uncertain. `model_omega_i` and `model_zeta_i` belong to the reduced model, and
+apply to the modes after the driven ones, including residual modes. The `gain` g is that of the
+first mode, as in a structure of one joint: g = b_1 c_1 where the source is a force.
+`stiffness@bolt_1` is k_j of the fully stuck joint.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ OMEGA, ZETA = "model_omega", "model_zeta"
 
 
 def numbered(name: str, mode: int) -> str:
-    """Name of a mode's number; `mode` is 1 for the first."""
+    """Return the name of a mode's parameter; `mode` is 1 for the first."""
     return f"{name}_{mode}"
 
 
@@ -46,15 +46,15 @@ def held_numbers(
     b: Float[np.ndarray, " mode"],
     c: Mapping[str, Float[np.ndarray, " mode"]],
 ) -> dict[str, float]:
-    """Return the numbers of a reduced model by name, modes that tests drive first.
+    """Return the fixed numbers of a reduced model by name, with the driven modes first.
 
     Args:
         omega: Natural frequencies [rad/s].
         zeta: Damping ratios [-].
-        H: Motion of every joint by its label.
-        stiffness: Of every joint in full stick by its label [N/m].
-        b: What the input does to each mode.
-        c: What each point sees, by its name; the first one's is empty.
+        H: Motion of every joint in each mode, by joint label.
+        stiffness: Stiffness of every fully stuck joint, by label [N/m].
+        b: Effect of the input on each mode.
+        c: Motion of each measured point in each mode, by name; the first point's name is empty.
     """
     numbers: dict[str, float] = {}
     for i in range(len(omega)):
@@ -68,37 +68,37 @@ def held_numbers(
 
 
 def seen_name(mode: int, point: str = "") -> str:
-    """Name of what a point sees of a mode."""
+    """Return the parameter name of a measured point's motion in a mode."""
     return name_at(numbered(SEEN, mode), point) if point else numbered(SEEN, mode)
 
 
 def motion_name(mode: int, joint: str) -> str:
-    """Name of a joint's motion in a mode."""
+    """Return the parameter name of a joint's motion in a mode."""
     return name_at(numbered(MOTION, mode), joint)
 
 
 def factor_name(mode: int, joint: str) -> str:
-    """Name of the factor on a joint's motion in a mode."""
+    """Return the parameter name of the factor on a joint's motion in a mode."""
     return name_at(numbered(MOTION_FACTOR, mode), joint)
 
 
 def motion_in(theta: Mapping[str, Any], mode: int, joint: str) -> Any:
-    """Return H_ji, the model's value times its correction factor if there is one."""
+    """Return a joint's motion in a mode, H_ji: the model's value times its factor, if any."""
     return theta[motion_name(mode, joint)] * theta.get(factor_name(mode, joint), 1.0)
 
 
 def is_assembled(names: Any) -> bool:
-    """Return whether names of parameters have the numbers of a reduced model beside them."""
+    """Return True if parameter names include the numbers of a reduced model."""
     return FIRST_PUSH in names
 
 
 def num_modes(theta: Mapping[str, Any]) -> int:
-    """Number of modes, residual ones among them."""
+    """Return the number of modes, including residual modes."""
     return next(i for i in range(1, len(theta) + 2) if numbered(PUSH, i) not in theta) - 1
 
 
 def rows(theta: Mapping[str, Any], names: Sequence[str]) -> Float[Array, " mode"]:
-    """Return the numbers of all modes by their names."""
+    """Return the values of one quantity in all modes, from their parameter names."""
     return _stacked([theta[name] for name in names])
 
 
@@ -111,12 +111,13 @@ def assembled_structure(
     laws: tuple[str, ...],
     driven: Sequence[tuple[str, ...]],
 ) -> Structure:
-    """Return the structure of a dictionary of parameters.
+    """Return the structure of several joints from parameters by name.
 
     Args:
-        theta: The parameters.
-        laws: Names of the joints' laws; without any, the joints stick.
-        driven: Names of frequency and damping of the modes that tests may drive, in order.
+        theta: Parameters by name.
+        laws: Names of the joints' laws; without any, the joints are stuck.
+        driven: Names of the frequency and damping ratio of each mode that tests may drive, in
+            order.
     """
     modes = range(1, num_modes(theta) + 1)
     pairs = [pair for pair in driven if pair[0] in theta]
@@ -143,7 +144,7 @@ def seen_by(theta: Mapping[str, Any]) -> Float[Array, "point mode"]:
 
 
 def laws_at(theta: Mapping[str, Any], laws: tuple[str, ...], joint: str) -> tuple[Law, ...]:
-    """Return the laws of one joint."""
+    """Return the laws of one joint, with parameters from theta."""
     kinds: Any = laws_named(laws)
     return tuple(
         kind.unnamed(theta)
@@ -153,13 +154,13 @@ def laws_at(theta: Mapping[str, Any], laws: tuple[str, ...], joint: str) -> tupl
 
 
 def joints_in(theta: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the labels of all joints of a dictionary of parameters, with laws or without."""
+    """Return the labels of all joints in a parameter dictionary, with laws or without."""
     stem = motion_name(1, "")
     return tuple(name.removeprefix(stem) for name in theta if name.startswith(stem))
 
 
 def first_mode_laws(theta: Mapping[str, Any], laws: tuple[str, ...]) -> tuple[Law, ...]:
-    r"""Return the joints' laws in terms of the first mode's displacement y at the first point.
+    r"""Return the joints' laws as functions of the first mode's displacement y at the first point.
 
     $$\ddot y + 2\zeta_1\omega_1\dot y + \omega_1^2y + \sum_jc_1H_{j1}r_j(H_{j1}y/c_1) = gu$$
     """

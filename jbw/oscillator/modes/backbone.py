@@ -1,14 +1,14 @@
-r"""Backbone of a mode among others: periodic motion under the damping that sustains it.
+r"""The backbone of one mode of several: periodic motion with the damping that sustains it.
 
 The extended periodic motion of Krack (2015) is the periodic solution of
 
 $$\ddot q_i + (2\zeta_i\omega_i - 2\zeta_{eq}\omega)\dot q_i + \omega_i^2 q_i
   + \sum_j p_{ij} r_j = 0$$
 
-at a given amplitude L: of one joint the first harmonic X of its displacement, of several, none of
-which is *the* displacement, that of the mode's own coordinate, L = |q_m1|. Its unknowns are omega,
-zeta_eq, q_m1 and the harmonics of the joints' displacements; they are found along L, from the
-sticking joints on.
+at a given amplitude L. For one joint, L is the first harmonic X of its displacement. For several
+joints, none of which has *the* displacement, L is that of the mode's own coordinate, L = |q_m1|.
+The unknowns are omega, zeta_eq, q_m1 and the harmonics of the joints' displacements; they are
+followed along L, from the fully stuck joints.
 """
 
 from dataclasses import replace
@@ -36,36 +36,36 @@ from jbw.oscillator.newton import newton_root
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import num_turns, orders
 
-# omega, zeta_eq, q_m1 and all X_jn, real and imaginary; omega in units of the mode's own, q_m1 and
-# X_jn in those of `Units`.
+# The unknowns omega, zeta_eq, q_m1 and all X_jn, as real and imaginary parts; omega is relative to
+# the mode's own frequency, q_m1 and X_jn are in the units of `Units`.
 Point = Float[Array, " unknown"]
 Mode = Int[Array | np.ndarray, ""]  # index of the mode that is followed
 _TOLERANCE = 1e-10
 _MAX_NEWTON = 12
 _MAX_STEPS = 400
 _LEAST_STEP = 1e-6
-# Largest change of a point in one step along X: beyond it may lie another mode's branch.
+# Largest change of a point in one step along X: a larger change may reach another mode's branch.
 _MOST_CHANGE = 0.05
 
 
 class ModalBackbone(eqx.Module):
-    """Resonance of one mode of a structure against amplitude.
+    """The resonance of one mode of a structure against amplitude.
 
-    The axis of joints is there where the structure's `h` has a row a joint.
+    The axis of joints exists if the structure's `h` has one row per joint.
 
     Attributes:
         a: Amplitude of the mode's own coordinate, |q_1| [m].
         x_peak: First harmonic of every joint's displacement, |X_1| [m].
         omega: Resonance frequency [rad/s].
-        zeta: Equivalent damping ratio there, viscous and hysteretic [-].
-        shape: Deflection shape, first harmonics q_i over that of the mode, and of a structure of
-            one joint without an axis q_i/X; at amplitude 0 the mode's own [-].
+        zeta: Equivalent damping ratio at resonance, viscous and hysteretic [-].
+        shape: Deflection shape: first harmonics q_i divided by that of the mode or, for a structure
+            of one joint without an axis of joints, q_i/X; at amplitude 0 the mode's own [-].
         x: Harmonics of every joint's displacement, orders 1, 3, 5, ... [m].
         q: Harmonics of the modal coordinates [m].
         y: Harmonics of the outputs [m].
-        loss_share: Part of every joint in what all joints lose a cycle; NaN where none loses [-].
-        r: Harmonics of the remainders of every joint's laws, their force less that of its stiffness
-            at rest [N, in units of its h and p].
+        loss_share: Share of every joint in the joints' total loss per cycle; NaN if none loses [-].
+        r: Harmonics of the remainders of every joint's laws, their force minus that of their
+            stiffness at rest [N, in units of its h and p].
     """
 
     a: Float[Array, "*level"]
@@ -81,7 +81,7 @@ class ModalBackbone(eqx.Module):
 
 
 class BackboneOptions(NamedTuple):
-    """How a backbone is found; static. `is_one_joint` where the amplitude is the joint's."""
+    """The options of a backbone; static. `is_one_joint` if the amplitude is that of the joint."""
 
     num_harmonics: int
     max_turns: int
@@ -99,7 +99,7 @@ def modal_backbone(
 ) -> ModalBackbone:
     """Compute the backbone of a mode; `jbw.backbone` documents the arguments.
 
-    Where it `may_end` before the largest amplitude, it is not a number beyond, and no error.
+    If it `may_end` before the largest amplitude, values beyond its end are NaN, without an error.
     """
     structure = admitted(structure)
     require_periodic(structure)
@@ -112,7 +112,7 @@ def modal_backbone(
         raise ConfigError(f"Argument `num_harmonics` must be at least 1, but is {num_harmonics}.")
     amplitude = jnp.asarray(amplitude, float)
     options = BackboneOptions(num_harmonics, max_turns, is_one_joint)
-    # The mode is a number of the program as others are: one is compiled for all modes.
+    # The mode is an argument of the program, so that one program is compiled for all modes.
     backbone, good = _backbone(by_joint(structure), np.asarray(mode), amplitude, options)
     if not may_end and is_concrete(structure, amplitude, backbone) and not np.all(good):
         first = float(np.asarray(amplitude)[~np.asarray(good)].min())
@@ -135,7 +135,7 @@ def modal_backbone(
 
 
 def _require_mode(structure: Structure, mode: int, is_one_joint: bool) -> None:
-    """Raise for a mode that is not there, does not vibrate, or does not move the one joint."""
+    """Raise if a mode does not exist, does not vibrate, or does not move the single joint."""
     num = structure.omega_n.shape[0]  # pyright: ignore[reportAttributeAccessIssue]
     if isinstance(mode, bool) or not isinstance(mode, int) or not 0 <= mode < num:
         raise ConfigError(f"Argument `mode` must be an index from 0 to {num - 1}, but is {mode!r}.")
@@ -161,7 +161,7 @@ def _require_mode(structure: Structure, mode: int, is_one_joint: bool) -> None:
 def _backbone(
     structure: Structure, mode: Mode, amplitude: Array, options: BackboneOptions
 ) -> tuple[ModalBackbone, Array]:
-    """Return the backbone at every amplitude, and whether it was found."""
+    """Return the backbone at every amplitude, and whether each point was found."""
     flat = amplitude.ravel()
     order = jnp.argsort(flat)
     points, good = _followed(options, mode, structure, flat[order])
@@ -184,7 +184,7 @@ def _followed(
 ) -> tuple[Array, Array]:
     """Follow the branch at rising amplitudes, each point from the last; flag converged points.
 
-    Behind the first that is not found none is looked for: the branch ends there.
+    After the first point that is not found the branch ends, and no more are tried.
     """
     num_joints = len(structure.laws)
     first = jnp.zeros(4 + 2 * num_joints * options.num_harmonics)
@@ -192,7 +192,8 @@ def _followed(
     units = _units(options, mode, structure)
     sticking = structure.h[:, mode] * units.q / units.x  # pyright: ignore
     first = first.at[4 :: 2 * options.num_harmonics].set(sticking)
-    if any(law.feels_rate for law in laws_in(structure.laws)):  # zeta is then not the modal one
+    # With velocity-dependent laws, zeta at rest is not the modal damping ratio.
+    if any(law.feels_rate for law in laws_in(structure.laws)):
         first, _ = _newton(options, mode, structure, first, jnp.zeros_like(amplitude[0]))
 
     def onward(carry, target):
@@ -236,7 +237,7 @@ def _to(
 ) -> tuple[Array, Point]:
     """Continue from one amplitude to another; halve steps where Newton fails or moves too far.
 
-    From a `start` that was not found itself, no step is taken.
+    No step is taken from a `start` that did not converge itself.
     """
     at, point, good = start
 
@@ -271,23 +272,23 @@ def _newton(
 
 
 class Units(NamedTuple):
-    """Units of q_m1 and of every joint's displacement, over the amplitude."""
+    """The units of q_m1 and of every joint's displacement, relative to the amplitude."""
 
     q: Scalar
     x: Array
 
 
 def _units(options: BackboneOptions, mode: Mode, structure: Structure) -> Units:
-    """Return units: a single joint's displacement, or the modal coordinate and joints' reach."""
+    """Return the units of the modal coordinate and of every joint's displacement in a backbone."""
     if options.is_one_joint:
         return Units(1.0 / structure.h[0, mode], jnp.ones(1))  # pyright: ignore
     return Units(1.0, jnp.max(jnp.abs(structure.h), axis=1))  # pyright: ignore[reportArgumentType]
 
 
 class BackboneMotion(NamedTuple):
-    """Motion of a point: q_m1 and q over the amplitude, x and r in the joints' units.
+    """The motion at a backbone point: q_m1 and q over the amplitude, x and r in joints' units.
 
-    `residual_1` is the first harmonic of the mode's own balance, which d of the mode multiplies.
+    `residual_1` is the first harmonic of the mode's own balance, multiplied by d of the mode.
     """
 
     omega: Scalar
@@ -302,7 +303,7 @@ class BackboneMotion(NamedTuple):
 def _motion(
     options: BackboneOptions, mode: Mode, structure: Structure, point: Point, amplitude: Scalar
 ) -> BackboneMotion:
-    """Return the frequency, damping, joints and modes of a point."""
+    """Return the frequency, damping, joints' and modes' motion that belong to a point."""
     units = _units(options, mode, structure)
     omega_m = structure.omega_n[mode]  # pyright: ignore[reportIndexIssue]
     omega, zeta = point[0] * omega_m, point[1]
@@ -314,7 +315,7 @@ def _motion(
     r = joint_forces(laws, point[0], x, options.max_turns)
     push = (structure.p * units.x) @ r  # pyright: ignore
     d = dynamic_stiffness(structure, omega, options.num_harmonics, zeta) / omega_m**2
-    # At zero amplitude d of the mode vanishes: no division by it in the first harmonic.
+    # At zero amplitude d of the mode vanishes, so its first harmonic is not divided by d.
     residual_1 = d[mode, 0] * units.q * q_m1 + push[mode, 0]  # pyright: ignore
     q = (-push / d.at[mode, 0].set(1.0)).at[mode, 0].set(units.q * q_m1)  # pyright: ignore
     return BackboneMotion(omega, zeta, q_m1, q, x, r, residual_1)
@@ -323,7 +324,7 @@ def _motion(
 def _imbalance(
     options: BackboneOptions, mode: Mode, structure: Structure, point: Point, amplitude: Scalar
 ) -> Point:
-    """Return the residuals of the mode's first harmonic, of the joints' and of the amplitude."""
+    """Return the residuals of the mode's first harmonic, the amplitude and the joints' motion."""
     motion = _motion(options, mode, structure, point, amplitude)
     apart = motion.x - (structure.h @ motion.q) / _units(options, mode, structure).x[:, None]
     relative_amplitude = motion.x[0, 0] if options.is_one_joint else motion.q_m1
@@ -336,9 +337,9 @@ def _imbalance(
 def _backbone_point(
     options: BackboneOptions, mode: Mode, structure: Structure, point: Point, amplitude: Array
 ) -> tuple[ModalBackbone, Array]:
-    r"""Return a point of the backbone, and how often the joint turns that turns most often.
+    r"""Return one point of the backbone, and the turning points of the joint that turns most.
 
-    A joint loses $\pi \sum_n n\,\mathrm{Im}(r_n \bar X_n)$ a cycle.
+    The loss of a joint per cycle is $\pi \sum_n n\,\mathrm{Im}(r_n \bar X_n)$.
     """
     motion = _motion(options, mode, structure, point, amplitude)
     unit = _units(options, mode, structure).x

@@ -1,13 +1,13 @@
-r"""Balance of harmonics condensed to the joints' displacements, and what the modes do then.
+r"""Harmonic balance condensed to the joints' displacements, and the motion of the modes from it.
 
-The modes are linear, so that the joints' displacements answer their own forces by receptances,
+The modes are linear, so the joints' displacements follow from the joints' forces by receptances,
 
 $$X_{jn} + \sum_l G_{jl}(n\omega)\,r_{ln}(X_l) - G_{jF}(n\omega)\,u_n = 0, \quad
   G_{jl} = \sum_i \frac{h_{ji} p_{il}}{d_i}, \quad G_{jF} = \sum_i \frac{h_{ji} b_i}{d_i}, \quad
   d_i = \omega_i^2 - (n\omega)^2 + 2j\zeta_i\omega_i n\omega$$
 
-and the unknowns are those of the joints, however many modes there are. All functions take an
-admitted structure with an axis of joints.
+and the only unknowns are the joints' displacements, however many modes there are. All functions
+take an admitted structure with an axis of joints.
 """
 
 from dataclasses import replace
@@ -27,13 +27,13 @@ from jbw.oscillator.steady.waveform import orders
 
 
 class StructureHarmonics(eqx.Module):
-    """Harmonics of a periodic motion, complex peak amplitudes of orders 1, 3, 5, ...
+    """The harmonics of a periodic motion, complex peak amplitudes of orders 1, 3, 5, ...
 
     Attributes:
-        x: Of every joint's relative displacement [m]; the axis of joints is there where the
-            structure's `h` has a row a joint.
-        q: Of the modal coordinates [m].
-        y: Of the outputs [m].
+        x: Harmonics of every joint's relative displacement [m]; the axis of joints exists if the
+            structure's `h` has one row per joint.
+        q: Harmonics of the modal coordinates [m].
+        y: Harmonics of the outputs [m].
     """
 
     x: Complex[Array, "*tone_joint harmonic"]
@@ -42,14 +42,17 @@ class StructureHarmonics(eqx.Module):
 
 
 def of_one_joint(harmonics: StructureHarmonics) -> StructureHarmonics:
-    """Return the same without the axis of joints."""
+    """Return the harmonics of a structure with one joint, without the axis of joints."""
     return replace(harmonics, x=harmonics.x[..., 0, :])
 
 
 def dynamic_stiffness(
     structure: Structure, omega: Scalar, num_harmonics: int, zeta_eq: Scalar = 0.0
 ) -> Complex[Array, "mode harmonic"]:
-    r"""Return d_i at the odd harmonics; subtract damping $2\zeta_{eq}\omega$ from every mode."""
+    r"""Return the modes' dynamic stiffness d_i at the odd harmonics.
+
+    $2\zeta_{eq}\omega$ is subtracted from the damping of every mode.
+    """
     frequency = omega * orders(num_harmonics)
     omega_n, zeta = structure.omega_n[:, None], structure.zeta[:, None]  # pyright: ignore
     damping = 2.0 * (zeta * omega_n - zeta_eq * omega)
@@ -61,7 +64,7 @@ def joint_forces(
 ) -> Complex[Array, "joint harmonic"]:
     """Return the harmonics r_n of the remainders of every joint's laws along its motion.
 
-    Joints whose laws are of the same kinds are worked out side by side, by one program.
+    Joints with laws of the same kinds are computed side by side, by one program.
     """
     alike: dict[Any, list[int]] = {}
     for j, of_joint in enumerate(laws):
@@ -88,8 +91,8 @@ def law_harmonics(
 
     $$dr = \partial_x r\,dx + \partial_{law} r\,d\mathrm{law}$$
 
-    The first term is worked out once, in 2 H columns, however many directions are asked for: a
-    Jacobian by the motions of J joints costs J times that, and not J^2.
+    The first term is computed once, in 2 H columns, however many directions are needed: a Jacobian
+    by the motions of J joints then costs J times that, and not J^2.
     """
     return law.harmonics(x, max_turns)
 
@@ -124,7 +127,7 @@ def modal_imbalance(
     load: Any,
     max_turns: int,
 ) -> Complex[Array, "joint harmonic"]:
-    """Return the residual of the condensed balance at a motion of the joints."""
+    """Return the residual of the condensed harmonic balance for a motion of the joints."""
     return x - structure.h @ _coordinates(structure, omega, x, load, max_turns)  # pyright: ignore
 
 
@@ -178,7 +181,7 @@ def modes_of(
     x: Complex[Array, "joint harmonic"],
     max_turns: int,
 ) -> StructureHarmonics:
-    """Return the joints, modes and outputs of a motion of the joints."""
+    """Return the harmonics of joints, modes and outputs for a motion of the joints."""
     load = amplitude * (orders(x.shape[-1]) == 1)
     q = _coordinates(structure, omega, x, load, max_turns)
     return StructureHarmonics(x, q, structure.c @ q)  # pyright: ignore

@@ -1,21 +1,21 @@
-r"""A structure by the names of its parameters, as a campaign's posterior has them.
+r"""Structures built from named parameters, as in a campaign's posterior.
 
-The first mode has the names of one mode, and the laws are in its units: $h_1 = p_1 = 1$. Of every
-other one, seen by the one output with $c_i = 1$,
+The first mode has the parameter names of a single mode, and the laws are in its units: $h_1 = p_1 =
+1$. For every other mode, observed at the one output with $c_i = 1$,
 
 $$h_i = s_i |h_i|, \qquad \kappa_i = |p_i| h_i^2, \qquad s_i = \pm 1$$
 
 `shape_i` is $|h_i|$, `sign_i` is $s_i$ and `coupling_i` is $\kappa_i$, by which that mode alone
-softens: $\alpha_i\delta_i = \kappa_i\,\alpha\delta$. By reciprocity $h_i p_i > 0$. Names that are
-absent say something too: without a coupling the output is where the source pushes, $p_i = h_i
-b_i/b_1$; without a shape the mode is a linear one, which the joint does not feel. Further points
-where the response is measured see $y_o = \sum_i c_{oi} q_i$, `point_o_i` is $c_{oi}$.
+softens: $\alpha_i\delta_i = \kappa_i\,\alpha\delta$. By reciprocity $h_i p_i > 0$. A missing name
+has a meaning too: without a coupling the output is where the source pushes, $p_i = h_i b_i/b_1$;
+without a shape the mode is linear and does not move the joint. Additional points where the response
+is measured observe $y_o = \sum_i c_{oi} q_i$, `point_o_i` is $c_{oi}$.
 
-Modes that do not meet have laws of their own (modal models): `alpha_mode_2` is what `alpha` is of
-an oscillator with the second mode's frequency.
+Uncoupled modes have separate laws (modal models): `alpha_mode_2` has the meaning of `alpha` in an
+oscillator with the second mode's frequency.
 
 Reference:
-    Segalman (2010), SAND2010-4763, for modes with laws of their own.
+    Segalman (2010), SAND2010-4763, for modes with separate laws.
 """
 
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ from jbw.quantities import AT, MODES, POINTS, Quantity
 
 
 class Names(NamedTuple):
-    """Names of the parameters of a mode other than the first."""
+    """The parameter names of one mode other than the first."""
 
     omega: str
     zeta: str
@@ -47,24 +47,25 @@ NAMES = tuple(Names(*(quantity.name for quantity in mode)) for mode in MODES)
 SEEN = tuple(tuple(quantity.name for quantity in point) for point in POINTS)
 
 
-DRIVEN = (("omega_n", "zeta"), *(names[:2] for names in NAMES))  # modes with numbers of their own
+# Names of the frequency and damping ratio of each mode that has its own.
+DRIVEN = (("omega_n", "zeta"), *(names[:2] for names in NAMES))
 
 
 def model_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Oscillator | Structure:
-    """Build the oscillator of a parameter dictionary, or the structure if it has further modes."""
+    """Build the oscillator from parameters by name, or the structure if they have several modes."""
     return structure_of(theta, laws) if has_further_modes(theta) else oscillator_of(theta, laws)
 
 
 def has_further_modes(names: Any) -> bool:
-    """Return whether names of parameters include those of a second mode, or of several joints."""
-    at_joints = any(AT in str(name) for name in names)  # draws lack what is held
+    """Return True if parameter names include those of a second mode or of several joints."""
+    at_joints = any(AT in str(name) for name in names)  # draws do not contain fixed parameters
     return NAMES[0].omega in names or is_assembled(names) or at_joints
 
 
 def structure_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Structure:
-    """Build the structure of a parameter dictionary; b is divided by mode 1's gain, c is one.
+    """Build the structure from parameters by name, with b divided by mode 1's gain and c = 1.
 
-    Of several joints, b and c are those of the reduced model (`jbw.oscillator.modes.assembled`).
+    For several joints, b and c are those of the reduced model (`jbw.oscillator.modes.assembled`).
 
     Examples:
         A second mode without `shape_2` is a linear neighbour, whose h is 0:
@@ -87,12 +88,12 @@ def structure_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Structure:
 
 
 def own_name(name: str, mode: int) -> str:
-    """Name of a law's parameter of a further mode; `mode` is 2 for the second."""
+    """Return the name of a law's parameter in a later mode; `mode` is 2 for the second."""
     return f"{name}_mode_{mode}"
 
 
 def own_quantities(laws: tuple[str, ...], num_modes: int = 1 + len(MODES)) -> list[Quantity]:
-    """Return the parameters of the laws that further modes have where they do not meet."""
+    """Return the quantities of the separate laws that uncoupled modes after the first have."""
     return [
         quantity._replace(
             name=own_name(quantity.name, mode), symbol=f"{quantity.symbol}({mode})",
@@ -104,7 +105,7 @@ def own_quantities(laws: tuple[str, ...], num_modes: int = 1 + len(MODES)) -> li
 
 
 def modes_apart(theta: Mapping[str, Any], laws: tuple[str, ...]) -> tuple[Oscillator, ...] | None:
-    """Return one oscillator with separate laws per uncoupled mode; None if theta has none."""
+    """Return one oscillator with its own laws per uncoupled mode; None if theta has none."""
     law_names = [quantity.name for quantity in quantities_of(laws)]
     if not law_names or own_name(law_names[0], 2) not in theta:
         return None
@@ -123,21 +124,21 @@ def gain_ratios(theta: Mapping[str, Any]) -> list[Any]:
 
 
 def seen_by_points(theta: Mapping[str, Any], num_modes: int) -> Float[Array, "point mode"]:
-    """Return the modes' weights at every point: the first point, then further ones in order."""
+    """Return the modes' weights at every measured point, first point first."""
     others = (point[:num_modes] for point in SEEN if point[0] in theta)
     rows = (jnp.stack([theta[name] for name in names]) for names in others)
     return jnp.stack(jnp.broadcast_arrays(jnp.ones(num_modes), *rows))
 
 
 def at_points(theta: Mapping[str, Any], structure: Structure) -> Structure:
-    """Return the structure with an output for every point."""
+    """Return the structure with one output for every measured point."""
     if is_assembled(theta):
         return replace(structure, c=seen_by(theta))
     return replace(structure, c=seen_by_points(theta, jnp.size(structure.omega_n)))
 
 
 def _mode(theta: Mapping[str, Any], names: Names) -> tuple[Any, ...]:
-    """Return omega, zeta, h, p and b of a further mode."""
+    """Return omega, zeta, h, p and b of a mode after the first."""
     linear, b = (theta[names.omega], theta[names.zeta]), theta[names.ratio]
     if names.shape not in theta:
         return *linear, 0.0, 0.0, b

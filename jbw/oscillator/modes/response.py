@@ -1,4 +1,4 @@
-"""Time response of several modes with joints to an input, and the work that the joints do."""
+"""The time response of several modes with joints to an input, and the work done by the joints."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -44,23 +44,23 @@ from jbw.oscillator.step import remainders
 
 
 class StructureResponse(eqx.Module):
-    """Motion of a structure at the samples; sample 0 is the initial state.
+    """The motion of a structure at the samples; sample 0 is the initial state.
 
-    The axis of joints is there where the structure's `h` has a row a joint.
+    The axis of joints exists if the structure's `h` has one row per joint.
 
     Attributes:
         t: Time [s].
         q: Modal coordinates [m].
-        dq: Their velocities [m/s].
+        dq: Modal velocities [m/s].
         x: Relative displacement of every joint, sum h_i q_i [m].
-        z: Force of all of its laws with a memory, the hysteretic ones [N/kg].
-        r: Remainder of all of its laws, what they exert less K x [N/kg].
-        work: Work of r along x over the record or period, what the joint has lost and holds [J/kg].
+        z: Force of all laws of a joint with a memory, the hysteretic laws [N/kg].
+        r: Remainder of all laws of a joint, their force minus K x [N/kg].
+        work: Work of r along x over the record or period: lost and stored energy of a joint [J/kg].
         y: Outputs, sum c_i q_i [m].
         v: Velocities of the outputs [m/s].
         a: Accelerations of the outputs [m/s^2].
-        residual: For a periodic record, what the state still changes over one period relative to
-            its largest value in it; 0 otherwise [-].
+        residual: For a periodic record, the remaining change of the state over one period, relative
+            to its largest value; otherwise 0 [-].
         guesses: How often a law's memory was too short [-].
     """
 
@@ -79,7 +79,7 @@ class StructureResponse(eqx.Module):
 
 
 class ModalOptions(NamedTuple):
-    """Arguments of `simulate` that are no arrays; `exact_step` where our own step is admitted."""
+    """The arguments of `simulate` that are no arrays; `exact_step` if jbw's own step is allowed."""
 
     hold: Hold
     substeps: int
@@ -108,7 +108,7 @@ def simulate_structure(
         u = jnp.asarray(u, float)
         check_input(u, num_samples)
         num_samples = u.shape[-1]
-    # A force of the velocity needs v predicted twice, which the joint's kernel does not do.
+    # A velocity-dependent force needs v predicted twice, which the joint's kernel does not do.
     exact_step = options.exact_step and not callable(u)
     exact_step = exact_step and all(
         law.stepped and not law.feels_rate for law in laws_in(structure.laws)
@@ -133,7 +133,7 @@ def simulate_structure(
 def _simulate_lanes(
     options: ModalOptions, structure: Structure, u: Any, fs: Scalar, initial: ModalState
 ) -> StructureResponse:
-    """Return the response to every record of a batch of inputs."""
+    """Return the structure's response to every record of a batch of inputs."""
     if not callable(u):
         u = held(u, options.hold, periodic=options.periodic)
     if callable(u) or not u.gain.shape:
@@ -147,7 +147,7 @@ def _simulate_lanes(
 
 
 def _per_mode(part: Any, structure: Structure) -> tuple[Array, ...]:
-    """Return a start of every mode; one number is that of each."""
+    """Return an initial value for every mode; a single number applies to each mode."""
     num = jnp.shape(structure.omega_n)
     part = jnp.asarray(part, float)
     if part.ndim and part.shape != num:
@@ -160,7 +160,7 @@ def _per_mode(part: Any, structure: Structure) -> tuple[Array, ...]:
 def _simulate(
     options: ModalOptions, structure: Structure, u: Any, fs: Scalar, initial: ModalState
 ) -> StructureResponse:
-    """Return one structure under one input."""
+    """Return the response of one structure to one input."""
     is_one_joint = jnp.ndim(structure.h) == 1
     if is_one_joint:
         structure, initial = by_joint(structure), (*initial[:2], (initial[2],))
@@ -193,21 +193,21 @@ def _simulate(
 
 
 class _Solved(NamedTuple):
-    """States at the samples, and the work of every joint until the last, of a structure."""
+    """The states at the samples, and a function for the work of every joint of a structure."""
 
     states: Trajectory
     work: Callable[[Structure], Array]
 
 
 def _stepped(options: ModalOptions, steps: ModalStepping, initial: ModalState) -> _Solved:
-    """Return a motion by our own step."""
+    """Return a motion by jbw's own exact step."""
     states, kicks = modal_solve(steps, initial)
     samples = jax.tree.map(lambda x: x[:: options.substeps], states)
     return _Solved(samples, lambda structure: work_of_joints(structure, steps, states, kicks))
 
 
 def _response_of(structure, t, u, states, residual, work) -> StructureResponse:
-    """Return the motion of the modes, the joints and the outputs along a trajectory."""
+    """Return the motion of the modes, the joints and the outputs along a trajectory of states."""
     q, dq, memories = jnp.stack(states[0]), jnp.stack(states[1]), states[2]
     x, v = structure.h @ q, structure.h @ dq
     z, r, guesses = [], [], jnp.zeros(())
@@ -227,7 +227,7 @@ def _response_of(structure, t, u, states, residual, work) -> StructureResponse:
 
 
 def oscillate_modes(structure: Structure, u: Scalar, state: Any) -> Any:
-    """Return the rates of (q, q', memories) and of each joint's work [per s], for every law."""
+    """Return the time derivatives of (q, q', memories) and of each joint's work [per s]."""
     (q, v, memories), _ = state
     q, v = jnp.stack(q), jnp.stack(v)
     x, dx = structure.h @ q, structure.h @ v
@@ -247,7 +247,7 @@ def oscillate_modes(structure: Structure, u: Scalar, state: Any) -> Any:
 def _stock(
     options: ModalOptions, structure: Structure, u: Callable, fs: Scalar, initial: ModalState
 ) -> _Solved:
-    """Return a motion by a stock solver; a periodic one goes on to the next period's start."""
+    """Return a motion by a stock solver; a periodic one extends to the next period's start."""
     num = (options.num_samples or 0) + options.periodic
     scheme = StockScheme(options.solver, options.controller, options.substeps)
     start = initial, tuple(jnp.zeros(()) for _ in structure.laws)
@@ -256,9 +256,9 @@ def _stock(
 
 
 def _hermite(orders: tuple[int, int]) -> list[Polynomial]:
-    """Return polynomials with one end derivative on [0, 1] equal to 1 and the others 0.
+    """Return the Hermite polynomials on [0, 1]: one end derivative is 1, all others are 0.
 
-    Up to the order given of the start, then of the end.
+    `orders` are the numbers of derivatives at the start and at the end.
     """
     size = sum(orders)
     rows = [
@@ -271,15 +271,18 @@ def _hermite(orders: tuple[int, int]) -> list[Polynomial]:
 
 
 def _weights() -> np.ndarray:
-    r"""Return $\int_0^1 R_k X_m' ds$ of the cubic (r, r') and quintic (x, x', x'') at both ends."""
+    r"""Return the integrals $\int_0^1 R_k X_m' ds$ that give a step's work from its end values.
+
+    R_k and X_m are the Hermite polynomials of the cubic (r, r') and of the quintic (x, x', x'').
+    """
     r, x = _hermite((2, 2)), _hermite((3, 3))
     products = [[(polynomial * other.deriv()).integ() for other in x] for polynomial in r]
     table = np.array([[integral(1.0) - integral(0.0) for integral in row] for row in products])
-    # x enters by its rise, for its value at the start moves nothing.
+    # x enters only by its rise, because its value at the start does no work.
     return np.concatenate([table[:, 1:3], table[:, 3:]], axis=1)
 
 
-# Of r, r' at start and end by x', x'' at the start and rise, x', x'' at the end.
+# Rows: r, r' at the start and at the end. Columns: x', x'' at the start, rise, x', x'' at the end.
 _WEIGHTS = _weights()
 
 
@@ -288,8 +291,8 @@ def work_of_joints(
 ) -> Float[Array, " joint"]:
     r"""Return each joint remainder's work over a motion, $W_j = \int r_j \dot x_j dt$ [J/kg].
 
-    Within a step r is the cubic H through r and its rate and x the quintic through x, v and a; what
-    H misses of kinks is what the kicks say,
+    Within a step r is the cubic H through r and its rate, and x is the quintic through x, v and a.
+    The kicks (impulses) give the error of H at kinks,
 
     $$\int (r - H)\,v\,dt = -v_1 k_v + a_1 k_y$$
 
@@ -297,7 +300,7 @@ def work_of_joints(
         structure: Modes and joints, with an axis of joints.
         stepping: Constants and input of the steps.
         states: States at the start and after every step.
-        kicks: Every joint's kicks on y and v after every step.
+        kicks: Every joint's impulses on y and v in every step.
     """
     q, v = jnp.stack(states[0]), jnp.stack(states[1])
     gain, dt = stepping.gain, stepping.step.joints[0].dt

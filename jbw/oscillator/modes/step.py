@@ -1,10 +1,10 @@
-r"""One step of several modes with joints: linear pre, a kernel a joint, linear post.
+r"""One time step of several modes with joints: linear before, a kernel per joint, linear after.
 
-Modes move freely by their own exact propagators. Each joint sees five scalars of them, x and v at
-the start, the acceleration there and what x and v change by freely; it moves its memories as
-`jbw.oscillator.step` does, on a path that the forces of all joints have predicted, and gives back
-six scalars, which every mode takes by constants of its own. Kinks of two joints within one step do
-not know of each other: that changes a kick by O(h^5) and a memory by O(h^4), so the order stays 4.
+Modes move freely by their own exact propagators. Each joint receives five scalars from them: x and
+v at the start, the acceleration there, and the free changes of x and v. It moves its memories as
+`jbw.oscillator.step` does, on a path that the forces of all joints have predicted. It returns six
+scalars, which every mode receives through its own constants. Kinks of two joints within one step
+are not coupled: that changes an impulse by O(h^5) and a memory by O(h^4), so the order stays 4.
 """
 
 from collections.abc import Sequence
@@ -40,17 +40,17 @@ from jbw.oscillator.step import (
 
 Coordinates = tuple[Scalar, ...]
 ModalMotion = tuple[Coordinates, Coordinates]  # (q_i, ...), (q_i', ...), or changes of both
-Memories = tuple[tuple[Memory, ...], ...]  # of every joint's laws
+Memories = tuple[tuple[Memory, ...], ...]  # one tuple per joint, with an entry per law
 # (q_i, ...), (q_i', ...), memories
 ModalState = tuple[Coordinates, Coordinates, Memories]
-# What the input adds to every q_i and q_i', and the input at the start.
+# Contributions of the input to every q_i and q_i', and the input at the start.
 ModalPush = tuple[tuple[Any, ...], tuple[Any, ...], Any]
 
 
 class ModeStep(eqx.Module):
-    """Constants of one mode's step.
+    """The constants of one mode's time step.
 
-    Of every joint h, p and the weights `on_y`, `on_v` of its r, h r', change of r and h r_1'.
+    For every joint: h, p, and the weights `on_y`, `on_v` of its r, h r', change of r and h r_1'.
     """
 
     h: tuple[Scalar, ...]
@@ -66,9 +66,9 @@ class ModeStep(eqx.Module):
 
 
 class Coupling(eqx.Module):
-    """The effect of a joint's force on a joint: constants of `ExactStep`, summed over modes by h p.
+    """The effect of one joint's force on another: `ExactStep` constants, summed over modes by h p.
 
-    `bend_*` are the effect of half of h^2 r'', a - b of the corrector's constants.
+    `bend_*` are the effects of half of h^2 r'', a - b of the corrector's constants.
     """
 
     mobility: Scalar
@@ -84,9 +84,9 @@ class Coupling(eqx.Module):
 
 
 class JointKernel(eqx.Module):
-    """Constants of a joint's kernel, of one kind for all joints with the same laws.
+    """The constants of a joint's kernel, of one type for all joints with the same laws.
 
-    `bend_*` are what half of h^2 r'' of the joint itself does to its x and v.
+    `bend_*` are the effects of half of h^2 r'' of the joint itself on its x and v.
     """
 
     laws: tuple[Law, ...]
@@ -96,9 +96,9 @@ class JointKernel(eqx.Module):
 
 
 class JointStep(eqx.Module):
-    """Constants of one joint's step.
+    """The constants of one joint's time step.
 
-    `by` holds what the force of every joint does to this one, which stands at `place` among them.
+    `by` contains the effect of every joint's force on this joint, which is number `place` of them.
     """
 
     laws: tuple[Law, ...]
@@ -109,7 +109,7 @@ class JointStep(eqx.Module):
 
     @property
     def kernel(self) -> JointKernel:
-        """Constants of what the joint does by itself."""
+        """The constants of the joint's own part (kernel) of a time step."""
         by_itself = self.by[self.place]
         return JointKernel(self.laws, self.dt, by_itself.bend_y, by_itself.bend_v)
 
@@ -120,14 +120,14 @@ class JointStep(eqx.Module):
 
 
 class ModalStep(eqx.Module):
-    """Constants of a step of all modes and joints; all leaves are scalars."""
+    """The constants of a time step of all modes and joints; all leaves are scalars."""
 
     joints: tuple[JointStep, ...]
     modes: tuple[ModeStep, ...]
 
 
 class FreeMotion(NamedTuple):
-    """Motion of a joint by the modes alone, without the joints' forces in this step."""
+    """The motion of a joint due to the modes alone, without the joints' forces in this step."""
 
     x: Scalar
     v: Scalar
@@ -146,27 +146,27 @@ class Begun(NamedTuple):
 
     @property
     def state(self) -> tuple[Scalar, Scalar, tuple[Memory, ...]]:
-        """Displacement, velocity and memories, as the laws' functions take them."""
+        """The displacement, velocity and memories, in the form that the laws' functions take."""
         return self.x, self.v, self.memory
 
     @property
     def branches(self) -> tuple[Any, ...]:
-        """Branches of the laws."""
+        """The branches of the joint's laws at the start of the step."""
         pairs = zip(self.kernel.laws, self.memory, strict=True)
         return tuple(law.branch(self.v, law_memory) for law, law_memory in pairs)
 
 
 class Remainder(NamedTuple):
-    """Remainder r of a joint's laws and h r' at the start of a step."""
+    """The remainder r of a joint's laws, and h times its rate r', at the start of a step."""
 
     r: Scalar
     rate: Scalar
 
 
 class Path(NamedTuple):
-    """Path of a joint through a step: x and v at the end as predicted, acceleration at the start.
+    """The path of a joint through a step: predicted end x and v, and acceleration at the start.
 
-    Those of the cubics of r and h r' of all joints.
+    The prediction contains the cubics of r and h r' of all joints.
     """
 
     x: Scalar
@@ -175,14 +175,14 @@ class Path(NamedTuple):
 
 
 class Passed(NamedTuple):
-    """A joint after its kernel: what it does to the modes beside its r and h r' at the start.
+    """A joint after its kernel: its effect on the modes, in addition to r and h r' at the start.
 
     Attributes:
         r_1: r at the end.
         rate_1: h r' at the end.
-        kick_y: Impulse on y of what the cubic of r misses.
-        kick_v: That on v.
-        shift: What the path already holds of the kick on x.
+        kick_y: Impulse on y that compensates the error of the cubic of r.
+        kick_v: Impulse on v.
+        shift: Part of the impulse on x that the path already contains.
     """
 
     r_1: Scalar
@@ -193,14 +193,14 @@ class Passed(NamedTuple):
 
 
 class ModalStepping(eqx.Module):
-    """The data for stepping a record of modes (of one: `jbw.oscillator.solver.Stepping`).
+    """The data for stepping a record of several modes (for one: `solver.Stepping`).
 
     Attributes:
         step: Constants of the step.
-        on_q: What each power of the input's polynomial adds to every q_i in a substep [s^2].
-        on_v: What it adds to every q_i' [s].
+        on_q: Effect of each power of the input's polynomial on every q_i in a substep [s^2].
+        on_v: Effect of each power on every q_i' [s].
         gain: Gain of the input.
-        pieces: Coefficients of the input in every substep, a row a power.
+        pieces: Coefficients of the input in every substep, one row per power.
     """
 
     step: ModalStep
@@ -210,7 +210,7 @@ class ModalStepping(eqx.Module):
     pieces: tuple[Float[Array, " substep"], ...]
 
     def push(self, powers: tuple[Any, ...]) -> ModalPush:
-        """Change of every mode by the input's coefficients, of one substep or of all."""
+        """Return every mode's change by the input, from its coefficients in one or all substeps."""
         on_q, on_v = (
             tuple(weighted(weights, powers) for weights in modes)
             for modes in (self.on_q, self.on_v)
@@ -218,7 +218,7 @@ class ModalStepping(eqx.Module):
         return on_q, on_v, self.gain * powers[0]
 
     def pushed(self) -> Pushed:
-        """Return the step's constants and the input's push in every substep, by one product."""
+        """Return the step's constants and the input's effect in every substep, by one product."""
         start = self.gain * np.eye(1, len(self.pieces))[0]
         weights = [jnp.stack(moments) for moments in (*self.on_q, *self.on_v)]
         rows = tuple(jnp.stack([*weights, start]) @ jnp.stack(self.pieces))
@@ -229,9 +229,9 @@ class ModalStepping(eqx.Module):
 def modal_stepping(
     structure: Structure, held: HeldInput, fs: Scalar, substeps: int
 ) -> ModalStepping:
-    """Return step constants, each mode's moments times its gain, and input coefficients.
+    """Return the constants, input moments times gain, and input coefficients to step a record.
 
-    Of a structure with an axis of joints.
+    The structure must have an axis of joints.
     """
     step, moments_y, moments_v = _constants(structure, 1.0 / (fs * substeps))
     pieces = held.pieces(substeps)
@@ -246,7 +246,7 @@ def modal_stepping(
 
 
 def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array], list[Array]]:
-    """Return constants of the step of length dt [s] and each mode's moments of a unit input."""
+    """Return the constants of a step dt [s], and each mode's moments of a unit input."""
     h, p, b = jnp.asarray(structure.h), jnp.asarray(structure.p), jnp.asarray(structure.b)
     joints = range(h.shape[0])
     modes, weights, moments_y, moments_v = [], [], [], []
@@ -267,7 +267,7 @@ def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array]
         moments_y.append(m.y)
         moments_v.append(m.v)
 
-    # As arrays: a sum for each of so many numbers would take long to compile.
+    # Arrays are used because a separate sum for each of so many numbers is slow to compile.
     couplings = barrier(jnp.einsum("ji,il,iw->wjl", h, p, jnp.asarray(weights)))
     steps = []
     for j, laws in enumerate(structure.laws):
@@ -281,7 +281,7 @@ def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array]
 def modal_advance(
     step: ModalStep, state: ModalState, push: ModalPush
 ) -> tuple[ModalState, tuple[tuple[Scalar, Scalar], ...]]:
-    """Return one step of all modes and joints, and every joint's kicks on y and on v."""
+    """Advance all modes and joints by one step; return also every joint's impulses on y and v."""
     q, v, memories = state
     change = freely(step, (q, v), push)
     seen = seen_by_joints(step, (q, v), change, push[2])
@@ -309,7 +309,7 @@ def modal_advance(
 
 
 def freely(step: ModalStep, motion: ModalMotion, push: ModalPush) -> ModalMotion:
-    """Change of every mode without the joints' forces."""
+    """Return the change of every mode without the joints' forces."""
     modes = list(zip(step.modes, *motion, push[0], push[1], strict=True))
     rise = tuple(m.f_11 * y + m.f_12 * dy + on_y for m, y, dy, on_y, _ in modes)
     gain = tuple(m.f_21 * y + m.f_22 * dy + on_v for m, y, dy, _, on_v in modes)
@@ -319,7 +319,7 @@ def freely(step: ModalStep, motion: ModalMotion, push: ModalPush) -> ModalMotion
 def seen_by_joints(
     step: ModalStep, motion: ModalMotion, change: ModalMotion, u: Scalar
 ) -> tuple[FreeMotion, ...]:
-    """Return the motion of every joint by the modes alone, which change so freely: five scalars."""
+    """Return each joint's motion (five scalars) due to the modes alone, for their free change."""
     q, v = motion
     pulls = tuple(
         m.damping * dy + m.stiffness * y for m, y, dy in zip(step.modes, q, v, strict=True)
@@ -336,19 +336,19 @@ def seen_by_joints(
 
 
 def remainder(at: Begun) -> Remainder:
-    """Return the remainder of a joint's laws when a step begins, and h times its rate."""
+    """Return the remainder of a joint's laws at the start of a step, and h times its rate."""
     return Remainder(*remainders(at.kernel.laws, at.kernel.dt, at.state, at.branches))
 
 
 def half_bend(at: Begun, a: Scalar) -> Scalar:
-    """Return half of h^2 r'' of a joint at the start, from its acceleration."""
+    """Return half of h^2 r'' of a joint at the start of a step, from its acceleration."""
     if not at.kernel.laws:
         return jnp.zeros_like(a)
     return bend(at.kernel.laws, at.kernel.dt, at.state, at.branches, a)
 
 
 def bent(joint: JointStep, half_bends: Sequence[Scalar]) -> tuple[Scalar, ...]:
-    """Return the effect of other joints' half h^2 r'' on x and v of a joint; empty if none."""
+    """Return the effect of other joints' half h^2 r'' on a joint's x and v; empty if none."""
     if not half_bends:
         return ()
     pairs = list(zip(joint.by_others, half_bends, strict=True))
@@ -356,19 +356,19 @@ def bent(joint: JointStep, half_bends: Sequence[Scalar]) -> tuple[Scalar, ...]:
 
 
 def all_bent(step: ModalStep, half_bends: tuple[Scalar, ...]) -> tuple[tuple[Scalar, ...], ...]:
-    """Return the same of every joint; linear in the bends."""
+    """Return, for every joint, the effect of the other joints' half h^2 r''; linear in these."""
     return tuple(bent(joint, _without(joint.place, half_bends)) for joint in step.joints)
 
 
 def _without(place: int, values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return all values but the one at a place."""
+    """Return all values except the one at a place."""
     return values[:place] + values[place + 1 :]
 
 
 def predicted(
     step: ModalStep, seen: Sequence[FreeMotion], starts: Sequence[Remainder]
 ) -> tuple[Path, ...]:
-    """Return every joint's path by r and h r' of all joints; linear in both arguments."""
+    """Return every joint's path predicted from r and h r' of all joints; linear in both."""
 
     def path(joint: JointStep, at: FreeMotion) -> Path:
         pairs = list(zip(joint.by, starts, strict=True))
@@ -387,10 +387,10 @@ def _less(total: Scalar, *parts: Any) -> Scalar:
 def pass_where_met(
     joint: JointStep, at: Begun, path: Path, others: tuple[tuple[Begun, Scalar], ...]
 ) -> tuple[Passed, End]:
-    """Return a joint along its path: `jbw.oscillator.step.advance` without the motion of the modes.
+    """Move a joint along its path, through kinks only where it meets one.
 
-    Kinks are gone through where the joint meets one. The others are the other joints at the start
-    and their accelerations there.
+    This is `jbw.oscillator.step.advance` without the motion of the modes. `others` are the other
+    joints at the start, with their accelerations there.
     """
     end, shift = _smooth(at, path), jnp.zeros_like(path.x)
     if at.kernel.laws and any(law.kinked for law in at.kernel.laws):
@@ -407,9 +407,9 @@ def pass_where_met(
 
 
 def pass_always(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[Passed, End]:
-    """Return the same through kinks in every step, as derivatives of many steps at once take it.
+    """Move a joint along its path, through kinks in every step, for derivatives of many steps.
 
-    `bends` are what half of h^2 r'' of the other joints does to this one's x and v.
+    `bends` are the effects of half of h^2 r'' of the other joints on this joint's x and v.
     """
     end, shift = _smooth(at, path), jnp.zeros_like(path.x)
     if at.kernel.laws and any(law.kinked for law in at.kernel.laws):
@@ -421,13 +421,13 @@ def pass_always(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[Passe
 
 
 def _smooth(at: Begun, path: Path) -> End:
-    """End of a path as predicted, with the memories of its start."""
+    """Return the end of a path as predicted, with the memories of its start."""
     none = jnp.zeros_like(path.x)
     return End(path.x, path.v, at.memory, at.branches, none, none)
 
 
 def _passed(at: Begun, end: End, shift: Scalar) -> tuple[Passed, End]:
-    """Return a joint's effect on the modes at the step's end, and the end with cusp impulses."""
+    """Return a joint's effect on the modes, and its end of the step with cusp impulses."""
     laws, none = at.kernel.laws, jnp.zeros_like(shift)
     if not laws:
         return Passed(none, none, none, none, none), end
@@ -437,7 +437,7 @@ def _passed(at: Begun, end: End, shift: Scalar) -> tuple[Passed, End]:
 
 
 def _through_kinks(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[End, Scalar]:
-    """End of a step that may hold kinks, and what x already holds of the kicks."""
+    """Return the end of a step with kinks, and the part of the impulses that x already contains."""
     kernel, start = at.kernel, (at.state, at.branches, path.a)
     weights = kernel.bend_y, kernel.bend_v
     end, shifts = through_kinks(kernel.laws, kernel.dt, start, weights, (path.x, path.v), bends)
@@ -447,7 +447,7 @@ def _through_kinks(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[En
 def corrections(
     step: ModalStep, starts: Sequence[Remainder], passed: Sequence[Passed]
 ) -> tuple[Scalar, ...]:
-    """Return the correction of every joint's x at the end; linear in both arguments."""
+    """Return the correction of every joint's x at the end of a step; linear in both arguments."""
 
     def correction(joint: JointStep) -> Scalar:
         by_joint = list(zip(joint.by, starts, passed, strict=True))
@@ -468,7 +468,7 @@ def driven(
     starts: Sequence[Remainder],
     passed: Sequence[Passed],
 ) -> ModalMotion:
-    """Return the modes at the end of the step: their free change, and the joints' forces."""
+    """Return the modes at the end of the step: their free change plus the joints' forces."""
     (q, v), (rise, gain) = motion, change
     forces = [
         (start.r, start.rate, end.r_1 - start.r, end.rate_1)

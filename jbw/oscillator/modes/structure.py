@@ -1,4 +1,4 @@
-"""Several modes of a structure that are coupled by joints, and the checks of their numbers."""
+"""Several modes of a structure that are coupled by joints, and checks of their numbers."""
 
 import warnings
 from collections.abc import Callable
@@ -17,50 +17,52 @@ from jbw.oscillator.parameters import Scalar
 from jbw.report.messages import joint as messages
 
 _PER_MODE = ("omega_n", "zeta", "b")
-# Of two modes; further apart the higher harmonics of the one do not reach the other.
+# Relative distance within which the higher harmonics of one mode reach another mode.
 _NEAR = 0.05
 _ORDERS = (3, 5)
-# Of a joint's largest: what a mode moves it by less is rounding of a mode that does not move it.
+# Relative to a joint's largest motion: less is the rounding of a mode that does not move it.
 _UNMOVED = 1e-8
-# Of the joints' part in the stiffness: a structure that is a mechanism without its joints has 1.
+# Tolerance on the joints' share of the stiffness, 1 for a mechanism that only its joints hold.
 _ROUND_OFF = 1e-9
 
-# Those of one joint, or a tuple for every joint.
+# The laws of one joint, or a tuple of them for every joint.
 Laws = tuple[Law, ...] | tuple[tuple[Law, ...], ...]
-Memories = tuple[Memory, ...]  # as the laws, of one joint or for every joint
+Memories = tuple[Memory, ...]  # in the form of the laws: for one joint, or for every joint
 
 
 def _as_laws(laws: Any) -> Laws:
-    """Convert any sequences of laws to tuples."""
+    """Convert any sequence of laws, or of sequences of laws, to tuples."""
     return tuple(tuple(law) if isinstance(law, tuple | list) else law for law in laws)  # pyright: ignore
 
 
 class Structure(eqx.Module):
-    r"""Modes of a structure with one or several joints, each mode per unit modal mass.
+    r"""The modes of a structure with one or several joints, each mode per unit modal mass.
 
     $$\ddot q_i + 2\zeta_i\omega_i\dot q_i + \omega_i^2 q_i + \sum_j p_{ij} r_j = b_i u, \qquad
       x_j = \sum_i h_{ji} q_i, \qquad y_o = \sum_i c_{oi} q_i$$
 
-    with r_j = sum (F - K x_j), the forces of joint j's laws at its relative displacement x_j less
-    their stiffness of rest: the modes are those with all joints sticking. The motion stays the same
-    under h_j -> s h_j, p_j -> s p_j with the joint's laws rescaled, and under
-    b_i, p_i -> t b_i, t p_i with c_i, h_i -> c_i/t, h_i/t.
+    with r_j = sum (F - K x_j), the forces of joint j's laws at its relative displacement x_j minus
+    those of their stiffness at rest: the modes are those with all joints stuck. The motion does not
+    change under h_j -> s h_j, p_j -> s p_j with the joint's laws rescaled, nor under b_i, p_i -> t
+    b_i, t p_i with c_i, h_i -> c_i/t, h_i/t.
 
-    Of one joint, h and p are arrays of a number a mode and the laws one tuple: then x, r and the
-    laws' memories have no axis of joints. With h_1 = p_1 = 1 the laws have the meaning and the
-    units that they have about mode 1 alone; that choice is the caller's. A field is an array of a
-    number a mode, or one number where there is one mode. Of J joints, h has a row and the laws a
-    tuple a joint. By reciprocity p is h transposed where the modes have mass one; that is taken
-    where p is None. Structures with other numbers, as a batch, by `jax.vmap`.
+    For one joint, h and p are arrays with one number per mode and the laws are one tuple: then x, r
+    and the laws' memories have no axis of joints. With h_1 = p_1 = 1 the laws have the meaning and
+    the units that they have for mode 1 alone; that choice is the caller's. A field is an array with
+    one number per mode, or one number for one mode. For several joints, h has one row per joint and
+    the laws are one tuple per joint. By reciprocity p is h transposed if the modal masses are one;
+    this is assumed where p is None. For a batch of structures use `jax.vmap`.
 
     Attributes:
-        omega_n: Natural frequencies, the joints sticking [rad/s]; 0 where a mode moves none.
+        omega_n: Natural frequencies with stuck joints [rad/s]; 0 is allowed where a mode moves no
+            joint.
         zeta: Viscous damping ratios [-].
-        h: What a unit of each mode moves each joint, (mode,) or (joint, mode) [-].
-        p: What each joint's force does to each mode, (mode,) or (mode, joint) [-].
-        b: What the input does to each mode [-].
-        c: What each output sees of the modes [-]; one output, or outputs along the first axis.
-        laws: The forces across the joint, or a tuple of them for every joint.
+        h: Motion of each joint per unit of each mode, (mode,) or (joint, mode) [-].
+        p: Effect of each joint's force on each mode, (mode,) or (mode, joint) [-].
+        b: Effect of the input on each mode [-].
+        c: Motion of each output per unit of each mode [-]; one output, or outputs along the first
+            axis.
+        laws: Forces across the joint, or a tuple of forces for every joint.
 
     Examples:
         Two modes share one joint. Weak motion at the first resonance is amplified by 1 / (2 zeta):
@@ -84,7 +86,7 @@ class Structure(eqx.Module):
     laws: Laws = eqx.field(default=(), converter=_as_laws)
 
     def at_rest(self) -> Memories:
-        """Return the memories of the laws before any motion."""
+        """Return the memories (internal states) of the laws before any motion."""
         return map_laws(lambda law: law.at_rest(), self.laws)
 
 
@@ -97,7 +99,7 @@ def by_joint(structure: Structure) -> Structure:
 
 
 def map_joint_laws(function: Callable[..., Any], laws: Laws, *of_joints: Any) -> Laws:
-    """Return the function of every law and of its joint's entries of others."""
+    """Apply a function to every law, with the entries of other sequences for its joint."""
     return tuple(
         tuple(function(law, *entries) for law in of_joint)  # pyright: ignore[reportGeneralTypeIssues]
         for of_joint, *entries in zip(laws, *of_joints, strict=True)
@@ -105,19 +107,19 @@ def map_joint_laws(function: Callable[..., Any], laws: Laws, *of_joints: Any) ->
 
 
 def first_frequency(structure: Structure) -> Scalar:
-    """Return the frequency of the first flexible mode, used as frequency unit [rad/s]."""
+    """Return the frequency of the first flexible mode, used as the unit of frequency [rad/s]."""
     omega_n = jnp.asarray(structure.omega_n)
     return omega_n[jnp.argmax(omega_n > 0.0)]
 
 
 class Commensurate(NamedTuple):
-    """Two modes of which one is near an odd multiple of the other.
+    """A pair of modes of which the higher is near an odd multiple of the lower.
 
     Attributes:
         mode: Index of the lower mode, from 0.
         other: Index of the higher mode.
         order: Odd harmonic of the lower mode that is near the higher one.
-        detuning: Frequency of the higher mode over that of the harmonic, less 1 [-].
+        detuning: Frequency of the higher mode divided by that of the harmonic, minus 1 [-].
     """
 
     mode: int
@@ -127,11 +129,11 @@ class Commensurate(NamedTuple):
 
 
 def admitted(structure: Structure) -> Structure:
-    """Return the structure with an array for every number; raises where it is invalid.
+    """Return the structure with an array for every number; raise if it is invalid.
 
     Raises:
-        ConfigError: Shapes differ, or nothing of the modes reaches a joint.
-        ModelError: A frequency or damping ratio that no mode has, or a number is not finite.
+        ConfigError: Shapes differ, or no mode moves a joint.
+        ModelError: A frequency or damping ratio is invalid, or a number is not finite.
     """
     for name in ("b", "c"):
         if getattr(structure, name) is None:
@@ -191,7 +193,7 @@ def _number_of_modes(shapes: dict[str, tuple[int, ...]]) -> tuple[int]:
 
 
 def _require_joints(structure: Structure, values: dict[str, Array], num_modes: int) -> None:
-    """Raise where h, p and the laws are not those of the same joints and modes."""
+    """Raise if h, p and the laws do not belong to the same joints and modes."""
     num_joints = values["h"].shape[0]
     for name, shape, axes in (
         ("h", (num_joints, num_modes), "joint, mode"), ("p", (num_modes, num_joints), "mode, joint")
@@ -220,7 +222,7 @@ def _require_joints(structure: Structure, values: dict[str, Array], num_modes: i
 
 
 def _require_modes(structure: Structure) -> None:
-    """Raise for numbers that no mode has; tracers are trusted."""
+    """Raise if a mode has invalid numbers; traced values are trusted."""
     require_finite(structure)
     concrete = {
         name: np.asarray(getattr(structure, name))
@@ -246,7 +248,7 @@ def _require_modes(structure: Structure) -> None:
 
 
 def _require_first(name: str, values: np.ndarray) -> None:
-    """Raise where the first mode, in whose units the laws of one joint are, does not reach it."""
+    """Raise if the first mode, whose units the laws of one joint have, does not move the joint."""
     if values[0] == 0.0:
         raise ConfigError(
             f"Field `{name}` of a `Structure` must not be 0 for the first mode, but it is.",
@@ -256,7 +258,7 @@ def _require_first(name: str, values: np.ndarray) -> None:
 
 
 def _require_moved(name: str, values: np.ndarray) -> None:
-    """Raise where no mode reaches a joint."""
+    """Raise if no mode moves one of the joints."""
     unmoved = ~np.any(values if name == "h" else values.T, axis=1)
     if np.any(unmoved):
         raise ConfigError(
@@ -268,7 +270,7 @@ def _require_moved(name: str, values: np.ndarray) -> None:
 
 
 def _require_rigid(omega_n: np.ndarray, h: np.ndarray) -> None:
-    """Raise where a joint has no stiffness against a mode that moves it."""
+    """Raise if a rigid-body mode moves a joint, although the joint has stiffness."""
     moves = np.abs(h) > _UNMOVED * np.max(np.abs(h), axis=1, keepdims=True)
     bad = (omega_n == 0.0) & moves
     if np.any(bad):
@@ -282,12 +284,12 @@ def _require_rigid(omega_n: np.ndarray, h: np.ndarray) -> None:
 
 
 def warn_of_stiff_joints(structure: Structure) -> None:
-    r"""Warn where the joints are stiffer than all of the structure.
+    r"""Warn if the joints are stiffer than the whole structure.
 
     $$\lambda_{max}\Big(k_j \sum_i h_{ji} p_{il} / \omega_i^2\Big) > 1$$
 
-    of the joints' stiffness k_j, of one mode $k > \omega_n^2$: once the joints slip, nothing holds
-    the structure. The structure is an admitted one.
+    with the joints' stiffness k_j; for one mode, $k > \omega_n^2$: once the joints slip, no
+    stiffness holds the structure. The structure must be an admitted one.
     """
     if not laws_in(structure.laws) or not is_concrete(structure):
         return
@@ -308,7 +310,7 @@ def warn_of_stiff_joints(structure: Structure) -> None:
 
 
 def require_sampled(structure: Structure, fs: Any, substeps: int) -> None:
-    """Refuse steps longer than half a period of the highest mode, warn of some shorter ones."""
+    """Raise if a step exceeds half a period of the highest mode; warn if it is nearly as long."""
     if not is_concrete(structure.omega_n, fs):
         return
     highest = float(np.max(np.asarray(structure.omega_n)))
@@ -332,8 +334,9 @@ def internal_resonances(
 ) -> tuple[Commensurate, ...]:
     r"""List modes near an odd harmonic of a lower mode, $\omega_j \approx n\,\omega_i$.
 
-    The joint radiates at n omega; a mode there takes energy up, so that a backbone of one mode and
-    one harmonic is off by per cents in damping. A softening joint lowers omega_i with amplitude.
+    The joint produces forces at n omega; a mode there takes up energy, so that a backbone of one
+    mode and one harmonic is wrong by several per cent in damping. A softening joint lowers omega_i
+    with amplitude.
 
     Args:
         structure: The modes.
@@ -341,10 +344,10 @@ def internal_resonances(
         orders: Odd orders n.
 
     Returns:
-        Pairs of modes, the nearest first.
+        Pairs of modes, nearest first.
 
     Raises:
-        ConfigError: The frequencies are traced, or as for every door that takes a `Structure`.
+        ConfigError: The frequencies are traced, or as for every function that takes a `Structure`.
 
     Examples:
         A mode at 57.0 Hz lies 1.1 % above three times 18.8 Hz:

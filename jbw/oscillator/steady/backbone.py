@@ -1,16 +1,16 @@
-r"""How resonance moves with amplitude, frequency responses, and the motion that a controller holds.
+r"""Resonance against amplitude, frequency responses, and motion at a controlled amplitude or phase.
 
-Of a motion that is held the first harmonic is known, and its force is asked for. Where several
-motions answer one force, one force answers a motion: along the amplitude no branch is chosen and no
-fold is met. Of the harmonic balance R_n(q) = u_n (`balance.imbalance`, without a load) with
-q_1 = Y known, the higher harmonics remain,
+In a controlled motion the first harmonic is given, and its force is the unknown. One force may have
+several motions, but one motion has only one force: along the amplitude there is no choice of branch
+and no fold. In the harmonic balance R_n(q) = u_n (`balance.imbalance`, without a load), q_1 = Y is
+given and the higher harmonics remain unknown,
 
 $$R_n(Y, q_3, q_5, \dots) = 0, \quad n = 3, 5, \dots, \qquad
   F_1 e^{-j\varphi} = R_1(Y, q_3, q_5, \dots)$$
 
-with phi the phase of the displacement to the force. Where the phase is held as well, the frequency
-is one more unknown, and what determines it is that the force has that phase,
-$\mathrm{Im}\,(R_1 e^{j\varphi}) = 0$.
+with phi the phase of the displacement relative to the force. Where the phase is controlled too, the
+frequency is one more unknown, and the condition that determines it is that the force has that
+phase, $\mathrm{Im}\,(R_1 e^{j\varphi}) = 0$.
 """
 
 from functools import partial
@@ -46,17 +46,17 @@ from jbw.oscillator.steady.modal import modal_tones
 from jbw.oscillator.steady.waveform import orders
 
 NUM_HARMONICS = 4
-NUM_STEPS = 3  # of Newton's iteration from the first harmonic alone; the error is squared in each
+NUM_STEPS = 3  # Newton steps from the first harmonic alone; each step squares the error
 
 
 class Backbone(eqx.Module):
-    """Resonance of the joint against amplitude.
+    """The resonance of the joint against amplitude.
 
     Attributes:
         y_peak: Displacement amplitude Y [m].
         omega: Resonance frequency, where y lags the force by 90 degrees [rad/s].
-        zeta: Equivalent damping ratio there, viscous and hysteretic [-].
-        amplitude: Force amplitude that drives Y there [N/kg].
+        zeta: Equivalent damping ratio at resonance, viscous and hysteretic [-].
+        amplitude: Force amplitude that sustains Y at resonance [N/kg].
     """
 
     y_peak: Float[Array, "..."]
@@ -84,7 +84,7 @@ def backbone(
     num_harmonics: int = 8,
     max_turns: int = 2,
 ) -> Backbone | ModalBackbone:
-    r"""Return resonance frequency and equivalent damping over amplitude, from the steady loop.
+    r"""Return resonance frequency and equivalent damping at each amplitude, from the steady loop.
 
     For y = Y cos(theta) and the balance of the first harmonic alone, phase resonance needs
 
@@ -93,26 +93,26 @@ def backbone(
     $$\zeta_{eq} = \zeta\,\frac{\omega_n}{\omega} + \frac{E}{2\pi\omega^2 Y^2}$$
 
     with F_1 the first harmonic of the laws' forces, 3 lambda_3 Y^3/4 for a cubic spring, and E the
-    energy that their loops dissipate per cycle. Leaving the higher harmonics out costs
-    2e-5 to 2.5e-4 in Y at the paper's parameters.
+    energy that their loops dissipate per cycle. Neglecting the higher harmonics causes a relative
+    error of 2e-5 to 2.5e-4 in Y at the paper's parameters.
 
-    Of a `Structure` it is the extended periodic motion of one of its modes, followed from the
-    sticking joints on, against the first harmonic X of the joint's displacement, or where `h` has a
-    row a joint against that of the mode's own coordinate, |q_1|:
+    For a `Structure` the result is the extended periodic motion of one of its modes, followed from
+    the fully stuck joints. Its amplitude is the first harmonic X of the joint's displacement or,
+    where `h` has one row per joint, that of the mode's own coordinate, |q_1|:
 
     $$\ddot q_i + (2\zeta_i\omega_i - 2\zeta_{eq}\omega)\dot q_i + \omega_i^2 q_i
       + \sum_j p_{ij} r_j = 0$$
 
     Args:
         joint: A `BoucWen` with nu = 1, an `Oscillator` with any laws, or a `Structure`.
-        y_peak: Displacement amplitudes Y [m], of a `Structure` X or |q_1|; at 0 the
-            sticking joint.
-        mode: Which mode of a `Structure`, from 0.
-        num_harmonics: Number of odd harmonics of a `Structure`; the others are taken by the first.
-        max_turns: Turning points of every joint of a `Structure` in a period, at most.
+        y_peak: Displacement amplitudes Y [m]; for a `Structure` X or |q_1|. At 0 the joint is fully
+            stuck.
+        mode: Index of the mode of a `Structure`, from 0.
+        num_harmonics: Number of odd harmonics for a `Structure`; other joints use only the first.
+        max_turns: Largest number of turning points of every joint of a `Structure` in a period.
 
     Returns:
-        The backbone at each amplitude; of a `Structure` with shape and harmonics.
+        The backbone at each amplitude; for a `Structure` with deflection shape and harmonics.
 
     Raises:
         ModelError: `nu` is not 1, a spring other than `square` has an even part, or a
@@ -150,10 +150,10 @@ def backbone(
 
 
 def _require_loops(joint: Any) -> None:
-    """Raise where a law has no equivalent stiffness and damping at an amplitude."""
+    """Raise if a law has no equivalent stiffness and damping at an amplitude."""
     require_contracts(joint)
     for law in joint.laws:
-        if not law.is_even:  # `Oscillator.loop` includes its effect of second order
+        if not law.is_even:  # `Oscillator.loop` includes their second-order effect
             law.check_periodic()
 
 
@@ -173,18 +173,18 @@ def frequency_response(  # pyright: ignore[reportInconsistentOverload]
     *,
     max_turns: int = 2,
 ) -> Complex[Array, "... freq harmonic"] | StructureHarmonics:
-    r"""Return the response's odd harmonics over frequency, each started from the previous tone.
+    r"""Return the response's odd harmonics over frequency, each solved from the previous tone.
 
-    The same solutions as `steady_state`, reached as a slow stepped sine reaches them: Newton's
-    iteration starts from the harmonics at the frequency before, or raises the load in steps
-    where that fails. Where several responses exist the order of `omega` decides, so a falling
-    sweep may differ from a rising one, as on the rig. Differentiable like `steady_state`.
+    The solutions are those of `steady_state`, reached as a slow stepped sine reaches them: Newton's
+    iteration starts from the harmonics at the previous frequency, or raises the load in steps where
+    that fails. Where several responses exist the order of `omega` decides, so a falling sweep may
+    differ from a rising one, as on the rig. Differentiable like `steady_state`.
 
     Args:
-        joint: A `BoucWen` with nu = 1, or an `Oscillator`; it broadcasts against `amplitude`. Or a
-            `Structure`, of which joint, modes and outputs are returned.
+        joint: A `BoucWen` with nu = 1, or an `Oscillator`; it broadcasts against `amplitude`. For a
+            `Structure`, the harmonics of joint, modes and outputs are returned.
         omega: Angular frequencies in the order of the sweep [rad/s].
-        amplitude: Force amplitudes A of the levels [N/kg].
+        amplitude: Force amplitudes A, one per level [N/kg].
         num_harmonics: Number of odd harmonics.
         max_turns: Turning points of y allowed in a period, as for `steady_state`.
 
@@ -247,15 +247,15 @@ def force_at(
 
     $$F_1 e^{-j\varphi} = (\omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega)\,Y + \sum r_1(q)$$
 
-    Its phase counts from the displacement. Without higher harmonics this is the describing function
-    of the laws; what they add is some 1e-4 of the damping's part.
+    Its phase is relative to the displacement. Without higher harmonics this is the describing
+    function of the laws; the higher harmonics add about 1e-4 of the damping's part.
 
     Args:
         joint: A `BoucWen` with nu = 1, or an `Oscillator`, scalars.
         omega: Angular frequency [rad/s].
         y_peak: Amplitude Y of the displacement's fundamental [m], positive.
-        num_harmonics: Odd harmonics that are balanced.
-        num_steps: Steps of Newton's iteration.
+        num_harmonics: Number of odd harmonics that are balanced.
+        num_steps: Number of Newton steps.
 
     Raises:
         ModelError: nu is not 1, or a spring has an even part.
@@ -277,22 +277,24 @@ def tone_at_phase(
     num_harmonics: int = NUM_HARMONICS,
     num_steps: int = NUM_STEPS,
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    r"""Return the frequency [rad/s] and force amplitude [N/kg] that hold an amplitude at a phase.
+    r"""Return the frequency [rad/s] and force amplitude [N/kg] for a given amplitude and phase.
 
-    For y = Y cos(theta), of stiffness K and damping C at amplitude Y, the first harmonic is
+    For y = Y cos(theta), with the laws' stiffness K and damping C at amplitude Y, the first
+    harmonic gives
 
     $$\omega = \zeta\omega_n \cot\varphi +
         \sqrt{(\zeta\omega_n \cot\varphi)^2 + k + K + C\cot\varphi}, \qquad
       F = -\frac{2\zeta\omega_n\omega + C}{\sin\varphi}\,Y$$
 
-    from which Newton's iteration finds the higher ones. At -90 degrees it is the backbone.
+    from which Newton's iteration finds the higher harmonics. At -90 degrees the result is the
+    backbone.
 
     Args:
         joint: A `BoucWen` with nu = 1, or an `Oscillator`, scalars.
         y_peak: Amplitude Y of the displacement's fundamental [m], positive.
-        phase: Phase of the displacement to the force [rad], between -pi and 0.
-        num_harmonics: Odd harmonics that are balanced.
-        num_steps: Steps of Newton's iteration.
+        phase: Phase of the displacement relative to the force [rad], between -pi and 0.
+        num_harmonics: Number of odd harmonics that are balanced.
+        num_steps: Number of Newton steps.
 
     Raises:
         ModelError: nu is not 1, or a spring has an even part.
@@ -307,7 +309,7 @@ def tone_at_phase(
 
     none = jnp.zeros(2 * num_harmonics - 2)
     cotangent = jnp.cos(phase) / jnp.sin(phase)
-    # At omega_n the first harmonic is 2 j zeta omega_n^2 and what the laws add to omega_n^2.
+    # At omega_n the first harmonic is 2 j zeta omega_n^2 plus what the laws add to omega_n^2.
     law = _imbalance(joint, joint.omega_n, y_peak, none)[0] - 2j * joint.zeta * joint.omega_n**2
     half = joint.zeta * joint.omega_n * cotangent
     squared = joint.omega_n**2 + jnp.real(law) + jnp.imag(law) * cotangent
@@ -320,7 +322,7 @@ def tone_at_phase(
 def _imbalance(
     joint: Joint, omega: Scalar, y_peak: Scalar, x: Float[Array, " unknown"]
 ) -> Complex[Array, " harmonic"]:
-    """Return the balance residual over Y for higher harmonics over Y (real, then imaginary)."""
+    """Return the harmonic balance's residual over Y, for given higher harmonics over Y."""
     real, imaginary = jnp.split(x, 2)
     higher = jax.lax.complex(real, imaginary)
     q = jnp.asarray(y_peak * jnp.concatenate([jnp.ones(1, complex), higher]))
@@ -328,5 +330,5 @@ def _imbalance(
 
 
 def _split(values: Complex[Array, " harmonic"]) -> Float[Array, " part"]:
-    """Return the real parts, then imaginary parts."""
+    """Return the real parts, followed by the imaginary parts, as one array."""
     return jnp.concatenate([values.real, values.imag])

@@ -1,6 +1,6 @@
-r"""Harmonic balance of the oscillator in its dimensionless form: residual and Newton's iteration.
+r"""Harmonic balance of the oscillator in dimensionless form: residual and Newton's iteration.
 
-Harmonics are stored as real arrays of shape (2, harmonic), of a structure (2, joint, harmonic):
+Harmonics are stored as real arrays of shape (2, harmonic), or (2, joint, harmonic) for a structure:
 real and imaginary parts of the odd orders 1, 3, 5, ... of y = Re sum q_n exp(j n theta).
 """
 
@@ -26,8 +26,8 @@ from jbw.oscillator.steady.waveform import num_turns, orders
 
 Packed = Float[Array, "2 *joint harmonic"]
 
-# Newton's last step measures the error of the iterate before it; the convergence is quadratic, so
-# what is returned is good to roundoff.
+# Newton's last step measures the error of the previous iterate; because convergence is quadratic,
+# the returned value is accurate to round-off.
 _TOLERANCE = 1e-8
 _MAX_NEWTON = 16
 _MAX_LOADS = 64
@@ -44,8 +44,8 @@ def unpack(packed: Packed) -> Complex[Array, "*joint harmonic"]:
     return jax.lax.complex(packed[0], packed[1])
 
 
-# The oscillator in its dimensionless form; of a structure, with an axis of joints, the motion is
-# that of the joints.
+# The oscillator or structure in dimensionless form. The motion of a structure is that of its
+# joints, and has an axis of joints.
 Unit = Oscillator | Structure
 
 
@@ -64,13 +64,13 @@ def imbalance(
     load: Shaped[ArrayLike, " harmonic"],
     max_turns: int = 2,
 ) -> Complex[Array, " harmonic"]:
-    r"""Return the residual of the harmonic balance at a motion, harmonic by harmonic, in any units.
+    r"""Return the residual of the harmonic balance for a motion, order by order, in any units.
 
     $$R_n = (\omega_n^2 - n^2\omega^2 + 2j\zeta\omega_n n\omega)\,q_n + \sum r_n - u_n$$
 
-    where r = F - K y, so that the stiffness omega_n^2 of the sticking joint is not split. How its
-    harmonics come is each law's own: Bouc-Wen's by quadrature between the turning points and zeros
-    of z, whose steady value at the turning points is solved for, not marched.
+    where r = F - K y, so that the stiffness omega_n^2 of the stuck joint is not split. Each law
+    computes its own harmonics: Bouc-Wen by quadrature between the turning points and zeros of z,
+    whose steady value at the turning points is solved for, not marched.
     """
     r_n = _dynamic_stiffness(joint, omega, orders(q.shape[0])) * q - load
     return reduce(add, (law.harmonics(q, max_turns, omega) for law in joint.laws), r_n)
@@ -87,18 +87,18 @@ def refined(
 
     $$q \leftarrow q - R_q^{-1} R(q)$$
 
-    The error is squared in each step. The derivatives are those of the last step, which are the
-    implicit ones where it has converged.
+    Each step squares the error. The derivatives are those of the last step; these are the implicit
+    ones if it has converged.
 
     Args:
         joint: The oscillator.
         omega: Angular frequency [rad/s].
-        start: Guess of the odd orders of y [m].
-        load: Odd orders of the force per unit mass [N/kg].
-        num_steps: Steps.
+        start: Guess of the odd harmonics of y [m].
+        load: Odd harmonics of the force per unit mass [N/kg].
+        num_steps: Number of Newton steps.
 
     Returns:
-        Odd orders of y [m].
+        Odd harmonics of y [m].
 
     Raises:
         ModelError: nu is not 1, or a spring has an even part.
@@ -120,9 +120,9 @@ def newton_steps(
 ) -> Float[Array, " unknown"]:
     r"""Take a few Newton steps $x \leftarrow x - f_x^{-1} f(x)$ from a close guess.
 
-    Derivatives are those of the last step, which are the implicit ones where it has converged. The
-    slopes stand in the loop alone, and what the function closes over has no tangents there: they
-    are most of what is compiled.
+    The derivatives are those of the last step; these are the implicit ones if it has converged. The
+    slopes are computed only in the loop, without tangents of the values the function closes over,
+    because they are most of the compilation.
     """
     x = jax.lax.stop_gradient(x)
     converted, closed_over = jax.closure_convert(function, x)
@@ -143,7 +143,7 @@ def newton_steps(
 
 
 def residual(packed: Packed, problem: tuple[Unit, Scalar], max_turns: int) -> Packed:
-    """Return the imbalance of the dimensionless oscillator under cos(Omega theta)."""
+    """Return the residual of the dimensionless harmonic balance under the load cos(Omega theta)."""
     joint, omega = problem
     q = unpack(packed)
     if isinstance(joint, Structure):
@@ -156,11 +156,11 @@ def residual(packed: Packed, problem: tuple[Unit, Scalar], max_turns: int) -> Pa
 def balance(
     joint: Unit, omega: Scalar, start: Packed, max_turns: int
 ) -> tuple[Packed, Float[Array, ""]]:
-    """Return the root of the residual, by loading in as few steps as Newton's iteration allows.
+    """Return the balanced harmonics and the load reached, by as few load steps as Newton allows.
 
-    The full load is tried at once from `start`; where that fails, the load rises from the linear
-    response in steps, halved on failure and doubled on success. The derivatives are implicit, so
-    they cost one linear solve and know nothing of the path. Returned with the load reached, 1 where
+    The full load is tried at once from `start`. If that fails, the load rises from the linear
+    response in steps, halved on failure and doubled on success. The derivatives are implicit: they
+    cost one linear solve and do not depend on the path. The load reached is 1 if the solution
     converged.
     """
     linear = linear_response(joint, omega, start.shape[-1])
@@ -189,7 +189,7 @@ def balance(
 
 
 def _loaded(load: Scalar, law: Law) -> Law:
-    """Return the law in units of a part of the load."""
+    """Return a law scaled to the displacement unit of a part of the full load."""
     return law.scaled(load, 1.0)
 
 
@@ -210,14 +210,14 @@ def _balance_jvp(max_turns: int, primals: tuple, tangents: tuple) -> tuple:
 
 
 def most_turns(q: Complex[Array, "*joint harmonic"]) -> Int[Array, ""]:
-    """Return the turning points per period of the joint that turns most often."""
+    """Return the number of turning points per period of the joint that turns most often."""
     return num_turns(q) if q.ndim == 1 else jnp.max(jax.vmap(num_turns)(q))
 
 
 def tone_from(
     start: Packed, unit: Unit, ratio: Array, length: Array, max_turns: int
 ) -> tuple[Packed, tuple[Array, Array]]:
-    """Solve the balance of a tone; return its harmonics and turning points, NaN if invalid."""
+    """Solve the balance of a tone; return its harmonics (NaN if invalid) and turning points."""
     packed, load = balance(unit, ratio, start, max_turns)
     q = unpack(packed)
     turns = most_turns(q)
@@ -228,7 +228,7 @@ def tone_from(
 def newton(
     joint: Unit, omega: Scalar, start: Packed, max_turns: int
 ) -> tuple[Packed, Bool[Array, ""]]:
-    """Solve the residual by Newton's iteration from `start`, at full load."""
+    """Solve the harmonic balance by Newton's iteration from `start`, at full load."""
     packed, converged = newton_root(
         partial(residual, max_turns=max_turns), start, (joint, omega),
         tolerance=_TOLERANCE, max_steps=_MAX_NEWTON,
@@ -248,7 +248,7 @@ def _dynamic_stiffness(
 def dimensionless(
     oscillator: Oscillator | Structure, omega: Scalar, amplitude: Scalar
 ) -> tuple[Any, Array, Array]:
-    r"""Return oscillator, frequency and displacement unit of the dimensionless problem.
+    r"""Return the dimensionless oscillator and frequency, and the unit of displacement [m].
 
     $$\Omega = \omega/\omega_n, \quad \ell = A/\omega_n^2, \quad
       F(\ell q)/A, \quad y = \ell q$$

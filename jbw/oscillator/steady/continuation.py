@@ -1,4 +1,4 @@
-r"""The frequency-response curve followed by its arc length, through folds where there are some."""
+r"""Continuation of the frequency-response curve along its arc length, through its folds."""
 
 from functools import partial
 from typing import Any, overload
@@ -26,7 +26,7 @@ from jbw.oscillator.steady.balance import (
     unpack,
 )
 
-# A relative change of the frequency this large counts as much as one of the harmonics by 1.
+# A relative change of the frequency by this much counts as much as one of the harmonics by 1.
 _FREQUENCY_SCALE = 0.2
 _LEAST_STEP = 1e-6
 _GROWTH = 1.5
@@ -37,12 +37,12 @@ Point = Float[Array, " unknown"]
 
 
 class ResponseCurve(eqx.Module):
-    """Points along a frequency-response curve.
+    """The points along a frequency-response curve.
 
     Attributes:
         omega: Angular frequencies, not monotone where the curve folds [rad/s].
         harmonics: Complex peak amplitudes of orders 1, 3, 5, ... [m].
-        onward: Whether the frequency moves towards the end of the curve at the point; where it
+        onward: Whether the frequency moves towards the end of the curve at the point. Where it
             moves back, between two folds, the response is unstable.
     """
 
@@ -52,12 +52,12 @@ class ResponseCurve(eqx.Module):
 
 
 class StructureCurve(eqx.Module):
-    """Points along a frequency-response curve of several modes with joints.
+    """The points along a frequency-response curve of several modes with joints.
 
     Attributes:
         omega: Angular frequencies, not monotone where the curve folds [rad/s].
-        harmonics: Those of the joints, the modes and the outputs [m].
-        onward: As of `ResponseCurve`.
+        harmonics: Harmonics of the joints, the modes and the outputs [m].
+        onward: Whether the frequency moves towards the end of the curve, as in `ResponseCurve`.
     """
 
     omega: Float[np.ndarray, " point"]
@@ -101,27 +101,27 @@ def response_curve(  # pyright: ignore[reportInconsistentOverload]
     $$\tau\cdot(X - X_0) = s, \qquad \|dX\|^2 = \frac{\|dq\|^2}{\|q\|^2}
       + \left(\frac{d\omega}{0.2\,\omega}\right)^2$$
 
-    ahead of the last one along its tangent tau, so the curve is followed round its folds. The
-    step s is halved where Newton's iteration fails and grows back to `step`. A loop over compiled
-    steps: not for use under `jit`.
+    ahead of the last point along its tangent tau, so that the curve is followed around its folds.
+    The step s is halved where Newton's iteration fails, and grows back to `step`. This is a loop
+    over compiled steps and cannot be used under `jit`.
 
     Args:
         joint: A `BoucWen` with nu = 1, or an `Oscillator`, scalars; or a `Structure`.
         omega_start: Angular frequency of the first point [rad/s], where one response exists.
-        omega_stop: Angular frequency at which to stop, on either side of the first [rad/s].
+        omega_stop: Angular frequency at which to stop, above or below the first [rad/s].
         amplitude: Force amplitude A [N/kg].
         num_harmonics: Number of odd harmonics.
         step: Largest arc length between two points [-].
-        max_points: Points after which to stop.
+        max_points: Number of points after which to stop with an error.
         max_turns: Turning points of y allowed in a period.
 
     Returns:
         The curve; its last point lies at or beyond `omega_stop`.
 
     Raises:
-        ModelError: The first point does not converge, the step has shrunk to nothing, the points
-            do not reach `omega_stop`, or as for `steady_state`.
-        ConfigError: It is being traced, or as for `steady_state`.
+        ModelError: The first point does not converge, the step has become too small, the points do
+            not reach `omega_stop`, or as for `steady_state`.
+        ConfigError: The call is traced, or as for `steady_state`.
 
     Examples:
         The curve of a Duffing oscillator folds back, so that a sweep jumps there. Its peak is near
@@ -179,7 +179,7 @@ def response_curve(  # pyright: ignore[reportInconsistentOverload]
 def _first_point(
     unit: Unit, ratio: Array, side: float, num_harmonics: int, max_turns: int
 ) -> tuple[Point, Point]:
-    """Return the response at the first frequency and the direction there; NaN where not found."""
+    """Return the response at the first frequency and its direction; NaN where not converged."""
     start = linear_response(unit, ratio, num_harmonics)
     packed, load = balance(unit, ratio, start, max_turns)
     x = jnp.where(load == 1.0, jnp.append(packed.ravel(), ratio), jnp.nan)
@@ -191,7 +191,7 @@ def _first_point(
 def _advance(
     unit: Unit, x: Point, direction: Point, arc: Float[Array, ""], max_turns: int
 ) -> tuple[Point, Point, Array]:
-    """Return the next point, the direction there, and whether it was found."""
+    """Return the next point of the curve, the direction there, and whether it was found."""
     scale = _scale(x)
     predicted = x + arc * direction * scale
 
@@ -212,13 +212,13 @@ def _equations(unit: Unit, x: Point, max_turns: int) -> Float[Array, " equation"
 
 
 def _harmonics(unit: Unit, x: Point) -> Packed:
-    """Return the harmonics of a point, of every joint of a structure."""
+    """Return the harmonics of a point of the curve, for every joint of a structure."""
     joints = (len(unit.laws),) if isinstance(unit, Structure) else ()
     return x[:-1].reshape(2, *joints, -1)
 
 
 def _tangent(unit: Unit, x: Point, previous: Point, max_turns: int) -> Point:
-    """Return the unit tangent of the curve, scaled, on the side of the previous one."""
+    """Return the scaled unit tangent of the curve, on the same side as the previous tangent."""
     scale = _scale(x)
     jacobian = jax.jacfwd(lambda x: _equations(unit, x, max_turns))(x) * scale
     bordered = jnp.concatenate([jacobian, previous[None]])
@@ -228,7 +228,7 @@ def _tangent(unit: Unit, x: Point, previous: Point, max_turns: int) -> Point:
 
 
 def _scale(x: Point) -> Point:
-    """Scale of every unknown: the size of the harmonics, a fifth of the frequency."""
+    """Return the scale of every unknown: the norm of the harmonics, a fifth of the frequency."""
     size = jnp.full_like(x, jnp.linalg.norm(x[:-1]))
     return size.at[-1].set(_FREQUENCY_SCALE * x[-1])
 
@@ -236,7 +236,7 @@ def _scale(x: Point) -> Point:
 def _require_progress(
     good: bool, points: list[Point], unit_frequency: float, amplitude: float
 ) -> None:
-    """Raise where the continuation stopped short."""
+    """Raise if the continuation stopped before the end of the curve."""
     if good and np.all(np.isfinite(points[-1])):
         return
     omega = float(points[-1][-1]) * unit_frequency

@@ -1,4 +1,4 @@
-r"""Periodic response of the joint to a tone, by harmonic balance."""
+r"""The periodic response of the joint to a tone, by harmonic balance."""
 
 from collections.abc import Callable
 from functools import partial
@@ -23,7 +23,7 @@ from jbw.oscillator.steady.balance import dimensionless, linear_response, tone_f
 from jbw.oscillator.steady.modal import modal_tones
 from jbw.oscillator.steady.waveform import synthesis
 
-# Turning points a period that an eager call admits when two do not suffice.
+# Turning points per period that an eager call admits if two do not suffice.
 MANY_TURNS = 10
 
 
@@ -66,16 +66,16 @@ def steady_state(  # pyright: ignore[reportInconsistentOverload]
     $$(k - n^2\omega^2 + 2j\zeta\omega_n n\omega)\,Y_n + \sum F_n(Y) = A\,\delta_{n1}, \qquad
       y = \mathrm{Re}\sum_n Y_n e^{jn\omega t}$$
 
-    The even harmonics vanish, the joint being odd. Bouc-Wen's z is exact between its turning
-    points, and its periodicity is solved for. What the harmonics left out cost (Y_1, Y_3),
-    relatively: 8e-6 and 3e-4 with 2 harmonics, 1e-6 and 3e-6 with 4, 4e-8 and 6e-8 with 8, at the
+    The even harmonics vanish because the joint is odd. Bouc-Wen's z is exact between its turning
+    points, and its periodicity is solved for. The relative errors of (Y_1, Y_3) from the omitted
+    harmonics are 8e-6 and 3e-4 with 2 harmonics, 1e-6 and 3e-6 with 4, 4e-8 and 6e-8 with 8, at the
     paper's parameters between 5 and 19 Hz.
 
-    Newton's iteration starts from the sticking joint; where it fails the load is raised in steps.
-    Where several periodic responses exist (a joint that softens faster than it dissipates) one of
-    them is returned; `response_curve` follows them all. Derivatives by every parameter, `omega`
-    and `amplitude` are implicit, under jit, vmap, grad and jvp. Of a `Structure` the unknowns are
-    those of the joint's displacement alone, whatever the number of modes.
+    Newton's iteration starts from the fully stuck joint; where it fails, the load is raised in
+    steps. Where several periodic responses exist (a joint that softens faster than it dissipates)
+    one of them is returned; `response_curve` follows them all. Derivatives by every parameter,
+    `omega` and `amplitude` are implicit, under jit, vmap, grad and jvp. For a `Structure` the
+    unknowns are those of the joint's displacement alone, whatever the number of modes.
 
     Args:
         joint: A `BoucWen` with nu = 1, an `Oscillator` with any laws, or a `Structure`.
@@ -86,9 +86,9 @@ def steady_state(  # pyright: ignore[reportInconsistentOverload]
             than 2 tries again with 10; under `jit` the result is NaN beyond `max_turns`.
 
     Returns:
-        Complex peak amplitudes of orders 1, 3, ..., 2 num_harmonics - 1 [m], along a new last
-        axis behind the broadcast shape of `joint`, `omega` and `amplitude`; NaN where the
-        iteration did not converge. Of a `Structure` those of joint, modes and outputs.
+        Complex peak amplitudes of orders 1, 3, ..., 2 num_harmonics - 1 [m], along a new last axis
+        behind the broadcast shape of `joint`, `omega` and `amplitude`; NaN where the iteration did
+        not converge. For a `Structure`, the harmonics of joint, modes and outputs.
 
     Raises:
         ModelError: Some response did not converge, nu is not 1, or an argument is not finite.
@@ -120,7 +120,7 @@ def converged(
     amplitude: ArrayLike,
     max_turns: int,
 ) -> Complex[Array, "... harmonic"]:
-    """Return the harmonics by `solve`; an eager call tries again with many turns, then raises."""
+    """Return the harmonics from `solve`; an eager call retries with more turns, then raises."""
     harmonics, turns = solve(max_turns)
     if not is_concrete(joint, omega, amplitude, harmonics):
         return harmonics
@@ -149,7 +149,7 @@ def steady_cycle(
         harmonics: Complex peak amplitudes of orders 1, 3, 5, ... [m], as of `steady_state`.
         omega: Angular frequency of the tone [rad/s].
         num_points: Number of equally spaced phases.
-        max_turns: Turning points of y in a period, at most.
+        max_turns: Largest number of turning points of y in a period.
 
     Returns:
         The cycle, from theta = 0; batch axes lie before time.
@@ -189,7 +189,7 @@ def steady_cycle(
 def _steady(
     joint: Oscillator, omega: ArrayLike, amplitude: ArrayLike, num_harmonics: int, max_turns: int
 ) -> tuple[Complex[Array, "... harmonic"], Int[Array, "..."]]:
-    """Return a batch's harmonics and turning points a period; NaN where they are invalid."""
+    """Return the harmonics and turning points per period of a batch; NaN where invalid."""
 
     def tone(joint: Oscillator, omega: Array, amplitude: Array) -> tuple[Array, Array]:
         unit, ratio, length = dimensionless(joint, omega, amplitude)

@@ -1,4 +1,4 @@
-"""Periodic response of several modes with joints."""
+"""The periodic response of a structure of several modes with joints."""
 
 from functools import partial
 
@@ -25,7 +25,7 @@ def modal_tones(
     *,
     swept: bool,
 ) -> StructureHarmonics:
-    """Return the harmonics of every tone; those of a sweep start from their neighbours along omega.
+    """Return the harmonics of every tone; in a sweep, start each from its neighbour along omega.
 
     Raises:
         ModelError, ConfigError: As for `steady_state`.
@@ -66,7 +66,7 @@ def _solved(
     *,
     swept: bool,
 ) -> tuple[StructureHarmonics, Array]:
-    """Return each tone's harmonics and turning points of the joints; NaN if they are invalid."""
+    """Return each tone's harmonics and the joints' turning points; NaN where invalid."""
     if swept:
         level = partial(_sweep, structure, omega, num_harmonics, max_turns)
         flat = jax.vmap(level)(amplitude.ravel())

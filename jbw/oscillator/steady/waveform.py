@@ -1,4 +1,4 @@
-r"""Half-wave symmetric periodic motions y = Re sum q_n exp(j n theta) of odd orders n."""
+r"""Half-wave symmetric periodic motions y = Re sum q_n exp(j n theta) with odd orders n."""
 
 from functools import cache
 from itertools import pairwise
@@ -11,19 +11,19 @@ from jaxtyping import Array, ArrayLike, Complex, Float, Int, Real
 
 from jbw.oscillator.parameters import Restoring
 
-# Newton's steps from the grid; the grid's cell of the extremum is at most 0.05 rad wide.
+# Number of Newton steps from the grid, whose cell around the extremum is at most 0.05 rad wide.
 _NUM_NEWTON = 4
 _POINTS_PER_HARMONIC = 8
 _LEAST_POINTS = 64
 
 
 def orders(num_harmonics: int) -> Float[np.ndarray, " harmonic"]:
-    """Return the odd orders 1, 3, 5, ..."""
+    """Return the odd orders 1, 3, 5, ... as floats."""
     return 2.0 * np.arange(num_harmonics) + 1.0
 
 
 def exponentials(theta: Float[Array, "..."], num_harmonics: int) -> Complex[Array, "... harmonic"]:
-    r"""Return the basis exp(j n theta), by products, doubling the number of orders each time."""
+    r"""Return the harmonics exp(j n theta) of odd orders at given angles, by repeated products."""
     powers = jnp.exp(1j * theta)[..., None]
     while (count := powers.shape[-1]) < num_harmonics:
         shift = jnp.exp(2j * count * theta)[..., None]
@@ -34,15 +34,15 @@ def exponentials(theta: Float[Array, "..."], num_harmonics: int) -> Complex[Arra
 def synthesis(
     q: Complex[Array, " harmonic"], theta: Float[Array, "..."], derivative: int = 0
 ) -> Float[Array, "..."]:
-    r"""Return the motion or a derivative by theta, Re sum (j n)^m q_n exp(j n theta)."""
+    r"""Return the motion or its m-th derivative by theta, Re sum (j n)^m q_n exp(j n theta)."""
     basis = exponentials(theta, q.shape[0])
     return jnp.sum(basis * (1j * orders(q.shape[0])) ** derivative * q, -1).real
 
 
 def crest(q: Complex[Array, " harmonic"]) -> Float[Array, ""]:
-    r"""Return the angle of the largest displacement.
+    r"""Return the angle of the largest absolute displacement in a period.
 
-    Its first derivative by `q` is exact; with it, so are two derivatives of y at the crest.
+    Its first derivative by `q` is exact; therefore two derivatives of y at the crest are exact.
     """
     theta, basis = _half_grid(q.shape[0])
     y = jnp.real(basis @ q)
@@ -54,10 +54,10 @@ def crest(q: Complex[Array, " harmonic"]) -> Float[Array, ""]:
 
 
 def num_turns(q: Complex[Array, " harmonic"]) -> Int[Array, ""]:
-    """Number of turning points of y in a period, counted on a grid.
+    """Return the number of turning points of y in a period, counted on a grid.
 
-    Half a cell beside the usual one, on whose angles the crest of a motion in phase lies: what is
-    zero there neither rises nor falls.
+    The grid is shifted by half a cell from the usual one, because the crest of an in-phase motion
+    lies on a grid angle, where a zero slope neither rises nor falls.
     """
     theta, basis = _half_grid(q.shape[0])
     beside = np.exp(0.5j * orders(q.shape[0]) * theta[1])
@@ -72,8 +72,8 @@ def odd_harmonics(force: Restoring, q: Complex[Array, " harmonic"]) -> Complex[A
     $$f_n = \frac{2}{M}\sum_{j<M} f(y(\theta_j))\,e^{-jn\theta_j}, \qquad
       \theta_j = \pi j/M, \quad M = \max(64, 8H)$$
 
-    The other half of the period mirrors this one. Exact for polynomials to degree 7; for other
-    smooth forces the error falls exponentially with the number of points.
+    The other half of the period mirrors this one. The result is exact for polynomials up to degree
+    7; for other smooth forces the error falls exponentially with the number of points.
     """
     _, basis = _half_grid(q.shape[0])
     return 2.0 / basis.shape[0] * (jnp.asarray(force(jnp.real(basis @ q))) @ basis.conj())
@@ -82,14 +82,14 @@ def odd_harmonics(force: Restoring, q: Complex[Array, " harmonic"]) -> Complex[A
 def _half_grid(
     num_harmonics: int,
 ) -> tuple[Float[np.ndarray, " grid"], Complex[np.ndarray, "grid harmonic"]]:
-    """Return angles over half a period and the harmonic basis at them."""
+    """Return angles over half a period, and the odd harmonics exp(j n theta) at them."""
     points = max(_LEAST_POINTS, _POINTS_PER_HARMONIC * num_harmonics)
     theta = np.pi * np.arange(points) / points
     return theta, np.exp(1j * theta[:, None] * orders(num_harmonics))
 
 
 def flatter(q: Complex[Array, " harmonic"], theta: Float[Array, "..."]) -> Float[Array, "..."]:
-    """Return one step of Newton's iteration for y' = 0."""
+    """Return an angle improved by one Newton step for y' = 0."""
     curvature = synthesis(q, theta, 2)
     safe = jnp.where(curvature == 0.0, 1.0, curvature)
     return theta - synthesis(q, theta, 1) / safe
@@ -100,7 +100,7 @@ def angle_of(
 ) -> Float[Array, ""]:
     """Return the angle in the half period after the crest `start` at which y falls to a target.
 
-    Good enough for a break point of a quadrature, whose error enters by a higher power.
+    It serves as a break point of a quadrature, where an error enters only by a higher power.
     """
     ratio = target / synthesis(q, start)
     angle = start + jnp.arccos(jnp.clip(jnp.where(jnp.isfinite(ratio), ratio, 0.0), -1.0, 1.0))
@@ -116,7 +116,7 @@ def angle_of(
 def gauss_legendre(
     num_nodes: int, lower: Real[ArrayLike, "..."], upper: Real[ArrayLike, "..."]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Return nodes and weights on [lower, upper], exact to polynomial degree 2 num_nodes - 1."""
+    """Return Gauss nodes and weights on [lower, upper], exact to degree 2 num_nodes - 1."""
     nodes, weights = _rule(num_nodes)
     lower, upper = jnp.broadcast_arrays(jnp.asarray(lower, float), jnp.asarray(upper, float))
     width = (upper - lower)[..., None]
@@ -126,7 +126,7 @@ def gauss_legendre(
 def gauss_legendre_between(
     num_nodes: int, *breaks: Real[ArrayLike, "..."]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Return the nodes and weights on all segments between break points in rising order, joined."""
+    """Return the Gauss nodes and weights on all segments between rising break points, joined."""
     segments = (gauss_legendre(num_nodes, lower, upper) for lower, upper in pairwise(breaks))
     nodes, weights = (jnp.concatenate(parts, -1) for parts in zip(*segments, strict=True))
     return nodes, weights
@@ -134,9 +134,9 @@ def gauss_legendre_between(
 
 @cache
 def _rule(num_nodes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nodes and weights on [0, 1]."""
+    """Return the Gauss-Legendre nodes and weights on [0, 1]."""
     nodes, _ = np.polynomial.legendre.leggauss(num_nodes)
-    # Christoffel's sum of squares; numpy's own weights are off by 1e-12 at the ends.
+    # Christoffel's sum of squares is used because NumPy's own weights are off by 1e-12 at the ends.
     squares = np.polynomial.legendre.legvander(nodes, num_nodes - 1) ** 2
     weights = 1.0 / (squares @ (np.arange(num_nodes) + 0.5))
     return 0.5 * (nodes + 1.0), 0.5 * weights

@@ -93,13 +93,14 @@ def line_in_sweep(hz: str) -> FaultText:
     )
 
 
-def second_mode(first_hz: float, second_hz: float, band: tuple[float, float]) -> FaultText:
+def second_mode(first_hz: float, second_hz: float, band: tuple[float, float] | None) -> FaultText:
     """Return the message for two modes in one band [Hz], and a band with the first mode only."""
+    structure = "tate both modes by [structure]."
+    narrower = None if band is None else f"Put under [[test]]: `band = [{band[0]:g}, {band[1]:g}]`"
     return FaultText(
         f"`band` contains two modes, at {first_hz:.4g} and {second_hz:.4g} Hz.",
         "The modes beat; read as one mode, they give a wrong frequency and damping.",
-        f"Put under [[test]]: `band = [{band[0]:g}, {band[1]:g}]`, or state both modes by "
-        "[structure].",
+        f"S{structure}" if narrower is None else f"{narrower}, or s{structure}",
     )
 
 

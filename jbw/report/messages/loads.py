@@ -1,5 +1,6 @@
 """Predictions under other loads: what bands contain, how far a load reaches, units and names."""
 
+import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -103,3 +104,34 @@ def contains(attrs: Mapping[str, Any]) -> str:
         f"{said} The mode has the participation {attrs['participation']:.4g} and the shape "
         f"{attrs['shape']:g}; to change them, use --participation and --shape."
     )
+
+
+def in_report(run: str) -> str:
+    """Return the message that the run's report can show these predictions."""
+    return f"On the report's page: jbw report {run}"
+
+
+def earlier_posterior(run: str) -> str:
+    """Return the message for predictions that were made with an earlier posterior of the run."""
+    return (
+        f"{run}/predictions contains predictions under other loads, made with an earlier "
+        "posterior of this run. Predict them again with `jbw predict`."
+    )
+
+
+def unreadable_loads(run: str) -> str:
+    """Return the message for saved predictions that cannot be read."""
+    return (
+        f"The predictions under other loads in {run}/predictions cannot be read. Predict them "
+        "again with `jbw predict`."
+    )
+
+
+def heading(name: str) -> str:
+    """Return the heading of a prediction's figure."""
+    return f"{name[:1].upper()}{name[1:]}."
+
+
+def slug_of(name: str) -> str:
+    """Return the name of a prediction as a file has it."""
+    return re.sub(r"[^\w.-]+", "_", name)

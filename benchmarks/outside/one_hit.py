@@ -1,0 +1,166 @@
+"""Does one hit tell what a shaker test at the same amplitude will show?
+
+    python -m benchmarks.outside.one_hit [--campaigns 20] [--seed N] [--law LAW ...] [--out FILE]
+
+One decay of a mode with a joint and its modal mass are all that jbw gets; no law is stated. Force
+levels are those whose resonance has 80, 40 and 20 % of the hit's displacement. Frequency and height
+of each are compared with the steady state of the plant by one harmonic, whose equivalent stiffness
+K and loss D come from the simulator's own cycles:
+
+    A(Y) = min over w of Y |K(Y) - w^2 + j (c w + D(Y))|
+
+The table has, by law, how often both are near enough (5 % of the height, 0.05 % of the frequency),
+how often 99 % intervals contain the truth, and how wide they are: the mean half width over 2.58
+times the rms error, one of a calibrated Gaussian.
+"""
+
+import argparse
+import json
+import secrets
+import tempfile
+import time
+import traceback
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .campaigns import Campaign, Member
+from .files import TIMES, write_campaign
+from .plants import COMMON, Rng, kappa
+from .records import Choice, Drawn, Specimen, decay, recorded, specimen
+from .simulator import Plant
+
+SHARES = (0.8, 0.4, 0.2)  # of the hit's largest displacement
+DAMPING = (2e-3, 0.03)
+NOISE = (1e-5, 0.01)
+NEAR_HEIGHT, NEAR_HZ = 0.05, 5e-4  # relative: as near as the shaker test of another day
+QUANTITIES = ("frequency", "displacement")
+
+
+def hit(rng: Rng, law: str) -> tuple[Specimen, Drawn]:
+    """Draw a structure with a strong law, and its decay."""
+    while True:
+        try:
+            one = specimen(rng, "decay", Choice(law=law, strong=True, zeta=DAMPING, noise=NOISE))
+            return one, recorded(rng, decay(rng, one))
+        except FloatingPointError:
+            continue
+
+
+def true_resonance(plant: Plant, y: float) -> tuple[float, float]:
+    """Return force amplitude and frequency at which the resonance has a displacement of y."""
+    stiffness = kappa(plant, y)
+    c, x = 2 * plant.zeta * plant.omega_n, stiffness.real
+    for _ in range(50):
+        x = stiffness.real - c**2 / 2 - c * stiffness.imag / (2 * np.sqrt(x))
+    w = float(np.sqrt(x))
+    return y * abs(stiffness - x + 1j * c * w), w
+
+
+def judged(rng: Rng, law: str, folder: Path) -> dict[str, Any]:
+    """Identify one hit, and compare resonances under forces."""
+    one, drawn = hit(rng, law)
+    made = Campaign("one hit", one, (Member("hit", drawn, 1.0),), {})
+    path = write_campaign(folder, made, rng, TIMES)
+    text = path.read_text().replace(
+        "[campaign]\n", f"[campaign]\nmodal_mass = {drawn.mass:.9g}\n", 1
+    )
+    path.write_text(text)
+    newton = drawn.mass * drawn.length * (2 * np.pi * drawn.hz) ** 2
+    truths = [true_resonance(drawn.plant, share * drawn.top) for share in SHARES]
+    row = {"law": law, "zeta": drawn.zeta, "noise": drawn.noise, "hz": drawn.hz}
+    row["true"] = {
+        "frequency": [w * drawn.hz for _, w in truths],
+        "displacement": [share * drawn.top * drawn.length for share in SHARES],
+    }
+    return row | _answer(path, [force * newton for force, _ in truths])
+
+
+def _answer(path: Path, levels: list[float]) -> dict[str, Any]:
+    """Return the quick answer's law and resonances with intervals, or why there is none."""
+    import jbw
+    from jbw.errors import JbwError
+
+    jbw.enable_x64()
+    begun = time.process_time()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            study = jbw.identify(jbw.load_campaign(path), quick=True, report=lambda _: None)
+            found = study.resonance(levels)
+        except JbwError as error:
+            return {"refused": f"{type(error).__name__}: {' '.join(str(error).split())}"}
+    return {
+        "laws": json.loads(str(study.tree.attrs["laws"])),
+        "seconds": time.process_time() - begun,
+        "withheld": found["withheld"].values.tolist(),
+        "warnings": str(found.attrs["warnings"]),
+        **{name: found[name].values.tolist() for name in QUANTITIES},
+    }
+
+
+def is_near(row: dict[str, Any], level: int) -> bool:
+    """Return whether the medians at a level are near the truth, in frequency and height."""
+    errors = [row[name][1][level] / row["true"][name][level] - 1 for name in QUANTITIES]
+    return abs(errors[0]) < NEAR_HZ and abs(errors[1]) < NEAR_HEIGHT
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """Return near, contained and width by law and quantity, in Markdown."""
+    heads = ("law", "hits", "refused", "near at 80 %", "near at all")
+    heads += tuple(f"{name} {what}" for name in QUANTITIES for what in ("inside", "width"))
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    for law in [*dict.fromkeys(row["law"] for row in rows), "all"]:
+        those = [row for row in rows if law in {row["law"], "all"}]
+        told = [row for row in those if "refused" not in row]
+        cells = [law, len(those), len(those) - len(told)]
+        cells += [sum(is_near(row, 0) for row in told)]
+        cells += [sum(all(is_near(row, i) for i in range(len(SHARES))) for row in told)]
+        for name in QUANTITIES:
+            values = np.array([row[name] for row in told], float)  # row, quantile, level
+            truth = np.array([row["true"][name] for row in told])
+            low, middle, high = np.moveaxis(values, 1, 0) if len(told) else (truth,) * 3
+            known = np.isfinite(low)
+            inside = np.mean(((low <= truth) & (truth <= high))[known]) if known.any() else np.nan
+            half = ((high - low) / (2 * truth))[known]
+            error = ((middle - truth) / truth)[known]
+            width = np.mean(half) / 2.58 / np.sqrt(np.mean(error**2)) if known.any() else np.nan
+            cells += [f"{100 * inside:.0f} %", f"{width:.2f}"]
+        lines.append(f"| {' | '.join(map(str, cells))} |")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Draw, identify, and print the table."""
+    made = argparse.ArgumentParser(prog="python -m benchmarks.outside.one_hit")
+    made.add_argument("--campaigns", type=int, default=20, help="of each law")
+    made.add_argument("--law", nargs="+", choices=COMMON, default=COMMON)
+    made.add_argument("--seed", type=int, help="to repeat a run; a fresh one when left out")
+    made.add_argument("--keep", type=Path, help="folder that keeps the files")
+    made.add_argument("--out", type=Path, help="file of JSON lines that outcomes are appended to")
+    chosen = made.parse_args(arguments)
+    seed = secrets.randbits(48) if chosen.seed is None else chosen.seed
+    print(f"Seed {seed}: add `--seed {seed}` to repeat.\n", flush=True)
+    rows = []
+    for i in range(chosen.campaigns):
+        for law in chosen.law:
+            rng = np.random.default_rng([seed, COMMON.index(law), i])
+            with tempfile.TemporaryDirectory() as temporary:
+                folder = (chosen.keep or Path(temporary)) / f"{seed}-{law}-{i}"
+                try:
+                    row = judged(rng, law, folder) | {"seed": seed, "number": i}
+                except Exception:
+                    print(law, i, traceback.format_exc(), flush=True)
+                    continue
+            rows.append(row)
+            if chosen.out:
+                with chosen.out.open("a") as file:
+                    file.write(json.dumps(row) + "\n")
+    print(table(rows))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,114 @@
+"""The section of a run's page on predictions under other loads: table and figures."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import xarray as xr
+from markupsafe import Markup
+from matplotlib import pyplot as plt
+
+from jbw.report.figures import ReportFigure, figure_of, svg
+from jbw.report.loads import load_figure
+from jbw.report.messages import loads as messages
+from jbw.report.table import Column, Table, table, words
+from jbw.report.text import NOTHING, number
+from jbw.run.files import hash_of
+from jbw.run.netcdf import read_tree
+
+FOLDER, FILE = "predictions", "loads.nc"  # place of the output of `jbw predict`
+POSTERIOR = "posterior_sha256"  # attribute: SHA-256 of the posterior that predicts
+
+
+class LoadSection(NamedTuple):
+    """The predictions under other loads in the form that the page of a run shows.
+
+    Attributes:
+        remark: Sentence on what the bands contain, or on why nothing is shown.
+        table: Scalar results with their 99 % intervals.
+        figures: One figure per prediction, each as the page's macro `picture` needs it.
+    """
+
+    remark: str
+    table: Table
+    figures: Sequence[Mapping[str, Any]] = ()
+
+
+def load_section(run: Path) -> LoadSection | None:
+    """Return the section on loads predicted with a run's posterior; None without predictions.
+
+    If an earlier posterior of the run made the predictions, the section names them only.
+    """
+    path = run / FOLDER / FILE
+    if not path.is_file():
+        return None
+    try:
+        tree = read_tree(path)
+        if tree.attrs.get(POSTERIOR) != hash_of(run / "posterior.nc"):
+            return LoadSection(messages.earlier_posterior(str(run)), load_table([]))
+        found = {str(dataset.attrs["load"]): dataset for dataset in _datasets(tree)}
+        rows = [row for name, dataset in found.items() for row in load_rows(name, dataset)]
+        figures = [_picture(name, dataset) for name, dataset in found.items()]
+        remark = messages.contains(next(iter(found.values())).attrs)
+    # The predictions are damaged, but not the rest of the report.
+    except (OSError, KeyError, ValueError, StopIteration):
+        return LoadSection(messages.unreadable_loads(str(run)), load_table([]))
+    return LoadSection(remark, load_table(rows), figures)
+
+
+def _datasets(tree: xr.DataTree) -> list[xr.Dataset]:
+    return [child.to_dataset() for child in tree.children.values()]
+
+
+def _picture(name: str, dataset: xr.Dataset) -> dict[str, Any]:
+    slug = f"load_{messages.slug_of(name)}"
+    figure = figure_of(load_figure(name, dataset))
+    try:
+        # The SVG is jbw's own drawing with texts as outlines, so that it is safe to insert
+        # unescaped.
+        drawn = Markup(svg(figure, slug))
+    finally:
+        plt.close(figure)
+    entry = ReportFigure(slug, slug, load_figure, messages.heading(name), "")
+    return {"entry": entry, "number": "", "svg": drawn, "rest": "", "missing": ""}
+
+
+def load_rows(name: str, dataset: xr.Dataset) -> list[dict[str, Any]]:
+    """Return rows of a load's scalar results with 99 % bands, one per quantity and level."""
+    rows = []
+    for key, values in dataset.data_vars.items():
+        if values.dims not in (("quantile",), ("quantile", "level")):
+            continue
+        columns = values.values.reshape(3, -1).T
+        levels = dataset["level"].values if "level" in values.dims else [None]
+        for level, (low, middle, high) in zip(levels, columns, strict=True):
+            rows.append({
+                "load": name, "level": None if level is None else float(level),
+                "level_unit": dataset.attrs["source_unit"], "quantity": str(key),
+                "low": float(low), "median": float(middle), "high": float(high),
+                "unit": values.attrs["units"],
+            })  # fmt: skip
+    return rows
+
+
+def load_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Return the table of scalar results, with one line for each quantity that has a value."""
+    return table(
+        "",
+        [row for row in rows if row["median"] == row["median"]],
+        words("load", "load"),
+        Column("level", _level),
+        Column("quantity", lambda row: row["quantity"].replace("_", " "), align="left"),
+        Column("median [99 %]", _band),
+        words("unit", "unit"),
+    )
+
+
+def _level(row: Mapping[str, Any]) -> str:
+    return NOTHING if row["level"] is None else f"{row['level']:.6g} {row['level_unit']}"
+
+
+def _band(row: Mapping[str, Any]) -> str:
+    low, middle, high = (row[name] for name in ("low", "median", "high"))
+    low_text, text, high_text = (number(x, high - low) for x in (low, middle, high))
+    return f"{text} [{low_text}, {high_text}]"
