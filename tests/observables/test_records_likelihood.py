@@ -191,7 +191,7 @@ def test_loops_deeper_than_a_law_remembers_are_told():
         (data,) = Records.reduce([under(u)], laws=("masing_power",), substeps=1)
         said = data.statements(SLIDING)
         assert len(said) == told
-    assert said[0].startswith("sweep: the motion nests more loops than the law remembers")
+    assert said[0].startswith("sweep: the motion has more nested loops than the law can")
     (data,) = Records.reduce([under(dying())])
     assert data.statements(theta()) == []
     assert remembering(theta(), data) is data

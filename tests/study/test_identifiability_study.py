@@ -78,8 +78,8 @@ def test_noise_alone_knows_nothing_of_the_joint():
     assert all(known[name].ratio < 0.1 for name in ("omega_n", "zeta", "gain"))
     for name in (*prior, "alpha_delta", "alpha_gamma"):
         assert known[name].ratio > 0.99
-    said = "Not identified beyond the prior: alpha, delta, gamma, alpha*delta and alpha*gamma."
-    assert said in found.statements
+    said = "Not identified by the data, only limited by the prior: "
+    assert f"{said}alpha, delta, gamma, alpha*delta and alpha*gamma." in found.statements
 
 
 def test_starts_that_differ_by_nothing_reached_the_same_optimum():
