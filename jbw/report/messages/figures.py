@@ -37,8 +37,8 @@ MODE = "mode [-]"
 LOSS_SHARE = "share of the joints' losses"
 ISOMETRIC = ("x and y, isometric", "height, isometric")
 MOTION, FORCE, FORCE_LESS_SECANT = "motion", "force", "force minus secant"
-MEDIAN_FREE, MEDIANS_STUCK = "median, free shape", "stuck shape, at the medians"
-STUCK_SHAPE, FREE_SHAPE = "median, stuck shape", "free shape, at the medians"
+MEDIAN_FREE, MEDIANS_STUCK = "median, free mode shape", "stuck mode shape, at the medians"
+STUCK_SHAPE, FREE_SHAPE = "median, stuck mode shape", "free mode shape, at the medians"
 IDENTIFIED, UNIDENTIFIED = "identified", "unidentified"
 
 
