@@ -137,5 +137,5 @@ def test_what_alone_identifies_a_parameter_is_named():
     )
     needed = identified_alone(wider)
     assert needed == {"low": ["gamma"], "high": ["omega_n"]}
-    assert identified_by(needed) == " Identified: gamma by low alone; omega_n by high alone."
+    assert identified_by(needed) == " Only low identifies gamma; only high identifies omega_n."
     assert identified_by({"low": [], "high": []}) == ""

@@ -107,7 +107,7 @@ def test_after_sampling_the_box_is_told_from_the_data(weak):
     assert found.sensitivity["alpha"].shift == pytest.approx(0.173, abs=0.03)
     assert found.sensitivity["omega_n"].shift < 0.05
     (said,) = (each for each in found.statements if each.startswith("The prior bounds affect"))
-    assert "alpha (0.1" in said
+    assert "alpha (by 0.1" in said
     # Which are identified is for the draws' grades to say, and not for the fit beside them.
     grades = tuple(grade.partition("{")[0] for grade in identified.GRADES.values())
     assert not [each for each in found.statements if each.startswith(grades)]

@@ -78,7 +78,7 @@ def test_of_several_laws_the_one_that_fits_the_readings_best_is_taken(tmp_path, 
     tried = ("cubic_damping", "masing_power", *sorted(FORCES))
     chosen, sentence = proposed(seen, tables, tried, 0, lambda _: None)
     assert chosen.laws == (law,)
-    assert "before " in sentence
+    assert "better than " in sentence
     assert all(f"{name} by" in sentence for name in tried if name != law)
     assert pasted(sentence).laws == (law,)
 

@@ -31,7 +31,7 @@ PROFILE_INTERVAL = "99 % interval\nof the profile"
 
 SPECTRUM = "Information spectrum, strongest direction first"
 COHERENCE = "lowest coherence at the resonance"
-COHERENCE_NOTE = "near 1 where the records are long enough for the damping and free of noise"
+COHERENCE_NOTE = "near 1 if the records are long enough for the damping and free of noise"
 VARIATION_NOTE = "between repeats; compare it with the standard deviations of Table 1"
 HARMONIC = "largest third harmonic of the source"
 HARMONIC_NOTE = "of Y(3ω), removed with the measured input"
