@@ -150,7 +150,7 @@ def test_kernel_takes_the_source_and_the_phase_out(golden):
     blind = third_order_kernel(None, y, FS, omega, amplitude=amplitude, **options)
     assert blind.source == "unmeasured"
     assert np.isnan(blind.source_ratio)
-    assert "no verdict" in blind.notes[0]
+    assert "does not allow a conclusion" in blind.notes[0]
 
 
 def test_kernel_scatter_and_covariance(golden):

@@ -34,7 +34,9 @@ def across_kinds(
 
 def identified_by(needed: Mapping[str, Sequence[str]]) -> str:
     """Return the text on parameters that only one kind of test or session identifies, if any."""
-    words = [f"only {which} identifies {listed(names)}" for which, names in needed.items() if names]
+    words = [
+        f"identified only by {which}: {listed(names)}" for which, names in needed.items() if names
+    ]
     return f" {capital('; '.join(words))}." if words else ""
 
 
