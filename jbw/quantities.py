@@ -116,7 +116,7 @@ MODES = tuple(
             0.0, is_open=True,
         ),
         Quantity(
-            f"coupling_{k}", f"κ{n}", "1", f"what the joint does to it over the first, mode {k}",
+            f"coupling_{k}", f"κ{n}", "1", f"effect of the joint over the first mode's, mode {k}",
             0.0, is_open=True,
         ),
         Quantity(f"sign_{k}", f"sgn h{n}", "1", f"sign of that motion, mode {k}"),

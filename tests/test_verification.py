@@ -327,8 +327,8 @@ def test_the_routes_stand_side_by_side():
     assert found["parameters"]["alpha_gamma"]["cut"]["sd"] == pytest.approx(50.0)
     assert found["wall_time_s"] == {"cut": 4.0, "joint": 2.0}
     said = " ".join(found["statements"])
-    assert "standard deviation is 2 times that of Step 4" in said
-    assert "the two means are 3 such deviations apart" in said
+    assert "standard deviation of gamma is 2 times that of Step 4" in said
+    assert "the two means differ by 3 of these standard deviations" in said
     assert compare_routes(None, Posteriors(joint, checks)) == {}  # pyright: ignore
 
 

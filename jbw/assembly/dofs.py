@@ -67,7 +67,7 @@ def require_distinct(dofs: Sequence[Dof]) -> None:
     for i, dof in enumerate(dofs):
         if dof in rows:
             raise DataError(
-                f"Every row of the matrices must have a node and direction of its own, but rows "
+                f"Every row of the matrices must have a different node and direction, but rows "
                 f"{rows[dof] + 1} and {i + 1} are both `{dof}`.",
                 remedy="Correct the table of degrees of freedom.",
             )

@@ -276,7 +276,7 @@ def modal_damping(
     diagonal = np.diag(reduced)
     if np.any(diagonal[elastic] < 0):
         raise ModelError(
-            "The damping matrix must take energy from every mode, but gives energy to mode "
+            "The damping matrix must dissipate energy in every mode, but adds energy to mode "
             f"{int(np.argmax(elastic & (diagonal < 0))) + 1}.",
             remedy="State the damping ratios by `zeta`.",
         )

@@ -335,7 +335,7 @@ def _require_names(joints: Sequence[Joint], to_hz: float) -> None:
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise ConfigError(
-            f"Every joint must have a name of its own, but `{twice}` stands twice.",
+            f"Every joint must have a unique name, but `{twice}` occurs twice.",
             remedy="Rename one of them.",
         )
     if not 0 < to_hz < float("inf"):
@@ -358,7 +358,7 @@ def _require_moving(joints: Sequence[Joint], across: np.ndarray) -> None:
                 raise ConfigError(
                     f"Joints `{joints[i].name}` and `{joints[j].name}` must lie at different "
                     "places, but their weights are the same up to a factor.",
-                    why="They have one relative motion, so that no test tells them apart.",
+                    why="They have the same relative motion, so that no test distinguishes them.",
                     remedy="Make one joint with two laws of them.",
                 )
 
@@ -366,7 +366,7 @@ def _require_moving(joints: Sequence[Joint], across: np.ndarray) -> None:
 def _immovable(joint: Joint, reason: str) -> ConfigError:
     return ConfigError(
         f"Joint `{joint.name}` must move, but {reason}.",
-        why="Its law would never act, and no test would tell its parameters.",
+        why="Its law would never act, and no test could determine its parameters.",
         remedy="Name the degrees of freedom on either side of the joint, not those that a "
         "constraint ties, or raise `to_hz`.",
     )
@@ -406,7 +406,7 @@ def _require_shares(joints: Sequence[Joint], across: np.ndarray, modes: StuckMod
         raise ModelError(
             f"Joints must store at most all of a mode's strain energy, but their shares of mode "
             f"{i + 1} add up to {ratio}.",
-            why="K does not hold the stiffness of the joints, although `holds_joints` says so.",
+            why="K does not contain the stiffness of the joints, but `holds_joints` states it.",
             remedy="Set `holds_joints = false`, or correct the joints' stiffness.",
         )
 

@@ -164,13 +164,13 @@ def joint_separability(
         raise ConfigError(
             f"`modes` must be indices from 0 to {H.shape[1] - 1}, but "
             + (f"one is {outside[0]}." if outside else "there is none."),
-            remedy="Raise `to_hz` for further modes.",
+            remedy="Raise `to_hz` to include more modes.",
         )
     still = [i for i in swept if not moving[i]]
     if still:
         raise ConfigError(
             f"Every swept mode must move a joint, but mode {still[0] + 1} moves none.",
-            why="Its row of B would be round-off, and would seem to tell joints apart.",
+            why="Its row of B would be round-off, and would seem to distinguish joints.",
             remedy="Leave it out of `modes`.",
         )
     motion = H[:, swept].T

@@ -88,7 +88,7 @@ def joint_starts(
         raise ConfigError(
             f"Readings of at least {num_joints} modes must be given for {num_joints} joints, but "
             f"there are {num_modes}.",
-            remedy="Sweep further modes, or tie joints.",
+            remedy="Sweep more modes, or tie joints.",
         )
     try:
         lower = np.linalg.cholesky(covariance)

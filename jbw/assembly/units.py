@@ -67,7 +67,7 @@ def in_si(
         raise ConfigError(
             "Matrices in units other than SI must have a table of degrees of freedom, but there "
             "is none.",
-            why="Rows of rotations take other factors than rows of translations.",
+            why="Rows of rotations have other factors than rows of translations.",
             remedy="Give the table as `dofs`, or the matrices in SI.",
         )
     length = np.array([system.length if d.direction in TRANSLATIONS else 1.0 for d in dofs])

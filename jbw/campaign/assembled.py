@@ -88,22 +88,25 @@ class AssembledStructure(FileTable):
 
     matrices: MatrixFiles = key(
         ...,
-        "file with M and K (and C, dofs, nodes), or a file each; .mat, .npz, .mtx, .pch, .op4",
+        (
+            "file with M and K (and C, dofs, nodes), or one file for each; .mat, .npz, .mtx, "
+            ".pch, .op4"
+        ),
         "beams.mat",
     )
     units: Annotated[str, values.OneOf(lambda: SYSTEMS)] = key(
-        ..., "consistent system of the matrices, which no file states", "N-mm-t-s"
+        ..., "consistent system of units of the matrices, which no file states", "N-mm-t-s"
     )
     holds_joints: StrictBool = key(
-        False, "the stiffness matrix holds the joints in full stick already", True
+        False, "the stiffness matrix already contains the fully stuck joints", True
     )
     to_hz: values.Positive = key(
         ..., "modes up to this frequency are kept [Hz]; residual modes are added", 400.0
     )
     damping: Ratios | None = key(
-        None, "damping ratio of every mode, or a list; by default of the matrix C", 0.004
+        None, "damping ratio of every mode, or a list; by default from the matrix C", 0.004
     )
-    input: Place = key(..., "where the source pushes, node:direction", "5:z")
+    input: Place = key(..., "place and direction of the source, node:direction", "5:z")
     points: Places = key(
         ..., "names and places of the responses, weighted sums in SI", {"tip": "40:z"}
     )
@@ -119,21 +122,25 @@ class JointTable(FileTable):
 
     name: values.Text = key(..., "its name", "bolt 1")
     across: Pair | None = key(
-        None, "degrees of freedom on either side: it moves by the second less the first",
+        None, "degrees of freedom on both sides; the joint moves by the second minus the first",
         ["17:x", "112:x"],
     )  # fmt: skip
     weights: Place | None = key(
-        None, "its motion as a weighted sum of degrees of freedom [-, or m/rad]",
+        None, "motion of the joint as a weighted sum of degrees of freedom [-, or m/rad]",
         {"17:rx": 0.0025, "112:rx": 0.0025},
     )  # fmt: skip
     shape: Motions | None = key(
-        None, "its motion over that of the response in every mode, where modes are measured",
+        None, "motion of the joint over that of the response in every mode, if modes are measured",
         [1.0, -0.8],
     )  # fmt: skip
-    stiffness: values.Positive | None = key(None, "in full stick, in SI [N/m, or N m/rad]", 1.5e7)
-    laws: values.Laws = key(DEFAULT_LAWS, "its laws, which stand beside each other", ["bouc_wen"])
+    stiffness: values.Positive | None = key(
+        None, "stiffness of the fully stuck joint in SI [N/m, or N m/rad]", 1.5e7
+    )
+    laws: values.Laws = key(DEFAULT_LAWS, "laws of the joint, which act in parallel", ["bouc_wen"])
     same_as: values.Text | None = key(
-        None, "name of the joint whose law it shares; leave out for a law of its own", "bolt 1"
+        None,
+        "name of the joint whose law this joint shares; leave out for a separate law",
+        "bolt 1",
     )
 
     @model_validator(mode="after")
@@ -143,7 +150,7 @@ class JointTable(FileTable):
         ]
         if len(stated_keys) > 1:
             raise ValueError(
-                f"{stated_keys[1]}: says what `{stated_keys[0]}` says; leave out either."
+                f"{stated_keys[1]}: states the same as `{stated_keys[0]}`; leave out either."
             )
         return self
 

@@ -47,16 +47,16 @@ class CampaignFile(FileTable):
 
     campaign: Head = key(Head, "what was measured")
     assembly: Assembly = key(
-        Assembly, "of which assembly, at which torque: what `jbw collect` takes to a fleet"
+        Assembly, "assembly and its torque, which `jbw collect` writes into a fleet"
     )
     joint: JointLaws | list[JointTable] = key(
-        JointLaws, "laws of the joint; a [[joint]] table each where a structure has several"
+        JointLaws, "laws of the joint; one [[joint]] table per joint if a structure has several"
     )
     structure: Structured | AssembledStructure | None = key(
-        None, "several modes that meet in the joint, or matrices of a model with joints"
+        None, "several modes that share the joint, or matrices of a model with joints"
     )
     test: Annotated[list[TestSpec], Field(min_length=1)] = key(..., "one table a test")
-    identify: Identify = key(Identify, "what to fit, what to hold out, how to draw")
+    identify: Identify = key(Identify, "tests to fit and to hold out, and how to sample")
 
 
 @dataclass(frozen=True)

@@ -63,25 +63,30 @@ class Identify(FileTable):
     )
     fit_repeats: values.Repeats | None = key(
         None,
-        'so many repeats of every test are fitted, or "all"; the rest held out; by default half of '
-        "four or more",
+        'number of repeats of every test to fit, or "all"; the other repeats are held out; by '
+        "default half of them if there are four or more",
         32,
     )
     fit: values.ToFit | None = key(None, f"kinds to fit, among {', '.join(KINDS)}; all by default")
-    hold_out: values.Strings = key((), "names of tests that no fit sees")
+    hold_out: values.Strings = key((), "names of tests that are held out of every fit")
     predictive: Annotated[float, Field(gt=0, le=0.25), BeforeValidator(values.number)] = key(
         LIMIT,
-        "error of held-out tests up to which a law is predictive, over their rms; 0.05 by default",
+        (
+            "largest error of held-out tests, over their rms, for which a law counts as "
+            "predictive; 0.05 by default"
+        ),
         0.03,
     )
     final: StrictBool = key(
         False,
-        "fit all tests for use after those held out have told what the law is worth; takes both "
-        "times, and the verdict keeps the held-out answer",
+        "after the held-out tests have shown the error of the law, fit all tests; takes the "
+        "time of both fits, and the verdict keeps the result for the held-out tests",
         True,
     )
     strict: StrictBool = key(
-        False, "refuse a campaign of which a test cannot be used; by default it is left out", True
+        False,
+        "refuse the campaign if a test cannot be used; by default such a test is left out",
+        True,
     )
     compare_with: References = key(
         ("linear",),
@@ -90,55 +95,56 @@ class Identify(FileTable):
     )
     offsets: Literal["auto", "runs", "none"] = key(
         "auto",
-        "whether each run has an omega_n and a zeta of its own; auto: where the data show it; "
-        "levels of one assembly share zeta, unless repeats of one level scatter",
+        "whether each run has its own omega_n and zeta; auto: if the data show it; levels of "
+        "one assembly share zeta, unless it varies between repeats of one level",
         "auto",
     )
     run_scatter: values.Positive | None = key(
         None,
-        "expected scatter of omega_n over runs, relative, within a factor of two; by default "
-        "anything from 1e-7 to 1e-2, where laws are compared 5e-4",
+        "expected relative standard deviation of omega_n between runs, within a factor of "
+        "two; by default anything from 1e-7 to 1e-2, or 5e-4 when laws are compared",
         5e-4,
     )
     model_error: Literal["auto", "none"] = key(
         "auto",
-        "auto: coloured residuals, and misfit that all repeats share, count for fewer values; "
-        "none: the law is taken for exact",
+        "auto: correlated residuals, and errors that all repeats share, count as fewer "
+        "independent values; none: the law is taken as exact",
         "auto",
     )
     coordinates: Coordinates = key(
         "auto",
-        "sample the laws' parameters as the paper does, or their products; auto: products where no "
-        "more is known",
+        "sample the laws' parameters as in the paper, or their products; auto: products if "
+        "only these are identified",
         "auto",
     )
     substeps: values.Count | None = key(
-        None, "solver steps a sample; by default as many as the data take"
+        None, "solver steps per sample; by default as many as the data need"
     )
     sampler: Sampler = key(
         "auto",
-        "of the joint posterior; auto: points weighed in rounds (amis), and chains where they do "
-        "not suit; amis, importance, tempered_smc, nested and quadrature give the evidence too",
+        "sampler of the joint posterior; auto: weighted points in rounds (amis), or chains if "
+        "these do not suit; amis, importance, tempered_smc, nested and quadrature also give "
+        "the evidence",
         "auto",
     )
     profiles: StrictBool = key(
-        False, "follow every parameter's profile likelihood, at some hundred fits", True
+        False, "compute the profile likelihood of every parameter, by some hundred fits", True
     )
     num_chains: values.Count = key(4, "chains", 4)
     num_samples: values.Count | None = key(None, "draws kept a chain", 1000)
-    num_warmup: values.Index | None = key(None, "draws to adapt with, a chain", 500)
+    num_warmup: values.Index | None = key(None, "warm-up draws per chain", 500)
     budget_s: values.Positive = key(
         900.0,
-        "seconds that the joint posterior may draw until its draws are enough; with num_samples as "
-        "many are drawn as that says, enough or not",
+        "time [s] in which the draws of the joint posterior must become sufficient; with "
+        "num_samples that many draws are made, sufficient or not",
         600.0,
     )
     seed: values.Index = key(0, "of the random numbers", 0)
     modes: values.Modes = key(
         (),
-        "modes in the band: frequencies [Hz], the joint's own first, then those of linear "
-        "neighbours; or how many Step 2 finds in the noise or multisine test, of which the joint's "
-        "own has the highest peak; by default one, by a line fit",
+        "modes in the band: their frequencies [Hz], first the joint's mode, then its linear "
+        "neighbours; or the number of modes that Step 2 finds in the noise or multisine test, "
+        "where the joint's mode has the highest peak; by default one mode, by a line fit",
         [18.8, 21.4],
     )
     prior: Mapping[str, values.Prior] = key(
@@ -176,8 +182,8 @@ class Structured(FileTable):
 
     modes: values.Frequencies = key(
         ...,
-        "natural frequencies [Hz] of the modes that meet in the joint, the one whose laws are "
-        "given first",
+        "natural frequencies [Hz] of the modes that share the joint, first the mode whose "
+        "laws are given",
         [18.8, 57.2],
     )
     driving_point: StrictBool = key(
@@ -185,18 +191,18 @@ class Structured(FileTable):
     )
     joint_shape: values.Shapes = key(
         (),
-        "motion of the joint over that of the response in every mode, as measured across it; any "
-        "common factor",
+        "motion of the joint over that of the response in every mode, as measured across the "
+        "joint; a common factor does not matter",
         [1.0, -0.8],
     )
 
     modal: StrictBool = key(
-        False, "each mode has laws of its own, and none feels what the joint does to others", True
+        False, "each mode has separate laws, and no mode is affected by the others", True
     )
     points: values.Strings = key(
         (),
-        "names of further points where responses are measured; the first, whose modes have unit "
-        "size, needs none",
+        "names of additional points where responses are measured; the first point, where the "
+        "modes have unit size, needs no name",
         ["wing", "tip"],
     )
 
@@ -264,13 +270,13 @@ def structure_errors(
         if test.traits.is_free and (structure.modal or test.point):
             what = "modal" if structure.modal else "points"
             yield (
-                f"[structure] {what}: free decays of several modes know one joint and one point "
-                f"alone, but test `{test.name}` is one; identify every mode in a band of its own."
+                f"[structure] {what}: free decays of several modes allow only one joint and one "
+                f"point, but test `{test.name}` is one; identify every mode in a separate band."
             )
         if not _knows_several(test.traits):
             named = f"test `{test.name}`" if test.name else "a test"
             yield (
-                f"[structure]: {named} is of kind `{test.kind}`, which knows one mode alone; leave "
+                f"[structure]: {named} is of kind `{test.kind}`, which models only one mode; leave "
                 f"it out of the file, or all modes but the first (several: {', '.join(several)})."
             )
 
@@ -285,7 +291,7 @@ class JointLaws(FileTable):
 
     laws: values.Laws = key(
         DEFAULT_LAWS,
-        "laws of the joint, which stand beside each other; none, [], of a linear structure",
+        "laws of the joint, which act in parallel; none, [], for a linear structure",
         ["bouc_wen", "cubic"],
     )
 

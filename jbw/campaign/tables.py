@@ -39,7 +39,9 @@ class Head(FileTable):
     name: values.Text = key("campaign", "a short name", "beam")
     gain: values.Positive | None = key(None, "force per modal mass for one volt [N/kg/V]", 15.0)
     modal_mass: values.Positive | None = key(
-        None, "[kg], for a measured force; beside gain where some tests have either source", 1.93
+        None,
+        "modal mass [kg], for a measured force; in addition to gain if tests have both sources",
+        1.93,
     )
     fs_std: values.Spread | None = key(
         None,
@@ -65,12 +67,12 @@ class Head(FileTable):
 class Assembly(FileTable):
     """The [assembly] table: facts on an assembly that a fleet of campaigns needs."""
 
-    name: values.Text = key("", "which specimen or assembly of the joint", "beam 3")
+    name: values.Text = key("", "name of the specimen or assembly", "beam 3")
     torque: values.Positive | None = key(None, "tightening torque [N m]", 8.0)
     sequence: values.Index | None = key(
         None, "number of this tightening, counted over the life of the assembly", 2
     )
-    temperature: values.Number | None = key(None, "while it was measured [degC]", 21.5)
+    temperature: values.Number | None = key(None, "temperature during the measurement [degC]", 21.5)
 
 
 class TestSpec(FileTable):
@@ -81,7 +83,10 @@ class TestSpec(FileTable):
     kind: values.Kind = key(..., f"one of {', '.join(KINDS)}")
     files: values.Files = key(
         ...,
-        "file or pattern, or a list of them; or a table role = file, where each role has its own",
+        (
+            "file or pattern, or a list of them; or a table role = file, if each role has its "
+            "own file"
+        ),
     )
     channels: values.Channels = key(
         ...,
@@ -92,16 +97,16 @@ class TestSpec(FileTable):
     scale: values.Factors = key(dict, "role = calibration factor, before the unit")
     sensitivity: values.Sensitivities = key(
         dict,
-        "role = volts per unit of the sensor of a channel that its file states in volts, in place "
-        "of its unit",
+        "role = volts per unit of the sensor, for a channel that its file states in volts; "
+        "instead of a unit",
         {"acceleration": "100 mV/g"},
     )
     name: values.Text = key("", "a short name, unique")
     level: values.NonNegative = key(
-        NAN, "nominal level, in the unit of what the rig held constant", 0.20
+        NAN, "nominal level, in the unit of the quantity that was held constant", 0.20
     )
     amplitudes: Literal["peak", "rms"] = key(
-        "peak", "what the amplitudes of kind frf, backbone or curve are", "peak"
+        "peak", "meaning of the amplitudes of kind frf, backbone or curve", "peak"
     )
     periods: values.Count = key(1, "whole periods of the excitation in a record", 4)
     fs: values.Sampling | None = key(
@@ -109,27 +114,29 @@ class TestSpec(FileTable):
     )
     resample: values.Positive | None = key(
         None,
-        "sampling frequency to which channels of several rates, or of a clock that jitters or "
-        "pauses, are brought by band-limited interpolation, whose error the provenance says [Hz]",
+        "sampling frequency [Hz] to which channels of several rates, or of an uneven clock, "
+        "are resampled by band-limited interpolation; the provenance states its error",
         100.0,
     )
     units_are: Literal["file", "mine"] = key(
         "file",
-        "whose units count where those of the file are others: mine, of this table, override them",
+        "mine: the units of this table override different units in the file",
         "mine",
     )
     band: values.Span | None = key(None, "lowest and highest frequency to use [Hz]", [5.0, 40.0])
     residuals: Literal["auto", "none", "upper", "both", "own"] = key(
         "auto",
-        "constant terms for modes outside the band, which all tests share: of those above, or of "
-        "those below too; own: both, of this test alone; auto: where the fit shows them",
+        "constant terms for modes outside the band, shared by all tests: for modes above the "
+        "band (upper), or for modes below it too (both); own: both, for this test alone; "
+        "auto: if the fit shows them",
         "upper",
     )
     drive: Literal["voltage", "current", "force", "base", "none"] | None = key(
         None,
-        "what drives it, or hangs on it in a free decay: by voltage or current the shaker moves "
-        "along; by default what the unit of the input says, force where that is the source, base "
-        "where the acceleration of the base is, none of a decay",
+        "source of the test, or what is attached in a free decay: with voltage or current the "
+        "shaker moves with the structure; by default as the unit of the input states, force "
+        "if a force is the source, base if it is the acceleration of the base, none for a "
+        "decay",
         "voltage",
     )
     relative_to_base: StrictBool = key(
@@ -141,44 +148,46 @@ class TestSpec(FileTable):
     delay: values.Number = key(0.0, "lag of the response channel behind the input [s]", 0.0)
     clock_ppm: values.Number = key(
         0.0,
-        "by how many millionths the clock of the response runs fast against that of the drive, on "
-        "which it is resampled; negative where it runs slow",
+        "error of the response's clock against that of the drive [ppm], positive if it runs "
+        "fast; the response is resampled to the clock of the drive",
         80.0,
     )
-    assembly: values.Text = key("", "which assembly of the joint", "first")
+    assembly: values.Text = key("", "name of the assembly of the joint", "first")
     run: values.Text = key("", "which day or run", "monday")
-    repeats: Literal["files", "rows"] = key("files", "one repeat a file, or one a row")
+    repeats: Literal["files", "rows"] = key("files", "one repeat per file, or one per row")
     exclude: values.Excluded = key(
         (), "repeats to drop: numbers counted from zero, or file names", [2, "bad_*.h5"]
     )
     remove_mean: StrictBool = key(
-        False, "take the mean out of input and response, for offsets", True
+        False, "remove the mean of input and response, to remove offsets", True
     )
     window_s: values.Positive | None = key(
         None,
-        "time constant of the exponential window that the analyser applied to a decay, which is "
-        "taken out; counted from the record's first sample [s]",
+        "time constant [s] of the exponential window that the analyser applied to a decay; "
+        "the window is removed, counted from the record's first sample",
         2.0,
     )
     lines_hz: values.Frequencies = key(
         (),
-        "frequencies of steady lines in a decay, hum or a machine nearby, which are fitted to its "
-        "last half and taken out [Hz]",
+        "frequencies [Hz] of steady lines in a decay, such as hum or a machine nearby, which "
+        "are fitted to its last half and removed",
         [50.0],
     )
     conjugate: StrictBool = key(
         False,
-        "turn the phase of kind frf, backbone or curve: its file counts it as exp(-j omega t) does",
+        "conjugate the phase of kind frf, backbone or curve, for a file that uses exp(-j omega t)",
         True,
     )
     locked_phase: values.Lag = key(
         -90.0,
-        "phase of the displacement to the force at which a controller held the points of kind "
-        "backbone [deg]; where the phase was measured, that counts",
+        "phase of the displacement relative to the force at which a controller held the "
+        "points of kind backbone [deg]; a measured phase is used instead",
         -60.0,
     )
     phase_tolerance: values.Positive = key(
-        5.0, "how far a measured phase may lie from locked_phase before it is named [deg]", 8.0
+        5.0,
+        "deviation of a measured phase from locked_phase above which it is reported [deg]",
+        8.0,
     )
     amplitude_std: values.Spread | None = key(
         None,
@@ -188,29 +197,32 @@ class TestSpec(FileTable):
     )
     jumps: Literal["doubt", "keep"] = key(
         "doubt",
-        "whether neighbouring points of kind backbone or curve whose amplitude jumps are named",
+        (
+            "whether neighbouring points of kind backbone or curve are reported if their "
+            "amplitude jumps"
+        ),
         "keep",
     )
     load_cell: Literal["exact", "offset", "drift"] = key(
         "exact",
-        "what the zero of the load cell of kind loop does, which is fitted beside the joint: an "
+        "error of the load cell's zero in kind loop, fitted together with the joint: an "
         "offset, or an offset and a drift in proportion to time",
         "drift",
     )
     gaps: Literal["refuse", "mask"] = key(
         "refuse",
-        "what to do with samples that are NaN; mask leaves out these lines of kind frf, backbone "
+        "treatment of samples that are NaN; mask leaves out these lines of kind frf, backbone "
         "or curve",
         "refuse",
     )
     span: values.Span | None = key(None, "first and last second to read", [0.0, 8.0])
     point: values.Text = key(
-        "", "where its response is measured, of [structure] points; by default at the first", "wing"
+        "", "point of [structure] where the response is measured; by default the first", "wing"
     )
     points: values.Named = key(
         dict,
-        "further channels of the response, in its unit, by the points of [structure] where they "
-        "are measured",
+        "additional channels of the response, in its unit, by the points of [structure] where "
+        "they are measured",
         {"wing": "wing.acceleration"},
     )
 
@@ -251,7 +263,7 @@ def _needs(test: TestSpec) -> Iterator[str]:
     for table, names in ((table, getattr(test, table)) for table in per_role):
         for role in names:
             if role not in roles:
-                yield f"{table}: names role `{role}`, which channels does not."
+                yield f"{table}: names role `{role}`, which `channels` does not name."
     if roles.isdisjoint(RESPONSES):
         yield f"channels: needs a response, one of {', '.join(sorted(RESPONSES))}."
     ratios = [role for role, unit in test.units.items() if si_of(role, unit)[2]]
@@ -266,14 +278,14 @@ def _needs(test: TestSpec) -> Iterator[str]:
         yield f"channels: kind `{test.kind}` needs `input`, `force` or `base`."
     yield from _of_base(test, roles)
     if test.drive in FED and traits.is_driven and "input" not in roles:
-        yield f"drive: `{test.drive}` needs the channel `input`, what the shaker was fed."
+        yield f"drive: `{test.drive}` needs the channel `input`, which is fed to the shaker."
     if test.drive == "none" and traits.is_driven:
         yield f"drive: `none` is for free decays, but kind `{test.kind}` is driven."
     if lacking := [f"`{role}`" for role in traits.channels if role not in roles]:
         yield f"channels: kind `{test.kind}` needs {' and '.join(lacking)}."
     if "drive_point" in roles and not set(INPUTS) <= roles:
         lacking = " and ".join(f"`{role}`" for role in INPUTS if role not in roles)
-        yield f"channels: `drive_point` tells of the shaker beside {lacking} alone, which lacks."
+        yield f"channels: `drive_point` reads the shaker only with {lacking}, which is missing."
     forced = "displacement" in roles and roles & {"restoring_force", "force"}
     if traits.is_prescribed and not forced:
         yield f"channels: kind `{test.kind}` needs `displacement` and `restoring_force`."
@@ -295,7 +307,7 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
     if not is_curve and (roles - set(test.traits.channels)) & {"frequency", "phase"}:
         yield f"channels: `frequency` and `phase` belong to kind {curves}."
     if not is_curve and test.amplitudes != "peak":
-        yield f"amplitudes: for kind {curves} only; the samples of a record are what they are."
+        yield f"amplitudes: for kind {curves} only; samples of a record have no such meaning."
     if is_curve and test.remove_mean:
         yield f"remove_mean: for records in time, not for kind {curves}."
     if test.conjugate and not is_curve:
@@ -310,7 +322,7 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
     if abs(test.clock_ppm) > MOST_PPM:
         yield f"clock_ppm: must be at most {MOST_PPM:g} to either side, but is {test.clock_ppm:g}."
     if test.lines_hz and not test.traits.is_free:
-        yield f"lines_hz: for kind {free} only; what drives other records is steady itself."
+        yield f"lines_hz: for kind {free} only; the drive of other records is steady itself."
     prescribed = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_prescribed)
     if test.load_cell != "exact" and not test.traits.is_prescribed:
         yield f"load_cell: for kind {prescribed} only, whose force is what is measured."
@@ -326,7 +338,7 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
     if test.resample and test.band and 2 * test.band[1] > test.resample:
         yield (
             f"resample: must be at least twice the end of band, {test.band[1]:g} Hz, but is "
-            f"{test.resample:g}; nothing is left above half of it."
+            f"{test.resample:g}; nothing remains above half of it."
         )
     if test.point in test.points:
         yield f"points: must be others than `{test.point}`, which is the test's own `point`."
@@ -341,7 +353,7 @@ def _of_base(test: TestSpec, roles: set[str]) -> Iterator[str]:
     """Yield the errors of a test on a moving base: missing channels and forbidden keys."""
     if BASE not in roles:
         if test.drive == BASE:
-            yield "drive: `base` needs the channel `base`, the acceleration of what is clamped to."
+            yield "drive: `base` needs the channel `base`, the acceleration of the base."
         if test.relative_to_base:
             yield "relative_to_base: for tests with the channel `base` only."
         return
@@ -358,7 +370,7 @@ def _of_base(test: TestSpec, roles: set[str]) -> Iterator[str]:
             "relative to the base. Put under [[test]]: `relative_to_base = true`."
         )
     if test.delay:
-        yield "delay: not beside `base`, from which the response must not lag."
+        yield "delay: not allowed with `base`, which the response must not lag."
 
 
 def _of_controlled_tests(test: TestSpec) -> Iterator[str]:
@@ -373,10 +385,10 @@ def _of_controlled_tests(test: TestSpec) -> Iterator[str]:
         )
     for name in ("locked_phase", "phase_tolerance"):
         if name in test.model_fields_set and not test.traits.is_locked:
-            yield f"{name}: for kind {locked}; no phase is held in others."
+            yield f"{name}: for kind {locked}; other kinds have no held phase."
     for name in ("amplitude_std", "jumps"):
         if name in test.model_fields_set and not test.traits.is_controlled:
-            yield f"{name}: for kind {controlled}; others have no points that a controller holds."
+            yield f"{name}: for kind {controlled}; other kinds have no controlled points."
 
 
 def _curves() -> str:

@@ -298,7 +298,7 @@ Laws = Annotated[
     ),
 ]
 KindToFit = Annotated[
-    str, OneOf(lambda: KINDS, " Tests are told by name in hold_out, those that no fit may see.")
+    str, OneOf(lambda: KINDS, " State tests by name in hold_out to keep them out of every fit.")
 ]
 ToFit = Annotated[
     tuple[KindToFit, ...], BeforeValidator(strings, json_schema_input_type=Kind | list[Kind])

@@ -114,7 +114,7 @@ def more(json_: bool) -> None:
 
 @click.command()
 @click.argument("file", type=click.Choice(["campaign", "plan"]), default="campaign")
-@click.option("--json", is_flag=True, expose_value=False, help="Print JSON, as without it.")
+@click.option("--json", is_flag=True, expose_value=False, help="Print JSON; this is the default.")
 def schema(file: str) -> None:
     """Print the JSON Schema of a campaign file, or of a plan file.
 

@@ -25,9 +25,13 @@ MARKS = {"ok": "good", "warning": "doubt", "error": "bad"}
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--print", "print_", is_flag=True, help="Print it to stdout; write nothing.")
 @click.option(
-    "--ask", is_flag=True, help="Ask for what the records do not say, a line each; Enter keeps it."
+    "--print", "print_", is_flag=True, help="Print the draft to stdout and write no file."
+)
+@click.option(
+    "--ask",
+    is_flag=True,
+    help="Ask for the facts that the records do not state, one by one; Enter keeps a value.",
 )
 @json_option
 def init(folder: Path, print_: bool, ask: bool, json_: bool) -> None:

@@ -33,11 +33,13 @@ from jbw.report.text import NOTHING
     "table_file",
     metavar="CSV",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="Columns run, torque [N m], sequence, temperature [degC], assembly, in the place of what "
-    "the campaigns state.",
+    help="Table with the columns run, torque [N m], sequence, temperature [degC] and "
+    "assembly, instead of the values in the campaigns.",
 )
 @click.option(
-    "--mixed-versions", is_flag=True, help="Take runs of different versions of jbw and others."
+    "--mixed-versions",
+    is_flag=True,
+    help="Accept runs of different versions of jbw and other packages.",
 )
 @json_option
 def collect(

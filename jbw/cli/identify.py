@@ -48,7 +48,7 @@ Say = Callable[[str], None]
 
 @click.command()
 @campaign_argument
-@click.option("--profiles", is_flag=True, help="Follow the profile likelihood of every parameter.")
+@click.option("--profiles", is_flag=True, help="Compute the profile likelihood of every parameter.")
 @seed_option("campaign")
 @json_option
 @outside_option
@@ -82,14 +82,15 @@ def identifiability(
     type=click.Choice(["everyday", "laboratory", "paper"]),
     default="everyday",
     show_default=True,
-    help="What is measured: three days with noise and scatter, or the paper's programme almost "
-    "without, its sweeps from weak to strong hysteresis or at the paper's own voltages.",
+    help="Programme of the measurement: three days with noise and differences between days, "
+    "or the paper's programme almost without them, with sweeps from weak to strong "
+    "hysteresis or at the paper's voltages.",
 )
 @click.option(
     "--paper",
     "preset",
     flag_value="laboratory",
-    help="The paper's programme and its own Steps 2 to 4 beside the joint posterior, as "
+    help="The paper's programme, with its Steps 2 to 4 in addition to the joint posterior, as "
     "--preset laboratory.",
 )
 @figures_option
@@ -119,24 +120,26 @@ def demo(
 @given_argument
 @out_option(messages.RUN_FOLDER)
 @click.option(
-    "--quick", is_flag=True, help="End with the fit, its intervals and bands by its covariance, in "
-    "seconds; `jbw resume` goes on from there.",
+    "--quick", is_flag=True, help="Stop after the fit, in seconds; intervals and bands come "
+    "from its covariance. `jbw resume` continues from there.",
 )  # fmt: skip
 @click.option(
-    "--final", is_flag=True, help="Fit all tests for use after those held out have told what the "
-    "law is worth. The campaign file states it by the key `final`.",
+    "--final", is_flag=True, help="Fit all tests after the held-out tests have shown the "
+    "error of the law. In the campaign file this is the key "
+    "`final`.",
 )  # fmt: skip
 @click.option(
-    "--brief", is_flag=True, help="Write brief.pdf too: one page with the verdict, frequency, "
-    "damping ratio and Q.",
+    "--brief", is_flag=True, help="Also write brief.pdf: one page with the verdict, "
+    "frequency, damping ratio and Q.",
 )  # fmt: skip
 @click.option(
-    "--mass", type=float, metavar="KG", help="Modal mass, which goes into the campaign that is "
-    "drafted from RECORDs: `jbw predict` then takes forces in N.",
+    "--mass", type=float, metavar="KG", help="Modal mass, written into the campaign file that "
+    "is drafted from RECORDs; `jbw predict` then "
+    "accepts forces in N.",
 )  # fmt: skip
 @click.option(
-    "--workers", type=click.IntRange(1), help="Processes for several campaigns; half the "
-    "processors when left out.",
+    "--workers", type=click.IntRange(1), help="Number of processes for several campaigns; by "
+    "default half the processors.",
 )  # fmt: skip
 @seed_option("campaign")
 @figures_option
@@ -178,7 +181,9 @@ def identify(
         asked = {"seed": seed, "allow_outside": allow_outside, "figures": figures, "quick": quick}
         return identify_several(campaigns, place, workers, json_, strict, asked, brief=brief)
     if workers is not None:
-        raise click.UsageError("--workers is for several campaigns; one runs in one process.")
+        raise click.UsageError(
+            "--workers is for several campaigns; a single campaign runs in one process."
+        )
     source = str(campaign.resolve())
     manifest = Manifest(
         command_line(), source, seed=seed, allow_outside=allow_outside, quick=quick, final=final,

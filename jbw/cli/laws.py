@@ -14,8 +14,8 @@ from jbw.report.law_table import free_law_table, laws_table
 @click.command()
 @click.argument("source", metavar="CAMPAIGN", type=click.Path(exists=True, path_type=Path))
 @click.option(
-    "--laws", help='Laws with commas between them, as "cubic, iwan4 + cubic"; the usual ones when '
-    "left out.",
+    "--laws", help='Laws separated by commas, such as "cubic, iwan4 + cubic"; by default the '
+                   "usual laws.",
 )  # fmt: skip
 @seed_option("campaign")
 @out_option("laws beside CAMPAIGN")

@@ -26,7 +26,7 @@ Row = Mapping[str, Any]
 @click.option(
     "--html",
     type=click.Path(dir_okay=False, writable=True, path_type=Path),
-    help="Write a page with the spectra, to choose `band` and modes by dragging.",
+    help="Write a page with the spectra, in which you choose `band` and modes by dragging.",
 )
 @json_option
 @outside_option

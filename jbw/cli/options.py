@@ -21,7 +21,7 @@ outside_option = click.option(
     "--allow-outside", is_flag=True, help="Read files outside the campaign's folder."
 )
 strict_option = click.option(
-    "--strict", is_flag=True, help="End with 4 where the verdict is anything but ok."
+    "--strict", is_flag=True, help="Return exit code 4 unless the verdict is ok."
 )
 
 
@@ -30,8 +30,8 @@ figures_option = click.option(
     metavar="FORMATS",
     default="",
     callback=lambda _, __, value: formats_of(filter(None, value.split(",")), "Option --figures"),
-    help="Write every figure of the report to figures/ as well: png, svg, pdf, or several of them "
-    "with commas between.",
+    help="Also write every figure of the report to figures/, as png, svg, pdf, or several of "
+    "these separated by commas.",
 )
 
 

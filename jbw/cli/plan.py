@@ -25,24 +25,28 @@ if TYPE_CHECKING:
 @click.option(
     "--limits",
     type=click.Path(path_type=Path),
-    help="Beside DIR: a plan file without the joint, for limits, noise, wishes and candidates.",
+    help="For DIR: a plan file without the joint, with limits, noise, required accuracy and "
+    "candidates.",
 )
 @out_option("none")
 @json_option
-@click.option("--example", is_flag=True, help="Print a commented plan file; nothing else.")
+@click.option("--example", is_flag=True, help="Only print a commented plan file.")
 @click.option(
     "--population",
     "fleet",
     is_flag=True,
-    help="Say how many assemblies at how many torques tell a trend, before any is tightened.",
+    help="Compare how well numbers of assemblies and torques determine a trend, before any is "
+    "tightened.",
 )
-@click.option("--torques", default="2:12", show_default=True, help="Of a fleet, from:to [N m].")
+@click.option(
+    "--torques", default="2:12", show_default=True, help="Torques of a fleet, from:to [N m]."
+)
 @click.option(
     "--scatter",
     type=float,
     default=0.1,
     show_default=True,
-    help="Of a fleet: what is expected between assemblies, as a part of a parameter.",
+    help="For a fleet: expected standard deviation between assemblies, relative to a parameter.",
 )
 def plan(
     source: Path | None,
@@ -69,7 +73,7 @@ def plan(
         click.echo(EXAMPLE, nl=False)
         return
     if limits is not None and not source.is_dir():
-        raise click.UsageError("--limits is for a run's folder; PLAN.toml holds its own.")
+        raise click.UsageError("--limits is for a run's folder; PLAN.toml contains its own limits.")
     with computing() as say, nullcontext() if out is None else working(say, out) as job:
         from jbw.parts import unkept
         from jbw.planning.making import plan_tests

@@ -26,9 +26,9 @@ NUM_PLACES = 25  # torques in the band of the figure
 @click.command()
 @click.argument("fleet", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--torque", type=float, help="Predict a new unit at this torque [N m].")
-@click.option("--parameters", help="What is pooled, with commas between; products when left out.")
-@click.option("--saturating", help="Coordinates that saturate with torque: omega_n, say.")
-@click.option("--all-verdicts", is_flag=True, help="Pool though most runs failed.")
+@click.option("--parameters", help="Quantities to pool, separated by commas; by default products.")
+@click.option("--saturating", help="Parameters that saturate with torque, such as omega_n.")
+@click.option("--all-verdicts", is_flag=True, help="Pool the units even if most runs failed.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the sampler.")
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), help="Folder; FLEET-population."

@@ -41,13 +41,17 @@ class FromTo(click.ParamType):
 @click.option(
     "--campaign",
     type=click.Path(path_type=Path),
-    help="Campaign file of the tests; the run's own when left out.",
+    help="Campaign file of the tests; by default that of the run.",
 )
-@click.option("--test", "names", multiple=True, help="A test by name; all when left out.")
-@click.option("--sweep", type=FromTo(), help="A sweep nobody measured, from:to [Hz].")
-@click.option("--stepped", type=FromTo(), help="A stepped sine nobody measured, from:to [Hz].")
-@click.option("--tone", type=float, help="A tone nobody measured [Hz].")
-@click.option("--response", type=FromTo(), help="Response curves of sines, from:to [Hz].")
+@click.option("--test", "names", multiple=True, help="Name of a test; by default all tests.")
+@click.option("--sweep", type=FromTo(), help="A sweep that was not measured, from:to [Hz].")
+@click.option(
+    "--stepped", type=FromTo(), help="A stepped sine that was not measured, from:to [Hz]."
+)
+@click.option("--tone", type=float, help="A tone that was not measured [Hz].")
+@click.option(
+    "--response", type=FromTo(), help="Response curves under sine excitation, from:to [Hz]."
+)
 @click.option("--psd", type=click.Path(path_type=Path), help="Random profile: a CSV file.")
 @click.option("--shock", help="A shock, such as 20g,11ms or 20g,11ms,sawtooth.")
 @click.option("--notch", type=Quantities(), help="Largest response of the curves, such as 5g.")
@@ -56,25 +60,23 @@ class FromTo(click.ParamType):
     "--participation",
     type=float,
     default=float("nan"),
-    help="Participation of the mode in the motion of the base; as identified where that was moved, "
-    "else 1.",
+    help="Participation of the mode in the motion of the base; by default as identified if "
+    "the base moved, else 1.",
 )
 @click.option(
     "--shape",
     type=float,
     default=1.0,
     show_default=True,
-    help="Motion of the measured point in the mode, on a moving base.",
+    help="Motion of the measured point in the mode, for a moving base.",
 )
-@click.option(
-    "--unit", default="", help="Unit of the response, such as g; as measured when left out."
-)
+@click.option("--unit", default="", help="Unit of the response, such as g; by default as measured.")
 @click.option(
     "--level",
     "levels",
     type=Quantities(),
     multiple=True,
-    help="Amplitudes of sweeps, tones and curves, as the run's source; 0.1,0.2 for two.",
+    help="Amplitudes of sweeps, tones and curves, in the unit of the source; 0.1,0.2 for two.",
 )
 @click.option(
     "--duration",
@@ -84,7 +86,11 @@ class FromTo(click.ParamType):
     help="Duration of the sweep or of the random motion [s].",
 )
 @click.option("--fs", type=float, default=1024.0, show_default=True, help="Of the sweep [Hz].")
-@click.option("--without-noise", is_flag=True, help="Bands of the parameters alone.")
+@click.option(
+    "--without-noise",
+    is_flag=True,
+    help="Include only the uncertainty of the parameters in the bands.",
+)
 @click.option("--draws", type=int, default=100, show_default=True, help="Draws carried along.")
 @out_option("DIR/predictions")
 @json_option
@@ -126,9 +132,13 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
         inputs = basis_inputs(folder)
         if campaign is None and (options["names"] or not requests):
             if holds_laws(folder):
-                raise click.UsageError("Give --campaign, the one that the laws were compared on.")
+                raise click.UsageError(
+                    "Give --campaign, the campaign on which the laws were compared."
+                )
             if holds_population(folder):
-                raise click.UsageError("Give --campaign, that of the unit to predict, or --sweep.")
+                raise click.UsageError(
+                    "Give --campaign, the campaign of the unit to predict, or --sweep."
+                )
             campaign = campaign_of(folder)
         if campaign is not None:
             say(f"Reading {campaign}")

@@ -17,17 +17,17 @@ from jbw.report.messages import stages
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, writable=True, path_type=Path),
-    help="Where to write the page alone; DIR/report.html when left out.",
+    help="File for the page; by default DIR/report.html.",
 )
 @click.option(
     "--interactive",
     is_flag=True,
-    help="Write interactive.html beside it, with figures to zoom into; needs plotly.",
+    help="Also write interactive.html, with figures to zoom into; needs plotly.",
 )
 @click.option(
     "--brief",
     is_flag=True,
-    help="Write brief.pdf alone: one page with the verdict, frequency, damping ratio and Q.",
+    help="Write only brief.pdf: one page with the verdict, frequency, damping ratio and Q.",
 )
 @figures_option
 @json_option
@@ -76,7 +76,9 @@ def report(
 def _write_brief(folder: Path, out: Path | None, json_: bool, *, interactive: bool) -> None:
     """Write the one-page PDF of the finished run in a folder."""
     if interactive:
-        raise click.UsageError("Options --brief and --interactive write different pages: give one.")
+        raise click.UsageError(
+            "Options --brief and --interactive write different pages: give only one of them."
+        )
     if out is not None and out.suffix.lower() != ".pdf":
         raise ConfigError(
             f"Option --out must end in .pdf with --brief, but is {out}.",
@@ -100,17 +102,25 @@ def save_brief(folder: Path, out: Path | None = None) -> Path:
 @click.command()
 @run_argument
 @out_option("DIR/export")
-@click.option("--mass", type=float, help="Modal mass [kg]; by default 1, forces per kg.")
-@click.option("--y-max", type=float, help="Largest displacement [m]; by default that measured.")
-@click.option("--draw", type=int, help="Number of a draw, from 0 on; by default the best.")
+@click.option(
+    "--mass", type=float, help="Modal mass [kg]; by default 1, which gives forces per kg."
+)
+@click.option(
+    "--y-max", type=float, help="Largest displacement [m]; by default the largest measured one."
+)
+@click.option(
+    "--draw",
+    type=int,
+    help="Number of a draw, counted from 0; by default the most probable draw.",
+)
 @click.option(
     "--to", "names", default="",
     callback=lambda _, __, value: [name.strip() for name in value.split(",") if name.strip()],
-    help="Programs with commas between them: opensees, matlab, fmi2, fmi3, abaqus, nastran, "
-    "ansys, modelica, code_aster; the first two when left out.",
+    help="Programs separated by commas: opensees, matlab, fmi2, fmi3, abaqus, nastran, ansys, "
+         "modelica, code_aster; by default the first two.",
 )  # fmt: skip
-@click.option("--fmu", is_flag=True, help="Write FMUs of FMI 2.0 and 3.0 as well.")
-@click.option("--draws", "count", type=int, help="Write parameter cards of so many draws.")
+@click.option("--fmu", is_flag=True, help="Also write FMUs for FMI 2.0 and 3.0.")
+@click.option("--draws", "count", type=int, help="Write parameter cards of this number of draws.")
 @json_option
 def export(
     folder: Path, out: Path | None, names: list[str], fmu: bool, count: int | None, json_: bool,

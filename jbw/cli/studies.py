@@ -19,14 +19,16 @@ from jbw.report.text import NOTHING
 @click.argument("source", metavar="DIR", type=click.Path(exists=True, path_type=Path))
 @click.option("--step", default="joint", show_default=True, help="joint, third_order or opening.")
 @click.option(
-    "--samplers", help="Names with commas between them; all that suit when left out.",
+    "--samplers", help="Names separated by commas; by default all suitable samplers.",
     callback=lambda _, __, value: value and [name.strip() for name in value.split(",")],
 )  # fmt: skip
 @click.option("--campaign", type=click.Path(path_type=Path), help="The run's campaign file.")
 @click.option(
     "--chains", "num_chains", default=4, show_default=True, help="Chains of each sampler."
 )
-@click.option("--once", is_flag=True, help="Run each sampler once: no time without compiling.")
+@click.option(
+    "--once", is_flag=True, help="Run each sampler once; this gives no time without compiling."
+)
 @seed_option("run")
 @out_option("DIR/compare-STEP")
 @json_option
@@ -145,12 +147,12 @@ def _distance(key: str, row: Mapping[str, Any]) -> str:
 )  # fmt: skip
 @click.option(
     "--replications", "num_replications", type=int,
-    help="Truths; 1000, or 200 of the joint posterior.",
+    help="Number of simulated true values; by default 1000, or 200 for the joint posterior.",
 )  # fmt: skip
-@click.option("--sampler", help="Sampler; the cheapest that suits when left out.")
+@click.option("--sampler", help="Sampler; by default the cheapest suitable one.")
 @click.option(
     "--noise", default="unknown", show_default=True,
-    help="Of Step 3: unknown, as it is identified, or known, as the paper supposes.",
+    help="Noise in Step 3: unknown, so that it is identified, or known, as the paper assumes.",
 )  # fmt: skip
 @seed_option(default=0)
 @out_option("sbc-STEP")

@@ -37,28 +37,28 @@ def _amplitudes(_: Any, __: Any, value: str | None) -> tuple[float, ...] | None:
     "amplitudes",
     callback=_amplitudes,
     metavar="A1[,A2]",
-    help="Peak amplitudes of the response to read at, SI; the lowest common one when left out.",
+    help="Peak amplitudes of the response to read at, in SI; by default the lowest common one.",
 )
 @click.option(
-    "--false-alarms", type=float, help="Rate of false alarms a record; 0.001 when left out."
+    "--false-alarms", type=float, help="Rate of false alarms per record; by default 0.001."
 )
 @click.option(
     "--reference",
     "num_reference",
     type=click.IntRange(1),
-    help="So many records are without change; the campaign's own when left out.",
+    help="Number of records without change; by default those of the campaign.",
 )
-@click.option("--test", help="Name of the test of free decays, where the campaign has several.")
+@click.option("--test", help="Name of the test of free decays, if the campaign has several.")
 @click.option(
     "--campaign",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="The run's campaign file, where it has moved.",
+    help="The campaign file of the run, if it was moved.",
 )
 @click.option(
     "--population",
     "fleet",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="A fleet at several torques, of `jbw collect`: state a change as one of torque, too.",
+    help="Fleet at several torques, from `jbw collect`: also state a change as one of torque.",
 )
 @json_option
 def watch(

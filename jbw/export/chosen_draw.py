@@ -54,7 +54,7 @@ def density_of(tree: xr.DataTree) -> NDArray[np.float64]:
     if stats is None or "lp" not in stats.data_vars:
         raise DataError(
             "The result holds no density of its draws, `lp` in /sample_stats.",
-            why="Without it no draw is known as the best.",
+            why="Without it the best draw cannot be determined.",
             remedy="Choose one: --draw N.",
         )
     return np.ravel(stats["lp"].transpose("chain", "draw").values)

@@ -47,8 +47,8 @@ COLUMNS = ("frequency_hz", "damping_ratio", "force_n")
 # The parts of the whole joint in addition to the parameters of its laws.
 LINEAR = (
     Quantity("mass", "m", "kg", "modal mass", 0.0),
-    Quantity("spring", "k", "N/m", "stiffness of the spring beside the laws"),
-    Quantity("dashpot", "c", "N s/m", "coefficient of the dashpot beside the laws"),
+    Quantity("spring", "k", "N/m", "stiffness of the spring parallel to the laws"),
+    Quantity("dashpot", "c", "N s/m", "coefficient of the dashpot parallel to the laws"),
 )
 
 
@@ -114,8 +114,8 @@ def export(
         )
     if has_further_modes(posterior):
         warnings.warn(
-            "The run has several modes; exported are the joint and the first of them, in whose "
-            "units it is. The others are in `posterior.nc`.",
+            "The run has several modes; the joint is exported with the first mode, in units of "
+            "that mode. The other modes are in `posterior.nc`.",
             stacklevel=2,
         )
     require_all(draws, laws)

@@ -197,8 +197,8 @@ def refuse_options_of_one_joint(**options: Any) -> None:
             raise ConfigError(
                 f"Option `--{name.replace('_', '-')}` must be left out of a run with several "
                 f"joints, but it is {value:g}.",
-                why="Their laws are in newtons and metres, and each one's tables reach to the "
-                "largest motion that was measured of it.",
+                why="Their laws are in newtons and metres, and the tables of each joint reach to "
+                "its largest measured motion.",
                 remedy="Leave it out.",
             )
 

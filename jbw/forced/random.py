@@ -226,6 +226,6 @@ def _require_broad(found: RandomResponse) -> None:
         raise ModelError(
             f"The profile must be broad at the mode, but its density changes by more than a factor "
             f"of {UNEVEN:g} between {np.min(near):.4g} and {np.max(near):.4g} Hz.",
-            why="Averaging of the energy takes the force as flat across the resonance.",
+            why="Averaging of the energy assumes a force that is flat across the resonance.",
             remedy="Simulate the motion by `jbw.simulate` with samples of the force.",
         )

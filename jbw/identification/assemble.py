@@ -153,7 +153,8 @@ def assemble(seen: Measured) -> Dataset:
     if not parts:
         raise DataError(
             "The campaign has no test that the joint can be fitted to.",
-            why="Tones near the resonance only validate; noise alone knows nothing of the joint.",
+            why="Tones near the resonance are only for validation; noise alone does not determine "
+            "the joint.",
             remedy="Add sweeps, stepped sines, response curves, loops, free decays or tones near "
             "a third of the resonance; or shorten `hold_out`.",
         )
@@ -186,7 +187,8 @@ def _held(parts: Sequence[Observable], gain: Gain, tests: Sequence[Test]) -> dic
     loops = any(test.traits.is_prescribed for test in tests)
     if loops and stated_gain is None and ((others and "gain" in held) or first in FED):
         raise DataError(
-            "Loops beside tests driven by a shaker's feed need the modal mass; nothing tells it.",
+            "Loops together with tests driven by a shaker's feed need the modal mass, which these "
+            "tests do not determine.",
             why="A measured force or a free decay would; a voltage or a current does not.",
             remedy="Fit a free decay or a sweep by a measured force too, or hold the loops out.",
         )
@@ -199,7 +201,7 @@ def _require_labels(parts: Sequence[Observable]) -> None:
     twice = [label for part in parts for label in part.groups.labels if labels.count(label) > 1]
     if twice and attached(parts):
         raise DataError(
-            f"Groups of data must have names of their own, but {len(twice)} are `{twice[0]}`.",
+            f"Groups of data must have different names, but {len(twice)} are `{twice[0]}`.",
             why="Tones of one level are one group, but different drives move these.",
             remedy="Correct `level` of the tones driven otherwise, in the unit of their source.",
         )

@@ -148,7 +148,7 @@ def _require_sources(tests: Sequence[Test]) -> None:
     if len(drives) > 1:
         raise ConfigError(
             f"[structure] needs tests of one drive, but they are driven by {' and '.join(drives)}.",
-            why="A shaker that moves along changes every mode.",
+            why="A shaker that moves with the structure changes every mode.",
             remedy="Leave the tests of one drive out of the campaign file.",
         )
     for test in tests:

@@ -66,8 +66,8 @@ def _stiffest(data: Dataset) -> float:
     measured = [value for value in stiffnesses if value is not None]
     if not measured:
         raise DataError(
-            "The campaign must hold a test that tells the natural frequency, but one frequency of "
-            f"steady motion is all that is fitted ({', '.join(data.labels)}).",
+            "The campaign must contain a test that determines the natural frequency, but only one "
+            f"frequency of steady motion is fitted ({', '.join(data.labels)}).",
             remedy="Add a free decay, noise, a sweep, or tones at other frequencies.",
         )
     return float(data.held.get("gain", 1.0)) * max(measured)

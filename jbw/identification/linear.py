@@ -180,7 +180,7 @@ def _warn_when_doubtful(fit: LineFit, frf: FRF) -> None:
         )
     if std > 0.3 * fit.zeta:
         warnings.warn(
-            f"The damping {fit.zeta:.3%} +- {std:.3%} is hardly known. Measure about "
+            f"The damping {fit.zeta:.3%} +- {std:.3%} is very uncertain. Measure about "
             f"{(10 * std / fit.zeta) ** 2:.0f} times longer for one part in ten.",
             stacklevel=3,
         )

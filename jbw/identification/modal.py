@@ -464,7 +464,7 @@ def _apart(lines: FRFLines, theta: Real) -> None:
         raise DataError(
             f"Modes {i + 1} and {i + 2} must stay apart, but they {crossed}, at {first:.5g} and "
             f"{second:.5g} Hz.",
-            why="The lines do not tell them apart.",
+            why="The lines do not distinguish them.",
             remedy="Ask for fewer modes, or give frequencies nearer to the peaks.",
         )
 
@@ -490,10 +490,10 @@ def _within(fit: ModalFit) -> None:
         sentence = messages.outside_band(freq, low, high)
         if excess > OUTSIDE * (high - low):
             raise DataError(
-                f"{sentence}, which therefore does not tell it.",
+                f"{sentence}, which therefore does not determine it.",
                 remedy="Ask for fewer modes, or give frequencies nearer to the peaks.",
             )
         if excess > 0:
             warnings.warn(
-                f"{sentence}: it stands for what the others leave, not for a peak.", stacklevel=3
+                f"{sentence}: it describes what the other modes leave, not a peak.", stacklevel=3
             )

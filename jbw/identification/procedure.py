@@ -187,7 +187,7 @@ def _joint(key: Key[Array, ""], seen: Measured, run_knowledge: Known, report: Re
             raise ConfigError(
                 f"The run sampled {', '.join(run_knowledge.bounds)}, but the campaign leads to "
                 f"{', '.join(prior.names)}.",
-                why="The campaign is not the run's, or was changed since.",
+                why="The campaign is not that of the run, or was changed since then.",
                 remedy="Give the run's campaign with --campaign, or compare on the campaign alone.",
             )
         lower, upper = zip(*(run_knowledge.bounds[name] for name in prior.names), strict=True)

@@ -52,7 +52,7 @@ def modes_of(
     if len(drives) > 1:
         raise ConfigError(
             f"[structure] needs tests of one drive, but they are driven by {' and '.join(drives)}.",
-            why="A shaker that moves along changes every mode.",
+            why="A shaker that moves with the structure changes every mode.",
             remedy="Leave the tests of one drive out of the campaign file.",
         )
     highest = max(modes.hz)
@@ -102,11 +102,11 @@ def _require_unknown(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> 
             raise ConfigError(
                 f"[identify.prior] `{name}` must be a parameter of modes that "
                 f"{'have laws of their own' if suffix else 'meet in one joint'}, but these do not.",
-                remedy="Leave it out, or say otherwise by `modal` in [structure].",
+                remedy="Leave it out, or change `modal` in [structure].",
             )
         if name in settled_by:
             raise ConfigError(
-                f"[identify.prior] `{name}` must be unknown, but `{settled_by[name]}` tells it.",
+                f"[identify.prior] `{name}` must be unknown, but `{settled_by[name]}` sets it.",
                 remedy=f"Leave it out, or `{settled_by[name]}` in [structure].",
             )
 
@@ -151,15 +151,15 @@ def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
             raise DataError(
                 "[structure] driving_point needs tests that something drives, but free decays "
                 "alone are fitted.",
-                why="What the joint does to a mode is known there by the mode's gain.",
+                why="The gain of a mode determines there the effect of the joint on it.",
                 remedy="Leave it out, or add a sweep or a multisine.",
             )
         if modes.driving_point and ratio is not None and ratio < 0:
             raise DataError(
                 f"[structure] driving_point: the mode at {hz:g} Hz must have a gain of the first "
                 f"mode's sign, but its gain is {ratio:.2g} times that.",
-                why="Where the source pushes, every mode has the square of its shape for a gain.",
-                remedy="Leave `driving_point` out, or turn the channel of the response round.",
+                why="At the drive point the gain of every mode is the square of its shape.",
+                remedy="Leave `driving_point` out, or reverse the sign of the response channel.",
             )
 
 

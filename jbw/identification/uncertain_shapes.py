@@ -117,7 +117,7 @@ def require_inferred(modes: Modes, laws: Sequence[str], prior: Mapping[str, Any]
     raise ConfigError(
         f"[identify.prior] `{stated[0]}` must be of a factor that is inferred, "
         f"{', '.join(names) or 'of which there is none'}, but it is of another.",
-        why="A joint's motion is the model's in its home mode, in modes that no test drives, and "
-        "in modes that hardly move it.",
+        why="In its home mode, in modes that no test drives, and in modes that hardly move it, the "
+        "motion of a joint is that of the model.",
         remedy="Leave it out.",
     )

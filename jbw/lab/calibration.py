@@ -185,7 +185,7 @@ def _own_step(
         return None
     if simulate is None or log_likelihood is None or prior is None or campaign is not None:
         raise ConfigError(
-            "A posterior of one's own needs `simulate`, `log_likelihood` and `prior`, all three, "
+            "A user-defined posterior needs `simulate`, `log_likelihood` and `prior`, all three, "
             "and no campaign.",
         )
     return models.CalibratedStep(own_model(simulate, log_likelihood, prior), 100, "nuts")

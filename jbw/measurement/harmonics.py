@@ -167,7 +167,7 @@ def _fitted(y: Reals, design: Reals, tones: Tones) -> SineFit:
     normal = design @ design.T
     if np.linalg.cond(normal) > 1e8:
         raise DataError(
-            "The tones cannot be told apart in a record of this length.",
+            "The tones cannot be distinguished in a record of this length.",
             why="Two of the frequencies fitted nearly coincide.",
             remedy="Lengthen the record or leave one of `also` out.",
         )

@@ -141,7 +141,7 @@ def _demanded(amplitude: complex | None, num_repeats: int) -> tuple[Complexes, C
         raise DataError(
             "The input's amplitude must be known, but neither `u` nor `amplitude` was given.",
             why="H3 is Y(3 omega) over the cube of it.",
-            remedy="Measure the input beside the response, or give the demanded `amplitude`.",
+            remedy="Measure the input with the response, or give the demanded `amplitude`.",
         )
     return np.full(num_repeats, complex(amplitude)), np.full(num_repeats, complex(np.nan))
 

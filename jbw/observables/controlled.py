@@ -463,7 +463,7 @@ def _require_alike(test: Test, curves: Sequence[ControlledCurve]) -> None:
         raise DataError(
             f"Repeats of test `{test.name}` must have the same points, but they have "
             f"{', '.join(str(len(curve.freq_hz)) for curve in curves)}.",
-            remedy="Make each a test of its own.",
+            remedy="Make a separate test of each.",
         )
 
 

@@ -177,7 +177,7 @@ def _course(name: str, envelope: np.ndarray, chosen: BandFilter, order: int) -> 
             f"the beginning of the weakest, {np.exp(size[strongest, 0] - weakest):.3g} times "
             f"smaller, after {wait:.3g} s.",
             why=f"A decay {MOST_WAIT:g} times as long as a record is more than a test needs.",
-            remedy="Make a test of the weak records by themselves, or drop them with `exclude`.",
+            remedy="Make a separate test of the weak records, or leave them out with `exclude`.",
         )
     # The mode's frequency need not lie in the middle of its band.
     turns = envelope[strongest, 1:edge] * np.conj(envelope[strongest, : edge - 1])

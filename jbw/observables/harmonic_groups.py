@@ -65,7 +65,7 @@ def groups_of(tests: Sequence[Test]) -> list[MeasuredHarmonic]:
     lone = [group.label for group in groups if group.repeats.size < 2]
     if lone:
         warnings.warn(
-            f"Not fitted, for one frequency and one repeat tell nothing of their noise: "
+            f"Not fitted, because one frequency and one repeat do not determine the noise: "
             f"{', '.join(lone)}. Measure repeats, or more tones at the same level.",
             stacklevel=2,
         )
@@ -181,7 +181,7 @@ def curve_group(test: Test) -> MeasuredHarmonic:
     if any(not np.array_equal(curve.freq_hz, curves[0].freq_hz) for curve in curves):
         raise DataError(
             f"Repeats of test `{test.name}` must share their frequencies.",
-            remedy="Make each a test of its own.",
+            remedy="Make a separate test of each.",
         )
     omega = 2 * np.pi * curves[0].freq_hz
     # A ratio has no amplitude: it is compared with the stuck joint, at almost zero amplitude.

@@ -56,7 +56,7 @@ class Loops(Observable):
             if len({len(loop.force) for loop in test_loops}) > 1:
                 raise DataError(
                     f"Repeats of test `{test.name}` must be of one length.",
-                    remedy="Cut them with `span`, or make each a test of its own.",
+                    remedy="Cut them with `span`, or make a separate test of each.",
                 )
         displacement = [
             np.mean([loop.displacement for loop in test_loops], axis=0)

@@ -186,7 +186,7 @@ class ModalDecays(Decays):
         """Return sentences on the residual motion near each mode and on the decays."""
         residual = np.asarray(matched(theta, self).residual)
         errors = " and ".join(
-            f"{error:.2g} about {hz:.4g} Hz"
+            f"{error:.2g} near {hz:.4g} Hz"
             for hz, error in zip(self.modes.hz, errors_by_mode(residual, self), strict=True)
         )
         return [

@@ -71,7 +71,7 @@ def require_none(joint: Any, function: str) -> None:
         raise ModelError(
             f"Parameter `restoring` must be None for `{function}`, but it is a force of kind "
             f"{type(joint.restoring).__name__}.",
-            why="Its formula knows the hysteretic force and a linear spring only.",
+            why="Its formula contains only the hysteretic force and a linear spring.",
             remedy="Use `steady_state` or `simulate`, which hold for every restoring force.",
         )
 
@@ -329,6 +329,6 @@ def require_converged(
     raise ModelError(
         f"The periodic response did not converge for {failed.sum()} of {failed.size} tones, the "
         f"first at {text} ({int(np.asarray(turns)[first])} turning points a period).",
-        why="Several periodic responses may exist there, or none that turns so rarely.",
+        why="Several periodic responses may exist there, or none with so few turning points.",
         remedy="Lower `amplitude`, follow the branch with `response_curve`, or raise `max_turns`.",
     )

@@ -173,13 +173,13 @@ def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> B
         raise DataError(
             f"The main posterior must hold all of {', '.join(needed)}, but lacks "
             f"{', '.join(missing)}.",
-            why="Without them no further test can be predicted.",
+            why="Without them no new test can be predicted.",
             remedy="Plan from ranges: jbw plan PLAN.toml.",
         )
     if held.get("zeta") == 0.0:
         raise DataError(
             "Damping `zeta` must be positive to plan from a run, but this one holds it at 0.",
-            why="Loops under prescribed displacement do not tell how the joint moves by itself.",
+            why="Loops under prescribed displacement do not determine the joint's free motion.",
             remedy="Plan from ranges: jbw plan PLAN.toml.",
         )
     modal = (quantity.name for quantity in (*MODAL, *own_quantities(laws)))

@@ -91,17 +91,19 @@ class PlanTable(FileTable):
     omega_n: PositiveRange | None = key(None, "the same [rad/s], instead")
     zeta: PositiveRange = key((0.002, 0.01), "viscous damping ratio [-]")
     gain: PositiveRange | None = key(None, "force per modal mass for one volt [N/kg/V]")
-    modal_mass: PositiveRange | None = key(None, "[kg], where the input is a force in N")
+    modal_mass: PositiveRange | None = key(None, "modal mass [kg], if the input is a force in N")
     noise: Positive | None = key(
         None, "standard deviation of a sample of the response, in noise_unit"
     )
     noise_unit: Annotated[str, BeforeValidator(_motion_unit)] = key(
-        "m/s", "its unit, which says what is measured"
+        "m/s", "its unit, which states the measured quantity"
     )
     fs: Positive | None = key(None, "sampling frequency [Hz]")
-    wanted: tuple[str, ...] | None = key(None, "parameters to be known; by default the laws'")
+    wanted: tuple[str, ...] | None = key(
+        None, "parameters to determine; by default all of the laws"
+    )
     cv: Annotated[float, BeforeValidator(_fraction)] = key(
-        0.05, "their wished coefficient of variation [-]"
+        0.05, "required coefficient of variation [-]"
     )
     max_input: Positive | None = key(None, "largest input [V, N or N/kg]")
     max_displacement: Positive | None = key(None, "largest displacement [m]")

@@ -160,7 +160,7 @@ def _after(
         raise ConfigError(
             "Key `noise` must be given beside this run, which fitted no record in time, "
             "but it is not.",
-            why="Without the noise of a sample nothing can be said of a further record.",
+            why="Without the noise of a sample a new record cannot be predicted.",
             remedy="Write [plan] with noise and noise_unit into a file and add: --limits FILE",
         )
     held = {**rig.held, **({} if description.gain is None else {"gain": description.gain})}

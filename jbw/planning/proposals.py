@@ -46,7 +46,7 @@ class SweepTable(FileTable):
     levels: Numbers | None = key(None, "peaks of the input [V, N or N/kg]")
     span: Span | None = key(None, "first and last frequency [Hz]")
     rates: Numbers | None = key(None, "sweep rates [Hz/s]")
-    rest: NonNegative | None = key(None, "free decay recorded behind the burst [s]")
+    rest: NonNegative | None = key(None, "free decay recorded after the burst [s]")
 
 
 class DwellingTable(FileTable):
@@ -130,7 +130,7 @@ def displacement_for(beliefs: Beliefs) -> float:
             value = float(np.abs(np.median(beliefs.joints[quantity.name])))
             return value if quantity.unit == "m" else 1 / value
     raise ConfigError(
-        f"Key `max_displacement` must be given, as {', '.join(beliefs.laws)} does not tell where "
+        f"Key `max_displacement` must be given: {', '.join(beliefs.laws)} does not determine where "
         "the joint slides."
     )
 
@@ -166,7 +166,7 @@ def _require_one_mode(grids: Mapping[str, Grid], beliefs: Beliefs) -> None:
     others = [kind for kind in grids if kind != "sweep"]
     if others and len(modes_of(beliefs.joints)) > 1:
         raise ConfigError(
-            f"[{others[0]}]: tests of steady tones know one mode alone, but the run has several.",
+            f"[{others[0]}]: tests of steady tones model only one mode, but the run has several.",
             remedy="Plan sweeps about every mode.",
         )
 

@@ -156,8 +156,8 @@ def _require_whole(fleet: xr.DataTree, name: str) -> None:
         bounds = ", ".join(dict.fromkeys(by[cut > CUT].tolist()))
         raise DataError(
             f"The prior cuts the posterior of {name} in {', '.join(units)}.",
-            why="A posterior that ends at a bound is no normal one, and pooling would take the "
-            "bound for knowledge.",
+            why="A posterior that ends at a bound is not normal, and pooling would treat the bound "
+            "as data.",
             remedy=f"Widen [identify.prior] {bounds} of their campaigns and identify them again.",
         )
 

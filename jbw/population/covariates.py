@@ -48,7 +48,7 @@ def _checked(run: str, stated: Mapping[str, Any]) -> Covariates:
     if not numbers.get("torque", 1.0) > 0:
         raise ConfigError(
             f"Run {run}: `torque` must be positive, but is {numbers['torque']:g}.",
-            why="Its logarithm is what the joint depends on.",
+            why="The joint is modelled by the logarithm of the torque.",
             remedy="State it in N m.",
         )
     return Covariates(**numbers, assembly=str(stated.get("assembly") or ""))
@@ -72,9 +72,9 @@ def require_torque_of_all(stated: Mapping[str, Covariates]) -> None:
     lacking = [run for run, covariates in stated.items() if covariates.torque != covariates.torque]
     if lacking and len(lacking) < len(stated):
         raise DataError(
-            f"`torque` is stated for {len(stated) - len(lacking)} of {len(stated)} runs; it lacks "
-            f"for {', '.join(lacking)}.",
-            why="A slope over the torque needs it of every unit.",
+            f"`torque` is stated for {len(stated) - len(lacking)} of {len(stated)} runs; it is "
+            f"missing for {', '.join(lacking)}.",
+            why="A slope over the torque needs the torque of every unit.",
             remedy="State it for all of them, in [assembly] of their campaigns or in a table given "
             "with --covariates, or leave those runs out.",
         )
@@ -98,7 +98,7 @@ def read_covariates(path: Path) -> dict[str, dict[str, str]]:
         run = (row.pop("run", None) or "").strip()
         if not run or run in covariates or None in row:
             raise ConfigError(
-                f"{path.name}, line {number}: needs one run of its own, and as many values as the "
+                f"{path.name}, line {number}: needs a different run, and as many values as the "
                 "head has columns.",
                 remedy=f"Begin it with the line: run,{','.join(NAMES)}.",
             )

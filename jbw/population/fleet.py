@@ -120,7 +120,7 @@ def fleet_of(
     if len(units) < FEWEST:
         raise DataError(
             f"A fleet needs at least {FEWEST} runs, but there {'is one' if units else 'is none'}.",
-            why="Nothing scatters between fewer units.",
+            why="With fewer units the variation between units cannot be estimated.",
             remedy="Give the folders of more finished runs, of other units or tightenings.",
         )
     require_alike(units, mixed_versions=mixed_versions)
@@ -176,7 +176,7 @@ def write_fleet(path: str | Path, fleet: xr.DataTree) -> None:
     except OSError as error:
         raise RunError(
             f"The fleet {path} cannot be written: {error.strerror or error}.",
-            remedy="Choose another file with --out, in a folder that is there.",
+            remedy="Choose another file with --out, in an existing folder.",
         ) from error
 
 

@@ -144,7 +144,7 @@ def _measured_unit(study: Study, population: Population) -> MeasuredUnit:
     if identification is None or identification.data is None:
         raise DataError(
             f"{study.record['campaign']} has no joint posterior at hand.",
-            why="A run that was saved keeps draws, and not the likelihood of its records.",
+            why="A saved run contains draws, but not the likelihood of its records.",
             remedy="Give what `jbw.identify` returned.",
         )
     data, main = identification.data, identification.main
@@ -177,7 +177,7 @@ def _powers(
     powers = pooled.powers @ np.linalg.pinv(sampled)
     if not np.allclose(powers @ sampled, pooled.powers, atol=1e-9):
         raise DataError(
-            f"What was sampled, {', '.join(names)}, does not tell all of "
+            f"What was sampled, {', '.join(names)}, does not determine all of "
             f"{', '.join(pooled.names)}.",
             remedy="Pool what every unit sampled.",
         )

@@ -158,8 +158,8 @@ def population_of(
     if len(failed) > num / 2 and not all_verdicts:
         raise DataError(
             f"{len(failed)} of {num} runs failed: {', '.join(failed)}.",
-            why="What a failed run says of its unit must not be used.",
-            remedy="Mend them first (jbw explain), or pool them all the same with --all-verdicts.",
+            why="The result of a failed run must not be used.",
+            remedy="Repair them first (jbw explain), or pool them anyway with --all-verdicts.",
         )
     coordinates = pooled(fleet, parameters)
     design = covariates_in(fleet)
@@ -194,7 +194,8 @@ def require_torque(design: CovariateDesign, torque: float | None) -> None:
         raise ConfigError(f"A torque must be above zero, but is {torque:g} N m.")
     if TORQUE not in design.columns:
         raise DataError(
-            "All units of the fleet have one torque, or state none: no trend with it is known.",
+            "All units of the fleet have one torque, or state none: no trend with torque can be "
+            "determined.",
             remedy="Collect units of several torques, or leave --torque out.",
         )
 

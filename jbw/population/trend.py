@@ -64,7 +64,8 @@ def mask_of(
             )
     if len(saturating) and TORQUE not in columns:
         raise DataError(
-            "All units of the fleet have one torque, or state none: nothing can saturate with it.",
+            "All units of the fleet have one torque, or state none: no parameter can saturate with "
+            "torque.",
             remedy="Collect units of several torques, or leave --saturating out.",
         )
     return np.array([name in saturating for name in names])

@@ -106,8 +106,8 @@ def _names(folders: Sequence[Path | None], campaigns: Sequence[str]) -> list[str
         if count > 1:
             raise DataError(
                 f"{count} runs are called `{name}`.",
-                why="A unit is known by the name of its run.",
-                remedy="Give the folders, or the campaigns of runs in memory, names of their own.",
+                why="A unit is identified by the name of its run.",
+                remedy="Give the folders, or the campaigns of runs in memory, different names.",
             )
     clean = [name.replace("/", "_") for name in names]
     return [f"{name}_run" if name in TAKEN else name for name in clean]
@@ -122,7 +122,7 @@ def _unit(name: str, folder: Path | None, record: Mapping[str, Any], tree: xr.Da
     if are_at_joints(laws):
         raise DataError(
             f"The run {name} must be of one joint, but has several.",
-            why="A population compares units by what their one joint does.",
+            why="A population compares units by the effect of their single joint.",
             remedy="Leave the run out. Two runs of several joints are compared joint by joint: "
             "jbw diff.",
         )
@@ -138,7 +138,8 @@ def _unit(name: str, folder: Path | None, record: Mapping[str, Any], tree: xr.Da
         if "prior" in meaning:
             raise DataError(
                 f"The run {name} took {meaning['prior']} for the prior of {quantity}.",
-                why="A population takes the priors of its runs out again, and knows uniform ones.",
+                why="A population removes the priors of its runs, which is possible only for "
+                "uniform priors.",
                 remedy=f"Identify its campaign with bounds for `{quantity}` in [identify.prior].",
             )
     bounds = {n: (float(a["lower"]), float(a["upper"])) for n, a in attrs.items() if "lower" in a}
@@ -207,7 +208,7 @@ def require_alike(units: Sequence[Unit], *, mixed_versions: bool) -> None:
             if was != is_:
                 raise DataError(
                     f"{pair} hold {name} in different units: {was}, and {is_}.",
-                    why="Values in different units do not scatter about one another.",
+                    why="Values in different units cannot be compared.",
                     remedy="Drive all units in the same unit of the source, or collect them apart.",
                 )
         packages = first.versions.keys() | second.versions.keys()
@@ -230,7 +231,7 @@ def _require_own_records(units: Sequence[Unit]) -> None:
         if records and records in seen:
             raise DataError(
                 f"The runs {seen[records]} and {unit.name} are of the same records.",
-                why="One unit would count for two, and the scatter would come out too small.",
+                why="One unit would count as two, and the variation would be underestimated.",
                 remedy="Give one of them.",
             )
         seen[records] = unit.name

@@ -28,7 +28,7 @@ def selected(tests: Tests, part: Part) -> Tests:
     names = chosen_names(tests)
     in_part = [(name, test) for name, test in tests if (name in names) == (part == "chosen")]
     if not in_part:
-        raise DataError("The result has no test of this kind beside those that are drawn.")
+        raise DataError("The result has no other test of this kind than those that are drawn.")
     return in_part
 
 

@@ -190,7 +190,7 @@ def tied_sentences(joint_facts: Summary) -> list[str]:
         return [messages.one_law(joints, odds)]
     if tied["answer"] == "own":
         return [messages.own_laws(joints, odds)]
-    preferred = "one law" if log_ratio > 0 else "laws of their own"
+    preferred = "one law" if log_ratio > 0 else "separate laws"
     weak = messages.weak_evidence(odds, preferred)
     reason = weak if tied["is_trusted"] else messages.rough_evidence(khat)
     return [messages.law_not_told(joints, reason)]

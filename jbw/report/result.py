@@ -84,7 +84,7 @@ def require_finite(tree: xr.DataTree, path: Path) -> None:
                 raise DataError(
                     f"The draws of {name} in {path} must be finite numbers, but {lost} of "
                     f"{numbers.size} are not.",
-                    why="Nothing that is worked out from them can be trusted.",
+                    why="No quantity computed from them is reliable.",
                     remedy="Restore the folder from a copy, or identify again: jbw identify "
                     "CAMPAIGN.toml.",
                 )

@@ -124,8 +124,8 @@ def forces_of(laws: Iterable[Law], number: Callable[[Any], Scalar] = float) -> t
         if kind not in FORCES:
             raise ModelError(
                 f"The law `{law.name}` of the joint is none of the rig's: {', '.join(FORCES)}.",
-                why="The rig integrates every law by a code of its own.",
-                remedy="Make records with `simulate`, which takes every law.",
+                why="The rig integrates every law by separate code.",
+                remedy="Make records with `simulate`, which accepts every law.",
             )
         forces += FORCES[kind]({name: number(x) for name, x in law.parameters().items()})
     return tuple(forces)

@@ -85,7 +85,7 @@ def read_manifest(path: Path) -> Manifest:
         pass
     raise RunError(
         f"{path} is damaged, or was written by another version of jbw.",
-        why="It says what the run was asked for.",
+        why="It states the settings of the run.",
         remedy="Begin the run again in another folder: jbw identify CAMPAIGN --out DIR.",
     )
 
@@ -122,7 +122,7 @@ def _require_same(name: str, was: str, now: str) -> None:
 
 def _other_data(what: str) -> DataError:
     return DataError(
-        f"The data file {what}", why="Its chains would go on with other data.", remedy=RESTORE
+        f"The data file {what}", why="Its chains would continue with other data.", remedy=RESTORE
     )
 
 
@@ -148,7 +148,7 @@ def require_unchanged(manifest: Manifest, campaign: Path) -> None:
             raise ConfigError(
                 f"The data file {name} must lie in the campaign's folder {folder}, but does not.",
                 why="A run's manifest may come from elsewhere.",
-                remedy="Where you know these files, allow them: jbw resume DIR --allow-outside.",
+                remedy="If you trust these files, allow them: jbw resume DIR --allow-outside.",
             )
         try:
             now = hash_of(folder / name)

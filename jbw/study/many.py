@@ -314,7 +314,7 @@ def _outcome_of(task: Task, future: Any) -> RunOutcome:
         return future.result()
     except BrokenProcessPool:
         return _failed(task, RunError(
-            "Its process was killed, perhaps for want of memory.",
+            "Its process was killed, perhaps because memory was exhausted.",
             remedy="Call again to go on from its last checkpoint, with fewer workers.",
         ))  # fmt: skip
     except Exception as error:  # The executor lost a worker or a machine.

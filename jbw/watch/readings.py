@@ -229,7 +229,7 @@ def _require_known(fleet: xr.DataTree, amplitudes: Sequence[float], test: Test) 
         raise DataError(
             f"Read is at a displacement of {highest:.3g} m, but all units of the fleet were driven "
             f"to no more than: {says}.",
-            why="How a joint goes with torque is known where its units moved.",
+            why="The effect of torque on a joint is known only where its units moved.",
             remedy="Begin a watch at a lower --amplitude, or leave --population out.",
         )
 

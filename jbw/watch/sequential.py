@@ -217,13 +217,13 @@ def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
     if campaign.structure is not None and len(campaign.structure.modes) > 1:
         raise DataError(
             "The run has several modes, whose decays are not carried from record to record.",
-            remedy="Identify the joint anew with the further records in its campaign.",
+            remedy="Identify the joint again with the new records in its campaign.",
         )
     if seen.decays is None or [part.kinds for part in data.parts] != [Decays.kinds]:
         raise DataError(
             "The run was fitted to other tests than free decays.",
             why="Their part of the posterior is not carried from record to record.",
-            remedy="Identify the joint anew with the further records in its campaign.",
+            remedy="Identify the joint again with the new records in its campaign.",
         )
     test, facts = seen.decays.fitted, json.loads(str(study.tree.attrs.get("decay", "{}")))
     # The run may have refined its solver; it counts as many values as it found to be independent.
@@ -249,7 +249,7 @@ def _with_records(part: Decays, test: Test, records: Sequence[Record]) -> Decays
         raise DataError(
             f"`{records[-1].name}` is shorter than the records of the run.",
             why="All of them are compared over one duration.",
-            remedy="Record as long, or identify the joint anew.",
+            remedy="Record as long, or identify the joint again.",
         )
     return counting(longer, float(part.fraction))
 
@@ -276,7 +276,7 @@ def _require_same(strays: Float[np.ndarray, " particle"]) -> None:
             f"The likelihood of the run's draws cannot be had again: it strays by {sd:.2g} nats.",
             why="The run is a quick one, whose draws are those of a Gaussian, or drew by other "
             "weights or solver steps than its campaign asks for now.",
-            remedy="Identify the joint anew with the further records in its campaign.",
+            remedy="Identify the joint again with the new records in its campaign.",
         )
 
 

@@ -254,7 +254,7 @@ def _begun(test: Test, name: str, wishes: Wishes) -> Entry:
         raise ConfigError(
             f"`--reference` must be at least {least} for {len(amplitudes)} amplitudes, but is "
             f"{number}.",
-            why="With fewer the scatter is hardly known, and no change would be found.",
+            why="With fewer records the variation is hardly known, and no change would be found.",
             remedy="Begin with more records without change, or read at one amplitude.",
         )
     unit = test.records[0].units.get(test.records[0].response, "")
@@ -290,7 +290,7 @@ def _require_same(settings: Entry, wishes: Wishes) -> None:
             raise ConfigError(
                 f"`{option}` is {wished}, but the watch began with {has}.",
                 why="Its readings and rates would not be comparable.",
-                remedy="Leave the option out, or move watch.jsonl away and begin the watch anew.",
+                remedy="Leave the option out, or move watch.jsonl away and begin a new watch.",
             )
 
 
@@ -332,7 +332,7 @@ def read_log(path: Path) -> list[Entry]:
             raise RunError(
                 f"Line {number} of {path} is no entry of a watch.",
                 why="What is stated of later records depends on it.",
-                remedy="Restore the file from a copy, or move it away and begin the watch anew.",
+                remedy="Restore the file from a copy, or move it away and begin a new watch.",
             )
         entries.append(entry)
     return entries

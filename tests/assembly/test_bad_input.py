@@ -59,7 +59,7 @@ def test_a_little_asymmetry_is_removed_and_said():
     model = three(stiffness=stiffness)
     assert model.stiffness[0, 1] == model.stiffness[1, 0]
     (note,) = model.notes
-    assert "symmetric part is taken" in note
+    assert "symmetric part is used" in note
     stiffness[0, 1] = STIFFNESS[0, 1] * (1 + 1e-12)  # round-off of an export
     assert three(stiffness=stiffness).notes == ()
 
@@ -267,7 +267,7 @@ def test_a_frequency_below_the_first_is_refused_and_the_remedy_cures():
 def test_joints_need_names_a_place_and_a_stiffness():
     with pytest.raises(ConfigError, match="At least one joint"):
         reduce(three(), [], to_hz=10.0, input="17:x", outputs={}, zeta=0.01)
-    with pytest.raises(ConfigError, match="`bolt` stands twice"):
+    with pytest.raises(ConfigError, match="`bolt` occurs twice"):
         reduced_three(
             places=[
                 Joint("bolt", {"17:x": 1.0}, stiffness=1.0),

@@ -111,7 +111,7 @@ FAULTS = (
           f"`velocity` has {N // 2}", "together"),
     Fault("15: repeats of three lengths", lengths, "ok"),
     Fault("16: clipped", spoilt("velocity", lambda x: np.clip(x, -0.5 * x.max(), 0.5 * x.max())),
-          "error", "% of the samples are clipped, at", "more range", "velocity"),
+          "error", "% of the samples are clipped, at", "a larger range", "velocity"),
     Fault("17: few bits", spoilt("velocity", lambda x: np.round(x / x.max() * 100) * x.max() / 100),
           "warning", "distinct values, fewer than 256", "smaller range", "velocity"),
     Fault("18: short noise", noise({r: x[:512] for r, x in good().items()}), "warning",

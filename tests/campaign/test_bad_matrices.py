@@ -231,5 +231,5 @@ stiffness = 1e4
     scipy.io.savemat(folder / "masses.mat", masses)
     check = check_campaign(written(folder, text + TESTS))
     assert errors_of(check) == []
-    (doubt,) = doubts_of(check, "keeps its prior")
+    (doubt,) = doubts_of(check, "do not constrain")
     assert "`second`" in doubt.what

@@ -72,7 +72,7 @@ def test_good_file():
         ('"mm/s"', '"mm\\\\s"', "Did you mean `mm/s`?"),
         ('"mm/s"', '"V"', "`V` measures a voltage, but a velocity is needed"),
         ("[0.2]", "[0.3]", "no test has level 0.3; levels: 0.2"),
-        ("num_chains = 4", 'fit = ["s_2"]', "Tests are told by name in hold_out"),
+        ("num_chains = 4", 'fit = ["s_2"]', "State tests by name in hold_out"),
         ("[100.0, 130.0]", "[130.0, 100.0]", "prior: omega_n: must be [lower, upper]"),
         ("[100.0, 130.0]", "[100.0, nan]", "prior: omega_n: must be finite"),
         ("[100.0, 130.0]", "[100.0, 100.0]", "prior: omega_n: must be [lower, upper]"),
@@ -123,7 +123,7 @@ WRITE = re.compile(r"Write line (\d+) as `([^`]+)`")
         ('"sweep_*.h5"', r"C:\data\x.csv", "line 7 has a word without quotes"),
         ("level = 0.2", "level = 0,2", "line 8 has a decimal comma"),
         ("[5.0, 40.0]", "[5,05, 40,0]", "line 11 has a decimal comma"),
-        ("level = 0.2", "level = .2", "line 8 has a number that begins or ends with its point"),
+        ("level = 0.2", "level = .2", "line 8 has a number that begins or ends with its decimal"),
         ('kind = "sweep"', "kind = sweep  # up", "line 6 has a word without quotes"),
         ('"mm/s"', "mm/s", "line 10 has a word without quotes"),
         ("level = 0.2", "level = 0.2\nremove_mean = True", "line 9 has a word without quotes"),
@@ -192,7 +192,7 @@ def test_a_slip_before_what_is_nested_too_deeply_is_refused():
 
 def test_slips_in_several_lines_are_told_of():
     text = changed('"sweep"', "“sweep”").replace('"beam"', "“beam”")
-    assert 'Write line 3 as `name = "beam"`. Mend line 6 likewise.' in refused(text)
+    assert 'Write line 3 as `name = "beam"`. Correct line 6 in the same way.' in refused(text)
 
 
 def test_an_escape_that_a_path_became_is_named():
@@ -321,7 +321,7 @@ def test_one_torque_is_not_for_several_assemblies():
     test = head[head.index("[[test]]") :]
     two = head + "assembly = 'a'\n" + test + "assembly = 'b'\n[identify]" + rest
     assert parse(two).assembly.name == ""
-    assert "[assembly]: speaks of one assembly, but the campaign has 2: a, b" in refused(
+    assert "[assembly]: describes one assembly, but the campaign has 2: a, b" in refused(
         two + "[assembly]\ntorque = 8.0\n"
     )
 

@@ -162,7 +162,7 @@ def test_the_tolerance_is_a_key(tmp_path):
     arrays = turned(locked(), phi=off_at([2], 4.0))
     assert faults(written(tmp_path, arrays)) == []
     (fault,) = faults(written(tmp_path, arrays, keys="phase_tolerance = 3.0"))
-    assert "point 3 lies up to 4 degrees" in fault.what
+    assert "point 3 deviates by up to 4 degrees" in fault.what
 
 
 def test_s_curves_one_behind_the_other_do_not_jump(tmp_path):

@@ -89,7 +89,7 @@ def test_response_per_unit_force(tmp_path):
     ("channels", "change", "says"),
     [
         ({r: CHANNELS[r] for r in ("frequency", "force", "acceleration")}, {}, "has no phase"),
-        (CHANNELS, {"f": FREQ[::-1] * (FREQ < 80)}, "positive and go one way"),
+        (CHANNELS, {"f": FREQ[::-1] * (FREQ < 80)}, "positive, and either rise or fall"),
         (CHANNELS, {"F": -FORCE}, "amplitude must be positive"),
         (CHANNELS, {"phi": FREQ[:-1]}, "equal lengths"),
         (CHANNELS, {name: x[:3] for name, x in arrays().items()}, "has 3 lines"),
@@ -124,7 +124,7 @@ def test_a_phase_in_degrees_is_not_taken_for_a_wrong_sign_or_a_backbone(tmp_path
 def test_masked_lines_do_not_hide_a_phase_in_degrees(tmp_path):
     phase = np.where(np.arange(81) == 3, np.nan, np.degrees(arrays()["phi"]))
     with (
-        pytest.warns(UserWarning, match="1 of 81 samples are not finite, and masked"),
+        pytest.warns(UserWarning, match="1 of 81 samples are not finite; gaps"),
         pytest.warns(UserWarning, match='units = {.* phase = "deg" }'),
     ):
         load_campaign(campaign(tmp_path, arrays() | {"phi": phase}, gaps="mask"))
@@ -132,7 +132,7 @@ def test_masked_lines_do_not_hide_a_phase_in_degrees(tmp_path):
 
 def test_a_curve_read_by_itself_goes_one_way_too(tmp_path):
     np.savez(tmp_path / "a.npz", **arrays() | {"f": np.roll(FREQ, 1)})
-    with pytest.raises(DataError, match="positive and go one way"):
+    with pytest.raises(DataError, match="positive, and either rise or fall"):
         read(tmp_path / "a.npz", CHANNELS, UNITS)
 
 

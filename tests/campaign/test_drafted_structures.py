@@ -64,7 +64,7 @@ def test_the_model_beside_records_is_drafted_and_runs_once_it_is_uncommented(tmp
 
 def test_matrices_alone_are_named_with_what_they_lack(tmp_path):
     _one_file(tmp_path)
-    with pytest.raises(DataError, match=r"must hold a record, but holds matrices .* beams\.mat"):
+    with pytest.raises(DataError, match=r"contains only matrices .* beams\.mat"):
         start_campaign(tmp_path)
 
 

@@ -64,7 +64,7 @@ def refused(path):
 def test_one_file_under_two_tests(folder):
     path = campaign(folder, table('"run_*.npz"', "a"), table('"run_1.npz"', "b"))
     assert refused(path) == [
-        "`run_1.npz` of test `b` holds the same samples as `run_1.npz` of test `a`."
+        "`run_1.npz` of test `b` contains the same samples as `run_1.npz` of test `a`."
     ]
 
 
@@ -86,7 +86,7 @@ def test_a_copy_within_a_test(folder, how):
         np.savez_compressed(other, **np.load(source))
     path = campaign(folder, table('"run_*.npz"', "a"))
     assert refused(path) == [
-        "`run_2.npz` of test `a` holds the same samples as `run_1.npz` of test `a`."
+        "`run_2.npz` of test `a` contains the same samples as `run_1.npz` of test `a`."
     ]
 
 
@@ -94,7 +94,7 @@ def test_a_file_by_two_paths(folder):
     (folder / "sub").mkdir()
     path = campaign(folder, table('["run_1.npz", "sub/../run_1.npz"]', "a"))
     assert refused(path) == [
-        "`run_1.npz` of test `a` holds the same samples as `run_1.npz` of test `a`."
+        "`run_1.npz` of test `a` contains the same samples as `run_1.npz` of test `a`."
     ]
 
 
@@ -142,7 +142,7 @@ fs = {FS}
     assert refused(path) == []
     shutil.copy(tmp_path / "loop_0.npz", tmp_path / "loop_2.npz")
     assert refused(path) == [
-        "`loop_2.npz` of test `loop` holds the same samples as `loop_0.npz` of test `loop`."
+        "`loop_2.npz` of test `loop` contains the same samples as `loop_0.npz` of test `loop`."
     ]
 
 
@@ -209,7 +209,7 @@ def test_the_part_that_no_other_test_holds_is_told_as_a_span(folder):
     first = table('"run_1.npz"', "a", "span = [0.0, 10.0]")
     path = campaign(folder, first, table('"run_1.npz"', "b", "span = [4.0, 14.0]"))
     line = "span = [10.0, 14.0]"
-    assert remedies(path) == [f"Put under [[test]]: `{line}`, which no other test holds."]
+    assert remedies(path) == [f"Put under [[test]]: `{line}`, which no other test contains."]
     pasted(path, "b", line)
     assert refused(path) == []
     assert [test.records[0].num_samples for test in load_campaign(path).tests] == [1000, 400]

@@ -178,7 +178,7 @@ def test_row_1_mask_of_a_curve_only(tmp_path):
     with pytest.raises(DataError, match="1 of 41"):
         load_campaign(tmp_path / "campaign.toml")
     (tmp_path / "campaign.toml").write_text(text + 'gaps = "mask"')
-    with pytest.warns(UserWarning, match="1 of 41 samples are not finite, and masked"):
+    with pytest.warns(UserWarning, match="1 of 41 samples are not finite; gaps"):
         (test,) = load_campaign(tmp_path / "campaign.toml").tests
     record = test.records[0]
     assert isinstance(record, Record)

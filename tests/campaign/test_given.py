@@ -53,7 +53,7 @@ def test_a_modal_mass_goes_into_what_is_drafted_and_nowhere_else(tmp_path):
     (path,) = campaigns_of([first], print, 0.8)
     assert load_campaign(path).modal_mass == 0.8
     for again in (first, path, tmp_path):
-        with pytest.raises(ConfigError, match="is there already") as refused:
+        with pytest.raises(ConfigError, match="exists already") as refused:
             campaigns_of([again], print, 0.9)
         assert "modal_mass = 0.9" in refused.value.remedy
     with pytest.raises(ConfigError, match="above zero"):
@@ -114,4 +114,4 @@ def test_a_look_takes_one_campaign(tmp_path, capsys):
     taps(tmp_path / "a", "tap.csv")
     taps(tmp_path / "b", "tap.csv")
     assert run(["look", str(tmp_path / "a"), str(tmp_path / "b")]) == 2
-    assert "are two" in capsys.readouterr().err
+    assert "one campaign at a time" in capsys.readouterr().err

@@ -38,8 +38,8 @@ def test_exchanged_levels_are_named(tmp_path, names):
     low, high = names
     said = [what for what in campaign(tmp_path, (high, low), (0.05, 0.2)) if "times that" in what]
     assert said == [
-        "The `level` of test `sweep 0` is 4 times that of `sweep 1`, but its drive is 4 times as "
-        "small, and its response smaller."
+        "The `level` of test `sweep 0` is 4 times that of `sweep 1`, but its drive is 4 times "
+        "smaller, and its response is smaller too."
     ]
 
 

@@ -418,7 +418,9 @@ def test_a_pasted_part_of_a_huge_channel_is_read(tmp_path, monkeypatch, rate):
     (fault,) = faults(path)
     assert "A channel of shape (4800,) takes" in fault.what
     if rate:  # the file knows no rate, by which samples would be seconds
-        assert fault.remedy == "Read at most 1200 samples of it at once, by the key `span`."
+        assert (
+            fault.remedy == "Read at most 1200 samples of the channel at once, by the key `span`."
+        )
         return
     (line,) = LINE.findall(fault.remedy)
     assert line == "span = [0.0, 2]"
@@ -762,11 +764,11 @@ def hardening(y):
     [
         (turned, "scale", "falls where the displacement rises"),
         # exp(-8 s * 8 / 400 s): from the second cycle to the ninth, of ten.
-        (degrading, "span", "from the second to number 9 the force falls by 13 %"),
+        (degrading, "span", "from cycle 2 to cycle 9 the force falls by 13 %"),
         # 2 mm, on a grid of gaps 0.06 mm apart, and what slips behind the contact.
-        (with_a_gap, "laws", "travels freely over 1.92 of 6 mm"),
+        (with_a_gap, "laws", "moves freely over 1.92 mm, at an amplitude of 6 mm"),
         # Twenty samples and a half.
-        (late, "delay", "s late against the displacement"),
+        (late, "delay", "The force lags the displacement by"),
         (
             drifting,
             "load_cell",
@@ -800,7 +802,7 @@ def test_lines_of_a_curve_that_are_lost_are_masked(tmp_path):
     path.write_text(RATIO)
     (fault,) = faults(path)[:1]
     pasted(path, [fault.remedy])
-    assert all("are not finite, and masked" in doubt.what for doubt in faults(path))
+    assert all("are not finite; gaps" in doubt.what for doubt in faults(path))
 
 
 def test_a_curve_that_folds_is_told_its_kind(tmp_path):

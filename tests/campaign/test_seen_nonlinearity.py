@@ -43,7 +43,7 @@ def test_a_sweep_says_its_harmonics_and_how_its_repeats_scatter(tmp_path):
     assert as_json(found)["seen"] == list(found.seen)
     repeats, harmonics = found.seen
     # 2e-4 over 0.1 * rms of u + 0.3 u^3, sqrt(1 / 2 + 0.6 * 3 / 8 + 0.09 * 5 / 16) = 0.868.
-    assert "3 repeats scatter by 0.23 % of the response, as noise does" in repeats
+    assert "3 repeats vary by 0.23 % of the response, which noise explains" in repeats
     # 0.3 / 4 over 1 + 3/4 * 0.3 is 6.12 %; an even order is not there, nor a fifth.
     assert "the third 6.1" in harmonics
     assert "second" not in harmonics

@@ -44,7 +44,7 @@ def campaign(settings, *kinds, head=""):
 def test_what_no_test_reads_is_told(settings, kinds, name):
     (fault,) = unread(parse(campaign(settings, *kinds)))
     assert (fault.severity, fault.channel) == ("warning", name)
-    assert f"`{name}` changes nothing: " in fault.what
+    assert f"`{name}` has no effect: " in fault.what
     assert not list(unread(parse(campaign("seed = 3", *kinds))))
 
 
@@ -91,7 +91,7 @@ def test_check_shows_it_and_loading_warns_of_it(tmp_path, capsys):
     assert run(["check", str(file), "--json"]) == 0
     row = json.loads(capsys.readouterr().out)["channels"][0]
     assert (row["test"], row["channel"], row["status"]) == ("[identify]", "offsets", "warning")
-    with pytest.warns(UserWarning, match=r"campaign.toml, \[identify\]: `offsets` changes nothing"):
+    with pytest.warns(UserWarning, match=r"campaign.toml, \[identify\]: `offsets` has no effect"):
         jbw.load_campaign(file)
 
 

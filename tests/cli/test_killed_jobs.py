@@ -70,7 +70,7 @@ COMMANDS = {
 }
 # Moments of the kills, one process after the other, with the parts kept before and made by each.
 KILLS = {"half a part": (0, 2), "a part": (1, 1), "the end": (2, 1)}
-GOING_ON = "Going on with {} finished parts of the same command"
+GOING_ON = "Continuing with {} saved part"
 
 
 def killed(folder, command, moment):

@@ -94,7 +94,7 @@ def test_a_campaign_never_seen_is_predicted(finished, capsys):
     assert "BEYOND" in strong
     assert "scatter of the test's own repeats (weak, strong)" in noise
     assert place.endswith("predictions.nc")
-    assert streams.err.count("largest displacement that was fitted") >= 1
+    assert streams.err.count("largest fitted displacement") >= 1
     out = folder / "predictions"
     assert {p.name for p in out.iterdir()} == {"figures", "predictions.json", "predictions.nc"}
     assert len(list((out / "figures").glob("*.png"))) == 2

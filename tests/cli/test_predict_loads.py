@@ -72,7 +72,7 @@ def test_loads_that_were_finished_before_a_full_disk_are_not_predicted_again(
     pack = Mock(wraps=parts.pack)
     monkeypatch.setattr(parts, "pack", pack)
     assert run(["predict", str(folder), *arguments]) == 0
-    assert "Going on with 1 finished part" in capsys.readouterr().err
+    assert "Continuing with 1 saved part" in capsys.readouterr().err
     assert pack.call_count == 0
     assert (folder / "predictions" / "shock_time.csv").is_file()
     assert not list((folder / "predictions").glob(".*"))
@@ -129,9 +129,9 @@ def test_a_random_profile_and_a_shock(folder, tmp_path, capsys):
         (["--response", "17:20", "--level", "x"], 2, "number"),
         (["--shock", "20g,11ms"], 2, "must be in V"),
         (["--response", "20:17", "--level", "1"], 2, "rise"),
-        (["--response", "17:20", "--level", "1", "--sweep", "10:20"], 2, "two commands"),
+        (["--response", "17:20", "--level", "1", "--sweep", "10:20"], 2, "separate commands"),
         (["--sweep", "10:20", "--level", "1", "--base"], 2, "needs a load"),
-        (["--notch", "5", "--level", "1"], 2, "needs both"),
+        (["--notch", "5", "--level", "1"], 2, "needs --response and --level"),
     ],
 )
 def test_options_that_cannot_be_meant(folder, capsys, arguments, code, text):

@@ -103,7 +103,7 @@ def test_a_run_survives_kills_a_torn_checkpoint_and_ctrl_c(campaign, whole, tmp_
     assert ended("identify", campaign, "--out", folder, death="torn 4")[0] == -signal.SIGKILL
     code, said = ended("resume", folder, death="whole 3")
     assert code == -signal.SIGKILL
-    assert "the one before it is used" in said
+    assert "the previous checkpoint is used" in said
 
     process = start("resume", folder)
     chains = [folder / ".run" / f"joint.{i}.checkpoint" for i in (0, 1)]
@@ -167,7 +167,7 @@ def test_a_failed_report_is_tried_again_by_its_command(tmp_path, monkeypatch, ca
     assert f"jbw report {out}" in capsys.readouterr().err
     assert {path.name for path in out.iterdir()} == {"posterior.nc", "summary.json"}
     assert run(["resume", str(out)]) == 0
-    assert f"only its report is missing, jbw report {out}" in capsys.readouterr().out
+    assert f"to write its report: jbw report {out}" in capsys.readouterr().out
 
 
 @pytest.mark.fault(40)

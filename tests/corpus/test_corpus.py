@@ -96,7 +96,8 @@ def test_every_file_of_a_newcomer_has_its_line():
 def test_the_provenance_says_what_labview_left_out(tmp_path):
     path = written("labview_packets_under_one_header", tmp_path)
     _, _, record = drafted(path)
-    assert record.provenance["packets"] == "2 under one header, read as one without a pause"
+    said = "2 packets under one header, read as one record without a pause"
+    assert record.provenance["packets"] == said
     said = record.provenance["digits of Delta_X"]
     assert said.endswith("uncertain by 5.1e-04")  # 0.5e-6 / 0.000977
 

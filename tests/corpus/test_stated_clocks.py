@@ -71,7 +71,7 @@ def test_a_clock_that_jitters_is_met_in_the_band_that_it_leaves(share):
     # Kaiser's window of beta 10 leaves 3e-5; the ends are met by fewer samples.
     np.testing.assert_allclose(y[inner], even[inner], rtol=0, atol=1e-4)
     np.testing.assert_allclose(y, even, rtol=0, atol=2e-2)
-    assert "samples held out are met to" in said
+    assert "held-out samples are interpolated with" in said
 
 
 def test_a_clock_that_pauses_is_met_below_one_over_the_pause():
@@ -114,7 +114,7 @@ def test_a_pasted_rate_cures(tmp_path, t):
     cured = record_of(tmp_path, pasted(error))
     assert isinstance(cured, Record)
     assert cured.fs == proposed_rate(t)
-    assert "held out" in cured.provenance["resampled velocity"]
+    assert "held-out" in cured.provenance["resampled velocity"]
 
 
 def test_a_rate_beyond_what_was_measured(tmp_path):
@@ -141,7 +141,7 @@ def test_a_pasted_word_on_units_cures(tmp_path):
     cured = record_of(tmp_path, pasted(error), unit="kN")
     assert isinstance(cured, Record)
     np.testing.assert_allclose(cured.channels["force"], 1e3 * FORCE, rtol=1e-5)
-    assert "by the campaign, against `N` of the file" in cured.provenance["unit of force"]
+    assert "as the campaign states, not `N` as the file states" in cured.provenance["unit of force"]
 
 
 # --- what a file says against itself ---

@@ -13,7 +13,7 @@ from jbw.inference.space.box import box
 
 @pytest.mark.parametrize(("status", "unseen"), [("failed", True), ("ok", False)])
 def test_single_records_are_left_out_where_no_joint_is_seen(status, unseen):
-    finding = Finding("no_joint", status, "Without the joint chi-square grows.", np.nan)
+    finding = Finding("no_joint", status, "A fit without the joint raises chi-square.", np.nan)
     assert Checks((finding,), (), (), {}, 0.0).sees_no_joint is unseen
     chains = Finding("r_hat", "failed", "High.", 1.2)
     assert not Checks((chains,), (), (), {}, 0.0).sees_no_joint

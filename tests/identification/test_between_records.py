@@ -72,8 +72,8 @@ def test_the_finding_states_both_intervals():
     assert finding.status == "usable"
     # The variance is 0.005, of which 0.0001 is of the errors: a scatter of 7 %.
     assert finding.number == pytest.approx(np.sqrt(0.005 - 0.0001), rel=1e-9)
-    assert "scatter by 7 % of alpha_delta" in finding.reason
-    assert "is +-1 % for a law" in finding.reason
+    assert "alpha_delta varies between them by 7 %" in finding.reason
+    assert "is +-1 % if one law" in finding.reason
     # 2.576 sqrt(0.004^2 + 0.0049 / 6)
     assert "it is +-7.4 %" in finding.reason
 

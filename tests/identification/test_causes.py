@@ -112,16 +112,16 @@ def of_its_day(name, u, v):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (late, "s behind the input"),
-        (by_another_clock, "ppm fast against the drive's"),
-        (turned, "sign reversed"),
-        (thousandths, "as thousand"),
-        (amplified, "times as large as by the others"),
+        (late, "lags the input by"),
+        (by_another_clock, "ppm faster than that of the drive"),
+        (turned, "a reversed sign"),
+        (thousandths, "unit: thousand"),
+        (amplified, "times as large as the other tests predict"),
         (shifted, "constant offset"),
         (cut, "clipping of high"),
-        (fed_through, "residual term"),
-        (second_mode, "one more mode about 23"),
-        (of_its_day, "of each test's own"),
+        (fed_through, "modes outside the band"),
+        (second_mode, "another mode near 23"),
+        (of_its_day, "differences of natural frequency"),
     ],
 )
 def test_the_first_cause_is_what_was_done_to_the_data(change, words):
@@ -142,9 +142,8 @@ def test_the_first_cause_is_what_was_done_to_the_data(change, words):
 def test_a_delay_is_told_by_its_size():
     text = found(late)[0].text
     # The step is linear in omega tau = 0.12, so right to a hundredth.
-    assert float(text.removeprefix("a response that is ").split()[0]) == pytest.approx(
-        1e-3, rel=0.03
-    )
+    lag = text.removeprefix("a response that lags the input by ").split()[0]
+    assert float(lag) == pytest.approx(1e-3, rel=0.03)
     assert pasted(found(late)[0].action).tests[0].delay == pytest.approx(1e-3, rel=0.03)
 
 

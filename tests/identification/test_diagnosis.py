@@ -61,9 +61,9 @@ def test_bands_hold_the_truth_in_noise_and_the_words_follow_them():
     said = diagnosis_sentences(found)
     assert "of the softening is elastic" in said[1]
     masing = diagnosis_sentences(diagnose(readings(0.7, masing_ratio(0.7), noise=0.02)))
-    assert "agree with sliders" in masing[1]
+    assert "agree with a joint of sliders" in masing[1]
     near = diagnosis_sentences(diagnose(readings(0.7, 1.05 * masing_ratio(0.7), noise=1e-4)))
-    assert "agree with sliders" in near[1]  # closed forms are of first order
+    assert "agree with a joint of sliders" in near[1]  # closed forms are of first order
     viscous = diagnosis_sentences(diagnose(readings(0.7, 1.0, noise=0.02)))
     assert "damping does not soften" in viscous[1]
     hard = diagnosis_sentences(diagnose(readings(1.0, 0.2, softening=-0.01, noise=0.02)))
@@ -80,7 +80,7 @@ def test_a_smooth_pair_is_told_where_straight_lines_are_seen():
     np.testing.assert_allclose(found.spring, spring, rtol=2e-3)
     np.testing.assert_allclose(found.damper, damper, rtol=1e-3)
     noisy = diagnosis_sentences(diagnose(readings(1.0, 0.245, noise=0.02)))
-    assert noisy[2].endswith("fit these readings as well: alone they prove no hysteresis.")
+    assert noisy[2].endswith("the readings alone do not prove hysteresis.")
     assert len(diagnosis_sentences(diagnose(readings(0.5, 0.245, noise=1e-3)))) == 2
 
 
@@ -95,7 +95,7 @@ def test_damping_without_softening_is_told():
     noise = 1e-5 * rng.normal(size=Y.size)
     constant = AmplitudeCurve(Y, still, 0.003 + noise, sd, none + 1e-10 * np.eye(len(Y)))
     stuck = diagnosis_sentences(diagnose(constant))
-    assert stuck[1].endswith("as of sliders in full stick.")
+    assert stuck[1].endswith("as with fully stuck sliders.")
 
 
 def exactly(*columns):

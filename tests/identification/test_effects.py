@@ -26,7 +26,7 @@ def test_a_weak_joint_softens_and_dissipates_as_its_rate_says():
     # Second order: (delta + gamma) Y = 0.5 %.
     np.testing.assert_allclose(found.damping, zeta_added / ZETA, rtol=0.02)
     np.testing.assert_allclose(found.frequency, -softening, rtol=0.02)
-    assert effects_sentence(found, y).startswith("At 1 mm, the largest displacement fitted")
+    assert effects_sentence(found, y).startswith("At 1 mm, the largest fitted displacement")
 
 
 def test_held_parameters_count_and_no_damping_has_no_share():

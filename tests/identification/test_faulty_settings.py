@@ -131,7 +131,7 @@ def test_stated_stiffnesses_that_exceed_the_whole_together_are_refused_by_name()
 
 
 def test_laws_that_no_motion_tells_apart_are_warned_of():
-    with pytest.warns(UserWarning, match="`iwan4` and `masing_power` cannot be told apart"):
+    with pytest.warns(UserWarning, match="`iwan4` and `masing_power` cannot be distinguished"):
         joint_box(Identify(), Scales(OMEGA_N, 0.004, 1e-3), None, ("iwan4", "masing_power"))
 
 

@@ -57,7 +57,7 @@ def test_levels_without_repeats_are_no_repeats_of_each_other():
     fit = SimpleNamespace(theta={"omega_n": 500.0, "zeta": 2e-3})
     scatter = damping_scatter(fit, shifts, data_of(sizes_of_runs([1.0, 1.2, 1.5])))
     assert scatter == NO_SCATTER
-    assert "All share zeta" in sentence_of(shifts, scatter)
+    assert "all levels share zeta" in sentence_of(shifts, scatter)
 
 
 def test_repeats_that_scatter_tell_by_how_much_levels_may():
@@ -65,7 +65,7 @@ def test_repeats_that_scatter_tell_by_how_much_levels_may():
     fit = SimpleNamespace(theta={"omega_n": 500.0, "zeta": 2e-3})
     scatter = damping_scatter(fit, shifts, data_of(sizes_of_runs([1.0, 1.0, 2.0, 2.0])))
     assert scatter == pytest.approx(np.sqrt(4.5e-8 - ERROR**2) / 2e-3, rel=1e-12)
-    assert "by 10.6 % of itself" in sentence_of(shifts, scatter)
+    assert "by 10.6 % of its value" in sentence_of(shifts, scatter)
 
 
 def test_stated_runs_and_assemblies_scatter_as_they_do():

@@ -14,13 +14,13 @@ EVEN = np.linspace(0.0, 1.0, 1001)  # its 99 % band is from 0.005 to 0.995
     [
         (
             1e-3,
-            "1.5 [1, 2] of the largest motion: not reached, so that only the prior determines K_T",
+            "1.5 [1, 2] times the largest motion: not reached, so that only the prior determines K",
         ),
         (
             1.5e-3,
-            "of the largest motion: perhaps reached, so that the prior helps to determine K_T",
+            "times the largest motion: perhaps reached, so that the prior helps to determine K_T",
         ),
-        (3e-3, "0.5 [0.33, 0.67] of the largest motion: reached."),
+        (3e-3, "0.5 [0.33, 0.67] times the largest motion: reached."),
     ],
 )
 def test_macroslip_is_told_beside_the_largest_motion(y_peak, says):
@@ -37,8 +37,8 @@ def test_a_gap_wider_than_all_motion_is_told_of_the_posterior():
     theta = {"gap_stiffness": 700.0, "gap_softening": 300.0, "gap_opening": 100.0,
              "gap": 2e-3 + 1e-3 * EVEN}  # fmt: skip
     (said,) = threshold_sentences(theta, 1e-3, ("gap_series",))
-    assert "contact at 2.5 mm [2, 3], 2.5 [2, 3] of the largest motion: not reached" in said
-    assert "only the prior determines all that is behind the gap" in said
+    assert "contact at 2.5 mm [2, 3], 2.5 [2, 3] times the largest motion: not reached" in said
+    assert "only the prior determines the parameters behind the gap" in said
     stop = {"stop_stiffness": 700.0, "stop_gap": 1e-3 + 1e-3 * EVEN}
     assert (
         "not reached, so that only the prior determines its stiffness"
@@ -51,7 +51,7 @@ def test_each_slider_is_told():
              "slip_ratio_2": 4.2 + 0.8 * EVEN}  # fmt: skip
     (said,) = threshold_sentences(theta, 1e-3, ("jenkins_2",))
     first, second = said.split("; ")
-    assert "slider 1 at 0.5 mm [0.5, 0.5], 0.5 [0.5, 0.5] of the largest motion: rea" in first
+    assert "slider 1 at 0.5 mm [0.5, 0.5], 0.5 [0.5, 0.5] times the largest motion: rea" in first
     assert second.startswith("slip of slider 2 at 2.3 mm [2.1, 2.5], 2.3")
     assert threshold_sentences(theta, 0.0, ("jenkins_2",)) == []
     assert threshold_sentences({"cubic": EVEN}, 1e-3, ("cubic",)) == []

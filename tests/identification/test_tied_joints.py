@@ -57,19 +57,20 @@ def test_the_evidence_is_told_in_odds():
     # exp(3.7) is 40.4; 541 nats are 10^235.
     assert said(3.7) == (
         "tied",
-        "bolt_1 and bolt_2 have the same law: evidence 40 to 1 against laws of their own.",
+        "bolt_1 and bolt_2 have the same law: the evidence is 40 to 1 against separate laws.",
     )
     answer, sentence = said(-541.0, is_bound=True)
     assert answer == "own"
     assert sentence == (
-        "bolt_1 and bolt_2 have laws that differ: evidence at least 10^235 to 1 against one law."
+        "bolt_1 and bolt_2 have different laws: "
+        "the evidence is at least 10^235 to 1 against one law."
     )
     answer, sentence = said(-1.0)
     assert answer == "not told"
-    assert "2.7 to 1 for laws of their own" in sentence
+    assert "2.7 to 1 for separate laws" in sentence
     answer, sentence = said(9.0, khat=0.9)
     assert answer == "not told"
-    assert "k-hat is 0.9" in sentence
+    assert "(k-hat 0.9)" in sentence
     assert tied_record({"other": 1}) is None
     assert tied_sentences({}) == []
 

@@ -141,7 +141,7 @@ def test_shares_of_joints_are_by_the_motion_of_every_draw(data):
     )
     np.testing.assert_array_equal(group["motion_factor"].sel(joint="bolt_1"), 1.0)
     words = joints_words(group)
-    said = f"Mode 2 moves bolt_2 by 1 [{low:.3g}, {high:.3g}] times its motion by the matrices."
+    said = f"Mode 2 moves bolt_2 1 [{low:.3g}, {high:.3g}] times as much as the matrices predict."
     assert said in words
     assert not any("moves bolt_1" in sentence for sentence in words)
     # A joint that moves more in one mode takes more of its losses.

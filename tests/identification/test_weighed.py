@@ -131,7 +131,7 @@ def test_a_single_tone_tells_what_is_left_to_tell(tests):
 
 def test_one_frequency_alone_is_no_natural_frequency():
     data = gathered(tone(6.5))
-    with pytest.raises(DataError, match="must hold a test that tells the natural frequency"):
+    with pytest.raises(DataError, match="a test that determines the natural frequency"):
         box_of(Identify(), data, told_by(data.parts))
     data = gathered(tone(6.5), tone(8.0))  # the remedy
     assert "omega_n" in box_of(Identify(), data, told_by(data.parts)).names

@@ -344,7 +344,8 @@ def test_misfit_is_usable_up_to_a_twentieth_of_every_test(error, status):
     found = looked_at(r_hat="ok", coloured_residual="failed", repeatability="ok")
     judged = judge(found.findings, [within_misfit({"weak": 0.01, "strong": error})])
     assert judged.status == status
-    assert ("within this the law may be used" in judged.findings[1].reason) == (status == "usable")
+    with_this_error = "With this error the law may be used"
+    assert (with_this_error in judged.findings[1].reason) == (status == "usable")
 
 
 def test_no_other_failure_becomes_usable():
@@ -367,13 +368,13 @@ def test_no_other_failure_becomes_usable():
 )
 def test_a_statement_of_use_quotes_what_no_fit_saw(fitted, unseen, status):
     found = judge([checked("coloured_residual", False, "Coloured.", 0.4, "Another law.")])
-    unseen_errors = within_unseen(OF_MISFIT, fitted, unseen, "tests that no fit saw")
+    unseen_errors = within_unseen(OF_MISFIT, fitted, unseen, "tests that were not fitted")
     judged = judge(found.findings, [within_misfit({"sweep": 0.018}), unseen_errors])
     assert judged.status == status
     (finding,) = judged.findings
     if unseen:
-        assert "tests that no fit saw: " in finding.reason
-        assert ": 17 %, against" in finding.reason or status == "usable"
+        assert "tests that were not fitted: " in finding.reason
+        assert ": 17 %, compared with" in finding.reason or status == "usable"
     if status == "failed":
         assert "Another law." in finding.action
     untouched = judge([checked("r_hat", True, "Mixed.", 1.0, "")])

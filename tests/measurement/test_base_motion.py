@@ -78,7 +78,7 @@ def test_a_mode_on_a_moving_base_is_read_as_it_is(tmp_path, role, unit, more):
     ("options", "said"),
     [
         ({"role": "velocity", "unit": "m/s"}, "the response must be `acceleration`, unless"),
-        ({"more": "delay = 0.01"}, "not beside `base`"),
+        ({"more": "delay = 0.01"}, "not allowed with `base`"),
         ({"more": 'drive = "force"'}, "leave out either"),
     ],
 )
@@ -99,7 +99,7 @@ def test_a_force_beside_a_base_is_refused(tmp_path):
     table = HEAD.split("[[test]]")[1].format(role="acceleration", unit="m/s^2", more="")
     by_force = table.replace("base", "force").replace('"g"', '"N"')
     path.write_text(f"{path.read_text()}\n[[test]]{by_force}")
-    with pytest.raises(ConfigError, match="cannot stand beside tests driven by force"):
+    with pytest.raises(ConfigError, match="cannot be combined with tests driven by force"):
         load_campaign(path)
 
 

@@ -39,7 +39,7 @@ def test_a_clock_is_fast_where_its_lag_grows(periods, ppm, word):
     """0.2 periods of 50 ms in 10 s are a thousandth."""
     fault = ClocksApart().fault(np.array([0.0, periods]), sweep(), FACTS)
     assert f"`clock_ppm = {ppm:.3g}`" in fault.remedy
-    assert f"ppm {word} against" in fault.what
+    assert f"ppm {word} compared with" in fault.what
 
 
 def test_a_second_mode_lies_on_its_own_side_of_the_first():

@@ -100,7 +100,7 @@ def test_a_second_blow_is_named_with_its_time(times, size):
 def test_lost_samples_are_named():
     x = noisy(free())
     (fault,) = found(np.concatenate([x[:800], x[830:]]))
-    assert "samples are missing there" in fault.what
+    assert "samples are missing" in fault.what
 
 
 @SCALES
@@ -110,7 +110,7 @@ def test_a_part_of_a_period_that_is_missing_is_named(times, later, lost):
     # A tenth to a quarter of a period, of 20 samples: an envelope hardly shows it.
     x, at = noisy(free()), round(later * FS)
     (fault,) = scaled(np.concatenate([x[:at], x[at + lost :]]), times)
-    assert "samples are missing there" in fault.what
+    assert "samples are missing" in fault.what
     # Within half a filter of the envelope, 0.1 s, where it is this that shows it.
     assert float(fault.what.split()[1]) == pytest.approx(later / times, abs=0.12 / times)
 
@@ -199,7 +199,7 @@ def test_a_beat_of_two_modes_is_neither_blow_nor_drive():
     for phase in np.linspace(0, 2 * np.pi, 8, endpoint=False):
         other = 0.9 * np.exp(-RATE * t) * np.cos(2 * np.pi * 31.1 * t + phase)
         (what,) = named(found(noisy(free(softening=0.0) + other)))
-        assert what.startswith("`band` holds two modes, at")
+        assert what.startswith("`band` contains two modes, at")
         hz = sorted(float(word) for word in what.split("at ")[1].split(" Hz")[0].split(" and "))
         # The stronger one is read first, within the half-power width of both, 0.35 Hz.
         assert hz == pytest.approx([30.0, 31.1], abs=0.35)

@@ -32,14 +32,14 @@ def test_rest_at_the_ends_is_proposed_to_be_cut_with_what_it_saves():
     assert low <= 6.0
     assert high >= 18.0
     # 12 s of 30.
-    assert "for 40 % of the time" in told
+    assert "a fit then takes 40 % of the time" in told
 
 
 def test_a_rate_of_many_samples_a_cycle_is_proposed_to_be_lowered():
     (told,) = said(a_test(rest=(0.0, 0.0)))
     # 4096 / 20 samples a cycle; every third sample leaves 68 of them, every fourth 51.
-    assert "205 samples a cycle" in told
-    assert "every third sample (1365.33 Hz), for 33 % of the time" in told
+    assert "205 samples per cycle" in told
+    assert "every third sample (1365.33 Hz); a fit then takes 33 % of the time" in told
     assert "span" not in told
 
 

@@ -22,7 +22,7 @@ def test_a_held_value_is_told_with_the_rate_it_was_recorded_at(each, first):
     x = np.repeat(ringing(np.random.default_rng(each)), each)[first:]
     assert held_for(x) == (each, (each - first) % each)
     (fault,) = inspect(Record(FS, {"velocity": x}, {"velocity": "m/s"}))
-    assert f"held for {each} samples" in fault.what
+    assert f"repeated for {each} samples" in fault.what
     assert f"{FS / each:.6g} Hz" in fault.what
 
 

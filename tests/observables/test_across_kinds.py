@@ -69,7 +69,7 @@ def test_of_one_joint_the_kinds_predict_each_other_to_the_noise():
     assert ratio.sel(kind="tones and curves").item() < 5.0  # a loop knows no damping
     record = across_kinds_record(predicted)
     assert "zeta" in record["tones and curves"]["rests_on"]
-    assert "zeta by" in across_kinds_sentence(predicted)
+    assert "and zeta" in across_kinds_sentence(predicted)
 
 
 def test_what_one_joint_cannot_make_is_an_error_of_the_other_kind():
@@ -137,5 +137,6 @@ def test_what_alone_identifies_a_parameter_is_named():
     )
     needed = identified_alone(wider)
     assert needed == {"low": ["gamma"], "high": ["omega_n"]}
-    assert identified_by(needed) == " Identified: gamma by low alone; omega_n by high alone."
+    said = " Identified only by low: gamma; identified only by high: omega_n."
+    assert identified_by(needed) == said
     assert identified_by({"low": [], "high": []}) == ""

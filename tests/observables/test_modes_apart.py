@@ -113,14 +113,14 @@ def posterior(first, second):
 
 def test_ratios_that_one_joint_would_share_are_compared(data):
     (said,) = same_joint_sentences(posterior(4.0, 2.0), data)
-    assert said.startswith("delta/gamma is 4 in the first mode and 2 in that at 57.2 Hz")
+    assert said.startswith("delta/gamma is 4 in the first mode and 2 in the mode at 57.2 Hz")
     assert "one common joint is rejected" in said
     # Ratios of 1 % each: 2.58 times the root of two of that about one half, to the scatter of
     # the outermost of a thousand draws.
-    low, high = map(float, re.search(r"their ratio ([\d.]+) to ([\d.]+):", said).groups())
+    low, high = map(float, re.search(r"\(ratio ([\d.]+) to ([\d.]+)\):", said).groups())
     ends = 0.5 * np.exp(0.01 * 2.576 * np.sqrt(2) * np.array([-1, 1]))
     assert (low, high) == pytest.approx(ends, rel=0.01)
-    assert "they may meet in one joint" in same_joint_sentences(posterior(4.0, 4.0), data)[0]
+    assert "the modes may share one joint" in same_joint_sentences(posterior(4.0, 4.0), data)[0]
     assert same_joint_sentences(posterior(4.0, 2.0), under(("bouc_wen",), data, "common")) == []
 
 

@@ -93,7 +93,9 @@ def test_what_a_fit_leaves_stands_beside_the_scatter_of_its_repeats(tests):
     poor = repeatability_finding({"sweep": 3 * scatter}, data)
     assert poor is not None
     assert poor.status == "failed"
-    assert f"sweep, {300 * scatter:.2g} % against {100 * scatter:.2g} %" in poor.reason
+    sizes = 300 * scatter, 100 * scatter
+    said = "{:.2g} %, the standard deviation between its repeats {:.2g} %".format(*sizes)
+    assert f"The residual of sweep is {said}" in poor.reason
     assert pasted(poor.action).laws == ("bouc_wen", "cubic")
     once = Records.of([replace(tests[0], records=tests[0].records[:1])])
     assert repeatability_finding({"sweep": 1.0}, Dataset.of([once])) is None
@@ -191,7 +193,7 @@ def test_loops_deeper_than_a_law_remembers_are_told():
         (data,) = Records.reduce([under(u)], laws=("masing_power",), substeps=1)
         said = data.statements(SLIDING)
         assert len(said) == told
-    assert said[0].startswith("sweep: the motion nests more loops than the law remembers")
+    assert said[0].startswith("sweep: the motion has more nested loops than the law can")
     (data,) = Records.reduce([under(dying())])
     assert data.statements(theta()) == []
     assert remembering(theta(), data) is data

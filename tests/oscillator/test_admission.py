@@ -26,7 +26,7 @@ SMALL = 0.1 * np.sin(0.3 * np.arange(50))
     ],
 )
 def test_unbounded_parameters_warn_once_with_their_inequality(change, words):
-    with pytest.warns(UserWarning, match=f"break {words}: z may diverge. Check their") as found:
+    with pytest.warns(UserWarning, match=f"violate {words}: the hysteretic force may") as found:
         response = simulate(BoucWen(**PAPER | change), SMALL, 512.0)
     assert len(found) == 1
     assert np.all(np.isfinite(response.y))
@@ -104,7 +104,7 @@ def test_a_joint_stiffer_than_the_structure_is_named_with_the_inequality(several
         omega, ones = np.array([100.0, 200.0]), np.ones(2)
         joint, limit = jbw.Structure(omega, 0.01 * ones, ones, ones, ones, ones, (law,)), "8000"
     else:
-        joint, limit = jbw.Oscillator(100.0, 0.01, (law,)), "1e+04"
+        joint, limit = jbw.Oscillator(100.0, 0.01, (law,)), "10000"
     with pytest.warns(UserWarning, match="stiffer than the structure") as said:
         jbw.simulate(joint, np.zeros(64), 1000.0)
-    assert f"1.21e+04 > {limit} 1/s^2" in str(said[0].message)
+    assert f"12100 > {limit} 1/s^2" in str(said[0].message)

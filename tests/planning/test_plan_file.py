@@ -93,7 +93,7 @@ def test_beside_a_run_the_joint_is_not_told_again():
     with pytest.raises(ConfigError) as caught:
         parse(text, of_run=True)
     assert told_by_run("zeta") in str(caught.value)
-    assert "gain: must be a single value where a run is given, but is [1.0, 2.0]" in str(
+    assert "gain: must be a single value when a run is given, but is [1.0, 2.0]" in str(
         caught.value
     )
     description = parse("[plan]\nmax_input = 3.0\n", of_run=True)

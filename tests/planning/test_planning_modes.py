@@ -73,5 +73,5 @@ def test_sweeps_of_either_mode_are_combined(plan):
 
 def test_tones_are_refused(tree):
     limits = parse(LIMITS + "[tones]\nlevels = [1.0]\n", of_run=True)
-    with pytest.raises(ConfigError, match=r"\[tones\]: tests of steady tones know one mode alone"):
+    with pytest.raises(ConfigError, match=r"\[tones\]: tests of steady tones model only one mode"):
         plan_tests(limits, tree)

@@ -180,7 +180,7 @@ def test_the_command_collects_a_folder_of_runs(tmp_path, capsys):
     arguments = ["collect", tmp_path / "runs", "--out", out, "--covariates", tmp_path / "units.csv"]
     assert run([*map(str, arguments), "--json"]) == 0
     printed = capsys.readouterr()
-    assert "is not finished and is omitted" in " ".join(printed.err.split())
+    assert "is left out, because it is not finished" in " ".join(printed.err.split())
     answer = json.loads(printed.out)
     assert [unit["torque"] for unit in answer["units"]] == [8.0, 4.0]
     assert read_fleet(out)["torque"].values.tolist() == [8.0, 4.0]
@@ -191,6 +191,6 @@ def test_the_command_says_what_is_wrong_with_a_table_of_covariates(tmp_path, cap
     table = tmp_path / "units.csv"
     table.write_text("unit,torque\nA,8\n")
     assert run(["collect", *runs, "--covariates", str(table)]) == 2
-    assert "units.csv, line 2: needs one run of its own" in capsys.readouterr().err
+    assert "units.csv, line 2: needs a different run" in capsys.readouterr().err
     assert run(["collect", str(tmp_path)]) == 3
     assert "holds no finished run" in capsys.readouterr().err

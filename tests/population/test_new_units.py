@@ -279,7 +279,7 @@ def test_what_the_folder_of_a_population_cannot_predict_is_said(tmp_path, capsys
     (folder / "population.json").write_text(json.dumps({"new_unit": {"torque": 8.0}}))
     arguments = ["predict", str(folder), "--tone", "18", "--level", "0.05", "--json"]
     assert run(["predict", str(folder)]) == 2
-    assert "that of the unit to predict" in " ".join(capsys.readouterr().err.split())
+    assert "the campaign of the unit to predict" in " ".join(capsys.readouterr().err.split())
     assert require_same_torque(folder, 8.0) == 8.0
     assert require_same_torque(tmp_path / "A", 12.0) is None  # a run is for its own joint
     with pytest.raises(DataError, match=r"tightened to 12 N m, but .* units at 8 N m") as caught:

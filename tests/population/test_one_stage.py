@@ -106,5 +106,5 @@ def test_units_that_it_cannot_take_are_named(units):
     with pytest.raises(DataError, match="beam has no joint posterior at hand"):
         jbw.one_stage([saved, *studies[1:]], population)
     more = population._replace(pooled=population.pooled._replace(powers=np.array([[1.0, 1.0]])))
-    with pytest.raises(DataError, match="does not tell all of zeta"):
+    with pytest.raises(DataError, match="does not determine all of zeta"):
         jbw.one_stage(studies, more)

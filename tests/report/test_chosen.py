@@ -32,7 +32,7 @@ def test_the_ends_of_what_was_fitted_and_a_held_out_test_stand_for_all():
 def test_few_tests_are_all_drawn_and_leave_no_rest():
     few = DAYS[:3]
     assert selected(few, "chosen") == few
-    with pytest.raises(DataError, match="no test of this kind beside"):
+    with pytest.raises(DataError, match="no other test of this kind"):
         selected(few, "rest")
 
 

@@ -38,7 +38,7 @@ def test_before_sampling_there_are_no_draws(known):
     bare = group.drop_vars([n for n in group if "contraction" in str(n) or "shift" in str(n)])
     axes = information_spectrum(xr.DataTree.from_dict({"/identifiability": bare}))
     labels = [text.get_text() for text in axes.flat[0].figure.legends[0].get_texts()]
-    assert labels == ["by the fit, before sampling"]
+    assert labels == ["from the fit, before sampling"]
 
 
 def test_one_curve_a_parameter_and_a_sentence_without(known):

@@ -152,7 +152,8 @@ def test_what_no_test_shows_of_the_law_is_said_at_once():
     for unscored in ({"levels": "one run", "kind": "sweeps"}, {"levels": "", "kind": "loops"}):
         said = opening(summary_of() | {"unscored": unscored}, tree_of())
         assert not_scored(**unscored) in said
-    assert not any(line.startswith("Not scored") for line in opening(summary_of(), tree_of()))
+    unknown = "The error of the law in predicting"
+    assert not any(line.startswith(unknown) for line in opening(summary_of(), tree_of()))
     assert opening(summary_of() | {"unscored": nothing}, tree_of()) == opening(
         summary_of(), tree_of()
     )
@@ -279,9 +280,9 @@ def test_several_joints_are_told_by_mode_and_an_unidentified_one_damps_nothing()
     effect, damped, unknown = joint_sentences(summary)
     assert "frequency of mode 1 changes by -4 % [-4.1, -3.9]" in effect
     assert "damping ratio by 1 % [0.9, 1.1]" in effect
-    assert effect.count("in its shape of full stick") == 1
-    assert damped == "Mode 2 is damped by bolt_2 (98 % of the joints' losses)."
-    assert unknown.startswith("Unidentified by themselves: bolt_1;")
+    assert effect.count("in the mode shape with fully stuck joints") == 1
+    assert damped == "Mode 2 is damped mainly by bolt_2 (98 % of the joints' losses)."
+    assert unknown.startswith("Not identified separately: bolt_1;")
     assert joint_sentences({}) == []
 
 

@@ -107,7 +107,7 @@ def test_a_file_in_the_way_is_a_plain_error(campaign, tmp_path):
         write(campaign, tmp_path / "file" / "folder")
 
 
-@pytest.mark.filterwarnings("ignore:.*changes nothing")  # the settings of all its tests
+@pytest.mark.filterwarnings("ignore:.*has no effect")  # the settings of all its tests
 def test_the_door_of_every_campaign_reads_it(campaign, folder):
     loaded = jbw.load_campaign(folder / "campaign.toml")
     assert (loaded.name, loaded.gain, loaded.modal_mass) == (campaign.name, None, None)
@@ -120,7 +120,7 @@ def test_the_door_of_every_campaign_reads_it(campaign, folder):
                 np.testing.assert_array_equal(read.channels[role], samples)
 
 
-@pytest.mark.filterwarnings("ignore:.*changes nothing")  # the settings of all its tests
+@pytest.mark.filterwarnings("ignore:.*has no effect")  # the settings of all its tests
 def test_a_campaign_of_another_law_names_it(tmp_path):
     campaign = measure("mixed", joint=SLIDERS, tests="pull_4p00mm", repeats=1, omega_n_cv=0.01)
     assert campaign.laws == ("jenkins_3",)

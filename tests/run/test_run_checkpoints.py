@@ -56,7 +56,7 @@ def test_a_torn_checkpoint_falls_back_one_generation(saved, share):
     size, warning = loaded(saved)
     assert size == 4
     assert "joint" in warning
-    assert "the one before it is used" in warning
+    assert "the previous checkpoint is used" in warning
 
 
 @pytest.mark.fault(44)

@@ -161,7 +161,7 @@ def test_a_changed_campaign_is_refused_with_its_line(read):
     with pytest.raises(ConfigError, match="line 2 was \"name = 'beam'\"") as caught:
         require_unchanged(manifest, campaign)
     assert str(campaign) in caught.value.what
-    assert "Restore it" in caught.value.remedy
+    assert "Restore the file" in caught.value.remedy
     campaign.unlink()
     with pytest.raises(ConfigError, match="cannot be read any more"):
         require_unchanged(manifest, campaign)
@@ -174,7 +174,7 @@ def test_changed_data_are_refused_with_their_file(read):
     data.write_bytes(b"124")
     with pytest.raises(DataError, match=r"sweep\.h5 changed") as caught:
         require_unchanged(manifest, campaign)
-    assert "Restore it" in caught.value.remedy
+    assert "Restore the file" in caught.value.remedy
     data.unlink()
     with pytest.raises(DataError, match=r"sweep\.h5 cannot be read: No such file"):
         require_unchanged(manifest, campaign)

@@ -29,7 +29,7 @@ def test_the_second_signal_ends_a_process_that_hears_none():
         assert process.stderr is not None
         assert process.stdout.readline() == "working\n"
         process.send_signal(signal.SIGINT)
-        assert "again to leave at once" in process.stderr.readline()
+        assert "again to stop at once" in process.stderr.readline()
         assert process.poll() is None
         process.send_signal(signal.SIGTERM)
         assert process.stderr.readline() == "Saved.\n"

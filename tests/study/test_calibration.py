@@ -158,7 +158,7 @@ def test_a_step_that_is_not_calibrated_is_exit_code_4(tmp_path, capsys):
         ({"sampler": "gibbs"}, "`sampler` must be one of nuts"),
         ({"noise": "none"}, "`noise` must be one of unknown, known"),
         ({"step": "opening", "sampler": "importance"}, "does not have"),
-        ({"step": "linear", "sampler": "nuts"}, "Step 2 draws from the Gaussian"),
+        ({"step": "linear", "sampler": "nuts"}, "come from a Gaussian approximation"),
         ({"num_replications": 0}, "`num_replications` must be at least 1"),
     ],
 )

@@ -36,7 +36,7 @@ def test_another_clock_is_the_first_cause_and_its_key_cures(tmp_path, monkeypatc
                 late = make_interp_spline(t, velocity, 5, axis=-1)(t / (1 + 1e-6 * PPM))
                 file["velocity"][...] = late
     fitted, (first, *_) = found(path)
-    assert "ppm fast against the drive's" in first.text
+    assert "ppm faster than that of the drive" in first.text
     assert first.explained > MOSTLY  # then the verdict names it
     ((table, line),) = lines_of(first.action)
     assert table == "[test]"

@@ -142,7 +142,7 @@ def test_the_command_writes_beside_the_run(tmp_path, capsys):
     for name in ("parameters.csv", "backbone.csv", "loop.csv", "joint.tcl"):
         about = comments(tmp_path / "export" / name)
         assert about[0] == "Verdict of the run beam: failed: Two modes \\x1b[31m, no more."
-        assert about[1].startswith("Joint: draw 7 of 400, from 0 on, as asked for")
+        assert about[1].startswith("Joint: draw number 7 of 400 (counted from 0), as requested")
     stored = loadmat(tmp_path / "export" / "jbw.mat", squeeze_me=True)["about"]
     assert [str(line) for line in stored[:2]] == about[:2]
     assert run(["export", str(tmp_path)]) != 0  # the folder is no longer empty
@@ -201,7 +201,7 @@ def test_the_best_draw_is_not_taken_from_the_edge_of_what_the_data_know():
     chosen = export(tree_of(draws, lp), MASS, draw=5)
     assert chosen.joint["gamma"] == 0.0
     assert any("alpha_gamma is 0 1/(m s^2), outside" in line for line in chosen.about)
-    assert any("Its backbone leaves" in line for line in chosen.about)
+    assert any("joint lies partly outside" in line for line in chosen.about)
     with pytest.raises(ConfigError, match="must be 0 to 3999"):
         export(tree, MASS, draw=4000)
 

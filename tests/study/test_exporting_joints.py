@@ -84,8 +84,8 @@ def test_opensees_has_the_joints_at_their_degrees_of_freedom(tmp_path):
         assert joint.spring == pytest.approx(K - alpha, rel=1e-14)
         # a, k0, n, gamma, beta, A: jbw's delta and gamma are called gamma and beta there.
         assert joint.material == pytest.approx((0.0, alpha, 1.0, delta, gamma, 1.0), rel=1e-14)
-    assert "# Mode 2 in full stick: 90.469 Hz, where the matrices have 90.469 Hz" in text
-    assert "damping ratio of 0.4 %" in text
+    assert "# Mode 2 with fully stuck joints: 90.469 Hz (90.469 Hz by the matrices)" in text
+    assert "damping ratio 0.4 %" in text
 
 
 def in_millimetres(model):
@@ -352,8 +352,8 @@ def test_joints_of_uncertain_shapes_reach_as_far_as_each_draw_moves_them(tmp_pat
     assert first.in_si.y_max == pytest.approx(PEAK * abs(H[0, 0] / H[1, 0]), rel=1e-12)
     assert second.in_si.y_max == pytest.approx(1.25 * PEAK, rel=1e-12)
     assert (
-        "Motion of bolt_2 in mode 2 over that of the matrices is 1.25; a model with these matrices "
-        "lacks this factor."
+        "Motion of bolt_2 in mode 2 over that of the matrices is 1.25. "
+        "A model with these matrices does not include this factor."
     ) in result.about
     (row,) = [row for row in result.parameters if row["parameter"] in factor]
     assert (row["value"], row["unit"]) == (1.25, "1")
@@ -384,9 +384,8 @@ def test_where_the_matrices_hold_the_joints_the_spring_is_to_be_replaced(tmp_pat
         to_hz=two_bolts.TO_HZ, zeta=two_bolts.ZETA, holds_joints=True
     )
     text = (written(tmp_path, tree_of(held)) / "joints.tcl").read_text()
-    assert (
-        "1.5e+07 N/m in full stick; the model holds that as a spring, which this replaces" in text
-    )
+    replaced = "the model contains this as a spring, which the joint replaces"
+    assert f"1.5e+07 N/m in full stick; {replaced}" in text
     # The joint is the same, whole.
     assert joints_read(text)[0].spring == pytest.approx(K - two_bolts.BOLTS[0][0], rel=1e-14)
 

@@ -478,7 +478,7 @@ def test_cards_of_draws_and_their_manifest(tmp_path):
         assert row["products"]["alpha_delta"] == pytest.approx(alpha * posterior["delta"][i])
         spring = MASS * (posterior["omega_n"][i] ** 2 - alpha)
         assert row["parameters"]["spring"] == pytest.approx(spring, rel=1e-14)
-        assert f"Joint: draw {i}," in (own / "joint.tcl").read_text()
+        assert f"Joint: draw number {i} (counted from 0)" in (own / "joint.tcl").read_text()
         assert f"Elastic 2 {spring:.12g}"[:18] in (own / "joint.tcl").read_text()
     tables = {(tmp_path / row["folder"] / "joint.mac").read_text() for row in manifest["draws"]}
     assert len(tables) == 4

@@ -89,7 +89,7 @@ def test_where_nothing_is_held_out_one_answer_is_all():
     study, places, said = answered(campaign_of())
     assert places == ["joint"]
     assert "held_out_answer" not in study.record
-    assert said == ["No test is held out: this is the answer of all tests."]
+    assert said == ["No test is held out: this result uses all tests."]
 
 
 def final_run(folder):
@@ -131,11 +131,11 @@ def test_the_report_tells_both(final):
     study = jbw.load_study(final)
     text = " ".join(opening(study.record, study.tree))
     assert "the held-out test" in text
-    assert "They are fitted now, for use." in text
+    assert "After this check the held-out tests were fitted too." in text
     headings = [str(section.heading) for section in table_of_tests(study.record).sections]
     assert headings == [
         "Fitted (3 tests)",
-        "Held out from the fit before (1 test)",
+        "Held out from the earlier fit (1 test)",
         "Each kind, predicted from the others",
     ]
     codes = {one.code for one in study.verdict.findings}

@@ -76,7 +76,7 @@ def test_a_discrepancy_wider_than_a_linear_oscillators_error_refuses_the_law():
     found = findings(**{"sweep/wide": wide})["law_replaced"]
     assert found.status == "failed"
     assert found.number == pytest.approx(0.25 / 0.2, rel=1e-3)
-    assert "has replaced the law" in found.reason
+    assert "come from the discrepancy, not from the law" in found.reason
     assert pasted(found.action).laws == ("bouc_wen", "cubic")
     assert findings(**{"sweep/a": {**wide, "half_width": 0.2}})["law_replaced"].status == "ok"
     # As bad as the linear oscillator, and wider than by noise as large as that error.

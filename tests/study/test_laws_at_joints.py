@@ -32,9 +32,9 @@ def test_every_law_is_tried_at_all_joints_and_at_each():
         ("bouc_wen@bolt_1",),
     )
     assert sentence == (
-        "Compared with one law at all joints: jenkins + cubic, linear. Compared as the campaign "
-        "has them: bouc_wen@bolt_1 + bouc_wen@bolt_2, bouc_wen@bolt_1=bolt_2. Each law at one "
-        "joint, the others unchanged: 4 more."
+        "Compared laws, each at all joints: jenkins + cubic, linear. Compared laws, as the "
+        "campaign states them: bouc_wen@bolt_1 + bouc_wen@bolt_2, bouc_wen@bolt_1=bolt_2. In "
+        "addition 4 combinations were compared, each with another law at one joint."
     )
 
 
@@ -55,11 +55,11 @@ def test_too_many_sets_leave_the_joints_that_stick():
     assert len(sets) <= MOST
     for joint in range(3):
         assert tuple(law for i, law in enumerate(THREE) if i != joint) in sets
-    assert "One joint at full stick, the others unchanged: 3 more" in sentence
+    assert "In addition 3 combinations were compared, each with one joint fully stuck" in sentence
     many = tuple(f"bouc_wen@bolt_{i}" for i in range(20))
     sets, sentence = trials_at_joints(many, None)
     assert len(sets) == 6  # five usual ones, of which one is the campaign's, and one law for all
-    assert sentence.endswith("No joint was changed by itself.")
+    assert sentence.endswith("No combination with another law at one joint was compared.")
 
 
 def test_laws_that_name_their_joints_are_tried_as_they_are():
@@ -91,7 +91,7 @@ def test_bolts_that_differ_ask_for_laws_of_their_own():
     # Chi-square: what is left is the noise of the records, 1 % of the motion.
     assert rows[own]["error"] == pytest.approx(two_bolts.NOISE, rel=0.05)
     assert rows[tied]["error"] > 1.1 * two_bolts.NOISE
-    assert compared.record["statements"][0].startswith("Compared as the campaign has them: ")
+    assert compared.record["statements"][0].startswith("Compared laws, as the campaign states")
     predicted = compared.predict(campaign.tests[0])
     assert predicted.attrs["nrmse"] == pytest.approx(two_bolts.NOISE, rel=0.2)
 

@@ -201,7 +201,7 @@ def test_records_that_relax_are_no_softening_joint():
     differ, nothing = found.sentences
     # Their standard deviation: 1e-3 sqrt(3.5).
     assert trend(tables, "hz").scatter == pytest.approx(1e-3 * np.sqrt(3.5), rel=0.1)
-    assert "They drift in the order of the records" in differ
+    assert "The difference grows with the order of the records" in differ
     assert nothing.startswith("Nonlinear: not detected.")
 
 
@@ -244,7 +244,9 @@ def test_what_cannot_be_read_is_said_once_and_stops_nothing():
     gap.records[0].channels["velocity"][5] = np.nan
     found = look(Campaign("two", None, (good, gap)))
     assert [row["test"] for row in found.record["tests"]] == ["good"]
-    assert found.record["statements"][-1] == "Not read: gap. A record has samples missing."
+    assert found.record["statements"][-1] == (
+        "Frequency and damping were not read from gap. A record has samples missing."
+    )
 
 
 def test_an_offset_that_drifts_is_not_taken_for_the_resonance():
@@ -269,7 +271,7 @@ def test_what_no_oscillator_fits_is_no_reading():
     found = look(Campaign("two", None, (good, alien)))
     assert [row["test"] for row in found.record["tests"]] == ["good"]
     assert "alien" in found.record["statements"][-1]
-    assert found.record["statements"][-1].startswith("Not read: ")
+    assert found.record["statements"][-1].startswith("Frequency and damping were not read from ")
 
 
 def test_a_reading_holds_where_it_takes_energy_in_and_explains_the_response():

@@ -81,7 +81,7 @@ def test_one_that_fails_stops_no_other_and_finished_ones_are_not_run_again(
     assert (second.status, second.exit_code) == ("failed", 2)
     assert "unknown table" in second.error
     assert "\n" not in second.error
-    assert said[0] == "1 of 2: a was finished before, verdict usable"
+    assert said[0] == "1 of 2: a was finished earlier, verdict usable"
     assert said[1].startswith("2 of 2, 1 of them failed: b failed: campaign.toml has")
     assert not (tmp_path / "runs" / "b").exists()
 

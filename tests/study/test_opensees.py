@@ -143,7 +143,7 @@ def test_laws_of_masing_are_sliders(tmp_path, law):
     text = (tmp_path / "joint.tcl").read_text()
     assert f"# Sliders represent {law} up to 0.008 m" in text
     # What is stated of the loss, by the closed form of sliders and the law's own.
-    told = float(text.partition("cycle is right to ")[2].partition(" %")[0]) / 100.0
+    told = float(text.partition("cycle is correct to ")[2].partition(" %")[0]) / 100.0
     peaks = Y_MAX * np.array([0.1, 0.33, 0.7, 1.0])
     law = law_of(law)
     exactly = [np.pi * y**2 * float(law.loop(y).damping) for y in peaks]

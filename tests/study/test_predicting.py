@@ -153,7 +153,7 @@ def test_a_level_beyond_what_was_fitted_is_flagged():
     found = predict(basis_of(a_tree(same(SILENT), y_peak=known)), test)
     assert found.attrs["extrapolation"] == pytest.approx(2.0, rel=1e-9)  # a linear oscillator
     (said,) = warnings_of(found)
-    assert all(part in said for part in ("`strong`", "2 times", "add a test of that level"))
+    assert all(part in said for part in ("`strong`", "2 times", "Add a test of that level"))
     assert row_of(found)["beyond"]
 
 
@@ -161,7 +161,7 @@ def test_a_sweep_far_from_the_mode_is_said_to_hardly_move_it():
     basis = basis_of(a_tree(same(SILENT), seen=[a_test(0.01)]))
     found = predict(basis, planned_sweep(basis, (60.0, 90.0), 0.1, 3.0, FS))
     assert found.attrs["input_near_mode"] < 0.01
-    assert "hardly moves the mode" in " ".join(warnings_of(found))
+    assert "hardly moves the identified mode" in " ".join(warnings_of(found))
     assert not {"measured", "measured_band"} & set(found.data_vars)
     assert "coverage" not in found.attrs
     assert found.attrs["level_unit"] == "V"  # as the run's source

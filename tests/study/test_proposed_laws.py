@@ -78,7 +78,7 @@ def test_of_several_laws_the_one_that_fits_the_readings_best_is_taken(tmp_path, 
     tried = ("cubic_damping", "masing_power", *sorted(FORCES))
     chosen, sentence = proposed(seen, tables, tried, 0, lambda _: None)
     assert chosen.laws == (law,)
-    assert "before " in sentence
+    assert "better than " in sentence
     assert all(f"{name} by" in sentence for name in tried if name != law)
     assert pasted(sentence).laws == (law,)
 
@@ -89,7 +89,7 @@ def test_where_readings_are_too_few_to_tell_laws_apart_the_simplest_is_taken(tmp
     few = [cut_to(1, table) for table in fitted_tables(look(campaign), seen)]
     chosen, sentence = proposed(seen, few, ("cubic", "quintic"), 0, lambda _: None)
     assert chosen.laws == ("cubic",)
-    assert "speaks for cubic." in sentence
+    assert "cubic is chosen, " in sentence
 
 
 def cut_to(count, table):

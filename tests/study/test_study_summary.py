@@ -17,7 +17,7 @@ def test_one_record_has_no_cv():
     summary = _linear(linear_step(alone), {})
     json.dumps(summary, allow_nan=False)
     assert {row["cv"] for row in summary["parameters"].values()} == {None}
-    assert "one record has no CV" in summary["statements"][0]
+    assert "There is no CV" in summary["statements"][0]
     both = _linear(linear_step(noise), {})
     assert both["parameters"]["zeta"]["cv"] > 0
-    assert "CV is over 2 repeats" in both["statements"][0]
+    assert "CVs are those between 2 repeats" in both["statements"][0]

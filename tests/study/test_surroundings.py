@@ -16,12 +16,12 @@ def posterior(**draws):
     ("terms", "source", "words"),
     [
         # 0.5 kg^-1 of modal mass and 504 rad/s: -0.5 (504^2 U) = 1.5; and the same by L.
-        ({"residual_upper": -3.0 / 504**2}, "N", "1.50 [1.50, 1.50] 1/kg: the rigid body"),
-        ({"residual_lower": -3.0}, "N", "1.50 [1.50, 1.50] 1/kg: the rigid body"),
-        ({"residual_lower": -3.0}, "V", "1.50 [1.50, 1.50] m/s^2/V: the rigid body"),
+        ({"residual_upper": -3.0 / 504**2}, "N", "1.50 [1.50, 1.50] 1/kg, which comes from"),
+        ({"residual_lower": -3.0}, "N", "1.50 [1.50, 1.50] 1/kg, which comes from"),
+        ({"residual_lower": -3.0}, "V", "1.50 [1.50, 1.50] m/s^2/V, which comes from"),
         (
             {"residual_upper": 4e-6, "residual_lower": -3e-6 * 504**2}, "N",
-            "m/N: the compliance of the modes above",
+            "m/N, which is the compliance of the modes above",
         ),
     ],
 )  # fmt: skip

@@ -90,7 +90,7 @@ def test_one_joint_two_attachments(ready):
     # beside this noise; of normal deviates one in 16,000 lies beyond four.
     assert max(map(abs, z.values())) < 4, z
     (said,) = drive_sentences(ready.fit.theta, ready.data)
-    assert said.startswith("Driven by voltage the mode lies at 19.")
+    assert said.startswith("With the shaker, driven by voltage, the mode has 19.")
 
 
 @pytest.mark.slow

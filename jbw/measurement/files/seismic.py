@@ -22,7 +22,7 @@ def contents(path: Path) -> Iterator[Contents]:
         raise DataError(
             f"File `{path.name}` holds trace {pieces[0]} in {names.count(pieces[0])} pieces, with "
             "gaps between them.",
-            why="Spectra and sampled inputs need even samples.",
+            why="Spectra and sampled inputs need evenly spaced samples.",
             remedy="Write each piece into a file of its own.",
         )
     first = min(trace.stats.starttime for trace in traces)

@@ -49,7 +49,7 @@ def from_sep005(
     if repeated:
         raise DataError(
             f"{name}: the name {repeated[0]!r} is given to {names.count(repeated[0])} series.",
-            remedy="Names must differ, so that a channel can be told by its name.",
+            remedy="Names must differ, so that a channel can be identified by its name.",
         )
     digest = hashlib.sha256(b"".join(np.asarray(signal["data"]).tobytes() for signal in series))
     contents = Contents(dict(zip(names, leaves, strict=True)), "SEP-005")

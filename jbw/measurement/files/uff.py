@@ -197,7 +197,7 @@ def write_uff(path: str | Path, record: Record) -> None:
     if path.suffix.lower() not in (".uff", ".unv"):
         raise ConfigError(
             f"Argument `path` must end in .uff or .unv, but is {path.name}.",
-            remedy="jbw.read tells formats by the ending.",
+            remedy="jbw.read recognises formats by the ending of the file name.",
         )
     if path.exists():
         raise ConfigError(f"File `{path}` exists.", remedy="Choose another name, or remove it.")

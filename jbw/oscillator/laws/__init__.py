@@ -128,7 +128,7 @@ def laws_named(names: Iterable[str | Kind]) -> tuple[Kind, ...]:
             if name in owner:
                 raise ConfigError(
                     f"The laws `{owner[name]}` and `{kind.name}` share the parameter `{name}` and "
-                    "cannot stand beside each other."
+                    "cannot be combined."
                 )
             owner[name] = kind.name
     return kinds

@@ -149,7 +149,7 @@ def _scalars(joint: Any, mass: float) -> tuple[float, ...]:
             "Parameter `restoring` must be None in another convention, but is of kind "
             f"{type(joint.restoring).__name__}.",
             why="They have a linear spring and the hysteretic force only.",
-            remedy="Add the other force as a spring of its own there.",
+            remedy="Add the other force as a separate spring there.",
         )
     leaves = joint.omega_n, joint.zeta, joint.alpha, joint.delta, joint.gamma
     return tuple(float(leaf) for leaf in leaves)

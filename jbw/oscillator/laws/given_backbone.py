@@ -170,6 +170,7 @@ def _require_softening(curve: PchipInterpolator, x: np.ndarray, force: np.ndarra
     rises = np.flatnonzero(np.diff(chords) > _RISES * chords[0])
     if len(rises):
         raise ConfigError(
-            f"The slope of a virgin curve must not rise, as it does at {x[rises[0] + 1]:g} m: no "
-            "sliders stiffen. Give what stiffens a law of its own, such as `cubic` or `stop`."
+            f"The slope of a virgin curve must not rise, as it does at {x[rises[0] + 1]:g} m: "
+            "sliders do not stiffen. Describe the stiffening by a separate law, such as `cubic` or "
+            "`stop`."
         )

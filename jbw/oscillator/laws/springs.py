@@ -115,7 +115,7 @@ class Cubic(Spring):
 
     name: ClassVar[str] = "cubic"
     table: ClassVar[tuple[Quantity, ...]] = (
-        Quantity("cubic", "λ₃", "1/(m^2 s^2)", "cubic stiffness beside the joint"),
+        Quantity("cubic", "λ₃", "1/(m^2 s^2)", "cubic stiffness parallel to the joint"),
     )
     fields: ClassVar[Mapping[str, str]] = {"cubic": "lambda_3"}
 
@@ -144,7 +144,7 @@ class Quintic(Spring):
 
     name: ClassVar[str] = "quintic"
     table: ClassVar[tuple[Quantity, ...]] = (
-        Quantity("quintic", "k₅", "1/(m^4 s^2)", "quintic stiffness beside the joint"),
+        Quantity("quintic", "k₅", "1/(m^4 s^2)", "quintic stiffness parallel to the joint"),
     )
     fields: ClassVar[Mapping[str, str]] = {"quintic": "k_5"}
 

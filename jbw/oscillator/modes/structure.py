@@ -252,7 +252,7 @@ def _require_first(name: str, values: np.ndarray) -> None:
     if values[0] == 0.0:
         raise ConfigError(
             f"Field `{name}` of a `Structure` must not be 0 for the first mode, but it is.",
-            why="The laws are in units of what that mode does to the joint.",
+            why="The laws are in units of the joint's motion in that mode.",
             remedy=f"Put a mode that reaches the joint first, with {name}[0] = 1.",
         )
 
@@ -264,7 +264,7 @@ def _require_moved(name: str, values: np.ndarray) -> None:
         raise ConfigError(
             f"Field `{name}` of a `Structure` must not be 0 in all modes of a joint, but it is of "
             f"joint {int(np.argmax(unmoved))}.",
-            why="Its x would be 0, or its force would move nothing.",
+            why="The joint would not move, or its force would move nothing.",
             remedy="Keep a mode that moves the joint, or leave the joint out.",
         )
 
@@ -278,7 +278,7 @@ def _require_rigid(omega_n: np.ndarray, h: np.ndarray) -> None:
         raise ModelError(
             f"Field `omega_n` of a `Structure` must be greater than 0 for every mode that moves a "
             f"joint, but that of mode {mode} is 0 and moves joint {joint} by {h[joint, mode]:g}.",
-            why="With all joints sticking the joint itself holds such a mode.",
+            why="With all joints stuck, such a mode is held by the joint itself.",
             remedy="Take the modes of the structure with the joints' stiffness in it.",
         )
 

@@ -49,7 +49,7 @@ def modal_tones(
             f"The periodic response did not converge for {failed.sum()} of {failed.size} tones, "
             f"the first at omega = {tones[first]:g} ({int(np.asarray(turns)[first])} turning "
             "points of a joint a period).",
-            why="Several periodic responses may exist there, or none that turns so rarely.",
+            why="Several periodic responses may exist there, or none with so few turning points.",
             remedy="Lower `amplitude`, follow the branch with `response_curve`, or raise "
             "`max_turns`.",
         )

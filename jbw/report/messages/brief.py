@@ -1,13 +1,13 @@
-"""The one page for whoever decides."""
+"""The texts of the brief, the one page for those who decide."""
 
 USE = {
     "ok": "Use the numbers on this page.",
-    "usable": "Use the numbers within the model discrepancy that is stated below.",
+    "usable": "Use the numbers with the model discrepancy that is stated below.",
     "failed": "Do not use the numbers on this page.",
 }
 PROVISIONAL = "The numbers are provisional: some checks could not be made."
-MODES = "Modes at small motion, joint in full stick"
-MEASURED = "What was measured, read without a model of the joint"
+MODES = "Modes at small motion, with the joint fully stuck"
+MEASURED = "Measured frequency and damping, read without a model of the joint"
 FOOT = (
     "Intervals: 99 %. Model error: largest RMS error over the rms of the record. All details: "
     "report.html."
@@ -26,10 +26,10 @@ def levels(*, several_modes: bool) -> str:
 
 
 def more_findings(count: int) -> str:
-    """Return the message on how many findings have no room."""
-    return f"{count} more: see report.html."
+    """Return the message that counts the findings that do not fit on the page."""
+    return f"{count} more findings: see report.html."
 
 
 def more_lines(count: int) -> str:
-    """Return the message on how many lines of a table have no room."""
+    """Return the message that counts the lines of a table that do not fit on the page."""
     return f"and {count} more lines: see report.html"

@@ -2,58 +2,58 @@
 
 from collections.abc import Sequence
 
-from jbw.report.messages.message import FaultText
+from jbw.report.messages.message import FaultText, number
 
 AMPLITUDE_ALONE = FaultText(
     "The response is real and has no phase.",
-    "An amplitude alone does not tell the damping from the stiffness.",
-    "Name the channel `phase`, or one that holds the complex response.",
+    "Amplitude alone does not determine damping and stiffness separately.",
+    "Name the channel `phase`, or one that contains the complex response.",
 )
 TWO_SOURCES = FaultText(
     "`input` and `force` were both recorded; `input` is taken as the source.",
     "With the shaker's voltage or current as the source, the shaker is part of the structure.",
-    'Say which with drive = "voltage" or drive = "force".',
+    'State the source by drive = "voltage" or drive = "force".',
 )
-ONE_RUN = "there is one run alone, which nothing can differ from"
-NO_FORCE = "a voltage or a current drives the tests, and gives no force"
-GAIN_STATED = "the campaign states the gain, which is not identified then"
+ONE_RUN = "there is only one run, so that no runs can differ"
+NO_FORCE = "the tests are driven by a voltage or a current, and no force is known"
+GAIN_STATED = "the campaign states the gain, so that it is not identified"
 NO_GAIN = "no test has a source whose gain could be identified"
-NOTHING_FREE = "along a prescribed displacement nothing moves freely"
+NOTHING_FREE = "under a prescribed displacement nothing moves freely"
 NO_MODE = FaultText(
-    "No mode in the bands of the tests moves a joint; all laws keep their prior.",
-    remedy="Sweep a mode in which the energy shares are large.",
+    "No mode in the bands of the tests moves a joint; the data do not constrain any law.",
+    remedy="Sweep a mode in which the joints have large energy shares.",
 )
-ONE_MODE = "One mode determines the sum over all joints, and not what each contributes."
-EXCHANGEABLE = "Exchanging their laws changes no response, so that the posterior has two halves."
+ONE_MODE = "One mode determines only the sum over all joints, not the part of each joint."
+EXCHANGEABLE = "Interchanging their laws changes no response, so that the posterior has two modes."
 SUM_OF_LAWS = (
-    "Single modes determine only the sum of their laws; the difference shows when several modes "
-    "move at once."
+    "Single modes determine only the sum of their laws; only several modes that move at once "
+    "determine the difference."
 )
-SAME_SAMPLES = "holds the same samples as"
+SAME_SAMPLES = "contains the same samples as"
 FILES_ONCE = "Name each file once in `files`."
 NO_TESTS = "[[test]]: at least one test is needed, each under its own [[test]]."
-GAIN_OR_MASS = "[campaign]: give gain or modal_mass, not both; they say the same."
-SEE_TOML = "See https://toml.io; strings need quotes, and each key stands once."
+GAIN_OR_MASS = "[campaign]: give gain or modal_mass, not both; one follows from the other."
+SEE_TOML = "See https://toml.io; strings need quotes, and each key may occur only once."
 BACKSLASH = "has a backslash in double quotes, where it begins an escape such as \\n"
 DECIMAL_COMMA = "has a decimal comma, which separates two values"
-BARE_POINT = "has a number that begins or ends with its point"
+BARE_POINT = "has a number that begins or ends with its decimal point"
 BARE_WORD = "has a word without quotes"
 NO_JOINTS = "[structure] matrices: need a [[joint]] table for every joint, but there is none."
 
 
 def typographic(typed: str) -> str:
     """Return the message for typographic quotes, minus signs and blanks, which TOML rejects."""
-    return f"has typographic characters, {typed}, which TOML does not take"
+    return f"has typographic characters, {typed}, which TOML does not accept"
 
 
 def mended(number: int, line: str, alike_lines: Sequence[int]) -> str:
     """Return the remedy: the corrected line, and the first later line with the same slip."""
-    more = f" Mend line {alike_lines[0]} likewise." if alike_lines else ""
+    more = f" Correct line {alike_lines[0]} in the same way." if alike_lines else ""
     return f"Write line {number} as `{line}`.{more}"
 
 
 def table_again(number: int, table: str, other: int) -> tuple[str, str]:
-    """Return the message on a table that two lines open."""
+    """Return the message that two lines open the same table."""
     return (
         f"line {number} opens [{table}] again, after line {other}",
         f"Put its keys below line {other}, and remove line {number}.",
@@ -69,7 +69,7 @@ def key_again(number: int, key: str, other: int) -> tuple[str, str]:
 
 
 def in_one_table(other: int, number: int, key: str, line: str) -> tuple[str, str]:
-    """Return the message on a key whose table two lines state, and the line for both."""
+    """Return the message that two lines state one table, with the line that replaces both."""
     return (
         f"lines {other} and {number} both state `{key}`",
         f"Write line {other} as `{line}`, and remove line {number}.",
@@ -84,9 +84,9 @@ def decimal_points(bounds: str) -> str:
 def two_rates(fs: float, other: str, other_fs: float) -> FaultText:
     """Return the message for repeats of a test with two sampling frequencies [Hz]."""
     return FaultText(
-        f"Repeats of a test must have one sampling frequency, but this has {fs:.7g} Hz and {other} "
-        f"has {other_fs:.7g} Hz.",
-        remedy="Make two tests of them.",
+        f"Repeats of a test must have one sampling frequency, but this record has {fs:.7g} Hz and "
+        f"{other} has {other_fs:.7g} Hz.",
+        remedy="Make a separate test of the records of each sampling frequency.",
     )
 
 
@@ -94,7 +94,7 @@ def motion_of_metres(motion: float, hz: float) -> FaultText:
     """Return the message on a motion [m] that no bench has, by a line [Hz]; 0 of a displacement."""
     line = f" at its strongest line, {hz:.3g} Hz" if hz else ""
     return FaultText(
-        f"The motion would be {motion:.3g} m{line}.",
+        f"The motion would be {number(motion)} m{line}.",
         "A joint on a bench moves by less than centimetres.",
         "Correct the unit of the channel, the unit of `time`, or `fs`.",
     )
@@ -112,8 +112,8 @@ def tone_beyond(tone: float, limit: float) -> FaultText:
     """Return the message on a tone whose third harmonic is not sampled [Hz]."""
     return FaultText(
         f"Tone {tone:g} Hz must lie below a third of half the sampling frequency ({limit:.4g} Hz).",
-        "Its third harmonic folds back otherwise.",
-        "Drop the tone, or measure with a higher sampling frequency.",
+        "Otherwise its third harmonic is aliased.",
+        "Leave the tone out, or measure with a higher sampling frequency.",
     )
 
 
@@ -131,7 +131,7 @@ def broken_periods(samples: int, periods: int) -> FaultText:
     return FaultText(
         f"The record's {samples} samples are not {periods} whole periods.",
         "Averages over periods would drift through the record.",
-        "Correct periods, or cut the record to whole ones with span.",
+        "Correct periods, or cut the record to whole periods with span.",
     )
 
 
@@ -147,24 +147,24 @@ def no_line_in_band(lines: tuple[float, float], band: Sequence[float]) -> FaultT
 def started_apart(size_s: float, delay_s: float, *, later: bool) -> FaultText:
     """Return the message on channels that were started one after the other [s]."""
     return FaultText(
-        f"By the file the response was started {size_s:.6g} s {'after' if later else 'before'} "
-        "the drive.",
-        "Samples of the same number were then taken at two instants.",
-        f"Put under [[test]]: `delay = {delay_s:.9g}`, or export both from one instant on.",
+        f"According to the file, the response was started {size_s:.6g} s "
+        f"{'after' if later else 'before'} the drive.",
+        "Samples of the same number were then taken at different times.",
+        f"Put under [[test]]: `delay = {delay_s:.9g}`, or export both from the same time on.",
     )
 
 
 def unread(name: str, reason: str) -> FaultText:
     """Return the message on a setting that changes nothing, and why."""
     return FaultText(
-        f"`{name}` changes nothing: {reason}.",
+        f"`{name}` has no effect: {reason}.",
         remedy="Leave it out.",
     )
 
 
 def read_by_kinds(kinds: str) -> str:
     """Return the message on kinds of test that read a setting."""
-    return f"only tests of kind {kinds} read it, and there are none"
+    return f"only tests of kind {kinds} use it, and the campaign has no such test"
 
 
 def no_test_of_kind(kind: str) -> str:
@@ -173,77 +173,77 @@ def no_test_of_kind(kind: str) -> str:
 
 
 def nothing_to_adapt(sampler: str) -> str:
-    """Return the message on a sampler without a warm-up."""
-    return f"sampler {sampler} has nothing to adapt"
+    """Return the message that a sampler has no warm-up."""
+    return f"sampler {sampler} has no warm-up"
 
 
 def no_coordinates(laws: str) -> str:
-    """Return the message on laws without other coordinates."""
-    return f"no law of the joint ({laws}) has other coordinates to choose"
+    """Return the message that no law of the joint offers other coordinates."""
+    return f"no law of the joint ({laws}) offers other coordinates"
 
 
 def put_same_as(joint: str, leader: str) -> str:
     """Return the message on the line that ties a joint to another."""
-    return f"Put under [[joint]] `{joint}`: `same_as = {leader}`, or sweep further modes."
+    return f"Put under [[joint]] `{joint}`: `same_as = {leader}`, or sweep more modes."
 
 
 def few_modes(laws: int, modes: int) -> FaultText:
     """Return the message that there are fewer swept modes than laws of joints."""
     return FaultText(
-        f"{laws} laws need {laws} swept modes at least, but the bands of the tests hold {modes}.",
+        f"{laws} laws need {laws} swept modes or more, but the bands of the tests contain {modes}.",
         "Every mode determines one number, the sum over all joints.",
-        "Sweep further modes, or tie joints by `same_as`.",
+        "Sweep more modes, or tie joints by `same_as`.",
     )
 
 
 def unmoved(joint: str) -> FaultText:
     """Return the message on a joint that no swept mode moves."""
     return FaultText(
-        f"Joint `{joint}` is moved by none of the modes in the bands of the tests; its law keeps "
-        "its prior.",
+        f"No mode in the bands of the tests moves joint `{joint}`; the data do not constrain its "
+        "law.",
         remedy="Sweep a mode in which its energy share is large.",
     )
 
 
 def exchanged(test: str, ratio: float, other: str, smaller: float) -> FaultText:
-    """Return the message on tests whose levels do not suit their drives."""
+    """Return the message that the levels of two tests contradict their drives."""
     return FaultText(
         f"The `level` of test `{test}` is {ratio:.3g} times that of `{other}`, but its drive is "
-        f"{smaller:.3g} times as small, and its response smaller.",
-        "The levels, or the files, of the two tests are exchanged.",
+        f"{smaller:.3g} times smaller, and its response is smaller too.",
+        "The levels, or the files, of the two tests are interchanged.",
         "State the level that each test was measured at.",
     )
 
 
 def twice(first: str, relation: str, second: str, remedy: str) -> FaultText:
-    """Return the message on a record that two tests hold."""
+    """Return the message that two tests contain the same record."""
     return FaultText(
         f"{first} {relation} {second}.",
-        "A record that counts twice makes intervals too narrow, and predicts itself.",
+        "A record that is used twice makes intervals too narrow, and predicts itself.",
         remedy,
     )
 
 
 def shares(share: float) -> str:
-    """Return the message on what a record has in common with another, as a share of the shorter."""
+    """Return the message on the share of a record that another record contains too."""
     return f"shares {share:.0%} with"
 
 
 def rest_or_leave_out(part_line: str, leaving_out: str) -> str:
     """Return the remedy: use the part that no other test contains, or leave the record out."""
-    return f"{part_line}, which no other test holds, or {leaving_out}."
+    return f"{part_line}, which no other test contains, or {leaving_out}."
 
 
 def several_assemblies(count: int, names: Sequence[str]) -> str:
-    """Return the message on a torque of one assembly for tests of several."""
+    """Return the message that one [assembly] is stated for tests of several assemblies."""
     return (
-        f"[assembly]: speaks of one assembly, but the campaign has {count}: {', '.join(names)}; "
+        f"[assembly]: describes one assembly, but the campaign has {count}: {', '.join(names)}; "
         "write a campaign file for each."
     )
 
 
 def name_of_several(name: str, count: int) -> str:
-    """Return the message on a name that several tests have."""
+    """Return the message that several tests have the same name."""
     return f"[[test]] name: {name!r} is given to {count} tests."
 
 
@@ -251,12 +251,12 @@ def mode_outside(hz: float, bands: str) -> str:
     """Return the message on a mode that no test with a source covers [Hz]."""
     return (
         f"[identify] modes: {hz:g} Hz must lie in the band of a test with a source, {bands}; "
-        "widen `band`, or leave it to `residuals`."
+        "widen `band`, or leave this mode to `residuals`."
     )
 
 
 def no_level(level: float, levels: str) -> str:
-    """Return the message on a level that no test has."""
+    """Return the message that `fit_levels` names a level that no test has."""
     return f"[identify] fit_levels: no test has level {level:g}; levels: {levels}."
 
 
@@ -268,54 +268,54 @@ def no_role(role: str) -> str:
 def base_beside_others(others: str) -> str:
     """Return the message that a campaign mixes tests on a moving base with other drives."""
     return (
-        f"[[test]] channels: tests with `base` cannot stand beside tests driven by {others}, whose "
-        "gain is another; make a campaign of each."
+        f"[[test]] channels: tests with `base` cannot be combined with tests driven by {others}, "
+        "which have another gain; make a separate campaign of each."
     )
 
 
 def joint_twice(table: str, count: int) -> str:
-    """Return the message on a name that several joints have."""
-    return f"{table} name: must be of one joint, but {count} have it."
+    """Return the message that several joints have the same name."""
+    return f"{table} name: must be unique, but {count} joints have it."
 
 
 def no_place(table: str) -> str:
-    """Return the message on a joint beside matrices without a place."""
-    return f"{table}: beside matrices a joint must have `across` or `weights`."
+    """Return the message that a joint of a model lacks its place."""
+    return f"{table}: if there are matrices, a joint must have `across` or `weights`."
 
 
 def no_stiffness(table: str) -> str:
-    """Return the message on a joint beside matrices without its stiffness."""
-    return f"{table} stiffness: missing; in full stick, in SI [N/m, or N m/rad]."
+    """Return the message that a joint of a model lacks its stiffness."""
+    return f"{table} stiffness: missing; state that of the stuck joint in SI [N/m, or N m/rad]."
 
 
 def without_matrices(table: str, key: str) -> str:
     """Return the message on a key that matrices alone make read."""
-    return f"{table} {key}: is read beside `matrices` under [structure] alone."
+    return f"{table} {key}: needs `matrices` under [structure]."
 
 
 def shape_of_modes(table: str, modes: int, count: int) -> str:
     """Return the message on a shape of another number of modes."""
     return (
-        f"{table} shape: must hold a number for each of {modes} modes under [structure], but "
-        f"holds {count}."
+        f"{table} shape: must have a number for each of {modes} modes under [structure], but "
+        f"has {count}."
     )
 
 
 def unknown_leader(key: str, leader: str, guess: str, joints: str) -> str:
-    """Return the message on a joint whose leader there is not."""
+    """Return the message that `same_as` names a joint that does not exist."""
     return f"{key}: must be the name of a joint, but is `{leader}`. {guess}Joints: {joints}."
 
 
 def circle(key: str) -> str:
     """Return the message on joints that share laws in a circle."""
     return (
-        f"{key}: must lead to a joint with a law of its own, but leads in a circle. Leave it out "
-        "of one of them."
+        f"{key}: must lead to a joint with its own law, but the joints refer to each other in a "
+        "circle. Leave it out of one of these joints."
     )
 
 
 def other_laws(key: str, joint: str, laws: str, leader: str, of_leader: str) -> str:
-    """Return the message on joints that share a law and state others."""
+    """Return the message that joints with a shared law state different laws."""
     return (
         f"{key}: joints that share a law must have the same laws, but `{joint}` has {laws} and "
         f"`{leader}` {of_leader}. Leave `laws` out of `{joint}`."

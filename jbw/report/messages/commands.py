@@ -6,9 +6,10 @@ from jbw.quantities import Quantity
 from jbw.report.messages.message import capital
 
 MISSING_FACTS = (
-    "Facts that the records do not state, line by line; Enter keeps the value in brackets."
+    "Please state the facts that the records do not contain, one by one. Enter keeps the value in "
+    "brackets."
 )
-NO_NAME = "It explains parameters, columns and words too, such as: jbw explain ESS"
+NO_NAME = "Parameters, columns and words are explained too, for example: jbw explain ESS"
 
 
 def parameter_explained(quantity: Quantity, laws: Sequence[str]) -> str:
@@ -21,44 +22,44 @@ def parameter_explained(quantity: Quantity, laws: Sequence[str]) -> str:
 def nothing_called(name: str, nearest: str) -> str:
     """Return the message that a name is not explained, with the nearest that is."""
     guess = f" Did you mean '{nearest}'?" if nearest else ""
-    return f"Nothing is called '{name}'.{guess} All findings: jbw explain"
+    return f"There is no explanation of '{name}'.{guess} For a list of all findings: jbw explain"
 
 
 SHORT = {
-    "demo": "Measure the virtual rig and identify it, start to finish.",
+    "demo": "Run the demonstration: measure a virtual rig and identify its joint.",
     "init": "Write a commented campaign file for a folder of records.",
     "check": "Check a campaign, channel by channel.",
-    "look": "Say what the records show without any model, in a minute.",
-    "identify": "Identify the joint; --quick ends with the fit, in seconds.",
-    "resume": "Continue a run that was killed, interrupted or quick.",
-    "identifiability": "Say which parameters the data identify, before sampling.",
-    "laws": "Compare laws of the joint and say which the data distinguish.",
+    "look": "Read frequency and damping without a model, in a minute.",
+    "identify": "Identify the joint; --quick stops after the fit, in seconds.",
+    "resume": "Continue a run that was interrupted, or made by --quick.",
+    "identifiability": "Show which parameters the data identify, before sampling.",
+    "laws": "Compare laws of the joint by the data.",
     "report": "Write the one-file report of a finished run.",
-    "predict": "Predict tests from a run, measured or planned.",
-    "export": "Write a run's joint for other programs, FMUs among them.",
-    "diff": "Compare runs: assemblies, torques, days.",
-    "plan": "Say which tests reach a given accuracy.",
-    "collect": "Collect finished runs of several units in one fleet.",
-    "population": "Say how the units of a fleet scatter, and depend on torque.",
-    "watch": "Say of every further record whether the joint has changed.",
+    "predict": "Predict measured or planned tests from a run.",
+    "export": "Export a run's joint to other programs, or as an FMU.",
+    "diff": "Compare runs of different assemblies, torques or days.",
+    "plan": "Plan tests that reach a given accuracy.",
+    "collect": "Collect finished runs of several units into one fleet.",
+    "population": "Show how the units of a fleet vary, and depend on torque.",
+    "watch": "Monitor new records for a change of the joint.",
     "explain": "Explain a finding, parameter, column or word.",
     "docs": "Open the documentation, without a network.",
-    "sbc": "Calibrate a step by simulation: ranks of simulated truths.",
+    "sbc": "Test the intervals of a step on simulated data.",
     "compare": "Compare samplers on one posterior of a run.",
     "schema": "Print a file's JSON Schema, for editors.",
-    "completion": "Print what completes jbw in a shell.",
+    "completion": "Print the script that completes commands in a shell.",
     "more": "List the other commands.",
 }
 """The line of each command in `jbw --help` and `jbw more`."""
-MORE = "Other commands, the demonstration among them: jbw more"
+MORE = "For other commands, such as the demonstration: jbw more"
 
-FAULT = "Set JBW_TRACEBACK=1 and run again to see where; please report it."
+FAULT = "Please report this error. To see where it occurs, set JBW_TRACEBACK=1 and run again."
 RUN_FOLDER = "CAMPAIGN-run, or runs for several,"
 
 
 def one_at_a_time(first: str, second: str) -> str:
     """Return the message that a command was given two campaigns."""
-    return f"One campaign at a time: {first} and {second} are two."
+    return f"Name one campaign at a time, not both {first} and {second}."
 
 
 def no_command(name: str, nearest: str) -> str:
@@ -74,28 +75,28 @@ def identify_again(folder: str) -> str:
 
 def saved(folder: str, quoted: str) -> str:
     """Return the message on how to continue an interrupted run."""
-    return f"Saved in {folder}; continue: jbw resume {quoted}"
+    return f"Saved in {folder}. To continue: jbw resume {quoted}"
 
 
 def draw_posterior(folder: str) -> str:
     """Return the hint after a quick answer: how to draw the posterior and write a report."""
-    return f" draws the posterior; a page: jbw report {folder}"
+    return f" samples the posterior; to write a report: jbw report {folder}"
 
 
 def or_export(folder: str) -> str:
-    """Return the message on what else a good result is for."""
-    return f", or for other programs: jbw export {folder}"
+    """Return the message that names the command to export a good result."""
+    return f", or to use the joint in other programs: jbw export {folder}"
 
 
 def or_plan(folder: str) -> str:
-    """Return the message on what else may be done after a result that fails."""
-    return f", or what to measure: jbw plan {folder}"
+    """Return the message that names the command to plan tests after a failed result."""
+    return f", or to plan further tests: jbw plan {folder}"
 
 
 def finished(folder: str, page: str) -> str:
     """Return the message that a run is finished, and where its report is (`page`, if written)."""
-    where = f"see {page}" if page else f"only its report is missing, jbw report {folder}"
-    return f"The run in {folder} is finished: {where}."
+    where = f": see {page}" if page else f"; to write its report: jbw report {folder}"
+    return f"The run in {folder} is finished{where}."
 
 
 def without_model(campaign: str) -> str:
@@ -105,14 +106,14 @@ def without_model(campaign: str) -> str:
 
 def sampler_distances(reference: str) -> str:
     """Return the title of the table that compares samplers with a reference sampler."""
-    return f"Distances in Monte Carlo standard errors from {reference}"
+    return f"Distances of the means from those of {reference}, in Monte Carlo standard errors"
 
 
 def condition_number(value: str) -> str:
     """Return the sentence on the condition number of the matrix B of the swept modes."""
     return (
-        f"Condition number of B: {value}. It multiplies the noise where each joint has a law of "
-        "its own."
+        f"Condition number of the matrix B: {value}. If each joint has a separate law, noise is "
+        "amplified by up to this factor."
     )
 
 

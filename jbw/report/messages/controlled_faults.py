@@ -1,4 +1,4 @@
-"""Faults of controlled tests, whose points are held: what, why and remedy."""
+"""Faults of controlled tests, whose points a controller holds: what, why and remedy."""
 
 from collections.abc import Sequence
 
@@ -18,20 +18,20 @@ def not_positive(name: str, point: int) -> FaultText:
 def few_points(least: int, count: int) -> FaultText:
     """Return the message that too few points move."""
     return FaultText(
-        f"A controlled test needs {least} points of some motion, but {count} were found.",
+        f"A controlled test needs {least} points that move, but {count} were found.",
         remedy="Measure more levels.",
     )
 
 
 def put_scale(role: str) -> str:
-    """Return the message on the line that turns a response over."""
+    """Return the message with the line that reverses the sign of a response."""
     return f"Put under [[test]]: `scale = {{ {role} = -1.0 }}`."
 
 
 def leading(degrees: float, remedy: str) -> FaultText:
     """Return the message that a displacement leads its force, with the remedy [degrees]."""
     return FaultText(
-        f"The displacement leads the force by {degrees:.3g} degrees: the force takes energy out.",
+        f"The displacement leads the force by {degrees:.3g} degrees: the force extracts energy.",
         "A wrong sign gives a joint with negative damping.",
         remedy,
     )
@@ -45,18 +45,18 @@ def put_locked_phase(phase: float) -> str:
 def put_tolerance(tolerance: float) -> str:
     """Return the message on the line of the tolerance of a phase that was held [degrees]."""
     return (
-        "The fit uses their measured phase, so that the deviation is no error; points that were "
-        'not steady are left out as NaN with gaps = "mask". Where they were: Put under [[test]]: '
-        f"`phase_tolerance = {tolerance:g}`."
+        "If these points were steady, accept the deviation: the fit uses the measured phase. "
+        f"Put under [[test]]: `phase_tolerance = {tolerance:g}`. If they were not steady, replace "
+        'them by NaN and state gaps = "mask".'
     )
 
 
 def off_phase(points: str, error: float, held: float, remedy: str) -> FaultText:
     """Return the message for points whose phase deviates from the held phase [degrees]."""
     return FaultText(
-        f"The phase of {points} lies up to {error:.3g} degrees from the {held:g} degrees that "
-        "were to be held.",
-        "A backbone is measured at one phase; at another one frequency and force differ.",
+        f"The phase of {points} deviates by up to {error:.3g} degrees from the phase to be held, "
+        f"{held:g} degrees.",
+        "A backbone is measured at one phase; at another phase, frequency and force differ.",
         remedy,
     )
 
@@ -74,8 +74,8 @@ def amplitude_jumps(before: float, after: float) -> str:
 def jumps(pairs: Sequence[str], jump: str) -> FaultText:
     """Return the message on the points between which the motion jumps, and its size."""
     return FaultText(
-        f"Between points {', '.join(pairs)} {jump}: to another branch.",
-        "A controlled test follows one branch; a point beside a jump may not have been steady.",
-        'Leave such points out as NaN with gaps = "mask", or measure between them. Where they '
-        'were steady: Put under [[test]]: `jumps = "keep"`.',
+        f"Between points {', '.join(pairs)} {jump}, which is on another branch.",
+        "A controlled test follows one branch; a point next to a jump may not have been steady.",
+        'Replace such points by NaN and state gaps = "mask", or measure between them. If they were '
+        'steady, keep them. Put under [[test]]: `jumps = "keep"`.',
     )

@@ -9,13 +9,13 @@ SIZE = "{size:.4g}; " + RANGE
 MESSAGES = (
     Message(
         "not_sampled",
-        "Nothing was drawn from the posterior: the intervals are those of a Gaussian with the "
-        "fit's covariance.",
+        "The posterior was not sampled: the intervals are those of a Gaussian approximation at "
+        "the optimum of the fit.",
         """
         Check: whether the posterior was sampled. `jbw identify --quick` samples no posterior.
-        Its draws are of a Gaussian with the fit's covariance, in the coordinates of the sampler
-        and within the prior; the offsets of sessions are drawn from one Gaussian for every
-        scatter that they may have.
+        Its draws come from a Gaussian approximation at the optimum, which has the covariance of
+        the fit, in the coordinates of the sampler and within the prior. The offsets of sessions
+        are drawn from one Gaussian for each standard deviation that they may have.
 
         Where the data identify every parameter, these intervals are close to those of the
         posterior. Where parameters trade off or lie at a bound, the posterior is curved, and no
@@ -23,8 +23,8 @@ MESSAGES = (
 
         Remedy: `jbw resume DIR`, or the same command without --quick, samples the posterior.
         """,
-        remedy="Draw the posterior: jbw resume DIR with this run's folder, or jbw identify without "
-        "--quick.",
+        remedy="Sample the posterior by jbw resume DIR, where DIR is this run's folder, or by "
+        "jbw identify without --quick.",
     ),
     Message(
         "non_finite",
@@ -40,6 +40,7 @@ MESSAGES = (
         `substeps`.
         """,
         remedy="Run jbw check to find NaN in the records.",
+        passed="All draws of all parameters are finite.",
     ),
     Message(
         "frozen_chain",
@@ -53,6 +54,7 @@ MESSAGES = (
         Remedy: start from the fit (jbw does so by itself), or use another `sampler`.
         """,
         remedy='Sample from the whole prior. Put under [identify]: `sampler = "tempered_smc"`.',
+        passed="Every chain moves in every parameter.",
     ),
     Message(
         "r_hat",
@@ -73,8 +75,8 @@ MESSAGES = (
     ),
     Message(
         "r_hat.one_chain",
-        "R-hat compares chains, and there is one chain.",
-        remedy="Put under [identify]: `num_chains = {num_chains}`.",
+        "R-hat cannot be computed: it compares chains, and there is only one chain.",
+        remedy="Sample several chains. Put under [identify]: `num_chains = {num_chains}`.",
     ),
     Message(
         "ess_bulk",
@@ -82,7 +84,7 @@ MESSAGES = (
         """
         Check: effective number of independent draws in the bulk of every quantity; at least 400.
 
-        Correlated draws hold less information than independent ones. The paper's chain of 850
+        Correlated draws contain less information than independent ones. The paper's chain of 850
         draws has an effective sample size of 11 to 20.
 
         Remedy: raise `num_samples`; or see r_hat.
@@ -118,20 +120,25 @@ MESSAGES = (
     ),
     Message(
         "crossing",
-        "The posterior of {name} has modes at {below:.4g} and {above:.4g}; the chains cross "
-        "between them too seldom to weigh them, so the {weight:.0f %} of the draws at the first "
-        "depends on the starts.",
+        "The posterior of {name} has modes at {below:.4g} and {above:.4g}. The chains cross "
+        "between them too seldom to determine their weights: the share of the draws in the first "
+        "mode, {weight:.0f %}, depends on where the chains started.",
         """
         Check: where a deep valley separates the draws of a quantity into two modes, whether
-        chains cross it often enough to weigh the modes. Where they do not, the share of draws in
-        a mode depends on the starts.
+        chains cross it often enough to determine the weights of the modes. Where they do not, the
+        share of draws in a mode depends on where the chains started.
 
-        Remedy: `sampler = "tempered_smc"` or `"nested"` in `[identify]` weighs modes.
+        Remedy: `sampler = "tempered_smc"` or `"nested"` in `[identify]` determines the weights of
+        modes.
         """,
-        remedy='Use a sampler that weighs modes. Put under [identify]: `sampler = "tempered_smc"`.',
-        passed="No quantity has two modes with a valley between.",
+        remedy="Use a sampler that determines the weights of modes. "
+        'Put under [identify]: `sampler = "tempered_smc"`.',
+        passed="The posterior of no quantity has two separate modes.",
     ),
-    Message("crossing.weighed", "The chains weigh both modes of {name}."),
+    Message(
+        "crossing.weighed",
+        "The chains cross between the two modes of {name} often enough to determine their weights.",
+    ),
     Message(
         "ess_weights",
         f"The effective sample size of the importance weights is {SIZE}",
@@ -143,7 +150,7 @@ MESSAGES = (
 
         Remedy: raise `num_samples`, or use a sampler that makes chains.
         """,
-        remedy="A few points carry most of the weight. "
+        remedy="Use another sampler: a few points carry most of the weight. "
         'Put under [identify]: `sampler = "{sampler}"`.',
     ),
     Message(
@@ -158,12 +165,12 @@ MESSAGES = (
 
         Remedy: `sampler = "nuts"` or `"elliptical_slice"`.
         """,
-        remedy="The posterior is too far from a Gaussian about the fit. "
+        remedy="Use another sampler: the posterior is too far from its Gaussian approximation. "
         'Put under [identify]: `sampler = "{sampler}"`.',
     ),
     Message(
         "temperature",
-        "The inverse temperature ended at {beta:.3g}; it must reach 1.",
+        "The tempering ended at the inverse temperature {beta:.3g}; it must reach 1.",
         """
         Check: whether tempered sequential Monte Carlo reached the posterior, inverse temperature
         1.
@@ -172,7 +179,7 @@ MESSAGES = (
 
         Remedy: raise `num_samples`, or narrow the prior.
         """,
-        remedy="The budget ended during the tempering. "
+        remedy="Use another sampler: the time budget ended during the tempering. "
         'Put under [identify]: `sampler = "{sampler}"`.',
     ),
     Message(
@@ -184,14 +191,16 @@ MESSAGES = (
 
         Remedy: use another sampler where the grid does not resolve a well-identified parameter.
         """,
-        remedy="The grid is too coarse for this posterior. "
+        remedy="Use another sampler: the grid of the quadrature is too coarse for this posterior. "
         'Put under [identify]: `sampler = "{sampler}"`.',
     ),
     Message(
         "divergences",
-        "{count} of {size} trajectories diverged or met a failed solve.",
+        "{count} of {size} trajectories of NUTS diverged or met a point where the model could not "
+        "be solved; there must be none.",
         """
-        Check: trajectories of NUTS that diverged or met a failed solve; there must be none.
+        Check: trajectories of NUTS that diverged or met a point where the model could not be
+        solved; there must be none.
 
         A divergence marks a region where the curvature of the posterior is too large for the
         step. Draws avoid the region, and intervals become too narrow (Betancourt 2017,
@@ -202,37 +211,41 @@ MESSAGES = (
         """,
         remedy="Use a sampler without trajectories. "
         'Put under [identify]: `sampler = "tempered_smc"`. '
-        "Where solves fail, use smaller steps. Put under [identify]: `substeps = {substeps}`.",
+        "If the model cannot be solved, use smaller time steps. "
+        "Put under [identify]: `substeps = {substeps}`.",
+        passed="All {size} trajectories of NUTS ended without a divergence, and the model could be "
+        "solved everywhere.",
     ),
     Message(
         "failed_solves",
-        "{share:.2g %} of the proposals met a failed solve; the limit is {limit:g %}.",
+        "The model could not be solved at {share:.2g %} of the proposals; the limit is {limit:g "
+        "%}.",
         """
         Check: proposals at which the model could not be solved; at most 1 %.
 
-        A failed solve counts as impossible. Many of them truncate the posterior where only the
-        solver failed.
+        The sampler treats such a point as impossible. Many of them truncate the posterior where
+        only the solver failed.
 
         Remedy: narrow the prior, or raise `substeps`.
         """,
-        remedy="Narrow the prior, or use smaller steps. "
+        remedy="Narrow the prior, or use smaller time steps. "
         "Put under [identify]: `substeps = {substeps}`.",
     ),
     Message(
         "tree_depth",
-        "{share:.2g %} of the trajectories reached the maximum tree depth; the limit is {limit:g "
-        "%}.",
+        "{share:.2g %} of the trajectories of NUTS reached the maximum tree depth; the limit is "
+        "{limit:g %}.",
         """
         Check: trajectories of NUTS that reached the maximum tree depth; at most 5 %.
 
         Remedy: start from the fit with its covariance, which jbw does by itself; else raise
         `num_warmup`.
         """,
-        remedy="Adapt longer. Put under [identify]: `num_warmup = {num_warmup}`.",
+        remedy="Lengthen the warm-up. Put under [identify]: `num_warmup = {num_warmup}`.",
     ),
     Message(
         "e_bfmi",
-        f"E-BFMI of the worst chain is {{e_bfmi:.2f}}; {RANGE}",
+        f"The lowest E-BFMI of a chain is {{e_bfmi:.2f}}; {RANGE}",
         """
         Check: energy Bayesian fraction of missing information (E-BFMI) of every chain; at least
         0.3 (Betancourt 2016, arXiv:1604.00695).
@@ -240,9 +253,10 @@ MESSAGES = (
         Below the limit, the momenta explore the energies of the posterior too slowly, and the
         draws miss its tails.
 
-        Remedy: other coordinates, or an informative prior where the data hold no information.
+        Remedy: use other coordinates, or an informative prior where the data give no information.
         """,
-        remedy='The draws miss the tails. Put under [identify]: `sampler = "tempered_smc"`.',
+        remedy="Use another sampler: the draws miss the tails of the posterior. "
+        'Put under [identify]: `sampler = "tempered_smc"`.',
     ),
     Message(
         "budget",
@@ -256,21 +270,21 @@ MESSAGES = (
         Remedy: set `budget_s` in `[identify]` to the estimate of the finding. First look at the
         other findings: chains that never agree converge in no budget.
         """,
-        remedy="At the present rate this budget is enough. "
+        remedy="Raise the time budget; at the present rate this one is enough. "
         "Put under [identify]: `budget_s = {budget}`.",
     ),
     Message(
         "second_posterior",
-        "{reason} The joint posterior does not depend on it.",
+        "{reason} The joint posterior of all tests does not depend on it.",
         """
         Check: whether the posterior of the free decays alone, with which the joint posterior of
         all tests is compared, could be sampled.
 
         The joint posterior does not depend on it: only the comparison is missing.
 
-        Remedy: identify the free decays in a campaign of their own; its messages show the cause.
+        Remedy: identify the free decays in a separate campaign; its messages show the cause.
         """,
-        remedy="Identify the free decays in a campaign of their own to see why.",
+        remedy="Identify the free decays in a separate campaign; its messages show the cause.",
     ),
     Message(
         "incomplete_checks",
@@ -278,30 +292,31 @@ MESSAGES = (
         """
         Check: whether every check of the posterior could be made.
 
-        A check that fails leaves its question open, and the verdict is at best *not assessed*.
+        The question of a check that could not be made stays open, and the verdict is at best
+        *not assessed*.
         The draws themselves are complete.
 
-        Remedy: look at the tests that the sentence names (`jbw look`), or hold them out of the
-        fit by `hold_out`.
+        Remedy: look at the tests that the finding names (`jbw look`), or keep them out of the fit
+        by `hold_out`.
         """,
-        remedy="The posterior is complete; look at the tests that the sentence names, or leave "
-        "them out of the fit by `hold_out`.",
+        remedy="Look at the tests that the finding names (jbw look), or keep them out of the fit "
+        "by `hold_out`. The draws of the posterior are complete.",
     ),
     Message(
         "solver_error",
-        "Halving the solver's step moves no posterior mean by more than {shift:.2g} standard "
-        "deviations; it must be below {limit:g}.",
+        "Halving the solver's time step moves the posterior means by at most {shift:.2g} standard "
+        "deviations; this must be below {limit:g}.",
         """
         Check: the change of the log likelihood over the posterior when the solver's step is
         halved; less than 0.1 of a standard deviation of any posterior mean.
 
         Remedy: set `substeps` in `[identify]` to twice its value.
         """,
-        remedy="Put under [identify]: `substeps = {substeps}`.",
+        remedy="Use smaller time steps. Put under [identify]: `substeps = {substeps}`.",
     ),
     Message(
         "series",
-        "The Chebyshev series of the log likelihood is wrong by {error:.2g} nats over the "
+        "The Chebyshev series of the log likelihood has an error of {error:.2g} nats over the "
         "posterior; it must be below {limit:g}.",
         """
         Check: the error, in nats, of the Chebyshev series that approximates the log likelihood
@@ -309,6 +324,6 @@ MESSAGES = (
 
         Remedy: narrow the prior of gamma.
         """,
-        remedy="Narrow the prior to what was drawn. {line}",
+        remedy="Narrow the prior to the range of the draws. {line}",
     ),
 )

@@ -13,7 +13,7 @@ def few_values(
     return FaultText(
         f"The record has {count} independent values in `band` = [{low:g}, {high:g}] Hz after "
         f"`settle`; at least {least} are needed.",
-        f"It lasts {seconds:.4g} s, {periods:.3g} periods.",
+        f"The record lasts {seconds:.4g} s, which is {periods:.3g} periods.",
         remedy,
     )
 
@@ -28,7 +28,7 @@ def late_blow(blow_s: float, settle_s: float, settle: str) -> FaultText:
     return FaultText(
         f"The blow comes {blow_s:.3g} s after the start of the record"
         + (f" and its `settle` of {settle_s:g} s." if settle_s > 0 else "."),
-        "The motion before it is no free decay, but would be fitted as one.",
+        "The motion before the blow is not a free decay, but would be fitted as one.",
         f"Put under [[test]]: `settle = {settle}`.",
     )
 
@@ -38,15 +38,15 @@ def read_from_blow(test: str, first: str, last: str, count: int, of: int) -> str
     when = first if first == last else f"{first} to {last}"
     return (
         f"{test}: {count} of {of} records begin before their blow, which comes after {when}; each "
-        "is read from one period after it."
+        "record is read from one period after its blow."
     )
 
 
 def still_driven(steady_s: float, settle: str) -> FaultText:
     """Return the message that a decay was driven until a time [s], with a `settle` after it [s]."""
     return FaultText(
-        f"The motion is steady for the first {steady_s:.3g} s and decays only then.",
-        "It was still driven; a fit as a free decay would find a joint without damping.",
+        f"The motion is steady for the first {steady_s:.3g} s and decays only after that.",
+        "Until then it was driven; a fit as a free decay would find a joint without damping.",
         f"Put under [[test]]: `settle = {settle}`.",
     )
 
@@ -54,8 +54,12 @@ def still_driven(steady_s: float, settle: str) -> FaultText:
 def second_blow(at_s: float, size: float, remedy: str, *, grows: bool) -> FaultText:
     """Return the message that a decay jumps at a time [s], its size, and how to leave it out."""
     return FaultText(
-        f"At {at_s:.3g} s the motion jumps by {size:.2g} of its size"
-        + (": a second blow." if grows else ": samples are missing there, or it was hit again."),
+        f"At {at_s:.3g} s the motion jumps by {size:.2g} of its amplitude"
+        + (
+            ": there was a second blow."
+            if grows
+            else ": samples are missing, or there was a second blow."
+        ),
         "A decay has one initial state; this record has two.",
         remedy,
     )
@@ -64,8 +68,8 @@ def second_blow(at_s: float, size: float, remedy: str, *, grows: bool) -> FaultT
 def interrupted(at_s: float, remedy: str) -> FaultText:
     """Return the message that samples are missing in a decay at a time [s], and its remedy."""
     return FaultText(
-        f"At {at_s:.3g} s a sample does not follow from those before it: samples are missing "
-        "there, or it was hit again.",
+        f"At {at_s:.3g} s the motion does not continue: samples are missing, or there was a second "
+        "blow.",
         "A decay has one initial state; this record has two.",
         remedy,
     )
@@ -74,9 +78,9 @@ def interrupted(at_s: float, remedy: str) -> FaultText:
 def steady_line(hz: str, share: float) -> FaultText:
     """Return the message on a line that does not decay [Hz], over the largest response."""
     return FaultText(
-        f"A line at {hz} Hz does not decay; it is {share:.2g} of the largest response.",
-        "Late in the decay it is taken for the mode, and changes frequency and damping.",
-        f"Put under [[test]]: `lines_hz = [{hz}]`, which takes it out, or measure without it.",
+        f"A line at {hz} Hz does not decay; its amplitude is {share:.2g} of the largest response.",
+        "Late in the decay a fit takes it for the mode, which changes frequency and damping.",
+        f"Put under [[test]]: `lines_hz = [{hz}]`, which removes it, or measure without it.",
     )
 
 
@@ -84,7 +88,7 @@ def line_in_sweep(hz: str) -> FaultText:
     """Return the message on a line in a sweep that its drive does not make [Hz]."""
     return FaultText(
         f"A line at {hz} Hz does not come from the drive.",
-        "Where the sweep passes it, it is taken for the response.",
+        "Where the sweep passes this frequency, the line is taken for the response.",
         "Measure without it.",
     )
 
@@ -94,8 +98,8 @@ def second_mode(first_hz: float, second_hz: float, band: tuple[float, float] | N
     structure = "tate both modes by [structure]."
     narrower = None if band is None else f"Put under [[test]]: `band = [{band[0]:g}, {band[1]:g}]`"
     return FaultText(
-        f"`band` holds two modes, at {first_hz:.4g} and {second_hz:.4g} Hz.",
-        "They beat; read as one mode, frequency and damping are those of neither.",
+        f"`band` contains two modes, at {first_hz:.4g} and {second_hz:.4g} Hz.",
+        "The modes beat; read as one mode, they give a wrong frequency and damping.",
         f"S{structure}" if narrower is None else f"{narrower}, or s{structure}",
     )
 
@@ -103,9 +107,9 @@ def second_mode(first_hz: float, second_hz: float, band: tuple[float, float] | N
 def unexplained(share: float) -> FaultText:
     """Share of a response that one mode and no known fault explain."""
     return FaultText(
-        f"One mode leaves {share:.2g} of the response unexplained, and no known fault explains it.",
-        "Frequency and damping that are read from it are those of no mode.",
-        "Look at the record: `band` may hold several modes, or none.",
+        f"One mode does not explain {share:.2g} of the response, and no known fault explains it.",
+        "Frequency and damping read from this response do not belong to a mode.",
+        "Look at the record: `band` may contain several modes, or none.",
     )
 
 

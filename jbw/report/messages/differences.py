@@ -4,14 +4,14 @@ from collections.abc import Mapping, Sequence
 
 from jbw.report.messages.message import listed, percent
 
-NONE_DIFFERS = "No parameter differs significantly (P of 0.995)."
+NONE_DIFFERS = "No parameter differs significantly (P(A > B) is between 0.005 and 0.995)."
 INDEPENDENT = (
-    "P takes the posteriors as independent: it omits errors that both runs share, of a sensor or a "
-    "mass."
+    "P(A > B) takes the posteriors as independent: it does not include errors that both runs "
+    "share, such as those of a sensor or a mass."
 )
 ONE_ASSEMBLY = (
-    "Neither campaign has several assemblies: the scatter of a new tightening is unknown, and may "
-    "cause a significant difference by itself."
+    "Neither campaign has several assemblies: the variation between tightenings is unknown, and "
+    "may alone cause a significant difference."
 )
 SHARES = {True: "the modes have two joints", False: "the modes may share one joint"}
 
@@ -24,13 +24,13 @@ def differs(name: str, difference: str, *, sure: bool) -> str:
 
 def may_be_same(names: Sequence[str]) -> str:
     """Return the message on parameters without a significant difference."""
-    return f"May be the same: {', '.join(names)}."
+    return f"Parameters that may be the same: {', '.join(names)}."
 
 
 def joint_changed(joint: str, chi_square: float, degrees: int) -> str:
     """Return the sentence that a joint has changed, with chi-square of all its parameters."""
     return (
-        f"{joint} has changed: of its parameters together chi-square is {chi_square:.3g} with "
+        f"{joint} has changed: chi-square of all its parameters together is {chi_square:.3g} with "
         f"{degrees} degrees of freedom."
     )
 
@@ -44,8 +44,8 @@ def joints_may_be_same(joints: Mapping[str, float]) -> str:
 def factors_apart(names: Sequence[str]) -> str:
     """Return the sentence that factors on the motion of joints are compared one by one."""
     return (
-        f"A joint is compared by its laws alone; factors on the motion of joints ({listed(names)}) "
-        "are compared one by one."
+        "A joint is compared only by its laws; the factors on the motion of joints "
+        f"({listed(names)}) are compared one by one."
     )
 
 
@@ -59,9 +59,9 @@ def homes_differ(joints: str, first: str, second: str) -> str:
 
 
 def of_prior(names: Mapping[str, Sequence[str]]) -> str:
-    """Return the message on parameters of which a run holds its prior alone, with these runs."""
+    """Return the message on parameters that a run does not identify, with these runs."""
     shown = ", ".join(f"{name} ({' and '.join(runs)})" for name, runs in names.items())
-    return f"Not compared, because the data of a run do not identify it: {shown}."
+    return f"Not compared, because the data of the runs in brackets do not identify it: {shown}."
 
 
 def only_one(names: Sequence[str]) -> str:
@@ -77,10 +77,10 @@ def not_usable(run: str, verdict: str) -> str:
 def inadequate(runs: Sequence[str]) -> str:
     """Return the message that the difference may be one of the records, by model discrepancy."""
     return (
-        f"In {listed(runs)} the residual of the law exceeds the noise. Its parameters then depend "
-        f"on the fitted records and their motion, which no interval includes: the difference may "
-        f"be one of the records. Identify both runs over one range of motion, or with another law: "
-        f"jbw laws."
+        f"In {listed(runs)} the residual of the law exceeds the noise. The parameters then depend "
+        "on which records were fitted and on their amplitudes, which no interval includes: the "
+        "difference may come from the records alone. Identify both runs over the same range of "
+        "motion, or with another law: jbw laws."
     )
 
 
@@ -91,8 +91,8 @@ def records_scatter(spreads: Mapping[str, Mapping[str, float]]) -> str:
         for run, row in spreads.items()
     )
     return (
-        "The records of a run need different parameters; intervals and P include the standard "
-        f"deviation of their mean: {shown}."
+        "The records of a run need different parameters. The intervals and P(A > B) include the "
+        f"standard deviation of the mean over the records: {shown}."
     )
 
 
@@ -102,39 +102,47 @@ def sessions_scatter(spreads: Mapping[str, tuple[str, str]]) -> str:
         f"{run} {omega} of omega_n and {zeta} of zeta" for run, (omega, zeta) in spreads.items()
     )
     return (
-        f"Sessions of a campaign scatter (standard deviations: {shown}): the intervals are those "
-        f"of the means over sessions, and a further assembly may lie as far off."
+        f"The sessions of a campaign vary (standard deviations: {shown}). The intervals are those "
+        "of the means over sessions; another assembly may differ from the mean by as much."
     )
 
 
 def one_joint(ratio: str, a: str, b: str, *, sure: bool) -> str:
     """Return the message on whether two modes may have one joint."""
-    return f"One joint across both modes has one {ratio}; A {a}, B {b}: {SHARES[sure]}."
+    return (
+        f"A joint that both modes share has the same {ratio} in both. "
+        f"A: {a}, B: {b}; {SHARES[sure]}."
+    )
 
 
 def without_backbone(run: str) -> str:
     """Return the message that a run has no frequency and damping against amplitude."""
-    return f"Run {run} lacks the parameters or the displacement for frequency and damping."
+    return (
+        f"Run {run} lacks the parameters or the displacement that are needed to compute frequency "
+        "and damping."
+    )
 
 
 def with_torque(quantity: str, amplitude: str, change: str, word: str) -> str:
     """Return the sentence on the trend of a quantity with torque; an empty `word` is no trend."""
     if not word:
-        return f"At {amplitude} the {quantity} shows no trend with torque: {change} a doubling."
-    return f"At {amplitude} the {quantity} {word} with torque: {change} a doubling."
+        return f"At {amplitude} the {quantity} shows no trend with torque: {change} per doubling."
+    return f"At {amplitude} the {quantity} {word} with torque: {change} per doubling."
 
 
 SCATTER = (
-    "The runs scatter about a line in the logarithm of the torque more than their posteriors "
-    "allow; intervals of the trend include it. Each tightening differs, or the trend is no line."
+    "The runs vary about a straight line in the logarithm of the torque by more than their "
+    "posteriors explain; the intervals of the trend include this variation. Each tightening "
+    "differs, or the trend is not a straight line."
 )
-LEAVE_IT_OUT = "Leave it out, or compare the parameters of two runs: jbw diff A B"
+LEAVE_IT_OUT = "Leave this run out, or compare the parameters of two runs: jbw diff A B"
 NO_TORQUES = (
-    "No trend: the campaigns do not state different torques. State `torque` in [assembly] of each."
+    "A trend with torque cannot be computed: the campaigns do not state different torques. State "
+    "`torque` in [assembly] of each campaign."
 )
 INDEPENDENT_RUNS = (
-    "Intervals take the posteriors as independent: they omit errors that all runs share, of a "
-    "sensor or a mass, and the scatter of a new tightening."
+    "The intervals take the posteriors as independent: they do not include errors that all runs "
+    "share, such as those of a sensor or a mass, nor the variation between tightenings."
 )
 SIDE_BY_SIDE = "Frequency and damping of {} runs, median and 99 % interval"
 TABLE = "Parameters, median and 99 % interval"

@@ -3,19 +3,19 @@
 from collections.abc import Sequence
 
 HEAD = """\
-# Campaign file of jbw. Lines marked CHECK hold what the records do not say.
+# Campaign file of jbw. Check the lines marked CHECK: the records do not state their values.
 # See what jbw makes of it: jbw check campaign.toml
 # Channels are paths, such as group.name: [3] is the fourth item, counted from zero; (4)
 # and {4} are it counted from one, as in MATLAB; [:] takes all; 'a - b' is a difference.
 
 [campaign]"""
-FURTHER = "# Further keys of a [[test]], to be written below its line `kind`:"
+FURTHER = "# More keys of a [[test]]; write them below its line `kind`:"
 NO_RESPONSE = "no channel is named like a response."
 NAME_RECORD = "Name a record, a campaign file, or a folder of either."
 GUESS = "  # CHECK: a guess"
 NO_BAND = "band must be given."
 NO_TONES = "tones must be given."
-RELATIVE = "relative_to_base = true  # CHECK: the response is that relative to the base"
+RELATIVE = "relative_to_base = true  # CHECK: the response was measured relative to the base"
 DWELL = "dwell = 1.0  # CHECK: duration of each step [s]"
 EXAMPLE_BAND = "# band = [5.0, 40.0]  # CHECK: frequencies around the one mode [Hz]"
 EXAMPLE_PLACES = ("1:x", "2:x")
@@ -32,25 +32,25 @@ def several_folders(folders: Sequence[str]) -> tuple[str, str, str]:
     """Return the message that the named records must lie in one folder, and its remedy."""
     return (
         f"Records that are named together must lie in one folder, but lie in {', '.join(folders)}.",
-        "A campaign file names the records beside it.",
-        "Copy them into one folder, or name those of one folder at a time.",
+        "A campaign file names the records of its own folder.",
+        "Copy the records into one folder, or name the records of one folder at a time.",
     )
 
 
 def other_records(path: str) -> tuple[str, str, str]:
     """Return the message that a campaign file has the name of a draft, and other records."""
     return (
-        f"`{path}`, which the campaign of these records would be called, names other records.",
+        f"The campaign file of these records would be `{path}`, but this file names other records.",
         "A campaign file is not overwritten.",
-        f"Name the campaign in their place, `{path}`, or rename it.",
+        f"Name `{path}` instead of the records, or rename this file.",
     )
 
 
 def mass_of_campaign(path: str, mass: str) -> tuple[str, str]:
     """Return the message that `--mass` has no effect on a campaign file that exists already."""
     return (
-        f"Option --mass is for campaigns that are drafted, but `{path}` is there already.",
-        f"State it in the file, under [campaign]: modal_mass = {mass}",
+        f"Option --mass is only for new campaign files, but `{path}` exists already.",
+        f"State the mass in the file, under [campaign]: modal_mass = {mass}",
     )
 
 
@@ -61,7 +61,7 @@ def drafted(path: str) -> str:
 
 def drafted_before(path: str) -> str:
     """Return the message that the campaign of some records is there already."""
-    return f"The records are those of {path}, which is used."
+    return f"The campaign file {path} names these records, and is used."
 
 
 def guessed_kind(kind: str) -> str:
@@ -81,7 +81,7 @@ def check_roles(roles: Sequence[str]) -> str:
 
 
 def not_used(channels: str) -> str:
-    """Return the message on channels that are not drafted."""
+    """Return the message that names the unused channels."""
     return f"# not used: {channels}"
 
 
@@ -101,7 +101,7 @@ def about_shared(low: float, high: float) -> str:
 
 
 def more_groups(count: int) -> str:
-    """Return the message on groups of a file that are not drafted."""
+    """Return the message that counts the groups of a file that are not drafted."""
     return f"# {count} more groups like these are in the file.\n"
 
 
@@ -123,10 +123,10 @@ def of_one_torque(torque: str) -> str:
 def torques(patterns: Sequence[str]) -> str:
     """Return the message that files of several torques are drafted as assemblies of one joint."""
     return (
-        "files of several torques are drafted as assemblies of one joint, each with a frequency "
-        "and a damping of its own. Where the joint differs with torque, identify those of each "
-        f"torque by themselves: `jbw identify {patterns[0]}` and so on. `jbw diff` sets their runs "
-        "side by side."
+        "files of several torques are drafted as assemblies of one joint, each with its own "
+        "frequency and damping. If the joint changes with torque, identify the files of each "
+        f"torque separately: `jbw identify {patterns[0]}` and so on. `jbw diff` then compares the "
+        "runs."
     )
 
 
@@ -142,12 +142,12 @@ def delay(delay: str) -> str:
 
 def resampled(rate: str) -> str:
     """Return the message on a rate for times that are not even [Hz]."""
-    return f"resample = {rate}  # CHECK: [Hz]; its times are not even"
+    return f"resample = {rate}  # CHECK: [Hz]; its times are not evenly spaced"
 
 
 def resampled_at(rate: float) -> str:
     """Return the message on a rate that was guessed [Hz]."""
-    return f"resampled at {rate:g} Hz, since its times are not even."
+    return f"resampled at {rate:g} Hz, because its times are not evenly spaced."
 
 
 def assumed_unit(role: str, unit: str) -> str:
@@ -191,8 +191,8 @@ def kind(kind: str, kinds: str) -> str:
 
 
 def separate_files(files: str) -> str:
-    """Return the message on files of the response by themselves."""
-    return f"# where the response lies in files of its own: files = {files}"
+    """Return the message with the line for separate files of the response."""
+    return f"# if the response is in separate files: files = {files}"
 
 
 def slowest(rate: str) -> str:
@@ -201,7 +201,7 @@ def slowest(rate: str) -> str:
 
 
 def doubtful(doubt: str) -> str:
-    """Return the message on a line of what a reader cannot use."""
+    """Return the message on data that the reader cannot use."""
     return f"# CHECK: {doubt}"
 
 
@@ -217,11 +217,11 @@ def check_axes(role: str, channels: str) -> str:
 
 def assumed_time_unit(channel: str, unit: str) -> str:
     """Return the message on a unit of times that the file does not state."""
-    return f"unit of the times {channel} assumed to be {unit}; the sampling frequency hangs on it."
+    return f"unit of times {channel} assumed to be {unit}; the sampling frequency depends on it."
 
 
 def counts_samples(channel: str) -> str:
-    """Return the message on a column that counts samples, beside which no rate is stated."""
+    """Return the message that a column counts samples and no rate is stated."""
     return f"{channel} counts samples, so that the sampling frequency fs must be given."
 
 
@@ -237,28 +237,28 @@ def mean_rate(fs: str) -> str:
 
 def in_volts(role: str) -> str:
     """Return the message on a channel of a sensor that the file states in volts."""
-    return f"{role} is in volts by the file: state the sensitivity of its sensor."
+    return f"{role} is in volts, as the file states: add the sensitivity of its sensor."
 
 
 def sensitivity(sensors: str) -> str:
     """Return the message on the line of sensitivities, to be filled in."""
-    return f"# sensitivity = {sensors}  # CHECK: of the sensor, by its certificate"
+    return f"# sensitivity = {sensors}  # CHECK: of the sensor, from its certificate"
 
 
 def matrices(files: Sequence[str]) -> str:
-    """Return the message on files of a model's matrices beside records."""
+    """Return the message on files with matrices of a model next to the records."""
     return (
         f"{', '.join(files)}: matrices of a model. To identify its joints, fill in the tables "
-        "[structure] and [[joint]], which the draft holds in a comment."
+        "[structure] and [[joint]], which the draft contains as a comment."
     )
 
 
 def matrices_alone(folder: str, files: Sequence[str]) -> tuple[str, str, str]:
     """Return the message on a folder of a model's matrices, without a record."""
     return (
-        f"Folder `{folder}` must hold a record, but holds matrices of a model alone: "
+        f"Folder `{folder}` must contain a record, but contains only matrices of a model: "
         f"{', '.join(files)}.",
-        "Joints are identified from records; the matrices say what each joint does to each mode.",
+        "Joints are identified from records; matrices only state how each mode moves each joint.",
         "Put the records of the structure into this folder.",
     )
 
@@ -268,7 +268,7 @@ def structure(matrices: str, places: Sequence[str], written: Sequence[str]) -> s
     some = ", ".join(places[:6]) + (f", ..., {places[-1]}" if len(places) > 6 else "")
     push, points, across = written
     return f"""\
-Beside the records lies a model, with the places {some or "node:direction, as 17:x"}.
+Next to the records there is a model, with the places {some or "node:direction, as 17:x"}.
 CHECK: to identify its joints, fill in the lines below and remove the `# ` before each of them.
 [structure]
 matrices = {matrices}
@@ -285,5 +285,5 @@ stiffness = 1e6  # CHECK: in full stick [N/m, or N m/rad]
 
 
 def to_export(remedy: str) -> str:
-    """Return the message on what to do about a file that nobody reads."""
-    return f"there is no reader of it. {remedy}"
+    """Return the message on what to do about a file that cannot be read."""
+    return f"this file cannot be read. {remedy}"

@@ -2,22 +2,22 @@
 
 from collections.abc import Sequence
 
-from jbw.report.messages.message import percent
+from jbw.report.messages.message import number, percent
 
 Estimate = tuple[float, float, float]
 """Lower end, median and upper end of an interval."""
 
-HARDENS = "The joint hardens: an elastic stiffness grows with amplitude."
-MORE_DAMPING = ": some of the damping does not soften the joint"
-SLIDERS = ": the data agree with sliders"
+HARDENS = "The joint hardens: its elastic stiffness grows with amplitude."
+MORE_DAMPING = ": a part of the damping does not soften the joint"
+SLIDERS = ": the data agree with a joint of sliders"
 
 
 def of_joint(y: float, frequency: Sequence[float], damping: Sequence[float]) -> str:
     """Return the sentence on the joint's change of frequency and damping at an amplitude [m]."""
     return (
-        f"At {1e3 * y:.3g} mm, the largest displacement fitted, the joint "
-        f"{_change('natural frequency', frequency)} and {_change('damping ratio', damping)}, over "
-        "those at full stick."
+        f"At {1e3 * y:.3g} mm, the largest fitted displacement, the joint "
+        f"{_change('natural frequency', frequency)} and {_change('damping ratio', damping)}, "
+        "compared with small motion, where the joint is fully stuck."
     )
 
 
@@ -41,10 +41,10 @@ def _share(quantiles: Sequence[float]) -> str:
 def known_together(y: float, frequency: float, damping: float) -> str:
     """Return the sentence on frequency and damping (half widths) if parameters trade off."""
     return (
-        f"Their joint effect is identified: at {1000.0 * y:.2g} mm the change of frequency to "
-        f"{percent(frequency, '.0f')} and the damping to {percent(damping, '.0f')} (half of "
-        "the 99 % intervals). Use products and responses, no single parameter, and stay near "
-        "the fitted amplitudes."
+        f"The combined effect of these parameters is identified: at {1000.0 * y:.2g} mm the change "
+        f"of frequency to {percent(frequency, '.0f')} and the damping to {percent(damping, '.0f')} "
+        "(half widths of the 99 % intervals). Use products and responses instead of single "
+        "parameters, and stay near the fitted amplitudes."
     )
 
 
@@ -62,21 +62,21 @@ def turning(y: float, hz: float, last: float) -> str:
     """Return the clause on a frequency that reverses at a point [m, Hz], and its end value [Hz]."""
     first, then = ("falls", "rises") if last > hz else ("rises", "falls")
     return (
-        f"the frequency {first} to {hz:.4g} Hz at {1e6 * y:.3g} um, then {then} to {last:.4g} Hz: "
-        "no power of the amplitude does"
+        f"the frequency {first} to {hz:.4g} Hz at {number(1e6 * y)} um, then {then} to "
+        f"{last:.4g} Hz, which no power of the amplitude describes"
     )
 
 
 def frequency_falls(softening: Estimate, exponent: Estimate) -> str:
     """Return the clause on the change of the frequency and its exponent of the amplitude."""
     change = _trend(_negative(softening), rises="rises", falls="falls")
-    return f"the frequency {change}, as amplitude^{_number(exponent)}"
+    return f"the frequency {change}, with the amplitude to the power {_number(exponent)}"
 
 
 def damping_grows(damping: Estimate, exponent: Estimate) -> str:
     """Return the clause on the change of the damping ratio and its exponent of the amplitude."""
     change = _trend(damping, rises="grows", falls="shrinks")
-    return f"the damping ratio {change}, as amplitude^{_number(exponent)}"
+    return f"the damping ratio {change}, with the amplitude to the power {_number(exponent)}"
 
 
 def _trend(change: Estimate, *, rises: str, falls: str) -> str:
@@ -99,28 +99,30 @@ def readings(count: int, range_mm: tuple[float, float], of_frequency: str, of_da
 
 def no_softening(*, grows: bool) -> str:
     """Return the message that no softening is seen, with damping that grows or without."""
-    likeness = "as with Dahl's law or a damper" if grows else "as of sliders in full stick"
-    return f"No softening is seen to compare the damping with, {likeness}."
+    if grows:
+        return "The damping grows without softening, as with Dahl's law or a damper."
+    return "Neither softening nor a growing damping is detected, as with fully stuck sliders."
 
 
 def elastic_softening(share: Estimate) -> str:
     """Return the message on the share of the softening that dissipates nothing."""
-    return f": {_percent(share)} of the softening is elastic, or of no Masing law"
+    return f": {_percent(share)} of the softening is elastic, or the joint breaks Masing's rule"
 
 
 def masing(ratio: Estimate, of_masing: float, comparison: str, opening: Estimate) -> str:
     """Return the sentence on damping over softening versus Masing's laws, and on gamma/delta."""
     return (
-        f"Damping over softening is {_number(ratio)}; Masing's laws have {of_masing:.2g}"
-        f"{comparison}. For a Bouc-Wen law gamma/delta is {_number(opening)}."
+        f"The ratio of damping to softening is {_number(ratio)}; laws that follow Masing's rule "
+        f"have {of_masing:.2g}{comparison}. For a Bouc-Wen law gamma/delta is {_number(opening)}."
     )
 
 
 def smooth_alternative(spring: Estimate, damper: Estimate) -> str:
     """Return the sentence on a smooth spring [1/(m s^2)] and damper [1/m] that fit as well."""
     return (
-        f"A smooth spring c y|y| of c = {_number(spring)} 1/(m s^2) and a damper c v|v| of "
-        f"c = {_number(damper)} 1/m fit these readings as well: alone they prove no hysteresis."
+        f"A smooth spring c y|y| with c = {_number(spring)} 1/(m s^2) and a damper c v|v| with "
+        f"c = {_number(damper)} 1/m fit these readings as well: the readings alone do not prove "
+        "hysteresis."
     )
 
 
@@ -137,7 +139,7 @@ def threshold(y: Estimate, y_peak: float, rests: str) -> str:
     low, middle, high = y
     place = (
         f"at {1e3 * middle:.2g} mm [{1e3 * low:.2g}, {1e3 * high:.2g}], {middle / y_peak:.2g} "
-        f"[{low / y_peak:.2g}, {high / y_peak:.2g}] of the largest motion"
+        f"[{low / y_peak:.2g}, {high / y_peak:.2g}] times the largest motion"
     )
     if high <= y_peak:
         return f"{place}: reached"

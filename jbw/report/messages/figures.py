@@ -5,13 +5,13 @@ REPEATS_BAND = "99 % band of the repeats"
 REPEATS_MEAN = "measured, mean of the repeats"
 REPEATS_POOLED = "measured, pooled over the repeats"
 LOOP_BAND = "99 % band of the measured loop, from ζ and gain"
-LESS_SECANT = "restoring force less its secant [N/kg]"
+LESS_SECANT = "restoring force minus its secant [N/kg]"
 LINEAR_RESIDUAL = "residual of a linear oscillator"
-PHASE_LESS_MEDIAN = "arg H₃ less median [°]"
+PHASE_LESS_MEDIAN = "arg H₃ minus its median [°]"
 
-DIRECTIONS = "Directions, strongest first, by the fit"
-BEFORE_SAMPLING = "by the fit, before sampling"
-OVER_PRIOR = "standard deviation over the prior's [-]"
+DIRECTIONS = "Directions from the fit, strongest first"
+BEFORE_SAMPLING = "from the fit, before sampling"
+OVER_PRIOR = "standard deviation over that of the prior [-]"
 
 ONE_MODE = "one mode, per unit mass"
 OVER_MODE = "|q / q of the mode| [-]"
@@ -24,21 +24,21 @@ STEP_3_BOX = "Step 3, within the prior box"
 DENSITY = "density over prior density [-]"
 DRAW = "draw n of a chain [-]"
 RUNNING_MEAN = "conv(n) over its last mean [-]"
-TRACES = "traces, one line a chain"
+TRACES = "traces, one line per chain"
 RANKS = "ranks, in twentieths of all draws"
 RANK = "rank among all draws [-]"
 
 DISTANCE = "distance [standard deviations of the posterior]"
-SPEED = "speed, by the slowest parameter"
+SPEED = "speed for the slowest parameter"
 RATE = "effective draws per second [1/s]"
-UNIFORM_RANKS = "99 % of uniform ranks, simultaneous"
+UNIFORM_RANKS = "simultaneous 99 % band of uniform ranks"
 
 MODE = "mode [-]"
-LOSS_SHARE = "share in the joints' losses"
+LOSS_SHARE = "share of the joints' losses"
 ISOMETRIC = ("x and y, isometric", "height, isometric")
-MOTION, FORCE, FORCE_LESS_SECANT = "motion", "force", "force less secant"
-MEDIAN_FREE, MEDIANS_STUCK = "median, shape free", "shape of full stick, at the medians"
-STUCK_SHAPE, FREE_SHAPE = "median, shape of full stick", "shape free, at the medians"
+MOTION, FORCE, FORCE_LESS_SECANT = "motion", "force", "force minus secant"
+MEDIAN_FREE, MEDIANS_STUCK = "median, free mode shape", "stuck mode shape, at the medians"
+STUCK_SHAPE, FREE_SHAPE = "median, stuck mode shape", "free mode shape, at the medians"
 IDENTIFIED, UNIDENTIFIED = "identified", "unidentified"
 
 
@@ -84,15 +84,15 @@ def first_point_amplitude(unit: str) -> str:
 
 
 def fold(mode: str, amplitude: str) -> str:
-    """Return the message on where the backbone of a mode ends."""
+    """Return the message on the amplitude at which the backbone of a mode ends."""
     return f"{mode}: folds over, or turns\ntoo often, at {amplitude}"
 
 
 def loop_areas(count: int, largest: str) -> str:
     """Return the label of the loops in the flow diagram: their number and largest area error."""
-    return f"{count} loops, areas of the model within {largest}"
+    return f"{count} loops, error of the model's areas at most {largest}"
 
 
 def less_mean(parameter: str, reference: str) -> str:
     """Return the title of a panel that compares a parameter's means between samplers."""
-    return f"{parameter}: mean less that of {reference}, bars of two Monte Carlo standard errors"
+    return f"{parameter}: mean minus that of {reference}; bars: two Monte Carlo standard errors"

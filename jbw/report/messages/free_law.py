@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 from jbw.report.messages.message import percent
 
-FREQUENCY = "natural frequency, without a form of the law"
-DAMPING = "damping ratio, without a form of the law"
-LEAST_DAMPING = "least damping ratio under any law of Masing's kind"
-BAND = "99 % without a form"
-TABLE = "Laws by the readings alone"
+FREQUENCY = "natural frequency, without assuming a law"
+DAMPING = "damping ratio, without assuming a law"
+LEAST_DAMPING = "smallest damping ratio of any law that follows Masing's rule"
+BAND = "99 % without a law"
+TABLE = "Scores of laws fitted to the readings alone"
 
 
 def _band(hz: Sequence[float], zeta: Sequence[float]) -> str:
@@ -21,25 +21,32 @@ def _band(hz: Sequence[float], zeta: Sequence[float]) -> str:
 
 def bands(y: float, hz: Sequence[float], zeta: Sequence[float]) -> str:
     """Return the sentence on frequency and damping at the largest amplitude [m] (99 % bands)."""
-    return f"Without a form of the law, the joint has {_band(hz, zeta)} at {1e3 * y:.3g} mm (99 %)."
+    return (
+        f"Without assuming a law, the joint has {_band(hz, zeta)} at {1e3 * y:.3g} mm (99 % bands)."
+    )
 
 
 def bands_beyond(times: float, hz: Sequence[float], zeta: Sequence[float]) -> str:
-    """Return the message on the same beyond the readings."""
-    return f"At {times:g} times that amplitude, which no reading reaches, it has {_band(hz, zeta)}."
+    """Return the sentence on frequency and damping beyond the readings (99 % bands)."""
+    return (
+        f"At {times:g} times the largest amplitude of the readings, the joint has "
+        f"{_band(hz, zeta)} (99 % bands, without assuming a law)."
+    )
 
 
 def masing(rule: str, nats: float, limit: float) -> str:
-    """Return the message on whether damping and stiffness are bound to each other."""
+    """Return the sentence on whether damping and stiffness follow Masing's rule."""
     evidence = f"(evidence {abs(nats):.1f} nats; limit {limit:g})"
     if rule == "broken":
         return (
-            f"Damping is not bound to stiffness by Masing's rule {evidence}: no law of sliders and "
+            f"Damping and stiffness do not follow Masing's rule {evidence}: no law of sliders and "
             "springs alone describes both. Try bouc_wen, or a law with a damper."
         )
     if rule == "holds":
-        return f"Damping is bound to stiffness by Masing's rule {evidence}."
-    return f"The readings do not decide whether Masing's rule holds {evidence}."
+        return f"Damping and stiffness follow Masing's rule {evidence}."
+    return (
+        f"The readings do not decide whether damping and stiffness follow Masing's rule {evidence}."
+    )
 
 
 def least_damping(times: float, zeta: float) -> str:
@@ -53,22 +60,22 @@ def least_damping(times: float, zeta: float) -> str:
 def scattered(times: float) -> str:
     """Return the sentence that no law of the amplitude fits the readings within their errors."""
     return (
-        f"No law of the amplitude describes the readings within their errors: they scatter "
-        f"{times:.2g} times as much. The bands include this scatter."
+        "No function of the amplitude describes the readings within their errors: the readings "
+        f"vary {times:.2g} times as much. The bands include this variation."
     )
 
 
 def gap_sliders(count: int, error: float, gap: float) -> str:
     """Return the sentence on the fit of the force loops by sliders behind gaps, without a law."""
     return (
-        f"Without a form of the law, {count} sliders behind gaps (mean gap {1e3 * gap:.3g} mm) fit "
-        f"the force loops to {percent(error)} of the rms."
+        f"Without assuming a law, {count} sliders behind gaps (mean gap {1e3 * gap:.3g} mm) fit "
+        f"the force loops with an error of {percent(error)} of the rms."
     )
 
 
 def held_out_loop(test: str, error: float, with_own: float) -> str:
     """Return the sentence on how well sliders behind gaps predict a held-out loop."""
     return (
-        f"They predict held-out {test} to {percent(error)} ({percent(with_own)} with a constant "
-        "force of its own)."
+        f"The sliders behind gaps predict the held-out test {test} with an error of "
+        f"{percent(error)} of the rms ({percent(with_own)} with a separate constant force for it)."
     )

@@ -3,30 +3,31 @@
 from jbw.report.messages.message import Message, capital
 
 TRUNCATED = (
-    "The {side} prior bound truncates {name}: {share:.2g %} of its draws lie within {edge:g %} "
-    "of the posterior's 99 % span from the bound."
+    "The {side} prior bound truncates {name}: {share:.2g %} of its draws lie closer to the bound "
+    "than {edge:g %} of the width of the 99 % interval (a uniform posterior has {edge:g %})."
 )
 
 MESSAGES = (
     Message(
         "no_joint",
-        "No joint is detected: at {y:.2g} m, the largest motion fitted, it changes the natural "
-        "frequency by less than {frequency:.2g %} and adds less than {damping:.2g %} of zeta "
-        "to the damping; without it chi-square grows by only {growth:.2g}.",
+        "No joint is detected: a fit without the joint raises chi-square by only {growth:.2g}. At "
+        "{y:.2g} m, the largest fitted motion, the joint changes the natural frequency by less "
+        "than {frequency:.2g %} and adds less than {damping:.2g %} of zeta to the damping.",
         """
         Check: the growth of chi-square when the oscillator is fitted without the joint to the
-        same data with the same weights; more than so many parameters reach by chance at a
-        probability of 1 %. It is made only where the posterior hardly tells the joint's change
-        of the frequency from zero.
+        same data with the same weights; it must exceed what as many parameters reach by chance at
+        a probability of 1 %. The check is made only where the posterior hardly distinguishes the
+        joint's change of the frequency from zero.
 
-        Below the limit, the structure is as well described without the joint. The finding states
+        Below the limit, the structure is described as well without the joint. The finding states
         the largest effect that the joint may have.
 
-        Remedy: drive harder, for a joint in full stick is a spring; or state `laws = []` in
+        Remedy: drive harder, for a joint that is fully stuck is a spring; or state `laws = []` in
         `[joint]`.
         """,
-        remedy="Drive harder; so far the structure is linear. Put under [joint]: `laws = []`.",
-        passed="Without the joint chi-square grows by {growth:.3g}, by chance {least:.3g}.",
+        remedy="Drive harder, or model the structure as linear. Put under [joint]: `laws = []`.",
+        passed="A fit without the joint raises chi-square by {growth:.3g}; without a joint, chance "
+        "alone raises it by at most {least:.3g} (99 %).",
     ),
     Message(
         "at_bound",
@@ -34,61 +35,63 @@ MESSAGES = (
         """
         Check: draws nearer to a prior bound than 1 % of the span of the posterior from its 0.5 %
         to its 99.5 % quantile; a uniform posterior has 1 % of its draws there, more than 1.5 %
-        fail. A lower bound of zero is not checked: the quantity ends there by itself, and an
-        upper limit is a valid result.
+        fail. A lower bound of zero is not checked: the quantity cannot be negative, and an upper
+        limit is a valid result.
 
-        The bound truncates the posterior: its interval is that of the prior, not of the data.
+        The bound truncates the posterior: one end of the interval is given by the prior, not by
+        the data.
 
-        Remedy: widen the bound in `[identify.prior]` if physics allows it, else doubt the model.
+        Remedy: widen the bound in `[identify.prior]` if physics allows it; else check the model.
 
-        A stiffness of the joint that may be as large as the whole stiffness ends there by itself as
-        well: its lower limit is a valid result, and the data identify the products alpha*delta and
+        The stiffness of a joint cannot exceed the whole stiffness. If it may be as large, its
+        lower limit is a valid result, and the data identify the products alpha*delta and
         alpha*gamma.
         """,
-        remedy="{line} If no wider bound makes sense, doubt the model.",
+        remedy="Widen the prior. {line} If no wider bound is physical, check the model.",
         passed="No prior bound truncates a parameter.",
     ),
     Message(
         "at_bound.ends",
-        "The data tell a lower limit of {name}: it may be as large as the stiffness itself.",
-        remedy="Report the products of {name}, which are identified, or measure at higher levels, "
-        "which tell {name} by itself.",
+        "The data determine only a lower limit of {name}, which may be as large as the whole "
+        "stiffness.",
+        remedy="Report the products that contain {name}: they are identified. To identify {name} "
+        "itself, measure at higher levels.",
     ),
     Message(
         "unidentified_joints",
         lambda joints: (
             f"{'Joint' if len(joints) == 1 else 'Joints'} {', '.join(joints)} "
-            f"{'is' if len(joints) == 1 else 'are'} not identified: the effect of "
-            f"{'this joint' if len(joints) == 1 else 'each'} is uncertain by a factor of two or "
-            "more, which does not mean that it is small. The effect of all joints together on each "
-            "mode is identified."
+            f"{'is' if len(joints) == 1 else 'are'} not identified separately: the effect of "
+            f"{'this joint' if len(joints) == 1 else 'each'} on frequency and damping is uncertain "
+            "by a factor of two or more (it need not be small). The effect of all joints together "
+            "on each mode is identified."
         ),
         """
-        Check: of each of several joints, the change of frequency and the damping that it alone
-        makes, in the mode that shows it best; each must be known within a factor of two.
+        Check: for each of several joints, the change of frequency and the damping due to this
+        joint alone, in the mode that shows it best; each must be known within a factor of two.
 
-        Weak motion of one mode tells the sum of what its joints do. Joints are told apart by
-        modes that they move by different amounts: see the matrix B of `jbw check`.
+        At small motion one mode determines only the sum of the effects of its joints. Modes that
+        move the joints by different amounts separate them: see the matrix B of `jbw check`.
 
-        Remedy: sweep a further mode that moves the joint, or let it share the law of another by
-        `same_as`.
+        Remedy: sweep another mode that moves the joint, or let it share the law of another joint
+        by `same_as`.
         """,
-        remedy="Sweep a further mode that moves it, or tie it to another joint by `same_as`.",
-        passed="Every joint is identified by itself.",
+        remedy="Sweep another mode that moves the joint, or tie it to another joint by `same_as`.",
+        passed="Every joint is identified separately.",
     ),
     Message(
         "unidentified",
         lambda names, text, ratio: (
-            f"{capital(text)}: along one direction of {', '.join(names)} the posterior has "
-            f"{ratio:.2f} of the prior's standard deviation."
+            f"{capital(text)}: along one direction of {', '.join(names)} the standard deviation of "
+            f"the posterior is {ratio:.2f} times that of the prior."
         ),
         """
         Check: directions along which the posterior's standard deviation is more than 0.7 times
         the prior's, in logarithms of parameters that cannot be zero, and in the parameters
         themselves.
 
-        The data do not separate these parameters, or hold no information on them. Small motion
-        identifies only alpha*delta and alpha*gamma: the first terms of the loop hold nothing
+        The data do not separate these parameters, or do not constrain them. Small motion
+        identifies only alpha*delta and alpha*gamma: the first terms of the loop contain nothing
         else.
 
         Remedy: report the combination; or add a test at higher amplitude, which `jbw plan DIR`
@@ -96,8 +99,8 @@ MESSAGES = (
         """,
         # No remedy states the posterior's interval: as a prior it would count the data twice.
         remedy="Report the combination, or add tests at higher amplitude (jbw plan). If you know "
-        "{name} from another source, put its range in the place of the present bounds, "
-        "{low:.3g} to {high:.3g}, under [identify.prior].",
+        "{name} from another source, state its range under [identify.prior] instead of the "
+        "present bounds, {low:.3g} to {high:.3g}.",
         passed="The data identify every combination of the parameters.",
     ),
     Message(
@@ -108,12 +111,12 @@ MESSAGES = (
         Check: whether a deep valley separates the draws of a quantity into two modes, each with
         2 % of the draws or more. Modes that overlap in every single quantity are not detected.
 
-        The data allow two answers with the stated weights and their Monte Carlo error. A mean, a
-        standard deviation or an interval of both describes neither.
+        The data allow two answers with the stated weights and their Monte Carlo error. One mean,
+        standard deviation or interval over both describes neither.
 
         Remedy: report each mode with its weight. A test at another level often decides between
         them (`jbw plan DIR`).
         """,
-        remedy="Report each mode with its weight: a mean between them describes neither.",
+        remedy="Report each mode with its weight: a mean over both modes describes neither.",
     ),
 )

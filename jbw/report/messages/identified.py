@@ -8,19 +8,20 @@ GRADES = {
     "known": "Identified (coefficient of variation): {}.",
     "roughly": "Roughly identified: {}.",
     "hardly": "Poorly identified: {}.",
-    "unknown": "Not identified beyond the prior: {}.",
+    "unknown": "Not identified by the data, only limited by the prior: {}.",
 }
 STABLE = (
-    "The prior bounds do not affect the result: bounds a tenth closer move no mean by 0.1 of its \
-standard deviation."
+    "The prior bounds do not affect the result: if a tenth of the prior's range is cut off, every "
+    "mean moves by less than 0.1 of its standard deviation."
 )
-ONE_START = "The fit had one start, which explained the data."
+ONE_START = "The fit was started from one point, and its result explains the data."
 
 
 def directions(learnt: int, total: int) -> str:
     """Return the sentence on how many parameter directions the data constrain beyond the prior."""
     return (
-        f"The data constrain {learnt} of {total} directions of the parameters more than the prior."
+        f"The data constrain {learnt} of {total} combinations of the parameters more tightly than "
+        "the prior does."
     )
 
 
@@ -37,7 +38,10 @@ def with_error(name: str, value: float, sd: float, ratio: float) -> str:
 def tie(product: str, times: float) -> str:
     """Return the message that a product is better identified than its factors."""
     size = f"{times:.0f}" if times >= 10 else f"{times:.2g}"
-    return f"{product} is {size} times more certain than its factors, which trade off."
+    return (
+        f"{product} is {size} times more certain than each of its factors, because errors of the "
+        "factors compensate each other."
+    )
 
 
 def undetermined(names: Sequence[str]) -> str:
@@ -54,30 +58,37 @@ def determined(combinations: Sequence[str], *, logs: bool) -> str:
 
 def follows_bound(name: str, shift: float, bound: str) -> str:
     """Return a parameter with the shift of its mean due to a bound, in standard deviations."""
-    size = "beyond its draws" if shift == float("inf") else f"{shift:.2g} standard deviations"
+    size = (
+        "further than any of its draws"
+        if shift == float("inf")
+        else f"by {shift:.2g} standard deviations"
+    )
     return f"{name} ({size}, {bound})"
 
 
 def box_sensitivity(moves: Sequence[str]) -> str:
-    """Return the message on means that follow the prior's bounds, or that none does."""
+    """Return the message on means that depend on the bounds of the prior, if any."""
     if not moves:
         return STABLE
     return (
-        f"The prior bounds affect the mean of {listed(moves)}: this is its shift for a bound a "
-        f"tenth closer. State bounds that you can defend in [identify.prior], or measure with more "
-        f"motion."
+        "The prior bounds affect the result: if a tenth of the prior's range is cut off at a "
+        f"bound, these means move: {listed(moves)}. State bounds that you can justify in "
+        "[identify.prior], or measure at larger motion."
     )
 
 
 def profile_interval(name: str, ends: Sequence[str]) -> str:
     """Return the message on both ends of the interval of a profile."""
-    return f"The 99 % profile interval of {name} is {' to '.join(ends)}."
+    return f"The 99 % interval of {name} by its profile likelihood is {' to '.join(ends)}."
 
 
 def profile_limit(name: str, limit: float, side: str) -> str:
     """Return the message on the one end that a profile has, "above" or "below"."""
     other = "below" if side == "above" else "above"
-    return f"The profile of {name} bounds it {side} by {limit:.5g} at 99 %, and not {other}."
+    return (
+        f"The profile likelihood limits {name} from {side}, at {limit:.5g} (99 %), but not from "
+        f"{other}."
+    )
 
 
 def profile_open(name: str, bounds: tuple[float, float], rise: float, *, flat: bool) -> str:
@@ -85,69 +96,75 @@ def profile_open(name: str, bounds: tuple[float, float], rise: float, *, flat: b
     shape = "flat" if flat else "open on both sides"
     low, high = bounds
     return (
-        f"The profile of {name} is {shape}: chi-square rises by {rise:.2g} at most between the "
-        f"prior bounds {low:.4g} and {high:.4g}, because other parameters compensate."
+        f"The profile likelihood of {name} is {shape}: between the prior bounds {low:.4g} and "
+        f"{high:.4g} chi-square rises by at most {rise:.2g}, because other parameters compensate."
     )
 
 
 def profile_refused(name: str, count: int) -> str:
-    """Return the message on how many points of a profile could not be solved."""
-    return f"The profile of {name} is missing {count} points where the model cannot be solved."
+    """Return the message on the points of a profile that could not be solved."""
+    points = "1 point" if count == 1 else f"{count} points"
+    return (
+        f"The profile likelihood of {name} lacks {points}, at which the model could not be solved."
+    )
 
 
 def better_fit(gain: float) -> str:
     """Return the message that a profile found a better fit than the fit had."""
     return (
-        f"The profiles found a better fit, chi-square lower by {gain:.3g}: the fit had not "
-        "converged."
+        "The fit had not converged: the profile likelihoods contain a better fit, whose "
+        f"chi-square is lower by {gain:.3g}."
     )
 
 
 def waterfall(total: int, near: int) -> str:
-    """Return the message on how many starts of the fit found its optimum."""
+    """Return the message on the number of starts of the fit that reached the optimum."""
     if total == 1:
         return ONE_START
     if near == 1:
         return (
-            f"Only one of {total} starts of the fit reached the lowest cost: a lower one may exist."
+            f"Only 1 of {total} starts of the fit reached the lowest cost: a better fit may exist."
         )
-    return f"{near} of {total} starts of the fit ended within 1 % of the lowest cost."
+    number = f"All {total}" if near == total else f"{near} of {total}"
+    return f"{number} starts of the fit ended within 1 % of the lowest cost."
 
 
 def costs(shown: Sequence[str]) -> str:
     """Return the sentence on the final costs of the fit from all starts."""
     if len(set(shown)) == 1:
-        return f"All {len(shown)} starts of the fit ended at a cost of {shown[0]}."
-    return f"Costs from the starts of the fit, lowest first: {', '.join(shown)}."
+        number = {1: "The only start", 2: "Both starts"}.get(len(shown), f"All {len(shown)} starts")
+        return f"{number} of the fit ended at a cost of {shown[0]}."
+    failed = " (none: the fit failed)" if "none" in shown else ""
+    return f"Final costs of the fit from its starts, lowest first{failed}: {', '.join(shown)}."
 
 
 COLUMNS: Mapping[str, str] = {
     "direction_text": "combination",
-    "direction_information": "information over the prior's",
+    "direction_information": "information over that of the prior",
     "direction_ratio": "standard deviation over the prior's, by the fit",
     "loadings": "share of each parameter, in prior standard deviations",
     "cost": "cost reached from a start",
     "relative": "standard deviation over value, by the fit",
     "ratio": "standard deviation over the prior's, by the fit",
     "contraction": (
-        "1 less the variance of the draws over the prior's, of logarithms of what is positive"
+        "1 less the variance of the draws over that of the prior, of logarithms of positive ones"
     ),
     "shift": (
-        "largest move of the mean by a tenth less of the prior's range, in posterior standard "
-        "deviations"
+        "largest move of the mean when a tenth of the prior's range is cut off, in posterior "
+        "standard deviations"
     ),
-    "profile_value": "value held",
-    "profile_chi_square": "rise of chi-square, the others free",
-    "profile_interval": "99 % interval by the profile",
+    "profile_value": "fixed value",
+    "profile_chi_square": "rise of chi-square with the other parameters free",
+    "profile_interval": "99 % interval by the profile likelihood",
 }
 """Variables of the group `identifiability` of posterior.nc."""
 
 CONTRACTION = (
-    "1 less the variance of the draws over the prior's, of logarithms where values are positive; "
-    "100 % is identified, 0 % is the prior"
+    "1 less the variance of the draws over that of the prior, of logarithms where values are "
+    "positive; 100 %: identified by the data, 0 %: unchanged from the prior"
 )
 FOLLOWS = (
-    "the largest move of the posterior mean when a tenth of the prior's range is cut off at either "
-    "end; a parameter that is its prior moves by 0.17"
+    "the largest move of the posterior mean, in standard deviations, when a tenth of the prior's "
+    "range is cut off at either end; a parameter that the data do not constrain moves by 0.17"
 )
-OF_THE_FIT = "The fit's numbers come from its derivatives and hold near it."
+OF_THE_FIT = "The numbers of the fit come from its derivatives and are valid near its optimum."

@@ -6,8 +6,8 @@ from jbw.report.messages.message import percent
 
 NOT_INCLUDED = (
     "`fs_std` and `gain_std` are not included: the tests have responses or sources of several "
-    "kinds, whose calibrations scale no parameter alone. Identify tests of one kind each in "
-    "campaigns of their own."
+    "kinds, and no single parameter is scaled by their calibrations. Identify the tests of each "
+    "kind in a separate campaign."
 )
 LEFT_OUT = (
     "Intervals exclude the errors of the recorder's clock and of its sensors' calibration, "
@@ -20,38 +20,41 @@ BESIDE_MATRICES = (
 
 
 def with_shaker(drive: str) -> str:
-    """Return the message that every test is driven by one shaker, whose armature moves along."""
+    """Return the message that omega_n and zeta include the armature of the shaker."""
     return (
         f"Every test is driven by {drive}, so that omega_n and zeta are those of the structure "
-        "with its shaker, whose armature moves along."
+        "together with the armature of its shaker."
     )
 
 
 def mode_with_shaker(drive: str, loaded: str, unloaded: str) -> str:
     """Return the message on frequency and damping with a shaker and without."""
-    return f"Driven by {drive} the mode lies at {loaded}, with its shaker; otherwise at {unloaded}."
+    return (
+        f"With the shaker, driven by {drive}, the mode has {loaded}; without the shaker it has "
+        f"{unloaded}."
+    )
 
 
 def attachment(test: str, share: float, added: float, *, at_drive_point: bool) -> str:
     """Return the message on a shaker's attachment: its prediction and its added modal mass."""
-    error = (
-        "and as the drive point is the response itself, with a standard deviation twice as wide, "
+    doubled = (
+        " (doubled, because the drive point is measured by the response channel)"
         if at_drive_point
-        else "with a standard deviation of "
+        else ""
     )
     return (
-        f"The shaker was read on {test}: its attachment predicts omega_n and zeta, "
-        f"{error}{percent(share, '.0f')} of the change. It adds {percent(added, '+.2f')} to "
-        "the modal mass, by which the joint's share of the stiffness differs too; that is "
-        "left out."
+        f"The attachment of the shaker was read from {test}. It predicts how omega_n and zeta "
+        f"change, with a standard deviation of {percent(share, '.0f')} of the change{doubled}. It "
+        f"changes the modal mass by {percent(added, '+.2f')}; the joint's share of the stiffness "
+        "changes by as much, which is neglected."
     )
 
 
 def heavy(limit: float) -> str:
-    """Return the message on what to do where a shaker adds more than so much of the modal mass."""
+    """Return the message with the remedy for a shaker that adds too much to the modal mass."""
     return (
-        f"Beyond {percent(limit, '.0f')} that matters: fit the tests of either drive apart, "
-        "or move the shaker to where the mode moves less."
+        f"An added mass of more than {percent(limit, '.0f')} matters: fit the tests of each drive "
+        "separately, or move the shaker to where the mode moves less."
     )
 
 
@@ -68,7 +71,7 @@ def shaker_reading(
     residual: tuple[float, float],
     moved: str,
 ) -> str:
-    """Return the message on what was read of a shaker.
+    """Return the message on the identified shaker.
 
     Its gain [N/V], the attachment's mass [kg], damping [N s/m] and stiffness [N/m], the residual
     of the force with and without the attachment, and how the modes move.
@@ -90,9 +93,9 @@ def of_clock(error: float) -> str:
 
 def included(errors: Sequence[str], missing: Sequence[str]) -> str:
     """Return the sentence on stated errors that intervals include, and errors not stated."""
-    listed = ", ".join(errors) or "nothing that is read"
+    listed = ", ".join(errors) or "no instrument"
     not_stated = f"; not stated: {', '.join(missing)}" if missing else ""
     return (
-        f"Intervals include the stated errors of {listed}{not_stated}. Bands of predictions are as "
-        "the same instruments would read them."
+        f"Intervals include the stated errors of {listed}{not_stated}. Bands of predictions are "
+        "for measurements with the same instruments."
     )

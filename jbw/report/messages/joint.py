@@ -3,23 +3,25 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from jbw.report.messages.message import number
+
 BOUNDED = "alpha > 0 and delta + gamma >= 0 must hold"
-SAME_CURVES = "only the sum of their virgin curves acts on any motion"
-SAME_EXPONENT = "one equals the other with its exponent at 1"
-EVEN_SQUARE = "`square` is an even one"
+SAME_CURVES = "every motion depends only on the sum of their virgin curves"
+SAME_EXPONENT = "with an exponent of 1 they are the same law"
+EVEN_SQUARE = "`square` is an even spring"
 
 # What a record that stays below a threshold of a law leaves undetermined.
-BEHIND_GAP = "all that is behind the gap"
-STUCK_SLIDER = "its stiffness, except in the sum with others that stick"
+BEHIND_GAP = "the parameters behind the gap"
+STUCK_SLIDER = "its stiffness (the data determine only its sum with other stuck sliders)"
 
 
 def stiffer_than_structure(held: str, stiffness: Any, limit: Any) -> str:
-    """Return the message that the joint's stiffness exceeds what is `held` [1/s^2]."""
+    """Return the message that the joint's stiffness exceeds the limit named by `held` [1/s^2]."""
     return (
         f"The joint is stiffer than the structure: its stiffness must not exceed {held}, but "
-        f"{stiffness:.4g} > {limit:.4g} 1/s^2. Once it slips, nothing holds the structure, and the "
-        "motion runs away. Lower the stiffness of the laws, or raise omega_n, which includes "
-        "that of the joint in full stick."
+        f"{number(stiffness, '.4g')} > {number(limit, '.4g')} 1/s^2. Once the joint slips, nothing "
+        "holds the structure, and the motion runs away. Lower the stiffness of the laws, or raise "
+        "omega_n, which includes the stiffness of the fully stuck joint."
     )
 
 
@@ -43,13 +45,13 @@ OF_PERIODIC_RECORD = "the first harmonic of the periodic record of `simulate`"
 
 
 def law_disagrees(method: str, found: Any, what: str, right: Any) -> str:
-    """Say that a method of a law gives other numbers than another way to them."""
+    """Return the message that a method of a law disagrees with another way to compute it."""
     return f"`{method}` must be {what} {_number(right)}, but is {_number(found)}."
 
 
 def law_fails(method: str, reason: str) -> str:
-    """Say that a law raises an error while it is tried, after a method was."""
-    return f"behind `{method}` it cannot be tried: {reason}"
+    """Return the message that a law raises an error while it is tested, after a method."""
+    return f"it cannot be tested further after `{method}`: {reason}"
 
 
 def _number(value: Any) -> str:
@@ -69,11 +71,11 @@ def unbounded(reason: str, parameters: Mapping[str, Any], remedy: str) -> str:
 def may_diverge(
     conditions: Sequence[str], broken: Sequence[str], parameters: Mapping[str, Any]
 ) -> str:
-    """Return the message on which of the conditions for a bounded z the parameters break."""
+    """Return the message on violated conditions for a bounded hysteretic force."""
     return (
-        f"The joint is bounded for {' and '.join(conditions)}, but {_stated(parameters)} break "
-        f"{' and '.join(broken)}: z may diverge. Check their signs, or keep the input so small "
-        "that it does not."
+        f"The joint is bounded for {' and '.join(conditions)}, but {_stated(parameters)} violate "
+        f"{' and '.join(broken)}: the hysteretic force may diverge. Check the signs of the "
+        "parameters, or keep the input small enough."
     )
 
 
@@ -85,8 +87,8 @@ def prior_unbounded(lowest: float) -> str:
     """Return the message that a prior admits gamma + delta below zero [1/m]."""
     return (
         f"The prior lets gamma + delta fall to {lowest:.4g} 1/m, where the hysteretic force "
-        "grows without bound; draws that diverge count as failed solves. Raise the lower bound "
-        "of gamma above -delta unless that is meant."
+        "grows without bound; draws that diverge count as failed solutions. Raise the lower bound "
+        "of gamma above -delta unless this is intended."
     )
 
 
@@ -94,8 +96,8 @@ def prior_beyond_motion(name: str, least: float, most: float, y_peak: float) -> 
     """Return the message that a prior admits gaps wider than the largest motion [m]."""
     what = f"begins at {least:.3g}" if least >= y_peak else f"reaches {most:.3g}"
     return (
-        f"The prior of {name} {what} m, but the largest motion is {y_peak:.3g} m: a wider gap "
-        "never closes, and hides what is behind it. Lower the bound, or drive harder."
+        f"The prior of {name} {what} m, but the largest motion is {y_peak:.3g} m: a gap wider than "
+        "this never closes, and the joint behind it never acts. Lower the bound, or drive harder."
     )
 
 
@@ -111,13 +113,14 @@ def modes_explained(
     num_modes: int, tests: Sequence[tuple[float, int, float]], is_explained: bool
 ) -> str:
     """Return the sentence on whether joints explain softening and losses: chi-square, dof and p."""
-    rows = "; ".join(
-        f"{what} chi-square {chi_square:.3g} with {degrees} degrees of freedom, p = {p:.2g}"
-        for what, (chi_square, degrees, p) in zip(("softening", "losses"), tests, strict=True)
+    rows = ". ".join(
+        f"{what}: chi-square {chi_square:.3g} with {degrees} "
+        f"degree{'' if degrees == 1 else 's'} of freedom (p = {p:.2g})"
+        for what, (chi_square, degrees, p) in zip(("Softening", "Losses"), tests, strict=True)
     )
     does = "explain" if is_explained else "do not explain"
     return (
-        f"In weak motion these joints {does} the {num_modes} modes that were read one by one: "
+        f"At small motion these joints {does} the separate readings of the {num_modes} modes. "
         f"{rows}."
     )
 
@@ -125,7 +128,7 @@ def modes_explained(
 def indistinguishable(laws: Sequence[str], why: str) -> str:
     """Return the message that no motion tells two laws apart."""
     return (
-        f"The laws {' and '.join(f'`{name}`' for name in laws)} cannot be told apart: "
+        f"The laws {' and '.join(f'`{name}`' for name in laws)} cannot be distinguished: "
         f"{why}. Keep one of them."
     )
 
@@ -134,9 +137,9 @@ def joints_stiffer(largest: float) -> str:
     """Return the message that several joints are stiffer than the structure."""
     return (
         "The joints are stiffer than the structure: no eigenvalue of k_j sum(h p / omega_n^2) "
-        f"must exceed 1, but one is {largest:.4g}. Once they slip, nothing holds the structure, "
-        "and the motion runs away. Lower the stiffness of the laws, or raise omega_n, which "
-        "includes that of all joints in full stick."
+        f"must exceed 1, but one is {largest:.4g}. Once the joints slip, nothing holds the "
+        "structure, and the motion runs away. Lower the stiffness of the laws, or raise omega_n, "
+        "which includes the stiffness of all fully stuck joints."
     )
 
 
@@ -149,5 +152,5 @@ def step_of_mode(hz: float, angle: float, fs: float, substeps: int) -> str:
 
 
 def put_substeps(substeps: int) -> str:
-    """Return the message on how many substeps follow the highest mode."""
+    """Return the message with the number of substeps that resolves the highest mode."""
     return f"Put `substeps={substeps}`, sample the input faster, or leave the mode out."

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from jbw.report.messages.message import percent
+from jbw.report.messages.message import listed, number, percent
 
 # How several modes may be that share no joint, behind the names of the laws.
 OF_EACH_MODE = " of each mode"
@@ -11,11 +11,14 @@ IN_FIRST_MODE = " in the first mode"
 
 def chosen_by_reading(law: str, margins: Sequence[tuple[str, float]]) -> str:
     """Return the message on the law that is chosen if the campaign states none, with margins."""
-    others = ", ".join(f"{name} by {margin:.2g}" for name, margin in margins)
-    best = f"{law} fits the readings best, before {others} (in 2 ln L - k ln n)"
+    others = ", ".join(f"{name} by {number(margin, '.2g')}" for name, margin in margins)
+    reason = (
+        f"it fits the readings best, better than {others} (in 2 ln L - k ln n)"
+        if others
+        else "it suits how the readings change with amplitude"
+    )
     return (
-        "The campaign states no law. How its readings change with amplitude speaks for "
-        f"{f'several laws: {best}' if others else law}. "
+        f"The campaign states no law; {law} is chosen, because {reason}. "
         f'Put under [joint]: `laws = ["{law}"]` to state it.'
     )
 
@@ -27,42 +30,43 @@ def tried_at_joints(
     alike: Sequence[str], own: Sequence[str], num_changed: int, which: str, most: int
 ) -> str:
     """Return the message on which laws were tried where there are several joints."""
-    sentences = [f"Compared with one law at all joints: {', '.join(alike)}."] if alike else []
-    sentences += [f"Compared as the campaign has them: {', '.join(own)}."] if own else []
+    sentences = [f"Compared laws, each at all joints: {', '.join(alike)}."] if alike else []
+    sentences += [f"Compared laws, as the campaign states them: {', '.join(own)}."] if own else []
+    changed = f"In addition {num_changed} combinations were compared, each with"
     sentences += {
-        EVERY: [f"Each law at one joint, the others unchanged: {num_changed} more."],
+        EVERY: [f"{changed} another law at one joint."],
         NONE: [
-            f"One joint at full stick, the others unchanged: {num_changed} more; every law at one "
-            f"joint would be more than {most}."
+            f"{changed} one joint fully stuck (another law at one joint would make more than "
+            f"{most} combinations)."
         ],
-        NEITHER: ["No joint was changed by itself."],
+        NEITHER: ["No combination with another law at one joint was compared."],
     }[which]
     return " ".join(sentences)
 
 
 def best_by_predictions(law: str, num_sessions: int) -> str:
-    """Return the message on the best law, where sessions are enough to compare predictions."""
+    """Return the message on the best law by its predictions of held-out sessions."""
     return f"Best law: {law}, by the predictions of {num_sessions} held-out sessions."
 
 
 def best_by_evidence(law: str, num_sessions: int, needed: int) -> str:
-    """Return the message on the best law where they are too few."""
-    plural = "s do" if num_sessions != 1 else " does"
+    """Return the message on the best law if the sessions are too few to compare predictions."""
+    there_are = f"there are {num_sessions}" if num_sessions != 1 else "there is 1"
     return (
-        f"Best law: {law}, by the evidence alone, which depends on the priors; {num_sessions} "
-        f"session{plural} not suffice to compare predictions, which takes {needed}."
+        f"Best law: {law}, by the evidence alone, which depends on the priors. To compare "
+        f"predictions takes {needed} sessions, but {there_are}."
     )
 
 
 def equivalent(laws: Sequence[str]) -> str:
     """Return the message on laws that the data do not distinguish from the best."""
-    return f"The data do not distinguish it from: {', '.join(laws)}."
+    return f"Laws that the data do not distinguish from the best law: {', '.join(laws)}."
 
 
 WITHIN, OUTWARD, ACROSS = "within", "outward", "across"
 _TARGETS = {
-    OUTWARD: ("tests beyond the fitted amplitudes", "on the highest level, left out,"),
-    ACROSS: ("other kinds of test", "on each kind, predicted from the others,"),
+    OUTWARD: ("tests beyond the fitted amplitudes", "the highest level is left out of the fit"),
+    ACROSS: ("other kinds of test", "each kind is predicted from the others"),
 }
 
 
@@ -73,18 +77,18 @@ def predicted_by(
     tests, score = _TARGETS[target]
     comparison = "" if of_best is None else f", that of {best} {percent(of_best)}"
     return (
-        f"{tests[0].upper()}{tests[1:]} are predicted by {' and '.join(names)}: {score} the error "
+        f"For {tests}, use the predictions of {listed(names)}: when {score}, the prediction error "
         f"of {names[0]} is {percent(error)}{comparison}."
     )
 
 
 def worse(laws: Sequence[str]) -> str:
     """Return the message on laws that the data distinguish from the best."""
-    return f"Significantly worse: {', '.join(laws)}."
+    return f"Laws that are significantly worse than the best law: {', '.join(laws)}."
 
 
 def by_fit_alone(law: str, error: float, best: str, least_error: float, behind: float) -> str:
-    """Return the message on a law whose fit is so poor that nothing else was computed of it."""
+    """Return the sentence on a law whose fit is so poor that nothing else was computed."""
     return (
         f"{law} is judged by its fit alone: its RMS error is {percent(error)} ({best}: "
         f"{percent(least_error)}), its maximum log likelihood {behind:.0f} lower."
@@ -94,13 +98,13 @@ def by_fit_alone(law: str, error: float, best: str, least_error: float, behind: 
 def not_judged(laws: Sequence[str], best: str, khat: float) -> str:
     """Return the message on laws whose scores are too uncertain."""
     return (
-        f"Not judged: {', '.join(laws)}; the score of each, or that of {best}, is unreliable "
-        f"(k-hat above {khat:g}). Draw more samples, or narrow the priors."
+        f"Not judged: {', '.join(laws)}, because the score of each, or that of {best}, is "
+        f"unreliable (k-hat above {khat:g}). Draw more samples, or narrow the priors."
     )
 
 
 def against_repeats(law: str, error: float, floor: float, *, near: bool) -> str:
-    """Return the message on the error of the best law beside the scatter of the mean of repeats."""
+    """Return the sentence on the best law's error compared with that of the mean of repeats."""
     enough = "; the data need no better law" if near else ""
     return (
         f"RMS error of {law}: {percent(error)} of the response; standard error of the mean of the "
@@ -143,7 +147,7 @@ def best_within(law: str, error: float) -> str:
 
 
 def best_beyond(law: str, error: float) -> str:
-    """Return the message on the law that predicts best what moves further than what was fitted."""
+    """Return the message on the law that best predicts tests beyond the fitted motion."""
     return f"Tests beyond the fitted motion: {law} predicts best (RMS error {percent(error)})."
 
 
@@ -171,9 +175,9 @@ def without_offsets(
         else f"{least} would have the smallest error, {percent(least_error)}"
     )
     return (
-        f"Session offsets trade off with softening. Without them, {law} has an RMS error of "
-        f"{percent(error)} (with offsets {percent(with_offsets)}) and {', '.join(parameters)}; "
-        f"{other}."
+        "Session offsets and softening compensate each other. Without session offsets, "
+        f"{law} has an RMS error of {percent(error)} (with offsets {percent(with_offsets)}) and "
+        f"{', '.join(parameters)}; {other}."
     )
 
 
@@ -181,14 +185,14 @@ def wider_priors(changes: Mapping[str, float]) -> str:
     """Return the message on how much the evidence depends on the priors."""
     shown = ", ".join(f"{law} {change:+.1f}" for law, change in changes.items())
     return (
-        f"With priors of the laws' own parameters twice as wide, the log evidence changes by "
-        f"{shown} (-0.7 for every identified parameter; more where a prior bound truncates it)."
+        "If the priors of the laws' parameters are made twice as wide, the log evidence changes: "
+        f"{shown} (by -0.7 for every identified parameter, by more if a prior bound truncates it)."
     )
 
 
 def no_wider_evidence(laws: Sequence[str]) -> str:
     """Return the message on laws whose evidence under wider priors could not be computed."""
-    return f"With these priors the evidence of {', '.join(laws)} could not be integrated."
+    return f"With priors twice as wide, the evidence of {', '.join(laws)} could not be computed."
 
 
 def heading(count: int) -> str:
@@ -197,7 +201,7 @@ def heading(count: int) -> str:
 
 
 def not_distinguished(laws: Sequence[str]) -> str:
-    """Return the message on the end of the page's first sentence."""
+    """Return the message that ends the page's first sentence: equivalent laws."""
     return f", but the data do not distinguish it from {', '.join(laws)}"
 
 
@@ -212,16 +216,16 @@ ANSWERS = {"best": "preferred", "worse": "significantly worse", "not told apart"
 
 BACKBONES = (
     "Frequency and damping ratio against amplitude under each law, the preferred one first, then "
-    "by score, all on the scale of the first; open symbols are readings of each test without a "
-    "joint model, as of a linear oscillator. A law whose band leaves the points on a curve does "
-    "not describe this joint. Grey: beyond the fitted amplitudes."
+    "by score, all on the scale of the first. Open symbols: readings of each test without a model "
+    "of the joint, as of a linear oscillator. If the readings lie outside the band of a law, the "
+    "law does not describe this joint. Grey: beyond the fitted amplitudes."
 )
 LOOPS = (
-    "From above: frequency and damping of all laws in one panel each, the loop of each law, its "
-    "residual along one record, and the error of each session, predicted from the others."
+    "From top to bottom: frequency and damping of all laws in one panel each, the loop of each "
+    "law, its residual along one record, and the error of each session, predicted from the others."
 )
 LOOPS_TITLE = "Loops, residuals and held-out sessions"
-FURTHER = "As above, of lower score."
+FURTHER = "The same curves for laws with lower scores."
 UNJUDGED_TITLE = "Laws that could not be judged"
 LABELS = {
     "backbone": " under each law with its 99 % band; dotted: largest fitted amplitude",
@@ -234,4 +238,4 @@ LABELS = {
     "bar": "; bar: linear oscillator fitted to that session",
     "error_axis": "RMS error over the rms of the record [%]",
 }
-"""Of the figure of laws side by side."""
+"""Labels of the figure of laws next to each other."""

@@ -5,7 +5,10 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 DOWNWARD, OF_SPECTRUM = "downward sweep, 99 % band", "natural frequency, Q = 10"
-IN_BANDS = "parameters, variation between runs, model discrepancy; no noise of a measurement"
+IN_BANDS = (
+    "the uncertainty of the parameters, the variation between runs and the model discrepancy, but "
+    "no measurement noise"
+)
 HERTZ, NUMBER, METRE = {"units": "Hz"}, {"units": "1"}, {"units": "m"}
 
 
@@ -33,14 +36,14 @@ def warnings_of(what: str, y: float, reach: float, most: float, *, withheld: boo
     """Yield what must be known before a prediction of a load is trusted."""
     if reach > most:
         yield (
-            f"{what} moves the joint by {y:.3g} m, {reach:.2g} times the largest displacement that "
-            "was fitted, where nothing shows that the joint follows the law; add a test of that "
-            "level to the campaign and identify again."
+            f"{what} moves the joint by {y:.3g} m, {reach:.2g} times the largest fitted "
+            "displacement. No fitted test shows that the joint follows the law there. Add a test "
+            "of that level to the campaign and identify again."
         )
     if withheld:
         yield (
-            f"{what} has no 99 % band: the law misses more than noise, and no held-out run shows "
-            "how much at this amplitude; fit a test of this level."
+            f"{what} has no 99 % band, because the error of the law exceeds noise, and no run that "
+            "is left out of the fit determines it at this amplitude. Fit a test of this level."
         )
 
 
@@ -76,10 +79,10 @@ def units_of_random(response: Mapping[str, str]) -> dict[str, dict[str, str]]:
 
 LOADS_OR_TESTS = (
     "Predict other loads (--response, --psd, --shock) and tests (--campaign, --test, --sweep, "
-    "--stepped, --tone) by two commands."
+    "--stepped, --tone) by separate commands."
 )
 BASE_NEEDS = "--base needs a load: --response, --psd or --shock."
-RESPONSE_NEEDS = "--response needs --level, and --notch needs both."
+RESPONSE_NEEDS = "--response needs --level, and --notch needs --response and --level."
 
 
 def no_quantity(text: str) -> str:
@@ -89,17 +92,17 @@ def no_quantity(text: str) -> str:
 
 def bare_level(unit: str) -> str:
     """Return the message that the level of a planned test has a unit."""
-    return f"--level of a sweep, of steps or of a tone is in the run's own unit, not in {unit}."
+    return f"State --level of a sweep, steps or a tone in the run's own unit, not in {unit}."
 
 
 def contains(attrs: Mapping[str, Any]) -> str:
     """Return the message on what the bands contain, and which participation a moving base has."""
-    said = f"Bands of 99 % contain {attrs['band']} ({attrs['num_draws']} draws)."
+    said = f"The 99 % bands contain {attrs['band']} ({attrs['num_draws']} draws)."
     if attrs["drive"] != "base":
         return said
     return (
         f"{said} The mode has the participation {attrs['participation']:.4g} and the shape "
-        f"{attrs['shape']:g}; --participation and --shape state others."
+        f"{attrs['shape']:g}; to change them, use --participation and --shape."
     )
 
 
@@ -111,7 +114,7 @@ def in_report(run: str) -> str:
 def earlier_posterior(run: str) -> str:
     """Return the message for predictions that were made with an earlier posterior of the run."""
     return (
-        f"{run}/predictions holds predictions under other loads that were made with an earlier "
+        f"{run}/predictions contains predictions under other loads, made with an earlier "
         "posterior of this run. Predict them again with `jbw predict`."
     )
 

@@ -9,8 +9,8 @@ Estimate = tuple[float, float, float]
 """Lower end, middle and upper end of an interval."""
 
 NO_OSCILLATOR = (
-    "An oscillator there would have no damping, or misses more than half of the response: `band` "
-    "may hold several modes, or none."
+    "The oscillator fitted in this band has no damping, or its error exceeds half of the response: "
+    "`band` may contain several modes, or none."
 )
 
 
@@ -39,17 +39,17 @@ def worn(test: str, cycle: int, change: float) -> str:
     direction = "less" if change < 0 else "more"
     return (
         f"{test}: cycle {cycle} has {percent(abs(change))} {direction} secant stiffness than the "
-        "first of its amplitude."
+        "first cycle of the same amplitude."
     )
 
 
 def not_read(tests: Sequence[str], why: str) -> str:
     """Return the message on tests of which frequency and damping could not be read."""
-    return f"Not read: {', '.join(tests)}. {why}"
+    return f"Frequency and damping were not read from {', '.join(tests)}. {why}"
 
 
 def of_mode(hz: float, sentence: str) -> str:
-    """Return the message on a sentence about one of several modes."""
+    """Return the message that a sentence is about one of several modes."""
     return f"Mode near {hz:.4g} Hz: {sentence}"
 
 
@@ -74,7 +74,7 @@ def change(what: str, size: float, sd: float, power: Estimate | None, unit: str)
 
 
 def turning(what: str, y: float, value: float, change: float) -> str:
-    """Return the message on where a quantity turns round [m], and its value there."""
+    """Return the clause on the amplitude [m] where a quantity reverses, and its value there."""
     first, then = ("falls", "rises") if change > 0 else ("rises", "falls")
     return f"the {what} {first} to {value:.4g} at {1e3 * y:.3g} mm, then {then}"
 
@@ -95,7 +95,7 @@ def one_amplitude(y: float, count: int) -> str:
     """Return the message that readings at one amplitude say nothing of a change."""
     return (
         f"Nonlinear: not assessed, because {_records(count)} at one amplitude ({1e3 * y:.3g} mm) "
-        "show no change with amplitude."
+        "cannot show a change with amplitude."
     )
 
 
@@ -107,9 +107,10 @@ def records_differ(scatter: Sequence[tuple[str, float]], goes_with: str) -> str:
     """Return the sentence on differences of records at equal amplitude, and their likely cause."""
     sizes = " and ".join(f"the {name} by {percent(size)}" for name, size in scatter)
     causes = {
-        "order": "They drift in the order of the records: the joint relaxes, wears or warms up.",
-        "runs": "They go with the stated runs or assemblies.",
-        "": "Torque, day, temperature, the sensor's mass or its place may differ.",
+        "order": "The difference grows with the order of the records: the joint relaxes, wears or "
+        "warms up.",
+        "runs": "The difference is between the stated runs or assemblies.",
+        "": "Torque, day, temperature, or the sensor's mass or place may differ.",
     }
     return (
         f"Records differ at equal amplitude, {sizes} (standard deviation between records). "
@@ -119,14 +120,14 @@ def records_differ(scatter: Sequence[tuple[str, float]], goes_with: str) -> str:
 
 def likely_laws(laws: Sequence[str]) -> str:
     """Return the sentence on the laws that have the measured powers of the amplitude."""
-    return f"Laws with these powers of the amplitude: {', '.join(laws)}."
+    return f"Laws that change with the same powers of the amplitude: {', '.join(laws)}."
 
 
 def between_ends(
     y: Sequence[float], shift: float, half_widths: float, damping: tuple[float, float], kind: str,
 ) -> str:  # fmt: skip
     """Return the message on how the last of single readings differs from the first."""
-    word = f"yes, it {kind}, if records differ in nothing but amplitude" if kind else "not detected"
+    word = f"yes, it {kind}, if the records differ only in amplitude" if kind else "not detected"
     return (
         f"Nonlinear: {word}. From {reach(y)} ({len(y)} readings, too few for an exponent) the "
         f"frequency {'falls' if shift < 0 else 'rises'} by {percent(abs(shift))}, "
@@ -137,17 +138,22 @@ def between_ends(
 
 def onset(y: float, *, is_linear: bool) -> str:
     """Return the sentence on the amplitude [m] from which the change of frequency is certain."""
-    below = "; below, the structure may be taken as linear" if is_linear else ""
-    return f"The change of the frequency is certain (99 %) from {1e3 * y:.3g} mm on{below}."
+    below = "; below it, the structure may be taken as linear" if is_linear else ""
+    return (
+        f"The change of the frequency is certain (99 %) above an amplitude of {1e3 * y:.3g} mm"
+        f"{below}."
+    )
 
 
 def session_scatter(count: int, rows: Sequence[tuple[str, float, float]]) -> str:
     """Return the sentence on standard deviations within and between sessions at one level."""
-    parts = (f"{name} {percent(a)} within, {percent(b)} between" for name, a, b in rows)
-    return f"Scatter in {count} sessions or assemblies at one level: {'; '.join(parts)}."
+    parts = (f"{name} {percent(a)} within, {percent(b)} between them" for name, a, b in rows)
+    return (
+        f"Standard deviations in {count} sessions or assemblies at one level: {'; '.join(parts)}."
+    )
 
 
-# Of one test, behind its name.
+# Sentences on one test, printed after its name.
 def not_assessed(reason: str) -> str:
     """Return the reason why a test's repeats, harmonics or noise are not assessed."""
     return f"not assessed: {reason}"
@@ -156,19 +162,19 @@ def not_assessed(reason: str) -> str:
 def repeats(count: int, scatter: float, floor: float, how: str) -> str:
     """Return the message on how far repeats scatter, as shares of the response, and `how`."""
     return (
-        f"{count} repeats scatter by {of_response(scatter)} of the response, {how}; their mean "
-        f"shows no effect below {of_response(floor)}."
+        f"{count} repeats vary by {of_response(scatter)} of the response, {how}; their mean "
+        f"cannot show effects below {of_response(floor)}."
     )
 
 
-AS_NOISE = "as noise does"
+AS_NOISE = "which noise explains"
 
 
 def more_than_noise(noise: float, p: float, size: float) -> str:
     """Return the phrase that repeats differ by more than noise, with its p-value."""
     return (
-        f"more than noise of {of_response(noise)} does: size, start or pace differ (p = {p:.0e}), "
-        f"the size by {of_response(size)}"
+        f"more than the noise of {of_response(noise)}: their amplitude, start time or speed "
+        f"differs (p = {p:.0e}), the amplitude by {of_response(size)}"
     )
 
 
@@ -184,8 +190,8 @@ def harmonics(listed: Sequence[str], residual: float) -> str:
             f"no harmonic exceeds the residual of the fit, {of_response(residual)} of the response."
         )
     return (
-        f"harmonics over the largest response: {', '.join(listed)}; residual of the fit "
-        f"{of_response(residual)}."
+        f"largest harmonics, relative to the largest response: {', '.join(listed)}; residual of "
+        f"the fit {of_response(residual)}."
     )
 
 
@@ -193,7 +199,7 @@ def distortion(noise: float, nonlinear_share: float, num_realisations: int) -> s
     """Return the sentence on noise and nonlinear distortion of the best linear approximation."""
     return (
         f"noise is {of_response(noise)} of the best linear approximation; nonlinear distortion is "
-        f"{of_response(nonlinear_share)} of it in one of {num_realisations} realisations."
+        f"{of_response(nonlinear_share)} of it in a single one of {num_realisations} realisations."
     )
 
 
@@ -205,14 +211,17 @@ def noise_of_periods(noise: float, num_periods: int) -> str:
 def idle_lines(shares: Sequence[tuple[str, float]], noise: float) -> str:
     """Return the sentence on the response at even and odd lines without excitation, and noise."""
     listed = ", ".join(f"{name} lines {of_response(share)}" for name, share in shares)
-    return f"lines without excitation, over those with it: {listed}; noise {of_response(noise)}."
+    return (
+        f"response at lines without excitation, relative to excited lines: {listed}; noise "
+        f"{of_response(noise)}."
+    )
 
 
 def coherence_of_noise(hz: float, coherence_mean: float) -> str:
     """Return the sentence on the coherence at resonance under random noise."""
     return (
-        f"coherence at the resonance ({hz:.4g} Hz) is {coherence_mean:.3f}; below 1 it shows "
-        "noise, a window too short, or distortion."
+        f"coherence at the resonance ({hz:.4g} Hz) is {coherence_mean:.3f}; a value below 1 shows "
+        "noise, too short a window, or distortion."
     )
 
 

@@ -6,11 +6,11 @@ from jbw.report.messages.message import FaultText, percent
 def degrading(amplitude: float, number: int, change: float, keep: str, *, falls: bool) -> FaultText:
     """Return the message that the force changes over equal cycles, and how to keep the last."""
     return FaultText(
-        f"Cycles of {amplitude:.3g} m differ: from the second to number {number} the force "
-        f"{'falls' if falls else 'rises'} by {percent(change, '.0f')}.",
+        f"Cycles of the amplitude {amplitude:.3g} m differ: from cycle 2 to cycle {number} the "
+        f"force {'falls' if falls else 'rises'} by {percent(change, '.0f')}.",
         "The joint changes as it is loaded; most laws give equal cycles the same loop.",
-        f"{keep}, its last cycles, and give other states tests and assemblies of their own; or fit "
-        "its wear with the law `bwbn`.",
+        f"{keep}, which keeps its last cycles, and make separate tests and assemblies of its other "
+        "states; or fit the wear with the law `bwbn`.",
     )
 
 
@@ -19,7 +19,7 @@ def lopsided(ratio: float, *, positive: bool) -> FaultText:
     return FaultText(
         f"The joint is {ratio:.2g} times as strong on the "
         f"{'positive' if positive else 'negative'} side as on the other.",
-        "Every law but `square` gives both sides the same force.",
+        "Every law except `square` gives both sides the same force.",
         "A fit averages both sides; add the law `square` to the campaign's laws to fit a small "
         "difference.",
     )
@@ -30,16 +30,16 @@ def off_centre(offset: float, drift: float) -> FaultText:
     return FaultText(
         f"The force begins {percent(offset, '.1f')} of its half range away from zero and moves by "
         f"{percent(drift, '.1f')} of it along the record.",
-        "The zero of the load cell is off, or drifts; a law takes it for a force of the joint.",
-        'Put under [[test]]: `load_cell = "drift"`; "offset" where it cannot drift.',
+        "The load cell has an offset or drifts; a fit takes this for a force of the joint.",
+        'Put under [[test]]: `load_cell = "drift"`; or "offset" if the load cell cannot drift.',
     )
 
 
 def late(lag: float, delay: float) -> FaultText:
     """Return the message that the force lags the displacement [s], and the whole delay [s]."""
     return FaultText(
-        f"The force is {lag:.3g} s late against the displacement.",
-        "A lag makes a loop narrower, by an energy that no law of a joint has.",
+        f"The force lags the displacement by {lag:.3g} s.",
+        "The lag makes the loop narrower, by an energy that no law of a joint describes.",
         f"Put under [[test]]: `delay = {delay:.4g}`, or give both channels the same filter.",
     )
 
@@ -47,11 +47,11 @@ def late(lag: float, delay: float) -> FaultText:
 def high_passed(time_constant: float) -> FaultText:
     """Return the message on the time constant of a charge amplifier before a force [s]."""
     return FaultText(
-        f"The force falls back to zero with a time constant of {time_constant:.3g} s, as behind "
-        "the high-pass of a charge amplifier.",
-        "It leads the displacement, which makes a loop wider.",
-        "Measure the force with a strain gauge load cell, or with the amplifier's long time "
-        "constant.",
+        f"The force falls back to zero with a time constant of {time_constant:.3g} s, as after the "
+        "high-pass filter of a charge amplifier.",
+        "The force then leads the displacement, which makes the loop wider.",
+        "Measure the force with a strain gauge load cell, or with a longer time constant of the "
+        "amplifier.",
     )
 
 
@@ -67,8 +67,8 @@ def slipped(size: float, at_s: float, keep: str) -> FaultText:
 def free_travel(gap: float, amplitude: float, laws: str) -> FaultText:
     """Return the message on free travel and amplitude of a joint [m], and laws with a gap."""
     return FaultText(
-        f"The joint travels freely over {2e3 * gap:.3g} of {1e3 * amplitude:.3g} mm and is "
-        "stiff beyond: a gap between two contacts.",
-        "No law of the campaign has a gap; a cubic spring bends where a contact kinks.",
+        f"The joint moves freely over {2e3 * gap:.3g} mm, at an amplitude of "
+        f"{1e3 * amplitude:.3g} mm, and is stiff beyond that: it has a gap between two contacts.",
+        "No law of the campaign has a gap; a cubic spring is smooth where a contact has a kink.",
         f"Put under [joint]: `laws = [{laws}]`.",
     )

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 WITHOUT_GAPS = "Number the degrees of freedom without gaps, or reduce the model in its own program."
-AS_SPARSE = "Save it as a sparse matrix, or reduce the model in its own program."
+AS_SPARSE = "Save a sparse matrix instead, or reduce the model in its own program."
 ROWS_OF_DOFS = "Write a line `row,node,direction` for each row of the matrices, such as `1,17,x`."
 
 
@@ -33,8 +33,8 @@ def shown(matrices: str, dofs: int, nodes: int) -> str:
 def asymmetric(name: str, error: float, first: str, second: str) -> str:
     """Return the message on a matrix that is symmetric but for round-off of its file."""
     return (
-        f"{name} is symmetric to {error:.1e} only, at {first} and {second}; its symmetric part is "
-        "taken."
+        f"{name} is symmetric only to {error:.1e} (at {first} and {second}); its symmetric part is "
+        "used."
     )
 
 
@@ -50,7 +50,7 @@ def coupled_damping(first: int, second: int, share: float) -> str:
     """Return the message on modes that the damping matrix couples."""
     return (
         f"The damping matrix couples modes {first} and {second} by {100 * share:.3g} % of their "
-        "own damping; its off-diagonal part is left out."
+        "own damping; this coupling is neglected."
     )
 
 
@@ -58,15 +58,15 @@ def dashpots(by_joint: Mapping[str, float]) -> str:
     """Return the message on dashpots across joints that a damping matrix contains [N s/m]."""
     dampings = ", ".join(f"{d:.4g} N s/m across {name}" for name, d in by_joint.items())
     return (
-        "The damping matrix is one of mass and stiffness beside dashpots at the joints: "
-        f"{dampings}. A `Structure` has them as they are; an identification has their part of each "
-        "mode's damping ratio alone."
+        "The damping matrix is a sum of terms proportional to mass and stiffness, and of dashpots "
+        f"at the joints: {dampings}. A `Structure` contains these dashpots; an identification "
+        "includes only their part of each mode's damping ratio."
     )
 
 
 def damping_of_joints(note: str) -> str:
     """Return the message on where damping of joints belongs."""
-    return f"{note} Damping of the joints themselves belongs into their laws."
+    return f"{note} Describe damping of the joints themselves by their laws."
 
 
 def massless(count: int) -> str:
@@ -87,6 +87,6 @@ def inseparable(
 ) -> str:
     """Return the message on joints with nearly parallel columns of B."""
     return (
-        f"Joints `{first}` and `{second}` are not told apart by {modes} {numbers}: their columns "
-        f"of B are {angle} degrees apart ({likeness})."
+        f"Joints `{first}` and `{second}` are not distinguished by {modes} {numbers}: their "
+        f"columns of the matrix B are {angle} degrees apart ({likeness})."
     )

@@ -66,8 +66,14 @@ def page(message: Message) -> str:
 
 
 def percent(ratio: float, digits: str = ".2g") -> str:
-    """Return the message on a ratio in per cent: 0.0734 as "7.3 %"."""
-    return f"{100 * ratio:{digits}} %"
+    """Return a ratio in per cent, without a power of ten if it is large: 0.0734 as "7.3 %"."""
+    return f"{number(100 * ratio, digits)} %"
+
+
+def number(value: float, digits: str = ".3g") -> str:
+    """Return a number as people write it, without a power of ten if it is large: 334, not 3e+02."""
+    text = f"{value:{digits}}"
+    return f"{value:.0f}" if "e+" in text and abs(value) < 1e6 else text
 
 
 def listed(names: Any) -> str:

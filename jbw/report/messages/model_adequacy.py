@@ -7,15 +7,19 @@ from jbw.report.messages.message import Message, capital, percent
 
 OFFSETS = "The offset of the {quantity}"
 TREND = (
-    "on the amplitude of the {count} sessions: from the smallest to the largest it changes by "
-    "{change:+.2g} +- {std:.1g} {unit} (p = {p:.1g})."
+    "on the amplitude of the {count} sessions: from the smallest to the largest amplitude the "
+    "offset changes by {change:+.2g} +- {std:.1g} {unit} (p = {p:.1g})."
 )
 
 GRADES = {
     "ok": "is predictive", "usable": "is approximate", "failed": "is not predictive",
     "not assessed": "is not assessed",
 }  # fmt: skip
-TO = {"repeats": ", to the scatter of repeats", "noise": ", to the noise", "": ""}
+TO = {
+    "repeats": ", as small as the variation between repeats",
+    "noise": ", as small as the noise",
+    "": "",
+}
 
 
 def grade(
@@ -26,13 +30,43 @@ def grade(
     one = count == 1
     tests = "the held-out test" if one else f"{count} held-out tests"
     most = "" if one else f" (at most {percent(worst)})"
-    text = f"The law {GRADES[status]}: it misses {tests} by {percent(error)} of the rms{most}"
-    text += TO[to]
+    text = f"The law {GRADES[status]}: its RMS error on {tests} is {percent(error)} of the rms"
+    text += most + TO[to]
     if linear == linear:
-        text += f"; the best linear oscillator misses {percent(linear)}"
+        text += f"; that of the best linear oscillator is {percent(linear)}"
     if coverage == coverage:
-        text += f"; the 99 % bands hold {percent(coverage, '.3g')} of the values"
+        text += f"; the 99 % bands contain {percent(coverage, '.3g')} of the values"
     return f"{text}."
+
+
+def correlated(
+    coloured: int, count: int, test: str, error: float, correlation: float, counted: float
+) -> str:
+    """Return the sentence on correlated residuals, with the test that shows it most."""
+    worst = f"lag-one autocorrelation {correlation:.2f}, RMS error {percent(error)}"
+    if coloured == 0:
+        return f"The residual of no test is correlated; the largest is that of {test}: {worst}."
+    if count == 1:
+        text = f"The residual of {test} is correlated: {worst}"
+    else:
+        noun, verb = ("residual", "is") if coloured == 1 else ("residuals", "are")
+        text = (
+            f"The {noun} of {coloured} of {count} tests {verb} correlated, most strongly that of "
+            f"{test}: {worst}"
+        )
+    return (
+        f"{text}. So that intervals do not become too narrow, {percent(counted)} of its values "
+        "count as independent."
+    )
+
+
+def repeatability(count: int, test: str, error: float, scatter: float) -> str:
+    """Return the sentence on a residual compared with the variation between repeats."""
+    worst = "" if count == 1 else f" (the worst of {count} tests)"
+    return (
+        f"The residual of {test} is {percent(error)}, the standard deviation between its repeats "
+        f"{percent(scatter)}{worst}; the residual must not be larger than that."
+    )
 
 
 MESSAGES = (
@@ -44,19 +78,21 @@ MESSAGES = (
         Errors are root mean squares over that of the test.
 
         *Predictive*: the error of all these tests together is at most 5 % (or `predictive` of
-        [identify]), of none more than twice as much, and the 99 % bands hold at least 95 % of
-        their values. *Approximate*: at most 25 %, and 0.6 times the error of the best linear
-        oscillator, and bands that hold 95 %. *Not predictive*: else. The error may be what noise
-        makes: where the fit leaves white residuals, or misses no more than 1.25 times the scatter
-        of repeats, "to the noise" or "to the scatter of repeats" is added, the linear oscillator
-        need not be beaten, and an error above 25 % is not assessed.
+        [identify]), the error of no test is more than twice as much, and the 99 % bands contain at
+        least 95 % of the values. *Approximate*: the error is at most 25 % and at most 0.6 times
+        that of the best linear oscillator, and the bands contain 95 %. *Not predictive*: all
+        other cases. The error may come from noise alone: where the residuals of the fit are white,
+        or are at most 1.25 times the variation between repeats, the sentence adds "as small as the
+        noise" or "as small as the variation between repeats". The law then need not beat the
+        linear oscillator, and an error above 25 % is not assessed.
 
-        The grade answers whether the law follows the data; other findings on the law say what it
-        misses. Without a held-out test they answer themselves.
+        The grade answers whether the law follows the data; other findings on the law describe its
+        errors. Without a held-out test, those findings alone answer the question.
 
-        Remedy: try other laws (`jbw laws`), or fit tests over the amplitudes that are wanted.
+        Remedy: try other laws (`jbw laws`), or fit tests over the amplitudes that you need.
         """,
-        remedy="Hold out tests that are louder than the noise, or try another law. {another_law}",
+        remedy="Hold out tests whose response is well above the noise, or change the law. "
+        "{another_law}",
     ),
     Message(
         "chi_square",
@@ -71,46 +107,45 @@ MESSAGES = (
 
         Remedy: see coloured_residual; check that repeats are separate measurements.
         """,
-        remedy="Check that every repeat is a measurement of its own; else compare laws: jbw laws.",
+        remedy="Check that every repeat is a separate measurement; if so, compare laws: jbw laws.",
     ),
     Message(
         "coloured_residual",
-        "The residuals of {coloured} of {count} tests are coloured, most of all that of {test}: "
-        "RMS error {error:.2g %}, lag-one autocorrelation {correlation:.2f}. So that intervals do "
-        "not become too narrow, {counted:.2g %} of its values count as independent.",
+        correlated,
         """
         Check: the lag-one autocorrelation of the residual; below 0.2, and below 3 / sqrt(n),
         which white noise of n values exceeds by chance only.
 
-        White noise has no autocorrelation. A coloured residual is model discrepancy: of the
-        joint's law, of a second mode, of a filter. The likelihood then counts an effective
+        White noise has no autocorrelation. A correlated residual shows a model discrepancy: of
+        the joint's law, of a second mode, of a filter. The likelihood then counts an effective
         number of samples, so that the covariance of least squares equals that caused by such a
         residual (`model_error = "none"` takes the law as exact instead). Intervals then do not
         become too narrow; a bias of the parameters by the discrepancy may still exceed them.
 
         Where the residual of every test is at most 5 %, this finding, `repeatability` and
-        `chi_square` are *usable*: the law is wrong by its residual and may be used within it.
+        `chi_square` are *usable*: the residual is the error of the law, and the law may be used
+        where that error is acceptable.
 
         Remedy: try other laws (`jbw laws`), fit fewer levels (`hold_out`), restrict the `band`;
         or accept the discrepancy and quote its size.
         """,
-        remedy="The law is inadequate, or a second mode lies in the band. {another_law}",
+        remedy="Check whether the band contains a second mode; if not, the law is inadequate. "
+        "{another_law}",
     ),
     Message(
         "repeatability",
-        "Residual and scatter of the repeats, the worst of {count}: {test}, {error:.2g %} against "
-        "{scatter:.2g %}; it must be no larger.",
+        repeatability,
         """
-        Check: the residual of the mean of every test's repeats beside the scatter of a single
-        repeat about that mean; the residual must not be larger.
+        Check: the residual of the mean of every test's repeats, compared with the standard
+        deviation of a single repeat about that mean; the residual must not be larger.
 
-        A law with a residual of 8 % for records whose repeats scatter by 3 % predicts a record
-        worse than another repeat does. A law may pass this check and still have a coloured
+        A law with a residual of 8 % for records whose repeats vary by 3 % predicts a record
+        worse than another repeat does. A law may pass this check and still have a correlated
         residual, which many repeats reveal.
 
         Remedy: see coloured_residual; or accept the law and quote its error.
         """,
-        remedy="Quote this as the error of the law. {another_law}",
+        remedy="Quote this residual as the error of the law. {another_law}",
     ),
     Message(
         "cause",
@@ -119,12 +154,12 @@ MESSAGES = (
         ),
         """
         Check: where the residual exceeds the noise, the usual mistakes, each by one Gauss-Newton
-        step beside the parameters: a delayed response, a test with its sign reversed or in
+        step together with the parameters: a delayed response, a test with its sign reversed or in
         another unit, swapped channels, a constant offset, clipped values, the response of modes
-        outside the band, one more mode in the band, a natural frequency of every test's own.
+        outside the band, one more mode in the band, a separate natural frequency for each test.
 
         A cause that would explain more than half of the residual becomes this finding, with its
-        size; causes that would explain a tenth or more stand among the statements of the
+        size; causes that would explain a tenth or more are listed among the statements of the
         posterior. The check shows what *would* explain the residual: a law that does not suit
         the joint may look like tests whose natural frequencies differ.
 
@@ -140,32 +175,34 @@ MESSAGES = (
         depend on the size of the motion: a weighted slope over five sessions or more, by
         Student's t at a probability of 0.5 %.
 
-        Sessions and assemblies scatter at random. Offsets that rise or fall with the motion are
-        the error of the law's amplitude dependence, and the offsets hide it: the intervals are
-        then those of a law that does not hold.
+        Sessions and assemblies vary at random. Offsets that rise or fall with the motion are an
+        error of the law's dependence on amplitude, and the offsets hide it: the intervals are
+        then those of a wrong law.
 
         Remedy: the law that the finding names, or `jbw laws`; `offsets = "none"` shows the
         residual without offsets. If levels were measured in rising order while the structure
         warmed up, measure them once in another order.
         """,
-        remedy="This is an error of the law, and no scatter of sessions. {another_law}",
+        remedy="Change the law: its dependence on amplitude is wrong; offsets of sessions alone "
+        "would vary at random. {another_law}",
         passed=f"{OFFSETS} does not depend {TREND}",
     ),
     Message(
         "misfit",
-        "Largest residual of a fitted record: {error:.2g %} of {test}; it must be less than "
-        "{limit:.0f %}.",
+        "The largest residual of a fitted record is {error:.2g %} of its rms ({test}); it must be "
+        "less than {limit:.0f %}.",
         """
-        Check: the residual of the best decay for every fitted record.
+        Check: the residual of every fitted record, for the decay that fits it best.
 
         Remedy: check `band` for a second mode, and `settle`.
         """,
-        remedy="Doubt the band (a second mode), `settle`, or the law. {another_law}",
+        remedy="Check whether the band contains a second mode, and check `settle`; if both are "
+        "right, the law is inadequate. {another_law}",
     ),
     Message(
         "leave_one_out",
-        "Without {test} the estimate of {name} moves by {moves:.1f} standard deviations of such a "
-        "change, the most of all sessions; it must be below {limit:g}.",
+        "A fit without {test} changes {name} by {moves:.1f} standard deviations of such a change, "
+        "the largest change by any session; it must be below {limit:g}.",
         """
         Check: the change of the fit without each session, in standard deviations of such a
         change by chance; below 4.
@@ -176,129 +213,135 @@ MESSAGES = (
         Remedy: `hold_out` the levels that the law does not cover; name `run` and `assembly`
         where days differ.
         """,
-        remedy="The sessions contradict each other: hold this one out by `hold_out`, or doubt the "
-        "law. {another_law}",
+        remedy="Hold this session out by `hold_out`, or change the law: the sessions contradict "
+        "each other. {another_law}",
     ),
-    Message("leave_one_out.none", "No single session adds information to the others."),
+    Message(
+        "leave_one_out.none", "Leaving any single session out of the fit loses no information."
+    ),
     Message(
         "records_apart",
         lambda count, name, scatter, others, within, beyond: (
-            f"Fitted each by itself, the {count} records scatter by {percent(scatter)} of "
-            f"{name}{_others(others)} beyond their own errors. The 99 % interval of {name} is "
-            f"+-{percent(within)} for a law that holds in all of them; for other records like "
-            f"these it is +-{percent(beyond)}."
+            f"When each of the {count} records is fitted separately, {name} varies between them by "
+            f"{percent(scatter)}{_others(others)} in addition to its errors (standard deviation). "
+            f"The 99 % interval of {name} is +-{percent(within)} if one law describes all records; "
+            f"for other records like these it is +-{percent(beyond)}."
         ),
         """
-        Check: every record of free decay fitted by itself, where a campaign has three decays or
-        more and nothing else. Their products and zeta must agree within their errors, at a
-        probability of 1 %, or scatter so little that no interval widens by a fifth.
+        Check: every record of free decay fitted separately, where a campaign has three decays or
+        more and no other test. Their products and zeta must agree within their errors, at a
+        probability of 1 %, or vary so little that no interval widens by a fifth.
 
         A law with a small error needs other parameters at other amplitudes. The posterior of all
         records takes the law as exact and is too narrow; other records of the same structure lie
-        outside it. The scatter is that of a random effect (Paule and Mandel); an interval for
-        records like these adds its square over their number. `jbw diff` widens the intervals of
-        both runs by it.
+        outside it. The standard deviation between records is that of a random effect (Paule and
+        Mandel); an interval for records like these adds its square over their number. `jbw diff`
+        widens the intervals of both runs by it.
 
-        Remedy: quote the wider interval; compare laws by `jbw laws`; fit records of one size
-        alone.
+        Remedy: quote the wider interval; compare laws by `jbw laws`; fit only records of similar
+        amplitude.
         """,
-        remedy="Quote the wider interval, and look for what differs between the records, such as "
-        "size or place of the blow: `jbw laws` tries laws that may hold in all of them.",
-        passed="Fitted each by itself, the {count} records agree in what all of them say of "
-        "{names:list}.",
+        remedy="Quote the wider interval. Look for a difference between the records, such as the "
+        "size or place of the blow; `jbw laws` tries laws that may describe all of them.",
+        passed="When each of the {count} records is fitted separately, the values of {names:list} "
+        "agree within their errors.",
     ),
     Message(
         "simpler_model",
-        "RMS error on {test} ({fit_status}): {error:.2g %} of the record's rms by the law of the "
-        "joint, {simpler:.2g %} by the best {kind} oscillator; on every test the former must be "
-        "below {limit:g} times the latter.",
+        "On {test} ({fit_status}) the RMS error of the joint's law is {error:.2g %} of the "
+        "record's rms, that of the best {kind} oscillator {simpler:.2g %}; on every test the error "
+        "of the law must be below {limit:g} times that of the oscillator.",
         """
         Check: the error of every test against that of the best linear and (with `compare_with =
         ["linear", "cubic"]`) cubic oscillator of the same tests; less than 1.1 times theirs.
 
-        A joint that a simpler oscillator beats explains nothing. A Bouc-Wen joint of negative
-        delta mimics a cubic stiffness at the fitted amplitude, and fails at another amplitude:
-        this check detects it.
+        If a simpler oscillator has a smaller error, the law of the joint explains nothing. A
+        Bouc-Wen joint of negative delta mimics a cubic stiffness at the fitted amplitude, and
+        fails at another amplitude: this check detects it.
 
-        Remedy: fit fewer levels, add `cubic`, or doubt that the data show hysteresis.
+        Remedy: fit fewer levels, add `cubic`, or check whether the data show hysteresis at all.
         """,
-        remedy="The law of the joint does not hold there: fit fewer levels by `fit_levels`. "
+        remedy="Fit fewer levels by `fit_levels`: the joint's law does not describe this test. "
         "{another_law}",
     ),
     Message(
         "discrepancy",
         missed,
         """
-        Check: whether runs that are left out of the fit, each in turn, differ from what the fit
-        to the others predicts by more than noise and the errors of the parameters, at a
-        probability of 1 %: in natural frequency, in damping ratio, and in the rest of the
-        response.
+        Check: each run in turn is left out of the fit, and predicted from the others. The
+        prediction must not differ from the run by more than noise and the errors of the
+        parameters explain, at a probability of 1 %: in natural frequency, in damping ratio, and
+        in the rest of the response.
 
         A law that is not quite right has another stiffness or damping than the joint at some
-        amplitudes. Bands of tests that were not fitted include what it misses: within the fitted
-        amplitudes as runs left out show it, above them growing with the square of the amplitude
-        and with the distance in its logarithm, below them to three times as much at most. A law
-        that misses nothing beyond noise has the bands of its parameters and the noise. What is
-        below 0.1 % of the response at resonance is in the bands and no fault of the law: sensors
-        are not linear to less.
+        amplitudes. Bands of tests that were not fitted include this error of the law: within the
+        fitted amplitudes as large as the omitted runs show it; above them it grows with the
+        square of the amplitude and with the distance in its logarithm; below them it grows to
+        three times as much at most. Where the errors do not exceed noise, the bands contain the
+        uncertainty of the parameters and the noise alone. An error below 0.1 % of the response at
+        resonance is in the bands and does not count against the law: sensors are not more linear
+        than that.
 
-        Remedy: compare laws by `jbw laws`; fit the levels that are to be predicted.
+        Remedy: compare laws by `jbw laws`; fit the levels that you want to predict.
         """,
-        "Compare laws, or predict within the fitted amplitudes. {another_law}",
-        "Predictions of runs left out of the fit err by no more than noise.",
+        "Predict only within the fitted amplitudes, or change the law. {another_law}",
+        "Runs that are left out of the fit are predicted within the noise.",
     ),
     Message(
         "discrepancy.small",
-        "Predictions of runs left out of the fit err by {error:.2g %} of the response at "
-        "resonance: more than noise, but less than the limit of {limit:.2g %}. The bands include "
-        "it.",
+        "Runs that are left out of the fit are predicted with an error of {error:.2g %} of the "
+        "response at resonance: more than noise, but less than the limit of {limit:.2g %}. The "
+        "bands include this error.",
     ),
     Message(
         "discrepancy.no_repeats",
-        "Predictions of runs left out of the fit err by no more than the residual of the fit, "
-        "which counts as noise because no test has repeats.",
+        "Runs that are left out of the fit are predicted within the residual of the fit, which "
+        "counts as noise because no test has repeats.",
     ),
     Message(
         "law_replaced",
         "The bands with the model discrepancy are widest on {test}: their standard deviation over "
-        "the error of the best linear oscillator is {ratio:.3g}; it must be less than {limit:.3g}, "
-        "or the discrepancy has replaced the law.",
+        "the error of the best linear oscillator is {ratio:.3g}; it must be less than {limit:.3g}. "
+        "Wider bands come from the discrepancy, not from the law.",
         """
-        Check: where the law leaves more than noise on runs that were left out, the standard
+        Check: where the error of the law on runs that were left out exceeds noise, the standard
         deviation of the bands of every held-out test over the error of the best linear
-        oscillator; less than 1, or 1.4 where the joint misses as much as the linear oscillator.
+        oscillator; less than 1, or 1.4 where the error of the joint is as large as that of the
+        linear oscillator.
 
-        The bands of such tests include a model discrepancy: what the law misses of frequency and
-        damping, by amplitude. Where that is as large as what a linear oscillator misses, the law
-        says nothing about the joint there, however many values its bands hold.
+        The bands of such tests include a model discrepancy: the error of the law in frequency and
+        damping, by amplitude. Where it is as large as the error of a linear oscillator, the law
+        says nothing about the joint, however many values its bands contain.
 
-        Remedy: do not predict such tests by this law, and try others: jbw laws.
+        Remedy: do not predict such tests with this law, and try others: jbw laws.
         """,
-        remedy="Do not predict such tests by this law. {another_law}",
+        remedy="Do not predict such tests with this law. {another_law}",
     ),
     Message(
         "held_out_coverage",
-        "Lowest coverage of the held-out tests: {share:.1f %} of the values of {test} lie "
+        "The lowest coverage of a held-out test is that of {test}: {share:.1f %} of its values lie "
         "inside the 99 % band; at least {limit:.0f %} must.",
         """
         Check: the share of the values of every held-out test inside the 99 % band; at least 95
         %.
 
-        Where the law misses more than noise of runs that are left out, a test farther above the
-        fitted amplitudes than these are apart has no band: it is withheld, and the test named.
+        Where the error of the law on runs that are left out exceeds noise, the band of some tests
+        is withheld: of those that lie farther above the fitted amplitudes than the fitted
+        amplitudes lie apart. The message names these tests.
 
         Remedy: see leave_one_out and coloured_residual. Beyond the fitted amplitudes the bands
-        extrapolate; the report says how far. Of a test without a band: fit one of its level.
+        extrapolate; the report says how far. If a test has no band, fit a test of its level.
         """,
-        remedy="The intervals are too narrow for what was not fitted: the law does not hold there, "
-        "or runs differ. {line}",
+        remedy="Allow for differences between runs, or change the law: the bands are too narrow "
+        "for tests that were not fitted. {line}",
     ),
     Message(
         "no_hysteresis",
         lambda y, damping, frequency: (
             f"No hysteresis is detected: at {y:.2g} mm the joint adds {_change(damping)} of zeta "
-            f"to the damping, but its change of the natural frequency, {_change(frequency)}, "
-            "includes zero. Damping by the square of the velocity does the same."
+            "to the damping, but the interval of its change of the natural frequency, "
+            f"{_change(frequency)}, includes zero. Damping proportional to the square of the "
+            "velocity has the same effect."
         ),
         """
         Check: whether the joint lowers the natural frequency, or adds damping alone, at the
@@ -307,12 +350,12 @@ MESSAGES = (
         Hysteresis that adds damping reduces the stiffness, so the frequency falls with
         amplitude. Quadratic damping (drag, a fluid, a rough guide) adds damping in proportion to
         the amplitude and does not change the frequency. A law of hysteresis then follows it with
-        meaningless parameters, and misses its phase.
+        meaningless parameters and a wrong phase.
 
         Where the frequency falls by less than half of the damping ratio that the joint adds, the
-        same data are fitted by quadratic damping in place of the laws. If chi-square grows by no
-        more than so many parameters reach by chance at a probability of 1 %, hysteresis is not
-        seen, however narrow the intervals of its parameters are.
+        same data are fitted by quadratic damping in place of the laws. Hysteresis is not detected
+        if chi-square grows by no more than that number of parameters explains by chance at a
+        probability of 1 %, however narrow the intervals of its parameters are.
 
         Remedy: put `laws = ["quadratic_damping"]` under `[joint]`, and compare: jbw laws.
         """,
@@ -324,12 +367,12 @@ MESSAGES = (
             f"No hysteresis is detected: damping proportional to the square of the velocity, with "
             f"{number} parameters fewer, {_fits(growth)}. At {y:.2g} mm the fitted joint adds "
             f"{_change(damping)} of zeta to the damping and changes the natural frequency by "
-            f"{_change(frequency)}; slip that adds so much damping would lower it more. Do not use "
-            "the joint's parameters, nor responses beyond that motion."
+            f"{_change(frequency)}; slip that adds so much damping would lower the frequency more. "
+            "Do not use the joint's parameters, and do not predict responses beyond that motion."
         ),
         remedy='Try damping without hysteresis. Put under [joint]: `laws = ["{law}"]`.',
-        passed="Damping by the square of the velocity, in place of hysteresis, makes chi-square "
-        "grow by {growth:.3g}, by chance {least:.3g}.",
+        passed="With damping proportional to the square of the velocity in place of hysteresis, "
+        "chi-square grows by {growth:.3g}; growth by chance is at most {least:.3g} (99 %).",
     ),
 )
 

@@ -1,15 +1,15 @@
-"""Several modes: those that share a joint, take no part, or ended outside the band."""
+"""The messages on several modes: shared joints, modes that are not seen or left the band."""
 
 from collections.abc import Sequence
 
 from jbw.report.messages.message import percent
 
-NOT_COMMON = "one common joint is rejected, as far as the modes' own laws follow the data"
-MAY_BE_COMMON = "they may meet in one joint"
-LOSS_SHARE = "share in the joints' losses"
-ENERGY_AT_MOTION = "share in the mode's strain energy at that amplitude"
-SOFTENING_SHARE = "share in the joints' softening"
-LOOP_FORCE = "force, laws at posterior medians"
+NOT_COMMON = "one common joint is rejected, provided that the separate laws follow the data"
+MAY_BE_COMMON = "the modes may share one joint"
+LOSS_SHARE = "share of the joints' losses"
+ENERGY_AT_MOTION = "share of the mode's strain energy at that amplitude"
+SOFTENING_SHARE = "share of the joints' softening"
+LOOP_FORCE = "force of the laws at the posterior medians"
 
 
 def growth_by_neighbours(growth: float) -> str:
@@ -19,14 +19,14 @@ def growth_by_neighbours(growth: float) -> str:
 
 def one_joint(evidence: str, least: float) -> str:
     """Return the message that modes share a joint, by chi-square and its limit."""
-    return f"One joint across the modes: {evidence}, by chance {least:.3g}."
+    return f"The modes share one joint: {evidence} (by chance at most {least:.3g})."
 
 
 def no_shared_joint(evidence: str) -> str:
     """Return the message that nothing shows a shared joint."""
     return (
-        f"Nothing shows that the other modes move the joint: {evidence}; drive harder, or "
-        "leave them out of `modes`."
+        f"The data do not show that the other modes move the joint: {evidence}. Drive harder, or "
+        "leave these modes out of `modes`."
     )
 
 
@@ -36,16 +36,17 @@ def compared(
     """Return the sentence that compares a law's parameter in two modes, with their ratio."""
     low, high = ratio
     return (
-        f"{name} is {first:.3g} in the first mode and {other:.3g} in that at {hz:g} Hz, their "
-        f"ratio {low:.3g} to {high:.3g}: {conclusion}."
+        f"{name} is {first:.3g} in the first mode and {other:.3g} in the mode at {hz:g} Hz (ratio "
+        f"{low:.3g} to {high:.3g}): {conclusion}."
     )
 
 
 def still_mode(hz: float, ratio: str, low: float, high: float) -> str:
-    """Return the message on a mode that source or sensor do not see."""
+    """Return the message on a mode that the source or the sensor does not see."""
     return (
-        f"The mode at {hz:g} Hz does not take part: {ratio} lies within {low:.2g} and {high:.2g}. "
-        "The source or the sensor lies in its node; leave it out of `modes`, or measure elsewhere."
+        f"The mode at {hz:g} Hz is not seen: {ratio} lies between {low:.2g} and {high:.2g}. The "
+        "source or the sensor lies at a node of this mode. Leave the mode out of `modes`, or "
+        "measure elsewhere."
     )
 
 
@@ -53,36 +54,36 @@ def one_serves(factor: float) -> str:
     """Return the message on the ratio of residuals from which one joint is rejected."""
     return (
         "One joint fits the free decays of all modes: no residual is more than "
-        f"{factor:g} times that of an independent joint."
+        f"{factor:g} times that of a separate joint."
     )
 
 
 def left_by_joint(hz: float, shared: float, other: float) -> str:
     """Return the clause on a mode's residual with a shared joint and with a separate joint."""
     return (
-        f"at {hz:.4g} Hz its residual is {percent(shared)} of the motion, that of an independent "
-        f"joint {percent(other)}"
+        f"at {hz:.4g} Hz the residual of the shared joint is {percent(shared)} of the motion, that "
+        f"of a separate joint {percent(other)}"
     )
 
 
 def rejected(clauses: str) -> str:
     """Return the message that free decays reject one joint for all modes."""
     return (
-        f"One joint across the modes is rejected by the free decays: {clauses}. Identify the "
-        "modes one by one, each in a band of its own, or state other laws."
+        f"The free decays reject one joint for all modes: {clauses}. Identify the modes one by "
+        "one, each in its own band, or state other laws."
     )
 
 
 def hardly_seen(name: str) -> str:
     """Return the message on a mode with hardly any motion at the first point."""
-    return f"{name} hardly moves the first point: shares of its losses are not determined."
+    return f"{name} hardly moves the first point: the shares of its losses cannot be determined."
 
 
 def all_joints(
     name: str, change: Sequence[float], damping: Sequence[float], *, is_free: bool
 ) -> str:
     """Return the sentence on the effect of all joints on a mode, with intervals [%]."""
-    shape = "in the shape that the joints leave it" if is_free else "in its shape of full stick"
+    shape = "in its shape at that motion" if is_free else "in its shape with fully stuck joints"
     return (
         f"{name} at its largest motion, {shape}: all joints together change its frequency by "
         f"{change[1]:.3g} % [{change[0]:.3g}, {change[2]:.3g}] and add {damping[1]:.3g} % "
@@ -93,7 +94,7 @@ def all_joints(
 def damped_by(mode: int, joint: str, share: float, low: float, high: float) -> str:
     """Return the sentence on the joint with the largest share of a mode's losses, with interval."""
     return (
-        f"Mode {mode} is damped by {joint} ({100 * share:.3g} % of the joints' losses, "
+        f"Mode {mode} is damped mainly by {joint} ({100 * share:.3g} % of the joints' losses, "
         f"{100 * low:.3g} to {100 * high:.3g} %)."
     )
 
@@ -105,24 +106,24 @@ def numbered(mode: int, hz: float) -> str:
 
 MOTION_FACTOR = "motion over that of the matrices"
 LAWS_BY_MODEL = (
-    "The matrices' shapes are uncertain: every other motion of a joint is theirs, and its laws are "
-    "in units of that."
+    "In all other modes the motion of a joint is taken from the matrices, and the laws of the "
+    "joint refer to that motion."
 )
 
 
 def moved_by_factor(mode: int, joint: str, factor: float, low: float, high: float) -> str:
     """Return the sentence on a mode's motion of a joint over that of the matrices (99 %)."""
     return (
-        f"Mode {mode} moves {joint} by {factor:.3g} [{low:.3g}, {high:.3g}] times its motion by "
-        "the matrices."
+        f"Mode {mode} moves {joint} {factor:.3g} [{low:.3g}, {high:.3g}] times as much as the "
+        "matrices predict."
     )
 
 
 def identified(joints: str) -> str:
-    """Return the message on joints that are identified by themselves."""
-    return f"Identified by themselves: {joints}."
+    """Return the message on joints that are identified separately."""
+    return f"Joints that are identified separately: {joints}."
 
 
 def outside_band(hz: float, low: float, high: float) -> str:
     """Return the message on a mode that a fit put outside the band [Hz]."""
-    return f"A mode ended at {hz:.4g} Hz, outside the band {low:.4g} to {high:.4g} Hz"
+    return f"The fit moved a mode to {hz:.4g} Hz, outside the band {low:.4g} to {high:.4g} Hz"

@@ -5,16 +5,16 @@ from collections.abc import Sequence
 from jbw.report.messages.message import listed
 
 LINEAR = "The structure is modelled as linear, without a joint."
-NO_BACKBONE = "This run states no frequency and damping against amplitude."
-NO_ERRORS = "This run states no errors of the fitted tests."
+NO_BACKBONE = "This run does not contain frequency and damping against amplitude."
+NO_ERRORS = "This run does not contain the errors of the fitted tests."
 TORSION = (
-    "The motion is a rotation: in units of parameters and tables read rad for m and N m for N."
+    "The motion is a rotation: in all units of parameters and tables, read rad for m and N m for N."
 )
 NONE_HELD_OUT = (
-    "No test was held out; with `hold_out` the report shows how well the model predicts one."
+    "No test was held out; with `hold_out` the report shows how well the model predicts a test."
 )
-FITTED_NOW = "They are fitted now, for use."
-NO_FIT_ERROR = "The error of the fit is known once the posterior is sampled."
+FITTED_NOW = "After this check the held-out tests were fitted too."
+NO_FIT_ERROR = "The error of the fit will be known when the posterior is sampled."
 SPREAD = (
     "The fitted repeats range from the strongest to the weakest; `fit_repeats` states how many."
 )
@@ -23,8 +23,8 @@ NO_GRADES = "This run does not state which parameters are identified."
 NOTHING_TO_DO = "To do next: nothing; the result can be used."
 STATUS = {
     "ok": "The main posterior can be used.",
-    "usable": "The main posterior can be used within the model discrepancy that it states.",
-    "not assessed": "Some checks could not be made: take the main posterior as provisional.",
+    "usable": "The main posterior can be used with the stated model discrepancy.",
+    "not assessed": "Some checks could not be made: treat the main posterior as provisional.",
     "failed": "Do not use the main posterior as it is.",
 }
 READ_FIRST = "Read the findings before using it."
@@ -71,25 +71,25 @@ def repeats(test: str, numbers: Sequence[int]) -> str:
 
 
 def effect(least: float, most: float, unit: str, changes: str) -> str:
-    """Return the message on what the joint does between two amplitudes."""
+    """Return the message on the effect of the joint between two amplitudes."""
     return f"From {least:.2g} to {most:.2g} {unit} of motion the joint {changes}."
 
 
 def joints_effect(mode: int, frequency: str, damping: str) -> str:
-    """Return the message on what all joints together do to a mode at its largest motion."""
+    """Return the message on the effect of all joints on a mode at its largest motion."""
     return f"the frequency of mode {mode} changes by {frequency} and its damping ratio by {damping}"
 
 
 def in_full_stick(effect: str) -> str:
     """Return the message that an effect is of a mode in its shape of full stick."""
-    return f"{effect} (in its shape of full stick)"
+    return f"{effect} (in the mode shape with fully stuck joints)"
 
 
 def at_largest_motion(effects: Sequence[str]) -> str:
-    """Return the message on the same of all modes."""
+    """Return the sentence on the effect of all joints on every mode at its largest motion."""
     return (
-        "By all joints together, at each mode's largest motion and in its shape there: "
-        f"{'; '.join(effects)}."
+        "Effect of all joints together at the largest motion of each mode, in the mode shape at "
+        f"that motion: {'; '.join(effects)}."
     )
 
 
@@ -100,43 +100,46 @@ def sentence(clauses: Sequence[str]) -> str:
 
 
 def damped_by(mode: int, joint: str, percent: str) -> str:
-    """Return the message on the joint that takes most of what all joints lose in a mode."""
-    return f"mode {mode} is damped by {joint} ({percent} % of the joints' losses)"
+    """Return the message on the joint with the largest share of a mode's losses."""
+    return f"mode {mode} is damped mainly by {joint} ({percent} % of the joints' losses)"
 
 
 def joints_unidentified(names: Sequence[str]) -> str:
-    """Return the message on joints of which the tests do not tell what each does by itself."""
+    """Return the sentence on joints whose separate effects the tests do not identify."""
     return (
-        f"Unidentified by themselves: {listed(names)}; what all joints do together to each mode "
-        "is told."
+        f"Not identified separately: {listed(names)}; the effect of all joints together on each "
+        "mode is identified."
     )
 
 
 def one_law(joints: Sequence[str], odds: str) -> str:
     """Return the message that joints share a law by the evidence."""
     return (
-        f"{' and '.join(joints)} have the same law: evidence {odds} to 1 against laws of their own."
+        f"{' and '.join(joints)} have the same law: the evidence is {odds} to 1 against separate "
+        "laws."
     )
 
 
 def own_laws(joints: Sequence[str], odds: str) -> str:
     """Return the message that joints have laws that differ by the evidence."""
-    return f"{' and '.join(joints)} have laws that differ: evidence {odds} to 1 against one law."
+    return (
+        f"{' and '.join(joints)} have different laws: the evidence is {odds} to 1 against one law."
+    )
 
 
 def law_not_told(joints: Sequence[str], reason: str) -> str:
-    """Return the message that the evidence does not tell whether joints share a law."""
-    return f"Whether {' and '.join(joints)} have the same law is not told: {reason}."
+    """Return the sentence that the evidence does not determine whether joints share a law."""
+    return f"The tests do not determine whether {' and '.join(joints)} have the same law: {reason}."
 
 
 def rough_evidence(khat: float) -> str:
     """Return the message that the weights by which evidence was found cannot be trusted."""
-    return f"the weights of the evidence cannot be trusted, k-hat is {khat:.2g}"
+    return f"the evidence is unreliable (k-hat {khat:.2g})"
 
 
 def weak_evidence(odds: str, preferred: str) -> str:
-    """Return the message that the evidence for one law or for laws of their own is weak."""
-    return f"the evidence is {odds} to 1 for {preferred}"
+    """Return the clause that the evidence for one law or for separate laws is weak."""
+    return f"the evidence is only {odds} to 1 for {preferred}"
 
 
 def keeps_stiffness(percent: float, low: float, high: float) -> str:
@@ -164,8 +167,9 @@ def held_out_errors(
 ) -> str:
     """Return the sentence on errors of held-out tests, with the coverage of the bands."""
     half_width = f" (half width: {width} of the rms)" if width else ""
-    band = f"; the 99 % bands hold {coverage} of the values{half_width}" if coverage else ""
-    without = f"; {withheld} of them without a band, which is withheld" if withheld else ""
+    band = f"; the 99 % bands contain {coverage} of the values{half_width}" if coverage else ""
+    bands = "band is" if withheld == 1 else "bands are"
+    without = f"; the {bands} withheld for {withheld} of these tests" if withheld else ""
     return f"RMS error of {_tests(count, 'held-out', noun)}: {errors}{band}{without}."
 
 
@@ -204,9 +208,9 @@ def not_identified(
 ) -> str:
     """Return the sentence on parameters that are not (or `poorly`) identified, and products."""
     grade = "Poorly identified" if poorly else "Not identified"
-    sentence = f"{grade}: {listed(names)} (CV {least} % and more)"
+    sentence = f"{grade}: {listed(names)} (CV at least {least} %)"
     if identified:
-        sentence += f"; identified: {listed(identified)} (CV {most} % at most)"
+        sentence += f"; identified: {listed(identified)} (CV at most {most} %)"
     return f"{sentence}."
 
 
@@ -228,12 +232,12 @@ def next_step(remedy: str) -> str:
 
 def by_the_fit(identified: Sequence[str]) -> str:
     """Return the message on parameters by the fit alone."""
-    return f"By the fit alone, not assessed: {'; '.join(identified) or 'nothing'}"
+    return f"From the fit alone, not assessed: {'; '.join(identified) or 'none'}"
 
 
 def headline(identified: Sequence[str], *, quick: bool) -> str:
     """Return the message on parameters in a line of the terminal."""
-    by = ", by the fit alone" if quick else ""
+    by = " from the fit alone" if quick else ""
     return f"Identified{by}, mean [99 % interval]: {'; '.join(identified) or 'nothing'}"
 
 

@@ -1,34 +1,34 @@
-"""The paper's steps one after another, beside the joint posterior."""
+"""The paper's steps one after another, compared with the joint posterior."""
 
 from collections.abc import Sequence
 
 CONDITIONAL = (
-    "Gamma is conditional on the means of Steps 2 and 3: their errors are in it, not in its "
-    "interval."
+    "Gamma depends on the means of Steps 2 and 3: their errors shift gamma, but its interval does "
+    "not include them."
 )
 
 
 def held_parameters(names: str, times: str, far: str) -> str:
     """Return the message on the effect on gamma of the parameters that Step 4 takes as known."""
     return (
-        f"The paper's Step 4 takes {names} as exactly known; gamma holds only if they are. With "
-        f"all parameters free, gamma's standard deviation is {times} that of Step 4, and the two "
-        f"means are {far} such deviations apart. Use the joint posterior."
+        f"The paper's Step 4 takes {names} as exactly known; its gamma is valid only if they are. "
+        f"With all parameters free, the standard deviation of gamma is {times} that of Step 4, and "
+        f"the two means differ by {far} of these standard deviations. Use the joint posterior."
     )
 
 
 def outside_interval(names: Sequence[str]) -> str:
-    """Return the message on parameters whose means of the two routes differ."""
+    """Return the message on parameters that the paper's steps find outside the joint interval."""
     return (
         f"The paper's steps give means of {', '.join(names)} outside the 99 % interval of the "
-        "joint posterior: trust the latter."
+        "joint posterior. Use the joint posterior."
     )
 
 
 def wall_time(cut_s: float, joint_s: float) -> str:
     """Return the sentence on wall times [s] of the paper's route and of the joint posterior."""
     return (
-        f"Wall time: {cut_s:.3g} s for the cut, {joint_s:.3g} s for the joint posterior, "
+        f"Wall time: {cut_s:.3g} s for the paper's steps, {joint_s:.3g} s for the joint posterior, "
         "compiling included."
     )
 
@@ -44,7 +44,7 @@ def product(product: float, low: float, high: float) -> str:
 
 def left_out(why: str) -> str:
     """Return the sentence on the reason why Steps 3 and 4 of the paper are skipped."""
-    return f"Steps 3 and 4 are left out: {why}"
+    return f"The paper's Steps 3 and 4 are left out. {why}"
 
 
 def other_law(laws: str) -> str:
@@ -53,8 +53,8 @@ def other_law(laws: str) -> str:
 
 
 def further_laws(others: str) -> str:
-    """Return the message that the joint has laws that Steps 3 and 4 do not know."""
+    """Return the sentence that Steps 3 and 4 do not contain all laws of the joint."""
     return (
-        f"The paper's Steps 3 and 4 know the Bouc-Wen law alone and attribute the effect of "
-        f"{others} to it; the joint posterior has all laws."
+        "The paper's Steps 3 and 4 contain only the Bouc-Wen law, and attribute the effect of "
+        f"{others} to it. The joint posterior contains all laws."
     )

@@ -4,17 +4,17 @@ from collections.abc import Mapping, Sequence
 
 from jbw.report.messages.message import percent
 
-WRITE_PLAN = "Write one with: jbw plan --example > plan.toml"
+WRITE_PLAN = "To write an example of a plan: jbw plan --example > plan.toml"
 NOISE_ALONE = (
-    "The plan includes measurement noise alone: scatter between sessions and model discrepancy "
-    "make the parameters less certain. A CV above 30 % is an order of magnitude."
+    "The plan includes only measurement noise; variation between sessions and model discrepancy "
+    "make the parameters less certain. A CV above 30 % is only an order of magnitude."
 )
 PER_KILOGRAM = (
     "The run has no gain, so inputs are in N/kg; for V or N, give gain or modal_mass in a file of "
     "--limits."
 )
-FLEET_NOISE = "The error of each record is neglected: the scatter is far larger."
-NO_TEST_NEEDED = "No test is needed: the CV is met already."
+FLEET_NOISE = "Errors of single records are neglected; assemblies vary by far more."
+NO_TEST_NEEDED = "No test is needed: the required CV is already reached."
 NO_TEST_ADMITTED = "No test is within the limits; raise max_displacement or max_input."
 TIMING = "Timing the first candidate of each form"
 THIRD_HARMONIC = "the third harmonic of the tones"
@@ -23,13 +23,13 @@ NATURAL_FREQUENCY = "the natural frequency"
 
 
 def drawn_from_ranges(num_joints: int) -> str:
-    """Return the message on what a plan before any test rests on."""
-    return f"Plan for {num_joints} joints drawn from the ranges, which count as prior knowledge."
+    """Return the message that a plan is based on stated ranges."""
+    return f"Plan for {num_joints} joints drawn from the stated ranges, which are the prior."
 
 
 def drawn_from_run(num_joints: int) -> str:
-    """Return the message on what a plan after a run rests on."""
-    return f"Plan for {num_joints} draws of the run's posterior, the prior of further tests."
+    """Return the message that a plan is based on the posterior of a run."""
+    return f"Plan for {num_joints} draws of the run's posterior, which is the prior of new tests."
 
 
 def unknown_reach(displacement: float) -> str:
@@ -45,7 +45,7 @@ def cost(num_candidates: int, num_joints: int, seconds: float) -> str:
     duration = f"{seconds:.2g} s" if seconds < 120.0 else f"{seconds / 60.0:.2g} minutes"
     return (
         f"{num_candidates} candidates at {num_joints} joints: about {duration} once compiled; "
-        f"fewer candidates or `joints` in [plan] take less"
+        "to save time, state fewer candidates or a smaller `joints` in [plan]"
     )
 
 
@@ -71,16 +71,19 @@ def with_median(worst: float, median: float) -> str:
 
 def before(cvs: Mapping[str, str]) -> str:
     """Return the message on the coefficients of variation without any of the planned tests."""
-    return f"Before these tests: CV {_pairs(cvs)}."
+    return f"CV before these tests: {_pairs(cvs)}."
 
 
 def title(cv: float, parameters: Sequence[str], num_joints: int) -> str:
     """Return the title of the table of candidate tests."""
-    return f"Tests for a CV of {cv:.2g} of {', '.join(parameters)}, at 90 % of {num_joints} joints"
+    return (
+        f"Tests that reach a CV of {cv:.2g} for {', '.join(parameters)}, in 90 % of {num_joints} "
+        "joints"
+    )
 
 
 def most_per_second(test: str, level: float, unit: str) -> str:
-    """Return the message on the test that would add most where none is needed."""
+    """Return the message on the test with the largest information gain, if no test is needed."""
     return f"Largest information gain per second: {test}, {level:g} {unit}."
 
 
@@ -93,13 +96,15 @@ def recommended(tests: Sequence[str], cvs: Mapping[str, str], duration: str) -> 
 def not_reached(
     tests: Sequence[str], cvs: Mapping[str, str], duration: str, most: int
 ) -> list[str]:
-    """Return the message on the same where no combination reaches the wish."""
-    heading = f"No combination reaches the CV with at most {most} repeats:"
+    """Return the message on the best tests if no combination reaches the required accuracy."""
+    heading = (
+        f"No combination of at most {most} repeats reaches the required CV. The best one found:"
+    )
     return [heading, *tests, f"  CV {_pairs(cvs)} after {duration} of measuring."]
 
 
 def together(note: str) -> str:
-    """Return the message on what all recommended tests leave open."""
+    """Return the message on what the recommended tests do not determine."""
     return f"  Together, {note}."
 
 
@@ -107,24 +112,28 @@ def fleet_designs(few: tuple[int, int], many: int, gain: float) -> str:
     """Return the sentence that compares designs: several assemblies per torque, or one each."""
     assemblies, torques = few
     return (
-        f"{assemblies * torques} tightenings, {assemblies} assemblies at each of {torques} "
-        f"torques, determine the slope {gain:.2g} times better than {many}, one at each of {many}."
+        f"{assemblies * torques} tightenings ({assemblies} assemblies at each of {torques} "
+        f"torques) determine the slope {gain:.2g} times better than {many} tightenings at "
+        f"{many} torques."
     )
 
 
 def fleet_title(scatter: float) -> str:
     """Return the title of the table of designs for a fleet of assemblies."""
-    return f"99 % intervals of a fleet with a scatter of {percent(scatter, 'g')} between assemblies"
+    return (
+        f"99 % intervals of a fleet with a standard deviation of {percent(scatter, 'g')} between "
+        "assemblies"
+    )
 
 
 def told_by_run(key: str) -> str:
-    """Return the message on a key that a run leaves no place for."""
-    return f"{key}: the run states it; remove it."
+    """Return the message that a key must be removed because the run states it."""
+    return f"{key}: remove it, because the run states it."
 
 
 def single_value(key: str, value: Sequence[float]) -> str:
     """Return the message on a key that must be a single value where a run is given."""
-    return f" {key}: must be a single value where a run is given, but is {list(value)}."
+    return f" {key}: must be a single value when a run is given, but is {list(value)}."
 
 
 def missing(key: str, meaning: str) -> str:
@@ -134,7 +143,9 @@ def missing(key: str, meaning: str) -> str:
 
 def beyond_stiffness(key: str, least: float, value: float) -> str:
     """Return the message on a stiffness of the joint that exceeds the whole."""
-    return f" {key}: must stay below omega_n^2, which begins at {least:g}, but reaches {value:g}."
+    return (
+        f" {key}: must stay below omega_n^2, whose lower end is {least:g}, but reaches {value:g}."
+    )
 
 
 def share_of(name: str) -> str:

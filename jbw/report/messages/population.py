@@ -1,4 +1,4 @@
-"""The messages on several units of one joint: scatter, trends with torque, their reliability."""
+"""The messages on several units of one joint: variation, trends with torque, reliability."""
 
 from collections.abc import Mapping, Sequence
 
@@ -15,13 +15,15 @@ def interval(row: Interval) -> str:
 
 def mostly_prior(num_units: int, free: int, *, trend: bool) -> str:
     """Return the message that units are too few for a scatter, or for one about a trend."""
-    trend_words = f" about a trend ({free} degrees of freedom)" if trend else ""
-    return f"{num_units} units do not determine the scatter{trend_words}: the prior dominates here."
+    about = f"about a trend ({free} degrees of freedom)" if trend else "between units"
+    return f"{num_units} units do not determine the variation {about}: the prior dominates it."
 
 
 def wide_intervals(num_units: int, free: int) -> str:
     """Return the message that few degrees of freedom are left."""
-    return f"{num_units} units leave {free} degrees of freedom: the intervals are wide."
+    return (
+        f"With {num_units} units there are only {free} degrees of freedom: the intervals are wide."
+    )
 
 
 def not_converged(r_hat: float, divergences: int) -> str:
@@ -45,7 +47,7 @@ def confounded(correlation: float) -> str:
     way = "rose together" if correlation > 0 else "changed in opposite directions"
     return (
         f"Torque and tightening number {way} (correlation {correlation:.2f}): the data determine "
-        "their joint effect only, and the prior divides it between them."
+        "only their combined effect, and the prior divides it between them."
     )
 
 
@@ -59,13 +61,14 @@ def no_logarithm(name: str, units: Sequence[str]) -> str:
 
 def trend(name: str, slope: Interval, *, rises: bool) -> str:
     """Return the message on a parameter that changes with torque."""
-    return f"{name} {'rises' if rises else 'falls'} with torque, as torque^{interval(slope)}."
+    way = "rises" if rises else "falls"
+    return f"{name} {way} with torque, to the power {interval(slope)}."
 
 
 def ratio_trend(name: str, slope: Interval, *, depends: bool) -> str:
     """Return the message on whether a ratio of parameters changes with torque."""
     answer = "it depends on torque" if depends else "no dependence on torque is detected"
-    return f"{name} varies as torque^{interval(slope)}: {answer}."
+    return f"{name} varies with torque to the power {interval(slope)}: {answer}."
 
 
 def scatter(rows: Sequence[tuple[str, float, float]]) -> str:
@@ -74,7 +77,7 @@ def scatter(rows: Sequence[tuple[str, float, float]]) -> str:
         f"{name} {percent(sessions)} between sessions of a unit, {percent(units)} between units"
         for name, sessions, units in rows
     )
-    return f"Scatter: {'; '.join(parts)}."
+    return f"Standard deviations: {'; '.join(parts)}."
 
 
 def outliers(units: Sequence[str]) -> str:
@@ -83,51 +86,52 @@ def outliers(units: Sequence[str]) -> str:
 
 
 def weighed(count: int, num_units: int, least: float) -> str:
-    """Return the message on how many units enter by their draws."""
+    """Return the message on the number of units that are represented by draws."""
     return (
-        f"{count} of {num_units} units enter by reweighted draws; the effective sample size is at "
-        f"least {percent(least, '.0f')} of the draws."
+        f"{count} of {num_units} units are represented by reweighted draws; the effective sample "
+        f"size is at least {percent(least, '.0f')} of the draws."
     )
 
 
 def approximated(units: Sequence[str]) -> str:
-    """Return the message on units whose posteriors enter as normal ones."""
-    return f"The posterior of {listed(units)} enters by a normal approximation."
+    """Return the message on units that are represented by a normal approximation."""
+    return f"The posterior of {listed(units)} is represented by a normal approximation."
 
 
 def weak(names: Sequence[str], times: float) -> str:
     """Return the message on parameters whose pooling depends on normal posteriors of the units."""
     return (
-        f"The error of a unit in {listed(names)} is more than {times:g} times the scatter: the "
-        "result depends on the normal shape of its posterior."
+        f"For {listed(names)} the error of a single unit is more than {times:g} times the "
+        "variation between units: the result depends on the normal approximation of the unit's "
+        "posterior."
     )
 
 
 def saturates(names: Sequence[str], torque: Interval) -> str:
     """Return the sentence on parameters that saturate with torque, as the user states."""
     return (
-        f"{listed(names)} saturates with torque as stated, at {interval(torque)} N m; only very "
-        "different torques distinguish this from a power law."
+        f"{listed(names)} saturates with torque, as the input states, at {interval(torque)} N m; "
+        "only very different torques distinguish this from a power law."
     )
 
 
 def wrench(name: str, error: float, added: float, attenuation: float) -> str:
     """Return the sentence on a wrench's error: effect on exponents if torque is set, or read."""
     return (
-        f"If a wrench sets the torque to {percent(error, '.0f')}, the exponents are unbiased and "
-        f"the wrench adds a scatter of {percent(added)} to {name}. If the torque is read with that "
-        f"error, every exponent is about {percent(attenuation, '.1g')} too small."
+        f"If a wrench sets the torque with an error of {percent(error, '.0f')}, the exponents are "
+        f"unbiased, and {name} varies by {percent(added)} because of the wrench. If the torque is "
+        f"read with that error, every exponent is about {percent(attenuation, '.1g')} too small."
     )
 
 
 def scatter_stage(num_units: int) -> str:
     """Return the progress message of the first stage: scatter between units."""
-    return f"Population of {num_units} units: scatter between them"
+    return f"Population of {num_units} units: variation between units"
 
 
 def sampling_stage(num_units: int, num_weighed: int) -> str:
     """Return the progress message of the second stage: sampling of the population."""
-    return f"Population of {num_units} units, {num_weighed} of them by their draws: NUTS"
+    return f"Population of {num_units} units, {num_weighed} of them represented by draws: NUTS"
 
 
 def without_stage(number: int, total: int) -> str:
@@ -155,8 +159,8 @@ def caption(*, trend: bool) -> str:
     """Return the caption of the figure on the page of a fleet."""
     against = " against torque" if trend else ""
     return (
-        f"Every unit{against} with its 99 % interval, and the band that holds 99 % of further "
-        f"units. A square marks a unit that does not belong to the population."
+        f"Every unit{against} with its 99 % interval, and the band that contains 99 % of new "
+        "units. A square marks a unit that does not belong to the population."
     )
 
 

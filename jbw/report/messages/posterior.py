@@ -1,22 +1,22 @@
-"""How a posterior was drawn, what the fit before it showed, and what its checks are about."""
+"""The messages on a posterior: its sampling, the fit before it, the topics of its checks."""
 
 from collections.abc import Sequence
 
-WITHOUT_JOINT = "The posterior is of the structure without it."
+WITHOUT_JOINT = "The posterior describes the structure without this joint."
 TOO_CURVED = (
-    "The posterior is too far from the Gaussian about the fit for elliptical slices: sampler = "
-    '"nuts" in [identify] follows the gradient of the model, for some hundred times as many '
-    "evaluations a draw."
+    "The posterior is too far from its Gaussian approximation for elliptical slice sampling. Use "
+    'sampler = "nuts" in [identify], which follows the gradient of the model, but needs about a '
+    "hundred times as many evaluations per draw."
 )
 
 # What a check or a statement is about, as a part of a sentence that says why it is missing.
 EACH_FROM_OTHERS = "each test predicted from the others"
 RESIDUAL = "the residual of the fit"
 SHAPE = "the shape of the residual"
-REPEATS = "the scatter of repeats"
+REPEATS = "the variation between repeats"
 RESPONSE_BANDS = "the response bands"
 DISCREPANCY = "the model discrepancy"
-HYSTERESIS = "hysteresis with drag"
+HYSTERESIS = "hysteresis compared with drag"
 SOLVER_STEPS = "the steps of the solver"
 CAUSES = "the causes of the residual"
 OFFSETS = "The offsets of the runs"
@@ -30,9 +30,9 @@ THRESHOLDS = "The statement on the thresholds of the laws"
 WITHOUT_EACH_TEST = "the fit without each test"
 WITHOUT_EACH_KIND = "the fit without each kind of test"
 EACH_RECORD = "the fit to each record alone"
-JOINT_SEEN = "whether a joint is seen"
+JOINT_SEEN = "whether a joint is detected"
 
-LOG_DENSITY = "log density of the Gaussian, less that of the fit"
+LOG_DENSITY = "log density of the Gaussian approximation, minus that at its optimum"
 
 
 def check_of(topic: str) -> str:
@@ -70,19 +70,20 @@ def at_bound(name: str, side: str) -> str:
 
 def by_fit(combinations: str) -> str:
     """Return the message on which combinations the fit determines."""
-    return f"By the fit, {combinations}."
+    return f"The fit shows that {combinations}."
 
 
 def by_initial_fit(combinations: str) -> str:
     """Return the message on which combinations the initial fit determines."""
-    return f"By the initial fit, {combinations}."
+    return f"The initial fit shows that {combinations}."
 
 
 def products_sampled(most: Sequence[str], last: str, names: Sequence[str], meanings: str) -> str:
     """Return the message that products of parameters are sampled in their place."""
+    verb = "is" if len(names) == 1 else "are"
     return (
-        f"The data determine only products of {', '.join(most)} and {last}: {', '.join(names)} "
-        f"are sampled instead ({meanings})."
+        f"The data determine only products of {', '.join(most)} and {last}; therefore "
+        f"{', '.join(names)} {verb} sampled instead ({meanings})."
     )
 
 
@@ -94,7 +95,7 @@ def test_left_out(name: str, why: str) -> str:
 def widened_fit(bounds: Sequence[str]) -> str:
     """Return which bounds a fit reached, and where they were moved before it was made again."""
     return (
-        "The fit reached default prior bounds and was made again in wider ones: "
+        "The fit reached default prior bounds and was repeated in wider bounds: "
         f"{', '.join(bounds)}."
     )
 
@@ -102,6 +103,6 @@ def widened_fit(bounds: Sequence[str]) -> str:
 def widened(bounds: Sequence[str]) -> str:
     """Return the message on bounds that were moved before the posterior was sampled again."""
     return (
-        "Default prior bounds truncated the posterior, which was sampled again in wider ones: "
+        "Default prior bounds truncated the posterior, which was sampled again in wider bounds: "
         f"{', '.join(bounds)}."
     )

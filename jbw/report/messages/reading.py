@@ -25,24 +25,24 @@ STATE_MASS = (
     "Controlled points determine the damping only if the modal mass is known: state "
     "`modal_mass` in [campaign]."
 )
-AS_HDF5 = "Save it as HDF5, which is read in parts."
-AS_V73 = "Save it with -v7.3, which is read in parts, or save fewer variables."
+AS_HDF5 = "Save the file as HDF5, which can be read in parts."
+AS_V73 = "Save the file with -v7.3, which can be read in parts, or save fewer variables."
 FEWER_SAMPLES = (
     "Read a part of the records, `span = [first, last]` in seconds under [[test]], or decimate "
     "them, `resample = RATE` in Hz at four times the end of the band or more."
 )
-CONJUGATED = "phase turned, from exp(-j omega t) to exp(j omega t)"
+CONJUGATED = "phase conjugated, from exp(-j omega t) to exp(j omega t)"
 STORE_NUMBERS = "Store the samples as a dataset of floats or integers."
 EXPORT_ARRAYS = (
     "In MATLAB, export plain arrays: table2array(T), timetable2table(T), or struct(object)."
 )
 MATLAB_OBJECT = "a MATLAB table, object or function handle"
 MINE = (
-    "Correct whichever is wrong; the file's own unit needs no mention. Where the file is wrong, "
+    "Correct the unit that is wrong; the file's own unit need not be stated. If the file is wrong, "
     'put under [[test]]: `units_are = "mine"`.'
 )
 EXPORT = "Export the record again."
-EVEN = "Spectra and sampled inputs need even samples."
+EVEN = "Spectra and sampled inputs need evenly spaced samples."
 STATE_RATE = "Put under [[test]]: `fs = HZ`, where HZ is the sampling frequency in hertz."
 HIGHER_RATE = "Measure at a higher rate."
 
@@ -75,15 +75,15 @@ def time_without_unit(name: str, first: Sequence[float], guess: str) -> FaultTex
 
     `guess` is empty where the times are counts of samples.
     """
-    count = "where it counts samples, take `time` out of `channels` and state the rate by `fs = HZ`"
+    count = "if it counts samples, take `time` out of `channels` and state the rate by `fs = HZ`"
     unit = (
         "Put under [[test]] its unit, one of s, ms, us and ns, in `units`, such as "
         f'`units = {{ time = "{guess or "ms"}" }}`'
     )
     listed = ", ".join(f"{x:.15g}" for x in first)
     return FaultText(
-        f"Column `{name}` holds whole numbers without a unit: {listed}, ...",
-        "They may be counts of samples, or times in a small unit, on which the rate hangs.",
+        f"Column `{name}` contains whole numbers without a unit: {listed}, ...",
+        "They may be counts of samples, or times in a small unit; the sampling rate depends on it.",
         f"{unit}; {count}.",
     )
 
@@ -92,16 +92,16 @@ def unfitting_names(names: Sequence[str], columns: int) -> str:
     """Return the message on names above a table that are not as many as its columns."""
     some = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
     return (
-        f"its header names {len(names)} columns ({some}), but its rows have {columns}, so that "
-        "which is which is not known; columns are counted from zero, `column[0]`."
+        f"its header names {len(names)} columns ({some}), but its rows have {columns}, so that the "
+        "names cannot be assigned; refer to columns by number, counted from zero: `column[0]`."
     )
 
 
 def of_sensor(sensitivity: str, *, is_scaled: bool = False) -> str:
     """Return the remedy for a channel in volts: state the sensitivity of its sensor."""
-    which = "beside its `scale`" if is_scaled else "the value of its certificate"
+    which = "in addition to its `scale`" if is_scaled else "as in its certificate"
     return (
-        f"The file holds the volts of a sensor: state its sensitivity, {which}. Put under "
+        f"The file contains the voltage of a sensor: state its sensitivity, {which}. Put under "
         f"[[test]]: `sensitivity = {sensitivity}`."
     )
 
@@ -114,17 +114,17 @@ def channel_takes(shape: tuple[int, ...]) -> str:
 def beginning(fs: float | None, most: float) -> str:
     """Return the remedy that reads only the start of a channel; `fs` is its rate [Hz], if known."""
     if not fs:
-        return f"Read at most {most:.0f} samples of it at once, by the key `span`."
+        return f"Read at most {most:.0f} samples of the channel at once, by the key `span`."
     return f"Put under [[test]]: `span = [0.0, {most / fs:.4g}]`, or another part that is as long."
 
 
 def against_file(unit: str, of_file: str) -> str:
-    """Return the message on the unit of a campaign beside that of a file."""
-    return f"{unit}, by the campaign, against `{of_file}` of the file"
+    """Return the message on the unit that the campaign states instead of that of the file."""
+    return f"{unit} as the campaign states, not `{of_file}` as the file states"
 
 
 def angle_of(role: str) -> str:
-    """Return the message on where a phase comes from."""
+    """Return the message on the channel from which a phase was computed."""
     return f"angle of the complex {role}"
 
 
@@ -136,69 +136,71 @@ def few_driven_lines(record: str, least: int) -> str:
 def rests(start: float, end: float, share: float, keep: str) -> str:
     """Return the message on the times in which a record moves [s], with the key to keep them."""
     return (
-        f"It rests outside of {start:g} to {end:g} s. {keep}, for {100 * share:.0f} % of the time."
+        f"The structure is at rest outside of {start:g} to {end:g} s. {keep}; a fit then takes "
+        f"{100 * share:.0f} % of the time."
     )
 
 
 def oversampled(per_cycle: float, hz: float, ordinal: str, fs: float, every: int) -> str:
-    """Return the message on how many samples a cycle has, and how many are enough."""
+    """Return the message on a sampling frequency that is higher than necessary."""
     return (
-        f"It has {per_cycle:.0f} samples a cycle of its strongest frequency, {hz:.4g} Hz: "
-        f"low-pass it, and export every {ordinal} sample ({fs:g} Hz), for {100 / every:.0f} % of "
-        "the time."
+        f"It has {per_cycle:.0f} samples per cycle of its strongest frequency, {hz:.4g} Hz: "
+        f"low-pass it and export every {ordinal} sample ({fs:g} Hz); a fit then takes "
+        f"{100 / every:.0f} % of the time."
     )
 
 
 def long_record(name: str, samples: int, proposals: Sequence[str]) -> str:
     """Return the message on a long record, and how it may be shorter."""
-    return f"{name} has {samples} samples, and every fit solves each. {' '.join(proposals)}"
+    return f"{name} has {samples} samples, which makes fits slow. {' '.join(proposals)}"
 
 
 def to_rate(fs: float, new_fs: float, passed: float, lost: float) -> str:
     """Return the note on resampling to another rate [Hz], and the loss above the new band."""
     return (
-        f"from {fs:.7g} to {new_fs:.7g} Hz, to 3e-05 below {passed * new_fs / 2:.4g} Hz; "
-        f"{100 * lost:.2g} % of its rms lay above"
+        f"from {fs:.7g} to {new_fs:.7g} Hz, with an error of 3e-05 below "
+        f"{passed * new_fs / 2:.4g} Hz; {100 * lost:.2g} % of its rms lay above and is removed"
     )
 
 
 def from_uneven(usual: float, new_fs: float, band_hz: float, error: float) -> str:
     """Return the note on resampling uneven samples to a rate [Hz], with the held-out error."""
     return (
-        f"from uneven samples of some {usual:.4g} Hz to {new_fs:.7g} Hz, below {band_hz:.4g} Hz; "
-        f"samples held out are met to {100 * error:.2g} % of the rms, their noise included"
+        f"from unevenly spaced samples of about {usual:.4g} Hz to {new_fs:.7g} Hz, valid below "
+        f"{band_hz:.4g} Hz; held-out samples are interpolated with an error of "
+        f"{100 * error:.2g} % of the rms, including their noise"
     )
 
 
 def response_clock(ppm: float) -> str:
     """Return the note that the response was stretched to the clock of the drive [ppm]."""
-    return f"response on that of the drive, by {ppm:g} ppm"
+    return f"response resampled to the clock of the drive, by {ppm:g} ppm"
 
 
 def input_unknown(tone: str) -> str:
     """Return the message that a third harmonic may be of the source."""
     return (
-        f"{tone}: the input was not measured, so its third harmonic may be part of Y(3 omega); no "
-        "verdict on the joint is possible from this frequency alone."
+        f"{tone}: the input was not measured, so its third harmonic may be part of Y(3 omega). "
+        "This frequency alone does not allow a conclusion on the joint."
     )
 
 
 def harmonic_kept(tone: str) -> str:
     """Return the message that the third harmonic of the source was not removed."""
-    return f"{tone}: the source's third harmonic was measured but not taken out."
+    return f"{tone}: the third harmonic of the source was measured, but not removed."
 
 
 def large_harmonic(tone: str, ratio: float) -> str:
     """Return the message on the source's third harmonic and its share of the response."""
     return (
-        f"{tone}: the source's third harmonic put {percent(ratio, '.0f')} of the joint's Y(3 "
-        "omega) into the response; the corrected value depends on H1(3 omega)."
+        f"{tone}: the third harmonic of the source adds {percent(ratio, '.0f')} of the joint's Y(3 "
+        "omega) to the response; the corrected value depends on H1(3 omega)."
     )
 
 
 def harmonic_in_noise(tone: str) -> str:
     """Return the message that a third harmonic is noise."""
-    return f"{tone}: Y(3 omega) does not stand above the noise; leave it out."
+    return f"{tone}: Y(3 omega) does not stand above the noise; leave this frequency out."
 
 
 def held_phase(
@@ -216,12 +218,12 @@ def held_phase(
 
 def removed_line(hz: float, amplitude: float, error: float) -> str:
     """Return the message on a line that was removed: frequency [Hz], amplitude, error."""
-    return f"{hz:.6g} Hz of {amplitude:.4g} with an error of {error:.2g}"
+    return f"{hz:.6g} Hz with the amplitude {amplitude:.4g} (error {error:.2g})"
 
 
 def one_header(packets: int) -> str:
     """Return the note on the number of packets that were read as one record."""
-    return f"{packets} under one header, read as one without a pause"
+    return f"{packets} packets under one header, read as one record without a pause"
 
 
 def rounded_rate(error: float) -> str:
@@ -244,6 +246,6 @@ def none_decays(name: str) -> tuple[str, str, str]:
     return (
         f"Test `{name}` must decay in its `band`, but no part of its records is the decay of one "
         "mode there.",
-        "Every piece grows, or is no decay of one mode.",
+        "Every part of them grows, or is not the decay of one mode.",
         "Correct `band`, or let `settle` begin after the blow.",
     )

@@ -1,16 +1,16 @@
-"""Faults of single channels, and of a source beside its response: what, why and remedy."""
+"""Faults of single channels, and of a source and its response: what, why and remedy."""
 
-from jbw.report.messages.message import FaultText
+from jbw.report.messages.message import FaultText, number
 
 UNORDERED = FaultText(
-    "Frequencies must be positive and go one way.",
-    remedy="Sort the lines of the measured FRF and drop repeated ones and 0 Hz.",
+    "Frequencies must be positive, and either rise or fall.",
+    remedy="Sort the lines of the measured FRF, and remove repeated lines and 0 Hz.",
 )
 
 FOLDED = FaultText(
-    "Frequencies must go one way, but turn back as along a curve that folds.",
+    "Frequencies must either rise or fall, but turn back as along a curve that folds.",
     "Sorted lines would mix the branches of the curve.",
-    'Put under [[test]]: `kind = "curve"`, which keeps the points in the order measured.',
+    'Put under [[test]]: `kind = "curve"`, which keeps the points in the measured order.',
 )
 
 
@@ -18,7 +18,7 @@ def unequal_lengths(lengths: str) -> FaultText:
     """Return the message that channels have different lengths."""
     return FaultText(
         f"Channels must have equal lengths, but {lengths} samples.",
-        "Cutting the longer one would assume that both begin together.",
+        "To cut the longer channel would assume that both begin together.",
         "Export the channels together, or name those that were sampled together.",
     )
 
@@ -40,8 +40,8 @@ def not_finite(count: int, total: int, first: str, remedy: str) -> FaultText:
 def masked(count: int, total: int) -> FaultText:
     """Return the message on samples that the campaign masks."""
     return FaultText(
-        f"{count} of {total} samples are not finite, and masked.",
-        remedy="Nothing, if that is what was meant.",
+        f'{count} of {total} samples are not finite; gaps = "mask" leaves them out.',
+        remedy="Nothing is to be done if this is intended.",
     )
 
 
@@ -49,7 +49,7 @@ def beyond_measurement(sample: int, largest: float) -> FaultText:
     """Return the message on a sample that no instrument measures."""
     return FaultText(
         f"Sample {sample} is {largest:.3g} in SI units, beyond any measurement.",
-        "A damaged file reads like this, and so does an instrument's word for a lost sample.",
+        "A damaged file contains such values, and some instruments write them for lost samples.",
         "Copy or export the file again, and check the unit.",
     )
 
@@ -57,7 +57,7 @@ def beyond_measurement(sample: int, largest: float) -> FaultText:
 def constant(value: float, leave_out: str, *, toggles: bool) -> FaultText:
     """Return the message on a channel that does not change, but for its last bit."""
     return FaultText(
-        f"The channel is constant at {value:.6g}" + (" within one bit." if toggles else "."),
+        f"The channel is constant at {value:.6g}" + (", to within one bit." if toggles else "."),
         "A dead sensor or an unconnected input looks like this.",
         f"Name the right channel, or {leave_out}.",
     )
@@ -67,7 +67,7 @@ def few_levels(count: int, least: int) -> FaultText:
     """Return the message that a converter used few of its bits."""
     return FaultText(
         f"The channel has only {count} distinct values, fewer than {least}.",
-        "Quantisation is then no longer like white noise.",
+        "With so few values, quantisation errors are no longer like white noise.",
         "Measure with a smaller range, so that more bits are used.",
     )
 
@@ -75,10 +75,14 @@ def few_levels(count: int, least: int) -> FaultText:
 def held(each: int, fs: float) -> FaultText:
     """Return the message that each value stands for several samples."""
     return FaultText(
-        f"Each value is held for {each} samples: the channel was recorded at {fs:.6g} Hz.",
-        f"It comes {(each - 1) / 2:g} samples late beside channels of the stated rate.",
+        f"Each value is repeated for {each} samples: the channel was recorded at {fs:.6g} Hz.",
+        f"It lags channels of the stated rate by {_samples((each - 1) / 2)}.",
         f"Export all channels at {fs:.6g} Hz.",
     )
+
+
+def _samples(count: float) -> str:
+    return "1 sample" if count == 1 else f"{count:g} samples"
 
 
 def dropped_out(count: int, first_s: float) -> FaultText:
@@ -86,7 +90,7 @@ def dropped_out(count: int, first_s: float) -> FaultText:
     return FaultText(
         f"The signal has drop-outs: at {count} places, first at {first_s:.4g} s, it falls to "
         "nearly zero for a few samples.",
-        "A laser that loses its light or a loose contact looks like this.",
+        "A laser that loses its light, or a loose contact, has this effect.",
         "Improve focus or surface and measure again, or bridge these samples before you export.",
     )
 
@@ -94,7 +98,7 @@ def dropped_out(count: int, first_s: float) -> FaultText:
 def implausible(role: str, largest: float, guess: str) -> FaultText:
     """Return the message on a motion that no bolted joint survives."""
     return FaultText(
-        f"The largest {role} is {largest:.3g} in SI units, more than a bolted joint survives.",
+        f"The largest {role} is {number(largest)} in SI units, more than a bolted joint survives.",
         remedy=f"Check the unit: is the file in {guess}?",
     )
 
@@ -107,7 +111,7 @@ def lost_samples(
     return FaultText(
         f"{count} of {total} samples are {value:.6g} in SI units, the first at {first_s:.4g} s; "
         f"all others lie between {low:.3g} and {high:.3g}.",
-        "A logger writes such a number for a sample that it lost.",
+        "Some loggers write such a number for a lost sample.",
         remedy,
     )
 
@@ -116,16 +120,16 @@ def clipped(share: float, stretches: str, more: str, remedy: str) -> FaultText:
     """Return the message on the share of samples that are cut off, and where."""
     return FaultText(
         f"{100 * share:.2g} % of the samples are clipped, at {stretches}{more}.",
-        "A clipped peak reads as softening and as harmonics.",
-        f"{remedy} Measure with more range.",
+        "A fit takes clipped peaks for softening and for harmonics.",
+        f"{remedy} Otherwise measure with a larger range.",
     )
 
 
 def stopped(end: float, keep: str) -> FaultText:
     """Return the message that a recorder was stopped before the end of its file."""
     return FaultText(
-        f"The response stands still from {end:.4g} s to the end of the record.",
-        "A stopped recorder fills its file like this; a structure keeps ringing.",
+        f"The response is constant from {end:.4g} s to the end of the record.",
+        "A stopped recorder fills its file in this way; a structure keeps ringing.",
         f"{keep}.",
     )
 
@@ -133,8 +137,9 @@ def stopped(end: float, keep: str) -> FaultText:
 def gaps(stretches: str, more: str, count: int, remedy: str) -> FaultText:
     """Return the message for gaps that a recorder filled with its last value."""
     return FaultText(
-        f"The response stands still at {stretches}{more}, amid motion: {count} gap(s).",
-        "A recorder that lost samples fills the gaps like this.",
+        f"The response is constant at {stretches}{more}, with motion before and after: "
+        f"{'1 gap' if count == 1 else f'{count} gaps'}.",
+        "A recorder that lost samples fills the gaps in this way.",
         remedy,
     )
 
@@ -142,8 +147,8 @@ def gaps(stretches: str, more: str, count: int, remedy: str) -> FaultText:
 def swapped(ratio: float) -> FaultText:
     """Return the message that the input looks like the response of the other."""
     return FaultText(
-        f"The input's spectrum is {ratio:.3g} times more peaked than the response's.",
-        "That is how the FRF looks when input and response are swapped.",
+        f"The spectrum of the input is {ratio:.3g} times more peaked than that of the response.",
+        "The FRF looks like this when input and response are swapped.",
         "Check which channel is which.",
     )
 
@@ -151,18 +156,19 @@ def swapped(ratio: float) -> FaultText:
 def incoherent(coherence: float) -> FaultText:
     """Return the message that little of a response comes from its input."""
     return FaultText(
-        f"The coherence with the input is {coherence:.2f} in the median of the excited lines.",
-        "Little of this response comes from this input.",
-        "Check that the channels belong together, and narrow band to where they do.",
+        f"The median coherence with the input is {coherence:.2f} over the excited lines.",
+        "Only a small part of this response comes from this input.",
+        "Check that the channels belong together, or narrow band to lines of good coherence.",
     )
 
 
 def outside_band(peak: float, low: float, high: float, ratio: float) -> FaultText:
     """Return the message on a band without the largest response."""
     return FaultText(
-        f"The response is largest at {peak:.4g} Hz, outside `band` = [{low:g}, {high:g}] Hz: "
+        f"The response is largest at {peak:.4g} Hz, outside `band` = [{low:g}, {high:g}] Hz, at "
         f"{ratio:.3g} times its centre.",
-        "A factor of 6.28 means rad/s, 2 half the sampling frequency, 1.024 rounded 1000 Hz.",
+        "A factor of 6.28 means rad/s, 2 half the sampling frequency, 1.024 a rate of 1000 Hz that "
+        "was rounded from 1024 Hz.",
         "Check fs and band.",
     )
 
@@ -170,9 +176,9 @@ def outside_band(peak: float, low: float, high: float, ratio: float) -> FaultTex
 def unresolved(peak: float, width: float, duration_s: float, resolution_hz: float) -> FaultText:
     """Return the message on a resonance that is narrower than the record resolves."""
     return FaultText(
-        f"The resonance at {peak:.4g} Hz is seen {width:.3g} Hz wide, hardly more than a record "
+        f"The resonance at {peak:.4g} Hz appears {width:.3g} Hz wide, hardly more than a record "
         f"of {duration_s:.4g} s resolves ({resolution_hz:.3g} Hz).",
-        "Its damping is then an upper bound, not a number.",
+        "The damping read from this width is then only an upper bound.",
         f"Measure longer: {4 * duration_s:.4g} s resolve {resolution_hz / 4:.3g} Hz.",
     )
 
@@ -181,7 +187,8 @@ def negative_gain(role: str) -> FaultText:
     """Return the message that the gain is negative."""
     return FaultText(
         "At its resonance the response moves against the input: the gain is negative.",
-        "The polarity of one channel is turned, or the response was taken the other way round.",
+        "The polarity of one channel is reversed, or the response was measured in the opposite "
+        "direction.",
         f"Put under [[test]]: `scale = {{ {role} = -1.0 }}`.",
     )
 
@@ -191,9 +198,9 @@ def base_motion(gain: float) -> FaultText:
     return FaultText(
         "At its resonance the response moves against the input, as a structure on a moving base "
         f"does: the gain is {gain:.3g} /kg.",
-        "`force` may hold the acceleration of a base, and the response be absolute. Otherwise one "
-        "channel is turned, and the modal mass is about 1 kg.",
-        "Where a base moves, subtract the drive from the response in the file. Then turn its sign, "
+        "`force` may contain the acceleration of a base, and the response may be absolute. "
+        "Otherwise one channel has a reversed sign, and the modal mass is about 1 kg.",
+        "If a base moves, subtract the drive from the response in the file. Then reverse its sign, "
         "with `scale = { acceleration = -1.0 }` under [[test]].",
     )
 
@@ -201,9 +208,9 @@ def base_motion(gain: float) -> FaultText:
 def other_size(ratio: float) -> FaultText:
     """Return the message that a response differs in size from the input times the stated gain."""
     return FaultText(
-        f"At its resonance the response is {ratio:.3g} times what the campaign's gain or modal "
-        "mass makes of the input.",
-        "A factor of 1000 is a metre for a millimetre, 9.81 a g for m/s^2, 4.45 lbf for N.",
+        f"At its resonance the response is {number(ratio)} times the value that the campaign's "
+        "gain or modal mass predicts from the input.",
+        "A factor of 1000 means metre for millimetre, 9.81 g for m/s^2, 4.45 lbf for N.",
         "Check both units, and gain or modal_mass.",
     )
 
@@ -211,8 +218,8 @@ def other_size(ratio: float) -> FaultText:
 def noisy_drive(source: str, ratio: float, response: str) -> FaultText:
     """Return the message on the error by noise of the drive over that by noise of the response."""
     return FaultText(
-        f"At the resonance the noise of `{source}` makes {ratio:.2g} times the error that the "
-        f"noise of `{response}` makes.",
-        "A fit takes the drive as measured: what it finds is off by more than it says.",
+        f"At the resonance the noise of `{source}` causes {ratio:.2g} times the error that the "
+        f"noise of `{response}` causes.",
+        "A fit takes the measured drive as exact, so that its errors are larger than it states.",
         f"Set the range of `{source}` nearer to the level, raise the level, or leave the test out.",
     )

@@ -7,13 +7,13 @@ from typing import Any
 PUT = "Put under [[test]]:"
 LEAVE_OUT_BY_NUMBER = "leave the record out by its number in `exclude`"
 LEAVE_OUT_TEST = "Leave the test out."
-NO_LINE = "No line of the campaign file was found that repairs it: measure again."
+NO_LINE = "Measure again: no line of the campaign file was found that repairs this."
 OTHER_LAWS = "Try other laws: jbw laws."
-# What the functions below write, to be found in a remedy again.
+# Patterns that find the texts of the functions below in a remedy.
 SPAN = re.compile(r"`span = \[([^,\]]+), ([^\]]+)\]`")
 EXCLUDE = re.compile(r"`exclude = (\[[^`]*\])`")
 ONLY_LEFT_OUT = re.compile(
-    rf"{re.escape(PUT)} `exclude = [^`]*`(?:, or keep what comes before: `[^`]*`)?\."
+    rf"{re.escape(PUT)} `exclude = [^`]*`(?:, or keep the part before the fault: `[^`]*`)?\."
 )
 OR_LEFT_OUT = re.compile(r",? or leave the records? out: `exclude = [^`]*`")
 # A table of one role: the factor or the unit of a channel.
@@ -37,12 +37,12 @@ def leave_out(files: str) -> str:
 
 def part_or_leave_out(part_line: str, leaving_out: str) -> str:
     """Return the remedy: use the part without spoilt samples, or leave the record out."""
-    return f"{part_line}, which has none of them, or {leaving_out}."
+    return f"{part_line}, a part without these samples, or {leaving_out}."
 
 
 def leave_out_or_part_before(exclude_line: str, part: str) -> str:
     """Return the remedy: leave the record out, or keep the part before the fault."""
-    return f"{exclude_line}, or keep what comes before: {part}."
+    return f"{exclude_line}, or keep the part before the fault: {part}."
 
 
 def put(table: str, key: str, value: Any) -> str:
@@ -51,13 +51,13 @@ def put(table: str, key: str, value: Any) -> str:
 
 
 def beside_other_laws(line: str) -> str:
-    """Return the message on the line of another law, and how further ones are compared."""
-    return f"{line} Others, a gap between contacts among them, are compared by: jbw laws."
+    """Return the remedy of another law: the line to paste, and how to compare more laws."""
+    return f"{line} To compare this and other laws, such as a gap between contacts: jbw laws."
 
 
 def draw_more(num_samples: int | None, sampler: str) -> str:
     """Return the remedy for too few draws: more samples, or another sampler if none suffice."""
     if num_samples is None:
         line = put("identify", "sampler", sampler)
-        return f"More draws of this sampler will not be enough. {line}"
+        return f"Use another sampler: more draws of this one will not be enough. {line}"
     return f"Draw more samples. {put('identify', 'num_samples', num_samples)}"

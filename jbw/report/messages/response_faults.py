@@ -6,16 +6,16 @@ from jbw.report.messages.message import FaultText, percent
 
 NO_PHASE = FaultText(
     "The response is in phase with the input at every line.",
-    "A structure with damping lags; without a phase the damping is not known.",
-    "Name the channel that holds the phase.",
+    "The response of a damped structure lags; without its phase the damping is unknown.",
+    "Name the channel that contains the phase.",
 )
 NEGATIVE_AMPLITUDE = FaultText(
     "The input's amplitude must be positive, but it is not at every line.",
     remedy="Give amplitudes, not instantaneous values; correct the polarity in the response.",
 )
 RISING_PHASE = "its phase rises with frequency"
-GIVES_ENERGY = "the force takes energy out"
-STATE_BAND = "State the frequencies around the mode, with no other between them."
+GIVES_ENERGY = "the force extracts energy"
+STATE_BAND = "State the frequencies around this mode, with no other mode between them."
 
 
 def drifting(tones: str, change: float) -> FaultText:
@@ -23,7 +23,7 @@ def drifting(tones: str, change: float) -> FaultText:
     return FaultText(
         f"{tones}: the amplitude changes by {percent(change, '.1f')} from one half of the "
         "record to the other.",
-        "A transient is left, or the frequency is not exact.",
+        "The record still contains a transient, or the stated frequency is not exact.",
         "Raise settle, or correct tones.",
     )
 
@@ -49,8 +49,8 @@ def few_lines(count: int, least: int) -> FaultText:
 def locked_phase(phase: float) -> FaultText:
     """Return the message that a curve is a backbone [degrees]."""
     return FaultText(
-        f"The phase stays at {phase:.3g} degrees at every line: points of a backbone, each at a "
-        "force of its own.",
+        f"The phase is {phase:.3g} degrees at every line: these are points of a backbone, each at "
+        "a different force.",
         "A response curve passes through the resonance at one force or one amplitude.",
         'Put under [[test]]: `kind = "backbone"`.',
     )
@@ -69,7 +69,7 @@ def in_degrees(phase: float) -> FaultText:
     """Return the message on a phase that was written in degrees."""
     return FaultText(
         f"The phase reaches {phase:.3g} rad, more than three turns.",
-        "It reads like degrees.",
+        "The phase is probably in degrees.",
         'Give units = { phase = "deg" }.',
     )
 
@@ -79,16 +79,16 @@ def loop_turned(rises: float, work: float) -> FaultText:
     return FaultText(
         f"The force falls where the displacement rises (correlation {rises:.2g}), with a work of "
         f"{work:.3g} J over the record.",
-        "Force or displacement has its sign turned: a joint is stiff, and takes energy in.",
+        "Force or displacement has a reversed sign: a joint has stiffness and dissipates energy.",
         "Put under [[test]]: `scale = { displacement = -1.0 }`.",
     )
 
 
 def undecaying(times: float) -> FaultText:
-    """Return the message on a decay whose end is as large as its beginning."""
+    """Return the message on a decay that does not decay."""
     return FaultText(
         f"The response of the last quarter is {times:.2g} times that of the first.",
-        "A free decay falls; this record may be driven, or begin before the impact.",
+        "A free decay falls; this record may be driven, or may begin before the impact.",
         "Correct kind, or cut the record with span or settle.",
     )
 
@@ -96,8 +96,8 @@ def undecaying(times: float) -> FaultText:
 def offset(ratio: float) -> FaultText:
     """Return the message on the mean of a response over its standard deviation."""
     return FaultText(
-        f"The response has a mean of {ratio:.2g} times its motion.",
-        "An offset of the channel is no motion, but would be fitted as one.",
+        f"The mean of the response is {ratio:.2g} times its standard deviation.",
+        "An offset of the channel is not a motion, but would be fitted as one.",
         "Put under [[test]]: `remove_mean = true`.",
     )
 
@@ -105,30 +105,30 @@ def offset(ratio: float) -> FaultText:
 def already_moving(share: float) -> FaultText:
     """Return the message on the motion at the start of a record over its usual motion."""
     return FaultText(
-        f"The record begins with {percent(share, '.0f')} of its usual motion, but such a test "
-        "is followed from rest.",
-        "Memory of earlier motion would be taken for an error of the law.",
+        f"The record begins with {percent(share, '.0f')} of its usual motion, but the model of "
+        "such a test starts from rest.",
+        "The effect of the earlier motion would be taken for an error of the law.",
         "Set `settle` to the time in which free motion dies out, some 6 / (zeta omega_n), or let "
         "`span` begin where the structure is at rest.",
     )
 
 
 def unlike_level(level: float, role: str, peak: float, rms: float, unit: str) -> FaultText:
-    """Return the message on a level beside peak and rms of the channel that it is of."""
+    """Return the message that `level` differs from the peak and the rms of its channel."""
     sizes = f"a peak of {peak:.3g} and an rms of {rms:.3g} {unit}".rstrip()
     return FaultText(
         f"`level` is {level:g}, but {role} has {sizes}.",
-        "Predictions at a level, and tests of one level, take it for an amplitude.",
-        f"State what the rig held constant. Put under [[test]]: `level = {peak:.3g}`. A name goes "
-        "into `name`.",
+        "Predictions at a level, and comparisons of tests, use `level` as an amplitude.",
+        f"State the amplitude that was held constant. Put under [[test]]: `level = {peak:.3g}`. If "
+        "`level` was meant as a name, use `name`.",
     )
 
 
 def put_band(low: float, high: float) -> str:
     """Return the message on the line of a band about the strongest line."""
     return (
-        f"Put under [[test]]: `band = [{low:g}, {high:g}]`. That is about the strongest line; no "
-        "other mode may lie in it."
+        f"Put under [[test]]: `band = [{low:g}, {high:g}]`. This band is around the strongest "
+        "line; it must not contain another mode."
     )
 
 
@@ -136,7 +136,7 @@ def without_band(remedy: str) -> FaultText:
     """Return the message that a decay has no band, with the remedy."""
     return FaultText(
         "A free decay needs `band`: the frequencies around the one mode of the joint.",
-        "It shows every mode at once.",
+        "A free decay contains all modes at once.",
         remedy,
     )
 
@@ -145,7 +145,7 @@ def several_modes(share: float, low: float, high: float) -> FaultText:
     """Return the message on the share of the power outside a band about the strongest resonance."""
     return FaultText(
         f"{percent(share, '.0f')} of the displacement's power lies outside {low:g} to "
-        f"{high:g} Hz, about the strongest resonance.",
-        "One mode with a joint cannot follow several.",
+        f"{high:g} Hz, the band around the strongest resonance.",
+        "A model of one mode with a joint cannot describe several modes.",
         f"Put under [[test]]: `band = [{low:g}, {high:g}]`, or state the modes by [structure].",
     )

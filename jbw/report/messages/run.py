@@ -1,24 +1,25 @@
 """The messages on a run's folder and its interruption."""
 
-RESTORE = "Restore it, or begin a new run in another folder: jbw identify CAMPAIGN --out DIR."
-REPEAT = "Free some space, and repeat the command: it goes on with the parts that are kept."
-KEPT = "Its finished parts are kept: the same command goes on with them."
+RESTORE = "Restore the file, or begin a new run in another folder: jbw identify CAMPAIGN --out DIR."
+REPEAT = "Free some space and repeat the command; it continues with the saved parts."
+KEPT = "The finished parts are saved; repeat the command to continue with them."
 
 
 def going_on(parts: int) -> str:
     """Return the message that a command continues from finished parts of a killed process."""
-    return f"Going on with {parts} finished parts of the same command"
+    saved = "1 saved part" if parts == 1 else f"{parts} saved parts"
+    return f"Continuing with {saved} of an earlier run of this command"
 
 
 def stopping(*, waits: bool) -> str:
     """Return the message after an interruption; `waits` if a chunk of draws is saved first."""
-    when = " when this chunk of draws is saved" if waits else ""
-    return f"Stopping{when}; again to leave at once."
+    when = " as soon as this chunk of draws is saved" if waits else ""
+    return f"Stopping{when}; interrupt again to stop at once."
 
 
 def damaged_checkpoint(name: str, folder: str, *, has_earlier: bool) -> str:
     """Return the message that a checkpoint is damaged, and what is used instead."""
-    then = "the one before it is used" if has_earlier else "its chains start again"
+    then = "the previous checkpoint is used" if has_earlier else "its chains start again"
     return f"A checkpoint of {name} in {folder} is damaged: {then}."
 
 
@@ -27,5 +28,5 @@ def another_machine(before: str, processors_before: str, now: str, processors_no
     return (
         f"The run began on {before} ({processors_before} processors) and "
         f"continues on {now} ({processors_now}): its draws may differ in the last digits, and "
-        "chains whose start differs begin again."
+        "chains that would start differently begin again."
     )

@@ -4,10 +4,11 @@ from collections.abc import Mapping, Sequence
 
 from jbw.report.messages.message import percent
 
-OF_EACH_RUN = "Each run has offsets of omega_n and zeta of its own in the likelihood."
+OF_EACH_RUN = "In the likelihood each run has its own offsets of omega_n and zeta."
 SHARED_DAMPING = (
-    "Each level has its own omega_n in the likelihood. All share zeta, which no repeats of one "
-    "level show to scatter: damping that changes with level is the law's to explain."
+    "In the likelihood each level has its own omega_n, but all levels share zeta, because no "
+    "repeats of one level show that zeta varies. The law must explain damping that changes with "
+    "level."
 )
 
 
@@ -23,8 +24,8 @@ def differ(p: float, offsets_hz: Mapping[str, float], likelihood: str) -> str:
 def of_each_level(scatter: float) -> str:
     """Return the message on natural frequency per level and the scatter of zeta between levels."""
     return (
-        "Each level has its own omega_n in the likelihood, and zeta scatters between levels by "
-        f"{percent(scatter, '.1f')} of itself, as it does between repeats of one level."
+        "In the likelihood each level has its own omega_n, and zeta varies between levels by "
+        f"{percent(scatter, '.1f')} of its value, as it does between repeats of one level."
     )
 
 
@@ -37,6 +38,6 @@ def scatter(hz: tuple[float, float, float], sessions: str) -> str:
 def population_mean(scatters: Sequence[str]) -> str:
     """Return the message that the natural frequency is a population's mean, with its scatter."""
     return (
-        "The natural frequency of the posterior is the population's mean; it scatters by "
-        f"{' and '.join(scatters)} (standard deviation, 99 % interval)."
+        "The natural frequency of the posterior is the mean of the population; natural frequencies "
+        f"vary by {' and '.join(scatters)} (standard deviation [99 % interval])."
     )

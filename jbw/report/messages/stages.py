@@ -2,17 +2,17 @@
 
 READING_RECORDS = "Reading the records without a model"
 DRAWING = "Drawing the posterior"
-SINGLE_RECORDS = "Every record by itself, and what the prior predicts of it"
+SINGLE_RECORDS = "Computing the likelihood of every record, and its prediction from the prior"
 FITTING_SHARED = "Fitting all laws with sessions that share omega_n and zeta"
-COMPUTING_JOINT = "Computing the joint, its backbone with bands and its loops"
-SAVED = "Saved; the same command again continues."
+COMPUTING_JOINT = "Computing the joint's backbone with bands, and its loops"
+SAVED = "Saved. Repeat the command to continue."
 
-# Parts of a result, as the subject of a sentence that says why one is missing.
-ANSWER_OF_FIT = "The answer of the fit"
+# Parts of a result, each the subject of a sentence that says why it is missing.
+ANSWER_OF_FIT = "The result of the fit alone"
 IDENTIFIABILITY = "The study of identifiability"
-WITHOUT_FORM = "The law without a form"
+WITHOUT_FORM = "The reading of frequency and damping without assuming a law"
 OUTSIDE_BAND = "The constant of the modes outside the band"
-ROUTES = "The comparison of the routes"
+ROUTES = "The comparison of the paper's steps with the joint posterior"
 TIED = "The evidence of one law for several joints"
 KERNEL = "The comparison of the third-order kernel with the model"
 ENERGY = "The running mean of the energy of the sweeps"
@@ -22,22 +22,22 @@ RECORD_LIKELIHOOD = "The likelihood of single records"
 
 FREE_DECAYS = "Free decays: the joint from them alone"
 FREE_POSTERIOR = "The posterior of the free decays alone"
-STEP_4 = "Step 4: gamma alone, the earlier steps held"
+STEP_4 = "Step 4: gamma alone, with the results of the earlier steps fixed"
 STEP_3_MEANS = "Step 3: means of zeta, alpha and delta, by NUTS"
 WITHOUT_KIND = "fit without kind %d of %d"
 WITHOUT_RUN = "fit without run %d of %d"
-PRIOR_POINTS = "%d points of the prior"
-FURTHER_START = "further start %d of %d"
-REWEIGHTING = "fit and weights, round %d of %d at most"
-NONE_HELD_OUT = "No test is held out: this is the answer of all tests."
-FITTING_FOR_USE = "Fitting all tests for use"
+PRIOR_POINTS = "predictions at %d points of the prior"
+FURTHER_START = "additional start %d of %d"
+REWEIGHTING = "fit and weights, round %d of at most %d"
+NONE_HELD_OUT = "No test is held out: this result uses all tests."
+FITTING_FOR_USE = "Fitting all tests, including the held-out ones"
 
 
 def little_address_space(limit_gib: float, needed_gib: float) -> str:
     """Return the message that a limit on the address space may end the process."""
     return (
         f"The address space of this process is limited to {limit_gib:.2g} GiB, but compiling may "
-        f"reserve {needed_gib:g} GiB and ends the process where it gets none. Raise the limit: "
+        f"need {needed_gib:g} GiB; without them the process ends. Raise the limit: "
         "ulimit -v unlimited."
     )
 
@@ -46,7 +46,7 @@ def unkept_code(folder: str, reason: str) -> str:
     """Return the warning that compiled code cannot be kept in a folder."""
     return (
         f"Compiled code cannot be kept in {folder}: {reason}. The results are the same, but every "
-        "command compiles again. Name a folder that can be written: "
+        "command compiles again. Name a folder with write permission: "
         "export JAX_COMPILATION_CACHE_DIR=FOLDER."
     )
 
@@ -60,16 +60,16 @@ def scoring(law: str, num_sessions: int, *, by_fit: bool) -> str:
     """Return the progress message for a law: each session is predicted from all others, if any."""
     if num_sessions == 1:
         return f"{law}: one session, judged by its {'fit' if by_fit else 'evidence'}"
-    method = " by fits alone" if by_fit else "; evidence"
+    method = " by fits alone" if by_fit else ", and the evidence"
     return f"{law}: {num_sessions} sessions, each predicted from the others{method}"
 
 
 def points(count: int, coordinates: str) -> str:
     """Return the progress message on how many points a parametrisation is evaluated at."""
-    return f"parametrisation {coordinates}, {count} points"
+    return f"parametrisation by {coordinates}: evaluating {count} points"
 
 
-CHAINS = "chains about the draws so far"
+CHAINS = "chains that start from the draws so far"
 
 
 def drawing_figures(page: str) -> str:
@@ -84,22 +84,22 @@ def drawing_records(folder: str) -> str:
 
 def starts(count: int) -> str:
     """Return the phrase on the number of starts from which fits run in parallel."""
-    return "1 start" if count == 1 else f"{count} starts side by side"
+    return "1 start" if count == 1 else f"{count} starts in parallel"
 
 
 def later_round(what: str, number: int) -> str:
     """Return the message that a posterior is drawn again."""
-    return f"{what}, round {number} (chains disagreed or draws were few: drawn again)"
+    return f"{what}, round {number}: drawn again, because chains disagreed or draws were too few"
 
 
 def effective(size: float, needed: float) -> str:
-    """Return the message on how many effective draws there are, of how many."""
-    return f"{size:,.0f} effective draws of at least {needed:,.0f}"
+    """Return the message on the effective draws so far, and the number needed."""
+    return f"{size:,.0f} effective draws; at least {needed:,.0f} are needed"
 
 
 def finished_before(verdict: str) -> str:
     """Return the message for a campaign that finished earlier, with its verdict."""
-    return f"was finished before, verdict {verdict}"
+    return f"was finished earlier, verdict {verdict}"
 
 
 def _groups(count: int) -> str:
@@ -128,4 +128,4 @@ def line_fit(test: str) -> str:
 
 def fitting_as(law: str) -> str:
     """Return the progress message on the law whose weights are used to fit all laws."""
-    return f"Fitting all laws with the weights of {law}, the law of the smallest residual"
+    return f"Fitting all laws with the weights of {law}, the law with the smallest residual"

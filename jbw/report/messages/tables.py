@@ -2,19 +2,21 @@
 
 from collections.abc import Sequence
 
-FROM_TRUTH = "distance of the mean from the truth in standard deviations, bold beyond 2.58"
-KL = "information gained over the prior, in nats"
-R_HAT = "above 1.01 (bold) the chains disagree"
+from jbw.report.messages.message import listed
+
+FROM_TRUTH = "distance of the mean from the true value in standard deviations, bold beyond 2.58"
+KL = "information gained compared with the prior, in nats"
+R_HAT = "the chains disagree if it is above 1.01 (bold)"
 TESTS = "Tests: fitted and held out"
-HELD_OUT_BEFORE = "Held out from the fit before"
+HELD_OUT_BEFORE = "Held out from the earlier fit"
 ACROSS_KINDS = "Each kind, predicted from the others"
-ROUTES = "The paper's cut and the joint posterior"
+ROUTES = "The paper's steps and the joint posterior"
 LOOPS = "Areas of the hysteresis loops"
 CYCLES = "Force loops, cycle by cycle"
-MODES_IN_STICK = "Modes with the joints in full stick"
-JOINTS = "Shares of the joints in every mode, at its largest motion and in its shape there"
+MODES_IN_STICK = "Modes with fully stuck joints"
+JOINTS = "Shares of the joints in every mode, at its largest motion and in its shape at that motion"
 WITHHELD = "withheld"  # a band
-MATRIX_B = "Matrix B of the swept modes, rows over their largest"
+MATRIX_B = "Matrix B of the swept modes, each row divided by its largest value"
 
 # Headings of columns, in two lines.
 ERROR = "RMS error /\nrms of the record"
@@ -29,7 +31,7 @@ PROFILE_INTERVAL = "99 % interval\nof the profile"
 
 SPECTRUM = "Information spectrum, strongest direction first"
 COHERENCE = "lowest coherence at the resonance"
-COHERENCE_NOTE = "near 1 where the records are long enough for the damping and free of noise"
+COHERENCE_NOTE = "near 1 if the records are long enough for the damping and free of noise"
 VARIATION_NOTE = "between repeats; compare it with the standard deviations of Table 1"
 HARMONIC = "largest third harmonic of the source"
 HARMONIC_NOTE = "of Y(3ω), removed with the measured input"
@@ -37,12 +39,12 @@ HARMONIC_NOTE = "of Y(3ω), removed with the measured input"
 
 def rests_on(parameters: Sequence[str]) -> str:
     """Return the message on parameters that only one kind of test identifies."""
-    return f"not identified without it: {', '.join(parameters)}"
+    return f"only these tests identify {listed(parameters)}"
 
 
 def beyond(reach: float) -> str:
-    """Return the message on how far a test lies beyond the fitted ones."""
-    return f"{reach:.2g} times the largest fitted displacement"
+    """Return the message on the extrapolation of a test beyond the fitted displacement."""
+    return f"reaches {reach:.2g} times the largest fitted displacement"
 
 
 def laws(campaign: str) -> str:

@@ -1,4 +1,6 @@
-"""Tests beside their predictions: what bands hold, and what predictions are worth."""
+"""Tests compared with their predictions: coverage of the bands, limits of the predictions."""
+
+from jbw.report.messages.message import percent
 
 EVERY_TEST = "Verification and validation: every test against the model, and without hysteresis"
 WITHOUT_HYSTERESIS = "The fit of the oscillators without hysteresis"
@@ -6,7 +8,7 @@ FREE_DECAYS = "Verification: free decays, frequency and damping against amplitud
 DECAYS_COMPARED = "The comparison of the free decays with the model"
 DECAY_CURVES = "The frequency and damping of the free decays against amplitude"
 STIFFNESS = "stiffness of Z without slip"
-SLIP = "Z less that without slip"
+SLIP = "Z minus Z without slip"
 FORCE_PHASE = "phase of the force ahead of the displacement"
 SOURCE_UNIT = "unit of the run's source"
 ERROR_ALONE = "not known: band of the parameters and of the model discrepancy"
@@ -14,7 +16,7 @@ OWN = "of this test, as fitted"
 ALIKE = "mean of the fitted tests of its kind"
 REPEATS = "scatter of the test's own repeats"
 UNKNOWN = "not known: band of the parameters alone"
-LEFT_OUT = "left out, as asked: band of the parameters alone"
+LEFT_OUT = "left out, as requested: band of the parameters alone"
 
 
 def comparison_of(test: str, quantity: str) -> str:
@@ -25,26 +27,25 @@ def comparison_of(test: str, quantity: str) -> str:
 def extrapolated(test: str, y: float, ratio: float, fitted: float) -> str:
     """Return the message that a prediction reaches beyond the fitted displacements [m]."""
     return (
-        f"Test `{test}` is predicted to reach {y:.3g} m, {ratio:.2g} times the largest "
-        f"displacement that was fitted ({fitted:.3g} m), where nothing shows that the joint "
-        "follows the law: its bands may be far too narrow; add a test of that level to the "
-        "campaign and identify again."
+        f"Test `{test}` is predicted to reach {y:.3g} m, {ratio:.2g} times the largest fitted "
+        f"displacement ({fitted:.3g} m). No fitted test shows that the joint follows the law "
+        "there: the bands may be far too narrow. Add a test of that level to the campaign and "
+        "identify again."
     )
 
 
 def away_from_mode(test: str, share: float) -> str:
-    """Return the message on the share of the input's power about the mode."""
+    """Return the message that a test hardly drives the identified mode."""
     return (
-        f"Test `{test}` has {share:.2g} of its input's power within 25 % of the natural "
-        "frequency, so it hardly moves the mode that was identified: other modes may dominate its "
-        "response; choose a test around the mode."
+        f"Only {percent(share)} of the input power of test `{test}` lies within 25 % of the "
+        "natural frequency. The test hardly moves the identified mode, and other modes may "
+        "dominate its response. Choose a test around the mode."
     )
 
 
 def without_terms(test: str, terms: str) -> str:
-    """Return the message on what a prediction lacks of a new unit."""
+    """Return the message on residual terms that a prediction of a new unit omits."""
     return (
-        f"Test `{test}` is predicted without {terms}, which some units of the population have and "
-        "others do not, or in places of their own: what other modes add to the response is left "
-        "out of its bands."
+        f"Test `{test}` is predicted without {terms}, which differ between the units of the "
+        "population. Its bands do not include the response of other modes."
     )

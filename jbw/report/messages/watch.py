@@ -9,7 +9,7 @@ Estimate = tuple[float, float, float]
 def distances(squared: float, threshold: float, num_reference: int, unchanged: float) -> str:
     """Return the message on the numbers behind a statement."""
     return (
-        f"T^2 is {squared:.3g} with the threshold {threshold:.3g}; the probability of no change "
+        f"T^2 is {squared:.3g} (threshold {threshold:.3g}); the probability that nothing changed "
         f"since the {num_reference} reference records is {unchanged:.3g}."
     )
 
@@ -21,7 +21,7 @@ def no_alarm(numbers: str) -> str:
 
 def alarm(kind: str, record: str, first: str, direction: str, changes: str, numbers: str) -> str:
     """Return the message that the joint changed, and since which record."""
-    since = f", since {first}" if first != record else ""
+    since = f", change since {first}" if first != record else ""
     return f"Alarm ({kind}) at {record}{since}: {direction}. {changes} {numbers}"
 
 
@@ -53,9 +53,9 @@ def torque_change(before: float, after: Estimate, *, within_fleet: bool, is_expl
 def attenuated(error: float, attenuation: float) -> str:
     """Return the message that slopes of torques that were read are too small."""
     return (
-        f"If the torques of the fleet were read to {percent(error, '.0f')} and not set, its slopes "
-        f"are about {percent(attenuation, '.1g')} too small, and changes of torque are "
-        f"overestimated by as much."
+        "If the torques of the fleet were not set but read with an error of "
+        f"{percent(error, '.0f')}, its slopes are about {percent(attenuation, '.1g')} too small, "
+        "and changes of torque are overestimated by as much."
     )
 
 
@@ -74,22 +74,25 @@ def torn_line(path: str, num_bytes: int, torn_path: str) -> str:
 
 def known_already(record: str, number: int) -> str:
     """Return the message that a record is no new one."""
-    return f"The watch already holds `{record}`, as number {number}."
+    return f"The watch already contains `{record}`, as number {number}."
 
 
 def particles(record: str, share: float, *, moved: bool) -> str:
     """Return the progress message on the share of effective particles after a record."""
-    kernel = ", moved since" if moved else ""
-    return f"{record}: effective particles {percent(share, '.0f')}{kernel}"
+    kernel = "; the particles were moved" if moved else ""
+    return f"{record}: {percent(share, '.0f')} of the particles are effective{kernel}"
 
 
 def several_amplitudes(few: int) -> str:
     """Return the advice to use one amplitude if a watch has few reference records."""
-    return f"With fewer than {few} reference records, one amplitude detects more than several."
+    return (
+        f"With fewer than {few} reference records, readings at one amplitude detect smaller "
+        "changes than readings at several amplitudes."
+    )
 
 
 CAPTION = (
-    "Frequency and damping at one amplitude, and the band that holds 99 % of further records of an "
+    "Frequency and damping at one amplitude, and the band that contains 99 % of new records of an "
     "unchanged joint. A square marks an alarm."
 )
 BAND = "99 % of an unchanged joint"

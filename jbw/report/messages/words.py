@@ -3,9 +3,9 @@
 WORDS: dict[tuple[str, ...], str] = {
     ("verdict", "status", "badge", "usable", "not assessed"): (
         "Whether a result can be used: ok; usable (within an error that is stated); failed; not "
-        "assessed (something could not be looked at). It answers three questions: convergence "
-        "(`sampling`), model adequacy (`law`) and identifiability (`knowledge`). Of a record it "
-        "is ok, warning or error; of a run in a list done or failed."
+        "assessed (a check could not be made). It answers three questions: convergence "
+        "(`sampling`), model adequacy (`law`) and identifiability (`knowledge`). The status of a "
+        "record is ok, warning or error; that of a run in a list is done or failed."
     ),
     ("sampling",): (
         "The first question of a verdict: did the computation converge? R-hat and effective "
@@ -16,13 +16,13 @@ WORDS: dict[tuple[str, ...], str] = {
         "them. In a verdict, the second question: does the model follow the data?"
     ),
     ("knowledge",): (
-        "The third question of a verdict: do the data identify the parameters, or is the answer "
-        "that of the prior?"
+        "The third question of a verdict: do the data identify the parameters, or does the prior "
+        "determine the answer?"
     ),
     ("first answer", "quick", "laplace"): (
-        "What `jbw identify --quick` ends with: the least-squares fit, and intervals of a "
-        "Gaussian with the fit's covariance (Laplace's approximation). No draw is made, so that "
-        'the verdict is "not assessed".'
+        "The result of `jbw identify --quick`: the least-squares fit, and intervals of a Gaussian "
+        "with the covariance of the fit (Laplace's approximation). The posterior is not sampled; "
+        'therefore the verdict is "not assessed".'
     ),
     ("posterior", "draws"): (
         "The probability of the parameters given the data, as a set of draws. A column `draws` "
@@ -30,32 +30,32 @@ WORDS: dict[tuple[str, ...], str] = {
     ),
     ("prior", "prior bounds", "box"): (
         "The probability of a parameter before the data: by default uniform between two bounds, "
-        "together a box. `[identify.prior]` states others. A parameter at a bound is truncated by "
-        "the prior: the data allow values beyond it."
+        "together a box. State other priors under `[identify.prior]`. A parameter at a bound is "
+        "truncated by the prior: the data allow values beyond the bound."
     ),
     ("identified", "not identified", "grade"): (
-        "Whether the data narrow a parameter. Where they do not, its interval is that of the "
-        "prior, and no result of the test."
+        "Whether the data constrain a parameter. If they do not, its interval is that of the "
+        "prior, and not a result of the test."
     ),
     ("strain energy, in full stick",): (
         "Energy share of a joint in a mode, k_j h_ji^2 / omega_i^2: the part of the mode's strain "
-        "energy that the joint holds in full stick. It bounds what the joint can do to the mode."
+        "energy that lies in the fully stuck joint. It bounds the effect of the joint on the mode."
     ),
     ("strain energy, at that motion",): (
-        "The joint's part of the mode's strain energy at the largest motion of the mode that tests "
-        "drove, in the shape that the joints leave it, with its 99 % interval."
+        "The joint's part of the mode's strain energy at the largest measured motion of the mode, "
+        "in the mode shape at that motion, with its 99 % interval."
     ),
     ("losses of all joints", "loss share"): (
-        "The part of the energy that all joints lose in a cycle of a mode, at its largest motion, "
-        "which one joint takes: median and 99 % interval."
+        "The part of one joint in the energy that all joints dissipate in a cycle of a mode at its "
+        "largest motion: median and 99 % interval."
     ),
     ("softening of all joints", "softening share"): (
-        "The part of the change of a mode's squared frequency by all joints, at its largest "
-        "motion, which one joint makes: median and 99 % interval."
+        "The part of one joint in the change of a mode's squared frequency by all joints, at the "
+        "largest motion of the mode: median and 99 % interval."
     ),
     ("by itself",): (
-        "Whether what one of several joints does is known within a factor of two, in the mode "
-        "that shows it best; else the tests tell only what it does together with others."
+        "Whether the effect of one of several joints is known within a factor of two, in the mode "
+        "that shows it best. If not, the tests determine only its effect together with others."
     ),
     ("product", "products"): (
         "alpha*delta sets how fast the frequency falls with amplitude at small amplitude, and "
@@ -69,71 +69,71 @@ WORDS: dict[tuple[str, ...], str] = {
         "The paper's reading of the third-order kernel H3 from tones: zeta, alpha and delta."
     ),
     ("Step 4",): (
-        "The paper's fit of gamma alone to sweeps, with everything of Step 3 held. The joint "
-        "posterior updates all parameters together; where both are there, the joint one is the "
-        "result."
+        "The paper's fit of gamma alone to sweeps, with the results of Step 3 fixed. The joint "
+        "posterior updates all parameters together; if there are both, use the joint posterior."
     ),
     ("joint posterior", "joint"): (
         "The posterior of all parameters from all fitted tests together: the main result of a "
         "run. Elsewhere the joint is the bolted joint itself."
     ),
     ("held out", "hold_out"): (
-        'A test that no fit has seen, kept to check predictions. `hold_out = ["name"]` in '
-        "`[identify]`."
+        "A test that is not fitted, but kept to check predictions. State it by "
+        '`hold_out = ["name"]` in `[identify]`.'
     ),
     ("fitted", "used as"): ("Whether a test was fitted or held out."),
     ("residual", "coloured residual"): (
-        "The measured response less the predicted one. It is coloured where neighbouring samples "
-        "are correlated: then it holds a discrepancy of the model, and not the noise alone."
+        "The measured response minus the predicted one. It is coloured if neighbouring samples are "
+        "correlated: then it contains a discrepancy of the model in addition to the noise."
     ),
     ("offset", "offsets", "run effects"): (
-        "The natural frequency and the damping ratio of a session, or an assembly, less those of "
+        "The natural frequency and the damping ratio of a session, or an assembly, minus those of "
         "all."
     ),
     ("leave one out", "leave-one-out"): (
-        "A fit without one session. Where it moves the parameters far, that session contradicts "
-        "the others."
+        "A fit without one session. If it moves the parameters far, that session contradicts the "
+        "others."
     ),
     ("effective number of samples", "worth"): (
-        "Samples of a coloured residual are correlated and count as fewer independent ones, so "
-        "that intervals do not become too narrow."
+        "The number of independent samples that the correlated samples of a coloured residual are "
+        "worth. It prevents intervals from becoming too narrow."
     ),
     ("direction", "directions", "direction, strongest first"): (
         "A combination of parameters, mostly a product of powers such as alpha*delta, that the "
-        "data know by itself. The strongest is known best. All are counted in logarithms of "
-        "parameters that cannot be zero."
+        "data determine separately. The strongest is determined best. All are computed in "
+        "logarithms of parameters that cannot be zero."
     ),
     ("information", "information / prior's"): (
-        "How much more precise the data know a direction than the prior does: the ratio of the "
-        "inverse variances."
+        "How much more precisely the data determine a direction than the prior does: the ratio of "
+        "the inverse variances."
     ),
     ("sd / prior's", "sd / prior's, by the fit"): (
-        "Standard deviation after the data over that of the prior: 1 says that the data add "
+        "Standard deviation of the posterior over that of the prior: 1 means that the data add "
         "nothing."
     ),
     ("contraction", "contraction, by the draws"): (
-        "1 less the variance of the draws over the prior's: 100 % is known from the data, 0 % is "
-        "the prior."
+        "1 minus the variance of the draws over that of the prior. 100 %: determined by the data; "
+        "0 %: unchanged from the prior."
     ),
     ("follows its bounds", "follows its bounds, in sds"): (
         "How far the mean moves, in standard deviations, when a tenth of a prior's range is cut "
-        "off at either end. A parameter that is its prior moves by 0.17."
+        "off at either end. A parameter that the data do not constrain moves by 0.17."
     ),
     ("profile", "99 % interval of the profile"): (
-        "The range of a parameter over which the others can make up for it within the noise: by "
-        "fits, not by draws."
+        "The range of a parameter over which the other parameters can compensate for it within "
+        "the noise. It comes from fits, not from draws."
     ),
     ("coordinates", "logarithms", "ridge", "valley"): (
-        'The variables in which a posterior is drawn. Logarithms suit positive parameters; "along '
-        'the ridge" follows a combination that the data leave open; "along the valley" follows a '
-        "curved one. The result does not depend on the choice, the time does."
+        "The variables in which a posterior is sampled. Logarithms suit positive parameters; "
+        '"along the ridge" follows a combination that the data do not determine; '
+        '"along the valley" follows a curved combination. The choice changes the computing time, '
+        "but not the result."
     ),
     ("parametrisation",): (
         "Another set of parameters for the same law, such as products in place of factors."
     ),
     ("parameter", "parameter or combination", "parameters", "quantity"): (
-        "The name of a number of the model, as `jbw explain alpha` says it. A column `parameters` "
-        "counts those of a law."
+        "The name of a parameter of the model; `jbw explain alpha`, for example, explains one. A "
+        "column `parameters` contains the number of parameters of a law."
     ),
     ("unit",): ("The unit of a quantity. In tables of several joints, the name of one of them."),
     ("mean", "middle", "joint: mean", "cut: mean", "A", "B"): (
@@ -141,26 +141,27 @@ WORDS: dict[tuple[str, ...], str] = {
         "that `jbw diff` compares."
     ),
     ("sd", "joint: sd", "cut: sd", "std"): (
-        'Standard deviation. "cut" is the paper\'s order, in which Steps 3 and 4 hold what came '
-        "before."
+        'Standard deviation. "cut" is the paper\'s order of steps, in which Steps 3 and 4 fix the '
+        "results of earlier steps."
     ),
     ("CV", "sd / value, by the fit"): (
-        "Coefficient of variation: standard deviation over mean. To 10 % a parameter counts as "
-        "known, to 30 % as known roughly."
+        "Coefficient of variation: standard deviation over mean. A parameter counts as identified "
+        "up to 10 %, and as roughly identified up to 30 %."
     ),
     ("MAP", "fit"): (
-        "The best single value: the draw of the highest posterior density; of a fit, its optimum."
+        "The best single value: the draw with the highest posterior density, or the optimum of a "
+        "fit."
     ),
     ("99 % interval", "interval", "model [mJ/kg] 99 % parameter band"): (
-        "The range that holds 99 % of the draws, 0.5 % beyond either end."
+        "The range that contains 99 % of the draws; 0.5 % lie beyond either end."
     ),
     ("KL", "KL [nats]"): (
-        "Kullback-Leibler divergence of the posterior from the prior: how much the data say of "
-        "one parameter, in nats. 0 is nothing; 1.3 narrows the range about fourfold."
+        "Kullback-Leibler divergence of the posterior from the prior: the information of the data "
+        "on one parameter, in nats. 0: no information; 1.3: the range is narrowed about fourfold."
     ),
     ("nats", "gain [nats]", "information gain"): (
-        "The unit of information and of log likelihoods, by natural logarithms; 1 nat is 1.44 "
-        "bits. A test that gains 1 nat narrows what is known by a factor of 2.7."
+        "The unit of information and of log likelihoods, from natural logarithms; 1 nat is 1.44 "
+        "bits. A test that gains 1 nat narrows the uncertainty by a factor of 2.7."
     ),
     (
         "ESS",
@@ -174,53 +175,54 @@ WORDS: dict[tuple[str, ...], str] = {
         "effective draws",
     ): (
         "Effective sample size: how many independent draws the correlated ones are worth, for "
-        "means (bulk) and for the ends of intervals (tail). A verdict wants 400. ESS/s is that "
-        "over the time; cold counts compiling too."
+        "means (bulk) and for the ends of intervals (tail). A verdict requires 400. ESS/s is the "
+        "effective sample size per second; cold includes compiling."
     ),
     ("R-hat", "max R-hat"): (
-        "How far chains disagree: 1 is agreement, above 1.01 they have not converged."
+        "How far chains disagree. 1: they agree; above 1.01: they have not converged."
     ),
     ("k-hat", "Pareto k"): (
-        "How far weighed draws rest on a few of them: below 0.7 their means can be trusted. "
+        "How much a few draws dominate the weights of all. Below 0.7 means can be trusted. "
         "`arviz.loo` reports one for every record."
     ),
     ("divergence",): ("A step of NUTS that failed because the posterior bends too sharply there."),
     ("AMIS", "weighed points", "importance sampling"): (
-        "Draws of an approximation that are weighed to become those of the posterior, in rounds "
-        "that improve it."
+        "Draws of an approximation, weighted so that they represent the posterior, in rounds that "
+        "improve the approximation."
     ),
     ("NUTS",): (
         "A sampler that follows the gradient of the posterior: few draws are wasted, each costs "
         "many evaluations."
     ),
     ("elliptical slice", "slices"): (
-        "A sampler without gradients for posteriors that are nearly Gaussian about a fit."
+        "A sampler without gradients, for posteriors that are nearly Gaussian about the fit."
     ),
     ("evidence", "log evidence"): (
         "How well a law predicts the data before any parameter is fitted. Differences above about "
         "5 nats decide."
     ),
     ("log score", "elpd", "LOO"): (
-        "How well each test is predicted by fits that have not seen it, summed, in nats. Larger "
-        "is better."
+        "How well each test is predicted by fits without this test, summed over the tests, in "
+        "nats. Larger is better."
     ),
     ("sampler",): ("How the draws are made, such as AMIS or NUTS."),
     ("evaluations",): ("How often the model was solved."),
     ("warm [s]", "cold [s]"): (
-        "Time of a sampler with everything compiled before, and with nothing."
+        "Time of a sampler when everything is compiled already (warm), and including the "
+        "compilation (cold)."
     ),
     ("furthest [MCSE]", "MCSE", "distance"): (
-        "Monte Carlo standard error: what a mean is uncertain by because draws are few. Distances "
-        "between samplers of more than 4 of them are no chance."
+        "Monte Carlo standard error: the uncertainty of a mean because draws are few. Distances "
+        "between samplers of more than 4 such errors do not occur by chance."
     ),
     ("p (ECDF)", "p (chi2)", "99 % holds", "of which", "to", "ranks"): (
         "Columns of `jbw sbc`: probabilities of the ranks of simulated truths if intervals are "
-        "right (small is bad), and the part of 99 % intervals that hold the truth, with its own "
-        "interval from one end to the other."
+        "right (small is bad), and the share of 99 % intervals that contain the true value, with "
+        "the interval of this share from one end to the other."
     ),
     ("weight",): (
-        "The share that a law has in predictions by all laws, by how well each predicts tests "
-        "that it has not seen."
+        "The share of a law in predictions by all laws; it depends on how well each law predicts "
+        "tests that were not fitted."
     ),
     (
         "fit [%]",
@@ -231,32 +233,36 @@ WORDS: dict[tuple[str, ...], str] = {
         "beyond [%]",
         "linear by run [%]",
     ): (
-        "Columns of `jbw laws`, errors over the rms of the records: of the fit; of each test by a "
-        "fit without it; of the loudest level by a fit without it; of the kind of test that the "
-        "other kinds predict worst; of tests held out; of those beyond the motion fitted; and of "
-        "the best linear oscillator of each run by itself, which no law can beat by much."
+        "Columns of `jbw laws`, errors over the rms of the records: of the fit; of each test, "
+        "predicted by a fit without it; of the highest level, predicted by a fit without it; of "
+        "the kind of test that the other kinds predict worst; of held-out tests; of tests beyond "
+        "the fitted motion; and of a linear oscillator fitted to each run separately, which no law "
+        "can beat by much."
     ),
     ("load", "median [99 %]"): (
         "Columns of `jbw predict` under other loads: a sine of one level, a random profile or a "
         "shock; and the median of a quantity over the draws with its 99 % interval."
     ),
     ("the same, own frequency", "the same, with the record's own frequency"): (
-        "The error of a free decay where each record may have a frequency of its own, as a "
-        "temperature shifts it: what the law misses beside that."
+        "The error of a free decay if each record may have its own natural frequency, as a change "
+        "of temperature would cause: the remaining error of the law."
     ),
-    ("answer",): ("Whether the data tell a law from the best one: same, worse or not told apart."),
+    ("answer",): (
+        "Whether the data distinguish a law from the best one: best, worse or not told apart."
+    ),
     ("test", "kind", "level", "record", "role", "run", "name", "test and repeats"): (
         "A test is one excitation of one kind at one level (amplitude of the source, in its "
-        "unit); its records are the repeats. A role says what a channel is, such as velocity. A "
-        "run is a session: tests without anything being dismantled between them; elsewhere the "
-        "folder of a result."
+        "unit); its records are the repeats. A role states the quantity of a channel, such as "
+        "velocity. A run is a session: tests between which nothing was dismantled; elsewhere it is "
+        "the folder of a result."
     ),
     ("records", "repeats"): ("How many records a test has."),
     ("fs",): ("Sampling frequency [Hz]."),
     ("channel",): ("A measured series in a file."),
-    ("truth",): ("The value of the virtual rig, where a joint was simulated."),
+    ("truth",): ("The true value in the virtual rig, if the joint was simulated."),
     ("z",): (
-        "How far the mean is from the truth, in standard deviations. Beyond 3 something is wrong."
+        "Distance of the mean from the true value, in standard deviations. Beyond 3 something is "
+        "wrong."
     ),
     (
         "error",
@@ -266,9 +272,9 @@ WORDS: dict[tuple[str, ...], str] = {
         "best laws",
         "s",
     ): (
-        "Error of a prediction: rms of measured less predicted, over the rms of the record. The "
-        "law predicts by itself: a model discrepancy widens the bands and does not change the "
-        "error. In a list of runs it is the message of a failure. A column `s` has times in "
+        "Error of a prediction: rms of measured minus predicted, over the rms of the record. It is "
+        "the error of the law alone: a model discrepancy widens the bands and does not change the "
+        "error. In a list of runs it is the message of a failure. A column `s` contains times in "
         "seconds."
     ),
     (
@@ -277,8 +283,8 @@ WORDS: dict[tuple[str, ...], str] = {
         "best cubic oscillator",
         "best linear",
     ): (
-        "The error of the best oscillator without hysteresis, for comparison: what the joint's "
-        "law must beat."
+        "The error of the best oscillator without hysteresis, for comparison: the joint's law must "
+        "have a smaller error."
     ),
     ("inside the 99 % predictive band", "inside the 99 % band", "inside the band", "coverage"): (
         "How many of the measured values lie within the 99 % band. About 99 % is right."
@@ -289,8 +295,8 @@ WORDS: dict[tuple[str, ...], str] = {
         "half width of the band / rms of the record",
         "its half width / rms of the record",
     ): (
-        "Half the width of the band over the rms of the record. A wide band holds everything and "
-        "says little."
+        "Half the width of the band over the rms of the record. A wide band contains everything "
+        "and says little."
     ),
     ("peak displacement [m]", "peak [m]", "motion", "motion [mm]", "at", "amplitude"): (
         "The largest displacement of a test, or the amplitude at which something is compared."
@@ -306,7 +312,7 @@ WORDS: dict[tuple[str, ...], str] = {
         "Damping ratio over the critical one, in per cent; Q is 1 over twice it."
     ),
     ("best linear leaves", "linear residual", "residual of a linear fit"): (
-        "The part of a record that no linear oscillator follows."
+        "The part of a record that no linear oscillator describes."
     ),
     ("third harmonic",): (
         "Motion at three times the frequency of a tone, over that at the tone: a sign of a "
@@ -323,12 +329,12 @@ WORDS: dict[tuple[str, ...], str] = {
         "bands meet",
         "restoring force",
     ): (
-        "Energy that a closed loop of force against displacement takes. Table of loops: measured "
-        "and predicted area per kilogram of modal mass, by restoring force, and whether the bands "
-        "of both have values in common."
+        "Energy dissipated in a closed loop of force against displacement. In the table of loops: "
+        "measured and predicted area per kilogram of modal mass, from the restoring force, and "
+        "whether the two bands overlap."
     ),
     ("joint sd / cut sd", "cut less joint, over the joint's sd"): (
-        "How the paper's order of steps compares with updating all parameters together."
+        "Comparison of the paper's order of steps (cut) with the joint posterior of all parameters."
     ),
     ("A - B", "P(A > B)"): ("Difference of two runs, and the probability that it is positive."),
     (
@@ -346,14 +352,14 @@ WORDS: dict[tuple[str, ...], str] = {
         "assembly",
         "torques x assemblies",
     ): (
-        "Columns of a population: scatter of a parameter between units and between their "
-        "sessions, its power of the tightening torque, what the next unit will be (with its "
-        "torque, sequence of tightening and temperature), how unusual a unit is, and which runs "
-        "stand for it."
+        "Columns of a population: standard deviation of a parameter between units and between "
+        "their sessions, its exponent of the tightening torque, the prediction for a new unit "
+        "(with its torque, sequence of tightening and temperature), how unusual a unit is, and "
+        "which runs represent it."
     ),
     ("alarm", "change", "number", "T^2", "threshold", "unchanged"): (
-        "Columns of `jbw watch`: number of the record, its squared distance from the joint as it "
-        "was (Hotelling's T^2), the threshold that the rate of false alarms asks for, the "
+        "Columns of `jbw watch`: number of the record, its squared distance from the reference "
+        "records (Hotelling's T^2), the threshold that follows from the rate of false alarms, the "
         "probability that nothing has changed, and the alarm."
     ),
     ("input", "time", "CV worst"): (
@@ -368,21 +374,21 @@ WORDS: dict[tuple[str, ...], str] = {
     ),
     ("curve", "S-curve", "phase-locked", "locked_phase", "unstable branch"): (
         "Kind of test `curve`: points at which a controller holds the amplitude, in the order "
-        "measured. Against the force they make S-curves, whose middle part is unstable under a "
-        "force that is held. At such a point the amplitude is known; the model predicts the force, "
-        "and either the phase at the measured frequency or the frequency at the held phase. No "
-        "point then has another branch to jump to."
+        "measured. Plotted against the force they form S-curves, whose middle part is unstable "
+        "under a constant force. At such a point the amplitude is known; the model predicts the "
+        "force, and either the phase at the measured frequency or the frequency at the held phase. "
+        "Therefore no point can jump to another branch."
     ),
     ("mode",): (
-        "A natural frequency of the structure with its shape and damping. With matrices the modes "
-        "are those of the joints in full stick."
+        "A natural frequency of the structure with its shape and damping. With matrices, the modes "
+        "are those with fully stuck joints."
     ),
-    ("swept",): "Modes that a test of the campaign excites: they tell joints apart.",
+    ("swept",): "Modes that a test of the campaign excites; they distinguish the joints.",
     ("cycle", "cycles"): "The part of a loop from one largest displacement to the next.",
-    ("work [J]",): "Energy that one cycle of a loop takes.",
+    ("work [J]",): "Energy dissipated in one cycle of a loop.",
     ("equivalent damping",): (
-        "Damping ratio of the linear spring and damper that take the same work in a cycle: the "
-        "work over 2 pi times the stiffness and the squared amplitude."
+        "Damping ratio of the linear spring and damper that dissipate the same energy in a cycle: "
+        "the work over 2 pi times the stiffness and the squared amplitude."
     ),
     ("stiffness over the first of this amplitude",): (
         "Secant stiffness of a cycle over that of the first cycle of equal amplitude. Below 1 the "
@@ -390,19 +396,19 @@ WORDS: dict[tuple[str, ...], str] = {
     ),
     ("share",): ("A part: of the stiffness that slips, of the draws, or of the response."),
     ("CHECK",): (
-        "Mark of `jbw init` on a line of a campaign file that the records do not tell. Look at it "
-        "before identifying."
+        "Mark of `jbw init` on a line of a campaign file whose value the records do not state. "
+        "Check it before you identify."
     ),
     ("session",): (
-        "A day, or a shift, in which nothing was changed: `run` in a `[[test]]` names it. "
-        "Sessions may have offsets of natural frequency and damping of their own."
+        "A day, or a shift, in which nothing was changed: `run` in a `[[test]]` names it. Each "
+        "session may have its own offsets of natural frequency and damping."
     ),
     ("remark",): (
-        "What else is to be known of a row, such as how many of a test's repeats were fitted."
+        "Additional information on a row, such as how many repeats of a test were fitted."
     ),
     ("why not",): (
-        "Why a law was not compared with the others: its fit failed, or it is another law by "
-        "construction."
+        "Why a law was not compared with the others: its fit failed, or it is by construction the "
+        "same as another law."
     ),
 }
 
