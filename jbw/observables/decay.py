@@ -52,7 +52,7 @@ class Decays(Envelopes):
     several: ClassVar[bool | None] = False
     unread: ClassVar[Mapping[str, Any]] = {"centre_hz": 0.0, "readings": None}
 
-    solution: Complex[Array, " step"] | None = eqx.field(kw_only=True, default=None)
+    solution: Complex[Array, "*point step"] | None = eqx.field(kw_only=True, default=None)
 
     @property
     def fraction(self) -> Float[Array, ""]:
@@ -73,7 +73,7 @@ class Decays(Envelopes):
         rows: Float[np.ndarray, "group row value"] | None = None,
     ) -> Self | None:
         """Return the decays with the simulated decay at points, from one program for all uses."""
-        only_simulated = replace(self, mean=None, groups=None, shift_std=None, **self.unread)
+        only_simulated = replace(self, mean=None, groups=None, **self.unread)
         return replace(
             self, laws=(), solution=_decays_of(jax.device_put(dict(theta)), only_simulated)
         )

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import xarray as xr
 from markupsafe import Markup
-from matplotlib import pyplot as plt
 
 from jbw.report.figures import ReportFigure, figure_of, svg
 from jbw.report.loads import load_figure
@@ -63,12 +62,7 @@ def _datasets(tree: xr.DataTree) -> list[xr.Dataset]:
 def _picture(name: str, dataset: xr.Dataset) -> dict[str, Any]:
     slug = f"load_{messages.slug_of(name)}"
     figure = figure_of(load_figure(name, dataset))
-    try:
-        # The SVG is jbw's own drawing with texts as outlines, so that it is safe to insert
-        # unescaped.
-        drawn = Markup(svg(figure, slug))
-    finally:
-        plt.close(figure)
+    drawn = Markup(svg(figure, slug))  # our own drawing of numbers, its texts are outlines
     entry = ReportFigure(slug, slug, load_figure, messages.heading(name), "")
     return {"entry": entry, "number": "", "svg": drawn, "rest": "", "missing": ""}
 
