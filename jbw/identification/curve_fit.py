@@ -41,7 +41,8 @@ class WhiteRows(NamedTuple):
 def rows_with_errors(rows: ReadingRows) -> WhiteRows:
     """Return stiffness and loss readings with the matrix that whitens their covariance."""
     white = np.linalg.inv(np.linalg.cholesky(rows.with_scatter))
-    return WhiteRows(*jax.device_put((rows.y, rows.values, white)), rows.unit)
+    y, values, white = jax.device_put((rows.y, rows.values, white))
+    return WhiteRows(y, values, white, rows.unit)
 
 
 def rows_of_curve(curve: AmplitudeCurve) -> WhiteRows:
@@ -50,8 +51,9 @@ def rows_of_curve(curve: AmplitudeCurve) -> WhiteRows:
     unit = float(np.mean(square))
     stiffness, loss = square / unit, 2 * curve.zeta * square / unit
     std = np.append(2 * FREQUENCY_STD * stiffness, np.full(len(loss), DAMPING_STD * np.max(loss)))
-    values = np.append(stiffness, loss)
-    return WhiteRows(*jax.device_put((curve.y, values, np.diag(1 / std))), unit)
+    rows = curve.y, np.append(stiffness, loss), np.diag(1 / std)
+    y, values, white = jax.device_put(rows)
+    return WhiteRows(y, values, white, unit)
 
 
 class CurveMisfit(eqx.Module):

@@ -42,7 +42,10 @@ LEAST_BEGUN = 8  # fewest values of the envelope for that
 
 
 class Decays(Envelopes):
-    """The free decays of one mode, with the quantities that a likelihood needs."""
+    """The free decays of one mode, with the quantities that a likelihood needs.
+
+    `solution` is the logarithm of the simulated decay where it was computed before.
+    """
 
     dimension: ClassVar[str] = "record"
     informs: ClassVar[frozenset[str]] = frozenset({"omega_n", "zeta"})
@@ -73,10 +76,9 @@ class Decays(Envelopes):
         rows: Float[np.ndarray, "group row value"] | None = None,
     ) -> Self | None:
         """Return the decays with the simulated decay at points, from one program for all uses."""
-        only_simulated = replace(self, mean=None, groups=None, **self.unread)
-        return replace(
-            self, laws=(), solution=_decays_of(jax.device_put(dict(theta)), only_simulated)
-        )
+        simulated = replace(self, mean=None, groups=None, **self.unread)
+        solution = _decays_of(jax.device_put(dict(theta)), simulated)
+        return replace(self, laws=(), solution=solution)
 
     def predict(self, theta: Theta) -> Complex[Array, "record step"]:
         """Predict each record's envelope at its best initial state and frequency shift."""
@@ -262,7 +264,8 @@ def _logarithm(envelope: Complex[Array, " step"], data: Envelopes) -> Complex[Ar
 def matched(theta: Theta, data: Decays) -> Match:
     """Return the match of every record at one parameter point, compiled."""
     lanes = {name: np.full(FIT_LANES, float(value)) for name, value in theta.items()}
-    if (solved := data.solved(lanes, 1, writes=True)) is not None:
+    solved = data.solved(lanes, 1, writes=True)
+    if solved is not None and solved.solution is not None:
         data = replace(solved, solution=solved.solution[0])
     return _matched(theta, alone(data))
 
