@@ -134,7 +134,7 @@ def test_hum_is_named_with_its_frequency_and_size(times, hz):
     assert fault.severity == "error"
     assert "does not decay" in fault.what
     assert float(fault.what.split()[3]) == pytest.approx(hz * times, rel=2e-3)
-    share = float(fault.what.split("it is ")[1].split()[0])
+    share = float(fault.what.split("amplitude is ")[1].split()[0])
     # The envelope begins half a filter after the record: 2.44 / 25 Hz of a Kaiser window.
     assert share == pytest.approx(0.03 * np.exp(RATE * 2.44 / 25.0), rel=0.05)
 
