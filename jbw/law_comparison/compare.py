@@ -156,7 +156,7 @@ def compare_laws(
         >>> campaign = jbw.Campaign("joint", None, rig.tests)
         >>> found = jbw.compare_laws(campaign, ["bouc_wen", "linear"])
         >>> print(found.record["statements"][1])
-        Significantly worse: linear.
+        Laws that are significantly worse than the best law: linear.
     """
     require_float64()
     trials = _trials(campaign, laws)

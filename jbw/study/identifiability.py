@@ -128,7 +128,7 @@ def identifiability(
         >>> campaign = jbw.rig.measure(tests=["sweep_0p20V"], repeats=2, fs=256.0, noise_ratio=0.02)
         >>> found = jbw.identifiability(campaign)
         >>> print(found.statements[0])
-        The data constrain 6 of 6 directions of the parameters more than the prior.
+        The data constrain 6 of 6 combinations of the parameters more tightly than the prior does.
     """
     require_float64()
     seen = measured_in(campaign, report)
