@@ -186,7 +186,7 @@ def test_the_joint_of_a_ridge_is_a_draw_of_it_and_not_the_means(tmp_path):
     for row in curve:
         for name in ("frequency_hz", "damping_ratio", "force_n"):
             assert float(row[f"{name}_q005"]) <= float(row[name]) <= float(row[f"{name}_q995"])
-    assert f"Joint: draw {number} of 4000" in comments(tmp_path / "joint.tcl")[1]
+    assert f"Joint: draw number {number} of 4000" in comments(tmp_path / "joint.tcl")[1]
 
 
 def test_the_best_draw_is_not_taken_from_the_edge_of_what_the_data_know():
