@@ -8,11 +8,7 @@ the rms over these records of the error over the rms of each; where another law 
 stands beside that of the right law.
 """
 
-import argparse
 import json
-import secrets
-import tempfile
-import traceback
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,9 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from .by_law import judge_each
 from .campaigns import CAMPAIGNS, Campaign
 from .files import TIMES, write_campaign
-from .plants import COMMON, Rng
+from .plants import Rng
 from .records import Choice, recorded
 
 NAMES = ("decays", "sweeps", "mixed")
@@ -116,35 +113,12 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Draw, identify, and print the table."""
-    made = argparse.ArgumentParser(prog="python -m benchmarks.outside.choices")
-    made.add_argument("--campaigns", type=int, default=20, help="of each law")
-    made.add_argument("--law", nargs="+", choices=COMMON, default=COMMON)
-    made.add_argument("--seed", type=int, help="to repeat a run; a fresh one when left out")
-    made.add_argument("--only", type=int, nargs="+", metavar="N", help="numbers of campaigns")
-    made.add_argument("--keep", type=Path, help="folder that keeps the files")
-    made.add_argument("--out", type=Path, help="file of JSON lines that outcomes are appended to")
-    chosen = made.parse_args(arguments)
-    seed = secrets.randbits(48) if chosen.seed is None else chosen.seed
-    print(f"Seed {seed}: add `--seed {seed}` to repeat.\n", flush=True)
-    rows = []
-    for i in range(chosen.campaigns):
-        for law in chosen.law:
-            if chosen.only and i not in chosen.only:
-                continue
-            rng = np.random.default_rng([seed, COMMON.index(law), i])
-            with tempfile.TemporaryDirectory() as temporary:
-                folder = (chosen.keep or Path(temporary)) / f"{seed}-{law}-{i}"
-                row = {"seed": seed, "number": i}
-                try:
-                    row |= judged(rng, law, NAMES[i % len(NAMES)], folder)
-                except Exception:
-                    print(law, i, traceback.format_exc(), flush=True)
-                    continue
-            rows.append(row)
-            if chosen.out:
-                with chosen.out.open("a") as file:
-                    file.write(json.dumps(row) + "\n")
-    print(table(rows))
+    judge_each(
+        "choices",
+        lambda rng, law, i, folder: judged(rng, law, NAMES[i % len(NAMES)], folder),
+        table,
+        arguments,
+    )
 
 
 if __name__ == "__main__":

@@ -14,12 +14,8 @@ how often 99 % intervals contain the truth, and how wide they are: the mean half
 times the rms error, one of a calibrated Gaussian.
 """
 
-import argparse
 import json
-import secrets
-import tempfile
 import time
-import traceback
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,9 +23,10 @@ from typing import Any
 
 import numpy as np
 
+from .by_law import judge_each
 from .campaigns import Campaign, Member
 from .files import TIMES, write_campaign
-from .plants import COMMON, Rng, kappa
+from .plants import Rng, kappa
 from .records import Choice, Drawn, Specimen, decay, recorded, specimen
 from .simulator import Plant
 
@@ -135,31 +132,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Draw, identify, and print the table."""
-    made = argparse.ArgumentParser(prog="python -m benchmarks.outside.one_hit")
-    made.add_argument("--campaigns", type=int, default=20, help="of each law")
-    made.add_argument("--law", nargs="+", choices=COMMON, default=COMMON)
-    made.add_argument("--seed", type=int, help="to repeat a run; a fresh one when left out")
-    made.add_argument("--keep", type=Path, help="folder that keeps the files")
-    made.add_argument("--out", type=Path, help="file of JSON lines that outcomes are appended to")
-    chosen = made.parse_args(arguments)
-    seed = secrets.randbits(48) if chosen.seed is None else chosen.seed
-    print(f"Seed {seed}: add `--seed {seed}` to repeat.\n", flush=True)
-    rows = []
-    for i in range(chosen.campaigns):
-        for law in chosen.law:
-            rng = np.random.default_rng([seed, COMMON.index(law), i])
-            with tempfile.TemporaryDirectory() as temporary:
-                folder = (chosen.keep or Path(temporary)) / f"{seed}-{law}-{i}"
-                try:
-                    row = judged(rng, law, folder) | {"seed": seed, "number": i}
-                except Exception:
-                    print(law, i, traceback.format_exc(), flush=True)
-                    continue
-            rows.append(row)
-            if chosen.out:
-                with chosen.out.open("a") as file:
-                    file.write(json.dumps(row) + "\n")
-    print(table(rows))
+    judge_each("one_hit", lambda rng, law, _, folder: judged(rng, law, folder), table, arguments)
 
 
 if __name__ == "__main__":

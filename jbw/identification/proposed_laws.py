@@ -60,11 +60,11 @@ def scores_of(
         return {}
     omega_n, zeta = 2 * np.pi * trend(tables, "hz").at_rest, trend(tables, "zeta").at_rest
     scales = Scales(omega_n, max(zeta, LEAST_DAMPING), float(rows.y.max()))
-    scores: dict[str, float] = {}
+    white, scores = rows_with_errors(rows), dict[str, float]()
     for law in laws:
         prior = joint_box(seen.settings, scales, None, (law,), linear=False)
         try:
-            best = fit_curve(jax.random.key(seed), (law,), prior, rows_with_errors(rows))
+            best = fit_curve(jax.random.key(seed), (law,), prior, white)
         except JbwError:  # the law has no steady loop at any start
             continue
         chi_square, _ = best.chi_square
