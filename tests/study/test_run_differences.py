@@ -195,7 +195,7 @@ def test_two_modes_of_one_joint_have_one_ratio(tmp_path):
     low, middle, high = norm.ppf([0.005, 0.5, 0.995], -0.23, np.hypot(0.02, 0.03))
     np.testing.assert_allclose(row["difference"], [low, middle, high], atol=2e-3)
     said = " ".join(found["statements"])
-    assert "gamma/delta; A 0.270 [0.2" in said
+    assert "same gamma/delta in both. A: 0.270 [0.2" in said
     assert texts.SHARES[True] in said
     same = write_run(tmp_path / "same", (252.0, 0.1), **with_ratio(0.29, 0.03, 4))
     said = " ".join(differences(one, same).record["statements"])
