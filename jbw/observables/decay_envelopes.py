@@ -254,11 +254,15 @@ def _first_entry(
     steps: Float[Array, " sample"],
     step_s: float,
 ) -> Entry:
-    """Estimate a record's entry: place from the amplitude at a quarter, then shift and phase."""
-    quarter = len(envelope) // 4
-    size = jnp.mean(jnp.log(jnp.abs(envelope[max(quarter - 3, 0) : quarter + 4])))
+    """Estimate a record's entry: place from the amplitudes, then shift and phase.
+
+    Each value has a place of its own. Their mean is weighted by the squares of the amplitudes, as
+    in least squares, so that noise or zeros at the end of a record do not move it.
+    """
+    size = jnp.abs(envelope)
     grid = jnp.arange(len(decay), dtype=float)
-    place = jnp.interp(-size, -decay.real, grid) - quarter
+    places = jnp.interp(-jnp.log(size), -decay.real, grid) - steps
+    place = jnp.average(places, weights=size**2)
     log, _ = along(decay, place + steps)
     ratio = envelope * jnp.exp(jnp.conj(log))  # its phase is the one that the model lacks
     turn = jnp.angle(jnp.sum(ratio[1:] * jnp.conj(ratio[:-1])))

@@ -87,6 +87,16 @@ def test_match_finds_where_a_record_enters():
     np.testing.assert_allclose(entry.shift, shift, atol=1e-6)
 
 
+def test_zeros_at_the_end_of_a_record_do_not_hide_where_it_enters():
+    log = (-0.2 + 0.3j) * np.arange(400.0)
+    place = 12.4
+    record = np.exp((-0.2 + 0.3j) * (place + np.arange(120.0)))
+    record[25:] = 0.0  # as few bits record the end of a long decay
+    found = match(jnp.asarray(log), jnp.asarray(record), 0.05)
+    # They hide the share e^-10 of the energy: in places e^-10 / 0.2 = 2.3e-4.
+    np.testing.assert_allclose(found.entry.place, place, atol=3e-4)
+
+
 @pytest.mark.slow
 def test_one_decay_holds_every_record_whatever_its_initial_state():
     data = Decays.of(decay_test(noise=0.0, second=0.0), substeps=2)
