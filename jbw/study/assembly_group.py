@@ -17,12 +17,12 @@ from jbw.report.messages import study as messages
 
 GROUP = "assembly"
 SI = "SI"
-SAME_PLACE = 1e-9  # relative to the largest extent of the structure
-MOST_LINKS = 12  # links per node; a matrix with more of them is no mesh
+SAME_PLACE = 1e-9  # distance over the structure's largest extent, below which two nodes coincide
+MOST_LINKS = 12  # links per node; a matrix with more links is not that of a mesh
 
 
 class ModelJoint(NamedTuple):
-    """One joint of an assembled structure: its degrees of freedom and its stiffness, in SI.
+    """One joint of an assembled structure: its degrees of freedom and stiffness, in SI units.
 
     Attributes:
         name: Name of the joint, as in its parameters, such as `bolt_1`.
@@ -53,7 +53,7 @@ class ModelJoints(NamedTuple):
 
 
 def assembly_group(model: ReducedModel, modes_hz: Sequence[float] = ()) -> xr.Dataset:
-    """Return a result group of the degrees of freedom and stiffness of every joint of a model.
+    """Return a result group with the degrees of freedom and stiffness of each joint of a model.
 
     Where positions of nodes are known, also return the positions, the pairs of nodes that the
     stiffness couples, and the motion of the nodes in the modes at some frequencies [Hz], with a
@@ -88,7 +88,7 @@ def assembly_group(model: ReducedModel, modes_hz: Sequence[float] = ()) -> xr.Da
 
 
 def _geometry(model: ReducedModel, modes_hz: Sequence[float]) -> dict[str, Any]:
-    """Return the nodes, links and mode shapes of a structure for drawings, or nothing."""
+    """Return nodes, links and mode shapes of a structure for drawings, if positions are known."""
     positions = model.matrices.positions
     if not positions:
         return {}
@@ -97,7 +97,7 @@ def _geometry(model: ReducedModel, modes_hz: Sequence[float]) -> dict[str, Any]:
     coupled = sp.coo_array(model.matrices.stiffness)
     ends = np.sort(np.column_stack((rows[coupled.row], rows[coupled.col])), axis=1)
     links = np.unique(ends[(ends[:, 0] >= 0) & (ends[:, 0] < ends[:, 1])], axis=0)
-    # A superelement couples all its nodes with each other, so that its links show nothing.
+    # A superelement couples each of its nodes with all others, so its links are not drawn.
     if len(links) > MOST_LINKS * len(nodes):
         links = links[:0]
     moved = np.zeros((len(modes_hz), len(nodes), len(TRANSLATIONS)))
@@ -120,7 +120,7 @@ def _geometry(model: ReducedModel, modes_hz: Sequence[float]) -> dict[str, Any]:
 def _with_coincident(
     moved: Float[np.ndarray, "mode node 3"], position: Float[np.ndarray, "node 3"]
 ) -> Float[np.ndarray, "mode node 3"]:
-    """Return shapes in which nodes that only rotate move as another node at their place."""
+    """Return mode shapes with each node that only rotates moved like a node at its position."""
     is_still, near = np.all(moved == 0, axis=(0, 2)), SAME_PLACE * np.ptp(position, axis=0).max()
     filled = moved.copy()
     for node in np.flatnonzero(is_still):
@@ -132,7 +132,7 @@ def _with_coincident(
 
 
 def assembly_of(tree: xr.DataTree) -> ModelJoints:
-    """Return the joints of a run's result with their degrees of freedom.
+    """Return the joints of a run's result, each with its degrees of freedom in the structure.
 
     Raises:
         DataError: A version of jbw that did not store the joints made the run.

@@ -41,17 +41,17 @@ def _parameters(record: Mapping[str, Any]) -> str:
 
 
 def _picture(tree: xr.DataTree) -> str:
-    """Return the backbone as an HTML image; an empty text where there is none or drawing fails."""
+    """Return a drawing of the backbone as an HTML image; empty if there is nothing to draw."""
     groups = {"mode_backbones": BACKBONES, "backbone": BACKBONE}
     name = next((name for name, path in groups.items() if node(tree, path) is not None), None)
     if name is None:
         return ""
     try:
-        from jbw.report.plots import draw  # loads matplotlib
+        from jbw.report.plots import draw  # this import loads matplotlib
 
         picture = io.BytesIO()
         draw(tree, name).savefig(picture, format="png", dpi=DPI, facecolor="white")
-    except (ImportError, JbwError):  # The cell shows the numbers without their picture.
+    except (ImportError, JbwError):  # Without the drawing the cell still shows the numbers.
         return ""
     data = b64encode(picture.getvalue()).decode()
     return f'<img alt="{escape(BACKBONE_PICTURE)}" src="data:image/png;base64,{data}">'

@@ -50,14 +50,14 @@ from jbw.verification.places import safe
 from jbw.verification.predictive_basis import NUM_DRAWS, basis_attrs, basis_of, decay_attrs
 from jbw.verification.verify import Groups, verify
 
-TIED_KEY = 300  # added to the seed for the evidence that several joints share one law
+TIED_KEY = 300  # added to the seed, for the evidence that several joints share one law
 SPECTRUM = 4.2  # highest frequency of the displayed spectrum, as a multiple of the tone's frequency
 NUM_PRIOR = 500  # draws from the prior
 NUM_PREDICTED = 100  # prior draws that are propagated through the model
 SAMPLES = ("chain", "draw")
 # Prior predictions get this noise: nothing can be drawn from 1/sigma, which is improper.
 SILENCE = 1e-12
-KEY = 200  # added to the seed, so that no other random number changes
+KEY = 200  # added to the seed, so that all other random numbers stay as they were
 RESPONSE = {
     "units": "1",
     "long_name": messages.VARIABLES["response"],
@@ -73,7 +73,7 @@ Draws = Mapping[str, Float[np.ndarray, " draw"]]
 def collect(
     order: Order, measured: Measured, posteriors: Posteriors, attempts: Attempts
 ) -> xr.DataTree:
-    """Collect posteriors, verification and validation in one labelled tree, with units.
+    """Collect posteriors, verification and validation in one labelled tree with units.
 
     A group that accompanies the posteriors is left out if its computation fails; `attempts` records
     why.
@@ -111,7 +111,7 @@ def collect(
 
 
 def _drawn_groups(measured: Measured, posteriors: Posteriors, truth: Mapping[str, float]) -> Groups:
-    """Return the result groups of Step 2 and of every posterior, the joint one at the root."""
+    """Return the result groups of Step 2 and of each posterior, the joint posterior at the root."""
     joint = posteriors.joint
     facts = joint.tree.attrs | run_attrs(measured.tests, joint, posteriors.free.data)
     groups: Groups = {"/": xr.Dataset(attrs=facts)}
@@ -130,12 +130,12 @@ def _drawn_groups(measured: Measured, posteriors: Posteriors, truth: Mapping[str
 
 
 def groups_in(tree: xr.DataTree) -> Groups:
-    """Return the groups of one posterior's tree by their names."""
+    """Return the groups of one posterior's result tree by their names."""
     return {name: node.to_dataset() for name, node in tree.children.items()}
 
 
 def _tied_joints(order: Order, joint: JointPosterior, groups: Groups, attempts: Attempts) -> Groups:
-    """Return the joints' group with the evidence for a shared law; empty for a single joint."""
+    """Return the result group of the joints, with the evidence that joints share one law."""
     fitted, place = joint.fitted, f"/{JOINTS}"
     if place not in groups or tied_laws(fitted.data.laws) == fitted.data.laws:
         return {}
@@ -149,7 +149,7 @@ def _tied_joints(order: Order, joint: JointPosterior, groups: Groups, attempts: 
 def run_attrs(
     tests: Sequence[Test], joint: JointPosterior, decays: Decays | None
 ) -> dict[str, Any]:
-    """Return a run's attributes that predictions need in addition to the draws.
+    """Return the attributes of a run that predictions need in addition to the posterior's draws.
 
     `basis_of` reads them.
     """
@@ -160,7 +160,7 @@ def run_attrs(
 
 
 def _with_truth(parts: Groups, truth: Mapping[str, float]) -> Groups:
-    """Return a posterior's groups, with the true value as an attribute of the draws where known."""
+    """Return a posterior's groups, with the true value of each simulated parameter if known."""
     groups = dict(parts)
     posterior = groups["posterior"].copy()
     for name in posterior.data_vars:
@@ -172,7 +172,7 @@ def _with_truth(parts: Groups, truth: Mapping[str, float]) -> Groups:
 
 
 def _with_units(left_out: xr.Dataset, posterior: xr.Dataset) -> xr.Dataset:
-    """Give the leave-one-run-out fits the units of the parameters' draws."""
+    """Add units to the parameters of the fits that leave one run out."""
     units = {"group_units": [posterior[n].attrs["units"] for n in left_out["parameter"].values]}
     return left_out.assign({n: left_out[n].assign_attrs(units) for n in ("estimate", "std")})
 
@@ -180,7 +180,7 @@ def _with_units(left_out: xr.Dataset, posterior: xr.Dataset) -> xr.Dataset:
 def _kernel_groups(
     tests: tuple[Test, ...], linear: LinearStep, third_order: KernelFit, steps: Mapping[str, Step]
 ) -> Groups:
-    """Return the result groups of Step 3: measured kernel with bands, a spectrum and conv(n)."""
+    """Return the result groups of Step 3: third-order kernel with bands, spectrum, running mean."""
     probing = probing_tests(tests, linear.natural_hz)
     groups: Groups = {"/verification/spectrum": _tone_spectrum(probing[len(probing) // 2])}
     posteriors = {}
@@ -234,7 +234,7 @@ def _with_conv(step: Step, energy: np.ndarray, unit: str) -> xr.Dataset:
 
 
 def _conv_of_velocity(steps: Mapping[str, Step], sweeps: Sweeps) -> Groups:
-    """Return the running mean of the simulated velocity's energy over draws of gamma (Step 4)."""
+    """Return the running mean of the simulated velocity's energy over Step 4's draws of gamma."""
     test = sweeps.fitted[-1]
     whole = replace(test, records=test.records[:1], settle=0.0, band_hz=None)
     data = Records.of([whole], laws=DEFAULT_LAWS, substeps=SUBSTEPS)
@@ -264,7 +264,7 @@ def arviz_groups(joint: JointPosterior, seed: int) -> Groups:
     prior = prior_draws(keys[1], box, data, meaning)
     some = {name: prior[name].values[0, :NUM_PREDICTED] for name in box.names}
     silent = {label: np.full(NUM_PREDICTED, SILENCE) for label in noise}
-    # The motion of some prior draws cannot be solved.
+    # For some prior draws the equation of motion cannot be solved.
     with np.errstate(invalid="ignore", over="ignore"):
         before = records_of(keys[2], some, silent, at_large(data))
     before = _joined(before, "predicted")
@@ -284,7 +284,7 @@ def arviz_groups(joint: JointPosterior, seed: int) -> Groups:
 
 
 def at_large(data: Dataset) -> Dataset:
-    """Return the data without session offsets, so that one joint predicts all runs.
+    """Return the dataset without session offsets, so that all runs have the same parameters.
 
     The offsets are linearised about the fit and valid only near it.
     """
@@ -297,7 +297,7 @@ def at_large(data: Dataset) -> Dataset:
 
 
 def noise_of(posterior: xr.Dataset) -> dict[str, Float[np.ndarray, "chain draw"]]:
-    """Return the draws of the noise of every group of data, by the group's label."""
+    """Return the draws of the noise level of each data group, by the group's label."""
     return {
         str(label): values.sel({values.dims[-1]: label}).values
         for name, values in posterior.data_vars.items()
@@ -341,7 +341,7 @@ def _joined(records: RecordTerms, field: str) -> Float[np.ndarray, "*draw record
 
 
 def log_prior(posterior: xr.Dataset, box: Box, records: RecordTerms, data: Dataset) -> xr.Dataset:
-    """Return log prior densities of draws by variable: box, 1/sigma, line fit, run offsets."""
+    """Return the log prior density of each draw, for parameters, noise, Step 2 and run offsets."""
     shape = posterior.sizes["chain"], posterior.sizes["draw"]
     coords: dict[Any, Any] = dict(posterior.coords)
     attrs = {"units": "1", "long_name": "log prior density [nats]"}
@@ -367,7 +367,7 @@ def log_prior(posterior: xr.Dataset, box: Box, records: RecordTerms, data: Datas
 def _of_records(
     rows: Float[np.ndarray, "..."], coords: Mapping[str, Any], attrs: Mapping[str, str]
 ) -> xr.Dataset:
-    """Return a dataset of one number per record, such as a likelihood, in ArviZ's form."""
+    """Return a dataset with one number per record, such as a log likelihood, in ArviZ's form."""
     from arviz_base import dict_to_dataset  # Only this function needs the slow import.
 
     dataset = dict_to_dataset(
@@ -381,7 +381,7 @@ def _of_records(
 
 
 def created(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a group with ArviZ's attributes on its origin (library, version, date)."""
+    """Return a group with the attributes that ArviZ expects: library, version and date."""
     from arviz_base import make_attrs
 
     origin = {"inference_library": "jbw", "inference_library_version": version("jbw")}

@@ -57,7 +57,7 @@ class Comparisons(NamedTuple):
 def compare(
     order: Order, prepared: PreparedTests, posteriors: Posteriors, report: Report
 ) -> Comparisons:
-    """Compare a posterior with its fit, all tests, the modes outside the band and other routes.
+    """Check a posterior against its fit, all tests, the modes outside the band and other methods.
 
     The posterior has been drawn: an analysis that fails is left out and reported.
     """
@@ -84,7 +84,7 @@ def compare(
 
 
 def constants_sentence(posterior: xr.Dataset, held: Mapping[str, float], source: str) -> str | None:
-    """Return a sentence on the modes outside the band (one constant, 99 % interval), or None.
+    """Return a sentence on the constant with which modes outside the band respond, or None.
 
     `source` is the unit of the quantity that drives the tests.
     """

@@ -59,14 +59,14 @@ from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
 
 NUM_DRAWS = 1000  # of each run, which makes a million pairs
-NUM_CARRIED = 200  # draws of each run for the backbone
+NUM_CARRIED = 200  # draws of each run for which the backbone is computed
 GRID = np.linspace(0.05, 1.0, 20)  # times the largest displacement that both runs fitted
 # Indices into GRID: 10 %, 25 %, 50 %, 75 % and 100 % of its largest displacement.
 TOLD = (1, 4, 9, 14, 19)
 SURE = 0.995  # one-sided probability, so that 0 is outside the 99 % interval of the difference
-INPUT = "gain"  # A property of the source and its unit, not of the joint.
-BY_CHANCE = 0.01  # probability of declaring any joint changed although none is
-APART = 1.1  # ratio of natural frequencies above which two runs are of two modes, not of two days
+INPUT = "gain"  # a parameter of the source and its unit, not of the joint
+BY_CHANCE = 0.01  # probability of reporting a changed joint when no joint has changed
+APART = 1.1  # ratio of natural frequencies above which two runs concern different modes
 
 Draws = Mapping[str, Float[np.ndarray, " draw"]]
 
@@ -83,7 +83,7 @@ class FinishedRun(NamedTuple):
 
 @dataclass(frozen=True)
 class Difference:
-    """The result of `differences`: plain values in `record`, and both runs' `backbones`."""
+    """The comparison of two runs: numbers and sentences in `record`, and both runs' `backbones`."""
 
     record: dict[str, Any]
     backbones: xr.Dataset | None
@@ -163,7 +163,7 @@ def _require_comparable(first: FinishedRun, second: FinishedRun) -> None:
 
 
 def _shared(first: FinishedRun, second: FinishedRun) -> list[str]:
-    """Return the names of the parameters that two runs share, without noise."""
+    """Return the names of the parameters that both runs have, without noise levels."""
     drawn = [scalars(run.tree) for run in (first, second)]
     both = [name for name in drawn[0] if name in drawn[1] and not name.startswith(UNCOUNTED)]
     if INPUT in both and len({unit_of(run.basis.posterior[INPUT]) for run in (first, second)}) > 1:
@@ -172,7 +172,7 @@ def _shared(first: FinishedRun, second: FinishedRun) -> list[str]:
 
 
 def _parameters(first: FinishedRun, second: FinishedRun) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return one comparison row per shared parameter of two runs, and the unshared names."""
+    """Return one comparison row per parameter of both runs, and the names that only one run has."""
     drawn = [_drawn(run) for run in (first, second)]
     rows: list[dict[str, Any]] = []
     for name in _shared(first, second):
@@ -192,7 +192,7 @@ def _parameters(first: FinishedRun, second: FinishedRun) -> tuple[list[dict[str,
 
 
 def _drawn(run: FinishedRun) -> dict[str, np.ndarray]:
-    """Return evenly spaced draws of a run's parameters, widened by variation between records."""
+    """Return evenly spaced draws of a run, widened by the parameters' variation between records."""
     chosen = evenly_spaced(run.basis.posterior, NUM_DRAWS)
     drawn = {name: draws.ravel()[chosen] for name, draws in scalars(run.tree).items()}
     rng = np.random.default_rng(0)
@@ -213,7 +213,7 @@ def _std_between(run: FinishedRun) -> dict[str, float]:
 
 
 def _between_words(runs: Sequence[FinishedRun]) -> list[str]:
-    """Return a sentence on the variation between each run's records, which P includes."""
+    """Return a sentence on the variation between each run's records, which P(A > B) includes."""
     spreads = {run.name: std for run in runs if (std := _std_between(run))}
     return [messages.records_scatter(spreads)] if spreads else []
 
@@ -228,7 +228,7 @@ def _is_of_prior(run: FinishedRun, name: str) -> bool:
 def _along_amplitude(
     first: FinishedRun, second: FinishedRun
 ) -> tuple[xr.Dataset | None, list[dict[str, Any]]]:
-    """Return both runs' bands of frequency and damping at amplitudes that both fitted."""
+    """Return both runs' bands of frequency and damping, at amplitudes that both runs fitted."""
     y_peak = min(run.basis.y_peak for run in (first, second))
     needed = set(parameter_names(first.basis.laws)) - {INPUT}
     drawn = [run.basis.thinned(NUM_CARRIED) for run in (first, second)]
@@ -296,7 +296,7 @@ def _statements(
 
 
 def _homes(run: FinishedRun) -> dict[str, str]:
-    """Return for each law of several joints the joint and mode whose motion defines its units.
+    """Return the joint and mode whose motion the parameters of each law refer to, by law.
 
     The laws are stated in metres of the motion with the largest energy share. The dictionary is
     empty where the mode shapes of the model are certain.
@@ -325,7 +325,7 @@ def _differs(row: Mapping[str, Any]) -> str:
 
 
 def _scatter_words(runs: Sequence[FinishedRun]) -> str:
-    """Return the sentence on the variation between assemblies, which P does not include."""
+    """Return the sentence on the variation between assemblies, which P(A > B) does not include."""
     units = [in_dialect(quantity.unit) for quantity in OSCILLATOR[:2]]
     spreads = {}
     for run in runs:
@@ -339,7 +339,7 @@ def _scatter_words(runs: Sequence[FinishedRun]) -> str:
 
 
 def changed_joints(first: Draws, second: Draws, laws: Sequence[str]) -> list[dict[str, Any]]:
-    """Return which joints have changed between two runs: one row of a chi-square test per joint.
+    """Test each joint for a change between two runs; return one row of a chi-square test per joint.
 
     Args:
         first: Draws of the first run's parameters, by parameter name.
@@ -369,7 +369,7 @@ def changed_joints(first: Draws, second: Draws, laws: Sequence[str]) -> list[dic
 
 
 def _distance(first: Draws, second: Draws, names: Sequence[str]) -> tuple[float, int]:
-    """Return the squared Mahalanobis distance of two runs' means, and its degrees of freedom."""
+    """Return the squared Mahalanobis distance between two runs' means, with degrees of freedom."""
     varying = [
         name
         for name in names
@@ -401,20 +401,20 @@ def joint_statements(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 class Ratio(NamedTuple):
-    """The ratio of a law's second product to its first, together with the first."""
+    """The ratio of a law's second product of parameters to its first, with the first product."""
 
     ratio: Monomial
     first: Monomial
 
 
 def ratios(laws: Sequence[str]) -> list[Ratio]:
-    """Return the ratio of the two products of every law that has two products."""
+    """Return the ratio of products for each law that has two products of parameters."""
     pairs = [law.products for law in laws_named(tuple(laws)) if len(law.products) == 2]
     return [Ratio(_over(second, first), first) for first, second in pairs]
 
 
 def _over(second: Monomial, first: Monomial) -> Monomial:
-    """Return the quotient of two products, named after the parameters that do not cancel."""
+    """Return the quotient of two products of parameters, named after those that do not cancel."""
     names = dict.fromkeys((*second.powers, *first.powers))
     powers = {name: second.powers.get(name, 0) - first.powers.get(name, 0) for name in names}
     powers = {name: power for name, power in powers.items() if power}
@@ -429,7 +429,7 @@ def _over(second: Monomial, first: Monomial) -> Monomial:
 
 
 def of_draws(ratio: Ratio, draws: Draws) -> Float[np.ndarray, " draw"] | None:
-    """Return the draws of a law's ratio of products; None if the denominator may be zero.
+    """Return the draws of a law's ratio of products; None if the divisor may be zero.
 
     The result is also None if a parameter is missing.
     """
@@ -440,12 +440,12 @@ def of_draws(ratio: Ratio, draws: Draws) -> Float[np.ndarray, " draw"] | None:
 
 
 def are_two_modes(first: Draws, second: Draws) -> bool:
-    """Return whether two runs concern different modes, judged by their natural frequencies."""
+    """Return whether two runs concern different modes, which their natural frequencies show."""
     both = [float(np.median(draws["omega_n"])) for draws in (first, second) if "omega_n" in draws]
     return len(both) == 2 and max(both) > APART * min(both)
 
 
 def _shared_joint_sentence(row: Mapping[str, Any], *, sure: bool) -> str:
-    """Return the sentence on whether two modes may share one joint, from the row of a ratio."""
+    """Return the sentence on whether two modes may share one joint, from the ratio of products."""
     a, b = interval(*row["a"]), interval(*row["b"])
     return messages.one_joint(row["name"], a, b, sure=sure)

@@ -1,4 +1,4 @@
-"""The last steps of every identification: instrument errors, summary, opening, result tree.
+"""The last steps of every identification: instrument errors, summary, first page, result tree.
 
 With `final = true` two identifications are combined: the posterior of the fit to all tests, and the
 model's accuracy on the tests that an earlier fit held out.
@@ -69,7 +69,7 @@ def finished_study(
 def measured_groups(
     order: Order, prepared: PreparedTests, tree: xr.DataTree, wide: xr.Dataset | None
 ) -> dict[str, xr.Dataset]:
-    """Return a result's groups: posteriors with instrument errors, and readings of the records.
+    """Return a result's groups: posteriors with instrument errors, measured frequency and damping.
 
     `wide` is the main posterior with the stated instrument errors; None where none are stated.
     """
@@ -92,7 +92,7 @@ def about_instruments(order: Order, prepared: PreparedTests) -> str:
 
 
 def _with_instruments(recorded: xr.Dataset, wide: xr.Dataset) -> dict[str, xr.Dataset]:
-    """Return the posterior with instrument errors, and the posterior without them."""
+    """Return the posterior with the stated instrument errors, and the posterior without them."""
     widened = {n: wide[n].assign_attrs(x.attrs) for n, x in recorded.data_vars.items()}
     return {
         f"/{AS_RECORDED}": as_recorded(recorded, wide),
@@ -125,7 +125,7 @@ def held_out(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def with_held_out(final: Study, held: Study) -> Study:
-    """Return the study that fits all tests, with the predictions that an earlier study held out."""
+    """Return the study that fits all tests, with an earlier one's predictions of held-out tests."""
     verdict = adequate_as(held.verdict, final.verdict)
     before = {
         "verdict": held.record["verdict"]["status"],
@@ -142,7 +142,7 @@ def with_held_out(final: Study, held: Study) -> Study:
 
 
 def adequate_as(held: Verdict, final: Verdict) -> Verdict:
-    """Combine two verdicts: convergence of the final fit, model adequacy also on held-out tests.
+    """Combine two verdicts: convergence of the final fit, and model adequacy of both fits.
 
     Findings of convergence and of identifiability are those of the final posterior. Of two findings
     on model adequacy the worse one counts; of equal ones, that on the held-out tests.

@@ -35,7 +35,7 @@ def parameter_frame(record: Mapping[str, Any], step: str | None) -> "DataFrame":
 
 
 def backbone_frame(tree: xr.DataTree) -> "DataFrame":
-    """Return a backbone as a data frame, one row per amplitude (and mode of several joints)."""
+    """Return a backbone as a data frame with one row per amplitude (and mode of several joints)."""
     from pandas import Index, concat
 
     if node(tree, BACKBONES) is not None:
@@ -63,7 +63,7 @@ def backbone_frame(tree: xr.DataTree) -> "DataFrame":
 
 
 def _free(frame: "DataFrame", free: xr.DataTree) -> dict[str, np.ndarray]:
-    """Return the form-free law's bands at the amplitudes of a frame; NaN outside their range."""
+    """Return bands of the law without a prescribed form at given amplitudes; NaN out of range."""
     x, at = np.log(np.asarray(free["amplitude"], float)), np.log(frame.index.values)
     return {
         f"{column}_free{end and '_'}{end}": np.interp(
@@ -87,14 +87,14 @@ def _bands(amplitude: xr.DataArray, frequency: xr.DataArray, damping: xr.DataArr
 
 
 def prediction_frame(record: Mapping[str, Any]) -> "DataFrame":
-    """Return a data frame of prediction errors and coverage, with one row per predicted test."""
+    """Return the error and coverage of each test's prediction, one row per test."""
     predicted = record.get("predictions") or {}
     columns = dict.fromkeys(key for row in predicted.values() for key in row)
     return _frame(predicted, columns, "test")
 
 
 def _frame(rows: Mapping[str, Any], columns: Iterable[str], of: str) -> "DataFrame":
-    """Return a data frame from rows by name, without columns that are empty in all rows."""
+    """Return a data frame from its rows, without columns that are empty in all rows."""
     from pandas import DataFrame, Index
 
     kept = [c for c in columns if any(row.get(c) is not None for row in rows.values())]

@@ -1,4 +1,4 @@
-"""The law without a prescribed form, from model-free readings to sentences and a result group."""
+"""The law without a prescribed form, fitted to measured frequency and damping."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -20,17 +20,18 @@ from jbw.study.look import Look
 if TYPE_CHECKING:
     import xarray as xr
 
-PARTICLES = 400  # Next to an identification, the evidence is then accurate to one nat.
+PARTICLES = 400  # With so many particles the evidence is accurate to one nat.
 NUM_AMPLITUDES = 48
 # Bands extend from the smallest amplitude divided by this to the largest one times this.
 REACH = 3.0
 BEYOND = 1.25  # times the largest amplitude, where a sentence states the bands
-# Inflation of variances above which readings vary 1.4 times as much as their errors state.
+# Factor on variances, above which frequency and damping vary 1.4 times as much as their errors
+# state.
 SCATTERED = 2.0
 
 
 def fitted_tables(looked: Look, seen: Measured) -> list[RecordTable]:
-    """Return the tables of frequency and damping readings of all fitted records.
+    """Return the tables of measured frequency and damping of all fitted records.
 
     If some repeats of a test cannot be read, it has fewer tables than repeats; all are returned.
     """
@@ -48,7 +49,7 @@ def fitted_tables(looked: Look, seen: Measured) -> list[RecordTable]:
 def free_law_of(
     looked: Look, seen: Measured, seed: int, *, named: bool, particles: int = PARTICLES
 ) -> FreeLaw | None:
-    """Fit the law without a prescribed form to the frequency and damping readings of a campaign.
+    """Fit a law without a prescribed form to measured frequency and damping of a campaign.
 
     Return None for several modes or joints, and where the readings do not suffice.
     """
@@ -57,7 +58,7 @@ def free_law_of(
     try:
         tables = fitted_tables(looked, seen)
         return free_law(tables, named=named, seed=seed, num_particles=particles)
-    except JbwError:  # There are too few readings.
+    except JbwError:  # There are too few measured values.
         return None
 
 
@@ -96,7 +97,7 @@ def gap_sentences(record: Mapping[str, Any] | None) -> list[str]:
 
 
 def free_law_groups(law: FreeLaw | None) -> "dict[str, xr.Dataset]":
-    """Return the bands of a form-free law as a result group; empty without a law."""
+    """Return the bands of the law without a prescribed form as a result group; empty without it."""
     if law is None:
         return {}
     import xarray as xr  # The import takes long.
@@ -127,7 +128,7 @@ def free_law_groups(law: FreeLaw | None) -> "dict[str, xr.Dataset]":
 
 
 def free_law_record(law: FreeLaw | None) -> dict[str, Any] | None:
-    """Return a form-free law's evidence and tests as plain values; None without a law."""
+    """Return the evidence and tests of a law without a prescribed form as plain values, or None."""
     if law is None:
         return None
     best = max(law.log_evidence.values())
@@ -143,7 +144,7 @@ def free_law_record(law: FreeLaw | None) -> dict[str, Any] | None:
 
 
 def free_law_sentences(law: FreeLaw | None) -> list[str]:
-    """Return the sentences on what readings show without a prescribed form of the law."""
+    """Return the sentences on frequency and damping without a prescribed form of the law."""
     if law is None:
         return []
     high = float(law.rows.y.max())

@@ -38,10 +38,11 @@ from jbw.observables.dataset import stacked
 from jbw.report.messages import identified
 
 logger = logging.getLogger("jbw")
-# Relative to the best cost: a start that ends within this distance found the optimum.
+# A start whose final cost exceeds the lowest one by less than this fraction found the optimum.
 REACHED = 0.01
-NOTHING = 0.05  # of cost: a difference of chi-square of 0.1 prefers neither optimum
-Column = tuple[str | tuple[str, str], Any, str]  # dimensions, values, unit
+NOTHING = 0.05  # cost difference (0.1 in chi-square) too small to prefer one of two optima
+# dimensions, values, unit of a column of the result
+Column = tuple[str | tuple[str, str], Any, str]
 
 
 @dataclass(frozen=True)
@@ -49,15 +50,15 @@ class Identifiability:
     """The identifiability of parameters and products: how well the data constrain them."""
 
     fitted: Fitted  # the fit and the data to which it was fitted
-    # Products of parameters that are examined together with the parameters.
+    # Products of parameters, examined like the parameters themselves.
     products: tuple[Product, ...]
     information: Information  # the spectrum of the information before sampling
     profiles: dict[str, Profile]  # the profile of every parameter, where profiles were requested
-    # After sampling: 1 minus the ratio of posterior to prior variance, and the change of every mean
-    # when the box shrinks by a tenth.
+    # Only after sampling: 1 minus posterior over prior variance, and the change of each mean when
+    # the prior range shrinks by a tenth.
     contraction: dict[str, float] = field(default_factory=dict)
     sensitivity: dict[str, Sensitivity] = field(default_factory=dict)
-    statements: tuple[str, ...] = ()  # sentences on all of these results
+    statements: tuple[str, ...] = ()  # sentences on all these results
 
     def summary(self) -> dict[str, Any]:
         """Return plain values for `identifiability` in summary.json; None for an unknown number."""
@@ -139,7 +140,7 @@ def identifiability(
 
 
 def look(fitted: Fitted, *, with_profiles: bool, report: Report = logger.info) -> Identifiability:
-    """Return the identifiability of a fit's parameters and products before sampling."""
+    """Return how well a fit determines its parameters and their products, before sampling."""
     products = combinations(fitted.box.names, fitted.data.laws)
     before = information(_of_data(fitted), as_wide(fitted.box, fitted.data.stated), products)
     followed: dict[str, Profile] = {}
@@ -155,7 +156,7 @@ def look(fitted: Fitted, *, with_profiles: bool, report: Report = logger.info) -
 
 
 def _of_data(fitted: Fitted) -> Fit:
-    """Return the fit without the rows of residual and Jacobian that stem from stated priors."""
+    """Return the fit without the residuals and derivatives that come from stated priors."""
     size = len(fitted.fit.residual) - len(fitted.data.stated.names)
     fit = fitted.fit
     return replace(fit, residual=fit.residual[:size], jacobian=fit.jacobian[:size])
@@ -164,7 +165,7 @@ def _of_data(fitted: Fitted) -> Fit:
 def look_again(
     fitted: Fitted, posterior: xr.Dataset, settings: Identify, report: Report = logger.info
 ) -> Identifiability:
-    """Return the identifiability of parameters from the fit and the joint posterior's draws."""
+    """Return how well the data determine each parameter, from the fit and the posterior draws."""
     before = look(fitted, with_profiles=settings.profiles, report=report)
     box, products = fitted.box, before.products
     draws = {name: posterior[name].values for name in box.names}
@@ -173,7 +174,7 @@ def look_again(
     values = {product.name: value_of(product, draws) for product in looked_at}
     sensitivity = box_sensitivity(values, box)
     texts = {product.name: product.text for product in looked_at}
-    # The grades of the draws state which parameters are determined, so the fit's do not.
+    # After sampling, the posterior draws decide which parameters are determined.
     sentences = [
         *fitted.statements,
         directions_sentence(before.information),
@@ -188,7 +189,7 @@ def look_again(
 
 
 def reached(costs: NDArray[np.float64]) -> int:
-    """Count the starts of a fit that reached the lowest cost, within 1 % of it or its noise."""
+    """Count the starts of a fit that reached the lowest cost (within 1 % or its rounding noise)."""
     lowest = float(np.min(costs))
     return int(np.sum(costs <= lowest + max(REACHED * lowest, NOTHING)))
 
@@ -198,7 +199,7 @@ def _waterfall(costs: NDArray[np.float64]) -> str:
 
 
 def as_group(found: Identifiability) -> xr.Dataset:
-    """Return the group /identifiability of a run's result.
+    """Return the numbers on identifiability as the group /identifiability of a run's result.
 
     Shorter profiles end with NaN.
     """

@@ -27,7 +27,7 @@ from jbw.verification.grade import judged
 from jbw.verification.verify import predicted_tests, prediction_findings
 
 logger = logging.getLogger("jbw")
-# Keys from the seed: for the paper's steps and the joint posterior; parts of the latter's key.
+# Numbers of random keys: for the paper's steps, and for the stages of the joint posterior.
 NUM_KEYS, NUM_PARTS = 16, 5
 
 
@@ -94,7 +94,7 @@ def identify(
     key = parts_of(next(keys), NUM_PARTS)
     fit = fit_problem(key[:2], problem)  # starts, noise, run effects, coordinates, solver steps
     report_fit(measured, fit, seed, report)
-    posterior = draw_joint(key[2:4], problem, fit, keep=keep)  # Eq. (37), all parameters updated
+    posterior = draw_joint(key[2:4], problem, fit, keep=keep)  # Eq. (37), all parameters
     checks = check_joint(key[4], posterior)  # findings of the chains, the fit and the posterior
     free = free_decays(measured, posterior, checks, seed=seed, report=report, keep=keep)
     posteriors = Posteriors(posterior, checks, free, paper)

@@ -1,4 +1,4 @@
-"""The predictions of a run's joint under other loads: the load, the draws and their bands.
+"""Predictions of a run's joint under other loads, with bands from posterior draws.
 
 A member holds the draws of one law as oscillators of equivalent stiffness and loss. Bands contain
 the uncertainty of parameters, the variation between runs and the model discrepancy at the amplitude
@@ -30,17 +30,17 @@ from jbw.verification.bands import QUANTILE_AXIS, QUANTILES
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 from jbw.verification.withheld import is_withheld
 
-FEW = 4  # draws that suffice to find the amplitude of a load
+FEW = 4  # draws from which the amplitude under a load is found first
 # Up to this ratio of the third harmonic to the first, one harmonic is accurate to 1e-5.
 ONE_HARMONIC = 1e-3
-MANY = 8  # odd harmonics above that ratio
+MANY = 8  # number of odd harmonics above that ratio
 TAU = 2.0 * np.pi
 Complexes = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
 class Load:
-    """The load on the joint and the settings of its prediction.
+    """A load on the structure, with the settings of its prediction.
 
     Attributes:
         drive: `force` for the source of the run; `voltage` or `current` where a run has both; or
@@ -70,7 +70,7 @@ class Load:
 
 
 def load_on(basis: Basis, load: Load) -> Load:
-    """Return a load with its participation factor: stated, identified by the run, or 1.
+    """Return a load with its participation factor: the stated or identified one, or 1.
 
     Raises:
         ConfigError: The stated participation is zero or infinite.
@@ -101,7 +101,7 @@ class LoadOptions(TypedDict, total=False):
 
 
 class Member(NamedTuple):
-    """The draws of one law, as oscillators under a load.
+    """The posterior draws of one law as oscillators of equivalent stiffness and loss.
 
     Attributes:
         motion: The oscillators of equivalent stiffness and loss.
@@ -115,7 +115,7 @@ class Member(NamedTuple):
 
 
 class SeenResponse(NamedTuple):
-    """The predicted response: its quantity, unit and source.
+    """The predicted response: its quantity, its unit and the unit of its source.
 
     Attributes:
         name: Quantity: displacement, velocity or acceleration.
@@ -136,7 +136,7 @@ class SeenResponse(NamedTuple):
 
 
 def joints_of_basis(basis: Basis, draws: int = NUM_DRAWS) -> Oscillator:
-    """Return the draws of the joint as one oscillator whose arrays have the shape (draw,)."""
+    """Return the posterior draws as one oscillator whose arrays have the shape (draw,)."""
     _require_one_mode(basis)
     if basis.beside:
         raise ConfigError(
@@ -162,7 +162,7 @@ def measured_of(basis: Basis, load: Load) -> SeenResponse:
 
 
 def members_of(basis: Basis, load: Load, draws: int, missed: AtAmplitude) -> list[Member]:
-    """Return the draws of every law of a run, as oscillators with the harmonics of a load.
+    """Return the draws of each of a run's laws as oscillators with the harmonics of a load.
 
     Raises:
         ConfigError: There are too few draws.
@@ -191,7 +191,7 @@ def _require_one_mode(basis: Basis) -> None:
 
 
 class Prepared(NamedTuple):
-    """The draws under one level of a load, with facts about the amplitude that they reach.
+    """The posterior draws for one level of a load, with the amplitude that they reach.
 
     Attributes:
         members: The draws of every law.
@@ -209,7 +209,7 @@ class Prepared(NamedTuple):
 
     @property
     def facts(self) -> dict[str, Any]:
-        """The reach, withholding and warnings of a prediction as attributes."""
+        """Return the amplitude, any withheld band and warnings of a prediction as attributes."""
         said = "\n".join(self.warnings)
         return {"reach": self.reach, "withheld": int(self.withheld), "warnings": said}
 
@@ -217,7 +217,7 @@ class Prepared(NamedTuple):
 def prepared(
     basis: Basis, load: Load, amplitude: Callable[[Member], Values], what: str
 ) -> Prepared:
-    """Prepare the draws of all laws for one load, with the model discrepancy at its amplitude.
+    """Prepare the draws of all laws for a load, with the model discrepancy at its amplitude.
 
     Args:
         basis: The draws and settings from which the run predicts.
@@ -240,7 +240,7 @@ def prepared(
 
 
 def _harmonics(member: Member, y: float) -> int:
-    """Return how many odd harmonics an amplitude [m] needs: 1 where the third is small, else 8."""
+    """Return how many odd harmonics an amplitude [m] needs: 1 if the third is small, else 8."""
     motion = member.motion
     amplitude = np.full((len(motion.omega_n), 1), y)
     stiffness, _ = motion.values(amplitude, motion.omega_n)
@@ -251,7 +251,7 @@ def _harmonics(member: Member, y: float) -> int:
 def response_of(
     member: Member, load: Load, seen: SeenResponse, level: float, omega: Values, y: Complexes
 ) -> Complexes:
-    """Return the response [unit] to a load, from the displacement relative to the force's phase.
+    """Return the response to a load in its unit, from displacements relative to the force.
 
     Displacements y are in m, with phases relative to the force.
 
@@ -269,12 +269,12 @@ def response_of(
 
 
 def level_of(member: Member, level: float) -> Values:
-    """Return the force amplitude of every draw at a level of the source, (draw, 1) [N/kg]."""
+    """Return the force amplitude per unit mass of each draw at a level of the source [N/kg]."""
     return np.abs(member.share) * level
 
 
 def peak_of(level: float) -> Callable[[Member], Values]:
-    """Return a function that computes draws' peak displacements [m] at a level of the source."""
+    """Return a function that computes each draw's peak displacement [m] at a level of source."""
     return lambda member: peaks(member.motion, level_of(member, level)).y
 
 
@@ -295,7 +295,7 @@ def bands(values: Sequence[Values], *, withheld: bool = False) -> Values:
 def labelled(
     variables: Mapping[str, Any], coords: Mapping[str, Any], load: Load, seen: SeenResponse
 ) -> xr.Dataset:
-    """Return a dataset of a predicted response, with the facts of its load as attributes."""
+    """Return a dataset of a predicted response, with attributes that describe its load."""
     facts = {
         "drive": load.drive, "source_unit": seen.source, "quantity": seen.name,
         "num_draws": load.draws, "harmonics": load.harmonics or 1, "band": messages.IN_BANDS,
@@ -306,7 +306,7 @@ def labelled(
 
 
 def checked_levels(values: Iterable[float]) -> list[float]:
-    """Return the levels of a load as numbers; raise an error unless all are positive and finite."""
+    """Return the levels of a load as numbers; raise an error if one is not positive or finite."""
     levels = [float(value) for value in values]
     wrong = [value for value in levels if not 0.0 < value < np.inf]
     if wrong or not levels:
@@ -319,7 +319,7 @@ def checked_levels(values: Iterable[float]) -> list[float]:
 
 
 def checked_band(band_hz: tuple[float, float]) -> tuple[float, float]:
-    """Return a frequency band [Hz]; raise an error unless it rises from a positive frequency."""
+    """Return a frequency band [Hz]; raise an error unless it is positive and rises."""
     low, high = map(float, band_hz)
     if not 0.0 < low < high < np.inf:
         raise ConfigError(

@@ -26,7 +26,7 @@ from jbw.study.loads import (
 )
 from jbw.verification.predictive_basis import Basis
 
-FEW = 240  # frequencies on either side of the resonance, away from it
+FEW = 240  # frequencies on each side of the resonance, spaced more widely with distance
 MOST_TIMES = 2000  # approximate number of stored times of a response
 
 
@@ -65,7 +65,7 @@ def random_of(basis: Basis, profile: RandomProfile, duration: float, load: Load)
 def _random(
     found: RandomResponse, load: Load, seen: SeenResponse, freq_hz: Values, duration: float
 ) -> dict[str, Values]:
-    """Return each draw's statistics and spectrum of a random response, without other modes."""
+    """Return each draw's statistics and spectrum of the random response of the joint's mode."""
     if load.is_base:
         spectrum = found.base_spectrum(freq_hz, load.participation, load.shape)
     else:
@@ -85,7 +85,7 @@ def _random(
 
 
 def _frequencies(centre: Values, damping: Values, band: tuple[float, float], few: int) -> Values:
-    """Return frequencies [Hz] over a band that resolve the resonance of every draw."""
+    """Return frequencies [Hz] in a band, dense enough for the resonance of every draw."""
     step = 0.4 * float(np.min(damping * centre))
     width = 12.0 * float(np.max(damping * centre))
     low, high = float(np.min(centre)) - width, float(np.max(centre)) + width

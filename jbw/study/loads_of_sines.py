@@ -1,4 +1,4 @@
-"""The bands under a sine: response curves, their resonance, and the level that a limit allows."""
+"""Bands of sine responses: curves, their resonance, and the level that keeps a limit."""
 
 from collections.abc import Iterable
 
@@ -28,7 +28,8 @@ from jbw.study.loads import (
 from jbw.verification.predictive_basis import Basis
 
 NUM_FREQ = 241  # frequencies of a curve
-MOST_ROUNDS, CLOSE = 8, 1e-6  # for the displacement whose response equals the limit
+# rounds, and relative error, of the search for the displacement at the limit
+MOST_ROUNDS, CLOSE = 8, 1e-6
 
 
 def resonance_of(basis: Basis, levels: Iterable[float], load: Load) -> xr.Dataset:
@@ -58,7 +59,7 @@ def resonance_of(basis: Basis, levels: Iterable[float], load: Load) -> xr.Datase
 
 
 def _resonance(member: Member, load: Load, seen: SeenResponse, level: float) -> dict[str, Values]:
-    """Return each draw's frequency, peak, quality, width and jumps of a resonance."""
+    """Return each draw's resonance: frequency, peak, quality factor, width and jumps."""
     found = resonance(member.motion, level_of(member, level))
     top = exact_points(member.motion, found.peak, np.zeros_like(found.peak.y))
     phasor = np.asarray(top.y * np.exp(1j * top.phase), complex)
@@ -126,7 +127,7 @@ def _curve(
 def notch_of(
     basis: Basis, level: float, limit: float, band_hz: tuple[float, float], load: Load
 ) -> xr.Dataset:
-    """Return the bands of the level that keeps a response within a limit: see `Study.notch`."""
+    """Return bands of the level that keeps a response within a limit; see `Study.notch`."""
     (level, limit), band_hz = checked_levels([level, limit]), checked_band(band_hz)
     seen = measured_of(basis, load)
     freq_hz = np.linspace(*band_hz, NUM_FREQ)

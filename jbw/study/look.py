@@ -60,25 +60,25 @@ if TYPE_CHECKING:
     import xarray as xr
 
 logger = logging.getLogger("jbw")
-# Ratio of repeats' standard deviation to the rms of their mean, above which they are no repeats.
+# Ratio of repeats' standard deviation to the rms of their mean; above it they are not repeats.
 CHANGED = 0.5
-# A record that cannot be read raises one of these; it is named, and the others are read.
+# A record that raises one of these is named as unreadable; all others are still read.
 UNREADABLE = (DataError, ValueError, np.linalg.LinAlgError)
-NUM_SHOWN = 2000  # number of spectral lines of a response that are drawn
+NUM_SHOWN = 2000  # number of spectral lines of a response that a figure shows
 UNITS = {"y": "m", "frequency_hz": "Hz", "damping": "1", "frequency_sd": "Hz", "damping_sd": "1"}
 MEANING = {
     "y": "motion", "frequency_hz": "natural frequency", "damping": "damping ratio",
     "frequency_sd": "standard deviation of frequency",
     "damping_sd": "standard deviation of damping",
 }  # fmt: skip
-# Relative change of secant stiffness over equal cycles; smaller changes are a rig's own variation.
+# Relative change of secant stiffness over equal cycles; the test rig alone causes smaller ones.
 WORN = 0.02
-# Change relative to half width or damping, above what noise causes in a readable resonance.
+# Change relative to half width or damping; noise in a readable resonance causes smaller ones.
 CLEAR = 0.2
-# Chance below which records' offsets depend on their order, or on runs, and not by accident.
+# Probability below which offsets of records depend on their order or run, and not on chance.
 RISES = 1e-3
 ORDERED = 4  # Fewest records for which a dependence on their order is tested.
-PLATEAU = 3  # Fewest readings below an onset that show the structure to be linear there.
+PLATEAU = 3  # Fewest values below an amplitude that show the structure to be linear there.
 
 
 class ShownResponse(NamedTuple):
@@ -91,7 +91,7 @@ class ShownResponse(NamedTuple):
 
 @dataclass(frozen=True)
 class Look:
-    """The result of `look`: `record` in plain values; readings, tables and responses by test."""
+    """The result of `look`: numbers in `record`; measured values, tables and responses by test."""
 
     record: dict[str, Any]
     readings: dict[str, list[Reading]]
@@ -100,7 +100,7 @@ class Look:
 
 
 def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look:
-    """Read frequency and damping against amplitude from every test, without a model of the joint.
+    """Measure frequency and damping against amplitude of every test, without a joint model.
 
     Args:
         campaign: A campaign from `jbw.load_campaign`.
@@ -150,14 +150,14 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
 
 
 def _modes_hz(campaign: Campaign) -> tuple[float, ...]:
-    """Return the frequencies of elastic modes from the campaign or from its matrices [Hz]."""
+    """Return the frequencies of the elastic modes [Hz], from the campaign or its matrices."""
     if campaign.joints is not None:
         return tuple(float(hz) for hz in campaign.joints.model.frequencies_hz if hz > 0)
     return () if campaign.structure is None else campaign.structure.modes
 
 
 def _of_first_mode(campaign: Campaign) -> Iterator[Test]:
-    """Yield the tests of a campaign, free decays only in the band of the first mode."""
+    """Yield the tests of a campaign; a free decay only in the band of the first mode."""
     structure = campaign.structure
     modes_hz = () if structure is None else structure.modes
     for test in campaign.tests:
@@ -168,18 +168,18 @@ def _of_first_mode(campaign: Campaign) -> Iterator[Test]:
 
 
 def look_quietly(campaign: Campaign) -> Look:
-    """Read a campaign during an identification, without repeating warnings already given."""
+    """Measure frequency and damping of a campaign, without warnings that were already given."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return look(campaign, report=lambda _: None)
 
 
 def look_groups(looked: Look, fitted: Mapping[str, bool] | None = None) -> "dict[str, xr.Dataset]":
-    """Return the readings and response of every test, ordered by motion, as groups of a result.
+    """Return each test's measured frequency, damping and response as groups of a result.
 
     `fitted` gives by test name whether a posterior was fitted to records of the test.
     """
-    import xarray as xr  # The import takes long, and a look without a figure does not need it.
+    import xarray as xr  # This import takes long, and it is needed only for a figure.
 
     groups, fitted = {}, fitted or {}
     for row in looked.record["tests"]:
@@ -193,19 +193,19 @@ def look_groups(looked: Look, fitted: Mapping[str, bool] | None = None) -> "dict
         if response is not None:
             attrs = {"units": response.unit, "long_name": "displacement over source"}
             variables["response"] = ("freq", response.magnitude, attrs)
-            # This is the coordinate of the response.
+            # This variable is the coordinate of the response.
             variables["freq"] = ("freq", response.freq_hz, {"units": "Hz"})
         columns_read = {
             key: row[key] for key in ("test", "kind", "level", "drive") if row[key] is not None
         }
-        if row["test"] in fitted:  # A family of tones has no entry.
+        if row["test"] in fitted:  # A test made of several tones has no entry.
             columns_read["fitted"] = int(fitted[row["test"]])
         groups[place("look", row["test"])] = xr.Dataset(variables, attrs=columns_read)
     return groups
 
 
 def _seen(test: Test) -> list[str]:
-    """Return the sentences on a test's repeats, harmonics and noise, or on its locked phase."""
+    """Return the sentences on a test's repeats, harmonics and noise, or on its held phase."""
     if test.traits.is_locked:
         return [locked_sentence(test)]
     blows = blows_seen(test.name, [record.provenance for record in test.records])
@@ -213,7 +213,7 @@ def _seen(test: Test) -> list[str]:
 
 
 def _curves(tests: Sequence[Test]) -> dict[str, list[Test]]:
-    """Group the tests that are read together: all single tones of one level form one curve."""
+    """Group the tests that are analysed together: all single tones of one level form a curve."""
     groups_of_tests: dict[str, list[Test]] = {}
     for test in tests:
         if not test.traits.is_prescribed:
@@ -223,7 +223,7 @@ def _curves(tests: Sequence[Test]) -> dict[str, list[Test]]:
 
 
 class RecordRead(NamedTuple):
-    """The readings of one record: its rows, and a table of them with covariances."""
+    """Measured frequency and damping of one record: rows for a report, and a table with errors."""
 
     rows: tuple[Reading, ...]
     table: RecordTable
@@ -255,7 +255,7 @@ def _read(
 
 
 def _of_rows(rows: Sequence[Reading]) -> RecordRead:
-    """Return the table of a record's readings whose errors are independent."""
+    """Return a table of a record's frequency and damping, measured with independent errors."""
     y, hz, zeta, hz_sd, zeta_sd = (
         np.array([getattr(row, name) for row in rows], float)
         for name in ("y", "frequency_hz", "damping", "frequency_sd", "damping_sd")
@@ -265,7 +265,7 @@ def _of_rows(rows: Sequence[Reading]) -> RecordRead:
 
 
 def _of_reading(read: ModeReading) -> RecordRead:
-    """Return the table of a decay's or sweep's readings, in the order of increasing amplitude."""
+    """Return a table of a decay's or sweep's frequency and damping, by increasing amplitude."""
     table = read.table()
     sds = (np.sqrt(np.diag(x)) for x in (table.hz_covariance, table.zeta_covariance))
     columns = table.y, table.hz, table.zeta, *sds
@@ -277,18 +277,18 @@ def _of_reading(read: ModeReading) -> RecordRead:
 
 
 def _of_decays(test: Test) -> Iterator[RecordRead]:
-    """Yield the readings of every decay of a test, in its band or near its strongest line."""
+    """Yield measured frequency and damping of each decay, in its band or at its strongest line."""
     yield from (_of_reading(read) for read in read_decays(test) if read is not None)
 
 
 def _of_sweep(record: Record, test: Test) -> RecordRead | None:
-    """Read a swept record; return None if its drive is no sweep or the fit is poor."""
+    """Measure frequency and damping of a sweep; return None if it is no sweep or fits badly."""
     read = examined_sweep(record, test.band_hz, test.delay).reading
     return None if read is None or read.residual > MISSED else _of_reading(read)
 
 
 def _holding(one: RecordRead) -> RecordRead | None:
-    """Remove readings that no oscillator can have from a record; return None if none is left."""
+    """Remove values of frequency and damping that no oscillator can have; None if none is left."""
     holds = np.array([row.holds for row in one.rows])
     if np.all(holds):
         return one
@@ -308,13 +308,13 @@ def _holding(one: RecordRead) -> RecordRead | None:
 
 
 def _of_harmonics(tests: Sequence[Test]) -> tuple[list[RecordRead], ShownResponse]:
-    """Read response curves near their largest motion, from their first harmonics."""
+    """Measure frequency and damping of response curves near their largest motion."""
     groups = [group for group in groups_of(list(tests)) if group.order == 1]
     if not groups:
         raise DataError(f"Test {tests[0].name} has no response to a tone of its own.")
     readings_found = []
     for group in groups:
-        # The motion of a test with a controlled response is real.
+        # If a test controls the amplitude of the response, its motion is real.
         y = group.motion[:, 0].astype(complex)
         top = int(np.argmax(np.abs(y)))
         third = abs(group.motion[top, 1] / y[top]) if group.motion.shape[1] > 1 else 0.0
@@ -326,7 +326,7 @@ def _of_harmonics(tests: Sequence[Test]) -> tuple[list[RecordRead], ShownRespons
 
 
 def _row(name: str, test: Test, records: Sequence[RecordRead]) -> dict[str, Any]:
-    """Return a test's frequency and damping at its largest motion: record means with errors.
+    """Return a test's frequency and damping at its largest motion, as means with errors.
 
     An error combines that of a single record with the standard deviation between records.
     """
@@ -422,7 +422,7 @@ def _shown(
     read: Reading,
     test: Test,
 ) -> ShownResponse:
-    """Return the part of a response near its resonance that is drawn."""
+    """Return the part of a response near its resonance, for a figure."""
     centre = 2 * np.pi * read.frequency_hz
     half = max(0.02, min(WIDE, 10 * abs(read.damping))) * centre
     near = np.flatnonzero(np.abs(omega - centre) < half)[:NUM_SHOWN]
@@ -433,7 +433,7 @@ def _shown(
 
 
 def read_of_shaker(spec: TestSpec, record: Record) -> str:
-    """Return the sentence on the shaker's attachment and moved mode, or on why reading failed."""
+    """Return the sentence on the attached shaker and its effect on the mode, or on its failure."""
     test = Test(
         spec.kind, (record,), name=spec.name, band_hz=spec.band, periods=spec.periods,
         settle=spec.settle,
@@ -445,7 +445,7 @@ def read_of_shaker(spec: TestSpec, record: Record) -> str:
 
 
 class Statements(NamedTuple):
-    """The sentences on a structure, and the laws that its readings propose, simplest first."""
+    """Sentences on a structure, and laws that its frequency and damping suggest, simplest first."""
 
     sentences: list[str]
     laws: tuple[str, ...]
@@ -456,7 +456,7 @@ def statements(
     by_test: Mapping[str, list[RecordTable]],
     modes_hz: Sequence[float] = (),
 ) -> Statements:
-    """Report whether records differ, and whether and how frequency and damping depend on amplitude.
+    """Report differences between records, and how frequency and damping depend on amplitude.
 
     Several modes are reported separately, each from the readings nearest to its frequency.
     """
@@ -466,7 +466,8 @@ def statements(
         of_mode = [table for _, table in tables], [labels.get(name, "") for name, _ in tables]
         try:
             answer = nonlinear(*of_mode)
-        except UNREADABLE:  # Readings without errors, for example, must not stop an identification.
+        # An identification continues even if, for example, the measured values have no errors.
+        except UNREADABLE:
             answer = Nonlinear(False, [messages.NOT_STATED])
         laws = laws or answer.laws
         sentences += [
@@ -495,7 +496,7 @@ def statements(
 def _by_mode(
     by_test: Mapping[str, list[RecordTable]], modes_hz: Sequence[float]
 ) -> dict[float | None, list[tuple[str, RecordTable]]]:
-    """Return the tables of readings with their tests, grouped by the nearest mode [Hz]."""
+    """Return tables of frequency and damping with their tests, grouped by the nearest mode [Hz]."""
     groups: dict[float | None, list[tuple[str, RecordTable]]] = {
         _nearest(mode_hz, modes_hz): [] for mode_hz in modes_hz or (1.0,)
     }
@@ -506,14 +507,14 @@ def _by_mode(
 
 
 def _nearest(frequency_hz: float, modes_hz: Sequence[float]) -> float | None:
-    """Return the mode frequency nearest to a frequency [Hz]; None where there is only one mode."""
+    """Return the mode nearest to a frequency [Hz]; None if there is only one mode."""
     if len(modes_hz) < 2:
         return None
     return min(modes_hz, key=lambda hz: abs(np.log(frequency_hz / hz)))
 
 
 class Nonlinear(NamedTuple):
-    """The answer on whether frequency or damping depend on amplitude, with likely laws."""
+    """Whether frequency or damping depend on amplitude, with sentences and likely laws."""
 
     is_seen: bool
     sentences: list[str]
@@ -521,7 +522,7 @@ class Nonlinear(NamedTuple):
 
 
 def _worn(loop: Mapping[str, Any]) -> str | None:
-    """Return the sentence on a change of stiffness over equal cycles; None if it is small."""
+    """Return the sentence on a change of stiffness over equal load cycles; None if it is small."""
     cycles = [cycle for cycle in loop["cycles"] if cycle["retained"] is not None]
     if not cycles:
         return None
@@ -587,7 +588,7 @@ def _differing(hz: AmplitudeTrend, zeta: AmplitudeTrend, labels: Sequence[str]) 
 
 
 def _goes_with(offsets: np.ndarray, labels: Sequence[str]) -> str:
-    """Return what the offsets of records vary with: "runs", "order" or an empty text."""
+    """Return whether differences between records follow the "runs" or their "order", or ""."""
     count = len(offsets)
     groups = [offsets[[label == name for label in labels]] for name in dict.fromkeys(labels)]
     if 1 < len(groups) < count:
@@ -605,7 +606,7 @@ def _goes_with(offsets: np.ndarray, labels: Sequence[str]) -> str:
 
 
 def _between_ends(tables: Sequence[RecordTable], differ: list[str]) -> Nonlinear:
-    """Compare the last record's readings with the first's, where trends cannot be tested."""
+    """Compare frequency and damping of the last record with the first, if a trend is untestable."""
     y, frequency, damping = (
         [float(getattr(table, name)[0]) for table in tables] for name in ("y", "hz", "zeta")
     )
@@ -620,7 +621,7 @@ def _between_ends(tables: Sequence[RecordTable], differ: list[str]) -> Nonlinear
 
 
 def days(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the sentence on variation of frequency and damping within and between days."""
+    """Return the sentence on how frequency and damping vary within and between days."""
     groups: dict[tuple[Any, ...], dict[tuple[Any, ...], list[Mapping[str, Any]]]] = {}
     for row in rows:
         day = row["assembly"], row["run"]

@@ -31,7 +31,7 @@ from jbw.study.resumable import carried_out, digest_of
 from jbw.study.workers import Executor, in_processes, submitted
 
 logger = logging.getLogger("jbw")
-PLAIN = "campaign"  # a file name that says nothing, so that the name of its folder is used
+PLAIN = "campaign"  # a file name without information; the run is then named after the folder
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Task:
 
 @dataclass(frozen=True)
 class RunOutcome:
-    """The outcome of one campaign: its run, status, verdict and error.
+    """The outcome of one campaign of several: its run, status, verdict and error.
 
     Attributes:
         campaign: Path of the campaign file.
@@ -88,7 +88,7 @@ def identify_many(
     report: Callable[[str], None] = logger.info,
     command: str | None = None,
 ) -> list[RunOutcome]:
-    """Identify many campaigns in parallel; a repeated call continues where the last one ended.
+    """Identify many campaigns in parallel; a repeated call continues an interrupted one.
 
     Args:
         campaigns: Campaign files, or campaigns that were loaded from files.
@@ -184,7 +184,7 @@ def _run(task: Task) -> RunOutcome:
                 quick=task.quick, figures=task.figures,
             )  # fmt: skip
             run = begin(folder, manifest)
-        if run is None:  # Another process has finished it in the meantime.
+        if run is None:  # Another process has finished this run in the meantime.
             return _finished_before(task) or _failed(task, RunError(f"{folder} has no result."))
         try:
             if began == "resumed":
@@ -198,7 +198,7 @@ def _run(task: Task) -> RunOutcome:
             raise
         finally:
             run.close()
-    except Exception as error:  # One failing campaign must not stop the others.
+    except Exception as error:  # The failure of one campaign must not stop the others.
         return _failed(task, error, time.perf_counter() - started)
     return _done(task, summary, began, time.perf_counter() - started)
 
@@ -253,7 +253,7 @@ def _folders(files: Sequence[Path], out: Path) -> dict[Path, Path]:
 
 
 def _finished_before(task: Task) -> RunOutcome | None:
-    """Return the outcome of a campaign whose run is finished; None where there is work to do.
+    """Return the outcome of a campaign whose run is finished; None if it must still run.
 
     A finished run has no manifest, except after a first answer (`quick`).
     """
@@ -270,7 +270,7 @@ def _finished_before(task: Task) -> RunOutcome | None:
 
 
 def _require_same_result(task: Task, summary: Mapping[str, Any]) -> None:
-    """Raise an error if a finished run differs from the task in campaign, data or seed."""
+    """Raise an error if a finished run has another campaign, seed or data than requested."""
     remedy = messages.identify_anew(str(task.folder))
     _require_asked(task, summary.get("campaign_file"), None)
     if task.seed is not None and summary.get("seed") != task.seed:
@@ -294,7 +294,7 @@ def _require_same_result(task: Task, summary: Mapping[str, Any]) -> None:
 
 
 def _require_asked(task: Task, campaign: str | None, seed: int | None) -> None:
-    """Raise an error if a run has another campaign, or began with another seed, than the task."""
+    """Raise an error if an unfinished run has another campaign or seed than requested."""
     if campaign is not None and Path(campaign).resolve() != Path(task.campaign).resolve():
         raise RunError(
             f"The folder {task.folder} holds a run of {campaign}, not of {task.campaign}.",
@@ -309,7 +309,7 @@ def _require_asked(task: Task, campaign: str | None, seed: int | None) -> None:
 
 
 def _outcome_of(task: Task, future: Any) -> RunOutcome:
-    """Return the outcome of a campaign from its future; a lost worker is a failure."""
+    """Return a campaign's outcome from its worker's result; a lost worker counts as a failure."""
     try:
         return future.result()
     except BrokenProcessPool:
@@ -325,7 +325,7 @@ def _outcome_of(task: Task, future: Any) -> RunOutcome:
 
 
 def _sentence(outcome: RunOutcome, so_far: Sequence[RunOutcome], total: int) -> str:
-    """Return the progress sentence: the number of finished campaigns and the last one's outcome."""
+    """Return the progress sentence: how many campaigns are finished, and the latest outcome."""
     failed = sum(earlier.status == "failed" for earlier in so_far)
     name = Path(outcome.folder).name
     if outcome.status == "failed":

@@ -77,9 +77,9 @@ def numpyro_model(
 
 
 def model_of(fitted: Fitted, *, responses: bool = False) -> NumpyroModel:
-    """Return the posterior of the data of a fit as a NumPyro model."""
+    """Return the posterior for the data of a given fit as a NumPyro model."""
     fit, box, data = fitted.fit, fitted.box, fitted.data
-    # The stated densities are those of the sites, and must not count twice.
+    # The sites already contain the stated densities, which must not count twice.
     unstated = replace(data, stated=StatedDensities())
 
     def derived(theta: Mapping[str, Any]) -> dict[str, Any]:
@@ -98,7 +98,7 @@ def model_of(fitted: Fitted, *, responses: bool = False) -> NumpyroModel:
 
 
 def _of_laws(theta: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
-    """Return the laws' parameters and products that are not sampled themselves, by name."""
+    """Return parameters of the laws, and their products, that follow from the sampled ones."""
     every = {**data.held, **theta}
     values: dict[str, Any] = {}
     for law in laws_named(data.laws):
@@ -118,8 +118,8 @@ def _predicted(theta: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
 
 
 def _with_prior(campaign: Campaign, prior: Mapping[str, Any]) -> Campaign:
-    """Return the campaign with some priors replaced, each checked like a prior of its file."""
-    # Only the priors are new: other settings of a loaded campaign need not be valid in a file.
+    """Return the campaign with some priors replaced, each checked like one in a campaign file."""
+    # Only the new priors are checked: settings made in Python may have no form in a file.
     checked = Identify.of({"prior": {**campaign.settings.prior, **prior}})
     settings = campaign.settings.model_copy(update={"prior": checked.prior})
     modes = 1 if campaign.structure is None else len(campaign.structure.modes)

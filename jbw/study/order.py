@@ -1,4 +1,4 @@
-"""The request for an identification."""
+"""The request for an identification: what `identify` was asked to do."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,5 +25,5 @@ class Order:
     started: float
 
     def under(self, laws: Sequence[str]) -> "Order":
-        """Return the request with given laws, if its campaign states none."""
+        """Return the request with given laws if its campaign states no law."""
         return replace(self, campaign=with_laws(self.campaign, laws))

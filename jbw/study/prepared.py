@@ -1,4 +1,4 @@
-"""The tests of a campaign before any fit: checked, read without a model, split."""
+"""Preparation of a campaign's tests before any fit: check, measure without a model, split."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -31,7 +31,7 @@ class PreparedTests(NamedTuple):
 
 
 def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTests:
-    """Return the usable tests, their readings without a model, and the data of each later step.
+    """Return the usable tests, their measured frequency and damping, and the data for each step.
 
     This precedes all sampling, so that an error in a record costs no result. If a
     campaign states no law, and its readings propose another law before the default, it gets the

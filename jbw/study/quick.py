@@ -1,4 +1,4 @@
-"""The first answer of a campaign, in seconds: its fit, with bands from the fit's covariance."""
+"""The quick result of a campaign, in seconds: its fit, with bands from the fit's covariance."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ from jbw.verification.predictive_basis import NUM_DRAWS, basis_of
 
 
 def first_answer(order: Order, prepared: PreparedTests, report: Report) -> Study:
-    """Build the study of a fit alone: parameters, frequency and damping by amplitude, with bands.
+    """Return the result of a fit without sampling, with Gaussian bands from its covariance.
 
     The study has the form of any other, but predicts no test.
     """
@@ -59,21 +59,21 @@ def fit_tree(seen: Measured, posteriors: Posteriors) -> xr.DataTree:
 
 
 def fit_errors(fitted: Fitted) -> dict[str, float]:
-    """Return the error of the fit to each group of data, relative to the group's rms."""
+    """Return the error of the fit to each data group, relative to the rms of the group."""
     residuals = dataset.residual_by_label(fitted.fit.residual, fitted.data)
     errors = dataset.error_by_label(residuals, fitted.data)
     return {label: float(error) for label, error in errors.items()}
 
 
 def report_fit(seen: Measured, fitted: Fitted, seed: int, report: Report) -> None:
-    """Report the first answer, before the posterior is drawn."""
+    """Report the result of the fit, before the posterior is drawn."""
     lines = Attempts(report).make(stages.ANSWER_OF_FIT, lambda: fit_lines(seen, fitted, seed), [])
     for line in (*lines, stages.DRAWING):
         report(line)
 
 
 def fit_lines(seen: Measured, fitted: Fitted, seed: int) -> list[str]:
-    """Return the sentences of a first answer: parameters, effect of the joint, fit errors."""
+    """Return sentences on a fit: its parameters, the effect of the joint, and its errors."""
     posteriors = about_fit(jax.random.key(seed), seen, fitted)
     checks = posteriors.checks
     judged = judge(checks.findings)

@@ -28,7 +28,7 @@ Say = Callable[[str], None]
 def carried_out(
     run: Run, say: Say, beside: Beside | None = None
 ) -> tuple[Mapping[str, Any], xr.DataTree]:
-    """Finish a run from its current state, and return its summary and its result tree.
+    """Complete a run from its current state; return its summary and its result tree.
 
     After a first answer only the result is written, and the run can be continued later. A second
     process, `beside`, draws some of the report's figures.
@@ -37,7 +37,7 @@ def carried_out(
     if (run.folder / "summary.json").exists() and not is_first_answer(run.folder):
         summary, tree = read_result(run.folder)
     else:
-        forget_when_many()  # Earlier runs in this process have left compiled functions.
+        forget_when_many()  # Free the compiled functions that earlier runs left in this process.
         tree, summary = identified(run, say)
         save_result(run.folder, tree, summary)
         if run.manifest.quick:
@@ -64,7 +64,7 @@ def identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:
         truth = {**rig_truth["joint"], "gain": rig_truth["gain"]}
     say(f"Reading {path}")
     loaded, doubts = load_with_doubts(path, allow_outside=request.allow_outside)
-    # Doubts are shown at once, since the answer repeats them only minutes later.
+    # Show doubts at once: the report repeats them only minutes later.
     for doubt in doubts:
         warnings.warn_explicit(doubt.message, doubt.category, doubt.filename, doubt.lineno)
     if request.final:
@@ -83,5 +83,5 @@ def identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:
 
 
 def digest_of(text: str) -> str:
-    """Return the SHA-256 of a campaign file's text, by which a finished run recognises the file."""
+    """Return the SHA-256 of a campaign file's text, which shows whether a finished run used it."""
     return hashlib.sha256(text.encode()).hexdigest()

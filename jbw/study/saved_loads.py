@@ -22,7 +22,7 @@ def save_loads(
     rows: Sequence[Mapping[str, Any]],
     posterior: str | None = None,
 ) -> None:
-    """Write loads.nc, loads.json, a CSV file per prediction and figures/, completely or not.
+    """Write loads.nc, loads.json, CSV files and figures of predictions; if one fails, write none.
 
     Args:
         folder: The output folder.
@@ -53,7 +53,7 @@ def save_loads(
 
 
 def plain_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Replace each number that is not finite by None in rows of plain values."""
+    """Replace infinite numbers and NaN by None in rows of plain values."""
     return [
         {key: None if isinstance(x, float) and not np.isfinite(x) else x for key, x in row.items()}
         for row in rows
@@ -61,7 +61,7 @@ def plain_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def csv_tables(dataset: xr.Dataset) -> dict[str, str]:
-    """Return the bands of a prediction as CSV texts, one for each axis of its bands."""
+    """Return the bands of a prediction as CSV texts, one for each independent variable."""
     columns: dict[str, dict[str, np.ndarray]] = {}
     for name, values in dataset.data_vars.items():
         if values.dims[:1] != ("quantile",) or len(values.dims) != 2:

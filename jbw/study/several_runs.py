@@ -32,15 +32,15 @@ from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
 
 NUM_DRAWS = 200  # of each run
 GRID = np.linspace(0.05, 1.0, 20)  # times the largest displacement that all runs fitted
-TOLD = (1, 19)  # indices into GRID: 10 % and 100 % of its largest displacement
+TOLD = (1, 19)  # indices into GRID of the reported amplitudes: 10 % and 100 % of the largest
 QUANTITIES = (("frequency", "Hz", 1.0), ("damping ratio", "%", 100.0))
-BY_CHANCE = 0.01  # a smaller probability of the variation about a trend is reported
+BY_CHANCE = 0.01  # probability of the variation about a trend, below which it is reported
 NUISANCE = {"gain"}  # a property of the source, which frequency and damping do not need
 
 
 @dataclass(frozen=True)
 class SideBySide:
-    """The result of `side_by_side`: a record in plain values and the backbones of all runs.
+    """The comparison of several runs: numbers and sentences in `record`, and all backbones.
 
     Attributes:
         record: Runs, readings, trends and statements in plain values.
@@ -52,7 +52,7 @@ class SideBySide:
 
 
 def side_by_side(folders: Sequence[Path]) -> SideBySide:
-    """Compare frequency and damping against amplitude of several finished runs, of any laws.
+    """Compare frequency and damping against amplitude of several finished runs with any laws.
 
     Runs are ordered by the torques of their campaigns where all state one, otherwise as given.
 
@@ -115,7 +115,7 @@ def _names(folders: Sequence[Path]) -> list[str]:
 def _along(
     basis: Basis, amplitude: Float[np.ndarray, " place"]
 ) -> Float[np.ndarray, "what draw place"]:
-    """Return a run's draws of frequency [Hz] and damping ratio at each amplitude [m]."""
+    """Return frequency [Hz] and damping of each draw of a run at each amplitude [m]."""
     carried = carry(curves, basis.thinned(NUM_DRAWS), jnp.asarray(amplitude), basis.laws)
     return np.array([np.asarray(x) for x in carried[:2]])
 
@@ -170,7 +170,7 @@ def _trend(
 ) -> dict[str, Any]:
     """Return the slope of a quantity over runs per doubling of torque, with its 99 % interval."""
     count = min(map(len, draws))
-    # Draws of runs with one seed correlate number by number; a random order removes that.
+    # Runs with the same seed have correlated draws; a random order removes the correlation.
     rng = np.random.default_rng(0)
     values = np.array([rng.permutation(x)[:count] for x in draws])
     away = doublings - doublings.mean()
@@ -179,7 +179,7 @@ def _trend(
     left = mean - mean.mean() - away * middle
     degrees = len(draws) - 2
     p = float(stats.chi2.sf(np.sum((left / sd) ** 2), degrees)) if degrees else 1.0
-    # The interval then includes the uncertainty of a line through runs that vary independently.
+    # The interval then includes the variation of runs about the line.
     if p < BY_CHANCE:
         deviation = np.sqrt(np.sum(left**2) / degrees / np.sum(away**2))
         reach = stats.t.ppf(QUANTILES[2], degrees) * deviation

@@ -1,4 +1,4 @@
-"""The results in a run's folder, each written completely or not at all."""
+"""Writing of results into a run's folder, each completely or not at all."""
 
 import json
 import os
@@ -28,20 +28,20 @@ from jbw.run.manifest import versions
 from jbw.run.netcdf import write_tree
 from jbw.verification.places import safe
 
-PART = ".part"  # prefix of folders whose files are not results yet
+PART = ".part"  # prefix of folders whose files are not yet results
 JOB, ASKED, LOCK = f"{PART}s", "asked.json", "lock"  # files of an unfinished job
 Write = Callable[[Path], Any]
 
 
 @dataclass(frozen=True)
 class Job:
-    """A long job in its output folder, with the words of its request."""
+    """A long computation in its output folder, with the request that started it."""
 
     folder: Path
     asked: str
 
     def parts(self, inputs: Mapping[str, str], report: Callable[[str], Any]) -> Parts:
-        """Return the store of the job's parts, after removing parts from other inputs or code.
+        """Return the store of finished parts, after removing parts made from other inputs or code.
 
         Args:
             inputs: Digests of all input files, by file.
@@ -57,12 +57,12 @@ class Job:
 
     @property
     def num_kept(self) -> int:
-        """The number of stored parts of the job."""
+        """The number of stored parts of the computation."""
         return len(list((self.folder / JOB).glob(f"*{ENDING}")))
 
 
 def claim(folder: Path, asked: str = "") -> Path:
-    """Claim a new or empty output folder with room on its disk, before any work is done.
+    """Claim a new or empty output folder with enough disk space, before any computation.
 
     Half-written files of a killed process do not count; `writing` removes them. The parts of a
     killed job do not count either if the same is `asked` for.
@@ -91,7 +91,7 @@ def claim(folder: Path, asked: str = "") -> Path:
 
 
 def _asked_in(folder: Path) -> str:
-    """Return the request of the unfinished job in a folder; an empty text where there is none."""
+    """Return the request of the unfinished job in a folder; empty if there is none."""
     try:
         return (folder / JOB / ASKED).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
@@ -100,7 +100,7 @@ def _asked_in(folder: Path) -> str:
 
 @contextmanager
 def claimed(folder: Path, /, **asked: Any) -> Iterator[Job]:
-    """Claim a folder for a long job, and keep the job's parts there until it succeeds.
+    """Claim a folder for a long job, and store the job's finished parts there until it ends.
 
     If the job fails before a part is finished and before anything is written, its folder is
     removed.
@@ -176,7 +176,7 @@ def save_report(
 def save_predictions(
     folder: Path, found: Mapping[str, xr.Dataset], rows: Sequence[Mapping[str, Any]]
 ) -> None:
-    """Write predictions.nc, predictions.json and figures/ (one per test), completely or not."""
+    """Write predictions.nc, predictions.json and a figure per test; if one fails, write none."""
     tree = xr.DataTree.from_dict(
         {f"/{safe(test)}": comparison for test, comparison in found.items()}
     )
@@ -226,7 +226,7 @@ def _save(folder: Path, outputs: Mapping[str, Write]) -> None:
 
 @contextmanager
 def writing(folder: Path, *names: str) -> Iterator[Path]:
-    """Yield a hidden folder for the files `names`; at the end move them to their place in order."""
+    """Yield a hidden folder for the files `names`; at the end move the files to their place."""
     left = list(folder.glob(f"{PART}-*"))  # left by a process that was killed
     with tempfile.TemporaryDirectory(dir=folder, prefix=f"{PART}-") as name:
         yield Path(name)

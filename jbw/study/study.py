@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-LINE = 300  # most characters of the parameters' line in a notebook cell
+LINE = 300  # largest number of characters of the parameters' line in a notebook cell
 
 
 @dataclass(frozen=True, repr=False)
@@ -78,7 +78,7 @@ class Study:
         return verdict + page_of(self.record, self.tree)
 
     def _known(self) -> str:
-        """Return the campaign and its determined parameters in one line."""
+        """Return the campaign's name and its identified parameters in one line."""
         sentences = known_parameters(self.record) if "main" in self.record else []
         listed = "; ".join(sentences) or "no parameter is known"
         return shorten(f"Study of {self.record.get('campaign', '')}: {listed}", LINE)
@@ -99,7 +99,7 @@ class Study:
         return self.record
 
     def table(self, step: str | None = None) -> "DataFrame":
-        """Return the parameters of a step as a data frame, in SI.
+        """Return the parameters of a step as a data frame in SI units.
 
         Columns: `unit`, `mean`, `sd`, `cv` (sd over mean), `q005` and `q995` (ends of the 99 %
         interval), `map`, `kl` [nats], `ess_bulk` and `r_hat`, as far as the step has them.
@@ -134,7 +134,7 @@ class Study:
         return backbone_frame(self.tree)
 
     def predictions(self) -> "DataFrame":
-        """Return the errors and the coverage of the prediction of each test, as a data frame.
+        """Return the error and coverage of the prediction of each test, as a data frame.
 
         Columns: `kind`, `level`, `level_unit`, `fitted` (False: held out), `nrmse` (error over the
         rms of the record), `nrmse_own_frequency` (the same with a separate natural frequency for
@@ -188,7 +188,7 @@ class Study:
         return planned_sweep(basis_of(self.tree), band_hz, level, duration, fs)
 
     def joints(self, draws: int = NUM_DRAWS) -> Oscillator:
-        """Return the draws of the joint as one oscillator, for further computations.
+        """Return the posterior draws as one oscillator, for further computations.
 
         Its arrays have the shape (draw,); `jbw.simulate` and `jbw.steady_state` accept it.
 
@@ -309,7 +309,7 @@ class Study:
         return shock_of(basis, stated, load_on(basis, Load(**options)))
 
     def save(self, folder: str | Path, *, figures: Sequence[str] = ()) -> None:
-        """Write posterior.nc, summary.json and report.html into a new or empty folder.
+        """Write posterior.nc, summary.json and report.html into an empty folder.
 
         Args:
             folder: The output folder.
@@ -349,7 +349,8 @@ def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
     """
     record, tree = read_result(Path(folder))
     if "posterior" in tree.children:
-        _basis(Path(folder), record, tree)  # A run that cannot predict must fail now, not later.
+        # Fail now, not later, if the run cannot make predictions.
+        _basis(Path(folder), record, tree)
     where = record.get("campaign_file")
     if campaign is None and where is not None and Path(where).is_file():
         # The run had the permission to read outside of its folder.
@@ -360,7 +361,7 @@ def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
 
 
 def basis_of_run(folder: Path) -> Basis:
-    """Return the draws and settings from which a finished run predicts."""
+    """Return the posterior draws and settings from which a finished run predicts."""
     return _basis(folder, *read_result(folder, *GROUPS_OF_BASIS))
 
 
@@ -377,7 +378,7 @@ def _basis(folder: Path, record: Mapping[str, Any], tree: xr.DataTree) -> Basis:
 
 
 def campaign_of(folder: Path, stated: Path | None = None) -> Path:
-    """Return the path of a run's campaign file: the stated one, or the one that the run names."""
+    """Return the path of a run's campaign file: the given path, or the one in the run."""
     summary, _ = read_result(folder, "posterior")
     within = sorted(folder.glob("*/campaign.toml"))
     for campaign_path in filter(None, [stated, summary.get("campaign_file"), *within]):
@@ -392,7 +393,7 @@ def campaign_of(folder: Path, stated: Path | None = None) -> Path:
 
 
 def known_of(folder: Path) -> tuple[dict[str, Any], Known]:
-    """Return the summary of a run, with its prior bounds and the posterior means of Step 3."""
+    """Return a run's summary, with its prior bounds and the posterior means of Step 3."""
     summary, tree = read_result(folder, "posterior", "steps")
     bounds, means = {}, {}
     if summary["main"] == "joint" and "posterior" in tree.children:

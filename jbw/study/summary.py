@@ -41,7 +41,7 @@ ERRORS = (
     "nrmse_cubic", "extrapolation",
 )  # fmt: skip
 
-# Steps with a prior that includes the densities stated by a campaign.
+# Steps whose prior includes the densities that a campaign states.
 OF_ALL = ("joint", "decay")
 
 
@@ -54,7 +54,7 @@ def record_of(
     compared: Mapping[str, Any],
     wide: xr.Dataset | None = None,
 ) -> dict[str, Any]:
-    """Return the content of `summary.json` for an identification.
+    """Return the content of `summary.json` for one identification.
 
     `compared` is the comparison of the routes; `wide` is the main posterior with the errors of the
     instruments, where they are stated.
@@ -95,14 +95,14 @@ def record_of(
 
 
 def _turning(tests: Iterable[Test]) -> dict[str, str]:
-    """Return the unit of motion, rad, if all tests are torsional; otherwise an empty dictionary."""
+    """Return the unit of motion, rad, if all tests are torsional; otherwise an empty mapping."""
     units = {record.units.get(record.response, "") for test in tests for record in test.records}
     turns = units and all(unit.startswith("rad") for unit in units)
     return {"motion_unit": "rad"} if turns else {}
 
 
 def _assembly(campaign: Campaign) -> dict[str, Any]:
-    """Return the assembly, torque, sequence and temperature that a campaign states."""
+    """Return the assembly, torque, tightening number and temperature that a campaign states."""
     stated = campaign.assembly
     of_tests = {test.assembly for test in campaign.tests if test.assembly}
     name = stated.name or (of_tests.pop() if len(of_tests) == 1 else "")
@@ -111,8 +111,8 @@ def _assembly(campaign: Campaign) -> dict[str, Any]:
 
 
 def steps_group(record: Mapping[str, Any]) -> xr.Dataset:
-    """Return verdict, ESS and R-hat of each step for the flow diagram; NaN without draws."""
-    # Durations are not stored, so that equal runs leave equal groups.
+    """Return each step's verdict, effective sample size and R-hat, for the flow diagram."""
+    # Durations are not stored, so that repeated runs give identical groups.
     steps = record["steps"]
     parameters = [(step.get("parameters") or {}).values() for step in steps.values()]
 
@@ -142,7 +142,7 @@ def verdict_record(verdict: Verdict) -> dict[str, Any]:
 
 
 def fitted_and_held_out(seen: Measured) -> list[dict[str, Any]]:
-    """Return one row per test of a campaign: its kind, level and fitted repeats."""
+    """Return the kind, level and fitted repeats of each test of a campaign."""
     used, repeats = entered(seen), fitted_repeats(seen)
     return [
         {
@@ -167,7 +167,7 @@ def _unit_of_source(test: Test) -> str:
 
 
 def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
-    """Return the parameters of Step 2, the linear regime, as plain values."""
+    """Return the parameters of Step 2 (the linear regime) as plain values."""
     std = np.sqrt(np.diag(step.pooled.covariance))
     units = units_of(step)
     parameters = {
@@ -193,7 +193,7 @@ def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
 
 
 def _modes(fit: ModalFit) -> list[dict[str, float]]:
-    """Return every mode of Step 2 with standard deviations, the joint's own mode first."""
+    """Return every mode of Step 2 with standard deviations, the mode of the joint first."""
     columns = (*np.split(fit.theta, [len(fit.omega), 2 * len(fit.omega)]),)
     spreads = (*np.split(fit.std, [len(fit.omega), 2 * len(fit.omega)]),)
     return [
@@ -217,7 +217,7 @@ def _modes_sentence(fit: ModalFit) -> str:
 def widened_by_instruments(
     campaign: Campaign, sensors: Sensors | None, found: Identification, seed: int
 ) -> xr.Dataset | None:
-    """Return the main posterior with the stated instrument errors; None where none are stated."""
+    """Return the main posterior with the stated instrument errors; None if none are stated."""
     if sensors is None or not campaign.instruments.is_stated:
         return None
     main = found.main
@@ -263,14 +263,14 @@ def step_record(
 
 
 def _predictions(tree: xr.DataTree) -> dict[str, Any]:
-    """Return the coverage and errors of each test's prediction, and of a linear oscillator's.
+    """Return the coverage and error of each test's prediction, and the error of a linear model.
 
     A number is None if it is unknown.
     """
     predictions = {}
     for kind, name, test in verified(tree, "nrmse"):
         attrs = test.attrs
-        # Tests of different kinds may have groups of the same name.
+        # Groups of tests of different kinds may have the same name.
         called = name if name not in predictions else f"{name} ({kind})"
         predictions[called] = {
             "kind": kind,
@@ -284,13 +284,13 @@ def _predictions(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def _across_kinds(tree: xr.DataTree) -> dict[str, Any]:
-    """Return how well each kind of test is predicted from the others; empty for a single kind."""
+    """Return the error of each kind of test, predicted from the other kinds; empty for one kind."""
     group = node(tree, "across_kinds")
     return {} if group is None else across_kinds_record(group.to_dataset())
 
 
 def _unscored(tree: xr.DataTree, data: Dataset | None) -> dict[str, str]:
-    """Return why no test scores predictions of other levels or kinds; empty if some tests do."""
+    """Return why no test shows the error at other levels or kinds of test; empty if some do."""
     missed = node(tree, "discrepancy")
     if missed is None or data is None:
         return {}
@@ -305,7 +305,7 @@ def _unscored(tree: xr.DataTree, data: Dataset | None) -> dict[str, str]:
 
 
 def _joints(tree: xr.DataTree) -> dict[str, Any]:
-    """Return the effect of each joint on every mode of a run; empty for a single joint."""
+    """Return the effect of each joint on each mode of a run; empty for a single joint."""
     group = node(tree, JOINTS)
     if group is None:
         return {}

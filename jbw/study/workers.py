@@ -1,4 +1,4 @@
-"""The execution of functions on workers: processes of this machine, or any object with `submit`."""
+"""Execution of functions by workers: processes of this machine, or any object with `submit`."""
 
 import multiprocessing
 import os
@@ -25,7 +25,7 @@ class Executor(Protocol):
 def submitted[Task: Hashable](
     executor: Executor, function: Callable[[Task], Any], tasks: Sequence[Task]
 ) -> Iterator[tuple[Task, Any]]:
-    """Yield each task with its future, in the order in which the futures end.
+    """Yield each task with its future, in the order in which the tasks end.
 
     A future needs `done` and `result`. Waiting jobs are cancelled when the caller leaves early.
     """
@@ -54,7 +54,7 @@ def submitted[Task: Hashable](
 def in_processes[Task: Hashable](
     function: Callable[[Task], Any], tasks: Sequence[Task], workers: int
 ) -> Iterator[tuple[Task, Any]]:
-    """Run tasks in spawned processes; if a process is killed, all other tasks continue.
+    """Run tasks in separate processes; if a process is killed, all other tasks continue.
 
     The task of a killed process, which may have needed too much memory, runs again alone after all
     other tasks have ended.
@@ -67,7 +67,7 @@ def in_processes[Task: Hashable](
 def _side_by_side[Task: Hashable](
     function: Callable[[Task], Any], waiting: deque[Task], workers: int
 ) -> Generator[tuple[Task, Any], None, list[tuple[Task, Any]]]:
-    """Run tasks in parallel, yield each with its future; return tasks whose process died.
+    """Run tasks in parallel, and yield each with its future; return those whose process died.
 
     Every process has a separate pool: its death breaks no other one and shows which task it had.
     """
@@ -96,7 +96,7 @@ def _side_by_side[Task: Hashable](
 def _begun[Task](
     pool: futures.ProcessPoolExecutor, function: Callable[[Task], Any], task: Task
 ) -> tuple[futures.Future[Any], futures.ProcessPoolExecutor]:
-    """Return a task's future and its pool, a new one if the old pool's process has died."""
+    """Return a task's future and its process pool, a new one if the old process has died."""
     try:
         return pool.submit(function, task), pool
     except BrokenProcessPool:
@@ -115,7 +115,7 @@ def _pool() -> futures.ProcessPoolExecutor:
 
 
 def _leave_with_parent() -> None:
-    """End this worker as soon as its parent process ends, for whatever reason.
+    """End this worker process as soon as its parent process ends, for whatever reason.
 
     Otherwise it would finish its run, hold the run's lock until then, and wait for ever after.
     """
