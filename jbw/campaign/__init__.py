@@ -1,1 +1,1 @@
-"""Loading and checking of campaign files, and their schema."""
+"""Campaign files: how they are read, checked, drafted and described to editors."""

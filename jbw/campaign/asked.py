@@ -30,12 +30,12 @@ SAID = {
     "dwell": messages.ASK_DWELL,
     "resample": messages.ASK_RATE,
 }
-# Asks a question and returns the answer; raises EOFError if nobody answers.
+# A function that asks a question and returns the answer; it raises EOFError without a user.
 Ask = Callable[[str], str]
 Tell = Callable[[str], Any]
-# From a file and its channel names, return the channel of each role that the user states.
+# A function of a file and its channel names, which returns the channels named by the user.
 Named = Callable[[Path, Collection[str]], Mapping[str, str]]
-MOST_LISTED = 12  # channels listed in a question
+MOST_LISTED = 12  # largest number of channels listed in a question
 
 
 def channels_named_by(ask: Ask, tell: Tell) -> Named:
@@ -55,7 +55,7 @@ def channels_named_by(ask: Ask, tell: Tell) -> Named:
 
 
 def _channels_of(path: Path, channels: Collection[str], ask: Ask, tell: Tell) -> dict[str, str]:
-    """Return the channel of each role from the user's answers, response first, or an empty dict."""
+    """Return the channels that the user names as response and drive, by measured quantity."""
     roles: dict[str, str] = {}
     file = toml(path.name)
     with suppress(EOFError):
@@ -82,7 +82,7 @@ def _one_of(names: Collection[str], question: str, default: str, ask: Ask, tell:
 
 
 def answered(text: str, ask: Ask, tell: Tell) -> str:
-    """Return the draft with the user's answers; lines after the last answer are unchanged."""
+    """Return the draft with the user's answers; lines that were not reached stay unchanged."""
     lines = text.splitlines()
     files = ""
     for i, line in enumerate(lines):
@@ -99,7 +99,7 @@ def answered(text: str, ask: Ask, tell: Tell) -> str:
 
 
 def still_doubtful(text: str) -> Iterator[str]:
-    """Yield the lines of a draft that are still marked as doubtful, each with its files."""
+    """Yield each line of a draft that is still marked as doubtful, with the files of its test."""
     files = ""
     for line in text.splitlines():
         if line.startswith("files = "):
@@ -109,7 +109,7 @@ def still_doubtful(text: str) -> Iterator[str]:
 
 
 def _questions(line: str) -> list[tuple[str, Callable[[str, str], str]]]:
-    """Return the questions about a line, each with a function of line and answer to a new line."""
+    """Return the questions about a draft's line, each with the function that enters its answer."""
     match = LINE.match(line)
     if match is None:
         return []
@@ -137,7 +137,7 @@ def _shown(value: Any) -> str:
 
 
 def _value(line: str, key: str, answer: str) -> str:
-    """Return the line with a new value, without its comment sign and its mark of doubt."""
+    """Return a draft's line with the user's answer, no longer marked as doubtful."""
     numbers = [part for part in re.split(r"[,;\s]+", answer.strip("[] ")) if part]
     try:
         values = [float(number) for number in numbers]
@@ -147,7 +147,7 @@ def _value(line: str, key: str, answer: str) -> str:
 
 
 def _of(line: str, role: str, answer: str) -> str:
-    """Replace the unit or channel of one role in a line; keep the doubts on all other roles."""
+    """Replace the unit or channel of one quantity in a line; leave doubts about others."""
     match = LINE.match(line)
     body, why = (line, "") if match is None else (line.partition("  # CHECK: ")[0], match["why"])
     key, _, value = body.partition(" = ")
@@ -158,7 +158,7 @@ def _of(line: str, role: str, answer: str) -> str:
 
 
 def _taken(lines: list[str], i: int, line: str, tell: Tell) -> str:
-    """Return a new line, or the old one if the campaign file would be invalid with the new one."""
+    """Return a new line, or the old line if the new one makes the campaign file invalid."""
     before, after = (
         _error("\n".join([*lines[:i], new_line, *lines[i + 1 :]])) for new_line in (lines[i], line)
     )

@@ -18,7 +18,7 @@ FILES = ("mass", "stiffness", "damping", "dofs", "nodes")
 
 
 def place(value: Any) -> AnyPlace:
-    """Return a degree of freedom, a list of weighted ones, or a table of weights, if valid."""
+    """Return a joint's motion: a degree of freedom, several weighted ones, or weights by name."""
     if isinstance(value, Mapping) and value:
         stated: AnyPlace = {values.text(name): values.number(x) for name, x in value.items()}
     else:
@@ -158,7 +158,7 @@ class JointTable(FileTable):
 def joint_errors(
     joints: Sequence[JointTable], structure: AssembledStructure | None, num_modes: int
 ) -> Iterator[str]:
-    """Yield a sentence on each contradiction between joints, or between joints and structure."""
+    """Yield a sentence on each contradiction between joints, or of a joint and the structure."""
     names = [joint.name for joint in joints]
     for joint in joints:
         where = f"[[joint]] `{joint.name}`"
@@ -206,7 +206,7 @@ def _tie_errors(joints: Sequence[JointTable]) -> Iterator[str]:
 
 
 def leader_of(joint: JointTable, by_name: Mapping[str, JointTable]) -> JointTable | None:
-    """Return the joint whose law a joint shares (or itself); None for a cycle or unknown name."""
+    """Return the joint whose law a joint uses (perhaps itself); None if `same_as` leads nowhere."""
     passed = set()
     while joint.same_as is not None:
         if joint.name in passed or joint.same_as not in by_name:
@@ -224,12 +224,12 @@ def groups_of(joints: Sequence[JointTable]) -> list[int]:
 
 
 def laws_of_joint(joint: JointTable, joints: Sequence[JointTable]) -> tuple[str, ...]:
-    """Return the names of a joint's laws, or of the laws of the joint with which it shares them."""
+    """Return the names of a joint's laws; for a tied joint those of the other joint."""
     return (leader_of(joint, {other.name: other for other in joints}) or joint).laws
 
 
 def laws_by_joint(joints: Sequence[JointTable]) -> tuple[str, ...]:
-    """Return the names of all laws, each with the joints that share it."""
+    """Return the names of all laws, each with the joints that use it."""
     groups = groups_of(joints)
     shared = [
         (joints[leader], [t.name for t, g in zip(joints, groups, strict=True) if g == leader])

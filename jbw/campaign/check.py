@@ -1,4 +1,4 @@
-"""Checks whether records agree with the campaign file and settings with tests, as a table.
+"""The check of a campaign: its records against the file, and its settings against the tests.
 
 Findings stop nothing here: every channel of the campaign is checked to the end.
 """
@@ -50,9 +50,10 @@ from jbw.report.messages import campaign_faults as messages
 from jbw.report.messages.message import FaultText
 from jbw.report.messages.remedies import EXCLUDE, OF_ONE_ROLE, exclude
 
-LARGEST_MOTION = 1.0  # [m]: joints on benches and in machines move by at most centimetres
-FEWEST_SAMPLES = 32  # fewest samples for judging a motion
-OF_ONE_MODE = 0.3  # relative residual of a mode above which its gain means nothing
+# largest motion of a joint [m]; joints on benches and in machines move by centimetres
+LARGEST_MOTION = 1.0
+FEWEST_SAMPLES = 32  # fewest samples from which a motion is judged
+OF_ONE_MODE = 0.3  # relative residual of a one-mode fit, above which the fitted gain is meaningless
 # Settings that only some kinds of test use, and the properties of these kinds.
 READ_BY: dict[str, Callable[[Kind], bool]] = {
     "fit_levels": lambda kind: kind.is_transient,
@@ -66,13 +67,13 @@ READ_BY: dict[str, Callable[[Kind], bool]] = {
 class Row:
     """One row of the table of a check: a channel of a test, or a setting."""
 
-    test: str  # the test's name; "[identify]" for a setting
-    channel: str  # its name or path in the file, or the setting's key
+    test: str  # name of the test; "[identify]" for a setting
+    channel: str  # name or path of the channel in the file, or key of the setting
     role: str
-    unit: str  # unit in the file, as stated in the campaign
+    unit: str  # unit of the channel as the campaign states it
     fs: float | None  # sampling frequency [Hz]; None if unknown or not a time record
     repeats: int  # number of readable repeats
-    status: str  # ok, warning or error
+    status: str  # worst of the findings: ok, warning or error
     findings: tuple[Fault, ...]  # findings of all repeats
 
 
@@ -82,9 +83,9 @@ class Check:
 
     campaign: str
     rows: tuple[Row, ...]
-    exit_code: int  # 0 if usable, 2 if the campaign file must change, 3 if the data must change
-    seen: tuple[str, ...] = ()  # sentences on nonlinearity, repeats and noise
-    joints: JointsCheck | None = None  # check of several joints; None for one joint
+    exit_code: int  # 0 if usable, 2 if the campaign file must change, 3 if the records must change
+    seen: tuple[str, ...] = ()  # sentences on nonlinearity, differences of repeats, and noise
+    joints: JointsCheck | None = None  # check of several joints; None for a single joint
 
     @property
     def status(self) -> str:
@@ -93,7 +94,7 @@ class Check:
 
 
 def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
-    """Check every channel of every repeat of a campaign.
+    """Check every channel of every record of a campaign.
 
     Args:
         path: The campaign file.
@@ -128,7 +129,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
 def _checked_joints(
     spec: CampaignSpec, folder: Path, *, allow_outside: bool
 ) -> tuple[JointsCheck | None, Sequence[Fault], set[int]]:
-    """Return the checked joints (None if refused), their faults and the exit codes."""
+    """Return the check of several joints (None if it failed), its findings and exit codes."""
     try:
         joints, faults = check_joints(spec, folder, allow_outside=allow_outside)
     except JbwError as error:
@@ -139,27 +140,30 @@ def _checked_joints(
 
 @dataclass
 class _CheckedTest:
-    """The results for the repeats of a test, read one by one so that none stays in memory."""
+    """Results for the repeats of a test, which are read one by one to save memory."""
 
     rows: list[Row] = field(default_factory=list)
-    codes: set[int] = field(default_factory=set)  # exit codes from its faults
-    # Faults with the name of the repeat.
+    codes: set[int] = field(default_factory=set)  # exit codes of the test's findings
+    # Findings, each with the name of its repeat.
     named: list[tuple[str, Fault]] = field(default_factory=list)
     # Errors of unreadable repeats.
     failures: dict[tuple[str, ...], JbwError] = field(default_factory=dict)
-    first: list[Record] = field(default_factory=list)  # first repeat without its samples
-    small_records: list[Record] = field(default_factory=list)  # all repeats, if they fit in memory
+    first: list[Record] = field(default_factory=list)  # the first repeat, without its samples
+    # all repeats, if they are small enough for the memory
+    small_records: list[Record] = field(default_factory=list)
     repeats: int = 0
-    held: int = 0  # total number of samples of all repeats
+    held: int = 0  # number of samples of all repeats together
     sources: list[ResponseOrigin] = field(default_factory=list)
     levels: list[Level] = field(default_factory=list)
-    gains: list[tuple[str, float]] = field(default_factory=list)  # gain of the mode for each repeat
-    provenances: list[Mapping[str, str]] = field(default_factory=list)  # provenances of all repeats
+    # name and fitted gain of each repeat
+    gains: list[tuple[str, float]] = field(default_factory=list)
+    # origin and processing of the samples of all repeats
+    provenances: list[Mapping[str, str]] = field(default_factory=list)
     proposed: list[str] = field(default_factory=list)
     seen: list[str] = field(default_factory=list)
 
     def take(self, record: Record, test: TestSpec, spec: CampaignSpec) -> None:
-        """Add the faults and facts of one repeat to the results."""
+        """Add the findings and facts of one repeat to the results."""
         per_unit = gain_of(force_per_unit(spec), test.driven_by)
         of_one = has_one_mode(spec)
         faults = findings(
@@ -188,7 +192,7 @@ class _CheckedTest:
 def _checked_test(
     test: TestSpec, spec: CampaignSpec, folder: Path, *, allow_outside: bool
 ) -> _CheckedTest:
-    """Return the results of all repeats of a test, with a row for each of its channels."""
+    """Return the results for all repeats of a test, with one table row per channel."""
     checked = _CheckedTest()
     for item in repeats_of(test, folder, allow_outside=allow_outside):
         if isinstance(item, Record):
@@ -223,7 +227,7 @@ def _checked_test(
 
 
 def gain_read(record: Record, test: TestSpec) -> list[tuple[str, float]]:
-    """Return a repeat's name and the gain of its mode, for a sweep with a drive; else nothing."""
+    """Return a repeat's name and the fitted gain of its mode, if it is a sweep; else nothing."""
     driven = any(role in record.channels for role in INPUTS)
     if not (test.traits.is_transient and driven):
         return []
@@ -234,13 +238,13 @@ def gain_read(record: Record, test: TestSpec) -> list[tuple[str, float]]:
 
 
 def _roles(first: Sequence[Record]) -> tuple[str, str]:
-    """Return the roles of response and drive of a test with a driven record; else empty texts."""
+    """Return which quantities drive a test and are its response; empty texts without a drive."""
     driven = [one for one in first if any(role in one.channels for role in INPUTS)]
     return (driven[0].response, driven[0].source) if driven else ("", "")
 
 
 def beside_stated(fault: Fault, test: TestSpec) -> Fault:
-    """Return a fault with roles of the file and a remedy merged into the test's stated keys.
+    """Merge a finding's proposed line with what the test's table states already.
 
     A proposed factor is multiplied with the stated one, so that pasting the line does not lose a
     calibration. Files that the test already excludes stay excluded.
@@ -264,7 +268,7 @@ def beside_stated(fault: Fault, test: TestSpec) -> Fault:
 
 
 def _with(rows: Sequence[Row], faults: Sequence[tuple[str, Fault]]) -> Iterator[Row]:
-    """Yield the rows, with faults of whole tests added to the row of their channel."""
+    """Yield the table rows, with each finding on a whole test added to the row of its channel."""
     for row in rows:
         more = [fault for test, fault in faults if (test, fault.channel) == (row.test, row.role)]
         row_faults = (*more, *row.findings)
@@ -280,7 +284,7 @@ def as_json(check: Check) -> dict[str, Any]:
 
 
 def unread(spec: CampaignSpec) -> Iterator[Fault]:
-    """Yield a fault for every setting that has no effect on the tests of the campaign."""
+    """Yield a finding for every setting that has no effect on the tests of the campaign."""
     traits, settings = [test.traits for test in spec.tests], spec.settings
     for name, reads in READ_BY.items():
         if name in settings.keys() and not any(map(reads, traits)):
@@ -298,7 +302,7 @@ def unread(spec: CampaignSpec) -> Iterator[Fault]:
         from jbw.oscillator.laws import laws_named  # loads JAX
 
         others = {name for law in laws_named(spec.laws) for name in law.coordinates}
-        # The paper's coordinates are a choice only if there are others.
+        # To choose the paper's coordinates has an effect only if the laws offer others.
         chosen = others if settings.coordinates == "paper" else settings.coordinates in others
         if not chosen:
             laws = ", ".join(spec.laws) or "none"
@@ -329,7 +333,7 @@ def findings(
     laws: Sequence[str] = (),
     of_one_mode: bool = True,
 ) -> tuple[Fault, ...]:
-    """Return all findings on a record: by itself, against its test, and against its first repeat.
+    """Return all findings on a record, including its differences from the test's first repeat.
 
     Each remedy is tried before it is proposed.
 
@@ -352,12 +356,12 @@ def findings(
 
     if worst(facts) == "error":
         return tuple(facts)
-    # Facts stated by the files and the campaign are certain, so that their remedies need no trial.
+    # Facts that files and campaign state are certain; their remedies need no test.
     return (*facts, *tried(doubtful(record, test, first), facts, record, test, look, _reading))
 
 
 def has_one_mode(spec: CampaignSpec) -> bool:
-    """Return whether the campaign states one mode in the band, as faults of one mode require."""
+    """Return whether the band contains one mode, so that checks of a single mode apply."""
     several = spec.structure is not None and len(spec.structure.modes) > 1
     stated = spec.settings.modes
     neighbours = stated - 1 if isinstance(stated, int) else len(stated[1:])
@@ -365,7 +369,7 @@ def has_one_mode(spec: CampaignSpec) -> bool:
 
 
 def _contradicting(record: Record, test: TestSpec, first: Sequence[Record]) -> list[Fault]:
-    """Return the faults of a record's channels, and its contradictions to the campaign file."""
+    """Return the errors of a record's channels and its contradictions to the campaign file."""
     in_order = test.traits.is_curve and not test.traits.is_controlled
     faults = list(inspect(record, masked=test.gaps == "mask", is_curve=in_order))
     fits = _fits_curve if test.traits.is_curve else _fits_test
@@ -388,7 +392,7 @@ def _doubtful(
     laws: Sequence[str],
     of_one_mode: bool,
 ) -> list[Fault]:
-    """Return the doubts about a record on its own, with remedies that have not been tried yet."""
+    """Return the doubts about a single record, with remedies that are not yet tested."""
     faults = [*_of_metres(record, test), *_believable(record, test, per_unit, laws)]
     if of_one_mode and (examined := _examined(record, test)) is not None:
         faults += examined.faults
@@ -400,7 +404,7 @@ def _doubtful(
 
 
 def _examined(record: Record, test: TestSpec) -> Examined | None:
-    """Return the one-mode examination of a decay or driven sweep; None for other kinds of test."""
+    """Fit one mode to a decay or driven sweep; return None for other kinds of test."""
     if test.traits.is_free:
         return examined_decay(record, test.band, test.settle)
     if test.traits.is_transient and any(x in record.channels for x in INPUTS):
@@ -414,7 +418,7 @@ def _reading(record: Record, test: TestSpec) -> ModeReading | None:
 
 
 def _started_apart(record: Record, test: TestSpec) -> Iterator[Fault]:
-    """Yield an error if, according to the file, drive and response started at different times."""
+    """Yield an error if, according to the file, drive and response start at different times."""
     if not any(role in record.channels for role in INPUTS) or test.traits.is_curve:
         return
     starts = [
@@ -423,14 +427,14 @@ def _started_apart(record: Record, test: TestSpec) -> Iterator[Fault]:
     if None in starts:
         return
     drive, response = (float(str(text).split()[0]) for text in starts)
-    # Samples of a channel that started later show later events, so that it leads.
+    # A channel that started later shows later events at the same sample, so it leads.
     delay = drive - response
     if abs(delay - test.delay) > 0.5 / record.fs:
         yield refusal(record.response, *messages.started_apart(abs(delay), delay, later=delay < 0))
 
 
 def _of_metres(record: Record, test: TestSpec) -> Iterator[Fault]:
-    """Yield a warning if the motion amounts to metres, as from a wrong unit or sampling rate."""
+    """Yield a warning if the motion amounts to metres, which a wrong unit or rate would cause."""
     response = record.response
     x = record.channels[response]
     if test.traits.is_curve or record.units[response].startswith("rad") or len(x) < FEWEST_SAMPLES:
@@ -443,13 +447,13 @@ def _of_metres(record: Record, test: TestSpec) -> Iterator[Fault]:
 
 
 def _of_two_sources(record: Record, test: TestSpec) -> Iterator[Fault]:
-    """Yield a warning if a test records two sources but does not state which one drives it."""
+    """Yield a warning if a test records two sources and does not state which one drives it."""
     if test.traits.is_driven and test.drive is None and set(INPUTS) <= record.channels.keys():
         yield doubt("input", *messages.TWO_SOURCES)
 
 
 def _fits_test(record: Record, test: TestSpec) -> Iterator[FaultText]:
-    """Yield the contradictions between a time record and the campaign file."""
+    """Yield the contradictions between a record over time and the campaign file."""
     nyquist = record.fs / 2
     if test.band and test.band[1] > nyquist:
         yield messages.band_beyond(test.band[1], nyquist)
@@ -474,7 +478,7 @@ def _fits_curve(record: Record, test: TestSpec) -> Iterator[FaultText]:
 
 
 def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Fault]:
-    """Yield doubts about a test's stated or missing keys, given its first record (`check` only).
+    """Yield doubts about keys that a test states or lacks, judged by its first record.
 
     `jbw look` also reads decays without a band; an identification leaves them out.
     """
@@ -496,7 +500,7 @@ def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Faul
 def _believable(
     record: Record, test: TestSpec, per_unit: float | None, laws: Sequence[str]
 ) -> Iterator[Fault]:
-    """Yield the doubts that require an estimate from the record, depending on the kind of test."""
+    """Yield the doubts that need an estimate from the record, according to the kind of test."""
     driven = any(role in record.channels for role in INPUTS)
     traits = test.traits
     if traits.is_broadband:
@@ -511,7 +515,7 @@ def _believable(
     elif traits.is_curve:
         phase = record.channels.get("phase", np.zeros(1))
         if in_degrees := list(responses.phase_in_degrees(phase)):
-            # A phase in a wrong unit says nothing about signs or a backbone.
+            # A phase in a wrong unit shows neither a wrong sign nor a backbone.
             yield from in_degrees
         elif traits.is_controlled:
             yield from uncontrolled(

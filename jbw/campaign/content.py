@@ -1,4 +1,4 @@
-"""The kind of test in a file, from its samples or its table of frequencies and amplitudes."""
+"""Recognition of the kind of test from samples, or from a table of frequency and amplitude."""
 
 from collections.abc import Mapping
 from typing import Literal
@@ -12,22 +12,23 @@ from jbw.measurement.checks.responses import LOCKED
 from jbw.measurement.files.tree import Leaf, load
 from jbw.measurement.records import INPUTS, RESPONSES, si_of
 
-PARTS = 16  # parts of a record, each with a separate spectrum
-LEAST = 64  # samples per part
-ONE_LINE = 0.9  # share of a part's power near its strongest line, above which it is a tone
-NO_LINE = 0.35  # share of a part's power near its strongest line, below which it is noise
-STEADY = 1.2  # largest over smallest part of a steady tone, after the first quarter
-FALLS = 0.5  # rms of the last quarter over the strongest quarter of a decay
-MOVES = 3  # smallest shift of the strongest line in a sweep, in lines
-FEWEST = 4  # points of a table, at least
-FOLLOWS = 0.9  # rank correlation along a backbone
-GROWS = 2.0  # largest over smallest amplitude or force, at least
+PARTS = 16  # number of parts into which a record is divided, each with its own spectrum
+LEAST = 64  # smallest number of samples in a part
+ONE_LINE = 0.9  # share of a part's power near its strongest line, above which the part is a tone
+NO_LINE = 0.35  # share of a part's power near its strongest line, below which the part is noise
+# largest ratio of amplitudes between parts of a steady tone, without the first quarter
+STEADY = 1.2
+FALLS = 0.5  # largest rms of a decay's last quarter, relative to its strongest quarter
+MOVES = 3  # smallest shift of the strongest line during a sweep, in spectral lines
+FEWEST = 4  # smallest number of points in a table
+FOLLOWS = 0.9  # smallest rank correlation between amplitude and frequency or force along a backbone
+GROWS = 2.0  # smallest ratio of the largest to the smallest amplitude or force
 SHIFTS = 0.3  # largest relative range of frequency along a backbone
-SAME = 1e-6  # relative change of a constant frequency, at most
+SAME = 1e-6  # largest relative change of a constant frequency
 
 
 def course_of(x: Reals) -> Literal["tones", "noise", "sweep"] | None:
-    """Return the course of a source: a steady tone, noise or a sweep; None if it is unclear."""
+    """Return whether a source is a steady tone, noise or a sweep; None if that is unclear."""
     x = x[np.isfinite(x)]
     size = len(x) // PARTS
     if size < LEAST or not np.ptp(x):
@@ -51,7 +52,7 @@ def course_of(x: Reals) -> Literal["tones", "noise", "sweep"] | None:
 
 
 def falls(x: Reals) -> bool:
-    """Return whether samples decay: rms of the last quarter is below half of the largest."""
+    """Return whether samples decay: the rms of the last quarter is below half of the largest."""
     x = x[np.isfinite(x)]
     if len(x) < 8:
         return False
@@ -61,7 +62,7 @@ def falls(x: Reals) -> bool:
 
 
 def controlled_kind(roles: Mapping[str, Channel], series: Mapping[str, Leaf]) -> str:
-    """Return the kind of a controlled test from its frequencies and amplitudes; "" if it is none.
+    """Return the kind of test that a table of frequencies and amplitudes shows; "" if unclear.
 
     A constant phase indicates a backbone, as do a frequency and a force that change with the
     amplitude. Frequencies that are constant or go back indicate points of S-curves or of folded

@@ -1,4 +1,4 @@
-"""Validation of TOML files against typed tables: all errors are reported at once, in sentences.
+"""Validation of TOML files: all errors are reported at once, each in a sentence.
 
 Common slips that are not valid TOML are reported with the corrected line.
 """
@@ -23,15 +23,15 @@ from jbw.report.messages import campaign_faults as messages
 from jbw.report.messages.campaign_faults import SEE_TOML
 from jbw.report.messages.message import Template, written
 
-MOST_BYTES = 2**20  # largest size of a file written by a user: several thousand tests
-LISTED = 20  # keys or errors that are listed individually
-# Our words for errors that pydantic finds itself; our own checks bring their words.
+MOST_BYTES = 2**20  # largest size of a campaign file in bytes, enough for several thousand tests
+LISTED = 20  # largest number of keys or errors that are listed one by one
+# Sentences for errors that pydantic finds; errors found in this package have their own.
 SENTENCES = {
     "bool_type": "must be true or false, but is {value!r}.",
     "greater_than": "must be positive, but is {value}.",
     "greater_than_equal": "must not be negative, but is {value}.",
 }
-# What word processors, mail programs and web pages substitute for quotes, minus signs and blanks.
+# Characters that word processors and web pages use in place of quotes, minus signs and blanks.
 DOUBLE, SINGLE = "“”„‟«»″", "\u2018\u2019\u201a\u201b\u2039\u203a\u2032"
 STRAIGHT = str.maketrans(
     dict.fromkeys(DOUBLE, '"') | dict.fromkeys(SINGLE, "'")
@@ -67,7 +67,7 @@ class FileTable(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     def keys(self) -> Iterator[str]:
-        """Return the names of the stated keys, so that `{**settings}` leaves the defaults open."""
+        """Return the names of the stated keys only, so that `{**settings}` contains no defaults."""
         return (name for name in type(self).model_fields if name in self.model_fields_set)
 
     def __iter__(self) -> Iterator[str]:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -84,7 +84,7 @@ def key(default: Any, says: str, example: Any = None) -> Any:
 
 
 def unlike(name: str, names: Iterable[str]) -> str:
-    """Return the end of an error about an unknown name: the nearest known name, and all names."""
+    """Return the end of an error about an unknown name: the most similar name, and all names."""
     names = list(names)
     nearest = get_close_matches(str(name), names, n=1, cutoff=0.5)
     return (f"; did you mean `{nearest[0]}`" if nearest else "") + f" (known: {', '.join(names)})"
@@ -128,7 +128,7 @@ def document_of(source: str, file: str) -> dict[str, Any]:
 
 
 def unknown_tables(document: Mapping[str, Any], tables: Collection[str]) -> list[str]:
-    """Return one sentence per unknown table of a file, up to a limit, then their number."""
+    """Return one sentence per unknown table of a file; after a limit only how many there are."""
     unknown = [name for name in document if name not in tables]
     sentences = [f"[{name}]: unknown table{unlike(name, tables)}." for name in unknown[:LISTED]]
     return sentences + (
@@ -160,9 +160,9 @@ def checked[Found: FileTable](
 
 
 def _lines(model: type[FileTable], error: ErrorDetails) -> Iterator[str]:
-    """Yield the lines on one error of a table, each with the key that it concerns."""
+    """Yield the sentences on one error of a table, each with the key that it concerns."""
     key, *inner = [str(part) for part in error["loc"] if isinstance(part, str)] or [""]
-    # For a whole table, some lines name their key themselves.
+    # If an error concerns a whole table, some of its sentences name their key themselves.
     names = f" {': '.join([key, *inner])}: " if key else ""
     for line in _sentence(model, key, error).splitlines():
         yield names + line if names else f" {line}" if re.match(r"\w+:", line) else f": {line}"
@@ -190,7 +190,7 @@ def _sentence(model: type[FileTable], key: str, error: ErrorDetails) -> str:
 
 
 def refuse(file: str, errors: Sequence[str]) -> None:
-    """Raise a ConfigError that lists all errors of a file; do nothing if there are none."""
+    """Raise a ConfigError that lists all errors of a file, if there are any."""
     if errors:
         count = "an error" if len(errors) == 1 else f"{len(errors)} errors"
         shown = errors[: 5 * LISTED]
@@ -233,7 +233,7 @@ def toml(value: Any) -> str:
 
 
 def commented(table: type[FileTable], names: Iterable[str]) -> list[str]:
-    """Return comment lines that offer keys of a table, each with an example and its meaning."""
+    """Return comment lines that offer further keys of a table, with example and meaning."""
     fields = {name: table.model_fields[name] for name in names}
     return [
         f"# {name} = {toml(field.examples[0]) if field.examples else '...'}  # {field.description}"
@@ -242,7 +242,7 @@ def commented(table: type[FileTable], names: Iterable[str]) -> list[str]:
 
 
 class Slip(NamedTuple):
-    """A common slip in a TOML line: its message, and a function that corrects the line."""
+    """A common mistake in a TOML line: its message, and a function that corrects the line."""
 
     says: Template
     cured: Callable[[str], str]
@@ -286,7 +286,7 @@ SLIPS = (
 
 
 def slip_of(source: str, error: Exception) -> tuple[str, str] | None:
-    """Return the error in a text that is not TOML, and its remedy; None if the cause is unknown.
+    """Return the cause of invalid TOML and its remedy; None if the cause is unknown.
 
     A slip counts as the cause if the corrected text is TOML up to a later line.
     """
@@ -310,7 +310,7 @@ def slip_of(source: str, error: Exception) -> tuple[str, str] | None:
 
 
 def _stated_twice(number: int, lines: list[str]) -> tuple[str, str] | None:
-    """Return the error and remedy for a key or table stated on two lines; None if there is none."""
+    """Return the error and remedy for a key or table that is stated on two lines, or None."""
     if head := HEAD.fullmatch(lines[number - 1]):
         opened = {match[1]: i for i, x in reversed([*enumerate(lines[: number - 1], 1)])
                   if (match := HEAD.fullmatch(x))}  # fmt: skip
@@ -327,7 +327,7 @@ def _stated_twice(number: int, lines: list[str]) -> tuple[str, str] | None:
     other, first = same[-1]
     if first[2] == last[2]:
         return messages.key_again(number, last[1], other)
-    if first[2] and last[2]:  # two roles, each with its own line
+    if first[2] and last[2]:  # the key names two quantities, one on each line
         return None
     role, item, table = (last[2], last[3], first[3]) if last[2] else (first[2], first[3], last[3])
     return _in_one_table(last[1], role, item, table, (other, number))
@@ -336,7 +336,7 @@ def _stated_twice(number: int, lines: list[str]) -> tuple[str, str] | None:
 def _in_one_table(
     key: str, role: str, item: str, table: str, numbers: tuple[int, int]
 ) -> tuple[str, str] | None:
-    """Merge two lines on the roles of one key into one line; multiply two factors of one role."""
+    """Merge two lines of one key for several quantities; multiply factors of the same one."""
     try:
         stated, value = tomllib.loads(f"table = {table}\nitem = {item}").values()
     except (ValueError, RecursionError):
@@ -352,7 +352,7 @@ def _in_one_table(
 
 
 def _is_toml_to(number: int, lines: list[str]) -> bool:
-    """Return whether the lines are TOML up to and including a line number."""
+    """Return whether the first lines, up to a line number, are valid TOML."""
     source = "\n".join(lines)
     try:
         tomllib.loads(source)

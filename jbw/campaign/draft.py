@@ -53,9 +53,10 @@ from jbw.report.messages import draft as messages
 from jbw.report.messages.reading import EXPORTS
 from jbw.units import decibels, plain
 
-LISTED = 12  # channels listed in a comment
-MOST_GROUPS = 500  # names of files that are not repeats of each other
-BEGINNING = 1 << 14  # bytes of a file that decide whether it may contain a curve
+LISTED = 12  # largest number of channels listed in a comment
+MOST_GROUPS = 500  # with more groups of repeats than this, file names are not grouped
+# bytes at the start of a file, which show whether it may contain a response curve
+BEGINNING = 1 << 14
 BAND = "\nband = ["
 CHANNELS = "\nchannels = "
 TORQUE = re.compile(
@@ -68,41 +69,41 @@ NEWTON_METRES = {
     "i": 0.1129848,
 }  # keyed by the first letter of the unit
 SENSORS = "# sensitivity = "
-SAME_LINE = 1.25  # largest over smallest centre of bands that count as one line
-# Share of a decay's strongest line below which a line is not visible in the decay.
+SAME_LINE = 1.25  # largest ratio of the centres of two bands about the same spectral line
+# Height over a decay's strongest line, below which a line cannot be seen in the decay.
 LEAST_HEIGHT = 0.02
-FOLLOWING = 0.7  # correlation of force and displacement from which they are drafted as a loop
-MOST_LEVELLED = 100  # files of one name whose levels are read
-FILES = "# files"  # placeholder for a line that needs the levels
-MOST_BLOCKS = 40  # tests drafted from a single file
-# Keys of a test that are offered in a comment.
+FOLLOWING = 0.7  # correlation of force and displacement, above which they form a loop
+MOST_LEVELLED = 100  # largest number of files whose source levels are read
+FILES = "# files"  # placeholder for the line of files, which depends on their levels
+MOST_BLOCKS = 40  # largest number of tests drafted from a single file
+# Keys of a test that a draft offers in a comment.
 OPTIONAL = ("level", "band", "delay", "assembly", "run", "exclude", "span")
 KIND_HINTS = dict(step="stepped", tone="tones", hammer="decay", impact="decay", tap="decay",
                   pluck="decay", ringdown="decay", msine="multisine", sinesw="sweep",
                   chirp="sweep", random="noise", hyster="loop", cyclic="loop")  # fmt: skip
 Assume = Callable[[str], None]
 NOBODY = Channel("...", "", "")
-Reach = tuple[float, float]  # lowest and highest frequency [Hz]
-FEW_COLUMNS = 16  # a table with more columns is no record of a few channels
+Reach = tuple[float, float]  # lowest and highest frequency [Hz] of response curves
+FEW_COLUMNS = 16  # a table with more columns does not contain a few channels
 
 
 @dataclass(frozen=True)
 class Looked:
-    """The content of a file that is visible on opening it."""
+    """The content of a measurement file, as seen when it is opened."""
 
     leaves: Leaves  # all arrays
     series: Leaves  # arrays that may be channels
     fs: float | None  # sampling frequency of the whole file [Hz]; None if not stated
     recorder: str
-    doubts: tuple[str, ...] = ()  # statements of the file that its reader cannot use
+    doubts: tuple[str, ...] = ()  # statements of the file that the reader cannot use
 
 
 @dataclass(frozen=True)
 class Draft:
-    """A drafted campaign file that is not written yet."""
+    """A drafted campaign file that is not yet written."""
 
-    text: str  # TOML
-    assumed: tuple[str, ...]  # assumptions where the records are silent, one line each
+    text: str  # text of the campaign file (TOML)
+    assumed: tuple[str, ...]  # assumptions that the records do not confirm, one line each
 
 
 def start_campaign(
@@ -111,7 +112,7 @@ def start_campaign(
     files: Sequence[Path] | None = None,
     mass: float | None = None,
 ) -> Draft:
-    """Return a drafted campaign file for the measurement files of a folder.
+    """Draft a campaign file for the measurement files of a folder.
 
     Files whose names differ only in their last number are repeats of one test.
 
@@ -175,7 +176,7 @@ def start_campaign(
 
 
 def _head(folder: Path, mass: float | None, torques: Collection[str]) -> list[str]:
-    """Return the lines of [campaign], and of [assembly] if all file names have one torque."""
+    """Return the lines of [campaign], and of [assembly] if the file names state one torque."""
     name = f"name = {toml(folder.resolve().name or 'campaign')}"
     offered = commented(Head, ("modal_mass", "gain")[mass is not None :])
     stated = [] if mass is None else [f"modal_mass = {toml(mass)}"]
@@ -192,7 +193,7 @@ def _tests(
     assumed: list[tuple[str, str]],
     named: Named,
 ) -> list[str]:
-    """Return the drafted [[test]] tables of all groups of files: named, with shared bands."""
+    """Return the drafted [[test]] tables of all files, with names and common bands."""
     blocks: list[str] = []
     names: list[str] = []
     curves = _frequencies_of_curves(groups)
@@ -226,7 +227,7 @@ def _in_newton_metres(torque: str) -> float:
 def _bands_together(
     blocks: Sequence[str], folder: Path, assumed: list[tuple[str, str]]
 ) -> list[str]:
-    """Return the blocks with one band for all drafted decays of one mode, about a shared line.
+    """Give all drafted decays of one mode the same band, about a spectral line that all share.
 
     An impact may move the suspension more than the joint, so that its line is the largest in one
     test. The line of the joint stands out in every test.
@@ -254,7 +255,7 @@ def _bands_together(
 
 
 def _shared_bands(bands: Mapping[int, Reach], records: Mapping[int, Record]) -> dict[int, Reach]:
-    """Return one band for decays of one mode, about a line that all show if their lines differ.
+    """Return the common band of decays of one mode, about a spectral line that all of them show.
 
     All decays of one mode are fitted in one band, which is the intersection of their bands.
     """
@@ -288,7 +289,7 @@ def shared_name(path: Path) -> str:
 
 
 def _named(blocks: Sequence[str], names: Sequence[str]) -> list[str]:
-    """Return drafted tests, named after their files if there are several (duplicates numbered)."""
+    """Return drafted tests with names from their files; equal names are numbered."""
     is_test = [block.startswith("[[test]]\n") for block in blocks]
     if sum(is_test) < 2:
         return list(blocks)
@@ -306,14 +307,14 @@ def _named(blocks: Sequence[str], names: Sequence[str]) -> list[str]:
 
 
 def looked_at(contents: Contents) -> Looked:
-    """Return the arrays and channels of an open file, its rate and its recorder."""
+    """Return the arrays and channels of an open file, its sampling rate and its recorder."""
     leaves = {name: item for name, item in names(contents.root) if isinstance(item, Leaf)}
     series = _series_in(leaves) if contents.series is None else dict(contents.series)
     return Looked(leaves, series, contents.fs, contents.recorder, contents.doubts)
 
 
 def _once(assumed: Sequence[tuple[str, str]]) -> Iterator[str]:
-    """Yield each assumption as one line that lists all the files that it concerns."""
+    """Yield each assumption once, with all the files that it concerns."""
     files: dict[str, list[str]] = {}
     for name, what in assumed:
         files.setdefault(what, []).append(name)
@@ -324,7 +325,7 @@ def _once(assumed: Sequence[tuple[str, str]]) -> Iterator[str]:
 
 
 def measurement_files(folder: Path) -> list[Path]:
-    """Return the files of a folder whose suffix a reader accepts, except hidden files."""
+    """Return the files of a folder that can be read as measurements, except hidden files."""
     try:
         named = [p for p in folder.iterdir() if p.suffix.lower() in READERS]
         return [p for p in named if not p.name.startswith(".") and p.is_file()]
@@ -362,12 +363,12 @@ def already_written(path: Path) -> ConfigError:
 
 
 def _stem(path: Path) -> tuple[str, str]:
-    """Return the part that repeats of a test share: name without its last number, and suffix."""
+    """Return the part of a file name that repeats of a test share: without its last number."""
     return re.sub(r"\d+$", "", path.stem), path.suffix.lower()
 
 
 def _frequencies_of_curves(groups: Sequence[Sequence[Path]]) -> Reach | None:
-    """Return the lowest and highest frequency of all response curves [Hz]; None without curves."""
+    """Return the lowest and highest frequency [Hz] of all response curves; None without curves."""
     ends_hz: list[float] = []
     for files in groups:
         if not _may_hold_a_curve(files[0]):
@@ -384,7 +385,7 @@ def _frequencies_of_curves(groups: Sequence[Sequence[Path]]) -> Reach | None:
 
 
 def _may_hold_a_curve(path: Path) -> bool:
-    """Return whether a file may contain a curve: a text must mention frequencies at its start."""
+    """Return whether a file may contain a response curve; a text must mention frequencies."""
     with suppress(OSError), path.open("rb") as stream:
         head = stream.read(BEGINNING)
         is_text = READERS.get(path.suffix.lower(), "").endswith(".csv") and b"\0" not in head
@@ -395,7 +396,7 @@ def _may_hold_a_curve(path: Path) -> bool:
 def _blocks(
     files: Sequence[Path], assumed: list[tuple[str, str]], curves: Reach | None, named: Named
 ) -> list[str]:
-    """Return the [[test]] tables of a group of files, or a comment if they cannot be a test."""
+    """Return the [[test]] tables of several files, or a comment if they cannot form a test."""
     try:
         with opened(files[0]) as contents:
             looked = looked_at(contents)
@@ -421,7 +422,7 @@ def _block(
     curves: Reach | None,
     named: Named,
 ) -> list[str]:
-    """Draft one [[test]] table per level, as a comment if no channel is a known response."""
+    """Draft one [[test]] table per level, as a comment if no channel is known to be a response."""
 
     def assume(what: str) -> None:
         assumed.append((files[0].name, what))
@@ -477,7 +478,7 @@ def _block(
 
 
 def _channels(file: Path, series: Leaves, named: Named) -> dict[str, Channel]:
-    """Return channels by role; if none is a known response, add the roles that the user names."""
+    """Return the channel of each quantity; ask the user if no channel is a known response."""
     channels = channels_by_role(series)
     if not channels.keys().isdisjoint(RESPONSES):
         return channels
@@ -487,7 +488,7 @@ def _channels(file: Path, series: Leaves, named: Named) -> dict[str, Channel]:
 
 
 def _checks(channels: Mapping[str, Channel], assume: Assume) -> str:
-    """Return a draft's comment on channels whose role or axis is guessed, and note each guess."""
+    """Return a draft's comment on channels whose quantity or axis is a guess; report each guess."""
     guessed = [r for r, c in channels.items() if c.guessed or "ampl" in last_name(c.path)]
     for role in guessed:
         assume(messages.guessed_role(role, channels[role].path))
@@ -502,7 +503,7 @@ def _checks(channels: Mapping[str, Channel], assume: Assume) -> str:
 def _levels(
     files: Sequence[Path], roles: Mapping[str, str], lines: Sequence[str]
 ) -> list[tuple[list[Path], list[str]]]:
-    """Return groups of files by source level, each with its line; empty if levels are unclear.
+    """Divide files by the level of their source; return an empty list if the levels are unclear.
 
     Repeats of one level are nearly equal, whereas a test programme doubles or halves the level.
     """
@@ -510,7 +511,7 @@ def _levels(
     if not source or len(files) > MOST_LEVELLED:
         return []
     peaks: dict[Path, float] = {}
-    spread: dict[Path, float] = {}  # a constant source has zero deviation and no level
+    spread: dict[Path, float] = {}  # spread of the source per file; a constant source has no level
     with suppress(JbwError, ValueError, IndexError):
         for path in files:
             u = _first_record(path, roles, lines).channels[source]
@@ -529,11 +530,11 @@ def _levels(
 
 
 class DraftedClock(NamedTuple):
-    """The sampling of a test, as stated in a draft."""
+    """The sampling of a test as a draft states it."""
 
-    is_known: bool  # whether the draft need not state the rate
-    unused: tuple[str, ...] = ()  # roles to omit from the draft
-    columns: tuple[str, ...] = ()  # channels that are only clocks
+    is_known: bool  # whether the sampling rate is known from the file
+    unused: tuple[str, ...] = ()  # quantities whose channels are left out of the draft
+    columns: tuple[str, ...] = ()  # channels that contain only times
     lines: tuple[str, ...] = ()
     assumed: tuple[str, ...] = ()
 
@@ -559,13 +560,13 @@ def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Dra
         unit, fs = _of_times(channel, looked)
         if traits.is_prescribed and np.any(np.diff(np.ravel(load(clock))) <= 0):
             return DraftedClock(True, ("time",), (), tuple(lines), ())  # a loop needs no clock
-        if not unit:  # it counts samples
+        if not unit:  # times without a unit count samples
             return DraftedClock(looked.fs is not None, ("time",), (channel.path,), tuple(lines), ())
         if fs and not rates:
             lines.append(messages.mean_rate(toml(fs)))
             assumed.append(messages.coarse_times(channel.path, fs))
             return DraftedClock(True, ("time",), (channel.path,), tuple(lines), tuple(assumed))
-        if rates:  # channels on other clocks than the table's times, at slower rates
+        if rates:  # channels with slower rates than the table's times
             lines.append(messages.slowest(toml(_round(min(rates)))))
         elif proposal := _uneven(clock, unit):
             lines.append(messages.resampled(toml(proposal)))
@@ -575,14 +576,14 @@ def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Dra
 
 
 def _of_times(channel: Channel, looked: Looked) -> tuple[str, float | None]:
-    """Return the unit of times ("" for counts), and their rate if their digits are too few [Hz]."""
+    """Return the unit of times ("" for counts), and their rate [Hz] if they have too few digits."""
     printed = np.ravel(np.asarray(load(looked.series[channel.path])))
     unit = channel.unit or _unit_of_times(printed, looked.fs)[0]
     return unit, coarse_rate(printed, si_of("time", unit)[0]) if unit else None
 
 
 def _delay(leaves: Mapping[str, Leaf]) -> float:
-    """Return the start of the drive relative to the response [s]; 0 if the file does not say."""
+    """Return when the drive starts relative to the response [s]; 0 if the file does not say."""
     starts = [
         next((leaves[role].start_s for role in roles if role in leaves), None)
         for roles in (INPUTS, RESPONSES)
@@ -596,7 +597,7 @@ def _round(fs: float) -> float:
 
 
 def _uneven(leaf: Leaf, unit: str) -> float | None:
-    """Return a rate for resampling uneven times [Hz]; None if they are even or run backwards."""
+    """Return a rate [Hz] for resampling uneven times; None if they are even or run backwards."""
     with suppress(JbwError):
         seconds = np.asarray(load(leaf), np.float64) * si_of("time", unit)[0]
         if len(seconds) > MOST_SAMPLES or not np.isfinite(seconds).all():
@@ -611,7 +612,7 @@ def _uneven(leaf: Leaf, unit: str) -> float | None:
 
 
 def _units(channels: Mapping[str, Channel], looked: Looked, assume: Assume) -> list[str]:
-    """Return the draft lines of units, and of sensors whose channels are in volts."""
+    """Return a draft's lines on units, and on the sensors of channels in volts."""
     units, guessed, sensors = {}, [], {}
     for role, channel in channels.items():
         if channel.unit:
@@ -635,7 +636,7 @@ def _units(channels: Mapping[str, Channel], looked: Looked, assume: Assume) -> l
 
 
 def _agrees(printed: NDArray[np.number], unit: str, fs: float | None) -> bool:
-    """Return whether times in a given unit have the rate that their file states."""
+    """Return whether times in a given unit agree with the sampling rate that their file states."""
     if fs is None or not unit:
         return False
     lasts = float(printed[-1] - printed[0]) * si_of("time", unit)[0]
@@ -643,7 +644,7 @@ def _agrees(printed: NDArray[np.number], unit: str, fs: float | None) -> bool:
 
 
 def _unit_of_times(printed: NDArray[np.number], fs: float | None) -> tuple[str, bool]:
-    """Return the unit of times without a unit; it is certain if the file's rate confirms it."""
+    """Return the likely unit of times, and whether the file's sampling rate confirms it."""
     by_rate = [(unit, True) for unit in SECONDS if _agrees(printed, unit, fs)]
     return by_rate[0] if by_rate else time_unit(printed)
 
@@ -655,7 +656,7 @@ def _band(
     assume: Assume,
     curves: Reach | None,
 ) -> str:
-    """Return the band of a free decay, about the strongest line of its first record.
+    """Return the band of a free decay, about the strongest spectral line of its first record.
 
     If there are response curves, the line is searched within their frequencies: a hammer also
     excites the suspension, which moves further than the joint's mode.
@@ -670,9 +671,9 @@ def _band(
 
 
 def _first_record(path: Path, roles: Mapping[str, str], lines: Sequence[str]) -> Record:
-    """Return the first record of a file, as described by the drafted lines of its table so far."""
+    """Return the first record of a file, read as the drafted lines describe it."""
     stated = tomllib.loads("\n".join(lines[1:]))
-    # The band does not depend on the sensitivity of a sensor in volts.
+    # The band is the same for any sensitivity of a sensor.
     sensors = [role for line in lines if line.startswith(SENSORS)
                for role in tomllib.loads(line.lstrip("# "))["sensitivity"]]  # fmt: skip
     selection = Wanted(
@@ -683,7 +684,7 @@ def _first_record(path: Path, roles: Mapping[str, str], lines: Sequence[str]) ->
 
 
 def _tones(path: Path, roles: Mapping[str, str], lines: Sequence[str], assume: Assume) -> str:
-    """Draft the tone of a test: the strongest line of its source if that is one steady tone."""
+    """Draft the tone of a test: the strongest spectral line, if its source is one steady tone."""
     with suppress(JbwError, ValueError, IndexError):
         record = _first_record(path, roles, lines)
         source = record.channels[record.source]
@@ -703,16 +704,16 @@ def _sampling(leaves: Leaves, assume: Assume, counts: Sequence[str] = ()) -> str
 
 
 def _scalar_rate(leaves: Leaves) -> str:
-    """Return the path of a number named like a sampling frequency; empty if there is none."""
+    """Return the path of a number that is named like a sampling frequency; empty if none is."""
     scalars = (n for n, leaf in leaves.items() if all(length == 1 for length in leaf.shape))
     return next((name for name in scalars if RATE.search(last_name(name))), "")
 
 
 def _skeleton(files: Sequence[Path], looked: Looked, channels: Mapping[str, Channel]) -> str:
-    """Draft a commented [[test]] table to be completed by hand, with the units of the file."""
+    """Draft a [[test]] table as a comment, which the user completes."""
     leaves = looked.series or looked.leaves
     paths = {role: channel.path for role, channel in channels.items()}
-    # Only the file's name decides, because the drive channel is not known.
+    # Only the file's name suggests the kind: the drive channel is unknown.
     kind, is_sure = _kind_of(files[0], {**channels, "force": NOBODY, "restoring_force": NOBODY}, {})
     if "frequency" in paths and "force" not in paths and any(map(_is_complex, leaves.values())):
         kind, is_sure = "frf", True
@@ -763,19 +764,19 @@ def _pattern(files: Sequence[Path]) -> str | list[str]:
         return files[0].name
     pattern = f"{_stem(files[0])[0]}*{files[0].suffix}"
     also = {p for p in files[0].parent.glob(pattern) if p.is_file()}
-    # The pattern is only shorter to read; it must match these files and no others.
+    # A pattern is shorter than names, but it must match these files and no others.
     return pattern if also == set(files) else [path.name for path in files]
 
 
 def _listed(series_names: Collection[str]) -> str:
-    # Names are TOML strings, so that a name from a file cannot end the line of the comment.
+    # Names in TOML quotes cannot end the comment, whatever the file names contain.
     some = [toml(name) for name in list(series_names)[:LISTED]]
     more = len(series_names) - len(some)
     return (", ".join(some) or "nothing") + (f" and {more} more" if more else "")
 
 
 def _series_in(leaves: Leaves) -> dict[str, Leaf]:
-    """Return the one-dimensional arrays, and rows or columns of narrow tables, by their paths."""
+    """Return the series of a file by their paths: vectors, and the columns of narrow tables."""
     series: dict[str, Leaf] = {}
     for name, leaf in leaves.items():
         long = [length for length in leaf.shape if length > 1]
@@ -788,7 +789,7 @@ def _series_in(leaves: Leaves) -> dict[str, Leaf]:
 
 
 def _records_in(series: Leaves) -> list[dict[str, Leaf]]:
-    """Return the series grouped by their struct in the file if all groups have equal names."""
+    """Return the series of a file by the struct that contains them, if all structs are alike."""
     groups: dict[str, dict[str, Leaf]] = {}
     for name, leaf in series.items():
         groups.setdefault(name.rpartition(".")[0], {})[name] = leaf
@@ -804,7 +805,7 @@ def _is_complex(leaf: Leaf) -> bool:
 def _kind_of(
     path: Path, roles: Mapping[str, Channel], series: Leaves, *, is_timed: bool = True
 ) -> tuple[str, bool]:
-    """Return the kind of a test from its file's name and channels, and whether it is certain."""
+    """Return the likely kind of a test from its file name and channels, and whether it is sure."""
     if kind := controlled_kind(roles, series):
         return kind, True
     if {"frequency", "phase"} <= set(roles):
@@ -836,7 +837,7 @@ def _kind_of(
 
 
 def _samples_of(series: Leaves, path: str) -> NDArray[np.float64] | None:
-    """Return the samples of a channel if it is a single real series that is not too long."""
+    """Return a channel's samples if they are one series of real numbers of moderate length."""
     leaf = series.get(path)
     if leaf is None or len(leaf.shape) != 1 or leaf.shape[0] > MOST_SAMPLES or _is_complex(leaf):
         return None
@@ -846,7 +847,7 @@ def _samples_of(series: Leaves, path: str) -> NDArray[np.float64] | None:
 
 
 def _follows(roles: Mapping[str, Channel], series: Leaves) -> bool:
-    """Return whether a force follows the displacement as along a loop, and does not drive it.
+    """Return whether force and displacement form a loop, instead of drive and response.
 
     A driving force is a quarter period apart from the displacement near a resonance, and opposite
     to it far above.

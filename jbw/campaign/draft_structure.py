@@ -1,4 +1,4 @@
-"""Drafting of [structure] and [[joint]] tables from files of matrices next to the records."""
+"""Drafts of the tables [structure] and [[joint]] from matrices next to the records."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,12 +13,13 @@ from jbw.measurement.files.read import opened
 from jbw.measurement.files.tree import names
 from jbw.report.messages import draft as messages
 
-HELD_TOGETHER = (".pch", ".dmig", ".op4")  # files that contain all matrices and nothing else
-HELD_WITH_NAMES = (".mat", ".npz")  # files that contain all matrices, or records
+# suffixes of files that contain all matrices and nothing else
+HELD_TOGETHER = (".pch", ".dmig", ".op4")
+HELD_WITH_NAMES = (".mat", ".npz")  # suffixes of files that contain either all matrices or records
 TEXTS = (".csv", ".txt", ".dat")
-# Column names by which a table is recognised, one word of each set.
+# Column names of tables of degrees of freedom and nodes; a table has one of each set.
 TABLES = {"dofs": ({"node"}, {"direction", "dof", "dir"}), "nodes": ({"node"}, {"x"}, {"y"}, {"z"})}
-BEGINNING = 256  # characters of a text that contain its header
+BEGINNING = 256  # characters at the start of a text that contain its header
 
 
 class ModelFiles(NamedTuple):
@@ -43,7 +44,7 @@ def model_files(files: Sequence[Path]) -> ModelFiles | None:
 
 
 def structure_lines(model: ModelFiles, folder: Path) -> Iterator[str]:
-    """Yield the commented tables [structure] and [[joint]]; only the joints' places remain open."""
+    """Yield the tables [structure] and [[joint]] as comments, without the joints' positions."""
     stated = model.matrices
     source: str | Path | Mapping[str, Path]
     if isinstance(stated, str):
@@ -62,7 +63,7 @@ def structure_lines(model: ModelFiles, folder: Path) -> Iterator[str]:
 
 
 def _holds_model(path: Path) -> bool:
-    """Return whether a file contains both mass and stiffness, according to their names."""
+    """Return whether the arrays of a file include mass and stiffness, judged by their names."""
     suffix = path.suffix.lower()
     if suffix in HELD_TOGETHER:
         return True
@@ -73,7 +74,7 @@ def _holds_model(path: Path) -> bool:
 
 
 def _role_of_file(path: Path) -> str:
-    """Return a file's role in a model from its name (`K.mtx`, `job_STIF1.mtx`) or its columns."""
+    """Return which matrix or table a file contains, from its name (`K.mtx`) or its columns."""
     suffix = path.suffix.lower()
     if suffix in READERS and suffix not in HELD_TOGETHER:
         words = (word.rstrip("0123456789") for word in re.split(r"[\W_]+", path.stem))

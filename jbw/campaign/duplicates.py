@@ -1,4 +1,4 @@
-"""Records that a campaign contains twice: the same samples in two tests, or twice in one test.
+"""Detection of samples that a campaign contains twice, in one test or in two.
 
 Counting samples twice would make every interval too narrow by the root of two, and a record would
 be predicted from itself. Links and copies contain the same samples, and so does a part of a record.
@@ -18,18 +18,18 @@ from jbw.measurement.spans import LEAST, exclude_line, is_by_file, of_all, put_l
 from jbw.report.messages import campaign_faults as messages
 from jbw.report.messages.remedies import LEAVE_OUT_BY_NUMBER
 
-# Share of a record in common with another: a fifth makes intervals too narrow by a tenth; above one
-# half it counts as the same record.
+# Common share of two records. A fifth makes intervals too narrow by a tenth; above one half the
+# records count as the same.
 DOUBTED, MOST_SHARED = 0.2, 0.5
 FORCES = ("restoring_force", "force")
 
 
 class ResponseOrigin(NamedTuple):
-    """The origin of a record's response, and the part of it that a test uses."""
+    """The origin of a record's response, and the part of the record that a test uses."""
 
     test: str
     record: str
-    role: str  # role of the measurement: the response, or the force for a prescribed displacement
+    role: str  # measured quantity: the response, or the force under a prescribed displacement
     digest: str  # digest of the samples
     channel: tuple[str, str, str]  # checksum of the file, channel in it, repeat in it
     span_s: tuple[float, float]  # first and last second that is used
@@ -43,13 +43,13 @@ def source_of(record: Record, test: TestSpec) -> ResponseOrigin:
     is_curve, role = test.traits.is_curve, record.response
     if (
         test.traits.is_prescribed
-    ):  # because the displacement may be commanded twice, sample by sample
+    ):  # because two tests may prescribe the same displacement, sample by sample
         role = next((name for name in FORCES if name in record.channels), role)
     roles = sorted(record.channels) if is_curve else [role]
     samples = [np.ascontiguousarray(record.channels[name]) for name in roles]
     digest = hashlib.sha256()
     is_dead = not any(part.size and np.ptp(part) for part in samples)
-    if is_dead:  # other dead channels are equal, and each is refused anyway
+    if is_dead:  # constant channels are equal, but each of them is rejected anyway
         digest.update(f"{test.name}/{record.name}".encode())
     for part in samples:
         digest.update(part.data)
@@ -70,8 +70,8 @@ class Repetition(NamedTuple):
     source: ResponseOrigin
     other: ResponseOrigin
     severity: Callable[..., Fault]
-    relation: str  # relation of the second to the first record, in words
-    is_part: bool  # whether the overlap is one of spans of one channel
+    relation: str  # relation of the second record to the first, in words
+    is_part: bool  # whether the records are overlapping parts of one channel
 
 
 def held_twice(sources: Sequence[ResponseOrigin]) -> Iterator[tuple[str, Fault]]:
@@ -110,16 +110,17 @@ def _repetitions(sources: Sequence[ResponseOrigin]) -> Iterator[Repetition]:
 
 
 def _remedy(repetitions: Sequence[Repetition], of_test: Sequence[ResponseOrigin]) -> str:
-    """Return the remedy for a test's repeated records: a span, or leave out records or the test."""
+    """Return the remedy for repeated samples of a test: use another part, or leave records out."""
     by_file = Counter(source.leaving_out for source in of_test)
     if any(is_by_file(x.source.leaving_out) and by_file[x.source.leaving_out] > 1
            for x in repetitions):  # fmt: skip
-        return messages.FILES_ONCE  # both records have one file name, which would exclude both
+        # both records come from files of one name, which `exclude` cannot separate
+        return messages.FILES_ONCE
     return of_all([_of_one(repetition) for repetition in repetitions], len(of_test))
 
 
 def _of_one(repetition: Repetition) -> str:
-    """Return the remedy for one repeated record: use the part that is unique, or leave it out."""
+    """Return the remedy for one repeated record: use its unique part, or leave it out."""
     source = repetition.source
     left_out = f"{put_line(source.leaving_out)}."
     if not repetition.is_part:
@@ -134,14 +135,14 @@ def _of_one(repetition: Repetition) -> str:
 
 
 def _use_the_same(source: ResponseOrigin, other: ResponseOrigin) -> bool:
-    """Return whether two tests use a common part of a record: overlapping bands, common tones."""
+    """Return whether two tests use the same frequencies of a record: common bands or tones."""
     low, high = (max(source.band_hz[0], other.band_hz[0]), min(source.band_hz[1], other.band_hz[1]))
     tones = not (source.tones_hz and other.tones_hz) or set(source.tones_hz) & set(other.tones_hz)
     return low < high and bool(tones)
 
 
 def _shared(source: ResponseOrigin, other: ResponseOrigin) -> float:
-    """Return the overlap of two parts of a record, over the length of the shorter part."""
+    """Return the overlap of two parts of a record, relative to the shorter part."""
     if not _use_the_same(source, other):
         return 0.0
     (first, last), (begin, end) = source.span_s, other.span_s

@@ -21,13 +21,13 @@ from jbw.memory import Admit, admit_alone
 from jbw.quantities import natural
 
 DATA_FOLDER = "$JBW_DATA"
-Part = tuple[Path, Wanted]  # a file, and the selection to read from it
+Part = tuple[Path, Wanted]  # a file, and what to read from it
 
 
 def repeats_of(
     test: TestSpec, folder: Path, *, allow_outside: bool = False, admit: Admit = admit_alone
 ) -> Iterator[Record | JbwError]:
-    """Yield the repeats of a test in SI, without excluded ones, before checks of their samples.
+    """Yield the repeats of a test in SI units, before their samples are checked.
 
     An unreadable repeat is yielded as its error, in its place, so that the others can still be
     checked. `admit` refuses a record from the size stated in its file, before it is read.
@@ -74,7 +74,7 @@ def repeats_of(
 
 
 def _on_grid(record: Record, fs: float) -> Record:
-    """Return a record with another record's rate if the two differ by less than the samples show.
+    """Return a record with another record's sampling rate, if the rates differ only by rounding.
 
     Printed times with different origins have mean rates that differ in the last digit.
     """
@@ -83,7 +83,7 @@ def _on_grid(record: Record, fs: float) -> Record:
 
 
 def _as_stated(record: Record, test: TestSpec) -> Record:
-    """Return a record with stated drive and clock; a decay without `settle` starts at its blow."""
+    """Return a record with its stated drive and clock; a decay starts at its impact by default."""
     record = on_one_clock(replace(record, drive=test.drive or ""), test.clock_ppm)
     if BASE in record.channels:
         return beside_base(record, is_relative=test.relative_to_base)
@@ -92,7 +92,7 @@ def _as_stated(record: Record, test: TestSpec) -> Record:
 
 
 def _file_sets(test: TestSpec, folder: Path, allow_outside: bool) -> list[list[Part]]:
-    """Return the files of each repeat, with several files if roles are in separate files."""
+    """Return the files of each repeat; a repeat has several files if its channels are separate."""
     selection = Wanted(**{field.name: getattr(test, field.name) for field in fields(Wanted)})
     if not isinstance(test.files, Mapping):
         files = found_files(test.files, folder, allow_outside)
@@ -130,7 +130,7 @@ def found_files(patterns: Iterable[str], folder: Path, allow_outside: bool = Fal
                 remedy="Download the file first and name it here.",
             )
         pattern = _with_data_folder(written)
-        # Check the pattern first, so that nothing outside is even accessed, and then the links.
+        # Check the pattern before any access, so that nothing outside the folder is touched.
         _stay_inside(folder / pattern, pattern, folder, allow_outside)
         for file in _matching(pattern, folder):
             _stay_inside(file, pattern, folder, allow_outside)

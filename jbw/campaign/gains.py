@@ -1,4 +1,4 @@
-"""Force per modal mass for one unit of each source, as far as a campaign states it."""
+"""The force per modal mass that one unit of each source causes, if a campaign states it."""
 
 from collections.abc import Collection, Mapping
 from typing import Any
@@ -11,7 +11,7 @@ WEIGHTLESS = {*FED, BASE}  # sources whose gain does not follow from a mass
 
 
 def force_per_unit(campaign: Any) -> Gain:  # as checked, or with its records
-    """Return force per modal mass for one unit of input [1/kg, or N/kg/V], None if not stated.
+    """Return the force per modal mass for one unit of input [1/kg, or N/kg/V], or None.
 
     If a measured force drives some tests and a shaker's voltage or current others, the gains are
     given by drive. A mass does not determine the gain of a voltage or current, nor that of a moving
@@ -35,5 +35,5 @@ def gain_of(gain: Gain, drive: str) -> float | None:
 
 
 def differ(drives: Collection[str]) -> bool:
-    """Return whether a measured force drives some tests and a shaker's feed drives others."""
+    """Return whether force drives some tests, and the voltage or current of a shaker others."""
     return "force" in drives and not FED.keys().isdisjoint(drives)

@@ -1,4 +1,4 @@
-"""The input of a command: campaign files, folders with one, or records to draft one from."""
+"""The input of a command: campaign files, their folders, or records without a campaign."""
 
 import tomllib
 from collections.abc import Callable, Sequence
@@ -19,7 +19,7 @@ Tell = Callable[[str], None]
 
 
 def campaigns_of(given: Sequence[Path], tell: Tell, mass: float | None = None) -> list[Path]:
-    """Return the campaign files to which the given paths refer, in order.
+    """Return the campaign files that the given paths mean; draft one for records without any.
 
     A folder refers to the campaign file in it; if it contains only records, their campaign is
     drafted and written there. Named records are drafted into one campaign, which is written next to
@@ -50,7 +50,7 @@ def campaigns_of(given: Sequence[Path], tell: Tell, mass: float | None = None) -
 
 
 def _there(campaign: Path, mass: float | None) -> Path:
-    """Return an existing campaign file; raise a ConfigError if a modal mass is given as well."""
+    """Return an existing campaign file; raise a ConfigError if a modal mass is also given."""
     if mass is not None:
         what, remedy = messages.mass_of_campaign(str(campaign), f"{mass:g}")
         raise ConfigError(what, remedy=remedy)
@@ -85,7 +85,7 @@ def _of_records(records: Sequence[Path], tell: Tell, mass: float | None) -> Path
 
 
 def _files_of(text: str) -> list[object]:
-    """Return the `files` entries of a campaign file's tests, sorted; empty if it is invalid."""
+    """Return the sorted `files` entries of all tests of a campaign file; empty if it is invalid."""
     try:
         tests = tomllib.loads(text).get("test", [])
         return sorted((test.get("files") for test in tests), key=str)

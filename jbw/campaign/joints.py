@@ -1,4 +1,4 @@
-"""Checks of several joints before any test: fully stuck modes, energy shares and matrix B."""
+"""Checks of several joints before any fit: fully stuck modes, energy shares, separability."""
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -38,13 +38,13 @@ from jbw.report.messages import campaign_faults as messages
 
 STRUCTURE = "[structure]"
 MATRICES = "matrices"
-# Share of the largest joint motion below which a joint contributes a millionth to B or less.
+# A joint whose motion is below this share of the largest one adds a millionth to B at most.
 _UNMOVED = 1e-2
 
 
 @dataclass(frozen=True)
 class JointsCheck:
-    """The shares of a campaign's joints in its modes, and the separability of the joints.
+    """The energy shares of a campaign's joints in its modes, and whether they can be separated.
 
     Attributes:
         joints: Names of the joints.
@@ -135,7 +135,7 @@ class _Modes(NamedTuple):
     """The modes of a structure, and the motion of its joints in them if it is known."""
 
     frequencies_hz: np.ndarray
-    # Model or motion matrix in the form that `joint_separability` takes.
+    # A model, or a matrix of motions, as `joint_separability` takes them.
     motion: ReducedModel | np.ndarray | None = None
     shares: np.ndarray | None = None
     notes: tuple[str, ...] = ()
@@ -144,7 +144,7 @@ class _Modes(NamedTuple):
 def check_joints(
     spec: CampaignSpec, folder: Path, *, allow_outside: bool = False
 ) -> tuple[JointsCheck | None, list[Fault]]:
-    """Return the check of a campaign's joints against its modes, with faults and doubts.
+    """Check a campaign's joints against its modes; return the check with its findings.
 
     Raises:
         ConfigError: A place or joint is not in the model.
@@ -175,7 +175,7 @@ def check_joints(
 def _separability(
     modes: _Modes, swept: Sequence[int], joints: Sequence[JointTable]
 ) -> tuple[JointSeparability | None, list[Fault]]:
-    """Return the separability (matrix B) of the swept modes that move a joint, and its faults."""
+    """Return the separability matrix B of the swept modes that move a joint, and its findings."""
     if modes.motion is None:
         return None, []
     moving = moving_modes(modes.motion)
@@ -196,7 +196,7 @@ def _separability(
 
 
 def _modes_of(spec: CampaignSpec, folder: Path, allow_outside: bool) -> _Modes:
-    """Return the modes from matrices, or the stated modes with the stated shapes of all joints."""
+    """Return the modes of the matrices, or the stated modes with each joint's stated motion."""
     if spec.assembled is not None:
         model = reduced_model(spec, folder, allow_outside=allow_outside)
         return _Modes(model.frequencies_hz, model, energy_shares(model), model.notes)
@@ -207,7 +207,7 @@ def _modes_of(spec: CampaignSpec, folder: Path, allow_outside: bool) -> _Modes:
 
 
 def _names_of_groups(joints: Sequence[JointTable]) -> tuple[str, ...]:
-    """Return the names of the joints; joints that share a law have one combined name."""
+    """Return the names of the joints, with one combined name for joints that share a law."""
     groups = groups_of(joints)
     return tuple(
         " = ".join(table.name for table, g in zip(joints, groups, strict=True) if g == group)
@@ -216,7 +216,7 @@ def _names_of_groups(joints: Sequence[JointTable]) -> tuple[str, ...]:
 
 
 def _swept(spec: CampaignSpec, frequencies_hz: np.ndarray) -> tuple[int, ...]:
-    """Return the elastic modes within the bands of the tests; all elastic modes without a band."""
+    """Return the elastic modes in the bands of the tests; all elastic modes without a band."""
     bands = [test.band for test in spec.tests if test.band]
     elastic = [i for i, hz in enumerate(frequencies_hz) if hz > 0]
     if not bands:
@@ -227,7 +227,7 @@ def _swept(spec: CampaignSpec, frequencies_hz: np.ndarray) -> tuple[int, ...]:
 
 
 def _inseparable(separability: JointSeparability, joints: Sequence[JointTable]) -> Iterator[Fault]:
-    """Yield a fault for each pair of joints with separate laws that the modes cannot separate.
+    """Yield a finding for each pair of joints whose laws the swept modes cannot separate.
 
     With one kind of law, the posterior has a mode for each order of the joints, which is refused.
     With different kinds it is only a doubt, and also with a single mode, which determines the sum
@@ -248,7 +248,7 @@ def _inseparable(separability: JointSeparability, joints: Sequence[JointTable]) 
 
 
 def _too_few(separability: JointSeparability) -> Iterator[Fault]:
-    """Yield a warning if there are fewer swept modes than laws (but more than one mode).
+    """Yield a warning if several modes are swept, but fewer than there are laws.
 
     Two laws of one mode are reported as an inseparable pair instead.
     """
@@ -266,7 +266,7 @@ def _reason(pair: InseparablePair, separability: JointSeparability) -> str:
 
 
 def _unseen(motion: np.ndarray, names: Sequence[str]) -> Iterator[Fault]:
-    """Yield a warning for each joint that no swept mode moves, whose laws keep their prior."""
+    """Yield a warning for each joint that no swept mode moves, so the data do not constrain it."""
     reach = (motion / motion.max(axis=0)).max(axis=1)
     for name, largest in zip(names, reach, strict=True):
         if largest < _UNMOVED:
@@ -361,7 +361,7 @@ def starts_of(
     readings: Float[np.ndarray, " mode"],
     std: Float[np.ndarray, " mode"],
 ) -> Starts:
-    """Return starting values of every law from readings of single modes, in the order of laws.
+    """Return starting values of every law from the fit of single modes.
 
     Args:
         joints: Joints and their laws, one law per joint.

@@ -42,7 +42,7 @@ SAME = (
 )
 
 
-SHOWN, LINE = 10, 100  # tests and characters of a campaign shown in a notebook cell
+SHOWN, LINE = 10, 100  # largest number of tests, and of characters per test, in a notebook cell
 
 
 @dataclass(frozen=True, repr=False)
@@ -77,7 +77,7 @@ class Campaign:
     structure: Structured | None = None
     instruments: Instruments = NOT_STATED  # known errors of clock and calibration
     joints: SeveralJoints | None = None  # joints of a structure with several; None for one joint
-    states_laws: bool = True  # if it does not, its readings may propose other laws
+    states_laws: bool = True  # if False, measured frequency and damping may suggest other laws
 
     def __repr__(self) -> str:
         lines = [f"  {_line(test)}" for test in self.tests[:SHOWN]]
@@ -103,13 +103,13 @@ class Campaign:
 
 
 def _line(test: Test) -> str:
-    """Return the description of a test in one line: name, kind, number of records, level."""
+    """Return a description of a test in one line: name, kind, number of records, level."""
     level = "" if isnan(test.level) else f", level {test.level:g}"
     return f"{test.name}: {test.kind}, {len(test.records)} records{level}"
 
 
 def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
-    """Return a campaign file with all of its records, after checking both.
+    """Load a campaign file with all of its records, and check both.
 
     Args:
         path: The TOML file.
@@ -162,7 +162,7 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
 
 
 def with_laws(campaign: Campaign, laws: Sequence[str] | None) -> Campaign:
-    """Return a campaign with the laws of its identification if it states none itself."""
+    """Return a campaign with the laws chosen in its identification, if it states none itself."""
     if campaign.states_laws or laws is None:
         return campaign
     return replace(campaign, laws=tuple(laws))
@@ -171,7 +171,7 @@ def with_laws(campaign: Campaign, laws: Sequence[str] | None) -> Campaign:
 def load_with_doubts(
     path: Path, *, allow_outside: bool = False
 ) -> tuple[Campaign, list[warnings.WarningMessage]]:
-    """Return a loaded campaign and the warnings on doubtful records, which are not issued."""
+    """Load a campaign; return it with warnings on doubtful records, instead of issuing them."""
     with warnings.catch_warnings(record=True) as doubts:
         warnings.simplefilter("always")
         campaign = load_campaign(path, allow_outside=allow_outside)
@@ -188,7 +188,7 @@ def load_test(
     allow_outside: bool = False,
     held: HeldRecords = NO_RECORDS,
 ) -> Test:
-    """Return a test with its loaded records; raise its first error and warn of doubts.
+    """Load the records of a test; raise an error or issue warnings if they are faulty.
 
     Args:
         test: Table of the test.
@@ -231,7 +231,7 @@ def load_test(
 
 
 def _followed(test: TestSpec, spec: CampaignSpec, joints: SeveralJoints | None) -> int:
-    """Return the number of modes and joints that a fit follows through every sample of a test."""
+    """Return how many modes and joints a fit simulates over every sample of a test."""
     if not kind_named(test.kind).is_transient:
         return 0
     if joints is not None:

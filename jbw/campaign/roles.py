@@ -1,4 +1,4 @@
-"""Assignment of roles to a file's channels, from their names, labels and units."""
+"""Assignment of measured quantities to a file's channels, from names, labels and units."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ from jbw.measurement.records import BASE, INPUTS, QUANTITIES, RESPONSES, ROLES, 
 from jbw.units import TORSION, is_voltage, plain, quantity_of, si_unit
 
 Leaves = Mapping[str, Leaf]
-# Pattern of a channel's name and its role, most specific first.
+# Pattern of a channel's name and the quantity that it indicates, most specific first.
 HINTS = (
     (r"^t(?:_(?:s|sec|ms|us))?$|time(?!r)|zeit", "time"),
     (r"restoring|friction", "restoring_force"),
@@ -29,15 +29,16 @@ HINTS = (
     (r"force|load|^f$|torque|moment|kraft|hammer", "force"),
     (r"input|shaker|volt|drive|source|(?<!s)amp|^u$|^v1$", "input"),
 )
-# Parts of the time of day, which are neither a record's clock nor metres despite a unit `m`.
+# Parts of the time of day: they are no record's clock, and `m` means minutes.
 OF_THE_DAY = r"\b(?:minutes?|hours?|seconds?|days?|minuten?|stunden?|sekunden?)\b"
-# Words in names of times that are not a date.
+# Words in names of times that are no date.
 ELAPSED = r"elapsed|relative|since|verstrichen|vergangen"
 AXES = re.compile(r"(?:^|(?<=[\W_\d])|(?<=[a-z](?=[XYZ])))[xyzXYZ](?![^\W_])")
 AXES_IN_SPACE = 3
 TURNED = r"angle|rotation|twist|torque|moment"  # words in names of quantities of torsion
-STRONGER = 3.0  # factor over the first channel of a role from which another channel is chosen
-MOST_SAMPLES = 4_000_000  # largest number of samples of a channel that is examined
+# a channel of the same quantity is preferred to the first if this many times stronger
+STRONGER = 3.0
+MOST_SAMPLES = 4_000_000  # largest number of samples of a channel whose values are examined
 MOST_RADIANS = 7.0
 BY_QUANTITY = {
     "force": "force", "torque": "force", "acceleration": "acceleration",
@@ -48,14 +49,14 @@ BY_QUANTITY = {
 
 
 class Channel(NamedTuple):
-    """The assumed meaning of one channel of a file."""
+    """The assumed quantity and unit of one channel of a file."""
 
     path: str
     unit: str  # as stated by the file or by the channel's name
-    default: str  # SI unit if no unit is stated
-    guessed: bool = False  # whether only the unit suggests the role
-    axes: tuple[str, ...] = ()  # all channels of its axes, if there are several
-    sensitivity: str = ""  # example for a channel that is the voltage of a sensor
+    default: str  # SI unit of the quantity, if no unit is stated
+    guessed: bool = False  # whether only the unit suggests the quantity
+    axes: tuple[str, ...] = ()  # the channels of all axes, if there are several
+    sensitivity: str = ""  # example of a sensitivity, if the channel is the voltage of a sensor
 
 
 def last_name(path: str) -> str:
@@ -64,10 +65,10 @@ def last_name(path: str) -> str:
 
 
 def channels_by_role(series: Leaves) -> dict[str, Channel]:
-    """Return the channel of each role, from names, labels and units."""
+    """Return the channel of each measured quantity, from names, labels and units."""
     named: dict[str, list[Channel]] = {}
     rest: list[tuple[str, Leaf]] = []
-    # The names x, y and z together are axes of an unstated quantity.
+    # Channels named x, y and z are axes of a quantity that the file does not state.
     unknown = {"x", "y", "z"} if {"x", "y", "z"} <= {last_name(path) for path in series} else set()
     for path, leaf in series.items():
         if re.search(OF_THE_DAY, last_name(path)) or (last_name(path) in unknown and not leaf.unit):
@@ -87,7 +88,7 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
         # If there are several voltages, none of them is known to be the source.
         is_new = role not in named or named[role][0].path in by_unit
         if role and is_new and not (role == "input" and len(others) > 1):
-            # A voltage may be anything, whereas other units determine the measured quantity.
+            # A voltage may stem from any sensor, whereas other units show the measured quantity.
             named.setdefault(role, []).append(Channel(path, leaf.unit, "", role == "input"))
             by_unit.add(path)
     roles = {
@@ -95,7 +96,7 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
         for role, many in named.items()
     }
     if BASE in roles and roles.keys().isdisjoint(RESPONSES):
-        roles["acceleration"] = roles.pop(BASE)  # alone, it is the response
+        roles["acceleration"] = roles.pop(BASE)  # the only acceleration is the response
     elif not roles.keys().isdisjoint(INPUTS):
         roles.pop(BASE, None)  # the structure is moved by a force, not by its base
     roles = _of_a_curve(roles, series)
@@ -106,7 +107,7 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
         roles = _of_amplitudes(roles)
     unanswered = roles.keys().isdisjoint(RESPONSES)
     if unanswered and {"frequency", "phase", "force", "input"} <= set(roles):
-        # Next to a force and a phase, an amplitude is that of the response.
+        # With a force and a phase in the file, an amplitude is that of the response.
         amplitude = roles.pop("input")
         role = next((r for r in RESPONSES if _fits(r, amplitude.unit)), "acceleration")
         roles[role] = amplitude._replace(default=si_unit(role))
@@ -116,7 +117,7 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
 def with_roles(
     channels: Mapping[str, Channel], stated: Mapping[str, str], series: Leaves
 ) -> dict[str, Channel]:
-    """Return channels by role, with the guessed roles replaced by roles that a user states.
+    """Return the channel of each quantity, with guesses replaced by what the user states.
 
     A channel keeps the unit in the file if that unit fits the role.
     """
@@ -133,7 +134,7 @@ def _si_of_role(role: str) -> str:
 
 
 def _of_amplitudes(roles: dict[str, Channel]) -> dict[str, Channel]:
-    """Turn an amplitude next to frequencies into the response that its unit indicates."""
+    """Classify an amplitude in a table of frequencies as the response that its unit indicates."""
     amplitude = roles["input"]
     for role in RESPONSES:
         unit = amplitude.unit or _behind(last_name(amplitude.path), role)
@@ -144,8 +145,8 @@ def _of_amplitudes(roles: dict[str, Channel]) -> dict[str, Channel]:
 
 
 def _by_text(path: str, text: str, unit: str) -> tuple[str, Channel] | None:
-    """Return the role and channel that a text suggests and its unit permits; None if unknown."""
-    if plain(text) in ("ms", "us", "ns"):  # the column is named by its unit
+    """Return the quantity that a name or label indicates, with its channel; None if unknown."""
+    if plain(text) in ("ms", "us", "ns"):  # the name of the column is its unit
         return "time", Channel(path, plain(text), "s")
     by_name = [text] if text in ROLES else []
     by_name += [role for pattern, role in HINTS if re.search(pattern, text)]
@@ -170,7 +171,7 @@ def _fits(role: str, unit: str) -> bool:
 
 
 def _behind(text: str, role: str) -> str:
-    """Return the unit that ends a name such as `disp_mm` or `frequency_Hz`; else an empty text."""
+    """Return the unit at the end of a name such as `disp_mm` or `frequency_Hz`, or ""."""
     for mark in range(len(text)):
         if text[mark] != "_" or mark == 0:
             continue
@@ -183,14 +184,14 @@ def _behind(text: str, role: str) -> str:
 
 
 def _by_unit(leaf: Leaf) -> str:
-    """Return the role that the unit of a channel indicates; empty if it indicates none."""
+    """Return the quantity that a channel's unit indicates; empty if it indicates none."""
     with suppress(ConfigError):
         return BY_QUANTITY.get(quantity_of(leaf.unit), "") if leaf.unit else ""
     return ""
 
 
 def _meant(channels: Sequence[Channel], series: Leaves) -> Channel:
-    """Return the first of several channels of a role, unless another channel is much stronger."""
+    """Return the first of several channels of one quantity, or one that is much stronger."""
     exact = [channel for channel in channels if last_name(channel.path) in ROLES]
     channels = exact or channels
     if len(channels) == 1:
@@ -205,7 +206,7 @@ def _meant(channels: Sequence[Channel], series: Leaves) -> Channel:
 
 
 def _axes_of(channels: Sequence[Channel]) -> list[Channel]:
-    """Return the channels whose names differ from the first only by the letter of an axis."""
+    """Return the channels whose names differ from the first one only in the letter of the axis."""
     names = [channel.path.rpartition(".")[2] for channel in channels]
     bare = [AXES.sub("", name) for name in names]
     return [
@@ -215,7 +216,7 @@ def _axes_of(channels: Sequence[Channel]) -> list[Channel]:
 
 
 def _clock_of(channels: Sequence[Channel], series: Leaves) -> Channel:
-    """Return the clock of a record: an increasing time column, preferably one of elapsed time."""
+    """Return the time column of a record: one that increases, preferably elapsed time."""
 
     def merits(channel: Channel) -> tuple[bool, bool, bool]:
         time = load(series[channel.path])
@@ -227,7 +228,7 @@ def _clock_of(channels: Sequence[Channel], series: Leaves) -> Channel:
 
 
 def strength(leaf: Leaf) -> float:
-    """Return the standard deviation of a channel; 0 if it is too long or not one-dimensional."""
+    """Return the standard deviation of a channel; 0 if it is too long or has several dimensions."""
     if int(np.prod(leaf.shape, dtype=float)) > MOST_SAMPLES or len(leaf.shape) != 1:
         return 0.0
     samples = load(leaf)
@@ -235,13 +236,13 @@ def strength(leaf: Leaf) -> float:
 
 
 def _in_degrees(leaf: Leaf) -> bool:
-    """Return whether phases without a unit exceed one turn in radians, so that they are degrees."""
+    """Return whether phases exceed one turn in radians, so that their unit must be degrees."""
     samples = np.abs(load(leaf)) if leaf.shape and leaf.shape[0] <= MOST_SAMPLES else np.zeros(1)
     return float(np.nanmax(samples)) > MOST_RADIANS
 
 
 def _of_a_curve(roles: dict[str, Channel], series: Leaves) -> dict[str, Channel]:
-    """Assign frequency, response and source of a complex curve; real rising values are frequency.
+    """Find frequency, response and source of a complex response curve among its channels.
 
     If no name indicates the response, it is the first complex channel with a unit of a response, or
     the only complex channel, classified by its phase. Without a force channel it is per newton.
@@ -278,7 +279,7 @@ def _of_a_curve(roles: dict[str, Channel], series: Leaves) -> dict[str, Channel]
 
 
 def _by_phase(leaf: Leaf) -> str:
-    r"""Return a complex curve's kind of response, from its phase $\arg \sum |H| H$ at the peak.
+    r"""Return the quantity of a complex response from its phase at the peak, $\arg \sum |H| H$.
 
     A receptance has a phase of -90 degrees there, a mobility 0 and an accelerance 90.
     """

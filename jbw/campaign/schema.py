@@ -41,7 +41,7 @@ from jbw.report.messages import campaign_faults
 
 
 class CampaignFile(FileTable):
-    """The whole campaign file, as its JSON Schema describes it to editors."""
+    """The whole campaign file in the form of its JSON Schema, which editors use."""
 
     model_config = ConfigDict(title="Campaign file of jbw")
 
@@ -64,7 +64,7 @@ class CampaignSpec:
     """A validated campaign file, before any measurement file is opened."""
 
     name: str
-    tests: tuple[TestSpec, ...]  # all with a name
+    tests: tuple[TestSpec, ...]  # the tests, each with a name
     gain: float | None = None
     modal_mass: float | None = None
     settings: Identify = field(default_factory=Identify)
@@ -74,7 +74,7 @@ class CampaignSpec:
     instruments: Instruments = NOT_STATED  # known errors of clock and calibration
     assembled: AssembledStructure | None = None  # if the structure is given by matrices
     joints: tuple[JointTable, ...] = ()  # [[joint]] tables of the structure, if any
-    states_laws: bool = True  # whether laws are stated, by name or through a prior
+    states_laws: bool = True  # whether laws are stated, by name or by a prior on a parameter
 
 
 def read_spec(path: Path) -> CampaignSpec:
@@ -83,7 +83,7 @@ def read_spec(path: Path) -> CampaignSpec:
 
 
 def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
-    """Validate the TOML text of a campaign file, whose name is for messages; report all errors."""
+    """Validate the text of a campaign file and report all errors; `name` is for messages."""
     document = document_of(source, file)
     errors = unknown_tables(document, CampaignFile.model_fields)
     head = checked(Head, document.get("campaign", {}), "[campaign]", errors) or Head()
@@ -140,7 +140,7 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
 
 
 def _joints(tables: Any, errors: list[str]) -> list[JointTable]:
-    """Return the [[joint]] tables; an empty list for a [joint] table or none."""
+    """Return the [[joint]] tables; an empty list if there are none, or only a [joint] table."""
     if not isinstance(tables, list):
         return []
     stated = [
@@ -152,7 +152,7 @@ def _joints(tables: Any, errors: list[str]) -> list[JointTable]:
 def _structures(
     table: Any, errors: list[str]
 ) -> tuple[Structured | None, AssembledStructure | None]:
-    """Return the [structure] table as stated modes or as matrices; None for the other form."""
+    """Return the [structure] table as stated modes and as matrices; one of the two is None."""
     if table is None:
         return None, None
     if isinstance(table, Mapping) and "matrices" in table:

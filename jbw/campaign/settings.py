@@ -1,4 +1,4 @@
-"""The choices of an identification: the [identify] and [joint] tables as typed records."""
+"""The settings of an identification: the tables [identify] and [joint]."""
 
 import sys
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
@@ -28,16 +28,16 @@ from jbw.quantities import (
 )
 
 LIMIT = 0.05  # largest error of held-out tests with which a law is predictive
-MOST_MODES = 1 + len(MODES)  # largest number of modes of a structure
-MOST_POINTS = len(POINTS)  # largest number of points in addition to the first
-SPRING = "cubic"  # a prior on its parameter adds the law of this name, unless laws are stated
+MOST_MODES = 1 + len(MODES)  # largest number of modes that a structure may have
+MOST_POINTS = len(POINTS)  # largest number of response points in addition to the first
+SPRING = "cubic"  # law that is added if only a prior on its parameter is stated
 
 Prior = Mapping[str, tuple[float, float]]
 Sampler = Annotated[str, values.OneOf(lambda: ("auto", *SAMPLERS))]
 
 
 def _coordinates() -> tuple[str, ...]:
-    """Return the names of all coordinates, including those of laws if their register is loaded."""
+    """Return the names of all parametrisations, including those of laws that are loaded."""
     register = sys.modules.get("jbw.oscillator.laws")
     laws = () if register is None else register.LAWS.values()
     named = dict.fromkeys(name for law in laws for name in law.coordinates)
@@ -53,7 +53,7 @@ References = Annotated[
 
 
 class Identify(FileTable):
-    """The settings of what to fit, what to hold out and how to draw, with every default.
+    """The settings of an identification: fitted tests, held-out tests and sampling.
 
     None means that the data or the sampler decide.
     """
@@ -169,7 +169,7 @@ class Identify(FileTable):
         return settings or cls()
 
     def draws(self, own: tuple[int, int]) -> tuple[int, int]:
-        """Return warm-up draws and kept draws per chain; the sampler's `own` where not stated."""
+        """Return the numbers of warm-up and stored draws per chain, by default the sampler's."""
         num_warmup, num_samples = own
         return (
             num_warmup if self.num_warmup is None else self.num_warmup,
@@ -178,7 +178,7 @@ class Identify(FileTable):
 
 
 class Structured(FileTable):
-    """The [structure] table: modes that meet in the joint, and the known facts about them there."""
+    """The [structure] table: the modes that move the joint, with what is known about them."""
 
     modes: values.Frequencies = key(
         ...,
@@ -282,7 +282,7 @@ def structure_errors(
 
 
 def _knows_several(kind: Kind) -> bool:
-    """Return whether tests of a kind are simulated in time, which supports several modes."""
+    """Return whether tests of a kind are simulated over time, as several modes require."""
     return kind.is_transient or kind.is_periodic or kind.is_free
 
 
@@ -297,7 +297,7 @@ class JointLaws(FileTable):
 
 
 def laws_of(laws: Sequence[str], prior: Container[Any]) -> tuple[str, ...]:
-    """Return the names of a campaign's laws; a prior on cubic stiffness adds the cubic spring."""
+    """Return the names of a campaign's laws, including a cubic spring implied by its prior."""
     laws = tuple(laws)
     return (*laws, SPRING) if SPRING in prior and laws == DEFAULT_LAWS else laws
 
@@ -305,7 +305,7 @@ def laws_of(laws: Sequence[str], prior: Container[Any]) -> tuple[str, ...]:
 def law_errors(
     laws: Sequence[str], prior: Prior, num_modes: int = 1, kinds: Iterable[str] = ()
 ) -> list[str]:
-    """Return the errors in a campaign's laws and in the priors on parameters of laws and modes.
+    """Return the errors in a campaign's laws, and in the priors on their parameters and modes.
 
     Laws may also be wrong for the kinds of tests. The register of laws loads JAX, so it is used
     only if [joint] or a prior needs it.
@@ -337,7 +337,7 @@ def law_errors(
 
 
 def never_steady(laws: Sequence[str], kinds: Iterable[str]) -> str | None:
-    """Return the error for a degrading law with kinds of test that need steady motion, or None."""
+    """Return the error for a degrading law in tests that need steady motion, or None."""
     from jbw.oscillator.laws import laws_named
 
     worn = [law.name for law in laws_named(laws) if law.degrades]
@@ -371,7 +371,7 @@ def _out_of_bounds(prior: Prior, quantities: Mapping[str, Quantity]) -> Iterator
 
 
 def _too_stiff(prior: Prior, quantities: Mapping[str, Quantity]) -> Iterator[str]:
-    """Yield errors for priors on joint stiffness that reach the whole stiffness omega_n^2."""
+    """Yield an error for each prior that lets a joint be as stiff as the structure, omega_n^2."""
     least = prior["omega_n"][0] ** 2 if "omega_n" in prior else inf
     shares = {
         name: highest

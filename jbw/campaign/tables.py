@@ -1,4 +1,4 @@
-"""The tables of a campaign file that describe the measurements, each checked by itself."""
+"""The tables of a campaign file that describe measurements; each table is checked alone."""
 
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
@@ -13,7 +13,7 @@ from jbw.measurement.kinds import Kind as Traits
 from jbw.measurement.records import BASE, BY_UNIT, INPUTS, RESPONSES, SOURCES, si_of
 from jbw.quantities import FED
 
-MOST_PPM = 1e4  # largest error of a clock: more is a different sampling rate
+MOST_PPM = 1e4  # largest relative error of a clock in ppm; more means another sampling rate
 NAN = float("nan")  # default of a number that is not stated
 
 
@@ -65,7 +65,7 @@ class Head(FileTable):
 
 
 class Assembly(FileTable):
-    """The [assembly] table: facts on an assembly that a fleet of campaigns needs."""
+    """The [assembly] table: torque and other facts on the assembly, used to compare assemblies."""
 
     name: values.Text = key("", "name of the specimen or assembly", "beam 3")
     torque: values.Positive | None = key(None, "tightening torque [N m]", 8.0)
@@ -233,12 +233,12 @@ class TestSpec(FileTable):
 
     @property
     def is_timed(self) -> bool:
-        """Whether the samples must have a time; a law independent of rate needs none."""
+        """Whether the samples need times; a law that is independent of rate needs none."""
         return not self.traits.is_prescribed
 
     @property
     def driven_by(self) -> str:
-        """The drive as far as only the campaign file states it, with the values of `drive_of`."""
+        """The drive that the campaign file states, in the terms of `drive_of`."""
         if self.drive or self.traits.is_prescribed:
             return self.drive or ""
         if self.traits.is_free:
@@ -257,7 +257,7 @@ class TestSpec(FileTable):
 
 
 def _needs(test: TestSpec) -> Iterator[str]:
-    """Yield errors on keys and channels that the test's kind requires but its table lacks."""
+    """Yield an error for each key or channel that the test's kind needs but its table lacks."""
     roles, traits = set(test.channels), test.traits
     per_role = ("units", "scale", "sensitivity")
     for table, names in ((table, getattr(test, table)) for table in per_role):
@@ -272,7 +272,7 @@ def _needs(test: TestSpec) -> Iterator[str]:
         linear = [k for k in KINDS.values() if k.is_curve and not k.is_controlled]
         named = ", ".join(f"`{kind.name}`" for kind in linear)
         yield f"units: `{unit}` of `{ratios[0]}` is for kind {named} only."
-    # A backbone's frequency already shows the stiffness.
+    # The frequency of a backbone already determines the stiffness.
     needs_source = traits.is_driven and not traits.is_locked
     if needs_source and roles.isdisjoint(SOURCES) and not ratios:
         yield f"channels: kind `{test.kind}` needs `input`, `force` or `base`."
@@ -297,12 +297,12 @@ def _needs(test: TestSpec) -> Iterator[str]:
         yield f"tones: missing; kind `{test.kind}` needs the frequencies [Hz]."
     if traits.is_stepped and not test.dwell > 0:
         yield "dwell: missing; kind `stepped` needs the duration of each step [s]."
-    if test.settle >= test.dwell:  # never true if dwell is not given, because it is NaN then
+    if test.settle >= test.dwell:  # false if dwell is not given, because it is NaN then
         yield f"settle: must be shorter than dwell ({test.dwell:g} s), but is {test.settle:g}."
 
 
 def _contradictions(test: TestSpec) -> Iterator[str]:
-    """Yield errors on stated keys that do not apply to the test's kind or channels."""
+    """Yield an error for each stated key that does not apply to the test's kind or channels."""
     curves, is_curve, roles = _curves(), test.traits.is_curve, set(test.channels)
     if not is_curve and (roles - set(test.traits.channels)) & {"frequency", "phase"}:
         yield f"channels: `frequency` and `phase` belong to kind {curves}."
@@ -374,7 +374,7 @@ def _of_base(test: TestSpec, roles: set[str]) -> Iterator[str]:
 
 
 def _of_controlled_tests(test: TestSpec) -> Iterator[str]:
-    """Yield errors on keys of controlled tests that a test of another kind states."""
+    """Yield an error for each key of controlled tests that another kind of test states."""
     locked = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_locked)
     controlled = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_controlled)
     is_beside = test.traits.is_locked and test.locked_phase != -90
@@ -392,5 +392,5 @@ def _of_controlled_tests(test: TestSpec) -> Iterator[str]:
 
 
 def _curves() -> str:
-    """Return the names of the kinds that are curves, formatted for messages."""
+    """Return the names of the kinds of test that are response curves, for messages."""
     return ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_curve)

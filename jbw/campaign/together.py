@@ -1,4 +1,4 @@
-"""Checks of the tests of a campaign file as a whole: names, points and contradictions."""
+"""Checks that concern several tests of a campaign file: names, points, contradictions."""
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations
@@ -12,11 +12,12 @@ from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.records import BASE, INPUTS, RESPONSES, Record
 from jbw.report.messages import campaign_faults as messages
 
-APART = 1.5  # ratio of two levels, and of two records: a smaller ratio may be imprecise control
+# smallest ratio of two levels, and of two records, that imprecise control does not explain
+APART = 1.5
 
 
 def named(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
-    """Yield tests with unique names: as given, or from kind and level, numbered if necessary."""
+    """Yield the tests with unique names, made from kind and level if none is given."""
     names = {test.name for test in tests}
     for test in tests:
         base = test.kind if np.isnan(test.level) else f"{test.kind} {test.level:g}"
@@ -27,7 +28,7 @@ def named(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
 
 
 def at_every_point(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
-    """Yield every test, followed by a copy in the same run for each additional response point."""
+    """Yield each test, followed by a copy of it for every additional response point."""
     for test in tests:
         if not test.points:
             yield test
@@ -42,14 +43,14 @@ def at_every_point(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
 
 
 def of_others(tests: Sequence[TestSpec], assembly: Assembly) -> Iterator[str]:
-    """Yield an error if tests belong to several assemblies but [assembly] describes only one."""
+    """Yield an error if tests are of several assemblies but [assembly] describes only one."""
     names = {test.assembly for test in tests if test.assembly} | {assembly.name or None} - {None}
     if len(names) > 1 and list(assembly.keys()):
         yield messages.several_assemblies(len(names), sorted(map(str, names)))
 
 
 def on_a_base(tests: Sequence[TestSpec]) -> Iterator[str]:
-    """Yield an error if base-driven tests occur with other drives, as their gains differ."""
+    """Yield an error if a moving base drives some tests and other sources others."""
     drives = sorted({test.driven_by for test in tests if test.traits.is_driven} - {""})
     if BASE in drives and len(drives) > 1:
         others = ", ".join(drive for drive in drives if drive != BASE)
@@ -57,7 +58,7 @@ def on_a_base(tests: Sequence[TestSpec]) -> Iterator[str]:
 
 
 def among(tests: Sequence[TestSpec], settings: Identify) -> Iterator[str]:
-    """Yield errors for duplicate test names, modes outside all bands, and levels without a test."""
+    """Yield an error for each duplicate name, mode outside all bands, and level without a test."""
     names = [test.name for test in tests if test.name]
     for name in sorted({name for name in names if names.count(name) > 1}):
         yield messages.name_of_several(name, names.count(name))
@@ -78,15 +79,15 @@ class Level(NamedTuple):
     """The level of a test, and the rms values of its first record."""
 
     test: str
-    alike: tuple[str, ...]  # kind and channels; only levels with equal ones are compared
-    role: str  # role of the source
+    alike: tuple[str, ...]  # kind and channels; only levels with the same ones are compared
+    role: str  # quantity that drives the test
     level: float
     source_rms: float
     response_rms: float
 
 
 def level_of(record: Record, test: TestSpec) -> list[Level]:
-    """Return the level of a driven test with its rms values; empty if no level is stated."""
+    """Return the level of a driven test, with rms values of its first record, if it is stated."""
     driven = any(role in record.channels for role in INPUTS)
     if not (test.level > 0 and driven):
         return []
@@ -100,7 +101,7 @@ def level_of(record: Record, test: TestSpec) -> list[Level]:
 
 
 def against_levels(levels: Sequence[Level]) -> Iterator[tuple[str, Fault]]:
-    """Yield a doubt on tests of larger level than another test, but smaller drive and response."""
+    """Yield a doubt if a test has a larger level than another, but smaller drive and response."""
     for first, second in combinations(levels, 2):
         low, high = sorted((first, second), key=lambda level: level.level)
         apart = high.level > APART * low.level and low.alike == high.alike

@@ -1,4 +1,4 @@
-"""Trials of remedies before they are printed: each line is applied to a copy of the record.
+"""Trials of remedies before they are proposed: each line is applied to a copy of the record.
 
 A line is printed if its fault is gone, the mode equals the one that was fitted together with the
 cause, and no new fault appears, except for a doubt that its own line remedies, since a record may
@@ -26,12 +26,11 @@ from jbw.measurement.steady_lines import without_lines
 from jbw.report.messages import remedies
 
 LINE = re.compile(r"`((\w+) = [^`]+)`")
-# Keys under which an unchanged record is examined.
+# Keys that are part of the examination and leave the samples unchanged.
 STATED = {"settle", "band", "delay", "load_cell"}
 OR = ", or "  # separates the parts of a remedy
-# Largest difference of two modes: of damping ratios over one, of frequencies over a half-power
-# width. Remedies of simulated faults leave less than 0.13; wrong lines that are accepted, 0.18 or
-# more.
+# Largest difference of two modes: of damping, relative; of frequency, over the half-power width.
+# Correct remedies of simulated faults leave less than 0.13, wrong ones 0.18 or more.
 ALIKE = 0.15
 
 Look = Callable[[Record, TestSpec], Sequence[Fault]]
@@ -47,7 +46,7 @@ def tried(
     look: Look,
     read: Read,
 ) -> tuple[Fault, ...]:
-    """Return the faults of a record, with only those lines in their remedies that cure them.
+    """Return the findings on a record, with only those remedies that were shown to work.
 
     Args:
         faults: Faults that the record itself shows.
@@ -84,7 +83,7 @@ def _cures(
     *,
     further: bool = True,
 ) -> bool:
-    """Return whether the first line of a remedy removes a fault without causing another.
+    """Return whether a remedy's first line removes a finding without causing another one.
 
     With `further`, a new fault is accepted if its own line cures it.
     """
@@ -115,7 +114,7 @@ def _cures(
 
 
 def _leaves(reading: ModeReading | None, key: str, mode: tuple[float, float]) -> bool:
-    """Return whether a corrected record has the mode [Hz, -] that was fitted with the cause.
+    """Return whether a corrected record has the mode [Hz, -] fitted together with its fault.
 
     A part of a record (`span`) has other amplitudes, at which a joint has another mode; any reading
     is accepted then.
@@ -128,7 +127,7 @@ def _leaves(reading: ModeReading | None, key: str, mode: tuple[float, float]) ->
 
 
 def _of_parts(kept: Sequence[str], parts: Sequence[str]) -> str:
-    """Return a remedy reduced to its kept parts; unchanged if all parts are kept."""
+    """Return a remedy reduced to the parts that work; unchanged if all of them do."""
     if not kept:
         return remedies.NO_LINE
     remedy = OR.join(kept).removesuffix(".") + "." * parts[-1].endswith(".")
@@ -161,7 +160,7 @@ def _scaled(record: Record, factors: Mapping[str, float]) -> Record:
     return replace(record, channels=channels)
 
 
-# For each key of a campaign file: its effect on a record that was read without the key.
+# The effect of each key of a campaign file on a record that was read without it.
 CHANGES: Mapping[str, Change] = {
     "span": _cut,
     "window_s": _without_window,

@@ -1,4 +1,4 @@
-"""Types of the values in campaign and plan files: each is checked with one plain sentence.
+"""Types of the values in campaign and plan files; each check has one plain sentence.
 
 A check comes before pydantic's own and states in words what it refuses. Accepted values are then
 converted to the annotated type, which also determines the JSON Schema.
@@ -25,18 +25,18 @@ from jbw.measurement.kinds import KINDS
 from jbw.measurement.records import ROLES, SENSITIVITIES, sensitivity_of, si_of
 from jbw.report.messages.campaign_faults import decimal_points
 
-ALL = "all"  # value for all repeats
-# Escapes that TOML read from a Windows path, and the text meant, with a forward slash.
+ALL = "all"  # the word for all repeats
+# Escapes such as \t that TOML reads in a Windows path, and the path that was meant.
 ESCAPES = {"\a": "/a", "\b": "/b", "\t": "/t", "\n": "/n", "\f": "/f", "\r": "/r", "\x1b": "/e"}
 Role = Literal[*ROLES]  # pyright: ignore[reportInvalidTypeForm]
 
 
 @dataclass(frozen=True)
 class OneOf:
-    """A type for the names in a register, as it is when a file is read."""
+    """A type for the names in a register, which may grow after import."""
 
-    known: Callable[[], Iterable[str]]  # called each time, since more names may be registered
-    otherwise: str = ""  # a sentence on what else may have been meant
+    known: Callable[[], Iterable[str]]  # called at each check, because more names may be registered
+    otherwise: str = ""  # a sentence on what the user may have meant
 
     def check(self, value: Any) -> str:
         """Return the name if it is registered; raise a ValueError otherwise."""
@@ -141,7 +141,7 @@ def prior(value: Any) -> tuple[float, float]:
 
 
 def unequal(value: Any) -> tuple[Any, ...]:
-    """Return a list of numbers if all are different."""
+    """Return a list of numbers if no two are equal."""
     if len(set(numbers(value))) < len(value):
         raise ValueError(f"must not repeat a frequency, but is {list(value)}.")
     return tuple(value)
@@ -155,12 +155,12 @@ def nonzero(value: Any) -> tuple[Any, ...]:
 
 
 def modes(value: Any) -> tuple[Any, ...] | int:
-    """Return a number of modes, or a list of frequencies that are all different."""
+    """Return a number of modes, or a list of different frequencies."""
     return whole(1)(value) if isinstance(value, int) else unequal(value)
 
 
 def lag(value: Any) -> float:
-    """Return a phase lag strictly between -180 and 0 [deg], as of a driven motion."""
+    """Return a phase between -180 and 0 degrees, the range of a driven response."""
     if not -180 < number(value) < 0:
         raise ValueError(
             f"must lie between -180 and 0, -90 at phase resonance, but is {value!r}; the "
@@ -188,7 +188,7 @@ def _excluded(value: Any) -> tuple[int | str, ...]:
 
 
 def _by_role(check: Callable[[str, Any], Any], example: Any) -> Callable[[Any], dict[str, Any]]:
-    """Return a function that checks a table by role and reports all errors in one ValueError."""
+    """Return a function that checks a table of one value per quantity, and reports all errors."""
 
     def check_all(value: Any) -> dict[str, Any]:
         if not isinstance(value, Mapping) or not value:
@@ -213,7 +213,7 @@ def _by_role(check: Callable[[str, Any], Any], example: Any) -> Callable[[Any], 
 
 
 def named(value: Any) -> dict[str, str]:
-    """Return a table of channels with arbitrary names."""
+    """Return a table of channels, whose names are arbitrary."""
     if not isinstance(value, Mapping) or not value:
         raise ValueError(f"must be a table such as {toml({'wing': 'acc_2'})}, but is {value!r}.")
     for name, item in value.items():
@@ -258,14 +258,14 @@ def _spread(role: str, item: Any) -> float:
 
 
 def _files(value: Any) -> tuple[str, ...] | dict[str, tuple[str, ...]]:
-    """Return file patterns, or a pattern per role if channels are in several files."""
+    """Return file patterns, or one pattern per quantity if channels are in several files."""
     if isinstance(value, Mapping):
         return _by_role(lambda _, item: _patterns(item), "laser_*.h5")(value)
     return _patterns(value)
 
 
 def _patterns(value: Any) -> tuple[str, ...]:
-    """Return names or patterns of files; refuse escapes from backslashes in double quotes."""
+    """Return names or patterns of files; reject Windows paths that TOML misread as escapes."""
     for item in strings(value):
         if not item.isprintable():
             slashed = "".join(c if c.isprintable() else ESCAPES.get(c, "?") for c in item)
@@ -312,7 +312,7 @@ Modes = Annotated[
     BeforeValidator(modes, json_schema_input_type=Count | list[Positive]),
 ]
 Bounds = Annotated[tuple[float, float], BeforeValidator(bounds)]
-# A density is the pair of its bounds and must not be converted, so no validator follows.
+# A density must not be converted to bounds, so no other validator follows.
 Prior = Annotated[
     tuple[float, float],
     PlainValidator(

@@ -1,4 +1,4 @@
-"""Checks that a file written by a user exists and can be read, without heavy imports."""
+"""Checks that a file written by a user exists and can be read; they import no JAX."""
 
 import shlex
 from pathlib import Path
@@ -15,14 +15,14 @@ def is_campaign(path: Path) -> bool:
 
 
 def campaign_in(folder: Path) -> Path | None:
-    """Return the campaign file of a folder: `campaign.toml`, or the only file of that kind."""
+    """Return the campaign file of a folder: `campaign.toml`, or its only TOML campaign file."""
     inside = sorted(folder.glob("*.toml"))
     usual = [path for path in inside if path.name == NAMED] or inside
     return usual[0] if len(usual) == 1 else None
 
 
 def require_file(path: Path, what: str, remedy: str) -> None:
-    """Raise a ConfigError unless a path is a readable file; arguments are as for `text_of`."""
+    """Raise a ConfigError unless a path is a readable file; see `text_of` for the arguments."""
     try:
         is_folder, is_file = path.is_dir(), path.is_file()
         if is_file:
