@@ -1,1 +1,1 @@
-"""Observables, one module per kind of test: reduce its records, predict them, weigh residuals."""
+"""Likelihood terms, one module per kind of test: reduce records, predict them, weigh residuals."""

@@ -1,4 +1,4 @@
-r"""The shaker's predicted effect on frequency and damping under another drive, an observable.
+r"""The predicted effect of an attached shaker on frequency and damping, as a likelihood term.
 
 Voltage, force and motion at the drive point determine what the armature adds to the structure, and
 so the change of natural frequency and damping when the structure is driven by voltage,
@@ -30,7 +30,7 @@ def label_of(drive: str) -> str:
 
 
 class Foretold(KnownReading):
-    """The predicted change of omega_n [rad/s] and zeta by a drive's shaker, with uncertainty.
+    """The change of omega_n [rad/s] and zeta that an attached shaker is predicted to cause.
 
     Attributes:
         mean: Predicted changes.
@@ -57,23 +57,23 @@ class Foretold(KnownReading):
         *,
         laws: Laws = DEFAULT_LAWS,
     ) -> Self:
-        """Build the predicted changes of omega_n [rad/s] and zeta by a shaker's attachment."""
+        """Build the predicted changes of omega_n [rad/s] and zeta by an identified shaker."""
         groups = read_before(label_of(fed), run, len(OFFSETS))
         read = jnp.asarray(mean)[None]
         return cls(jnp.asarray(std), fed, words, mean=read, groups=groups, laws=laws)
 
     def predict(self, theta: Theta) -> Float[Array, "1 own"]:
-        """Return changes of omega_n [rad/s] and zeta by the shaker, from given parameters."""
+        """Return the changes of omega_n [rad/s] and zeta by the shaker, from given parameters."""
         return jnp.stack([theta[named(name, self.fed)] - theta[name] for name in OFFSETS])[None]
 
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 own"], Float[Array, "1 offset own"], float]:
-        """Return predicted minus assumed changes, in standard deviations."""
+        """Return the stated changes minus the predicted changes, in standard deviations."""
         return (self.mean - self.predict(theta)) / self.std, self.groups.directions, 0.0
 
     def statements(self, theta: Theta) -> list[str]:
-        """Return sentences on the mode with its shaker attached and its predicted value."""
+        """Return sentences on the mode with its shaker attached, identified and predicted."""
         names = [named(name, self.fed) for name in OFFSETS]
         omega, zeta = (float(theta[name]) for name in names)
         foretold = [float(theta[n] + x) for n, x in zip(OFFSETS, self.mean[0], strict=True)]
@@ -89,5 +89,5 @@ class Foretold(KnownReading):
 
 
 def mode_words(omega_n: float, zeta: float) -> str:
-    """Return a mode in words: its frequency, and its damping in percent."""
+    """Return a text on a mode: its frequency, and its damping in percent."""
     return f"{omega_n / (2 * np.pi):.5g} Hz ({100 * zeta:.3g} %)"

@@ -1,4 +1,4 @@
-r"""Controlled tests as observables: at each measured amplitude, the force that sustains it.
+r"""Controlled tests in the likelihood: the force that sustains each measured amplitude.
 
 A controller fixes the phase (a backbone, or points at another phase) or the amplitude (S-curves,
 response curves through their unstable branch, surfaces of force). The quantities that are not fixed
@@ -45,21 +45,22 @@ from jbw.oscillator.steady.backbone import force_at, tone_at_phase
 from jbw.quantities import DEFAULT_LAWS, Motion, derivative_order
 
 HALF_WIDTH = 0.01  # half width of a resonance over its frequency, before a fit gives the damping
-FEW = 0.25  # of the points, those of smallest motion, for the starting value of omega_n
-LEAST_NOISE = 1e-3  # of a fit's residual: least noise in addition to that of the amplitude
+FEW = 0.25  # fraction of points, those of smallest motion, that give the starting value of omega_n
+# smallest noise over the residual of a fit, in addition to the noise from the amplitude
+LEAST_NOISE = 1e-3
 QUARTER = -0.5 * np.pi  # phase of the displacement at phase resonance [rad]
-MOMENTS = 4  # variables of a point's scatter: frequency or phase, force, log Y, phase
+MOMENTS = 4  # variables whose deviations are averaged: frequency or phase, force, log Y, phase
 
 
 class ControlledGroup(NamedTuple):
-    """A group of a controlled test: the number of the test, and the compared quantity."""
+    """A data group of a controlled test: the number of the test, and the compared quantity."""
 
     test: int
     quantity: str  # frequency, phase or force
 
 
 class ControlledPoints(Observable):
-    """The points of controlled tests: a group for frequency or phase, and one for the force.
+    """The points of controlled tests: one data group for frequency or phase, one for the force.
 
     Attributes:
         omega: Measured frequency of every point [rad/s]; padded with a test's last value.
@@ -102,7 +103,7 @@ class ControlledPoints(Observable):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple["ControlledPoints", ...]:
-        """Average the repeats of all points; one part per phase control, force and residuals."""
+        """Average each point's repeats, in one part per phase control and residual terms."""
         families: dict[tuple[Any, ...], list[tuple[Test, list[ControlledCurve]]]] = {}
         for test in tests:
             held = test.locked_phase if test.traits.is_locked else float("nan")
@@ -125,7 +126,7 @@ class ControlledPoints(Observable):
         *,
         is_locked: bool,
     ) -> Self:
-        """Build one part from tests of one form and their repeated curves."""
+        """Build one part from tests of the same form and the curves of their repeats."""
         if residuals == "own":
             raise DataError(
                 f"`residuals` = 'own' must be of a test whose response is compared, but in "
@@ -205,13 +206,13 @@ class ControlledPoints(Observable):
         return replace(planned, mean=mean, scale=jnp.asarray(scale), groups=groups)
 
     def predict(self, theta: Theta) -> Float[Array, "group point"]:
-        """Predict each group: frequency [Hz] or phase [rad], or force in the source's unit."""
+        """Predict each data group: frequency [Hz], phase [rad], or force in the source's unit."""
         return self._at(theta, self.amplitude, self.phase)
 
     def _at(
         self, theta: Theta, amplitude: Float[Array, "test point"], phase: Float[Array, "test point"]
     ) -> Float[Array, "group point"]:
-        """Return the prediction of each group at given amplitudes [m] and phases [rad]."""
+        """Return the prediction of each data group at given amplitudes [m] and phases [rad]."""
         joint, gain = oscillator_of(theta, self.laws), theta["gain"]
         y, phi = self._of_joint(theta, amplitude, phase)
         if self.is_locked:
@@ -220,8 +221,8 @@ class ControlledPoints(Observable):
             frequency_or_phase = omega / (2 * np.pi)
         else:
             held = jax.vmap(jax.vmap(partial(force_at, joint)))(self.omega, y) / gain
-            # The force's phase is relative to the joint's own motion, which leads the measured
-            # motion.
+            # The force's phase refers to the motion without residual terms, which leads the
+            # measured one.
             frequency_or_phase, force = -jnp.angle(held) - (phi - phase), jnp.abs(gain * held)
         by_quantity = {"force": force / jnp.abs(gain)}
         return jnp.stack(
@@ -236,7 +237,8 @@ class ControlledPoints(Observable):
         if not terms or self.unit_of_source == "":
             return amplitude, phase
         motion_phase = phase
-        if not self.is_locked:  # an unmeasured phase is that of the motion without residual terms
+        # without a measured phase, `phase` is that of the motion without residual terms
+        if not self.is_locked:
             hold = partial(force_at, oscillator_of(theta, self.laws))
             without = -jnp.angle(jax.vmap(jax.vmap(hold))(self.omega, amplitude) / theta["gain"])
             motion_phase = jnp.where(jnp.isfinite(phase), phase, without)
@@ -245,12 +247,12 @@ class ControlledPoints(Observable):
         return jnp.abs(joint_motion), motion_phase + jnp.angle(joint_motion / moved)
 
     def compared(self, values: Any) -> Float[Array, "group point"]:
-        """Return values over their noise profile, without the part shared with the force's."""
+        """Return values over their noise profile, less the part correlated with the force."""
         rows = self._counted * values
         return (rows - self.mixed * rows[self._force_of_test]) / self.scale
 
     def misfit(self, theta: Theta) -> Float[Array, "group point"]:
-        """Return measured minus predicted values in compared form, with wrapped phases."""
+        """Return measured minus predicted values over their noise profile, with wrapped phases."""
         residual = self.mean - self.predict(theta)
         turned = jnp.array([row.quantity == "phase" for row in self.rows])[:, None]
         return self.compared(jnp.where(turned, jnp.angle(jnp.exp(1j * residual)), residual))
@@ -261,12 +263,12 @@ class ControlledPoints(Observable):
 
     @property
     def _force_of_test(self) -> Int[np.ndarray, " group"]:
-        """The number of the group with the same test's force; a group's own number without one."""
+        """The number of the force's data group in the same test, or else the group's own."""
         forces = {row.test: i for i, row in enumerate(self.rows) if row.quantity == "force"}
         return np.array([forces.get(row.test, i) for i, row in enumerate(self.rows)])
 
     def spread(self, group: int) -> Float[np.ndarray, " value"]:
-        """Return the noise of every value of a group, relative to the noise of the group."""
+        """Return the noise of every value, relative to the noise level of its data group."""
         where, force = compared(self.groups, group), self._force_of_test[group]
         scale, mixed = (np.asarray(x)[group][where] for x in (self.scale, self.mixed))
         noise = np.asarray(self.groups.noise_std)
@@ -274,14 +276,14 @@ class ControlledPoints(Observable):
         return np.hypot(scale, force_noise)
 
     def relative_to(self, group: int) -> Float[np.ndarray, " value"]:
-        """Return each value's reference for relative errors, in its unit (a force's is itself)."""
+        """Return the reference of each value's relative error, in its unit (for forces: itself)."""
         mean = np.asarray(self.mean)[group][compared(self.groups, group)]
         if self.rows[group].quantity == "force":
             return mean
         return np.full(len(mean), np.asarray(self.groups.reference)[group])
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
-        """Return the data with noise from a fit's residuals, including that of the amplitude."""
+        """Return the data with noise from a fit's residuals, including the amplitude's noise."""
         rows = np.zeros(self.mean.shape)
         for i, label in enumerate(self.groups.labels):
             rows[i, : len(residuals[label])] = np.real(residuals[label])
@@ -293,7 +295,7 @@ class ControlledPoints(Observable):
         return replace(carried, groups=with_fitted_noise(residuals, groups))
 
     def _carrying(self, theta: Theta, residual: Float[np.ndarray, "group point"]) -> Self:
-        r"""Propagate the noise of amplitude and phase through the model at a parameter point.
+        r"""Propagate the noise of amplitude and phase through the model, at a parameter point.
 
         $$r_i = \epsilon_i + s_i\,\eta_i, \qquad s_i = \partial m_i / \partial \ln Y_i$$
 
@@ -333,7 +335,7 @@ class ControlledPoints(Observable):
     def _deviation(
         self, group: int, slopes: Sequence[Float[np.ndarray, " point"]]
     ) -> Float[np.ndarray, "point variable"]:
-        """Return weights of a repeat's deviations that remove its amplitude's and phase's part."""
+        """Return weights that remove amplitude and phase noise from a repeat's deviations."""
         weights = np.zeros((len(slopes[0]), MOMENTS))
         weights[:, 1 if self.rows[group].quantity == "force" else 0] = 1.0
         weights[:, 2] = -slopes[0]
@@ -347,7 +349,7 @@ class ControlledPoints(Observable):
         weights: Float[np.ndarray, "point variable"],
         scale: Float[np.ndarray, " point"],
     ) -> float:
-        """Return the scatter of a group's repeats: weighted squared deviations from the mean."""
+        """Return the variation between repeats: weighted squared deviations from their mean."""
         products = np.asarray(self.moments)[self.rows[group].test]
         squares = np.einsum("pi,pij,pj->p", weights, products, weights)
         return float(np.sum((squares / scale**2)[compared(self.groups, group)]))
@@ -365,7 +367,7 @@ class ControlledPoints(Observable):
         return size
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return the model-free facts: frequency at the smallest motion, and measured forces."""
+        """Return facts of the data without a model: frequency at small motion, measured forces."""
         lines = partial(_steady_lines, self)
         y_peak = float(jnp.max(self.amplitude))
         amplitudes = np.asarray(self.amplitude)[[row.test for row in self.rows]]
@@ -383,7 +385,7 @@ class ControlledPoints(Observable):
 
 
 def _first_values(data: ControlledPoints) -> dict[str, float]:
-    """Return the starting value of omega_n, from the points of smallest motion."""
+    """Return a starting value of omega_n from the points of smallest motion."""
     omega, y, load, phase = _points(data)
     least = np.argsort(y)[: max(LEAST_LINES, int(FEW * len(y)))]
     several = len(np.unique(omega[least])) >= LEAST_LINES
@@ -405,7 +407,7 @@ def _steady_lines(data: ControlledPoints) -> SteadyLines | None:
 
 
 def _points(data: ControlledPoints) -> list[Float[np.ndarray, " point"]]:
-    """Return frequency [rad/s], amplitude [m], load and phase [rad] of the points of all tests."""
+    """Return frequency [rad/s], amplitude [m], source and phase [rad] of the points of tests."""
     counted = np.asarray(data.counted) > 0
     columns = data.omega, data.amplitude, data.load, data.phase
     return [np.asarray(column)[counted] for column in columns]
@@ -417,7 +419,7 @@ def _predicted(theta: Theta, data: ControlledPoints) -> Float[Array, "group poin
 
 
 class Frequencies(ControlledPoints):
-    """A backbone of frequency and amplitude alone, which constrains no damping or modal mass."""
+    """A backbone without forces, which constrains neither damping nor modal mass."""
 
     kinds: ClassVar[tuple[str, ...]] = ()
     informs: ClassVar[frozenset[str]] = frozenset({"omega_n"})
@@ -427,7 +429,7 @@ class Frequencies(ControlledPoints):
 def slopes_by_inputs(
     theta: Theta, data: ControlledPoints
 ) -> tuple[Float[Array, "group point"], Float[Array, "group point"]]:
-    """Return the derivatives of the predictions by log amplitude and by phase [1/rad]."""
+    """Return the predictions' derivatives by log amplitude and by phase [1/rad]."""
     y, phase = data.amplitude, data.phase
     none, unit = jnp.zeros_like(y), jnp.ones_like(y)
     _, slopes_along = jax.linearize(partial(data._at, theta), y, phase)
@@ -440,7 +442,7 @@ def beside_known(
     course: Float[np.ndarray, " value"],
     known: Float[np.ndarray, " value"],
 ) -> float:
-    r"""Estimate the variance $\sigma^2$ of noise in addition to a known one from squared residuals.
+    r"""Estimate the variance of noise in addition to a known variance, from squared residuals.
 
     $$\max_{\sigma^2} -\sum_i \left(\log v_i + \frac{r_i^2}{v_i}\right), \qquad
       v_i = \sigma^2 c_i^2 + \kappa_i^2$$
@@ -468,7 +470,7 @@ def _require_alike(test: Test, curves: Sequence[ControlledCurve]) -> None:
 
 
 def _without_lost_points(curves: Sequence[ControlledCurve]) -> list[ControlledCurve]:
-    """Return the curves without the points that are lost (NaN) in any of them."""
+    """Return the repeated curves without points that are lost (NaN) in any of them."""
     valid = np.logical_and.reduce([curve.valid for curve in curves])
     return [curve.at(valid) for curve in curves]
 
@@ -476,7 +478,7 @@ def _without_lost_points(curves: Sequence[ControlledCurve]) -> list[ControlledCu
 def _compared(
     curves: Sequence[ControlledCurve], *, is_locked: bool
 ) -> Iterator[tuple[str, Float[np.ndarray, "repeat point"]]]:
-    """Yield the name and the values of all repeats of each compared quantity of a test."""
+    """Yield the name and all repeats' values of each compared quantity of a test."""
     if is_locked:
         yield "frequency", np.stack([curve.freq_hz for curve in curves])
     elif curves[0].phase is not None:
@@ -498,7 +500,7 @@ def _groups_of(
     scales: Sequence[np.ndarray],
     unit_of_source: str,
 ) -> Groups:
-    """Build groups from repeats (repeat, point), with scatter relative to each point's scale."""
+    """Build data groups from repeats (repeat, point), with each point's deviations scaled."""
     means = [of_repeats.mean(axis=0) for of_repeats in values]
     size = np.array([_size(row, mean) for row, mean in zip(rows, means, strict=True)])
     unit_by_quantity = {"frequency": "Hz", "phase": "rad", "force": unit_of_source}
@@ -515,7 +517,7 @@ def _groups_of(
 
 
 def _mean_inputs(curves: Sequence[ControlledCurve]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return mean frequency [rad/s], amplitude [m] and phase [rad] per point; NaN for no phase."""
+    """Return each point's mean frequency [rad/s], amplitude [m] and phase [rad] (or NaN)."""
     omega = 2 * np.pi * np.mean([curve.freq_hz for curve in curves], axis=0)
     amplitude = np.exp(np.mean([np.log(curve.amplitude) for curve in curves], axis=0))
     return omega, amplitude, np.mean([_phase(curve, curves[0]) for curve in curves], axis=0)
@@ -547,7 +549,7 @@ def _moments(
 
 
 def _course(row: ControlledGroup, mean: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
-    """Return the noise profile without the amplitude's noise: the mean for forces, else ones."""
+    """Return the relative noise of points without that of amplitude: force means, else ones."""
     return mean if row.quantity == "force" else np.ones(len(mean))
 
 

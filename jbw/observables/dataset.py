@@ -1,4 +1,4 @@
-"""The dataset of a campaign: all that was measured, in one likelihood of one joint.
+"""The data of a campaign, from all kinds of tests, with their joint likelihood.
 
 The residual is a dictionary of rows, with the labels of groups and of the runs' offsets as keys.
 Optimisers take its rows end to end; only `stacked` makes that array and only `by_label` reads it
@@ -27,7 +27,8 @@ from jbw.observables.modes import Modes
 from jbw.observables.observable import OFFSETS, Observable, Theta, assemblies_of, numbers_of
 from jbw.observables.observable import unnamed as nameless
 
-# Nodes of a log-uniform prior for the scatter of records' own shifts, relative to omega_n.
+# Nodes of a log-uniform prior for the standard deviation of natural frequencies between records,
+# relative to omega_n.
 SCATTERS = np.geomspace(1e-8, 1e-2, 25)
 
 Block = tuple[Float[Array, "_group _value"], Float[Array, "_group own _value"]]
@@ -35,7 +36,7 @@ Residual = dict[str, Float[Array, " value"]]
 
 
 class Dataset(eqx.Module):
-    """The data of the joint posterior: reduced tests, fixed values, scatter, stated densities.
+    """The data of the joint posterior, with fixed parameters, run scatter and stated priors.
 
     Attributes:
         parts: The reduced data of each kind of test.
@@ -59,7 +60,7 @@ class Dataset(eqx.Module):
         held: Mapping[str, float] | None = None,
         stated: StatedDensities | None = None,
     ) -> Self:
-        """Build a dataset of parts without run offsets; parameters in `held` are fixed."""
+        """Build a dataset from parts, without run offsets; parameters in `held` are fixed."""
         fixed = {name: jax.device_put(np.float64(value)) for name, value in (held or {}).items()}
         nodes, scatter = jax.device_put(np.zeros((1, 0))), jax.device_put(np.zeros(0))
         return cls(tuple(parts), fixed, nodes, scatter, stated or StatedDensities())
@@ -71,27 +72,27 @@ class Dataset(eqx.Module):
 
     @property
     def modes(self) -> Modes | None:
-        """The modes that share the joint; None for a single mode."""
+        """The modes that move the joint; None for a single mode."""
         return self.parts[0].modes
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The name of each group, in the order of the likelihood's terms."""
+        """The label of each data group, in the order of the likelihood's terms."""
         return tuple(label for part in self.parts for label in part.groups.labels)
 
     @property
     def runs(self) -> tuple[str, ...]:
-        """The name of each group's run."""
+        """The name of the run of each data group."""
         return tuple(run for part in self.parts for run in part.groups.runs)
 
     @property
     def has_offsets(self) -> bool:
-        """Whether runs have their own offsets of omega_n and zeta."""
+        """Whether omega_n and zeta have an offset in each run."""
         return self.scatters.shape[1] > 0
 
     @property
     def stepped(self) -> bool:
-        """Whether an evaluation of the likelihood steps through time."""
+        """Whether the likelihood integrates the equation of motion in time."""
         return any(part.stepped for part in self.parts)
 
     @property
@@ -101,7 +102,7 @@ class Dataset(eqx.Module):
 
     @property
     def levels(self) -> Levels:
-        """The number of each group's run and, if assemblies scatter, of each run's assembly."""
+        """The run number of each data group and, if assemblies vary, each run's assembly number."""
         assemblies = assemblies_of(tuple(dict.fromkeys(self.runs)))
         if self.scatters.shape[1] == 2 * len(OFFSETS):
             return run_numbers(self.runs), assemblies
@@ -109,13 +110,13 @@ class Dataset(eqx.Module):
 
     @property
     def shared_runs(self) -> tuple[str, ...]:
-        """The names of the runs whose offsets appear in least squares, each once."""
+        """The names of the runs whose offsets least squares includes, each once."""
         shared = (part.groups.runs for part in self.parts if not part.own_shifts)
         return tuple(dict.fromkeys(run for runs in shared for run in runs))
 
     @property
     def layout(self) -> dict[str, int]:
-        """The length of every row of the residual, by its key, in the order of `stacked`."""
+        """The length of each row of residuals by its label, in the order of `stacked`."""
         rows = {label: part.groups.width for part in self.parts for label in part.groups.labels}
         stated = {_prior_key(name): 1 for name in self.stated.names}
         if not self.has_offsets:
@@ -132,7 +133,7 @@ def _prior_key(name: str) -> str:
 
 
 def unnamed(data: Dataset) -> Dataset:
-    """Return the dataset with numbers in place of group and run names, for compiled programs.
+    """Return the dataset with numbers instead of names of groups and runs, for compiled programs.
 
     A program that another campaign compiled then serves this one, if laws, shapes and settings are
     equal.
@@ -150,7 +151,7 @@ def solved(
     writes: bool,
     rows: Sequence[Float[np.ndarray, "_ _ _"] | None] | None = None,  # one array per part
 ) -> Solved | None:
-    """Return the dataset and, separately, its costly predictions at points; None if it has none.
+    """Compute a dataset's costly predictions at many points in advance; None if there are none.
 
     This combines `Observable.solved` of all parts, each with its own `rows`.
     """
@@ -179,7 +180,7 @@ def solved(
 @seeing(unnamed)
 @solved_first(partial(solved, writes=False))
 def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
-    """Return the log likelihood, eqs. (36) and (37): one term per group, then those of scatter.
+    """Return the log likelihood, eqs. (36), (37): a term per data group, then those of scatter.
 
     The noise of every group and the offsets are integrated out; the result is up to a constant
     [nats]. The last terms are the prior densities that a campaign states, each relative to the
@@ -198,7 +199,9 @@ def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
 
 
 def _density_of_shifts(theta: Theta, found: Estimate) -> Float[Array, "1"]:
-    r"""Return shifts' log density, $\log \int p(s) \prod_i N(\hat\delta_i; 0, s^2 + e_i^2)\,ds$.
+    r"""Return the log density of frequency shifts, with their scatter s integrated out.
+
+    It is $\log \int p(s) \prod_i N(\hat\delta_i; 0, s^2 + e_i^2)\,ds$.
 
     Factors that the estimates already contain are omitted.
     """
@@ -208,7 +211,7 @@ def _density_of_shifts(theta: Theta, found: Estimate) -> Float[Array, "1"]:
 
 
 def estimates(theta: Theta, data: Dataset) -> Estimate:
-    """Estimate the offsets of each group's run from that group, at given parameters."""
+    """Estimate each run's offsets from each of its data groups, at given parameters."""
     part_estimates = [part.estimate(of_part(theta, part), data.num_offsets) for part in data.parts]
     return Estimate(*(jnp.concatenate(rows) for rows in zip(*part_estimates, strict=True)))
 
@@ -216,7 +219,7 @@ def estimates(theta: Theta, data: Dataset) -> Estimate:
 def estimates_at(
     theta: Mapping[str, Float[np.ndarray, " point"]], data: Dataset, *, lanes: int = LANES
 ) -> Estimate:
-    """Return the estimates of the runs' offsets at many parameter points, along a first axis."""
+    """Return the estimates of run offsets at many parameter points, along a first axis."""
     return at_points(_estimates, theta, data, lanes=lanes)
 
 
@@ -227,7 +230,7 @@ def _estimates(theta: Theta, data: Dataset) -> Estimate:
 
 
 def residual(theta: Theta, data: Dataset) -> Residual:
-    """Return residuals by label in standard errors, eqs. (38), (41), (42), at the best run offsets.
+    """Return normalised residuals by label, eqs. (38), (41), (42), at the optimal run offsets.
 
     Rows `offsets of RUN` are each run's offsets divided by their scatter; rows `prior of NAME` are
     the standard normal scores of stated priors.
@@ -254,7 +257,7 @@ def _weighted(theta: Theta, data: Dataset) -> list[Block]:
 def _offsets_taken_out(
     blocks: Sequence[Block], data: Dataset
 ) -> tuple[list[Float[Array, "_group _value"]], dict[str, Float[Array, " own"]]]:
-    """Subtract each run's best offsets from residual rows; return the rows and scaled offsets."""
+    """Subtract each run's optimal offsets from the residuals; return both, offsets scaled."""
     rows = [block[0] for block in blocks]
     shared = [i for i, part in enumerate(data.parts) if not part.own_shifts]
     if not (data.has_offsets and shared):
@@ -271,7 +274,7 @@ def _offsets_taken_out(
 @seeing(unnamed)
 @solved_first(partial(solved, writes=True))
 def stacked(theta: Theta, data: Dataset) -> Float[Array, " values"]:
-    """Return the residual in the form that least squares takes: all its rows end to end."""
+    """Return all residuals as one array, as least squares needs them."""
     rows = residual(theta, data)
     return jnp.concatenate([rows[key] for key in data.layout])
 
@@ -279,14 +282,15 @@ def stacked(theta: Theta, data: Dataset) -> Float[Array, " values"]:
 def by_label(
     rows: Float[np.ndarray, " values ..."], data: Dataset
 ) -> dict[str, Float[np.ndarray, " value ..."]]:
-    """Split a stacked array, such as a fit's residual or Jacobian, by label."""
+    """Split a concatenated array, such as a residual or Jacobian, into its labelled rows."""
     ends = np.cumsum(list(data.layout.values()))[:-1]
     return dict(zip(data.layout, np.split(np.asarray(rows), ends), strict=True))
 
 
 def halved(data: Dataset) -> Dataset | None:
-    """Return the dataset with twice as many solver steps; None if nothing is stepped in time."""
-    finer = [part.laws and part.substeps for part in data.parts]  # without a law, any step is exact
+    """Return the dataset with twice as many solver steps; None if nothing is integrated in time."""
+    # without a joint law, any step is exact
+    finer = [part.laws and part.substeps for part in data.parts]
     if not any(finer):
         return None
     pairs = zip(data.parts, finer, strict=True)
@@ -294,7 +298,7 @@ def halved(data: Dataset) -> Dataset | None:
 
 
 def remembering(theta: Mapping[str, float], data: Dataset) -> Dataset:
-    """Return the dataset with enough memory of reversals for the motion at a parameter point."""
+    """Return the dataset with room for all load reversals of the motion at a parameter point."""
     everything = as_arrays(theta, data)
     parts = tuple(remembered.remembering(everything, part) for part in data.parts)
     same = all(new is old for new, old in zip(parts, data.parts, strict=True))
@@ -307,7 +311,7 @@ def largest_displacement(data: Dataset, omega_n: float) -> float:
 
 
 def smallest_displacement(data: Dataset, omega_n: float) -> float:
-    """Return the largest displacement [m] of the weakest group of any kind of test; 0 if unknown.
+    """Return the largest displacement [m] of the weakest data group; 0 if unknown.
 
     In each kind, the largest displacement belongs to the group with the strongest response and is
     scaled by the sizes of the responses.
@@ -323,7 +327,7 @@ def smallest_displacement(data: Dataset, omega_n: float) -> float:
 
 
 def best_offsets(theta: Mapping[str, float], data: Dataset) -> dict[str, np.ndarray]:
-    """Return the best offsets of omega_n and zeta at one point for each run that has offsets."""
+    """Return the optimal offsets of omega_n and zeta for each run that has offsets."""
     point = {name: np.array([float(value)]) for name, value in theta.items()}
     scaled, scatter = at_points(_scaled_offsets, point, data, lanes=1), np.asarray(data.scatter)
     return {run: rows[0] * scatter for run, rows in zip(data.shared_runs, scaled, strict=True)}
@@ -332,7 +336,7 @@ def best_offsets(theta: Mapping[str, float], data: Dataset) -> dict[str, np.ndar
 @seeing(unnamed)
 @solved_first(partial(solved, writes=True))
 def _scaled_offsets(theta: Theta, data: Dataset) -> list[Float[Array, " own"]]:
-    """Return each run's best offsets divided by their scatter, in the order of the runs."""
+    """Return each run's optimal offsets divided by their scatter, in the order of the runs."""
     return list(_offsets_taken_out(_weighted({**data.held, **theta}, data), data)[1].values())
 
 
@@ -341,7 +345,7 @@ def with_directions(
     data: Dataset,
     offsets: Mapping[str, Float[np.ndarray, " own"]] | None = None,
 ) -> Dataset:
-    """Return the dataset with the derivatives of all predictions by their run's offsets."""
+    """Return the dataset with its predictions' derivatives by each run's omega_n and zeta."""
     everything = as_arrays(theta, data)
     parts = tuple(
         p if p.own_shifts else p.linearised(of_part(everything, p), offsets or {})
@@ -351,33 +355,33 @@ def with_directions(
 
 
 def as_arrays(theta: Mapping[str, float], data: Dataset) -> dict[str, Array]:
-    """Return a parameter point with all fixed parameters as arrays, which are not compiled in."""
+    """Return parameters, including fixed ones, as arrays, so that no value is compiled in."""
     return {**data.held, **jax.device_put({n: np.asarray(x, float) for n, x in theta.items()})}
 
 
 def residual_by_label(rows: Float[np.ndarray, " values"], data: Dataset) -> dict[str, Row]:
-    """Return a stacked residual, or a column of its Jacobian, by group, in the group's unit."""
+    """Return a residual, or a column of its Jacobian, by data group and in the group's unit."""
     labelled = by_label(rows, data)
     rows_by_part = [in_units(labelled, part.groups) for part in measured_parts(data)]
     return {label: row for part_rows in rows_by_part for label, row in part_rows.items()}
 
 
 def measured_parts(data: Dataset) -> list[Observable]:
-    """Return the measured parts of a dataset, by which a fit is judged (no prior readings)."""
+    """Return the parts that are measured records, without priors from earlier estimates."""
     return [part for part in data.parts if not part.groups.is_prior]
 
 
 def sizes_of(part: Observable) -> dict[str, float]:
-    """Return the root of the sum of squares of each group's mean in a part, by label."""
+    """Return the norm of each data group's mean in one part of the data, by label."""
     return dict(zip(part.groups.labels, sizes(part.mean, part.groups).tolist(), strict=True))
 
 
 def size_by_label(data: Dataset) -> dict[str, float]:
-    """Return the root of the sum of squares of each measured group's mean, by label."""
+    """Return the norm of each measured data group's mean, by label."""
     return {x: size for part in measured_parts(data) for x, size in sizes_of(part).items()}
 
 
 def error_by_label(residuals: Mapping[str, Row], data: Dataset) -> dict[str, float]:
-    """Return each group's relative error: the norm of its residual over that of its mean."""
+    """Return the relative error of each data group: norm of its residual over that of its mean."""
     sizes = size_by_label(data)
     return {label: float(np.linalg.norm(residuals[label])) / size for label, size in sizes.items()}

@@ -1,4 +1,4 @@
-"""Free decays of one mode as an observable, with every record's own unknowns integrated out.
+"""Free decays of one mode in the likelihood; each record's initial state is integrated out.
 
 These unknowns are an initial state (log amplitude and phase, flat priors), a noise, and a small
 shift of the natural frequency, because structures are never exactly the same twice. The shifts
@@ -36,13 +36,13 @@ from jbw.oscillator.response import simulate
 from jbw.quantities import LETTER_OF, derivative_order
 from jbw.report.messages import observed as messages
 
-# Length of a record's beginning, which gives its initial state, in units of 1 / (zeta omega_n).
+# Length of the start of a record that determines its initial state, in units of 1 / (zeta omega_n).
 BEGINNING = 0.3
-LEAST_BEGUN = 8  # fewest values of the envelope for that
+LEAST_BEGUN = 8  # fewest envelope values in that start
 
 
 class Decays(Envelopes):
-    """The free decays of one mode, with the quantities that a likelihood needs.
+    """The free decays of one mode, as reduced for the likelihood.
 
     `solution` is the logarithm of the simulated decay where it was computed before.
     """
@@ -51,7 +51,8 @@ class Decays(Envelopes):
     informs: ClassVar[frozenset[str]] = frozenset({"omega_n", "zeta"})
     stepped: ClassVar[bool] = True
     own_shifts: ClassVar[bool] = True
-    most_misfit: ClassVar[float | None] = 0.05  # more means another motion than the model's
+    # a larger relative residual means a motion that the model does not contain
+    most_misfit: ClassVar[float | None] = 0.05
     several: ClassVar[bool | None] = False
     unread: ClassVar[Mapping[str, Any]] = {"centre_hz": 0.0, "readings": None}
 
@@ -59,11 +60,11 @@ class Decays(Envelopes):
 
     @property
     def fraction(self) -> Float[Array, ""]:
-        """The fraction of the values of a record that count as independent."""
+        """The fraction of a record's values that count as independent."""
         return jnp.max(jnp.asarray(self.groups.num_values / self.groups.num_counted))
 
     def matches(self, theta: Theta) -> Match:
-        """Match each record to the joint's decay; fields have a leading axis of records."""
+        """Fit the initial state and frequency shift of each record on the model's decay."""
         decay = decay_of(theta, self) if self.solution is None else self.solution
         return jax.vmap(lambda envelope: match(decay, envelope, self.step_s))(self.mean)
 
@@ -75,25 +76,25 @@ class Decays(Envelopes):
         writes: bool,
         rows: Float[np.ndarray, "group row value"] | None = None,
     ) -> Self | None:
-        """Return the decays with the simulated decay at points, from one program for all uses."""
+        """Compute the model's decay at many parameter points in advance, by one program."""
         simulated = replace(self, mean=None, groups=None, **self.unread)
         solution = _decays_of(jax.device_put(dict(theta)), simulated)
         return replace(self, laws=(), solution=solution)
 
     def predict(self, theta: Theta) -> Complex[Array, "record step"]:
-        """Predict each record's envelope at its best initial state and frequency shift."""
+        """Predict each record's envelope at its best-fitting initial state and frequency shift."""
         return self.mean - self.matches(theta).residual
 
     def compared(self, values: Any) -> Float[Array, "record value"]:
-        """Return envelopes in compared form: real, then imaginary parts, then 0 for the shift."""
+        """Return envelopes as real numbers: real parts, imaginary parts, then 0 for the shift."""
         return jnp.pad(super().compared(values), ((0, 0), (0, 1)))
 
     def misfit(self, theta: Theta) -> Float[Array, "record value"]:
-        """Return each envelope's residual at its best initial state and shift."""
+        """Return the residual of each envelope at its best-fitting initial state and shift."""
         return self.compared(self.matches(theta).residual)
 
     def weighted(self, theta: Theta) -> Weighted:
-        """Return residuals in standard deviations; the last entry is the shift over its scatter."""
+        """Return residuals in standard deviations; the last one is the shift over its scatter."""
         matches = self.matches(theta)
         residual = self.compared(matches.residual) * weights(self.groups)[:, None]
         shift = matches.entry.shift[:, None] / self.shift_std
@@ -102,16 +103,16 @@ class Decays(Envelopes):
 
     @property
     def _says(self) -> Bool[Array, " record"]:
-        """Whether a record counts for more values than it has unknowns of its own."""
+        """Whether a record has more independent values than unknowns of its own."""
         return self.groups.num_values > self.groups.num_own
 
     @property
     def _degrees(self) -> Float[Array, " record"]:
-        """The independent values of a record minus its own unknowns; 1 if none are left."""
+        """The independent values of a record minus its own unknowns, at least 1."""
         return jnp.where(self._says, self.groups.num_values - self.groups.num_own, 1.0)
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
-        r"""Estimate each record's natural-frequency shift, the first of the offsets.
+        r"""Estimate the shift of natural frequency of each record, the first of its offsets.
 
         $$\log p_i = -\frac{n - 3}{2} \log Q_i - \frac12 \log |A_i| - \log e_i$$
 
@@ -135,7 +136,7 @@ class Decays(Envelopes):
         return jnp.sqrt(variance * jnp.linalg.inv(found.precision)[:, -1, -1])
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
-        """Return the decays with fitted noise per record and scatter of their frequencies."""
+        """Return the decays with noise per record, and scatter of frequencies, from a fit."""
         matches = matched(theta, self)
         noise = jnp.sqrt(matches.misfit / (self.groups.size - self.groups.num_own))
         errors = float(jnp.sqrt(jnp.mean(self.shift_errors(matches) ** 2)))
@@ -157,11 +158,11 @@ class Decays(Envelopes):
         )
 
     def only(self, record: int, size: int) -> Self:
-        """Return one record alone, restricted to its first values, with its own noise."""
+        """Return the first values of one record alone, with its own noise."""
         return replace(self, **self.values_of(record, size))
 
     def values_of(self, record: int, size: int) -> dict[str, Any]:
-        """Return the fields that belong to one record, restricted to its first values."""
+        """Return the fields of one record, reduced to its first values."""
         at, values = slice(record, record + 1), 2.0 * size
         groups = jax.tree.map(lambda column: column[at], self.groups)
         names = {"labels": groups.labels[at], "runs": groups.runs[at], "units": groups.units[at]}
@@ -176,7 +177,7 @@ class Decays(Envelopes):
         return {"mean": self.mean[at, :size], "groups": groups}
 
     def statements(self, theta: Theta) -> list[str]:
-        """Return sentences on the scatter of the records' frequencies and the counted values."""
+        """Return sentences on frequency differences of records, and on independent values."""
         shift = np.asarray(matched(theta, self).entry.shift)
         scatter = float(np.sqrt(np.mean(shift**2))) / (2 * np.pi)
         return [
@@ -186,7 +187,7 @@ class Decays(Envelopes):
 
 
 def first_values(data: Decays) -> dict[str, float]:
-    """Return omega_n and zeta at zero amplitude, by straight lines through the records."""
+    """Return starting values: omega_n and zeta extrapolated linearly to zero amplitude."""
     return dict(zip(("omega_n", "zeta"), at_rest(amplitude_curve(data)), strict=True))
 
 
@@ -202,7 +203,7 @@ def counting[Data: Decays](data: Data, fraction: float) -> Data:
 
 
 def at_rest(curve: AmplitudeCurve) -> tuple[float, float]:
-    """Return the frequency [rad/s] and damping of a curve at zero amplitude, by straight lines."""
+    """Return frequency [rad/s] and damping extrapolated linearly to zero amplitude."""
     y, omega, zeta = curve[:3]
     most = float(np.abs(zeta.max()))
     least = np.clip(np.polyfit(y, zeta, 1)[1], 0.1 * most, most)
@@ -210,7 +211,7 @@ def at_rest(curve: AmplitudeCurve) -> tuple[float, float]:
 
 
 def decay_of(theta: Theta, data: Envelopes) -> Complex[Array, " step"]:
-    """Return the logarithm log |X| + j arg X of the joint's free decay through the band's filter.
+    """Return the model's free decay after the band's filter, as the logarithm log |X| + j arg X.
 
     The steps are `step_s` apart and the phase is unwrapped. The decay follows eqs. (1), (2) with u
     = 0, from rest at its greatest displacement, with the memory on the steady loop of that
@@ -262,7 +263,7 @@ def _logarithm(envelope: Complex[Array, " step"], data: Envelopes) -> Complex[Ar
 
 
 def matched(theta: Theta, data: Decays) -> Match:
-    """Return the match of every record at one parameter point, compiled."""
+    """Fit each record's initial state and shift at one parameter point, compiled."""
     lanes = {name: np.full(FIT_LANES, float(value)) for name, value in theta.items()}
     solved = data.solved(lanes, 1, writes=True)
     if solved is not None and solved.solution is not None:
@@ -276,7 +277,7 @@ def _matched(theta: Theta, data: Decays) -> Match:
 
 
 class Beginning(NamedTuple):
-    """A record's place on a decay, from its beginning alone: the entry and its covariance.
+    """The initial state of a record, estimated from its start alone, with the covariance.
 
     The covariance is of log amplitude, phase and shift; `rate` is the change of the log amplitude
     by the place.
@@ -287,7 +288,7 @@ class Beginning(NamedTuple):
     rate: Float[Array, ""]
 
     def moved(self, change: Float[Array, " own"]) -> Entry:
-        """Return the record's entry after given changes of log amplitude, phase and shift."""
+        """Return the initial state after changes of log amplitude, phase and frequency shift."""
         place, phase, shift = self.entry
         return Entry(place + change[0] / self.rate, phase + change[1], shift + change[2])
 
@@ -299,7 +300,7 @@ def begun(
     data: Decays,
     law_std: float | Float[Array, ""] = 0.0,
 ) -> Beginning:
-    r"""Return the place of a record's beginning on a decay, with the record's own shift.
+    r"""Estimate the initial state and the frequency shift of a record from its start alone.
 
     A beginning shows the shift s of the record's natural frequency together with the error d of the
     law's frequency at that amplitude, $s \sim N(0, S^2)$ and $d \sim N(0, \tau^2)$. Of their sum
@@ -314,9 +315,9 @@ def begun(
         law_std: Standard deviation tau of the law's frequency error [rad/s].
     """
     best_match = match(decay, envelope, data.step_s)
-    # A short beginning says little about its own noise; that of the fitted records is used.
+    # A short start hardly determines the noise; that of the fitted records is used.
     precision = best_match.precision * data.fraction / noise_std**2
-    # The shift's prior constrains it where a short beginning does not.
+    # The prior of the shift constrains it if the record's start is too short.
     variance = data.shift_std**2 + law_std**2
     both = jnp.linalg.inv(precision.at[2, 2].add(1 / variance))
     total = best_match.entry.shift * (1 - both[2, 2] / variance)
@@ -334,7 +335,7 @@ def begun(
 
 
 def num_begun(theta: Mapping[str, Any], data: Decays) -> int:
-    r"""Return the number of values of a beginning: $0.3 / (\zeta \omega_n)$, at most half."""
+    r"""Return the number of values in a record's start: $0.3 / (\zeta \omega_n)$, at most half."""
     rate = float(np.mean(theta["zeta"] * theta["omega_n"]))
     half = data.mean.shape[1] // 2
     num_values = BEGINNING / (rate * data.step_s) if rate > 0 else half
@@ -345,7 +346,7 @@ def num_begun(theta: Mapping[str, Any], data: Decays) -> int:
 def predicted_from_beginnings(
     theta: Theta, data: Decays, size: int
 ) -> tuple[Complex[Array, "record step"], tuple[Float[Array, " record"], Float[Array, " record"]]]:
-    """Predict each envelope from its beginning; return errors of log amplitude and shift, too.
+    """Predict each envelope from its start; return it with errors of log amplitude and shift.
 
     The shift is in rad/s.
     """
@@ -360,7 +361,7 @@ def predicted_from_beginnings(
 
 
 def drift_from_beginning(theta: Theta, data: Decays, run: str) -> LeftOutDecay:
-    """Return the drift of a record from the prediction by its beginning.
+    """Return the drift of a record from the prediction made from its start.
 
     Its noise is that of the other records, as for a record that no fit has seen, or the white part
     of its own residual if that is larger.

@@ -1,4 +1,4 @@
-r"""The drift of free decays from the predictions that a law makes from their beginning.
+r"""The drift of free decays away from the prediction that a law makes from their start.
 
 $$E(t) = \hat E(t)\,e^{(-\rho + j\varphi)\,(t - t_0 / 2)} + \text{rest}, \qquad
   \hat\rho, \hat\varphi = -\frac{\sum_t w_t t \ln |E / \hat E|}{\sum_t w_t t^2},
@@ -16,11 +16,11 @@ from jaxtyping import Complex, Float
 
 
 class Drift(NamedTuple):
-    """The drift of a record from its prediction: frequency [rad/s] and rate of decay [1/s]."""
+    """The drift of a record from its prediction, as a frequency [rad/s] and a decay rate [1/s]."""
 
     frequency: float
     rate: float
-    rest: Complex[np.ndarray, " value"]  # part of the envelope that no drift explains
+    rest: Complex[np.ndarray, " value"]  # remaining part of the envelope's residual
     measured: Complex[np.ndarray, " value"]
 
 
@@ -40,13 +40,13 @@ def drift_of(
 
 
 class LeftOutDecay(NamedTuple):
-    """The drift of one held-out record, with the errors that follow from its beginning."""
+    """The drift of one held-out record, with the errors that come from its initial state."""
 
     drift: Drift
-    frequency_std: float  # [rad/s]
-    rate_std: float  # [1/s]
-    noise: float  # part of the rest's sum of squares that noise explains
-    fraction: float  # of its values that count as independent
+    frequency_std: float  # standard error of the drift's frequency [rad/s]
+    rate_std: float  # standard error of the drift's decay rate [1/s]
+    noise: float  # share of the remaining sum of squares that noise explains
+    fraction: float  # fraction of the record's values that count as independent
 
 
 def left_out_decay(

@@ -1,4 +1,4 @@
-"""Envelopes of free decays in a band, and the places at which records enter the model's decay.
+"""Envelopes of free decays in a band, fitted to one simulated decay of the model.
 
 Whatever the impact, a free joint soon follows one and the same decay, which a weaker impact enters
 later. Therefore the model is simulated once, from above the strongest record, and every record's
@@ -26,20 +26,22 @@ from jbw.observables.observable import Laws, Observable
 from jbw.observables.samples import substeps_for
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
-NUM_OWN = 3  # own unknowns of a record except noise: amplitude, phase, shift
-LEAST_VALUES = 16  # of an envelope: a decay has five parameters, and three of its own
-HEADROOM = 1.02  # of the strongest record: start of the simulated decay
-SPARE = 1.3  # times the duration that the measured rates require
-LEAST_RATE = 0.1  # of the mean rate of decay: least rate at an edge, where noise may hide it
-# Longest time, in lengths of a record, for the strongest decay to reach the weakest record.
+NUM_OWN = 3  # unknowns of a record except noise: amplitude, phase, frequency shift
+# smallest number of values; a decay has five parameters, and three unknowns per record
+LEAST_VALUES = 16
+HEADROOM = 1.02  # start of the simulated decay over the amplitude of the strongest record
+SPARE = 1.3  # duration of the simulation over the duration that the measured decay rates require
+# smallest decay rate at either end over the mean rate, because noise may hide the true one
+LEAST_RATE = 0.1
+# Longest simulated time before the strongest decay reaches the weakest record, in record lengths.
 MOST_WAIT = 20.0
-NUM_REFINEMENTS = 3  # Gauss-Newton steps to a record's place on the decay
+NUM_REFINEMENTS = 3  # Gauss-Newton steps to a record's start time on the simulated decay
 # Lagrange's cubics through -1, 0, 1 and 2, one per column: coefficients of 1, f, f^2 and f^3.
 CUBICS = np.array([[0, 6, 0, 0], [-2, -3, 6, -1], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
 
 
 class Envelopes(Observable):
-    """The envelopes of several decays of one mode, and the filter for the model's decay.
+    """The envelopes of several decays of one mode, with the filter for the model's decay.
 
     Attributes:
         mean: Peak envelope of each record about the band's centre [m/s for velocities]; its noise
@@ -79,7 +81,7 @@ class Envelopes(Observable):
 
     @classmethod
     def of(cls, test: Test, *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None) -> Self:
-        """Build a test's envelopes after `settle`, cut to the shortest, with a noise guess."""
+        """Build a test's envelopes after `settle`, of equal length, with a guess of the noise."""
         chosen = filter_of(test)
         thinned = [record_envelope[:: chosen.step] for record_envelope in envelopes(test)]
         length = min(map(len, thinned))
@@ -116,7 +118,7 @@ class Envelopes(Observable):
 
 
 def _largest_read(test: Test, y_start: float) -> float:
-    """Return the largest displacement of the readings [m]; if there are none, that of the start."""
+    """Return the largest displacement [m] with a measured frequency, or else that of the start."""
     try:
         readings = read_decays(test)
     except DataError:
@@ -125,7 +127,7 @@ def _largest_read(test: Test, y_start: float) -> float:
 
 
 def _groups_of(test: Test, envelope: Complex[np.ndarray, "record step"]) -> Groups:
-    """Return every record as a group and a run; its shift follows its values."""
+    """Return one data group and one run per record; the frequency shift follows its values."""
     count, length = envelope.shape
     names = [f"{test.name} {i + 1}" for i in range(count)]
     return repeated(
@@ -155,12 +157,12 @@ def _course(name: str, envelope: np.ndarray, chosen: BandFilter, order: int) -> 
             why="A decay that is simulated from the strongest amplitude on has to reach others.",
             remedy="Let `settle` begin after the blow, or correct `band`.",
         )
-    # The rate at an edge is that of a few values, and noise may hide it completely.
+    # At either end the rate comes from a few values, where noise may hide it completely.
     first, last = (
         max(float(row[0] - row[-1]) / ((edge - 1) * chosen.step_s), LEAST_RATE * fall / duration)
         for row in (size[strongest, :edge], size[strongest, -edge:])
     )
-    # The filter consumes the first of the simulated decay, at up to twice the measured rate.
+    # The filter shortens the simulated decay at its start, where it decays up to twice as fast.
     lead = chosen.half / chosen.fs
     start = HEADROOM * np.exp(size[strongest, 0] + 2 * first * lead)
     weakest = size[:, 0].min()
@@ -186,7 +188,7 @@ def _course(name: str, envelope: np.ndarray, chosen: BandFilter, order: int) -> 
 
 
 class Entry(NamedTuple):
-    """The entry of a record on a decay: first value [steps], rotation [rad], shift [rad/s]."""
+    """The start of a record on the simulated decay: time [steps], rotation [rad], shift [rad/s]."""
 
     place: Float[Array, "..."]
     phase: Float[Array, "..."]
@@ -194,7 +196,7 @@ class Entry(NamedTuple):
 
 
 class Match(NamedTuple):
-    """A record matched by least squares; misfit is the sum of squared moduli of the residual.
+    """A record fitted to the simulated decay; misfit is the sum of squared moduli.
 
     `precision` is the normal matrix of log amplitude, phase and shift, for noise of unit variance;
     `rate` is the change of the log amplitude by the place.
@@ -210,7 +212,7 @@ class Match(NamedTuple):
 def along(
     decay: Complex[Array, " step"], place: Float[Array, " time"]
 ) -> tuple[Complex[Array, " time"], Complex[Array, " time"]]:
-    """Interpolate a decay's logarithm between steps by cubics; return it and its derivative."""
+    """Interpolate the logarithm of a decay between steps by cubics; return its slope as well."""
     step = jax.lax.stop_gradient(jnp.floor(place))
     f = place - step
     index = step.astype(int)[:, None] + jnp.arange(-1, 3)
@@ -226,7 +228,7 @@ def along(
 def follow(
     decay: Complex[Array, " step"], entry: Entry, steps: Float[Array, " time"], step_s: float
 ) -> tuple[Complex[Array, " time"], Complex[Array, " time"]]:
-    """Return a record's envelope at given steps after its entry, and its log's slope per step."""
+    """Return a record's envelope on the simulated decay, and its logarithm's slope per step."""
     log, slope = along(decay, entry.place + steps)
     return jnp.exp(log + 1j * (entry.phase + entry.shift * step_s * steps)), slope
 
@@ -234,11 +236,11 @@ def follow(
 def match(
     decay: Complex[Array, " step"], envelope: Complex[Array, " sample"], step_s: float
 ) -> Match:
-    """Fit a record's initial state and frequency on a decay with steps of `step_s` [s]."""
+    """Fit a record's initial state and frequency shift to a decay with time steps `step_s` [s]."""
     steps = jnp.arange(len(envelope), dtype=float)
     entry = jax.lax.stop_gradient(_first_entry(decay, envelope, steps, step_s))
     for _ in range(NUM_REFINEMENTS):
-        # At the optimum an earlier step has no influence: only the last one carries derivatives.
+        # At the optimum earlier steps have no influence: only the last one carries derivatives.
         entry = jax.lax.stop_gradient(entry)
         _, precision, gradient, rate = _normal(decay, envelope, entry, steps, step_s)
         gain = jnp.linalg.solve(precision, gradient)
@@ -254,7 +256,7 @@ def _first_entry(
     steps: Float[Array, " sample"],
     step_s: float,
 ) -> Entry:
-    """Estimate a record's entry: place from the amplitudes, then shift and phase.
+    """Estimate a record's start on the simulated decay: time from amplitudes, then shift, phase.
 
     Each value has a place of its own. Their mean is weighted by the squares of the amplitudes, as
     in least squares, so that noise or zeros at the end of a record do not move it.
@@ -277,7 +279,7 @@ def _normal(
     steps: Float[Array, " sample"],
     step_s: float,
 ) -> tuple[Complex[Array, " sample"], Float[Array, "own own"], Float[Array, " own"], Array]:
-    """Return residual, normal matrix, gradient by log amplitude, phase and shift, and rate."""
+    """Return residual, normal matrix, gradient by log amplitude, phase and shift, and slope."""
     model, slope = follow(decay, entry, steps, step_s)
     residual = envelope - model
     rate = slope[0].real

@@ -1,4 +1,4 @@
-r"""Parameters of several drives: one joint, but a natural frequency, damping and gain for each.
+r"""Parameters per drive: one joint, but a natural frequency, damping and gain for each drive.
 
 A measured force moves the structure alone; free motion is that of the structure alone, too. A
 voltage or a current moves it with its shaker, whose armature is part of the oscillating system:
@@ -23,47 +23,47 @@ from jbw.observables.observable import Observable, SteadyLines
 from jbw.quantities import ATTACHED, FED, LINEAR, OSCILLATOR, STUCK
 
 NAMES = tuple(quantity.name for quantity in OSCILLATOR)
-DAMPED, LEAST_DAMPED = 0.02, 1e-4  # damping ratios: the default if unknown, and the least
+DAMPED, LEAST_DAMPED = 0.02, 1e-4  # damping ratio assumed if unknown, and the smallest one
 PLAIN = {quantity.name: plain for quantity, plain in zip(ATTACHED, NAMES * len(FED), strict=True)}
 
 
 def named(name: str, drive: str) -> str:
-    """Return the name of an oscillator parameter for a drive, as omega_n_voltage."""
+    """Return the name of an oscillator parameter for a drive, such as omega_n_voltage."""
     return f"{name}_{drive}"
 
 
 def plain(name: str) -> str:
-    """Return a parameter's name without its drive: omega_n for omega_n_voltage."""
+    """Return a parameter's name without the drive, such as omega_n for omega_n_voltage."""
     return PLAIN.get(name, name)
 
 
 def of_drive[Value](theta: Mapping[str, Value], drive: str) -> Mapping[str, Value]:
-    """Return the parameters with a drive's own values, if it has any, under the plain names."""
+    """Return the parameters that hold under a drive, by their names without the drive."""
     drive_theta = {name: theta[named(name, drive)] for name in NAMES if named(name, drive) in theta}
     return {**theta, **drive_theta} if drive_theta else theta
 
 
 def of_part[Value](theta: Mapping[str, Value], part: Observable) -> Mapping[str, Value]:
-    """Return the parameters for a part of the data: those of its drive under the plain names."""
+    """Return the parameters that hold under the drive of a part of the data."""
     return of_drive(theta, part.drive)
 
 
 def attached(parts: Sequence[Observable]) -> tuple[str, ...]:
-    """Return the drives whose parameters carry the drive in their names, as omega_n_voltage."""
+    """Return the drives that parameter names contain, such as voltage in omega_n_voltage."""
     drives = {part.drive for part in parts if part.drive}
     fed = tuple(drive for drive in FED if drive in drives)
     return fed if drives - set(fed) else fed[1:]
 
 
 def parts_of(drive: str, parts: Sequence[Observable]) -> list[Observable]:
-    """Return the parts of data that use a drive's own parameters ("" for the plain parameters)."""
+    """Return the parts of the data that use a drive's own parameters ("" for the plain ones)."""
     others = attached(parts)
     return [part for part in parts if (part.drive if part.drive in others else "") == drive]
 
 
 def readings_of(parts: Sequence[Observable]) -> AmplitudeCurve | None:
-    """Return all readings of frequency and damping over amplitude, or None if there are none."""
-    of_one = parts_of("", parts)  # another drive's readings begin at another damping
+    """Return all measured frequencies and damping ratios over amplitude, or None if none exist."""
+    of_one = parts_of("", parts)  # with another drive, the small-amplitude damping differs
     of_parts = (part.shown().amplitude_readings() for part in of_one)
     curves = [readings for readings in of_parts if readings is not None]
     if not curves:
@@ -72,12 +72,12 @@ def readings_of(parts: Sequence[Observable]) -> AmplitudeCurve | None:
     curve = AmplitudeCurve(
         *map(np.concatenate, columns[:3]), *(np.asarray(block_diag(*x)) for x in columns[3:])
     )
-    takes_in = curve.zeta > 0  # a joint cannot supply energy: such a reading is invalid
+    takes_in = curve.zeta > 0  # A joint cannot supply energy, so a negative damping is invalid.
     return curve.at(takes_in) if takes_in.any() else None
 
 
 def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:
-    """Return the oscillator parameters among `known` that parts use, in the order of `STUCK`.
+    """Return which known oscillator parameters the parts use, in the order of `STUCK`.
 
     A drive without its own name there uses the plain one. Parameters of other modes follow.
     """
@@ -89,7 +89,7 @@ def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:
 
 
 def informed_by(parts: Sequence[Observable]) -> frozenset[str]:
-    """Return which of omega_n, zeta and gain the parts of one drive constrain together.
+    """Return which of omega_n, zeta and gain the tests with one drive constrain together.
 
     Free motion determines stiffness over mass, a prescribed displacement the stiffness [N/m]:
     together they determine the modal mass, which neither determines alone.
@@ -112,7 +112,7 @@ def by_secant(parts: Sequence[Observable]) -> frozenset[str]:
 
 
 def told_by(parts: Sequence[Observable], held: Mapping[str, Any] | None = None) -> dict[str, float]:
-    """Return starting values of omega_n [rad/s], zeta [-] and gain per drive; {} if unknown.
+    """Return starting values of omega_n [rad/s], zeta [-] and gain for each drive, if known.
 
     They come from the first part of the drive that can give them, else from another drive. A fixed
     gain (in `held`) determines the damping if only steady lines are measured.
@@ -133,7 +133,7 @@ def told_by(parts: Sequence[Observable], held: Mapping[str, Any] | None = None) 
 
 
 def _gain_of(held: Mapping[str, Any] | None, drive: str) -> float | None:
-    """Return a drive's gain if it is fixed, else None."""
+    """Return the gain of a drive if it is fixed, else None."""
     value = (held or {}).get(named("gain", drive) if drive else "gain")
     return None if value is None else float(value)
 
@@ -141,7 +141,7 @@ def _gain_of(held: Mapping[str, Any] | None, drive: str) -> float | None:
 def _first(parts: Sequence[Observable], gain: float | None) -> dict[str, float]:
     values: dict[str, float] = {}
     if any(part.modes for part in parts):
-        for part in parts:  # with several modes, each part may give its own values
+        for part in parts:  # with several modes, each part may measure another gain
             values = part.shown().first_values() | values
         return with_ratios(values)
     values = next((values for part in parts if (values := part.shown().first_values())), {})
@@ -153,7 +153,7 @@ def _first(parts: Sequence[Observable], gain: float | None) -> dict[str, float]:
 
 
 def lines_of(parts: Sequence[Observable]) -> SteadyLines | None:
-    """Return the steady lines of all parts, scaled to a motion of 1 m; None if there are none."""
+    """Return the steady harmonics of all parts, scaled to a motion of 1 m, or None."""
     lines_by_part = [
         part_lines for part in parts if (part_lines := part.shown().steady_lines()) is not None
     ]
@@ -164,7 +164,7 @@ def lines_of(parts: Sequence[Observable]) -> SteadyLines | None:
 
 
 def _damping(omega_n: float, gain: float | None, lines: SteadyLines | None) -> float:
-    r"""Return a starting damping ratio from a known gain and lines U per metre of motion.
+    r"""Return a starting damping ratio from a known gain and steady harmonics U per metre.
 
     $$\zeta = \min \frac{g\,\mathrm{Im}\,U}{2\,\omega_n\,\omega}$$
 
@@ -177,7 +177,7 @@ def _damping(omega_n: float, gain: float | None, lines: SteadyLines | None) -> f
 
 
 def _with_gain(values: Mapping[str, float], parts: Sequence[Observable]) -> dict[str, float]:
-    r"""Return the values with the gain that fits steady lines U to their omega_n and zeta.
+    r"""Return starting values with the gain that fits steady harmonics U to omega_n and zeta.
 
     $$g = \frac{\mathrm{Re} \sum U^* r}{\sum |U|^2}, \qquad
       r = \omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega$$
@@ -195,7 +195,7 @@ def _with_gain(values: Mapping[str, float], parts: Sequence[Observable]) -> dict
 
 
 def _through(lines: SteadyLines | None) -> dict[str, float]:
-    """Fit an oscillator through lines; return {} where the lines are too few."""
+    """Fit an oscillator to spectral lines; return {} if there are too few."""
     if lines is None:
         return {}
     moving = len(np.unique(lines.omega[lines.omega > 0]))

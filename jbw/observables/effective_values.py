@@ -1,4 +1,4 @@
-"""The effective number of independent values of a group whose residual is not white.
+"""The effective number of independent values of a data group with a coloured residual.
 
 The misfit of an imperfect law follows the motion and is the same in every repeat. Treated as white
 noise, it makes intervals absurdly narrow. Therefore every group counts for so many values that the
@@ -10,11 +10,12 @@ from jaxtyping import Complex, Float
 from scipy.ndimage import uniform_filter1d
 
 COLOURED = 0.2  # lag-one correlation above which intervals are noticeably too narrow
-BEYOND_CHANCE = 3.0  # standard errors of a correlation, 1 / sqrt(n)
-MISFIT = 0.5  # of a mean's variance: more misfit does not average out over repeats
-LEAST_VALUES = 8  # independent values of a group; with fewer, nothing could be integrated out
-BY_CHANCE = 0.5  # share below which white residuals of a few dozen values hardly fall
-MEDIAN_OF_SQUARE = 0.455  # of a standard normal variable
+BEYOND_CHANCE = 3.0  # multiple of the standard error 1 / sqrt(n) that a correlation must exceed
+MISFIT = 0.5  # share of a mean's variance; a larger misfit does not average out over repeats
+# smallest number of independent values in a data group, needed to integrate out noise
+LEAST_VALUES = 8
+BY_CHANCE = 0.5  # share of independent values below which white residuals hardly fall by chance
+MEDIAN_OF_SQUARE = 0.455  # median of the square of a standard normal variable
 SMOOTHED = 5  # neighbouring values over which squared residuals are averaged
 
 Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
@@ -27,17 +28,17 @@ def correlation_at_one(row: Row) -> float:
 
 
 def coloured_from(row: Row) -> float:
-    """Return the limit of a residual's lag-one correlation, above that of white noise by chance."""
+    """Return the lag-one correlation that a white residual hardly exceeds by chance."""
     return max(COLOURED, BEYOND_CHANCE / np.sqrt(len(row)))
 
 
 def is_coloured(row: Row) -> bool:
-    """Return True if a long enough residual has a lag-one correlation above its limit."""
+    """Return whether a residual, if long enough, has a lag-one correlation above the limit."""
     return len(row) >= 2 * LEAST_VALUES and abs(correlation_at_one(row)) > coloured_from(row)
 
 
 def white_square(row: Row) -> float:
-    r"""Estimate the mean square of a residual's white noise by medians; 0 for too few values.
+    r"""Estimate the mean square of the white noise in a residual; 0 if it has too few values.
 
     $$\min\Bigl(\frac{\mathrm{med}\,|r|^2}{c},\ \frac{\mathrm{med}\,|R|^2}{\ln 2}\Bigr), \qquad
       R_k = \frac{\sum_t w_t r_t e^{-2\pi i k t / n}}{\sqrt{\sum_t w_t^2}}$$
@@ -58,7 +59,7 @@ def effective_fraction(
     slopes: Float[np.ndarray, "parameter n"] | Complex[np.ndarray, "parameter n"],
     covariance: Float[np.ndarray, "parameter parameter"],
 ) -> float:
-    r"""Return the share of a residual's values that count as independent for the estimates.
+    r"""Return the share of a residual's values that count as independent in a fit.
 
     $$w = w_t\,w_f, \qquad w_t = \frac{\bar S \sum_t D(t)}{\sum_t D(t)\,S(t)}, \quad
       S = |r|^2, \quad D = \sum_i |(L^T J^T)_i|^2, \quad \Sigma = L L^T$$
@@ -74,14 +75,14 @@ def effective_fraction(
 
 
 def _overlap(row: Row, along: Float[np.ndarray, "i n"] | Complex[np.ndarray, "i n"]) -> float:
-    """Return a residual's mean square over that where the prediction moves; at most 1."""
+    """Return the mean square of a residual over that where the prediction moves; at most 1."""
     square = uniform_filter1d(np.abs(row) ** 2, SMOOTHED, mode="wrap")
     moved = np.sum(np.abs(along) ** 2, axis=0)
     return min(float(moved.sum() * square.mean() / np.sum(moved * square)), 1.0)
 
 
 def correlated_fraction(rows: Float[np.ndarray, "row n"] | Complex[np.ndarray, "row n"]) -> float:
-    r"""Return the share of values that count as independent in correlated rows.
+    r"""Return the share of values that count as independent, from their autocorrelation.
 
     The share w follows from $1/w = 1 + 2 \sum_{k \ge 1} \rho_k$, summed until rho is negative.
     """

@@ -1,4 +1,4 @@
-"""Forms of tests: the properties that tests must share to be reduced together."""
+"""Grouping of tests that can be reduced together: equal sampling rate, response and length."""
 
 from collections.abc import Iterator, Sequence
 from itertools import groupby
@@ -13,14 +13,14 @@ Form = tuple[float, str, int, int, str, *tuple[float, ...]]
 
 
 def first_alike(sources: Float[np.ndarray, "level time"]) -> Iterator[int]:
-    """Yield, for each row, the number of the first row equal to it."""
+    """Yield for each row the number of the first row that is equal to it."""
     seen: dict[bytes, int] = {}
     for i, source in enumerate(sources):
         yield seen.setdefault(source.tobytes(), i)
 
 
 def form_of(test: Test) -> Form:
-    """Return fs, response, length, skipped samples, residual terms and band of a test."""
+    """Return a test's properties for grouping: rate, response, length, start, residuals, band."""
     record = test.records[0]
     skipped = round(test.settle * record.fs)
     band = test.band_hz or ()
@@ -28,7 +28,7 @@ def form_of(test: Test) -> Form:
 
 
 def common_form(tests: Sequence[Test]) -> Form:
-    """Return the common form of tests that are reduced together; raise a DataError if it varies."""
+    """Return the common properties of tests that are reduced together; raise if they differ."""
     forms = {form_of(test) for test in tests}
     if len(forms) != 1:
         raise DataError(
@@ -40,5 +40,5 @@ def common_form(tests: Sequence[Test]) -> Form:
 
 
 def by_form(tests: Sequence[Test]) -> list[list[Test]]:
-    """Return the tests grouped by form; each group is reduced together."""
+    """Return the tests grouped by equal properties; each group is reduced together."""
     return [list(same) for _, same in groupby(sorted(tests, key=form_of), key=form_of)]

@@ -1,4 +1,4 @@
-"""The table of groups of any kind of test: names, repeats, noise, offsets of runs."""
+"""The table of data groups, one per record, level or harmonic: noise, repeats, run offsets."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -11,7 +11,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Complex, Float, Inexact
 
-SPANS = 1e-10  # of columns of size one: smaller directions are only rounding
+SPANS = 1e-10  # smaller singular values, of columns of norm one, are only rounding
 
 Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
 Rows = Mapping[str, Row]  # by the groups' labels
@@ -19,12 +19,12 @@ Covariance = Float[np.ndarray, "parameter parameter"]
 
 
 def concrete(values: Any) -> Any:
-    """Return values as a NumPy array unless they are traced, so that no program is compiled."""
+    """Return values as a NumPy array unless JAX traces them; this compiles nothing."""
     return values if isinstance(values, Tracer) else np.asarray(values)
 
 
 class SingleRecords(NamedTuple):
-    """The single records of every group, in arrays with zeros after a group's last record.
+    """The single records of every data group, padded with zeros to equal numbers.
 
     Attributes:
         mean: Mean of the repeats of each record, in the form of `Observable.mean`.
@@ -38,7 +38,7 @@ class SingleRecords(NamedTuple):
 
 
 class Groups(eqx.Module):
-    """A table of groups of data; each group has one label, one run and one noise.
+    """A table of data groups; each group has one label, one run and one noise level.
 
     Attributes:
         within: Scatter S of the repeats: squared deviations from their mean, summed over all
@@ -89,24 +89,24 @@ class Groups(eqx.Module):
 
     @property
     def num_taken(self) -> Float[Array, " group"]:
-        """The number of values that each group's own directions take up, one each."""
+        """The number of values that each data group's own constants use up, one each."""
         rows = concrete(self.spanned)
         xp: Any = np if isinstance(rows, np.ndarray) else jnp
         return xp.round(xp.sum(rows**2, axis=(1, 2)))
 
     @property
     def num_counted(self) -> Float[Array, " group"]:
-        """The number of values of all repeats of each group, minus those of its own directions."""
+        """The number of values of all repeats of a data group, minus those that constants use."""
         return concrete(self.size) * concrete(self.num_repeats) - self.num_taken
 
     @property
     def unit(self) -> str:
-        """The unit of the values; empty if groups differ."""
+        """The unit of the values; empty if data groups differ."""
         return self.units[0] if len(set(self.units)) == 1 else ""
 
     @property
     def width(self) -> int:
-        """The length of a group's row, including padding."""
+        """The length of a data group's row, including padding."""
         return self.directions.shape[-1]
 
 
@@ -122,7 +122,7 @@ def repeated(
     spanned: Float[np.ndarray, "group column value"] | None = None,
     **columns: Any,
 ) -> Groups:
-    r"""Return groups of independent values with noise $\sigma^2 = S / (N (K - 1))$.
+    r"""Return data groups of independent values; repeats give $\sigma^2 = S / (N (K - 1))$.
 
     Repeated labels get a number.
 
@@ -155,7 +155,7 @@ def repeated(
     own_directions = (
         np.zeros((len(labels), 0, longest)) if spanned is None else _orthonormal(spanned)
     )
-    # Each of a group's own directions takes up one value.
+    # Each constant that belongs to one data group uses up one value.
     num_taken = np.round(np.sum(own_directions**2, axis=(1, 2)))
     arrays = {
         "within": within,
@@ -192,14 +192,14 @@ def _single(
 
 
 def read_before(label: str, run: str, size: int, num_repeats: int = 1) -> Groups:
-    """Return the table of one group of values whose covariance was known before any fit."""
+    """Return a table of one data group, whose covariance is known before any fit."""
     values, sizes = [np.zeros((num_repeats, size))], np.array([float(size)])
     groups = repeated(values, sizes, (label,), (run,), is_prior=True)
     return changed(groups, noise_std=np.ones(1))
 
 
 def single_records(mean: Inexact[np.ndarray, "group value"], groups: Groups) -> SingleRecords:
-    """Return the records of every group one by one, as kept when the group was reduced."""
+    """Return the records of every data group one by one, from the stored single records."""
     if groups.single is not None:
         return groups.single
     counts = (np.asarray(x)[:, None] for x in (groups.num_repeats, groups.within))
@@ -207,7 +207,7 @@ def single_records(mean: Inexact[np.ndarray, "group value"], groups: Groups) -> 
 
 
 def changed(groups: Groups, **columns: Any) -> Groups:
-    """Return the groups with some columns replaced; NumPy arrays are put on the device."""
+    """Return the table with some columns replaced; NumPy arrays are moved to the device."""
     # `jnp.asarray` would compile a program for every shape.
     arrays = {n: jax.device_put(x) if isinstance(x, np.ndarray) else x for n, x in columns.items()}
     return replace(groups, **arrays)
@@ -224,7 +224,7 @@ def weights(groups: Groups) -> Float[Array, " group"]:
 def beside_own(
     rows: Float[Array, "group *own value"], groups: Groups
 ) -> Float[Array, "group *own value"]:
-    """Return rows without their part along each group's own constants, which is undetermined."""
+    """Return rows without the part that each data group's own constants can explain."""
     columns = groups.spanned
     if not columns.shape[1]:
         return rows
@@ -233,20 +233,20 @@ def beside_own(
 
 
 def with_slope(groups: Groups, slope: Float[Any, "group value own"]) -> Groups:
-    """Return the groups with the derivatives of their predictions by the runs' offsets."""
+    """Return the table with the derivatives of each prediction by omega_n and zeta of its run."""
     xp: Any = np if isinstance(slope, np.ndarray) else jnp
     return changed(groups, directions=beside_own(xp.moveaxis(slope, -1, 1), groups))
 
 
 def compared(groups: Groups, group: int) -> slice | Bool[np.ndarray, " value"]:
-    """Return the compared positions in a group's row; for complex values, those of the pairs."""
+    """Return which values of a data group's row are compared; for complex values, of the pairs."""
     if groups.counted is not None:
         return np.asarray(groups.counted)[group] > 0
     return slice(int(np.asarray(groups.size)[group]) // (2 if groups.is_complex else 1))
 
 
 def in_units(rows: Mapping[str, Float[np.ndarray, " value"]], groups: Groups) -> dict[str, Row]:
-    """Return weighted residual rows in the unit of the values, complex if the values are."""
+    """Return weighted residuals in the unit of the values, complex where the values are."""
     weight, labelled = np.asarray(weights(groups)), {}
     for i, label in enumerate(groups.labels):
         row: Row = np.asarray(rows[label]) / weight[i]
@@ -258,14 +258,14 @@ def in_units(rows: Mapping[str, Float[np.ndarray, " value"]], groups: Groups) ->
 
 
 def sizes(mean: Inexact[Any, "group value"], groups: Groups) -> Float[np.ndarray, " group"]:
-    """Return the root of the sum of squares of each group's mean, or of its reference."""
+    """Return the norm of each data group's mean, or of its reference for relative errors."""
     if groups.reference is None:
         return np.linalg.norm(np.asarray(mean), axis=1)
     return np.asarray(groups.reference) * np.sqrt(np.asarray(groups.size))
 
 
 def with_fitted_noise(residuals: Rows, groups: Groups) -> Groups:
-    r"""Return groups with the noise of a fit's residuals, $\sigma^2 = Q / (N K - q) + \tau^2$."""
+    r"""Return groups with noise from a fit's residuals, $\sigma^2 = Q / (N K - q) + \tau^2$."""
     squares = np.array([np.sum(np.abs(residuals[label]) ** 2) for label in groups.labels])
     total = np.asarray(groups.num_repeats) * squares + np.asarray(groups.within)
     square = total / np.asarray(groups.num_counted) + np.asarray(groups.discrepancy)
@@ -273,13 +273,13 @@ def with_fitted_noise(residuals: Rows, groups: Groups) -> Groups:
 
 
 def with_effective_values(fractions: Mapping[str, float], groups: Groups) -> Groups:
-    """Return groups with the number of their independent values; all for labels not named."""
+    """Return data groups with a given number of independent values; all values by default."""
     fraction = np.array([fractions.get(label, 1.0) for label in groups.labels])
     return changed(groups, num_values=fraction * np.asarray(groups.num_counted))
 
 
 def fractions_counted(groups: Groups) -> dict[str, float]:
-    """Return the fraction of the values of each group that the likelihood counts."""
+    """Return the fraction of each data group's values that the likelihood counts."""
     fraction = np.asarray(groups.num_values) / np.asarray(groups.num_counted)
     return dict(zip(groups.labels, fraction.tolist(), strict=True))
 
@@ -287,7 +287,7 @@ def fractions_counted(groups: Groups) -> dict[str, float]:
 def _orthonormal(
     columns: Float[np.ndarray, "group column value"],
 ) -> Float[np.ndarray, "group column value"]:
-    """Return orthonormal rows with the span of the columns, and zeros for surplus rows."""
+    """Return orthonormal rows that span the columns, with zero rows for dependent columns."""
     size = np.linalg.norm(columns, axis=-1, keepdims=True)
     _, weight, rows = np.linalg.svd(columns / np.where(size > 0, size, 1.0), full_matrices=False)
     return rows * (weight > SPANS)[..., None]

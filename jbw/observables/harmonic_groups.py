@@ -1,4 +1,4 @@
-"""Groups of harmonics from tests of steady motion: tones, stepped sines, response curves."""
+"""Data groups of harmonics in steady motion: tones, stepped sines, response curves."""
 
 import warnings
 from collections.abc import Sequence
@@ -14,17 +14,18 @@ from jbw.measurement.harmonics import harmonics
 from jbw.measurement.records import Test, run_of
 from jbw.quantities import UNIT_OF, derivative_order, per
 
-NUM_HARMONICS = 4  # balanced odd orders: those neglected are a part in 1e6 of the first
-ORDERS = (1, 3)  # compared orders; other measured orders are the guess of the motion
+# odd harmonics in the harmonic balance; the neglected ones are below 1e-6 of the first
+NUM_HARMONICS = 4
+ORDERS = (1, 3)  # compared orders; other measured orders only start the harmonic balance
 HIGHEST = 2 * NUM_HARMONICS - 1
-BELOW_NYQUIST = 0.499  # of the sampling frequency: limit of the highest harmonic that is read
-NO_AMPLITUDE = 1e-9  # of the unit of the source
-# Largest variation of a controlled response along a curve, over that of the source.
+BELOW_NYQUIST = 0.499  # largest harmonic frequency over the sampling frequency
+NO_AMPLITUDE = 1e-9  # smallest amplitude of a source, in its unit
+# Largest variation of a controlled response along a curve, relative to that of the source.
 CONTROLLED = 1 / 3
 
 
 class MeasuredHarmonic(NamedTuple):
-    """One measured harmonic of one test, before it is grouped with others.
+    """One measured harmonic of one test, before it joins a data group.
 
     Attributes:
         omega: Frequencies [rad/s].
@@ -54,7 +55,7 @@ class MeasuredHarmonic(NamedTuple):
 
 
 def groups_of(tests: Sequence[Test]) -> list[MeasuredHarmonic]:
-    """Return groups of steady tests (one tone, stepped, frf); omit those that show no noise."""
+    """Return the data groups of steady tests (tone, stepped sine, FRF) that show their noise."""
     single = [test for test in tests if test.kind == "tones" and len(test.tones_hz) == 1]
     groups = tone_groups(single)
     for test in tests:
@@ -73,7 +74,7 @@ def groups_of(tests: Sequence[Test]) -> list[MeasuredHarmonic]:
 
 
 def tone_groups(tests: Sequence[Test]) -> list[MeasuredHarmonic]:
-    """Return the harmonics of tests with one tone each, grouped by level and run."""
+    """Return the harmonics of single-tone tests, with one data group per level and run."""
     families: dict[tuple[float, str, int], list[Test]] = {}
     for test in tests:
         run = run_of(test) if test.assembly or test.run else ""
@@ -91,17 +92,17 @@ def tone_groups(tests: Sequence[Test]) -> list[MeasuredHarmonic]:
 
 
 def family_of(test: Test) -> str:
-    """Return the shared name of single-tone tests of one level; "" for other tests."""
+    """Return the common name of single-tone tests of one level; "" for other tests."""
     return f"tones {test.level:g}" if test.is_single_tone else ""
 
 
 def harmonic_label(name: str, order: int) -> str:
-    """Return the label of a test's harmonic among the groups of data."""
+    """Return the label of the data group of a harmonic of a test."""
     return f"{name} order {order}"
 
 
 def stepped_groups(test: Test) -> list[MeasuredHarmonic]:
-    """Return the harmonics at each frequency of a stepped sine without each step's transient."""
+    """Return the harmonics at each frequency of a stepped sine, without its transients."""
     needed = len(test.tones_hz) * test.dwell
     for record in test.records:
         if record.num_samples / record.fs < needed - 0.5 / record.fs:
@@ -122,7 +123,7 @@ def stepped_groups(test: Test) -> list[MeasuredHarmonic]:
 def _groups(
     label: str, run: str, omega: NDArray[np.float64], spans: list, delays: list[float]
 ) -> list[MeasuredHarmonic]:
-    """Return one group per harmonic order, from the repeats at every frequency."""
+    """Return one data group per harmonic order, from the repeats at every frequency."""
     amplitudes = [_points(*span) for span in zip(spans, omega, delays, strict=True)]
     source, motion = np.moveaxis(np.array(amplitudes), 2, 0)
     power = derivative_order(spans[0][0][0].response)
@@ -154,8 +155,7 @@ def _points(repeats: list, omega: float, delay: float) -> NDArray[np.complex128]
         by_layout.setdefault((record.fs, record.response, size), []).append(i)
     for (fs, response, _), members in by_layout.items():
         count = int(min(HIGHEST, BELOW_NYQUIST * 2 * np.pi * fs / omega))
-        # All rows are transformed at once, because sines and cosines of many samples dominate the
-        # cost.
+        # Transform all rows at once: the sines and cosines of many samples dominate the cost.
         rows = [
             record.channels[name][_span(fs, *span)]
             for record, span in (repeats[i] for i in members)
@@ -171,12 +171,12 @@ def _points(repeats: list, omega: float, delay: float) -> NDArray[np.complex128]
 
 
 def _span(fs: float, start: float, stop: float) -> slice:
-    """Return the slice of samples between two times [s]."""
+    """Return the sample range between two times [s]."""
     return slice(round(start * fs), round(stop * fs))
 
 
 def curve_group(test: Test) -> MeasuredHarmonic:
-    """Return the fundamental of a response curve or, if the response was held, of the force."""
+    """Return the fundamental of a response curve; of its force if the response was controlled."""
     curves = [response_curve(record) for record in test.records]
     if any(not np.array_equal(curve.freq_hz, curves[0].freq_hz) for curve in curves):
         raise DataError(
@@ -184,13 +184,13 @@ def curve_group(test: Test) -> MeasuredHarmonic:
             remedy="Make a separate test of each.",
         )
     omega = 2 * np.pi * curves[0].freq_hz
-    # A ratio has no amplitude: it is compared with the stuck joint, at almost zero amplitude.
+    # An FRF has no amplitude: it is compared with the fully stuck joint, at nearly zero amplitude.
     size = NO_AMPLITUDE if curves[0].is_ratio else 1.0
     source = size * np.array([curve.source for curve in curves])
     motion = size * np.array([displacement_of(curve) for curve in curves])
     held = response_held(curves[0]) and not curves[0].is_ratio
     if held:
-        # Phases are relative to the motion, which is exact here: their noise is that of the force.
+        # Phases refer to the motion, which is exact here; their noise is that of the force.
         factor = np.ones(len(omega), complex)
         values = source = source * np.exp(-1j * np.angle(motion))
         motion = np.abs(motion)
@@ -213,12 +213,12 @@ def curve_group(test: Test) -> MeasuredHarmonic:
 
 
 def _unit_of(curve: MeasuredCurve, source: str, *, held: bool) -> str:
-    """Return the unit of a curve's values: its force's, its response's or that per source."""
+    """Return the unit of a curve's values: of force, response, or response per unit of source."""
     response = UNIT_OF[curve.response_kind]
     return source if held else per(response, source) if curve.is_ratio else response
 
 
 def response_held(curve: MeasuredCurve) -> bool:
-    """Return True if a controller held the response along the curve while the force varied."""
+    """Return whether a controller held the response along the curve while the force varied."""
     response, source = np.abs(curve.response), np.abs(curve.source)
     return bool(response.std() / response.mean() < CONTROLLED * source.std() / source.mean())

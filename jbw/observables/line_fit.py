@@ -1,4 +1,4 @@
-r"""The line fit of Step 2 as an observable: it reads the joint in weak random motion.
+r"""Step 2's fit of omega_n, zeta and gain to weak random motion, as a likelihood term.
 
 Random motion of rms s has Rayleigh-distributed amplitudes. In it the joint acts as a spring and a
 damper,
@@ -28,17 +28,18 @@ from jbw.observables.samples import joints_at
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.quantities import DEFAULT_LAWS
 
-MOST = 6.0  # rms: larger amplitudes have a share of 1e-8
+MOST = 6.0  # largest amplitude over the rms; higher ones have a probability of 1e-8
 NUM_NODES = 24
-LARGEST = float(np.sqrt(-2 * np.log(0.01)))  # rms: 99 % of the peaks of narrow-band noise are less
-MARGIN = 0.05  # of the joint's shift of a reading: standard deviation for neglected effects
+# amplitude over the rms that 99 % of the peaks of narrow-band noise stay below
+LARGEST = float(np.sqrt(-2 * np.log(0.01)))
+MARGIN = 0.05  # standard deviation of neglected effects over the shift by the joint
 READ = ("omega_n", "zeta", "gain")
-LEAST_LINES = 2  # for an oscillator: three unknowns, two numbers per line
-JUMP = 0.5  # relative change of the response between two points that means another branch
+LEAST_LINES = 2  # smallest number of lines for an oscillator: three unknowns, two numbers per line
+JUMP = 0.5  # relative change of the response between two points that shows a jump to another branch
 
 
 class LineReading(KnownReading):
-    """A line fit to random motion of rms `y_rms` [m]: omega_n [rad/s], zeta [-], gain.
+    """The result of Step 2 at rms motion `y_rms` [m]: omega_n [rad/s], zeta [-] and gain.
 
     The covariance is that of these readings; the gain is in N/kg per unit of the input. `solution`
     contains precomputed predictions at the requested points; None if there are none.
@@ -60,15 +61,15 @@ class LineReading(KnownReading):
         *,
         laws: Laws = DEFAULT_LAWS,
     ) -> Self:
-        """Build data from a line fit's omega_n, zeta and gain at rms motion `y_rms` [m]."""
+        """Build the term from Step 2's omega_n, zeta and gain at rms motion `y_rms` [m]."""
         arrays = np.asarray(mean)[None], np.asarray(covariance), float(y_rms)
         read, spread, rms = jax.device_put(arrays)
-        # The noise is known, as that of repeated data is.
+        # The noise is known in advance, as it is from repeats.
         groups = read_before(f"line fit of {run}", run, len(READ), num_repeats=2)
         return cls(spread, rms, mean=read, groups=groups, laws=laws)
 
     def predict(self, theta: Theta) -> Float[Array, "1 read"]:
-        """Predict omega_n [rad/s] and zeta of (23), (39) over Rayleigh amplitudes, and the gain."""
+        """Predict Step 2's omega_n [rad/s], zeta, gain by (23), (39), averaged over amplitude."""
         if self.solution is not None:
             return self.solution
         equivalent = _equivalent(oscillator_of(theta, self.laws), self.y_rms)
@@ -82,7 +83,7 @@ class LineReading(KnownReading):
         writes: bool,
         rows: Float[np.ndarray, "group row value"] | None = None,
     ) -> Self | None:
-        """Return the reading with predictions at points, by one program for all datasets.
+        """Return the term with predictions at many points, by one program for all datasets.
 
         None is returned for several modes, and for laws that the exact step does not support.
         """
@@ -97,16 +98,15 @@ class LineReading(KnownReading):
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 read"], Float[Array, "1 own read"], Float[Array, ""]]:
-        """Return residual and directions over their standard deviations, and a log-density term.
+        """Return residual and derivatives in standard deviations, and a log-density term.
 
         The term is minus the logarithm of the product of the standard deviations.
         """
         predicted = self.predict(theta)
         linear = jnp.stack([theta[name] for name in READ])
-        # The covariance of effects that the average over amplitudes neglects is added to the line
-        # fit's.
+        # Add the covariance of effects that the average over amplitudes neglects.
         margin = jnp.diag((MARGIN * (predicted[0] - linear)) ** 2)
-        # A held-out reading counts for almost none of its values.
+        # A held-out estimate counts for almost none of its values.
         counted = self.groups.num_values[0] / self.groups.num_counted[0]
         scale = self.groups.noise_std[0] ** 2 / counted
         root = jnp.linalg.cholesky(scale * self.covariance + margin)
@@ -115,7 +115,7 @@ class LineReading(KnownReading):
         return whitened[None, :, 0], whitened[:, 1:].T[None], -jnp.sum(jnp.log(jnp.diag(root)))
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return the readings, and the amplitude [m] that 99 % of the peaks stay below."""
+        """Return Step 2's estimates, and the amplitude [m] that 99 % of the peaks stay below."""
         values = {name: float(x) for name, x in zip(READ, np.asarray(self.mean)[0], strict=True)}
         gain_std = float(np.sqrt(np.asarray(self.covariance)[2, 2]))
         return Shown(lambda: values, gain_std=gain_std, y_peak=float(LARGEST * self.y_rms))
@@ -146,7 +146,7 @@ def _equivalents(
 def oscillator_through(
     omega: NDArray[np.float64], u: NDArray[np.complex128], y: NDArray[np.complex128]
 ) -> dict[str, float]:
-    r"""Return omega_n [rad/s], zeta and gain of an oscillator by linear least squares, y in m.
+    r"""Fit omega_n [rad/s], zeta and gain of an oscillator to spectral lines, by least squares.
 
     $$(\omega_n^2 + 2j\zeta\omega_n\omega)\,Y - g\,U = \omega^2\,Y$$
     """

@@ -1,4 +1,4 @@
-"""Force loops under a prescribed displacement as an observable."""
+"""Force loops under a prescribed displacement, in the likelihood."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -18,10 +18,11 @@ from jbw.observables.observable import Laws, Observable, Shown, SteadyLines, The
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS
 
-LONG = 8192  # samples; in longer records, neighbours are averaged
-SOFTER = 2.0  # times as stiff: from here on, the stiffest cycle counts instead of the loop
-SEEN = 0.1  # of the largest force: smaller cycles may be noise
-FINEST = 6e-3  # of the largest displacement: about a thousand values per cycle
+LONG = 8192  # number of samples; in longer records, neighbours are averaged
+SOFTER = 2.0  # ratio of stiffness; above it the stiffest cycle counts instead of the whole loop
+SEEN = 0.1  # smallest force of a cycle over the largest force; less may be noise
+# largest averaged step over the largest displacement: about a thousand values per cycle
+FINEST = 6e-3
 
 
 class Loops(Observable):
@@ -33,7 +34,7 @@ class Loops(Observable):
     kinds: ClassVar[tuple[str, ...]] = ("loop",)
     suffix: ClassVar[str] = "_loop"
     dimension: ClassVar[str] = "loop"
-    # Nothing moves freely: alone, such data determine neither damping nor modal mass.
+    # Under a prescribed displacement, data determine neither damping nor modal mass.
     informs: ClassVar[frozenset[str]] = frozenset({"omega_n"})
     stepped: ClassVar[bool] = True
     is_prescribed: ClassVar[bool] = True
@@ -105,7 +106,7 @@ class Loops(Observable):
         return jax.vmap(joint.force_along)(self.displacement) / theta["gain"]
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return the largest displacement, and the stiffest loop as a line at zero frequency."""
+        """Return model-free facts: displacement, and stiffness of the stiffest loop."""
 
         def lines() -> SteadyLines:
             return SteadyLines(np.zeros(1), np.array([secant(self) + 0j]), np.ones(1, complex))
@@ -142,7 +143,7 @@ def _secants(y: Float[np.ndarray, " time"], force: Float[np.ndarray, " time"]) -
 def zeros_of_load_cells(
     kinds: Sequence[str], counted: Sequence[np.ndarray]
 ) -> Float[np.ndarray, "test 2 time"] | None:
-    """Return offset and drift columns for tests whose load cells have such errors, or None."""
+    """Return columns for offset and drift of load cells, if tests have such errors, or None."""
     if all(kind == "exact" for kind in kinds):
         return None
     columns = np.zeros((len(kinds), 2, max(map(len, counted))))
@@ -155,7 +156,7 @@ def zeros_of_load_cells(
 
 
 def together(displacement: Float[np.ndarray, " time"]) -> int:
-    r"""Return the number of samples to average: a sine moves 6e-3 of its amplitude in them.
+    r"""Return how many samples to average: a sine moves 6e-3 of its amplitude in that time.
 
     Only records so long that their samples dominate the cost of a prediction are averaged. The mean
     of so few samples is below a peak by $(6\times10^{-3})^2 / 24$ of the amplitude.
@@ -170,7 +171,7 @@ def together(displacement: Float[np.ndarray, " time"]) -> int:
 def blocks_of(
     rows: Float[np.ndarray, "*batch time"], size: int
 ) -> Float[np.ndarray, "*batch block"]:
-    """Return the means of blocks of `size` neighbours; an incomplete last block is dropped."""
+    """Return the means of blocks of `size` samples; an incomplete last block is dropped."""
     count = rows.shape[-1] // size
     in_blocks = rows[..., : count * size]
     return in_blocks.reshape(*rows.shape[:-1], count, size).mean(axis=-1)

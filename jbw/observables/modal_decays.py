@@ -1,4 +1,4 @@
-r"""Free decays of several modes that share one joint, with each record's start integrated out.
+r"""Free decays of several modes that move one joint; each initial state is integrated out.
 
 Two modes that ring together do not follow one decay curve, as a single mode does: the slip in
 either depends on both. Therefore every record is simulated from its own start, a displacement and a
@@ -45,23 +45,25 @@ from jbw.oscillator.response import simulate
 from jbw.quantities import DEFAULT_LAWS, LETTER_OF, OSCILLATOR
 from jbw.report.messages import observed as messages
 
-STEPS_A_PERIOD = 20.0  # of the highest mode; with fewer, reversals within a step are missed
-STEP = 1e-6  # of a mode's amplitude: finite differences by the start; rounding is 1e-10
-NUM_STEPS = 2  # trial steps to the best start, each with one solve, before a last step is taken
+# solver steps per period of the highest mode; with fewer, reversals within a step are missed
+STEPS_A_PERIOD = 20.0
+STEP = 1e-6  # step of finite differences over a mode's amplitude; rounding is 1e-10
+# Gauss-Newton steps to a record's initial state, one simulation each, before a last step
+NUM_STEPS = 2
 TINY = np.finfo(float).tiny
-SHORTER = 0.25  # of a step: tried next where the whole step increases the residual
+SHORTER = 0.25  # part of a Gauss-Newton step that is tried if the whole step increases the residual
 FIRST = tuple(quantity.name for quantity in OSCILLATOR)
 
 
 class Start(NamedTuple):
-    """A record's own unknowns: q_i, then q_i' over the stated frequencies [m]; a shift [rad/s]."""
+    """The unknowns of a record: q_i, then q_i' over the frequencies [m], and a shift [rad/s]."""
 
     state: Float[Array, "*record coordinate"]
     shift: Float[Array, "*record"]
 
 
 class Matched(NamedTuple):
-    """A record matched by least squares; misfit is the sum of squared moduli of the residual.
+    """A record fitted by least squares; misfit is the sum of squared moduli.
 
     `precision` is the normal matrix of the state and the shift, for noise of unit variance.
     """
@@ -73,7 +75,7 @@ class Matched(NamedTuple):
 
 
 class ModalDecays(Decays):
-    """The free decays of several modes, with the quantities that a likelihood needs.
+    """The free decays of several modes, as reduced for the likelihood.
 
     Attributes:
         begun: Own unknowns of each record, as in `Start`, from which the search for the best
@@ -112,7 +114,7 @@ class ModalDecays(Decays):
         substeps: int | None = None,
         modes: Modes | None = None,
     ) -> Self:
-        """Build a test's envelopes after `settle`, cut to the shortest, with a noise guess."""
+        """Build a test's envelopes after `settle`, of equal length, with a guess of the noise."""
         if modes is None:
             raise ConfigError("Argument `modes` must name the modes of the structure, but is None.")
         mode_tests = [replace(test, band_hz=band) for band in bands_of(modes.hz, test)]
@@ -139,34 +141,34 @@ class ModalDecays(Decays):
         )
 
     def solved(self, *points: Any, **asked: Any) -> None:
-        """Return None: of several modes no part is solved by itself."""
+        """Return None, because decays of several modes have no part that can be precomputed."""
 
     def matches(self, theta: Theta) -> Any:
-        """Match every record at its best start, one after another; fields have a record axis."""
+        """Fit the initial state of each record, one after another; fields have a record axis."""
         structure = structure_of(theta, self.laws)
         records = MatchedEnvelopes(self.mean, self.begun, self.amplitude)
         return jax.lax.map(lambda seen: match(structure, seen, self), records)
 
     def only(self, record: int, size: int) -> Self:
-        """Restrict to the first values of one record and shorten the simulation to match."""
+        """Return the first values of one record, with a simulation of the same length."""
         values = self.values_of(record, size)
         num_samples = (values["mean"].shape[1] - 1) * self.stride + len(self.taps)
         return replace(self, **values, num_samples=num_samples)
 
     def values_of(self, record: int, size: int) -> dict[str, Any]:
-        """Return the fields of one record, including its start and modal amplitudes."""
+        """Return the fields of one record, including its initial state and modal amplitudes."""
         record_slice = slice(record, record + 1)
         beginnings = {"begun": self.begun[record_slice], "amplitude": self.amplitude[record_slice]}
         return super().values_of(record, size) | beginnings
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
-        """Return the decays with fitted noise per record and their best starts."""
+        """Return the decays with noise per record, and initial states, from a fit."""
         start: Start = matched(theta, self).entry  # pyright: ignore[reportAssignmentType]
         begun = jnp.concatenate([start.state, start.shift[:, None]], axis=1)
         return replace(super().with_fitted_noise(theta, residuals), begun=begun)
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return the model-free facts of each mode's decay alone; the curve is the first mode's."""
+        """Return model-free facts of each mode's decay alone; the curve is the first mode's."""
         curve = partial(amplitude_curve, self.alone[0])
         peaks = tuple(np.max(np.asarray(self.amplitude), axis=0).tolist())
         values = partial(_first_values, self)
@@ -183,7 +185,7 @@ class ModalDecays(Decays):
         )
 
     def statements(self, theta: Theta) -> list[str]:
-        """Return sentences on the residual motion near each mode and on the decays."""
+        """Return sentences on the residual near each mode, and on the decays."""
         residual = np.asarray(matched(theta, self).residual)
         errors = " and ".join(
             f"{error:.2g} near {hz:.4g} Hz"
@@ -205,7 +207,7 @@ def _first_values(data: ModalDecays) -> dict[str, float]:
 
 
 class MatchedEnvelopes(NamedTuple):
-    """The envelopes to match, with each record's initial state and modal amplitudes."""
+    """The fitted envelopes, with each record's initial state and modal amplitudes."""
 
     envelope: Complex[Array, "*record step"]
     begun: Float[Array, "*record own"]
@@ -213,7 +215,7 @@ class MatchedEnvelopes(NamedTuple):
 
 
 def memory_at(structure: Structure, q: Array, v: Array) -> Memories:
-    r"""Return the laws' memories on the steady loops at the joints' present amplitude.
+    r"""Return the laws' memories on their steady loops, at the joints' present amplitude.
 
     $$X = \sum_i |h_i| \sqrt{q_i^2 + (\dot q_i/\omega_i)^2}, \qquad x = \sum_i h_i q_i$$
 
@@ -248,7 +250,7 @@ def held_by_joints(structure: Structure, q: Array, v: Array) -> Float[Array, " m
     x, moves, memories = h @ q, h @ v, memory_at(structure, q, v)
 
     def remainder(j: int) -> Array:
-        """Return the force of joint j minus its linear stiffness force at rest."""
+        """Return the force of joint j without its linear part, the small-motion stiffness."""
         pairs = zip(joint_laws(structure)[j], memories[j], strict=True)
         forces = [law.force(x[j], moves[j], memory) - law.stiffness() * x[j]
                   for law, memory in pairs]  # fmt: skip
@@ -262,7 +264,7 @@ def held_by_joints(structure: Structure, q: Array, v: Array) -> Float[Array, " m
 def modal_envelopes(
     structure: Structure, own: Float[Array, " own"], data: ModalDecays
 ) -> Complex[Array, "mode step"]:
-    r"""Return each mode's part of a record's envelope, for the record's unknowns as in `Start`.
+    r"""Return each mode's part of a record's envelope, for given unknowns of the record.
 
     Modes other than those of the decays do not ring: they begin at their static position under the
     joints' forces, $q_i = -\sum_j p_{ij} r_j / \omega_i^2$; their motion is counted with the first
@@ -290,13 +292,13 @@ def modal_envelopes(
 
 
 def _turns(length: int, data: ModalDecays) -> Float[Array, "mode step"]:
-    """Return each mode's phase angle per unit of the frequency shift of the first mode [s]."""
+    """Return the derivative of each mode's phase by the first mode's frequency shift [s]."""
     hz = jnp.asarray(data.modes.hz)
     return hz[:, None] / hz[0] * data.step_s * jnp.arange(length)
 
 
 def match(structure: Structure, seen: MatchedEnvelopes, data: ModalDecays) -> Matched:
-    """Fit a record's best start by Gauss-Newton with derivatives at the starting point."""
+    """Fit the initial state of a record by Gauss-Newton, with derivatives at the first guess."""
     still, scale = jax.tree.map(jax.lax.stop_gradient, structure), _units(seen, data)
     num, length = len(scale), len(seen.envelope)
     ahead = jnp.concatenate([jnp.zeros((1, num)), STEP * jnp.diag(scale)[:-1]])
@@ -333,7 +335,7 @@ def match(structure: Structure, seen: MatchedEnvelopes, data: ModalDecays) -> Ma
 
 
 def _units(seen: MatchedEnvelopes, data: ModalDecays) -> Float[Array, " own"]:
-    """Return scales of a record's unknowns: mode amplitudes and a radian over its length."""
+    """Return the scales of a record's unknowns: mode amplitudes, and a radian over its length."""
     radian = 1 / (data.step_s * jnp.full(1, len(seen.envelope)))
     return jnp.concatenate([seen.amplitude, seen.amplitude, radian])
 

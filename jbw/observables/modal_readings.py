@@ -1,4 +1,4 @@
-"""Readings of several modes from the spectra of driven records, at every point, before any fit."""
+"""Frequency, damping and gains of several modes from spectra of driven records, before any fit."""
 
 from collections.abc import Iterable, Sequence
 from itertools import product
@@ -11,15 +11,16 @@ from scipy.optimize import least_squares
 from jbw.measurement.channels import lines_within
 from jbw.observables.modes import FIRST, Modes, Reals
 
-DRIVEN = 0.1  # of the largest line: stronger lines give the starting values
-FEWEST = 6  # lines of a mode
+DRIVEN = 0.1  # spectral height over the largest line; stronger lines give the starting values
+FEWEST = 6  # smallest number of spectral lines for a mode
 # Part of a mode's window that lines must span; a harmonic of a shaker's force spans less.
 SPANNED = 0.5
-LEAST_ZETA, USUAL_ZETA, MOST_ZETA = 1e-4, 5e-3, 0.2  # of starting values: bounds and first guess
+# smallest, assumed and largest damping ratio of starting values
+LEAST_ZETA, USUAL_ZETA, MOST_ZETA = 1e-4, 5e-3, 0.2
 
 
 class MotionSpectra(NamedTuple):
-    """The spectral lines of one motion: of its source, and of displacements by measured point."""
+    """The spectra of one test: of its source, and of the displacement at each measured point."""
 
     omega: Float[np.ndarray, " line"]  # [rad/s]
     source: Complex[np.ndarray, " line"]
@@ -27,7 +28,7 @@ class MotionSpectra(NamedTuple):
 
 
 def read_modes(modes: Modes, motions: Sequence[MotionSpectra]) -> dict[str, float]:
-    """Return starting values of every driven mode, each from the first motion that drives it.
+    """Return frequency, damping and gains of every driven mode, from the first test that drives it.
 
     A motion that passes through the mode is preferred. The reading at each point is a gain, not yet
     a ratio. Modes that one motion drives are fitted together, because the flank of one lies under
@@ -56,7 +57,7 @@ def read_modes(modes: Modes, motions: Sequence[MotionSpectra]) -> dict[str, floa
 def _near(
     motion: MotionSpectra, windows_hz: Sequence[tuple[float, float]], spanned: float
 ) -> dict[int, Bool[np.ndarray, " line"]]:
-    """Return, by mode, the driven lines that span a given fraction of the mode's window."""
+    """Return, by mode, the driven spectral lines that span a given part of the mode's window."""
     loud, near_modes = np.abs(motion.source) > DRIVEN * np.abs(motion.source).max(), {}
     for i, window in enumerate(windows_hz):
         near_mode = loud & lines_within(motion.omega / (2 * np.pi), window)
@@ -69,7 +70,7 @@ def _near(
 def _poles_and_gains(
     lines: MotionSpectra, windows_hz: Sequence[tuple[float, float]]
 ) -> tuple[Float[np.ndarray, "mode two"], Float[np.ndarray, "point mode"]]:
-    r"""Fit poles of modes by least squares, with gains and added terms solved at each trial.
+    r"""Fit the poles of modes by least squares; gains and residual terms are linear unknowns.
 
     $$Y_o = \Big(\sum_i \frac{R_{oi}}{\omega_i^2 - \omega^2 + 2j\zeta_i\omega_i\omega} + U_o
       + \frac{L_o}{\omega^2}\Big) U$$
@@ -85,7 +86,7 @@ def _poles_and_gains(
         return np.stack([low + place * (high - low), np.exp(log_zeta)], axis=1)
 
     def best(x: Reals) -> tuple[Reals, Reals]:
-        """Solve for gains and added terms at trial poles; return them with the residual."""
+        """Solve for gains and residual terms at trial poles; return them with the residual."""
         natural, zeta = poles_of(x).T[..., None]
         modal = 1 / (natural**2 - omega**2 + 2j * zeta * natural * omega)
         columns = _parts(np.array([*modal, np.ones_like(omega), 1 / omega**2]) * source)
@@ -108,7 +109,7 @@ def _parts(rows: Complex[np.ndarray, "row line"]) -> Float[np.ndarray, "row part
 def band_peak(
     x: Float[np.ndarray, "level time"], fs: float, order: int, band_hz: tuple[float, float]
 ) -> float:
-    """Return the largest displacement [m] within a band, from responses of a derivative order."""
+    """Return the largest displacement [m] in a band, from responses of a given derivative order."""
     freq = np.fft.rfftfreq(x.shape[1], 1 / fs)
     in_band = (freq > 0) & lines_within(freq, band_hz)
     factor = np.where(in_band, (2j * np.pi * np.where(in_band, freq, 1.0)) ** -order, 0.0)
@@ -120,7 +121,7 @@ def lines_of_motions(
     fs: float,
     order: int,
 ) -> list[MotionSpectra]:
-    """Return the spectra of each motion, weakest first, from (number, point, source, response).
+    """Return the spectra of each test, weakest first, from (number, point, source, response).
 
     Responses are derivatives of displacement of this order. A motion that is observed at several
     points appears as several levels.

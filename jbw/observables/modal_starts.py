@@ -1,4 +1,4 @@
-"""The starts of modes that ring together, each read from its own envelope."""
+"""The initial state of each mode of a free decay, estimated from the mode's envelope."""
 
 import numpy as np
 from jaxtyping import Complex
@@ -7,11 +7,11 @@ from jbw.measurement.envelopes import envelopes, filter_of
 from jbw.measurement.records import Test
 from jbw.quantities import derivative_order
 
-LEAST = 4  # independent values from which a mode's start is read
+LEAST = 4  # smallest number of independent values for an initial state
 
 
 def starts_of(test: Test) -> Complex[np.ndarray, " record"]:
-    r"""Return each record's start $q(0) + j\,\dot q(0)/\omega$ [m] in one mode, from its envelope.
+    r"""Return each record's initial state $q(0) + j\,\dot q(0)/\omega$ [m] in one mode.
 
     The envelope's logarithm is extrapolated by a straight line to the first sample, which the
     filter does not reach.

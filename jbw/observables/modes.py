@@ -1,4 +1,4 @@
-r"""The modes of a structure that share one joint: what is known of them before any fit.
+r"""The modes of a structure that move one joint, and what is known of them before any fit.
 
 Their frequencies are stated; starting values are read from spectra. Of a mode's coupling to the
 joint only the order of magnitude is known,
@@ -26,43 +26,44 @@ from jbw.report.messages import observed as messages
 
 FIRST = tuple(quantity.name for quantity in OSCILLATOR)
 LABEL = "modes at the joint"
-SHAPE_STD, COUPLING_STD = 1.5, 2.0  # standard deviations of logarithms
-REACH = 3.0  # standard deviations at which boxes end
-WITHIN = 0.07  # of a stated frequency: the range in which a mode is searched, and stays
-HARDLY_SEEN = 0.02  # of the largest gain: with less, a mode's frequency is not determined
-LEAST_ZETA = 1e-4  # of a starting value
-CLEAR = 9.0  # of chi-square: with less, the other sign is not ruled out
+SHAPE_STD, COUPLING_STD = 1.5, 2.0  # prior standard deviations of logarithms
+REACH = 3.0  # prior bounds in standard deviations
+WITHIN = 0.07  # half width of a mode's search range, over its stated frequency
+HARDLY_SEEN = 0.02  # smallest gain over the largest gain that determines a mode's frequency
+LEAST_ZETA = 1e-4  # smallest starting value of a damping ratio
+CLEAR = 9.0  # smallest difference of chi-square that decides between signs
 Bounds = dict[str, tuple[float, float]]
 Reals = NDArray[np.float64]
 
 
 class Modes(NamedTuple):
-    """The modes that a campaign states, of which the first has the laws; static."""
+    """The modes that a campaign states; the laws refer to the motion of the first one."""
 
     hz: tuple[float, ...]
-    driving_point: bool = False  # whether the output is where the source pushes
-    joint_shape: tuple[float, ...] = ()  # h_i / h_1 of every mode, if measured
+    driving_point: bool = False  # whether the response is measured where the source pushes
+    # measured motion of the joint in every mode, over that in the first (h_i / h_1)
+    joint_shape: tuple[float, ...] = ()
     points: tuple[str, ...] = ()  # names of additional points where responses are measured
     # Coupling of the modes: "common" by one joint; "apart" not at all, with separate laws; "first"
     # if only the first mode has the joint; "assembled" by several joints of a reduced model.
     meet: str = "common"
-    numbers: tuple[tuple[str, float], ...] = ()  # of the reduced model, by name
-    uncertain: bool = False  # whether joints move by uncertain factors in the model's modes
+    numbers: tuple[tuple[str, float], ...] = ()  # values that the reduced model determines, by name
+    uncertain: bool = False  # whether the joints' motion in the model's modes is uncertain
 
     @property
     def names(self) -> tuple[Names, ...]:
-        """The parameter names of every mode except the first, as in `NAMES`."""
+        """The names of the parameters of each mode except the first, as in `NAMES`."""
         return NAMES[: len(self.hz) - 1]
 
     @property
     def seen(self) -> dict[str, tuple[str, ...]]:
-        """The parameter names, by additional point, of modal responses over those at point one."""
+        """The parameter names of each additional point's modal responses, relative to point one."""
         rows = (names[: len(self.hz)] for names in SEEN)
         return dict(zip(self.points, rows, strict=False))
 
     @property
     def free(self) -> tuple[str, ...]:
-        """The names of unknown quantities of the modes at the joint: shapes, couplings, or none."""
+        """The names of unknown quantities of modes at the joint: motions, couplings, or none."""
         if self.meet != "common":
             return ()
         shapes = () if self.joint_shape else tuple(names.shape for names in self.names)
@@ -71,7 +72,7 @@ class Modes(NamedTuple):
 
     @property
     def held(self) -> dict[str, float]:
-        """The fixed parameters of the modes: signs, which start positive, and measured shapes."""
+        """The fixed parameters of the modes: signs, positive at first, and measured motions."""
         if self.meet != "common":
             return dict(self.numbers)
         signs = {names.sign: 1.0 for names in self.names}
@@ -82,12 +83,12 @@ class Modes(NamedTuple):
 
     @property
     def ratios(self) -> tuple[str, ...]:
-        """The names of the other modes' gains relative to that of the first mode."""
+        """The names of the gains of the other modes, relative to that of the first mode."""
         return tuple(names.ratio for names in self.names)
 
     @property
     def windows_hz(self) -> list[tuple[float, float]]:
-        """The search window of each mode [Hz]: about its frequency, nearer to it than to others."""
+        """The search range of each mode [Hz], about its stated frequency, apart from others."""
         windows = []
         for centre in self.hz:
             middles = [0.5 * (centre + other) for other in self.hz if other != centre]
@@ -97,7 +98,7 @@ class Modes(NamedTuple):
 
     @property
     def regions_hz(self) -> list[tuple[float, float]]:
-        """The region of each mode's motion [Hz]: nearer to it than to others, and within 50 %.
+        """The range of each mode's motion [Hz]: nearer to it than to other modes, and within 50 %.
 
         It is wider than the search window, because a fast sweep has much of a mode's motion outside
         that window.
@@ -111,7 +112,7 @@ class Modes(NamedTuple):
 
 
 def with_ratios(found: Mapping[str, float]) -> dict[str, float]:
-    """Return starting values with the gains of other modes and points relative to the first."""
+    """Return starting values, with the gains of other modes and points relative to the first."""
     if not found.get("gain"):
         return dict(found)
     ratios = {n.ratio: found[n.ratio] / found["gain"] for n in NAMES if n.ratio in found}
@@ -122,14 +123,14 @@ def with_ratios(found: Mapping[str, float]) -> dict[str, float]:
 
 
 def gain_shares(modes: Modes, point: str = "") -> Reals:
-    """Return a point's gain in each driven mode of a reduced model, relative to the first gain."""
+    """Return the gain at a point in each driven mode of a reduced model, over the first gain."""
     numbers, driven = dict(modes.numbers), range(1, len(modes.hz) + 1)
     gains = [numbers[numbered(PUSH, i)] * numbers[seen_name(i, point)] for i in driven]
     return np.array(gains) / (numbers[numbered(PUSH, 1)] * numbers[seen_name(1)])
 
 
 def by_model(modes: Modes, readings: Mapping[str, float]) -> dict[str, float]:
-    r"""Return starting values from single-mode readings for a structure with known shapes.
+    r"""Return starting values from fits of single modes, for a structure with known shapes.
 
     $$g = \frac{\sum_{io} w_{io}g_{io}}{\sum_{io} w_{io}^2}, \qquad
       w_{io} = \frac{b_ic_{oi}}{b_1c_{11}}$$
@@ -160,16 +161,16 @@ def by_model(modes: Modes, readings: Mapping[str, float]) -> dict[str, float]:
 
 
 def bounds_of(modes: Modes, known: Mapping[str, float], *, with_joint: bool) -> Bounds:
-    """Return bounds of modal parameters about starting values; at the joint only with a law."""
+    """Return bounds of modal parameters about starting values; motions of the joint need a law."""
     bounds: Bounds = {}
     for names, (low, high) in zip(modes.names, modes.windows_hz[1:], strict=True):
         bounds[names.omega] = 2 * np.pi * low, 2 * np.pi * high
         bounds[names.zeta] = 0.005 * known[names.zeta], 3.0 * known[names.zeta]
-        if names.ratio not in known:  # nothing drives the motion, or the model determines it
+        if names.ratio not in known:  # nothing drives the modes, or the model determines the gains
             continue
         ratio = known[names.ratio]
         reach = 2 * max(abs(ratio), 0.05)
-        # If the output is the drive point, gains are squares of shapes.
+        # If the response is measured at the drive point, gains are squares and thus positive.
         least = 1e-3 * ratio if modes.driving_point else ratio - reach
         bounds[names.ratio] = least, ratio + reach
     for name in (name for names in modes.seen.values() for name in names if name in known):
@@ -186,7 +187,7 @@ def _std(name: str) -> float:
 
 
 class ModesAtJoint(KnownReading):
-    """The prior knowledge of how strongly modes move the joint, as an observable.
+    """The prior on how strongly each mode moves the joint, as a likelihood term.
 
     Attributes:
         growth: Increase of chi-square with the other sign of each mode, in the order of `names`;
@@ -205,21 +206,21 @@ class ModesAtJoint(KnownReading):
     def of(
         cls, modes: Modes, stated: Sequence[str], run: str, *, laws: Laws = DEFAULT_LAWS
     ) -> Self:
-        """Build the prior of those modal motions of the joint for which a campaign states none."""
+        """Build the prior for those motions of the joint that a campaign does not state."""
         names = tuple(name for name in modes.free if name not in stated)
         growth = jnp.full(len(modes.names), jnp.nan)
         mean, groups = jnp.zeros((1, len(names))), read_before(LABEL, run, len(names))
         return cls(growth, names, mean=mean, groups=groups, laws=laws, modes=modes)
 
     def predict(self, theta: Theta) -> Float[Array, "1 size"]:
-        """Return the logarithms of the modes' sizes at the joint; zero without a law."""
+        """Return the logarithms of each mode's motion and coupling at the joint."""
         sizes = [jnp.log(theta.get(name, jnp.ones(()))) for name in self.names]
         return jnp.stack(sizes)[None]
 
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 size"], Float[Array, "1 offset size"], Float[Array, ""] | float]:
-        """Return the logarithms in standard deviations, and their log density over the box's."""
+        """Return these logarithms in standard deviations, and log density over the uniform."""
         logs, std = self.predict(theta), np.array([_std(name) for name in self.names])
         rows, directions = logs / std, self.groups.directions
         if not set(self.names) <= theta.keys():
@@ -228,11 +229,11 @@ class ModesAtJoint(KnownReading):
         return rows, directions, box - jnp.sum(logs)
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return starting values: every mode moves the joint as much as the first mode."""
+        """Return starting values in which each mode moves the joint as much as the first mode."""
         return Shown(lambda: dict.fromkeys(self.modes.free, 1.0) if self.modes else {})
 
     def statements(self, theta: Theta) -> list[str]:
-        """Return sentences on each mode after the first: its motion of the joint, and its sign."""
+        """Return sentences on each further mode: its motion of the joint, and the sign of it."""
         if self.modes is None or self.modes.meet != "common" or not self.laws:
             return []
         structure = structure_of(theta, self.laws)

@@ -1,4 +1,4 @@
-r"""The noise of a dataset from repeats and fits, and the number of values each group counts.
+r"""The noise of data groups, from repeats and fits, and how many values each group counts.
 
 All functions read only columns of `Groups`: a mean of K repeats of N values, of which n are
 independent, with the scatter S of the repeats about it.
@@ -21,14 +21,14 @@ from jbw.observables.groups import Covariance, Rows, changed, sizes
 from jbw.observables.misfit import independent_fractions, shared_misfit
 from jbw.observables.observable import Observable, Theta, alone
 
-SILENT = 1e-12  # of the values of a group that shall not count
+SILENT = 1e-12  # factor on the number of values of a data group that must not count
 
 Draws = Float[np.ndarray, "chain draw"]
-Drawn = Mapping[str, Float[np.ndarray, "..."]]  # parameters by name, fixed ones included
+Drawn = Mapping[str, Float[np.ndarray, "..."]]  # parameters by name, including fixed ones
 
 
 def num_known(data: Dataset) -> dict[str, float]:
-    """Return the number of values of each group whose noise is known, from repeats or before."""
+    """Return the number of values of each data group whose noise is known before the fit."""
     known = {}
     for groups in (part.groups for part in data.parts):
         counts = np.asarray(groups.num_repeats), np.asarray(groups.size)
@@ -38,7 +38,7 @@ def num_known(data: Dataset) -> dict[str, float]:
 
 
 def repeatability(data: Dataset, *, of_mean: bool = False) -> dict[str, float]:
-    r"""Return the relative scatter of each group's repeats, or of their mean.
+    r"""Return the relative variation between each data group's repeats, or of their mean.
 
     The scatter of the mean of K repeats is that of a single one divided by $\sqrt K$.
     """
@@ -52,7 +52,7 @@ def repeatability(data: Dataset, *, of_mean: bool = False) -> dict[str, float]:
 
 
 def evenly(part: Observable) -> Observable | None:
-    """Return data whose groups count by their relative errors; None if that is meaningless."""
+    """Return data whose groups have equal relative weights; None if that has no meaning."""
     groups = part.groups
     if groups.is_prior or part.own_shifts:
         return None
@@ -67,7 +67,7 @@ def evenly(part: Observable) -> Observable | None:
 
 
 def with_discrepancy(residuals: Rows, data: Dataset) -> Dataset:
-    """Return the dataset with the law's expected misfit, one share of each response."""
+    """Return the dataset with the law's expected misfit, one share of each group's response."""
 
     def with_share(part: Observable) -> Observable:
         if part.groups.is_prior or part.own_shifts:
@@ -79,7 +79,7 @@ def with_discrepancy(residuals: Rows, data: Dataset) -> Dataset:
 
 
 def with_fitted_noise(theta: Mapping[str, float], residuals: Rows, data: Dataset) -> Dataset:
-    """Return the dataset with the noise of every group from the residuals of a fit."""
+    """Return the dataset with the noise of every data group from the residuals of a fit."""
     everything = as_arrays(theta, data)
     parts = tuple(
         p if p.groups.is_prior else p.with_fitted_noise(of_part(everything, p), residuals)
@@ -95,7 +95,7 @@ def effective_fractions(
     data: Dataset,
     expected: Dataset | None = None,
 ) -> dict[str, float]:
-    """Return the fraction of independent values of each group with a coloured or misfit residual.
+    """Return the fraction of independent values of each data group with a coloured residual.
 
     `rows`, `jacobian` and `covariance` are of a fit to `data`; `expected` has the expected misfit.
     """
@@ -104,7 +104,7 @@ def effective_fractions(
     fractions: dict[str, float] = {}
     for part in measured_parts(expected or data):
         labels = part.groups.labels
-        if part.own_shifts:  # records of one decay are coloured alike
+        if part.own_shifts:  # all records of one decay test are coloured alike
             colour = correlated_fraction(np.stack([residuals[label] for label in labels]))
             fractions |= dict.fromkeys(labels, colour)
         else:
@@ -113,20 +113,20 @@ def effective_fractions(
 
 
 def fractions_counted(data: Dataset) -> dict[str, float]:
-    """Return the fraction of the values of each group that the likelihood counts."""
+    """Return the fraction of each data group's values that the likelihood counts."""
     of_parts = (table.fractions_counted(part.groups) for part in measured_parts(data))
     return {label: fraction for of_part in of_parts for label, fraction in of_part.items()}
 
 
 def with_effective_values(fractions: Mapping[str, float], data: Dataset) -> Dataset:
-    """Return the dataset with its numbers of independent values; all for labels not named."""
+    """Return the dataset with given numbers of independent values; all values by default."""
     groups = (table.with_effective_values(fractions, part.groups) for part in data.parts)
     pairs = zip(data.parts, groups, strict=True)
     return replace(data, parts=tuple(replace(part, groups=own) for part, own in pairs))
 
 
 def silenced(labels: Collection[str], data: Dataset) -> Dataset:
-    """Return the dataset, with the same shapes, in which the named groups count for nothing."""
+    """Return the dataset with some data groups excluded, without changing array shapes."""
     return with_effective_values(fractions_counted(data) | dict.fromkeys(labels, SILENT), data)
 
 
@@ -137,7 +137,7 @@ def draw_noise(
     part: Observable,
     num_offsets: int,
 ) -> dict[str, Draws]:
-    r"""Return one exact draw of each group's noise for every draw of the parameters.
+    r"""Draw the noise of each data group exactly, once for every draw of the parameters.
 
     $$\sigma^2 \mid \theta \sim \frac{n}{NK}\,Q(\theta) / \chi^2_{n - q}, \qquad
       \log p = -\tfrac n2 \log Q$$
@@ -157,7 +157,7 @@ def draw_noise(
 
 
 def squares_at(theta: Drawn, part: Observable) -> Float[np.ndarray, "... group"]:
-    """Return each group's sum of squared residuals at draws of the parameters."""
+    """Return each data group's sum of squared residuals at draws of the parameters."""
     shape = np.broadcast_shapes(*(np.shape(values) for values in theta.values()))
     points = {name: np.ravel(np.broadcast_to(values, shape)) for name, values in theta.items()}
     squares = _squares_at(jax.device_put(points), alone(part))

@@ -1,4 +1,4 @@
-"""The interface of a kind of test to a likelihood: one class of few methods on a group table.
+"""The interface between a kind of test and the likelihood, based on a table of data groups.
 
 Everything that the kinds share either reads the columns of that table (`jbw.observables.groups`,
 `noise`), or is in `jbw.observables.dataset`, which depends on no kind. A kind of test that is
@@ -30,16 +30,16 @@ from jbw.observables.groups import (
 from jbw.observables.spectra import Spectrum
 from jbw.quantities import DEFAULT_LAWS
 
-OFFSETS = ("omega_n", "zeta")  # of a run that has its own
+OFFSETS = ("omega_n", "zeta")  # parameters that may have an offset in each run
 
 Theta = Mapping[str, Array]
 Weighted = tuple[Float[Array, "group value"], Float[Array, "group own value"]]
 Laws = tuple[str, ...]
-Names = Mapping[str, str]  # name of each group or run in compiled programs
+Names = Mapping[str, str]  # name of each data group or run in compiled programs
 
 
 class SteadyLines(NamedTuple):
-    """First harmonics of load and displacement [m] at frequencies [rad/s]; 0 for a slow loop."""
+    """First harmonics of source and displacement [m] at frequencies [rad/s]; 0 for a slow loop."""
 
     omega: Float[np.ndarray, " line"]
     load: Complex[np.ndarray, " line"]
@@ -56,7 +56,7 @@ def _no_spectra(residuals: Rows) -> dict[str, Spectrum]:
 
 
 class Shown(NamedTuple):
-    """The model-free facts of data: starting values of fits, scales of priors, axes of figures.
+    """Facts that data show without a model: starting values, scales of priors, axes of figures.
 
     Facts that are costly, or may fail, are functions without arguments.
 
@@ -96,7 +96,7 @@ class Shown(NamedTuple):
 
 
 class Observable(eqx.Module):
-    """The reduced data of one kind of test, with the quantities that a likelihood needs.
+    """The reduced data of one kind of test, as the likelihood needs them.
 
     `reduce` and `predict` are required. All other methods have defaults for a mean of repeats minus
     its prediction; functions of `groups` and `noise` read the columns of the table `groups`.
@@ -156,7 +156,7 @@ class Observable(eqx.Module):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Return the sufficient statistics of tests, in one part per form of test.
+        """Reduce tests to means and deviations of repeats, in parts of equal sampling and length.
 
         `substeps` is the number of solver steps between samples; None for the default.
         """
@@ -167,7 +167,7 @@ class Observable(eqx.Module):
         raise NotImplementedError
 
     def compared(self, values: Any) -> Float[Array, "group value"]:
-        """Return values in compared form: real parts, then imaginary parts; 0 for missing ones."""
+        """Return values as real numbers: real parts, then imaginary parts; 0 for missing ones."""
         if self.groups.counted is not None:
             values = self.groups.counted * values
         if not jnp.iscomplexobj(values):
@@ -175,17 +175,17 @@ class Observable(eqx.Module):
         return jnp.concatenate([values.real, values.imag], axis=1)
 
     def misfit(self, theta: Theta) -> Float[Array, "group value"]:
-        """Return mean minus prediction of every group, in compared form."""
+        """Return the mean minus the prediction of each data group, as real numbers."""
         return self.compared(self.mean - self.predict(theta))
 
     def weighted(self, theta: Theta) -> Weighted:
-        """Return residuals and directions of the run's offsets, in standard errors of a mean."""
+        """Return residuals, and derivatives by run offsets, in standard errors of a mean."""
         weight = weights(self.groups)
         residual = weight[:, None] * beside_own(self.misfit(theta), self.groups)
         return residual, weight[:, None, None] * self.groups.directions
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
-        """Estimate each group's run offsets, with the noise of the group integrated out."""
+        """Estimate the run offsets from each data group, with its noise integrated out."""
         groups = self.groups
         scatter = groups.within + groups.size * groups.num_repeats * groups.discrepancy
         square, along = self.residual_sums(theta)
@@ -198,7 +198,7 @@ class Observable(eqx.Module):
         rows: Float[Array, "group row value"] | None = None,
         offset: Float[Array, "group own"] | None = None,
     ) -> tuple[Float[Array, " group"], Float[Array, "group row"]]:
-        """Return each group's sum of squared residuals, and the residual's products with rows.
+        """Return each data group's sum of squared residuals, and its residual's products with rows.
 
         Args:
             theta: The parameters.
@@ -220,7 +220,7 @@ class Observable(eqx.Module):
         writes: bool,
         rows: Float[np.ndarray, "group row value"] | None = None,
     ) -> Self | None:
-        """Return data with the costly part of predictions at points solved; None if there is none.
+        """Return data with costly predictions precomputed at many points; None if there are none.
 
         Args:
             theta: The parameters at points.
@@ -231,11 +231,11 @@ class Observable(eqx.Module):
         return None
 
     def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
-        """Return data with the derivatives of predictions by run offsets, about given offsets."""
+        """Return data with the derivatives of predictions by run offsets, at given offsets."""
         none = np.zeros((len(self.groups.labels), len(OFFSETS), self.groups.width))
         if not self.moved_by_runs:
             return replace(self, groups=changed(self.groups, directions=none))
-        # Without directions, one compiled program serves all calls.
+        # Without derivatives, one compiled program serves all calls.
         bare = replace(self, groups=changed(self.groups, directions=none[:, :0]))
         slope = -slope_by_offsets(alone(bare).misfit, theta)
         return replace(self, groups=with_slope(self.groups, slope))
@@ -245,39 +245,39 @@ class Observable(eqx.Module):
         return replace(self, groups=with_fitted_noise(residuals, self.groups))
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return the model-free facts of the data; some need omega_n [rad/s]."""
+        """Return the facts that data show without a model; some need omega_n [rad/s]."""
         return Shown()
 
     def statements(self, theta: Theta) -> list[str]:
-        """Return sentences about the data at the optimum."""
+        """Return sentences about the data at the optimum of a fit."""
         return []
 
 
 class KnownReading(Observable):
-    """Readings with known covariance, made before the fit, as one group: a prior density."""
+    """Estimates with known covariance from before the fit, as one data group: a prior density."""
 
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 value"], Float[Array, "1 own value"], Any]:
-        """Return residual and directions in standard deviations, and a term of the log density.
+        """Return residual and derivatives by run offsets in standard deviations, and a log density.
 
         The term is that of the values' density [nats].
         """
         raise NotImplementedError
 
     def weighted(self, theta: Theta) -> Weighted:
-        """Return the residual and the directions of the offsets, in standard deviations."""
+        """Return residual and derivatives by run offsets, in standard deviations."""
         return self.whitened(theta)[:2]
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
-        """Estimate the run's offsets from the reading, with its known covariance."""
+        """Estimate the run offsets from these values, with their known covariance."""
         residual, directions, term = self.whitened(theta)
         estimate = known_estimate(residual, directions[:, :num_offsets])
         return estimate._replace(log_density=estimate.log_density + term)
 
 
 def numbers_of(labels: Sequence[str], runs: Sequence[str]) -> tuple[Names, Names]:
-    """Return numbers for the names of groups and of runs, in order of first appearance.
+    """Return numbers for the names of data groups and runs, in order of first appearance.
 
     The number of a run follows that of its assembly.
     """
@@ -291,7 +291,7 @@ def numbers_of(labels: Sequence[str], runs: Sequence[str]) -> tuple[Names, Names
 
 
 def unnamed(data: Any, labels: Names, runs: Names) -> Any:
-    """Return data with numbers in place of group and run names, for compiled programs.
+    """Return data with numbers instead of names of groups and runs, for compiled programs.
 
     Units, words and numbers that no program reads are removed, so that they cause no compilation.
     """
@@ -310,18 +310,18 @@ def unnamed(data: Any, labels: Names, runs: Names) -> Any:
 
 
 def alone(data: Any) -> Any:
-    """Return the data of one observable with numbers in place of group and run names."""
+    """Return one part of the data, with numbers instead of names of groups and runs."""
     return unnamed(data, *numbers_of(data.groups.labels, data.groups.runs))
 
 
 def prediction(theta: Theta, data: Observable) -> Any:
-    """Return the prediction of data as a function for which compiled code can be cached."""
+    """Return the prediction of data as a function whose compiled code can be cached."""
     return data.predict(theta)
 
 
 @eqx.filter_jit
 def slope_by_offsets(predict: Callable[[Theta], Array], theta: Theta) -> Float[Array, "*row own"]:
-    """Return a prediction's derivative by offsets of omega_n and zeta, along a last axis."""
+    """Return the derivative of a prediction by omega_n and zeta of its run, along a last axis."""
 
     def shifted(offset: Float[Array, " own"]) -> Array:
         shifted_theta = {name: theta[name] + b for name, b in zip(OFFSETS, offset, strict=True)}

@@ -1,4 +1,4 @@
-r"""The single records of a dataset: their log likelihood, and their size as the draws predict it.
+r"""The log likelihood of single records, and their size as the posterior draws predict it.
 
 The joint posterior integrates noise and offsets out. Given a draw of these too, records are
 independent, and the log likelihood of one record is
@@ -27,11 +27,11 @@ from jbw.observables.drives import of_part
 from jbw.observables.groups import beside_own, fractions_counted, single_records
 from jbw.observables.observable import Observable, Theta
 
-SEED = "seed of the draw"  # its key among the parameters, none of which has this name
+SEED = "seed of the draw"  # key of the random seed among the parameters; no parameter has this name
 
 
 class RecordRows(NamedTuple):
-    """The records of one part in the form of its misfit, group by group.
+    """The records of one part of the data, in the form of its residual, group by group.
 
     Attributes:
         group: Number of the group of each record within the part.
@@ -49,25 +49,27 @@ class RecordRows(NamedTuple):
 
 
 class OfPart(NamedTuple):
-    """The records of one part: their names, and the draws of each."""
+    """The records of one part of the data: their names, and values at each draw."""
 
     name: list[str]
-    group: list[str]  # label of the group
+    group: list[str]  # label of each record's data group
     run: list[str]
     repeat: list[int]
-    log_likelihood: Float[np.ndarray, "draw record"]  # [nats], in the values' unit
+    # log likelihood of each record in the values' unit [nats]
+    log_likelihood: Float[np.ndarray, "draw record"]
     # Log likelihood about the mean of the repeats, without a model.
     reference: Float[np.ndarray, " record"]
-    observed: Float[np.ndarray, " record"]  # root mean square relative to that of the group's mean
+    observed: Float[np.ndarray, " record"]  # rms of a record relative to that of its group's mean
     predicted: Float[np.ndarray, "draw record"]
 
 
 class RecordTerms(NamedTuple):
-    """The records of a dataset, part by part, and the other terms of the log density."""
+    """The log likelihood of each record of a dataset, with the other terms of the log density."""
 
     parts: tuple[OfPart, ...]
-    known: dict[str, Float[np.ndarray, " draw"]]  # of readings made before the fit [nats]
-    offsets: Float[np.ndarray, "draw run"] | None  # log density of every run's offsets [nats]
+    # log density of estimates from before the fit [nats]
+    known: dict[str, Float[np.ndarray, " draw"]]
+    offsets: Float[np.ndarray, "draw run"] | None  # log density of the offsets of each run [nats]
 
 
 def records_of(
@@ -76,7 +78,7 @@ def records_of(
     noise: Mapping[str, Float[np.ndarray, " draw"]],
     data: Dataset,
 ) -> RecordTerms:
-    """Return the log likelihood and predicted size of all records at every draw.
+    """Return the log likelihood and the predicted size of every record at every draw.
 
     Args:
         key: Random key for the offsets, the noise, and the chi-square of the predicted sizes.
@@ -101,7 +103,7 @@ def records_of(
 
 
 def record_rows(part: Observable) -> RecordRows:
-    """Return the records of a part in the form of its misfit."""
+    """Return the records of a part of the data in the form of its residual."""
     groups, mean = part.groups, np.asarray(part.mean)[:, None]
     single = single_records(mean[:, 0], groups)
     is_record = single.num_repeats > 0
@@ -118,7 +120,7 @@ def _solved(
     task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]],
     threads: int,
 ) -> Solved | None:
-    """Return the residual sums of every part at draws, with the rows that its records need."""
+    """Return the residual sums of every part at draws, with the products that its records need."""
     key, data, rows = task
     point = {name: values for name, values in theta.items() if name != SEED}
     asked = [None if part_rows is None else part_rows.rows for part_rows in rows]
@@ -131,7 +133,7 @@ def _solved(
 def _seen(
     task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]],
 ) -> tuple[Key[Array, ""], Dataset, tuple[Any, ...]]:
-    """Return the task with an unnamed dataset, as compiled programs take it."""
+    """Return a task with numbers instead of names in its dataset, for compiled programs."""
     key, data, rows = task
     return key, unnamed(data), rows
 
@@ -139,7 +141,7 @@ def _seen(
 @seeing(_seen)
 @solved_first(_solved)
 def _sums(theta: Theta, task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -> dict[str, Any]:
-    """Return the sums that are needed from each part at one draw, with drawn run offsets."""
+    """Return the residual sums of each part at one draw, with drawn run offsets."""
     key, data, rows = task
     everything = {**data.held, **{name: x for name, x in theta.items() if name != SEED}}
     sums: dict[str, Any] = {}
@@ -171,7 +173,7 @@ def _sums(theta: Theta, task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -
 
 
 def _known(theta: Theta, part: Observable, offset: Array | None) -> Float[Array, " group"]:
-    """Return the log density of groups with known covariance, at their run's offsets."""
+    """Return the log density of data groups with known covariance, at their run offsets."""
     free = part.estimate(theta, 0).log_density
     if offset is None:
         return free
@@ -187,7 +189,7 @@ def _of_part(
     sums: Mapping[str, Float[np.ndarray, "draw record"]],
     noise: Mapping[str, Float[np.ndarray, " draw"]],
 ) -> OfPart:
-    """Return the records of a part from its residual sums at the draws."""
+    """Return the records of one part of the data, from its residual sums at the draws."""
     groups, group, count = part.groups, records.group, records.num_repeats
     measured, deviation = records.rows[:, 0], records.rows[group, records.place]
     size, discrepancy = (np.asarray(x)[group] for x in (groups.size, groups.discrepancy))
@@ -201,8 +203,8 @@ def _of_part(
         size * count / 2 * np.log(2 * np.pi * std**2) + squares / (2 * std**2)
     )
     norm = np.sum(measured**2, axis=1)
-    # The reference uses no model, only the scatter of the repeats: it makes a density with a unit a
-    # ratio without one. A single record has no scatter; its size is used instead.
+    # The reference is a model-free density: only the variation between repeats, or for a single
+    # record its size. The ratio of densities then has no unit.
     num_repeats, within = (np.asarray(x)[group] for x in (groups.num_repeats, groups.within))
     within = np.where(num_repeats > 1, within, norm[group])
     total = np.maximum(num_repeats - 1, 1)

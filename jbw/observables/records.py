@@ -1,4 +1,4 @@
-"""Response records under a measured input (sweeps, multisines) as an observable."""
+"""Records under a measured input (sweeps, multisines) in the likelihood."""
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -56,18 +56,19 @@ from jbw.report.messages import observed as messages
 
 # Starting values are read from spectral lines above this part of the peak.
 NEAR_PEAK = 0.3
-ABSURD = 1e6  # times the largest measured value: a larger prediction is invalid
-# Largest number of rows for the time loop; with more, a written response costs less.
+ABSURD = 1e6  # largest prediction over the largest measured value; more is invalid
+# Largest number of rows that are summed in the time loop; with more, storing the response is
+# cheaper.
 MOST_ROWS = 12
-# Relative steps of finite differences: the motion changes by about a thousandth. The error is of
-# its fourth power, plus 1e-12 of rounding.
+# Relative steps of finite differences, which change the motion by about a thousandth. The error is
+# of the fourth power of the step, plus 1e-12 of rounding.
 DIFFERENCE = {"omega_n": 3e-6, "zeta": 5e-4}
 NUM_POWERS = 6  # powers of the polynomials of a band-limited input
-SUBSTEPS = 2  # solver steps between samples at least, unless stated
+SUBSTEPS = 2  # smallest number of solver steps between samples, unless stated
 
 
 class Solution(eqx.Module):
-    """The precomputed responses and misfits of records, at one parameter point or at many.
+    """Precomputed responses and residuals of records, at one parameter point or at many.
 
     Attributes:
         response: Response of every level from the first compared sample; None if only the sums
@@ -88,7 +89,7 @@ class Solution(eqx.Module):
 
 
 class Records(Observable):
-    """Records of several levels, each reduced to the sufficient statistics of its repeats.
+    """Records of several levels, reduced to means and deviations of their repeats.
 
     Attributes:
         held: Mean measured input of each level [V, N or N/kg], with its polynomials between the
@@ -126,7 +127,7 @@ class Records(Observable):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Reduce sweeps in time, and multisines by whole periods, in one part per record form."""
+        """Reduce sweeps over time, and multisines by whole periods, in parts of equal sampling."""
         sweeps = [on_time(test) for test in tests if test.kind != "multisine"]
         steady = [periods(test) for test in tests if test.kind == "multisine"]
         steady = [test for test in steady if test is not None]
@@ -145,7 +146,7 @@ class Records(Observable):
         substeps: int | None = None,
         periodic: bool = False,
     ) -> Self:
-        """Build sufficient statistics of repeats of one form; with a band, those of its lines."""
+        """Build means and deviations of repeats, over time or over the spectral lines of a band."""
         tests = [on_time(test) for test in tests]
         fs, response, length, skipped, residuals, *band_hz = common_form(tests)
         lines = lines_of(band_hz, length - skipped, fs)
@@ -163,7 +164,7 @@ class Records(Observable):
             laws=laws,
             held=band_limited(inputs, periodic=periodic),
             mean=jax.device_put(means),
-            groups=repeated(  # in a band, the scatter over time equals that over its lines
+            groups=repeated(  # in a band, the deviations over time equal those over its lines
                 of_records,
                 np.full(len(tests), size),
                 [test.name for test in tests],
@@ -197,18 +198,18 @@ class Records(Observable):
 
     @property
     def solving(self) -> dict[str, Any]:
-        """The options of the simulation, in the form that `motion_under` takes."""
+        """The simulation options, in the form that `motion_under` takes."""
         return {"laws": self.laws, "substeps": self.substeps, "depth": self.depth}
 
     def predict(self, theta: Theta) -> Float[Array, "level compared"]:
-        """Predict each level's response to its mean input, at its run's offsets if it has any."""
+        """Predict the response of each level to its mean input, with its run's offsets."""
         if self.solution is not None and self.solution.response is not None:
             return self.solution.response
         several = any(self.points)
 
         def one(level: tuple[HeldInput, Array]) -> Float[Array, "*point compared"]:
             source, origin = level
-            offsets = dict(zip(OFFSETS, origin, strict=False))  # none where runs have no offsets
+            offsets = dict(zip(OFFSETS, origin, strict=False))  # empty if runs have no offsets
             motion = response_to(
                 {**theta, **offsets},
                 source,
@@ -220,8 +221,7 @@ class Records(Observable):
             )
             return motion[..., self.skipped :]
 
-        # Levels are solved one by one, not batched: alone, the solver skips the work of rare
-        # events.
+        # Simulate levels one by one: without a batch, the solver skips work for rare events.
         if not several:
             return jax.lax.map(one, (self.held, self.groups.origin))
         motions = sorted(set(self.moved))
@@ -232,13 +232,16 @@ class Records(Observable):
         return rows[tuple(map(np.array, where))]
 
     def compared(self, values: Array) -> Float[Array, "level value"]:
-        """Return responses in compared form: samples, or in a band the lines of their spectra."""
+        """Return responses as real numbers: samples or, in a band, the lines of their spectra."""
         return values_of(values, self.lines)
 
     def misfit(self, theta: Theta) -> Float[Array, "level value"]:
-        r"""Return mean response minus prediction, $d - m(o) - J^T (\theta - o)$ about an origin."""
+        r"""Return mean response minus prediction, linear in the run's offsets.
+
+        It is $d - m(o) - J^T (\theta - o)$ about an origin o.
+        """
         predicted = self.predict(theta)
-        # Very large motion hides the data by rounding, and a band may not show such motion.
+        # Rounding of a very large motion hides the data, and the band may not show such motion.
         hidden = self._hidden(jnp.max(jnp.abs(predicted), axis=1))
         residual = self.compared(self.mean - predicted)
         residual = jnp.where(hidden[:, None], jnp.nan, residual)
@@ -253,7 +256,7 @@ class Records(Observable):
         rows: Float[Array, "level row value"] | None = None,
         offset: Float[Array, "level own"] | None = None,
     ) -> tuple[Float[Array, " level"], Float[Array, "level row"]]:
-        """Return residual sums, accumulated in the time loop if no response need be written."""
+        """Return residual sums, which the time loop accumulates unless the response is stored."""
         groups, solution = self.groups, self.solution
         if solution is not None and solution.response is None:
             if rows is not None and solution.products is not None:
@@ -268,7 +271,7 @@ class Records(Observable):
 
         def summed(level: tuple[HeldInput, Array, tuple[Array, ...]]) -> Sums:
             source, origin, rows = level
-            place = dict(zip(OFFSETS, origin, strict=False))  # none where runs have no offsets
+            place = dict(zip(OFFSETS, origin, strict=False))  # empty if runs have no offsets
             joint = with_depth(oscillator_of({**theta, **place}, self.laws), self.depth)
             order = derivative_order(self.response)
             compared = Compared(*rows, order=order, first=self.skipped)
@@ -277,13 +280,13 @@ class Records(Observable):
 
         arrays = self.mean, groups.directions, offset_from_origin, rows
         sums = jax.lax.map(summed, (self.held, groups.origin, arrays))
-        # Very large motion hides the data by rounding.
+        # Rounding of a very large motion hides the data.
         return jnp.where(self._hidden(sums.peak), jnp.nan, sums.square), sums.along
 
     def _from_origin(
         self, theta: Theta, offset: Float[Array, "level of_run"] | None
     ) -> Float[Array, "level own"]:
-        """Return omega_n and zeta of every level's run relative to their linearisation point."""
+        """Return omega_n and zeta of each level's run relative to the point of linearisation."""
         away = jnp.zeros((len(self.groups.origin), self.groups.directions.shape[1]))
         if self.groups.origin.shape[1]:
             away = jnp.stack([theta[name] for name in OFFSETS]) - self.groups.origin
@@ -296,7 +299,7 @@ class Records(Observable):
         offset: Float[Array, "level of_run"] | None,
         products: Float[Array, "level row"],
     ) -> tuple[Float[Array, " level"], Float[Array, "level row"]]:
-        r"""Return residual sums from a solution's products R m of the responses m with rows R.
+        r"""Return residual sums from stored products of the response with the rows.
 
         $$Q_b = Q - 2 b^T s + b^T J J^T b, \qquad R r_b = R d - R m - R J^T (a + b)$$
 
@@ -322,7 +325,7 @@ class Records(Observable):
         writes: bool,
         rows: Float[np.ndarray, "level row value"] | None = None,
     ) -> Self | None:
-        """Return the records with solutions at points; None if the batch solver cannot be used.
+        """Return the records with predictions precomputed at many points; None if impossible.
 
         It cannot be used for several modes, residual terms or periodic motion, nor for laws that
         the exact step does not support. The number of solver steps, which no longer matters, is
@@ -358,7 +361,7 @@ class Records(Observable):
         return replace(self, laws=(), substeps=SUBSTEPS, depth=SIZE, solution=solution)
 
     def _from_first(self, rows: Sequence[Any]) -> Float[np.ndarray, "point level compared"]:
-        """Stack the responses of all levels from the first compared sample on."""
+        """Stack the responses of all levels, from the first compared sample on."""
         return np.stack([row[:, self.skipped :] for row in rows], axis=1)
 
     def marched(
@@ -371,7 +374,7 @@ class Records(Observable):
         rows: Float[np.ndarray, "row value"] | None = None,
         writes: bool,
     ) -> Motions:
-        """Return the motions of one level at many points, at its own origin if it has one.
+        """Simulate one level at many parameter points, with omega_n and zeta of its run.
 
         Products with rows of compared values are included. If `joints` are given, they are not
         built again.
@@ -391,20 +394,20 @@ class Records(Observable):
         )  # fmt: skip
 
     def is_marched(self, theta: Mapping[str, Float[np.ndarray, " point"]]) -> bool:
-        """Return True if the batch solver can be used for these records."""
+        """Return whether the batch solver can simulate these records."""
         return self._joints_at(theta, 0) is not None
 
     def _joints_at(
         self, theta: Mapping[str, Float[np.ndarray, " point"]], number: int
     ) -> Oscillator | None:
-        """Return one level's oscillators at many points; None if they cannot be marched."""
+        """Return oscillators of one level at many points; None if they cannot be batched."""
         joints = self._joints_of_levels(theta, [number])
         return None if joints is None else joints[0]
 
     def _joints_of_levels(
         self, theta: Mapping[str, Float[np.ndarray, " point"]], numbers: Sequence[int]
     ) -> list[Oscillator] | None:
-        """Return several levels' oscillators at many points; the last point fills spare lanes."""
+        """Return the oscillators of several levels at many points, repeated to fill the batch."""
         if self.periodic or any(self.points):
             return None
         count, origin = len(numbers), np.asarray(self.groups.origin)[list(numbers)]
@@ -412,7 +415,7 @@ class Records(Observable):
         lanes = len(every["gain"]) // count
         every |= {
             name: np.repeat(values, lanes)
-            for name, values in zip(OFFSETS, origin.T, strict=False)  # none without offsets
+            for name, values in zip(OFFSETS, origin.T, strict=False)  # empty without run offsets
         }
         joints = joints_at(every, self.laws, residuals=self.residuals, depth=self.depth)
         if joints is None or (self.depth is None and any(law.depth for law in joints.laws)):
@@ -421,12 +424,13 @@ class Records(Observable):
         return [jax.tree.map(lambda x, level=level: x[level], rows) for level in range(count)]
 
     def _hidden(self, peak: Float[Array, " level"]) -> Bool[Array, " level"]:
-        """Return True for levels whose prediction is absurdly larger than the measurement."""
-        size = jnp.max(jnp.abs(self.mean), axis=1)  # zero for planned levels
+        """Return which levels have a prediction that is absurdly larger than the measurement."""
+        # zero for planned levels, which are not measured
+        size = jnp.max(jnp.abs(self.mean), axis=1)
         return (size > 0) & (peak > ABSURD * size)
 
     def _summed(self, theta: Mapping[str, Any]) -> bool:
-        """Return True if the time loop sums the misfit: samples of one mode, from rest."""
+        """Return whether the time loop sums the residual: samples of one mode, from rest."""
         plain = not (self.periodic or self.groups.is_complex or any(self.points))
         return (
             plain
@@ -441,7 +445,7 @@ class Records(Observable):
         return self.groups.num_repeats * square + self.groups.within
 
     def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
-        """Return each level linearised about its own run's omega_n and zeta, where known."""
+        """Return each level linearised about omega_n and zeta of its run, where they are known."""
         centre = np.array([float(theta[name]) for name in OFFSETS])
         origin = np.stack([centre + offsets.get(run, 0.0) for run in self.groups.runs])
         placed = replace(self, groups=changed(self.groups, origin=origin))
@@ -450,7 +454,7 @@ class Records(Observable):
         return replace(placed, groups=with_slope(placed.groups, slope))
 
     def slope_by_differences(self, theta: Theta) -> Float[np.ndarray, "level value own"] | None:
-        r"""Return the derivative of compared values by each level's own omega_n and zeta.
+        r"""Return the derivative of the response by omega_n and zeta of each level's run.
 
         $$x'(0) \approx \frac{8 (x(h) - x(-h)) - (x(2h) - x(-2h))}{12 h}$$
 
@@ -463,7 +467,8 @@ class Records(Observable):
         steps = np.array([DIFFERENCE[name] * middle[name] for name in OFFSETS])
         away = np.kron(np.diag(steps), np.array([[1.0], [-1.0], [2.0], [-2.0]]))
         points = {name: np.full(len(away), value) for name, value in middle.items()}
-        origin = np.asarray(self.groups.origin)[:, None] + away  # of every level and point
+        # parameters of every level at every step
+        origin = np.asarray(self.groups.origin)[:, None] + away
         if not self.is_marched(points):
             return None
         rows, none = [], np.asarray(self.groups.origin)[:, :0]
@@ -478,7 +483,7 @@ class Records(Observable):
         return np.moveaxis(slope, 1, -1)
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return the model-free facts: an oscillator at a spectrum's peak, largest displacement."""
+        """Return model-free facts: an oscillator fitted to a peak, the largest displacement."""
         order = derivative_order(self.response)
         first_values, spectra = partial(_first_values, self), partial(_spectra, self)
         if self.modes is None:
@@ -494,12 +499,12 @@ class Records(Observable):
         return Shown(first_values, y_peak=peak, peaks_of_modes=tuple(peaks), spectra=spectra)
 
     def statements(self, theta: Theta) -> list[str]:
-        """Return sentences on motion that returns to reversals that a law has dropped."""
+        """Return sentences on motion with more load reversals than a law can remember."""
         return remembered.told(theta, self)
 
 
 def _spectra(data: Records, residuals: Rows) -> dict[str, Spectrum]:
-    """Return each level's spectrum, from its samples in time or from the lines of a band."""
+    """Return the spectrum of each level, from samples over time or from the lines of a band."""
     order, length, spectra = derivative_order(data.response), data.mean.shape[1], {}
     omega = 2 * np.pi * np.fft.rfftfreq(length, 1 / data.fs)
     for i, label in enumerate(data.groups.labels):
@@ -510,7 +515,7 @@ def _spectra(data: Records, residuals: Rows) -> dict[str, Spectrum]:
             )
             continue
         band = slice(*data.lines)
-        # For a band, the samples in time are the measured ones, with the noise outside the band.
+        # For a band, samples over time are as measured, with noise outside the band.
         rate = np.fft.irfft(1j * omega * np.fft.rfft(mean), length)
         late = None if data.periodic else np.arange(length) / data.fs * rate
         rows = (mean, source, 0.0 * mean if late is None else late)
@@ -523,7 +528,7 @@ def _spectra(data: Records, residuals: Rows) -> dict[str, Spectrum]:
 
 
 def _first_values(data: Records) -> dict[str, float]:
-    """Return starting values by linear least squares near the lowest level's spectral peak."""
+    """Return starting values: an oscillator fitted near the spectral peak of the weakest level."""
     mean, source = np.asarray(data.mean), np.asarray(data.source[:, data.skipped :])
     if data.modes is not None:
         motions = zip(data.moved, data.points, source, mean, strict=True)
@@ -541,7 +546,7 @@ def _first_values(data: Records) -> dict[str, float]:
 
 
 def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
-    """Start a thread that compiles the solver of swept tests; return None if there are none.
+    """Compile the solver of swept tests in a separate thread; return None without such tests.
 
     Everything before the first solve continues meanwhile. Laws with a stack of reversals need one
     program per depth, which is not known yet.
@@ -553,7 +558,7 @@ def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
     names = ("omega_n", "zeta", *(quantity.name for quantity in quantities_of(laws)))
 
     def compiled() -> None:
-        # An error here occurs again, and is reported, where the program is needed.
+        # The same error occurs again, and is then reported, when the program is used.
         with suppress(Exception):
             joints = joints_at(dict.fromkeys(names, np.ones(1)), laws)
             if joints is not None and not any(law.depth for law in joints.laws):
@@ -567,13 +572,13 @@ def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
 def _behind(
     rows: Float[np.ndarray, "row value"] | None, skipped: int
 ) -> Float[np.ndarray, "row time"] | None:
-    """Return rows of compared values as rows of all samples, padded with zeros."""
+    """Return rows of compared samples as rows of all samples, padded with zeros."""
     return None if rows is None else np.pad(rows, ((0, 0), (skipped, 0)))
 
 
 @eqx.filter_jit
 def _slope_at_origin(theta: Theta, data: Records) -> Float[Array, "level value own"]:
-    """Return the derivative of compared values by each level's own omega_n and zeta, by JAX."""
+    """Return the derivative of the response by omega_n and zeta of each level's run, by JAX."""
 
     def moved(offset: Float[Array, " own"]) -> Float[Array, "level value"]:
         groups = replace(data.groups, origin=data.groups.origin + offset)

@@ -1,4 +1,4 @@
-"""The register of kinds of tests: one file and one class per kind, one line of registration here.
+"""The register of kinds of tests: one file and one class per kind.
 
 A kind that is defined elsewhere, in a test or a notebook, is added by `register` and is then part
 of every identification whose campaign has such tests.
@@ -12,8 +12,7 @@ from jbw.observables.observable import Observable
 from jbw.observables.records import Records
 from jbw.observables.steady import Points
 
-# The order is that of the parts of a dataset. Step 2 itself adds the reading of a line fit of
-# noise.
+# The order is that of the parts of a dataset. Step 2 adds its own estimates.
 OBSERVABLES: list[type[Observable]] = [
     Records,
     Points,
@@ -25,12 +24,12 @@ OBSERVABLES: list[type[Observable]] = [
 
 
 def register(observable: type[Observable]) -> type[Observable]:
-    """Add an observable class to the register, for its kinds of tests; usable as a decorator."""
+    """Add a class to the register for its kinds of tests; it can be used as a decorator."""
     if observable not in OBSERVABLES:
         OBSERVABLES.append(observable)
     return observable
 
 
 def taking(*, several: bool) -> list[type[Observable]]:
-    """Return the observable classes that take tests of several modes (`several`), or of one."""
+    """Return the classes that support tests of several modes (`several`), or of one mode."""
     return [kind for kind in OBSERVABLES if kind.several in (None, several)]

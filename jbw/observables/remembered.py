@@ -1,4 +1,4 @@
-"""The laws' memory of reversals along records: whether it suffices, and a larger one if not."""
+"""The laws' memory of load reversals: whether it suffices for a record, and how to extend it."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -17,17 +17,17 @@ from jbw.oscillator.laws.reversals import SIZE
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.report.messages import observed as messages
 
-Records = Any  # records with held inputs, whose methods call these functions
+Records = Any  # records with measured inputs, whose methods call these functions
 
 
 def guesses(theta: Mapping[str, Array], data: Observable) -> Float[Array, " level"]:
-    """Return, per level, how often a law's memory was too short, so that its force may be wrong."""
+    """Return how often the memory of reversals was too short, per level; the force may be wrong."""
     return _guesses(theta, alone(data))
 
 
 @eqx.filter_jit
 def _guesses(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"]:
-    """Return how often each level's memory of reversals was too short, compiled."""
+    """Return how often each level's memory of reversals was too short (compiled)."""
 
     def one(source: HeldInput) -> Array:
         return motion_under(theta, source, data.fs, **data.solving).guesses
@@ -36,7 +36,7 @@ def _guesses(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"
 
 
 def remembering[Data: Observable](theta: Mapping[str, Array], data: Data) -> Data:
-    """Return data with enough memory of reversals for the motion at a parameter point.
+    """Return data with enough memory of load reversals for the motion at a parameter point.
 
     The memory grows by powers of two from the usual number. Data whose laws have no stack of
     reversals are returned unchanged.
@@ -50,7 +50,7 @@ def remembering[Data: Observable](theta: Mapping[str, Array], data: Data) -> Dat
 
 
 def told(theta: Mapping[str, Array], data: Observable) -> list[str]:
-    """Return messages on levels whose motion returns to reversals that a law has dropped."""
+    """Return messages on levels whose motion has more load reversals than a law can remember."""
     if not _stacks(theta, data):
         return []
     counts = np.asarray(guesses(theta, data))
@@ -62,6 +62,6 @@ def told(theta: Mapping[str, Array], data: Observable) -> list[str]:
 
 
 def _stacks(theta: Mapping[str, Array], data: Observable) -> bool:
-    """Return True if a law stores a stack of reversals in time integration."""
+    """Return whether a law stores a stack of load reversals in time integration."""
     is_deep = data.depth is not None
     return is_deep and any(law.depth for law in oscillator_of(theta, data.laws).laws)

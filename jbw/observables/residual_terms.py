@@ -1,4 +1,4 @@
-r"""Residual terms: the contribution of other modes to the response of the joint's own mode.
+r"""Residual terms: the contribution of modes outside the band, or of a neighbour, to the response.
 
 $$y(\omega) = y_{joint}(\omega) + \left(U + \frac{L}{\omega^2} +
   \sum_k \frac{s_k}{\omega_k^2 - \omega^2 + 2j\zeta_k\omega_k\omega}\right) g\,u(\omega)$$
@@ -34,15 +34,15 @@ TAKEN: Mapping[str, tuple[str, ...]] = {
     "none": (), "own": OF_MODES, "upper": (UPPER, *OF_MODES),
     "both": (UPPER, LOWER, *OF_MODES), "auto": (UPPER, LOWER, *OF_MODES),
 }  # fmt: skip
-DRIVEN = 0.05  # of the largest line of an input: below it, 1 / omega^2 would amplify noise
-LARGEST = 30.0  # bound of any term; the mode alone responds with 1 / (2 zeta) at its peak
-# Relative range of a neighbour's frequency; a free one would compensate errors of the joint's law.
+DRIVEN = 0.05  # smallest driven line over the largest; below it, 1 / omega^2 would amplify noise
+LARGEST = 30.0  # bound of any residual term; the mode itself responds with 1 / (2 zeta) at its peak
+# Relative range of a neighbour's frequency; a larger one would compensate errors of the law.
 NEAR = 0.07
-DAMPED = (1e-4, 0.2)  # damping ratio of a neighbour
+DAMPED = (1e-4, 0.2)  # range of a neighbour's damping ratio
 
 
 def has_own(residuals: str, *, several_modes: bool) -> bool:
-    """Return True if a test has its own constants: if stated, or for all tests of several modes.
+    """Return whether a test has its own residual constants: if stated, or for several modes.
 
     The contribution of a mode above the band differs from band to band and from point to point. One
     constant for all would be a compromise that gains and shapes compensate, and no residual would
@@ -52,14 +52,14 @@ def has_own(residuals: str, *, several_modes: bool) -> bool:
 
 
 def taken(theta: Mapping[str, Any], residuals: str) -> dict[str, Any]:
-    """Return the residual terms that theta contains and a test includes, by name."""
+    """Return the residual terms that the parameters contain and a test includes, by name."""
     return {name: theta[name] for name in TAKEN[residuals] if name in theta}
 
 
 def receptance(
     terms: Mapping[str, Array], omega: Float[Array, "*batch"]
 ) -> Inexact[Array, "*batch"]:
-    r"""Return the terms' receptance, the sum in brackets above [m per N/kg]; no L at omega = 0."""
+    r"""Return the receptance of the residual terms [m per N/kg]; no L at omega = 0."""
     squared = jnp.where(omega > 0, omega, jnp.inf) ** 2
     total = terms.get(UPPER, 0.0) + terms.get(LOWER, 0.0) / squared
     for omega_k, zeta, share in ([terms[n] for n in mode] for mode in MODES if mode[0] in terms):
@@ -75,7 +75,7 @@ def added_response(
     response: str,
     periodic: bool,
 ) -> Float[Array, " time"]:
-    """Return the terms' response to a force per unit mass, within the range of driven lines.
+    """Return the response of the residual terms to a force, within the driven frequencies.
 
     The record is one period, or at rest before and after. A constant force is ignored: it is an
     amplifier's offset, which 1 / omega^2 would turn into a drift.
@@ -92,7 +92,7 @@ def added_response(
 def own_columns(
     force: Float[np.ndarray, "level time"], fs: float, response: str, lines: tuple[int, int] | None
 ) -> Float[np.ndarray, "level 2 value"]:
-    r"""Return the columns of tests' own U and L: $F_k (j\omega_k)^o$ and it over $\omega_k^2$.
+    r"""Return columns of each test's own U and L: $F_k (j\omega_k)^o$, and it over $\omega_k^2$.
 
     For lines these are the real parts, then the imaginary parts; for samples, the signal of the
     driven lines in time.
@@ -111,7 +111,7 @@ def own_columns(
 
 
 def driven(size: Float[Array, " line"]) -> Bool[Array, " line"]:
-    """Return True for the lines of a spectrum from the first driven line to the last.
+    """Return which lines of a spectrum lie between the first and the last driven line.
 
     All lines between them are included: a shaker's force drops off where the structure resonates.
     """
@@ -120,12 +120,12 @@ def driven(size: Float[Array, " line"]) -> Bool[Array, " line"]:
 
 
 def neighbours_of(theta: Mapping[str, float]) -> tuple[float, ...]:
-    """Return the natural frequencies of the neighbouring modes in theta [rad/s]."""
+    """Return the natural frequencies of the neighbouring modes among the parameters [rad/s]."""
     return tuple(float(theta[mode[0]]) for mode in MODES if mode[0] in theta)
 
 
 def bounds(omega_n: float, neighbours: Sequence[float] = ()) -> dict[str, tuple[float, float]]:
-    """Return bounds by residual term: wide for added terms, narrow for neighbours' frequencies.
+    """Return prior bounds of the residual terms: wide for constants, narrow for frequencies.
 
     A constant is bounded by thirty times the mode's own static response, a neighbour's gain by
     thirty times the mode's. A neighbour stays within 7 % of its observed frequency, and nearer to

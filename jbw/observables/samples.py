@@ -1,4 +1,4 @@
-"""Record samples as they are compared: their lines in a band, and prediction from the joint."""
+"""The compared samples of records, or their spectral lines in a band, and their simulation."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -28,12 +28,12 @@ from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.response import simulate, simulate_apart
 from jbw.quantities import DEFAULT_LAWS, LETTER_OF
 
-STEPS_A_PERIOD = 50.0  # until a fit shows how many steps the data need
+STEPS_A_PERIOD = 50.0  # solver steps per period, until a fit shows how many the data need
 Lines = tuple[int, int]  # first compared line of a spectrum, and the line after the last
 
 
 def lines_of(band_hz: Sequence[float], length: int, fs: float) -> Lines | None:
-    """Return a band's first spectral line and the line after its last; raise if it is empty."""
+    """Return the first spectral line of a band and the one after its last; raise if empty."""
     if not band_hz:
         return None
     first, last = whole_up(band_hz[0] * length / fs), whole_down(band_hz[1] * length / fs)
@@ -48,7 +48,7 @@ def lines_of(band_hz: Sequence[float], length: int, fs: float) -> Lines | None:
 
 
 def in_band(samples: np.ndarray, lines: Lines | None) -> np.ndarray:
-    """Return samples along the last axis, reduced to a band's lines of their spectrum."""
+    """Return samples along the last axis, restricted to the spectral lines of a band."""
     if lines is None:
         return samples
     spectrum = np.fft.rfft(samples)
@@ -58,7 +58,7 @@ def in_band(samples: np.ndarray, lines: Lines | None) -> np.ndarray:
 
 
 def noise_share(lines: Lines | None, length: int) -> float:
-    """Return the share of white noise within a band's lines, as a standard deviation."""
+    """Return the share of white noise that lies in a band, as a ratio of standard deviations."""
     return 1.0 if lines is None else float(np.sqrt(2 * (lines[1] - lines[0]) / length))
 
 
@@ -73,7 +73,7 @@ def values_of(samples: Float[Array | np.ndarray, "*batch time"], lines: Lines | 
 
 
 def loudest_hz(means: Float[np.ndarray, "level time"], fs: float) -> float:
-    """Return the frequency at which all responses together have the most power [Hz]."""
+    """Return the frequency [Hz] at which all responses together have the most power."""
     power = np.sum(np.abs(np.fft.rfft(means)) ** 2, axis=0)
     return float(np.fft.rfftfreq(means.shape[1], 1 / fs)[np.argmax(power)])
 
@@ -87,7 +87,7 @@ def substeps_for(hz: float, fs: float, least: int) -> int:
 def band_limited(
     source: Float[np.ndarray | Array, "*level time"], *, periodic: bool = False
 ) -> HeldInput:
-    """Return a measured input, reconstructed as a band-limited signal between its samples."""
+    """Return a measured input as a band-limited signal between its samples."""
     return held(source, "band_limited", periodic=periodic)
 
 
@@ -105,7 +105,7 @@ def joints_at(
     residuals: str = "none",
     depth: int | None = None,
 ) -> Oscillator | None:
-    """Return oscillators at points for `jbw.oscillator.batch`; the last point fills spare lanes.
+    """Return oscillators at many points for `jbw.oscillator.batch`, repeated to fill the batch.
 
     Their laws remember `depth` reversals. None is returned if theta has several modes or residual
     terms, or if a law needs a stock solver.

@@ -1,4 +1,4 @@
-r"""The residuals of records and harmonics, with spectra on which their usual causes act.
+r"""The spectra of records and harmonics, in which causes of residuals are tested.
 
 A delay, another mode, or an input that bypasses the mode is a product in the frequency domain.
 Records in time and curves of harmonics differ in how they are computed from there.
@@ -15,13 +15,13 @@ Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
 
 
 def real_rows(table: Inexact[np.ndarray, "value column"]) -> Float[np.ndarray, "part column"]:
-    """Return a complex table as real parts above imaginary parts; return a real table unchanged."""
+    """Return a complex table as its real parts above its imaginary parts; real ones unchanged."""
     values: Any = table
     return np.concatenate([values.real, values.imag]) if np.iscomplexobj(values) else values
 
 
 class Spectrum(NamedTuple):
-    """One group's measured values, the residual of a fit, and the spectra that belong to them.
+    """One data group's measured values and residual of a fit, with their spectra.
 
     Attributes:
         values: Measured mean, as samples or lines.
@@ -58,7 +58,7 @@ def of_samples(
     *,
     periodic: bool,
 ) -> Spectrum:
-    """Return the spectrum of a record in time, at rest before and after unless it is one period."""
+    """Return the spectra of a record over time, which begins and ends at rest or is one period."""
     length = len(mean)
     padded = length if periodic else 2 * length
     measured, predicted, driven = (np.fft.rfft(x, padded) for x in (mean, mean - residual, source))
@@ -81,7 +81,7 @@ def of_lines(
     factor: Spectral,
     stretched: Row | None = None,
 ) -> Spectrum:
-    """Return the spectrum of a group of spectral lines, or of harmonics at some frequencies."""
+    """Return the spectra of a data group of spectral lines or harmonics."""
     return Spectrum(
         values, residual, omega, values, values - residual, source, factor,
         lambda spectrum: spectrum, stretched,

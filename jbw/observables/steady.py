@@ -1,4 +1,4 @@
-r"""Steady harmonics of tones, stepped sines and response curves as an observable.
+r"""Steady harmonics of tones, stepped sines and response curves, in the likelihood.
 
 The measured motion is the guess from which harmonic balance finds the model's, so that no curve is
 lost where it folds, and a point costs two Newton steps without a search.
@@ -36,11 +36,11 @@ from jbw.oscillator.steady.cycle import steady_state
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
 NUM_NODES = 16
-LEAST_POINTS = 6  # of a curve to which an oscillator is fitted
+LEAST_POINTS = 6  # smallest number of points of a curve to which an oscillator is fitted
 
 
 class Points(Observable):
-    """The harmonics of steady motion at many frequencies and levels, group by group.
+    """The harmonics of steady motion at many frequencies and levels, by data group.
 
     In a force-controlled test the response is compared, in a response-controlled test the force.
 
@@ -86,7 +86,7 @@ class Points(Observable):
         laws: Laws = DEFAULT_LAWS,
         residuals: str = "none",
     ) -> Self:
-        """Combine groups; groups with equal omega, load and motion share their points."""
+        """Combine data groups; those of equal frequency, source and motion share their points."""
         tests: dict[bytes, int] = {}
         omega, load, motion, first = [], [], [], []
         for group in groups:
@@ -134,7 +134,7 @@ class Points(Observable):
         num_samples: int,
         laws: Laws = DEFAULT_LAWS,
     ) -> Self:
-        r"""Return planned tones with odd harmonics `motion` [m] and expected reading noise.
+        r"""Return planned tones with odd harmonics `motion` [m] and their expected noise.
 
         The real and imaginary parts of a harmonic of N samples have the variance $2\sigma^2 / N$
         each.
@@ -153,7 +153,7 @@ class Points(Observable):
         return replace(data, groups=changed(data.groups, noise_std=np.full(len(groups), std)))
 
     def predict(self, theta: Theta) -> Complex[Array, "group value"]:
-        """Predict the response in its unit, or the force in the source's unit; pad with zeros."""
+        """Predict the response in its unit, or the force in the source's unit."""
         column, of_force = self.position[:, None], np.array(self.of_force)
         forced = moved = jnp.zeros(self.point.shape, complex)
         if of_force.any():
@@ -163,7 +163,7 @@ class Points(Observable):
         return self.factor * jnp.where(of_force[:, None], forced, moved)
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return the model-free facts: an oscillator, steady lines, and a reading per curve."""
+        """Return model-free facts: an oscillator, steady harmonics, and frequency per curve."""
         return Shown(
             partial(_first_values, self),
             partial(_steady_lines, self),
@@ -174,7 +174,7 @@ class Points(Observable):
 
 
 def _first_values(data: Points) -> dict[str, float]:
-    """Return starting values by least squares over the first harmonics of the weakest curve."""
+    """Return starting values: an oscillator fitted to first harmonics of the weakest curve."""
     motion, load, omega = (np.asarray(x) for x in (data.motion, data.load, data.omega))
     first = [points for points in _first_points(data).values() if len(points) >= LEAST_LINES]
     first = [points for points in first if len(points) > LEAST_LINES] or first
@@ -185,20 +185,20 @@ def _first_values(data: Points) -> dict[str, float]:
 
 
 def _steady_lines(data: Points) -> SteadyLines:
-    """Return load and motion at every point that has a first harmonic."""
+    """Return source and motion at every point that has a first harmonic."""
     every = np.unique(np.concatenate(list(_first_points(data).values())))
     columns = data.omega[every], data.load[every, 0], data.motion[every, 0]
     return SteadyLines(*(np.asarray(x) for x in columns))
 
 
 def _first_points(data: Points) -> dict[int, Int[np.ndarray, " point"]]:
-    """Return the points of every group of first harmonics, by the group's number."""
+    """Return the points of each data group of first harmonics, by the group's number."""
     rows, first = np.asarray(data.point), np.flatnonzero(np.asarray(data.position) == 0)
     return {i: rows[i][compared(data.groups, i)] for i in first.tolist()}
 
 
 def _amplitude_readings(data: Points) -> AmplitudeCurve | None:
-    """Return a reading per curve: of the held response, or where the motion lags by 90 degrees."""
+    """Return frequency and damping of each curve, at a held response or at 90 degrees of lag."""
     gain, readings = _first_values(data)["gain"], []
     columns = data.omega, data.load[:, 0], data.motion[:, 0]
     for i, points in _first_points(data).items():
@@ -214,7 +214,7 @@ def _amplitude_readings(data: Points) -> AmplitudeCurve | None:
 
 
 def _spectra(data: Points, residuals: Rows) -> dict[str, Spectrum]:
-    """Return the spectrum of every measured response harmonic, at the frequencies of its points."""
+    """Return the spectrum of each measured harmonic of the response, at its points' frequencies."""
     spectra = {}
     for i, label in enumerate(data.groups.labels):
         if data.of_force[i]:
@@ -223,7 +223,8 @@ def _spectra(data: Points, residuals: Rows) -> dict[str, Spectrum]:
         point, factor = (np.asarray(x[i])[where] for x in (data.point, data.factor))
         omega, source = (np.asarray(x)[point] for x in (data.omega, data.load))
         values = np.asarray(data.mean[i])[where]
-        driven = source[:, 0] * (order == 1)  # higher orders are the amplifier's distortion
+        # higher orders of the source come from the amplifier's distortion
+        driven = source[:, 0] * (order == 1)
         spectra[label] = of_lines(values, residuals[label], order * omega, driven, factor)
     return spectra
 
@@ -233,14 +234,14 @@ def _held(
     load: Complex[np.ndarray, " point"],
     motion: Inexact[np.ndarray, " point"],
 ) -> tuple[float, float, float]:
-    """Return amplitude, frequency and damping of a held response, by a linear oscillator."""
+    """Return amplitude, frequency and damping of a controlled response, by a linear oscillator."""
     read = oscillator_through(omega, load, motion)
     near = np.argmin(np.abs(omega - read["omega_n"]))
     return abs(motion[near]), read["omega_n"], read["zeta"]
 
 
 def _own_columns(groups: Sequence[MeasuredHarmonic]) -> Float[np.ndarray, "group 2 part"]:
-    r"""Return columns of each curve's own U and L, real parts then imaginary parts."""
+    r"""Return the responses to unit U and L of each curve, real parts then imaginary parts."""
     held = next((group.label for group in groups if group.of_force), None)
     if held is not None:
         raise DataError(
@@ -279,7 +280,7 @@ def planned_motion(
     """
     gain, joint = theta["gain"], oscillator_of(theta, laws)
     motion = steady_state(joint, omega, jnp.abs(gain) * level, NUM_HARMONICS)
-    # With a reversed channel the motion is half a period later: odd harmonics change their sign.
+    # With a reversed channel the motion comes half a period later, so odd harmonics change sign.
     return jnp.sign(gain)[..., None] * motion
 
 
@@ -292,7 +293,7 @@ def added_motion(theta: Mapping[str, Array], data: Points) -> Complex[Array, "po
 
 
 def force_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, " point"]:
-    r"""Return the force per unit mass [N/kg] required for the measured fundamental: eqs. (1), (2).
+    r"""Return the force per unit mass [N/kg] that the measured fundamental needs: eqs. (1), (2).
 
     $$F_1 = (k - \omega^2 + 2j\zeta\omega_n\omega + K(|Y_1|) + jC(|Y_1|))\,Y_1$$
 
