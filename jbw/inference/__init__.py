@@ -1,1 +1,1 @@
-"""Inference from a log density, parameter names and bounds, independent of joint and test rig."""
+"""Bayesian inference from a log density with named, bounded parameters; it knows no joint."""

@@ -1,4 +1,4 @@
-"""Release of compiled code in long processes."""
+"""Release of JAX's compiled code in long processes."""
 
 import ctypes
 import gc
@@ -11,11 +11,12 @@ import jax
 MAPS = Path("/proc/self/maps")
 PAGES = Path("/proc/self/statm")
 LIMIT = Path("/proc/sys/vm/max_map_count")
-PART = 0.6  # share of the memory mappings that Linux allows; compiled functions use some
+# share of the memory mappings that Linux allows a process; compiled functions use some each
+PART = 0.6
 
 
 def forget_when_many() -> bool:
-    """Release compiled code if a process nears its limit of memory mappings; return whether it did.
+    """Release compiled code if a process nears its limit of memory mappings; return if it did.
 
     Otherwise the process would die in the compiler without a message.
     """

@@ -1,4 +1,4 @@
-"""Prior densities other than a box: NumPyro distributions by name, with bounds.
+"""Prior densities that are not uniform: NumPyro distributions by name, with bounds.
 
 A campaign file states `zeta = { LogNormal = [-5.4, 0.3] }` under [identify.prior]; in Python it is
 the same table or the distribution itself. NumPyro, and JAX with it, are loaded only when a density
@@ -14,16 +14,16 @@ import numpy as np
 
 # Probability beyond five standard deviations of a normal distribution. A box that excludes this
 # much at each end does not change a posterior that is narrower.
-TAIL = 2.866515718791933e-07  # Phi(-5)
+TAIL = 2.866515718791933e-07  # probability below -5 standard deviations
 COMMON = (
     "Beta", "Cauchy", "Exponential", "Gamma", "HalfCauchy", "HalfNormal", "InverseGamma", "Laplace",
     "LogNormal", "LogUniform", "Normal", "StudentT", "TruncatedNormal", "Uniform", "Weibull",
 )  # fmt: skip  # suggested in messages; all others of NumPyro can be used too
-NEAR = 1e-3  # share of the way from the support's end to a quantile, to test whether it vanishes
+NEAR = 1e-3  # step from the support's end towards a quantile, where a density is tested for zero
 
 
 class Density(tuple[float, float]):
-    """A prior density; as a pair of numbers, the bounds of the box that contains it.
+    """A prior density; as a pair of numbers it is the bounds outside which it is negligible.
 
     Attributes:
         family: Name of the distribution in `numpyro.distributions`.
@@ -50,11 +50,11 @@ class Density(tuple[float, float]):
         return density
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return name and arguments for pickling, or the distribution if a caller created it."""
+        """Return name and arguments for pickling, or the distribution if a user created it."""
         return _rebuilt, (self.family, self.arguments, self._distribution_of_caller())
 
     def _distribution_of_caller(self) -> Any:
-        """Return a distribution that a caller created; None for one stated by name."""
+        """Return a distribution that a user created; None for one stated by name."""
         return None if isinstance(self.arguments, dict) or self.arguments else self.build()
 
     def __repr__(self) -> str:
@@ -94,7 +94,7 @@ def density_of(stated: Any) -> Density:
 
 
 def _arguments(distribution: Any) -> dict[str, float]:
-    """Return a distribution's arguments by name; empty if they are not numbers."""
+    """Return the arguments of a distribution by name; empty if they are not numbers."""
     try:
         return {name: float(getattr(distribution, name)) for name in distribution.arg_constraints}
     except (AttributeError, TypeError, ValueError):
@@ -102,7 +102,7 @@ def _arguments(distribution: Any) -> dict[str, float]:
 
 
 def is_distribution(value: Any) -> bool:
-    """Return whether a value is one of NumPyro's distributions, without loading NumPyro."""
+    """Return whether a value is a NumPyro distribution, without loading NumPyro."""
     return any(kind.__module__.startswith("numpyro.distributions") for kind in type(value).__mro__)
 
 
@@ -133,7 +133,7 @@ def _built(family: str, arguments: Any) -> Any:
 
 
 def _bounds(distribution: Any, family: str) -> tuple[float, float]:
-    """Return quantiles at TAIL and 1 - TAIL, or ends of the support with non-zero density."""
+    """Return the bounds of a density: extreme quantiles, or ends of the support."""
     import jax
     from numpyro.distributions import Distribution
 
@@ -153,7 +153,7 @@ def _bounds(distribution: Any, family: str) -> tuple[float, float]:
 
 
 def _quantile(distribution: Any, mass: float) -> float:
-    """Return the point where the distribution function reaches a mass near 0 or 1.
+    """Return the point where the distribution function reaches a probability near 0 or 1.
 
     If the density does not vanish towards the end of the support, return that end.
     """
@@ -179,7 +179,7 @@ def _quantile(distribution: Any, mass: float) -> float:
 
 
 def _bracket(excess: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
-    """Return two points that bracket a rising function's zero, inside an open interval."""
+    """Return two points inside an interval between which a rising function is zero."""
     middle = (low + high) / 2 if isfinite(low) and isfinite(high) else 0.0
     if isfinite(low) != isfinite(high):
         middle = low + 1.0 if isfinite(low) else high - 1.0

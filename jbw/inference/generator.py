@@ -1,4 +1,4 @@
-"""Random numbers outside of compiled programs, generated from JAX keys by NumPy.
+"""Random numbers for use outside compiled programs, made by NumPy from JAX keys.
 
 JAX compiles a program for every shape of random numbers, which takes longer than generating them.
 """
@@ -9,16 +9,16 @@ import jax
 import numpy as np
 from jaxtyping import Array, Key
 
-MOST = 16  # keys that one program splits a key into
+MOST = 16  # number of keys into which one compiled program splits a key
 
 
 def words_of(key: Key[Any, ""]) -> list[int]:
-    """Return the whole numbers that represent a random key."""
+    """Return the whole numbers that form a random key."""
     return np.ravel(jax.random.key_data(key)).tolist()
 
 
 def parts_of(key: Key[Array, ""], count: int) -> list[Key[Array, ""]]:
-    """Return the keys of `jax.random.split` in a list, with one program for up to 16 keys.
+    """Return the keys of `jax.random.split` as a list, by one program for up to 16 keys.
 
     The first keys do not depend on `count`. Taking keys from an array of keys would compile a
     program for each.

@@ -1,4 +1,4 @@
-"""Evaluation of functions of the parameters at many points, in lanes on all processor cores."""
+"""Evaluation of functions at many parameter points, in batches on all processor cores."""
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -13,19 +13,20 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-LANES = 32  # points that one compiled call evaluates in parallel
-FIT_LANES = 16  # the same in a fit: enough for the differences of seven parameters on both sides
-# Event of background work, which is set once its result is no longer needed.
+LANES = 32  # number of parameter points in one compiled batch
+# number of points in a batch of a fit: enough for two-sided differences of seven parameters
+FIT_LANES = 16
+# An event that stops background work once its result is no longer needed.
 _GIVEN_UP: ContextVar[Event | None] = ContextVar("given_up", default=None)
 
 OfTheta = Callable[[Mapping[str, Array], Any], PyTree]
-Solved = tuple[PyTree, PyTree]  # data without the solved part, and this part by point
+Solved = tuple[PyTree, PyTree]  # data without their precomputed part, and this part for each point
 Evaluate = Callable[[Float[np.ndarray, "point parameter"]], Float[np.ndarray, "point value"]]
 Solver = Callable[[Mapping[str, np.ndarray], Any, int], Solved | None]
 
 
 def solved_first(solver: Solver) -> Callable[[Any], Any]:
-    """Return a decorator for functions of (theta, data) whose costly part a solver computes first.
+    """Return a decorator for functions of (theta, data) with a costly part that `solver` computes.
 
     At many points the `solver` is called first, with (theta, data, threads). It returns data that
     contain the costly part, as two trees that `equinox.combine` joins: the data without this part,
@@ -41,7 +42,7 @@ def solved_first(solver: Solver) -> Callable[[Any], Any]:
 
 
 def seeing[Data](seen: Callable[[Data], Data]) -> Callable[[Any], Any]:
-    """Return a decorator for functions of (theta, data) that depend only on `seen` data.
+    """Return a decorator for functions of (theta, data) that use only a part of the data.
 
     Programs depend on all data that are not arrays, such as names. `seen` removes names that do not
     matter to the function, so that data of equal shapes share a program.
@@ -55,7 +56,7 @@ def seeing[Data](seen: Callable[[Data], Data]) -> Callable[[Any], Any]:
 
 
 def seen_by(function: Any, data: PyTree) -> PyTree:
-    """Return the part of data on which a function depends, as marked by `seeing`."""
+    """Return the part of data that a function uses, as `seeing` has marked it."""
     seen = getattr(function, "seen", None)
     return data if seen is None else seen(data)
 
@@ -67,7 +68,7 @@ def at_points(
     *,
     lanes: int = LANES,
 ) -> Any:
-    """Evaluate a function of (theta, data) at points given by name, compiled once per shape.
+    """Evaluate a function of (theta, data) at many parameter points, in parallel batches.
 
     The result's leaves are arrays with the points along a first axis. Each core takes the next lot
     of `lanes` points. Lots are independent, so the number of cores does not change any digit. A
@@ -107,7 +108,7 @@ def _values(function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data
 def _rest(
     function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data: PyTree, solved: PyTree
 ) -> PyTree:
-    """Return the values of a function whose costly part was solved before."""
+    """Return the values of a function whose costly part is precomputed."""
     return jax.vmap(lambda point, motions: function(point, eqx.combine(data, motions)))(
         dict(theta), solved
     )
@@ -115,7 +116,7 @@ def _rest(
 
 @contextmanager
 def in_background[Made](work: Callable[[], Made]) -> Iterator[Future[Made]]:
-    """Run a function in a separate thread while the block does other work.
+    """Run a function in a separate thread while the `with` block does other work.
 
     The future returns the result or raises the error. If the block ends by an error or an
     interruption, the work stops at its next lot of points.
@@ -137,7 +138,7 @@ def in_background[Made](work: Callable[[], Made]) -> Iterator[Future[Made]]:
 def side_by_side[Start, End](
     search: Callable[[Start, Evaluate], End], starts: Sequence[Start], evaluate: Evaluate
 ) -> list[End]:
-    """Run searches from several starts together and return their results in the same order.
+    """Run searches from several starts in parallel, and evaluate their points in common batches.
 
     Each search runs in a separate thread. As soon as all running searches wait for values, one call
     evaluates the points of all, which fills the lanes that a single search leaves empty. Searches
@@ -163,7 +164,7 @@ def side_by_side[Start, End](
 
 
 class _Meeting:
-    """The meeting point of parallel searches, which evaluates their points together."""
+    """The common evaluation of parallel searches, once each of them has asked for values."""
 
     def __init__(self, evaluate: Evaluate, num_running: int) -> None:
         self._evaluate, self._num_running = evaluate, num_running
@@ -171,7 +172,7 @@ class _Meeting:
         self._is_closed, self._lock = False, Lock()
 
     def values_at(self, points: np.ndarray) -> np.ndarray:
-        """Return the values at one search's points, once all other searches wait too."""
+        """Return the values at one search's points, once all other searches have asked too."""
         values: Future[np.ndarray] = Future()
         with self._lock:
             if self._is_closed:
@@ -182,14 +183,14 @@ class _Meeting:
         return values.result()
 
     def leave(self) -> None:
-        """Remove a finished search, so that the other searches no longer wait for it."""
+        """Remove a finished search, so that the others no longer wait for it."""
         with self._lock:
             self._num_running -= 1
             asked = self._complete()
         self._answer(asked)
 
     def close(self) -> None:
-        """Stop all running searches, each at its next request for values."""
+        """Stop all running searches at their next request for values."""
         with self._lock:
             self._is_closed = True
             asked, self._asked = self._asked, []
@@ -197,7 +198,7 @@ class _Meeting:
             values.cancel()
 
     def _complete(self) -> list[tuple[np.ndarray, Future[np.ndarray]]]:
-        """Return all running searches' requested points once each search has requested some."""
+        """Return the points of all running searches, once each of them has asked for values."""
         if len(self._asked) < self._num_running:
             return []
         asked, self._asked = self._asked, []
@@ -218,7 +219,7 @@ class _Meeting:
 
 
 def forget() -> None:
-    """Release compiled functions of data whose shapes are no longer used, some 50 MB each.
+    """Release compiled functions for data shapes that are no longer used, some 50 MB each.
 
     Functions that are needed again are compiled again, or read from the user's cache.
     """

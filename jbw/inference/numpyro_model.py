@@ -1,4 +1,4 @@
-"""A posterior as a plain NumPyro model, with NUTS and the random walk ready to run on it."""
+"""A posterior as a plain NumPyro model, with NUTS and a random walk for it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ Values = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class NumpyroModel:
-    r"""A posterior as a NumPyro model, which declares its sites when called within an inference.
+    r"""A posterior as a NumPyro model: a function that declares its random variables.
 
     $$\theta_i \sim \pi_i, \qquad \log L = \log L(\theta)$$
 
@@ -49,7 +49,7 @@ class NumpyroModel:
     uniform: tuple[str, ...]
 
     def __call__(self) -> None:
-        """Declare the sites of the model within a NumPyro inference."""
+        """Declare the random variables of the model within a NumPyro inference."""
         theta = {
             name: jnp.asarray(numpyro.sample(name, density)) for name, density in self.prior.items()
         }
@@ -63,12 +63,12 @@ class NumpyroModel:
 
     @property
     def box(self) -> Box:
-        """The bounds that contain every prior."""
+        """The bounds outside which every prior is negligible."""
         return self.problem.box
 
     @property
     def start(self) -> dict[str, float]:
-        """The optimum of the fit by name, at least a standard deviation inside the bounds."""
+        """The optimum of a fit by name, at least one standard deviation inside the bounds."""
         inside, bounds = {}, bounds_by_name(self.box)
         for name, std in zip(self.box.names, np.sqrt(np.diag(self.covariance)), strict=True):
             low, high = bounds[name]
@@ -77,7 +77,7 @@ class NumpyroModel:
         return inside
 
     def nuts(self, **options: Any) -> NUTS:
-        """Return NumPyro's NUTS started at the fit, with its covariance as mass matrix.
+        """Return NumPyro's NUTS, started at the fit, with the fit's covariance as mass matrix.
 
         Options are those of `numpyro.infer.NUTS` and override these.
         """
@@ -98,7 +98,7 @@ class NumpyroModel:
         return RandomWalk(self.problem, step_size, self)
 
     def _covariance(self) -> Float[np.ndarray, "parameter parameter"]:
-        r"""Return the covariance in the unconstrained coordinates of NumPyro.
+        r"""Return the covariance of the fit in NumPyro's unconstrained coordinates.
 
         $$\Sigma_z^{-1} = J\,\Sigma^{-1} J + \tfrac{3}{\pi^2} I, \qquad J = d\theta / dz$$
 
@@ -120,7 +120,7 @@ class NumpyroModel:
 
 
 class RandomWalk(MCMCKernel):
-    """The random walk as a NumPyro kernel, for `numpyro.infer.MCMC`."""
+    """The random-walk sampler as a NumPyro kernel, for `numpyro.infer.MCMC`."""
 
     def __init__(self, problem: Problem, step_size: float | None, model: NumpyroModel) -> None:
         self._problem, self._step_size, self._model = problem, step_size, model
@@ -128,12 +128,12 @@ class RandomWalk(MCMCKernel):
 
     @property
     def sample_field(self) -> str:
-        """The field of the state that is stored: the position in the unit cube."""
+        """The name of the stored field of the state: the position in normalised coordinates."""
         return "x"
 
     @property
     def model(self) -> NumpyroModel:
-        """The model of the posterior that is sampled."""
+        """The model of the posterior to sample."""
         return self._model
 
     def init(
@@ -160,7 +160,7 @@ class RandomWalk(MCMCKernel):
         return step(state) if _is_one(state.rng_key) else jax.vmap(step)(state)
 
     def postprocess_fn(self, model_args: Any, model_kwargs: Any) -> Any:
-        """Return a function that maps the unit cube to the sites by name."""
+        """Return a function from normalised coordinates to the model's variables by name."""
         box = self._problem.box
 
         def sites(x: Float[Array, " parameter"]) -> dict[str, Any]:
@@ -170,7 +170,7 @@ class RandomWalk(MCMCKernel):
         return sites
 
     def get_diagnostics_str(self, state: WalkState) -> str:
-        """Return the rate of acceptance of the last step, for the progress bar."""
+        """Return the acceptance rate for the progress bar."""
         return f"acc. prob={np.mean(state.accept_prob):.2f}"
 
 

@@ -1,4 +1,4 @@
-"""Samplers for a user's likelihood, and the verdict on their draws, public as `jbw.sampling`.
+"""Samplers for a user's own likelihood, and the verdict on their draws (`jbw.sampling`).
 
 Examples:
     The likelihood of one measured damping ratio, 0.0050 with a standard deviation of 0.0002, gives

@@ -1,4 +1,4 @@
-"""Thresholds that findings, tables and figures share; without JAX, which a report need not load."""
+"""Thresholds that findings, tables and figures share; importing them does not load JAX."""
 
 from scipy.special import chdtri
 

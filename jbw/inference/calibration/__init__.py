@@ -1,1 +1,1 @@
-"""Simulation-based calibration: tests of whether intervals contain the truth as stated."""
+"""Simulation-based calibration: how often intervals contain the true value."""

@@ -1,4 +1,4 @@
-r"""The record of a calibration: ranks and tests of their uniformity, failures, coverage, verdict.
+r"""The result of a calibration: ranks of true values, failures, coverage of intervals, verdict.
 
 N ranks with values 0 ... L are uniform if the count below i follows
 
@@ -20,16 +20,16 @@ from scipy.special import gammaln
 
 from jbw.inference.posterior.finding import Finding, Verdict, checked, judge
 
-MOST_R_HAT = 1.1  # largest R-hat of one replication's chains of a few hundred draws
+MOST_R_HAT = 1.1  # largest R-hat of one replication, whose chains have a few hundred draws
 MOST_FAILED = 0.01  # largest share of failed replications
-LEVEL = 0.99  # level of the intervals and of statements on them
-LEAST_P = 0.01  # limit for all p-values together
+LEVEL = 0.99  # probability of the intervals, and of the statements on them
+LEAST_P = 0.01  # smallest allowed p-value, after correction for their number
 NUM_BINS = 20
-LEAST = 1e-9  # p-value below which the sum of pointwise tails, an upper bound, is used
+LEAST = 1e-9  # p-value below which it is replaced by an upper bound, the sum of pointwise tails
 
 
 class Ranked(NamedTuple):
-    """The rank of the truth among draws of each quantity, and whether 99 % intervals contain it.
+    """Ranks of the true values among posterior draws, and whether 99 % intervals contain them.
 
     Further fields are whether all draws are finite, whether the sampler finished, and the largest
     split R-hat.
@@ -44,7 +44,7 @@ class Ranked(NamedTuple):
 
 @dataclass(frozen=True)
 class Calibration:
-    """The results of many replications of a posterior, by the names of its quantities.
+    """The results of many replications of a posterior, by the names of the ranked quantities.
 
     Attributes:
         ranks: Rank of the truth among `num_ranks` draws, from 0 to `num_ranks`, (replication,
@@ -74,7 +74,7 @@ class Calibration:
 
 
 def judged(names: tuple[str, ...], replications: Ranked, num_ranks: int) -> Calibration:
-    """Test the ranks of all replications, including failed ones; return the calibration."""
+    """Test the ranks of all replications, including failed ones, and return the calibration."""
     ranks, inside = np.asarray(replications.rank), np.asarray(replications.inside)
     finite = np.asarray(replications.finite)
     failures = {
@@ -101,7 +101,7 @@ def judged(names: tuple[str, ...], replications: Ranked, num_ranks: int) -> Cali
 
 
 def _uniform(p_chi_square: dict[str, float], p_ecdf: dict[str, float]) -> Finding:
-    """Return the finding on uniform ranks, by the least p-value with Bonferroni's correction."""
+    """Return the finding on uniform ranks, from the smallest p-value with Bonferroni's factor."""
     both = [(p, name, "chi-square") for name, p in p_chi_square.items()]
     both += [(p, name, "ECDF") for name, p in p_ecdf.items()]
     p, name, test = min(both)
@@ -111,7 +111,7 @@ def _uniform(p_chi_square: dict[str, float], p_ecdf: dict[str, float]) -> Findin
 
 
 def _covered(coverage: dict[str, tuple[float, float, float]], count: int) -> Finding:
-    """Return the finding on whether 99 % intervals contain 99 % of the truths."""
+    """Return the finding on whether 99 % intervals contain 99 % of the true values."""
     corrected = 1 - (1 - LEVEL) / len(coverage)
     shares = {name: estimate[0] for name, estimate in coverage.items()}
     for name in (min(shares, key=shares.__getitem__), max(shares, key=shares.__getitem__)):
@@ -148,7 +148,7 @@ def counts_below(
 
 
 def ecdf_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
-    r"""Return the probability that uniform ranks deviate as much at the ECDF's extreme point.
+    r"""Return the p-value of the largest deviation of the ranks' ECDF from a uniform one.
 
     $$\gamma = \min_i 2 \min\{P(C_i \le c_i),\, P(C_i \ge c_i)\}$$
     """
@@ -157,30 +157,29 @@ def ecdf_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
     gamma = float(np.min(2 * np.minimum(law.cdf(counts), law.sf(counts - 1))))
     if gamma * num_ranks < LEAST:
         return gamma * num_ranks
-    # Counts less extreme than gamma are inside; the factor keeps rounding from including gamma
-    # itself.
+    # Less extreme counts are inside; the factor prevents rounding from including gamma itself.
     return 1 - _stays_inside(len(ranks), num_ranks, gamma * (1 + 1e-9))
 
 
 def ecdf_envelope(
     num_replications: int, num_ranks: int, level: float = 0.99
 ) -> tuple[Float[np.ndarray, " rank"], Float[np.ndarray, " rank"]]:
-    """Return bounds that the ECDF of uniform ranks keeps everywhere with probability `level`."""
+    """Return bounds that the ECDF of uniform ranks stays within, with probability `level`."""
 
     def excess(log_gamma: float) -> float:
         return _stays_inside(num_replications, num_ranks, float(np.exp(log_gamma))) - level
 
-    # Bonferroni's bound is on the safe side; the level of a single point is not.
+    # Bonferroni's bound is safe; the level of a single point would be too narrow.
     least = np.log((1 - level) / num_ranks) - 1.0
     most = 0.0 if num_ranks == 1 else np.log(1 - level) + 0.1
     root: float = brentq(excess, least, most, xtol=1e-3)  # pyright: ignore
-    # Counts are discrete: the bisection may end on the wrong side of a step.
+    # Counts are discrete, so the bisection may end on the wrong side of a step.
     lower, upper = _bounds(num_replications, num_ranks, float(np.exp(root - 2e-3)))
     return lower / num_replications, upper / num_replications
 
 
 def coverage_interval(inside: int, count: int, level: float = 0.99) -> tuple[float, float]:
-    """Return the Clopper-Pearson interval of a probability from counts of cases."""
+    """Return the Clopper-Pearson interval of a probability, from the number of cases."""
     interval = stats.binomtest(inside, count).proportion_ci(level, method="exact")
     return float(interval.low), float(interval.high)
 
@@ -192,10 +191,10 @@ def _law(num_replications: int, num_ranks: int) -> stats.distributions.rv_frozen
 def _bounds(
     num_replications: int, num_ranks: int, gamma: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the bounds of counts at which each tail has half of the probability gamma."""
+    """Return bounds of counts with half of the probability gamma on each side."""
     law = _law(num_replications, num_ranks)
     lower, upper = law.ppf(gamma / 2), law.isf(gamma / 2)
-    # The quantile of a discrete law is the count itself or its neighbour.
+    # The quantile of a discrete distribution is the count or one of its neighbours.
     lower = np.where(2 * law.cdf(lower) < gamma, lower + 1, lower)
     upper = np.where(2 * law.sf(upper - 1) < gamma, upper - 1, upper)
     return np.maximum(lower, 0), np.minimum(upper, num_replications)

@@ -1,4 +1,4 @@
-r"""Simulation-based calibration by replications: simulated data, their posteriors, ranks of truths.
+r"""Simulation-based calibration: simulate data, sample their posterior, rank the true values.
 
 Parameters drawn from the prior, data simulated from them, and draws of their posterior have one
 joint distribution, so the rank of the truth among the draws is uniform,
@@ -48,15 +48,16 @@ TAIL = 0.005  # probability on either side of a 99 % interval
 Quantity = Callable[[Theta, PyTree], Float[Array, ""]]
 Report = Callable[[int], None]
 HALVINGS = 100
-FARTHEST = 500.0  # bound of the unconstrained coordinate, whose exponential is finite
-EDGE = 1e-15  # least distance to the ends of the unit interval
-WITHOUT = NotImplementedError, ImportError  # if NumPyro lacks it or needs another library
+FARTHEST = 500.0  # bound of the unconstrained coordinate, beyond which the exponential overflows
+EDGE = 1e-15  # smallest distance from the ends of the unit interval
+# errors of NumPyro for a missing quantile function or library
+WITHOUT = NotImplementedError, ImportError
 Prior = Mapping[str, dist.Distribution]
 Simulate = Callable[[Key[Array, ""], Theta], PyTree]
 
 
 class Model(NamedTuple):
-    """A posterior to calibrate: simulator of its data, likelihood, prior box.
+    """A posterior to calibrate: simulator of its data, likelihood and prior bounds.
 
     `simulate` returns data for (key, theta), without using the likelihood's code. `quantities` are
     additional ones by name, each a function of (theta, data) that returns a number. Without a
@@ -87,7 +88,7 @@ def calibrate(
     report: Report = lambda done: None,
     parts: Parts = unkept,
 ) -> Calibration:
-    """Rank the truth among draws of its posterior, for many truths drawn from the prior.
+    """Rank true values among draws of their posterior, for many sets drawn from the prior.
 
     Replications run in parallel in one compiled function, `batch` at a time; those of a sampler
     that works in rounds run one after the other. A replication fails if a draw is not finite, the
@@ -134,7 +135,7 @@ def _batch(
 def _in_rounds(
     keys: Key[Array, " replication"], model: Model, sampler: Sampler, options: Any, num_ranks: int
 ) -> Ranked:
-    """Run one replication with a sampler that works in rounds, on all cores."""
+    """Run one replication on all cores, with a sampler that works in rounds."""
     truth, problem, to_draw, to_rank = _posed_alone(keys[0], model)
     drawn, *_ = module_of(sampler).gather(to_draw, problem, options)
     arrived = np.bool_(drawn.facts["khat"] < GOOD_KHAT and drawn.facts["ess_weights"] >= ESS)
@@ -147,7 +148,7 @@ def _in_rounds(
 def _posed(
     key: Key[Array, ""], model: Model
 ) -> tuple[dict[str, Array], Problem, Key[Array, ""], Key[Array, ""]]:
-    """Draw a truth and simulate its data; return them, the posterior and random keys."""
+    """Draw true values and simulate data; return them with the posterior and random keys."""
     key_truth, key_data, key_place, key_draws, key_rank = jax.random.split(key, 5)
     truth = from_unit(jax.random.uniform(key_truth, (len(model.box.names),)), model.box)
     data = model.simulate(key_data, truth)
@@ -160,7 +161,7 @@ def _posed(
 
 
 class _Replication(NamedTuple):
-    """A truth, its simulated data, draws of the posterior, and whether the sampler finished."""
+    """One replication: true values, simulated data, posterior draws, and whether sampling ended."""
 
     truth: Mapping[str, Array]
     data: PyTree
@@ -169,7 +170,7 @@ class _Replication(NamedTuple):
 
 
 def _ranks(key: Key[Array, ""], replication: _Replication, model: Model, num_ranks: int) -> Ranked:
-    """Return the rank of each quantity of the truth among its posterior draws."""
+    """Return the rank of the true value of each quantity among its posterior draws."""
     truth, data, draws, arrived = replication
 
     def values(theta: Theta) -> Float[Array, " quantity"]:
@@ -179,7 +180,7 @@ def _ranks(key: Key[Array, ""], replication: _Replication, model: Model, num_ran
         return jnp.stack([*parameters, likelihood, *derived])
 
     shape = draws[model.box.names[0]].shape
-    # The truth is appended to the draws, so that quantities are compiled once.
+    # Append the true values to the draws, so that quantities are compiled once.
     rows = {name: jnp.append(jnp.ravel(v), truth[name]) for name, v in draws.items()}
     quantities = in_batches(values, rows)
     of_draws = quantities[:-1].reshape(*shape, -1)
@@ -197,7 +198,7 @@ def ranked(
     arrived: Bool[Array, ""],
     num_ranks: int,
 ) -> Ranked:
-    """Rank one truth among evenly thinned draws of its posterior, with random ranks for ties."""
+    """Rank a true value among evenly thinned posterior draws, with random ranks for ties."""
     flat = draws.reshape(-1, draws.shape[-1])
     thinned = flat[np.linspace(0, len(flat) - 1, num_ranks).round().astype(int)]
     tail = round(TAIL * len(flat))
@@ -234,7 +235,7 @@ def _check(model: Model, num_replications: int, num_ranks: int, batch: int) -> N
 
 
 def own_model(simulate: Simulate, log_likelihood: LogLikelihood, prior: Prior) -> Model:
-    """Return the calibration model of a simulator, a log likelihood and a prior.
+    """Return the calibration model of a user's simulator, log likelihood and prior.
 
     Raises:
         ConfigError: A prior is no distribution of one real number, or has neither quantiles nor a
@@ -266,7 +267,7 @@ def theta_of(u: Theta, quantiles: Mapping[str, Callable[[Array], Array]]) -> dic
 
 
 def _quantile_of(prior: dist.Distribution) -> Callable[[Array], Array]:
-    """Return a prior's quantile function, or the inverse of its cumulative distribution."""
+    """Return a prior's quantile function; if it has none, invert the cumulative distribution."""
     try:
         jax.eval_shape(prior.icdf, jnp.asarray(0.5))
     except WITHOUT:
@@ -275,7 +276,7 @@ def _quantile_of(prior: dist.Distribution) -> Callable[[Array], Array]:
 
 
 def _inverted(prior: dist.Distribution, u: Array) -> Array:
-    """Return a prior's quantile by bisection, with its derivative, one over the density."""
+    """Return a prior's quantile by bisection, with its derivative (the inverse of the density)."""
     onto = biject_to(prior.support)
 
     def halved(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:

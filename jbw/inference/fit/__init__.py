@@ -1,1 +1,1 @@
-"""Least-squares fits, and the information of data about parameters."""
+"""Least-squares fits, and how well data determine parameters."""

@@ -1,4 +1,4 @@
-"""Least squares for costly residuals, such as simulations: few evaluations, in parallel."""
+"""Least squares for costly residuals such as simulations, evaluated in parallel."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -36,15 +36,16 @@ from jbw.inference.space.box import Box, named, require_float64
 from jbw.inference.space.coordinates import Composed, Logarithms, Sinh, Vector, unit
 
 Part = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
-TOLERANCE = 1e-10  # relative, of the cost and of the step
-STEP = 1e-5  # difference in the search coordinate (0 to 1): error 1e-10, rounding 1e-11
-# Widest difference at an optimum in the search coordinate, beyond which a residual is curved.
+TOLERANCE = 1e-10  # relative tolerance of the cost and of the step
+STEP = 1e-5  # step of a difference in the search coordinate (0 to 1): error 1e-10, rounding 1e-11
+# Widest difference at an optimum in the search coordinate; over wider ones a residual is curved.
 WIDEST = 0.02
-SAME, SETTLED, MOST_WIDENINGS = 1.2, 1.02, 12  # ratios of standard errors; most rounds
+# allowed ratios of standard errors; largest number of rounds
+SAME, SETTLED, MOST_WIDENINGS = 1.2, 1.02, 12
 UNIFORM = 12.0  # precision of a uniform prior on the unit cube
-OUT_OF_REACH = 1e100  # residuals of this size are rejected, before their squares overflow
-NEAR_ZERO = 0.01  # share of the upper bound from which the search is logarithmic
-LOPSIDED = 0.5  # largest size of a negative lower bound over the upper bound
+OUT_OF_REACH = 1e100  # size from which residuals are rejected, because their squares may overflow
+NEAR_ZERO = 0.01  # part of the upper bound above which the search is logarithmic
+LOPSIDED = 0.5  # size of a negative lower bound relative to the upper bound
 
 
 def costly_fit(
@@ -56,7 +57,7 @@ def costly_fit(
     max_evaluations: int = 60,
     tolerance: float = TOLERANCE,
 ) -> Fit:
-    """Minimise a sum of squares in the box by scipy's trust region, from one start or several.
+    """Minimise a sum of squares within bounds by scipy's trust region, from one or more starts.
 
     Residual and Jacobian come from one program, compiled once for a `residual`, names and shapes.
     Starts are given by name, as one value or one value per start. `max_evaluations` applies to each
@@ -120,7 +121,7 @@ def _fitted(
     max_evaluations: int,
     tolerance: float,
 ) -> Fit | None:
-    """Fit from one start in the unit cube; return None if the start is rejected."""
+    """Fit from one start in normalised coordinates; return None if the start is rejected."""
     part = part_of(evaluate)
     end = trust_region(part, start, max_evaluations, tolerance)
     if not np.isfinite(end.cost):
@@ -140,7 +141,7 @@ def wide_enough(
     differences: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     s: NDArray[np.float64],
 ) -> Float[np.ndarray, "residual parameter"]:
-    r"""Return the Jacobian, by wider differences (one standard deviation) if these change it.
+    r"""Return the Jacobian, with differences as wide as a standard deviation if that changes it.
 
     $$h_i = 1 / \lVert J_i \rVert$$
 
@@ -169,14 +170,14 @@ def wide_enough(
 def precision(
     jacobian: Float[np.ndarray, "residual parameter"],
 ) -> Float[np.ndarray, "parameter parameter"]:
-    """Return the precision in the unit cube from the data and a uniform prior."""
+    """Return the inverse covariance in normalised coordinates, from data and a uniform prior."""
     return jacobian.T @ jacobian + UNIFORM * np.eye(jacobian.shape[1])
 
 
 def trust_region(
     part: Part, start: NDArray[np.float64], max_evaluations: int, tolerance: float
 ) -> OptimizeResult:
-    r"""Minimise by scipy's trust region in the unit cube; reject points that cannot be solved.
+    r"""Minimise by scipy's trust region in normalised coordinates; reject unsolvable points.
 
     $$[J \; r] = Q R: \qquad J^T J, \; J^T r \; \text{and} \; r^T r \; \text{are those of} \; R$$
 
@@ -222,12 +223,12 @@ def trust_region(
 def residual_at(
     residual: Residual, x: NDArray[np.float64], box: Box, data: PyTree
 ) -> NDArray[np.float64]:
-    """Return the residual at the unit coordinate x, by the compiled program of the fit."""
+    """Return the residual at normalised coordinates x, by the compiled program of the fit."""
     return evaluator(residual, box, data)(to_search(x, box), 0)
 
 
 def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
-    r"""Return a function of s and a flag: the residual (0) or its Jacobian with respect to s (1).
+    r"""Return a function of point and flag: the residual (0) or its Jacobian (1).
 
     $$\frac{\partial r}{\partial s_i} \approx \frac{r(s + h e_i) - r(s - h e_i)}{2h}$$
 
@@ -239,7 +240,7 @@ def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
 
 
 def part_of(evaluate: Evaluate) -> Part:
-    """Return a function of s and a flag for the residual (0) or its Jacobian (1)."""
+    """Return a function of point and flag for the residual (0) or its Jacobian (1)."""
 
     @lru_cache(maxsize=1)  # scipy asks for the residual and then for the Jacobian at one point
     def at(s: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -252,7 +253,7 @@ def part_of(evaluate: Evaluate) -> Part:
 
 
 def rows_of(residual: Residual, box: Box, data: PyTree) -> Evaluate:
-    """Return a function from search points to rows of residuals; NaN where out of reach."""
+    """Return a function from points to residuals; they are NaN if too large or unsolvable."""
 
     def evaluate(points: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, "point value"]:
         rows = at_points(_real_of, parameters_at(points, box), (residual, data), lanes=FIT_LANES)
@@ -264,7 +265,7 @@ def rows_of(residual: Residual, box: Box, data: PyTree) -> Evaluate:
 def _with_differences(
     evaluate: Evaluate, s: NDArray[np.float64], steps: Float[np.ndarray, " parameter"]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the residual, and its Jacobian from central differences with given steps."""
+    """Return the residual, and its Jacobian by central differences with given steps."""
     apart = np.diag(steps)
     rows = evaluate(s + np.concatenate([np.zeros((1, len(s))), apart, -apart]))
     ahead, behind = np.split(rows[1:], 2)
@@ -277,7 +278,7 @@ def _slope(
     behind: Float[np.ndarray, "parameter residual"],
     steps: Float[np.ndarray, "parameter 1"],
 ) -> Float[np.ndarray, "residual parameter"]:
-    """Return the Jacobian by central differences, one-sided where the model fails on a side."""
+    """Return the Jacobian by central differences; one-sided if the model fails on one side."""
     sides = [np.all(np.isfinite(side), axis=1, keepdims=True) for side in (ahead, behind)]
     ahead, behind = (
         np.where(ok, side, here) for ok, side in zip(sides, (ahead, behind), strict=True)
@@ -288,7 +289,7 @@ def _slope(
 
 
 def _solved(theta: Mapping[str, np.ndarray], residual_and_data: Any, threads: int) -> Solved | None:
-    """Return the data with the costly part solved, if the residual is `solved_first`."""
+    """Return the data with costly predictions precomputed, if the residual is `solved_first`."""
     residual, data = residual_and_data
     solver = getattr(residual, "solver", None)
     if solver is None or (solved := solver(theta, data, threads)) is None:
@@ -297,7 +298,7 @@ def _solved(theta: Mapping[str, np.ndarray], residual_and_data: Any, threads: in
 
 
 def _seen(residual_and_data: tuple[Residual, Any]) -> tuple[Residual, Any]:
-    """Return the residual with only the data that it depends on."""
+    """Return the residual with only those data that it depends on."""
     residual, data = residual_and_data
     return residual, seen_by(residual, data)
 
@@ -310,7 +311,7 @@ def _real_of(theta: Mapping[str, Array], residual_and_data: Any) -> Float[Array,
 
 
 def parameters_at(s: Float[np.ndarray, "point parameter"], box: Box) -> dict[str, np.ndarray]:
-    """Return the parameters by name at points of the search coordinate."""
+    """Return the parameters by name at points of the search coordinates."""
     return named(np.asarray(_forward(search_coordinate(box), jax.device_put(s))), box)
 
 
@@ -322,7 +323,7 @@ def _forward(
 
 
 def search_coordinate(box: Box) -> Composed:
-    r"""Return the map from the search's unit cube to parameters, logarithmic where possible.
+    r"""Return the map from search coordinates (0 to 1) to parameters, logarithmic if possible.
 
     For positive bounds, $\theta = \theta_{min} (\theta_{max} / \theta_{min})^s$. For others that
     reach much further above zero than below, it is a hyperbolic sine, which is a logarithm of
@@ -337,19 +338,19 @@ def search_coordinate(box: Box) -> Composed:
 
 
 def to_search(x: Float[np.ndarray, " parameter"], box: Box) -> Float[np.ndarray, " parameter"]:
-    """Return the search coordinate s of a unit coordinate x."""
+    """Return the search coordinates of normalised coordinates x."""
     lower, upper = np.asarray(box.lower), np.asarray(box.upper)
     return search_coordinate(box).inverse(lower + np.asarray(x) * (upper - lower))
 
 
 def from_search(s: Vector, box: Box) -> tuple[Vector, Vector]:
-    """Return the unit coordinate x at a search coordinate s, and dx / ds."""
+    """Return normalised coordinates x at search coordinates s, with dx / ds."""
     return _unit_and_slope(search_coordinate(box), s, box)
 
 
 @eqx.filter_jit
 def _unit_and_slope(coordinate: Composed, s: Vector, box: Box) -> tuple[Vector, Vector]:
-    # Each parameter depends on its own coordinate alone, so one directional derivative is enough.
+    # Each parameter depends only on its own coordinate, so one directional derivative suffices.
     theta, slope = jax.jvp(coordinate.forward, (s,), (jnp.ones_like(s),))
     width = box.upper - box.lower
     x = jnp.where(s <= 0, 0.0, jnp.where(s >= 1, 1.0, (theta - box.lower) / width))

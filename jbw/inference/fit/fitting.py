@@ -1,4 +1,4 @@
-"""Least squares in a box from many starts: the optimum, its covariance, weak directions."""
+"""Least squares within bounds from many starts: optimum, covariance, undetermined directions."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -18,16 +18,17 @@ from jbw.inference.space.box import Box, from_unit, require_float64
 
 Residual = Callable[[Mapping[str, Array], Any], Float[Array, " residual"]]
 BOX_STD = 1 / np.sqrt(12)  # standard deviation of a uniform x
-TOLERANCE = 1e-9  # relative and absolute, of the cost and the logit
+TOLERANCE = 1e-9  # relative and absolute tolerance of the cost and the logit
 MOST_STEPS = 256
-NEAR_BOUND = 0.01  # distance to a bound, over the box, where the optimum may lie beyond it
-THINNEST = 1e-14  # least eigenvalue of a correlation matrix
-START_MARGIN = 1e-3  # distance of starts from a bound, where the logit is infinite
+# distance to a bound over the prior's width, where the optimum may lie beyond the bound
+NEAR_BOUND = 0.01
+THINNEST = 1e-14  # smallest eigenvalue of a correlation matrix
+START_MARGIN = 1e-3  # distance of starts from a bound, because the logit is infinite there
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The best of several least-squares fits.
+    """The best of several least-squares fits, with covariance and undetermined directions.
 
     Attributes:
         theta: Optimum by name, in the parameters' units; x is the optimum in the unit coordinate of
@@ -63,7 +64,7 @@ class Fit:
 def to_first_order(
     quantities: Callable[[Mapping[str, Array]], Mapping[str, Array]], best: Fit
 ) -> tuple[dict[str, float], dict[str, float]]:
-    r"""Return functions of the parameters at a fit, and their standard deviations, by name.
+    r"""Return functions of the parameters at a fit, with standard deviations to first order.
 
     $$\sigma_q = \sqrt{g^T C g}, \qquad g = \partial q / \partial\theta$$
     """
@@ -89,7 +90,7 @@ def fit(
     starts: int | Mapping[str, Any] = 8,
     key: Key[Array, ""] | None = None,
 ) -> Fit:
-    r"""Minimise a sum of squares in the box by Levenberg-Marquardt from many starts.
+    r"""Minimise a sum of squares within bounds by Levenberg-Marquardt, from many starts.
 
     $$\min_u \tfrac12 |r(\theta_{min} + (\theta_{max} - \theta_{min})\,\mathrm{sigmoid}(u))|^2$$
 
@@ -126,9 +127,9 @@ def describe_optimum(
     box: Box,
     costs: NDArray[np.float64],
 ) -> Fit:
-    """Return the record of a fit from its optimum x, residual and Jacobian."""
+    """Return the record of a fit from its optimum, residual and Jacobian."""
     values, rows = svd_of_all(jacobian)
-    root = rows.T / np.maximum(values, 1 / BOX_STD)  # no direction is wider than the box
+    root = rows.T / np.maximum(values, 1 / BOX_STD)  # no direction is wider than the prior's bounds
     width = np.asarray(box.upper) - np.asarray(box.lower)
     covariance = _definite(root @ root.T * np.outer(width, width))
     theta = {name: float(value) for name, value in from_unit(np.asarray(x), box).items()}
@@ -141,7 +142,7 @@ def describe_optimum(
 
 
 def _definite(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the covariance, made positive definite if rounding has spoiled it.
+    """Return a covariance, made positive definite if rounding has spoiled that.
 
     If a sum is determined far better than its terms, rounding may make an eigenvalue of the
     correlations negative.
@@ -174,7 +175,7 @@ def _starts(
 
 
 def named_starts(starts: Mapping[str, Any], box: Box) -> Float[np.ndarray, "start parameter"]:
-    """Return the unit coordinates of starts given by name, as one value or one value per start."""
+    """Return normalised coordinates of starts given by name, as one value or one per start."""
     columns = np.broadcast_arrays(*(np.atleast_1d(starts[name]) for name in box.names))
     lower, upper = np.asarray(box.lower), np.asarray(box.upper)
     return (np.stack(columns, axis=-1) - lower) / (upper - lower)
@@ -195,7 +196,7 @@ def _solve(
         end = optx.least_squares(of_logit, solver, u, data, max_steps=MOST_STEPS, throw=False).value
         return jax.nn.sigmoid(end), 0.5 * jnp.sum(of_logit(end, data) ** 2)
 
-    # Starts run one after another, because each takes its own number of steps.
+    # Starts run one after another: each takes a different number of steps.
     return jax.lax.map(from_start, x_starts)
 
 
@@ -203,7 +204,7 @@ def _solve(
 def linearise(
     residual: Residual, x: Float[Array, " parameter"], box: Box, data: PyTree
 ) -> tuple[Float[Array, "residual parameter"], Float[Array, " residual"]]:
-    """Return the Jacobian by the unit coordinate x, and the residual, in one pass."""
+    """Return the Jacobian by normalised coordinates x, and the residual, in one pass."""
 
     def both(x: Array) -> tuple[Array, Array]:
         residuals = real(residual(from_unit(x, box), data))
@@ -225,9 +226,8 @@ def real(residual: Array) -> Float[Array, " residual"]:
 def svd_of_all(
     jacobian: Float[np.ndarray, "residual parameter"],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a Jacobian's singular values, one per parameter, and directions as rows."""
-    # Rows of zeros make a wide Jacobian square, so a direction without data has the singular value
-    # 0.
+    """Return a Jacobian's singular values, one per parameter, with their directions as rows."""
+    # Added rows of zeros give directions without data the singular value 0.
     missing = max(0, jacobian.shape[1] - len(jacobian))
     padded = np.vstack([jacobian, np.zeros((missing, jacobian.shape[1]))])
     return np.linalg.svd(padded, full_matrices=False)[1:]
@@ -239,7 +239,7 @@ def _at_bound(
     residual: Float[np.ndarray, " residual"],
     names: tuple[str, ...],
 ) -> dict[str, str]:
-    """Return the parameters near a bound whose own Newton step leads onto it or beyond."""
+    """Return the parameters near a bound whose next Newton step would reach it or go beyond."""
     curvature = np.sum(jacobian**2, axis=0)
     newton_end = x - (jacobian.T @ residual) / np.where(curvature > 0, curvature, np.inf)
     lower = (x < NEAR_BOUND) & (newton_end <= 0)

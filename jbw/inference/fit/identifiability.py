@@ -1,4 +1,4 @@
-"""The influence of data and prior box on a posterior: weak directions, shifts of means."""
+"""How data and prior bounds determine a posterior: weak directions, sensitivity to bounds."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,21 +23,21 @@ from jbw.inference.space.box import (
 from jbw.report.messages import identified
 
 Matrix = Float[np.ndarray, "parameter parameter"]
-UNLEARNT = 0.7  # posterior over prior standard deviation from which a direction is weak
-PRESENT = 0.3  # least share of a direction's largest component of a parameter that belongs to it
-RESOLVED = 2.0  # standard deviations from zero from which logarithms are used
-NEAR = 0.2  # distance within which an exponent is rounded to a multiple of 1/2
-CUT = 0.1  # cut over the width of the box, or of the posterior if that is less
+UNLEARNT = 0.7  # ratio of posterior to prior standard deviation, above which a direction is weak
+PRESENT = 0.3  # smallest component of a parameter in a direction, relative to the largest one
+RESOLVED = 2.0  # distance from zero in standard deviations, above which logarithms are used
+NEAR = 0.2  # distance to a multiple of 1/2, below which an exponent is rounded to it
+CUT = 0.1  # removed part of the prior range, or of the posterior's width if that is smaller
 WIDTH = 8.0  # width of a posterior in standard deviations
-FOLLOWS = 0.1  # reported shift in standard deviations; a uniform posterior shifts by 0.17
-LEAST_SHARE = 0.01  # least share of draws after a cut that gives a mean
+FOLLOWS = 0.1  # smallest reported shift in standard deviations; a uniform posterior shifts by 0.17
+LEAST_SHARE = 0.01  # smallest share of draws that remain after a cut and still give a mean
 
 Draws = Mapping[str, Float[np.ndarray, "..."]]
 
 
 @dataclass(frozen=True)
 class WeakDirection:
-    """Parameters that data determine in combination only, or not at all, with a sentence."""
+    """Parameters that data determine only in combination, or not at all, with a sentence."""
 
     names: tuple[str, ...]
     ratio: float
@@ -59,7 +59,7 @@ def weak_direction(mean: Mapping[str, float], covariance: Matrix, box: Box) -> W
 
 
 def weak_direction_of_draws(draws: Draws, box: Box) -> WeakDirection | None:
-    """Return the weakest directions of posterior draws, or None.
+    """Return the least determined directions of posterior draws, or None.
 
     Both logarithms and the parameters themselves are tried. If the data exclude only a part of a
     box over decades, a parameter may look narrower in its logarithm without being determined.
@@ -75,16 +75,17 @@ def weak_direction_of_draws(draws: Draws, box: Box) -> WeakDirection | None:
 
 
 def _never_zero(centre: NDArray[np.float64], covariance: Matrix) -> NDArray[np.bool_]:
-    """Return which parameters differ significantly from zero if all others are fixed."""
+    """Return which parameters differ clearly from zero if all others are fixed."""
     std = np.sqrt(np.diag(covariance))
-    if not (np.all(np.isfinite(covariance)) and np.all(std > 0)):  # draws that never moved
+    # draws of chains that never moved
+    if not (np.all(np.isfinite(covariance)) and np.all(std > 0)):
         return np.zeros(len(std), bool)
     conditional = std / np.sqrt(np.diag(np.linalg.pinv(covariance / np.outer(std, std))))
     return np.abs(centre) > RESOLVED * conditional
 
 
 def _weak(posterior: Matrix, logs: NDArray[np.bool_], box: Box) -> WeakDirection | None:
-    """Return the weak directions of a covariance in which some parameters are logarithms."""
+    """Return the least determined directions of a covariance, some parameters as logarithms."""
     bounds = bounds_by_name(box).values()
     prior = np.array(
         [
@@ -117,9 +118,8 @@ def _in_words(
 def _determined(
     directions: Float[np.ndarray, "parameter weak"],
 ) -> Float[np.ndarray, "combination parameter"]:
-    """Return exponents orthogonal to the weak directions, one parameter per row with exponent 1."""
-    # Combinations share the parameters that move most along the weak directions; among equal ones,
-    # the first.
+    """Return combinations of parameters that the data determine, as exponents in rows."""
+    # Combinations share the parameters that vary most along the weak directions.
     first = 1 / (1 + NEAR * np.arange(len(directions)))
     decomposition: Any = qr(directions.T * first, mode="r", pivoting=True)
     order = decomposition[1]
@@ -133,7 +133,7 @@ def _determined(
 
 
 def combination(names: Sequence[str], exponents: NDArray[np.float64], logs: bool) -> str:
-    """Format a product of powers (a sum without `logs`); round exponents near halves."""
+    """Return a text on a product of powers (a sum without `logs`), with rounded exponents."""
     parts = [
         (name, _rounded(float(exponent)))
         for name, exponent in zip(names, exponents, strict=True)
@@ -162,7 +162,7 @@ def _power(name: str, exponent: float) -> str:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """The largest shift of a mean [sd] when a prior box is cut at one end."""
+    """The largest shift of a posterior mean [sd] when a prior's range is cut at one end."""
 
     shift: float
     box: str
@@ -170,7 +170,7 @@ class Sensitivity:
 
 
 def contraction(draws: Draws, box: Box, products: Iterable[Product]) -> dict[str, float]:
-    r"""Return the data's contraction per product, $1 - \mathrm{var}_{post} / \mathrm{var}_{prior}$.
+    r"""Return how data narrow each product, $1 - \mathrm{var}_{post} / \mathrm{var}_{prior}$.
 
     It is NaN if the prior's variance is infinite. Logarithms are used as in `information`: in a box
     over decades, a value known to within a factor of two would otherwise count as determined.
@@ -188,14 +188,14 @@ def contraction(draws: Draws, box: Box, products: Iterable[Product]) -> dict[str
 
 
 def _positive(draws: Float[np.ndarray, "..."], lower: float) -> bool:
-    """Return whether a parameter is positive by its box, or by the data in a box from zero on."""
+    """Return whether a parameter is positive by its bounds, or because the data exclude zero."""
     if lower != 0:
         return lower > 0
     return bool(np.min(draws) > 0 and np.mean(draws) > RESOLVED * np.std(draws))
 
 
 def box_sensitivity(draws: Draws, box: Box) -> dict[str, Sensitivity]:
-    r"""Return each mean's largest shift when a tenth of a parameter's box is cut off at an end.
+    r"""Return how far each mean shifts if a tenth of a parameter's prior range is removed.
 
     $$\frac{E[\theta \mid \theta_i \in B'] - E[\theta]}{\mathrm{sd}(\theta)}$$
 
@@ -230,7 +230,7 @@ def _shift(values: Float[np.ndarray, " draw"], inside: NDArray[np.bool_]) -> flo
 def sensitivity_statements(
     sensitivity: Mapping[str, Sensitivity], texts: Mapping[str, str] | None = None
 ) -> list[str]:
-    """Return sentences on the means that depend on the box; `texts` gives displayed names."""
+    """Return sentences on the means that depend on prior bounds; `texts` gives displayed names."""
     shown = texts or {}
     following = {name: row for name, row in sensitivity.items() if row.shift > FOLLOWS}
     moves = [

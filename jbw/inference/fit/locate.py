@@ -1,4 +1,4 @@
-r"""Laplace approximations of posteriors under `vmap`, one per data set.
+r"""Gaussian approximations of many posteriors at once, one per data set, under `vmap`.
 
 The uniform prior of parameters, some by their logarithms, is replaced by a normal one of the same
 variance,
@@ -24,13 +24,14 @@ from jbw.inference.space.problem import LogLikelihood, Problem, Theta
 from jbw.inference.space.reparametrisation import WIDER
 
 Residual = Callable[[Theta, PyTree], Float[Array, " values"]]
-PRIOR_PRECISION = 12.0  # precision of a uniform distribution of width one
-BEYOND = 0.25  # distance, in widths of the box, that the search may leave it by
-FIRST, RISE, FALL = 1e-2, 8.0, 4.0  # first damping, factors after failed and good steps
+PRIOR_PRECISION = 12.0  # inverse variance of a uniform distribution of width one
+BEYOND = 0.25  # distance in widths of the prior range by which the search may leave it
+# first damping of Levenberg-Marquardt; factors after failed and good steps
+FIRST, RISE, FALL = 1e-2, 8.0, 4.0
 
 
 class Search(NamedTuple):
-    """The settings of a search for a posterior by least squares.
+    """The settings of a search for a posterior's optimum by least squares.
 
     `logs` names the parameters that are searched by their logarithm (positive lower bounds). The
     search starts at the best of `num_looks` points of the prior.
@@ -45,7 +46,7 @@ class Search(NamedTuple):
 def locate(
     key: Key[Array, ""], search: Search, log_likelihood: LogLikelihood, box: Box, data: PyTree
 ) -> Problem:
-    """Return the posterior, whitened around the optimum of a least-squares search."""
+    """Find the optimum of a posterior, and return the posterior in coordinates around it."""
     outer = Logarithms(tuple(name in search.logs for name in box.names))
     lower, upper = outer.inverse(box.lower), outer.inverse(box.upper)
     inner = unit(lower, upper)
@@ -58,13 +59,13 @@ def locate(
     u = jax.random.uniform(key, (search.num_looks, len(box.names)))
     costs = jax.lax.map(lambda point: _cost(residual(point)), u, batch_size=search.num_looks)
     optimum = _descend(residual, u[jnp.argmin(costs)], search.num_steps)
-    # These bounds are so wide that the sampler's logit is nearly linear over the box.
+    # These bounds are so wide that the sampler's logit is nearly linear in the prior range.
     reach = WIDER * (upper - lower)
     bounds = lower - reach, upper + reach
     logit = interval(*bounds).inverse(inner.forward(optimum.u))
     x = jax.nn.sigmoid(logit)
     slope = (upper - lower) / ((bounds[1] - bounds[0]) * x * (1 - x))
-    # This is the Laplace approximation at the stationary point.
+    # This is the Gaussian approximation at the optimum.
     root = jnp.linalg.cholesky(optimum.jacobian.T @ optimum.jacobian)
     factor = jax.scipy.linalg.solve_triangular(root, jnp.eye(x.size), lower=True).T
     whitening = Affine(logit, slope[:, None] * factor)
@@ -76,7 +77,7 @@ def _cost(residuals: Float[Array, " values"]) -> Float[Array, ""]:
 
 
 class _Place(NamedTuple):
-    """The state of a search: point, residual and Jacobian there, damping."""
+    """The state of a search: point, residual, Jacobian and damping."""
 
     u: Float[Array, " parameter"]
     residuals: Float[Array, " values"]
@@ -87,7 +88,7 @@ class _Place(NamedTuple):
 def _descend(
     residual: Callable[[Array], Array], u: Float[Array, " parameter"], num_steps: int
 ) -> _Place:
-    """Minimise by Levenberg-Marquardt, with points allowed slightly outside the box.
+    """Minimise by Levenberg-Marquardt; points may lie slightly outside the prior range.
 
     A library's solver would contain the Jacobian in several places of its program, each compiled
     separately, which takes too long.
@@ -101,7 +102,7 @@ def _descend(
         normal = at.jacobian.T @ at.jacobian
         shaped = normal + at.damping * jnp.diag(jnp.diagonal(normal))
         move = jnp.linalg.solve(shaped, at.jacobian.T @ at.residuals)
-        # The first step does not move, so the Jacobian appears in one place and is compiled once.
+        # The first step does not move: so the Jacobian appears once in the program.
         u = jnp.where(i == 0, at.u, jnp.clip(at.u - move, -BEYOND, 1 + BEYOND))
         jacobian, residuals = jax.jacfwd(both, has_aux=True)(u)
         better = (_cost(residuals) < _cost(at.residuals)) | (i == 0)

@@ -1,4 +1,4 @@
-"""The information of a fit's data on parameters: directions, widths, profile likelihoods.
+"""How well a fit's data determine parameters: directions, widths, profile likelihoods.
 
 Directions and widths follow from the covariance of a fit compared with the prior, before sampling.
 A profile shows how far one parameter can move while all others compensate.
@@ -32,26 +32,28 @@ from jbw.inference.thresholds import KNOWN, LEARNT, ROUGHLY, THRESHOLD
 from jbw.report.messages import identified
 from jbw.report.messages.message import listed
 
-SENSIBLE = 10.0  # larger exponents are due to boxes of unequal widths
-AS_WELL = 2.0  # largest ratio of the deviation of a named combination to that of its direction
-TOLD_APART = 0.5  # relative deviation of a product over that of its factors that ties them
+SENSIBLE = 10.0  # larger exponents only reflect prior ranges of unequal width
+AS_WELL = 2.0  # largest standard deviation of a named combination over that of its direction
+# deviation of a product over that of its factors, below which they compensate each other
+TOLD_APART = 0.5
 logger = logging.getLogger("jbw")
-FLAT = 0.1  # difference of chi-square below which there is no preference
-PLACES = 4  # points on either side of the fit, within REACH
-REACH = 3.0  # standard deviations, slightly beyond the 2.58 of 99 %
-MOST_FURTHER = 6  # points beyond, each twice as far as the last
-MOST_EVALUATIONS = 12  # per point, as the neighbour's optimum is near
-TOLERANCE = 1e-7  # relative, of the cost and of the step
-ON_BOUND = 1e-6  # distance to a bound, over the box, without room for points
-STEEP = 1.5  # standard deviations between two points beyond which a line between them is too rough
-MOST_HALVINGS = 6  # most halvings of the gap in which a profile passes the threshold
+FLAT = 0.1  # change of chi-square that is too small to prefer a value
+PLACES = 4  # points on each side of the fit, within REACH
+REACH = 3.0  # range of a profile in standard deviations, slightly beyond the 2.58 of 99 %
+MOST_FURTHER = 6  # largest number of further points, each twice as far as the one before
+MOST_EVALUATIONS = 12  # evaluations per point; the optimum of the neighbouring point is near
+TOLERANCE = 1e-7  # relative tolerance of the cost and of the step
+ON_BOUND = 1e-6  # distance to a bound over the prior's width, below which no point fits between
+STEEP = 1.5  # largest change between two points, in standard deviations, that a line may bridge
+# largest number of halvings of the interval in which a profile crosses the threshold
+MOST_HALVINGS = 6
 
-Point = tuple[NDArray[np.float64], float]  # coordinates, and chi-square
+Point = tuple[NDArray[np.float64], float]  # coordinates and chi-square of a point
 
 
 @dataclass(frozen=True)
 class Direction:
-    """A direction of the parameters, and the information of the data along it.
+    """A direction in parameter space, and how well the data determine it.
 
     `names` are the parameters that dominate it, and `loadings` the shares of all parameters, in
     prior standard deviations, in the box's order. `text` is their combination, with leading
@@ -69,7 +71,7 @@ class Direction:
 
 @dataclass(frozen=True)
 class QuantityInformation:
-    """A parameter or product with value, standard deviation and its ratio to the prior's."""
+    """A parameter or product of parameters: value, standard deviation, ratio to the prior's."""
 
     text: str
     value: float
@@ -84,7 +86,7 @@ class QuantityInformation:
 
 @dataclass(frozen=True)
 class Information:
-    """The Fisher information of a fit: directions, strongest first, and parameters and products."""
+    """The Fisher information of a fit, by direction (strongest first), parameter and product."""
 
     names: tuple[str, ...]
     directions: tuple[Direction, ...]
@@ -92,7 +94,7 @@ class Information:
 
 
 def information(best: Fit, box: Box, products: Iterable[Product] = ()) -> Information:
-    r"""Return the data's Fisher information relative to the prior, per direction.
+    r"""Return the Fisher information of the data relative to the prior, by direction.
 
     $$J^T J\,v = \lambda\,\Lambda\,v, \qquad \rho = (1 + \lambda)^{-1/2}, \qquad
       \Sigma = (J^T J + \Lambda)^{-1}$$
@@ -103,7 +105,7 @@ def information(best: Fit, box: Box, products: Iterable[Product] = ()) -> Inform
     """
     theta = np.array([best.theta[name] for name in box.names])
     lower, upper = np.asarray(box.lower), np.asarray(box.upper)
-    # Use logarithms if the box is positive, or the data exclude zero.
+    # Use logarithms if the prior bounds are positive, or the data exclude zero.
     resolved = theta * np.linalg.norm(best.jacobian, axis=0) > RESOLVED
     logs = (lower > 0) | ((lower == 0) & resolved)
     slope = np.where(logs, theta, 1.0)
@@ -156,7 +158,7 @@ def _members(
     root: NDArray[np.float64],
     ratio: float,
 ) -> list[int]:
-    """Return the indices of enough parameters to name a direction.
+    """Return the indices of the parameters that are needed to name a direction.
 
     A factor with a narrow prior contributes little to the direction, but without it the other
     factors are determined far worse than the direction: alpha*delta known to a millionth says
@@ -172,7 +174,7 @@ def _members(
 
 
 def statements(spectrum: Information, products: Iterable[Product] = ()) -> list[str]:
-    """Return sentences on how well the data constrain parameters and `products`."""
+    """Return sentences on how well the data determine parameters and `products`."""
     sentences = [directions_sentence(spectrum)]
     rows = list(spectrum.known.values())
     for kind in identified.GRADES:
@@ -182,18 +184,18 @@ def statements(spectrum: Information, products: Iterable[Product] = ()) -> list[
 
 
 def directions_sentence(spectrum: Information) -> str:
-    """Return the sentence on how many directions the data determine better than the prior does."""
+    """Return the sentence on how many directions the data determine better than the prior."""
     learnt = sum(direction.ratio < UNLEARNT for direction in spectrum.directions)
     return identified.directions(learnt, len(spectrum.directions))
 
 
 def ties(spectrum: Information, products: Iterable[Product]) -> list[str]:
-    """Return sentences on products that are constrained better than their factors."""
+    """Return sentences on products that are better determined than their factors."""
     return [sentence for product in products for sentence in _tie(spectrum.known, product)]
 
 
 def _kind(row: QuantityInformation) -> str:
-    """Return a quantity's grade, such as known or unknown, as the report assigns it."""
+    """Return how well a quantity is identified, in the grades of the report."""
     if _is_unlearnt(row):
         return "unknown"
     if row.relative <= KNOWN:
@@ -212,7 +214,7 @@ def _with_error(row: QuantityInformation) -> str:
 
 
 def _tie(rows: Mapping[str, QuantityInformation], product: Product) -> list[str]:
-    """Return a sentence on a product that is better constrained than its factors, if it is."""
+    """Return a sentence if a product is better determined than its factors."""
     row = rows[product.name]
     factors = [rows[name].relative for name in product.factors if name in rows]
     if _is_unlearnt(row) or not factors or row.relative >= TOLD_APART * min(factors):
@@ -222,7 +224,7 @@ def _tie(rows: Mapping[str, QuantityInformation], product: Product) -> list[str]
 
 @dataclass(frozen=True)
 class Profile:
-    """The profile of chi-square along one parameter, minimised over all the others.
+    """Chi-square along one parameter, minimised over all other parameters.
 
     `chi_square` is relative to the least of all profiles, and `path` contains the other parameters'
     optima. The `interval` is where it stays below the threshold; it ends at the box's bound if that
@@ -248,7 +250,7 @@ def profiles(
     *,
     report: Callable[[str], None] = logger.debug,
 ) -> dict[str, Profile]:
-    r"""Compute the profile of chi-square along each parameter.
+    r"""Compute chi-square along each parameter, minimised over the other parameters.
 
     $$\chi^2_p(\theta_i) = \min_{\theta_j,\, j \ne i} |r(\theta)|^2$$
 
@@ -302,7 +304,7 @@ def _profile(
 
 
 def _crossing(s: NDArray[np.float64], root: NDArray[np.float64]) -> float | None:
-    """Return where the root of chi-square (linear for a Gaussian) first passes the threshold."""
+    """Return where the root of chi-square (linear for a Gaussian) first exceeds the threshold."""
     level = np.sqrt(THRESHOLD)
     beyond = np.flatnonzero(root >= level)
     if not beyond.size:
@@ -310,14 +312,14 @@ def _crossing(s: NDArray[np.float64], root: NDArray[np.float64]) -> float | None
     j = beyond[0]
     if j == 0:  # another profile found a better fit
         return float(s[0])
-    if not np.isfinite(root[j]):  # not solvable there, so its rise is unknown
+    if not np.isfinite(root[j]):  # the model is not solvable there, so the rise is unknown
         return float(s[j])
     share = (level - root[j - 1]) / (root[j] - root[j - 1])
     return float(s[j - 1] + share * (s[j] - s[j - 1]))
 
 
 def _value(place: float, held: int, box: Box) -> float:
-    """Return the parameter's value at a point of its search coordinate."""
+    """Return the parameter's value at a point of the search coordinates."""
     x = from_search(jnp.full(len(box.names), place), box)[0]
     return float(box.lower[held] + x[held] * (box.upper[held] - box.lower[held]))
 
@@ -343,7 +345,7 @@ def walk(
 
 
 def _refined(part: Part, side: list[Point], held: int) -> list[Point]:
-    """Return one side of a profile with more points where chi-square rises too steeply."""
+    """Return one side of a profile, with more points where chi-square rises steeply."""
     centre = side[0][1]
     for _ in range(MOST_HALVINGS):
         rise = np.array([max(chi_square - centre, 0.0) for _, chi_square in side])
@@ -360,16 +362,16 @@ def _refined(part: Part, side: list[Point], held: int) -> list[Point]:
 
 
 def _sd(jacobian: Float[np.ndarray, "residual parameter"], held: int) -> float:
-    """Return one coordinate's standard deviation with all others free, at most the box width."""
+    """Return a coordinate's standard deviation with all others free, at most the prior's."""
     others, column = np.delete(jacobian, held, axis=1), jacobian[:, held]
     explained = others @ np.linalg.lstsq(others, column)[0] if others.shape[1] else 0.0
     residual = float(np.linalg.norm(column - explained))
-    # A column that the others explain up to rounding has no information.
+    # A column that others explain up to rounding contains no information.
     return min(1 / residual, 1.0) if residual > 1e-9 * float(np.linalg.norm(column)) else 1.0
 
 
 def _steps(centre: float, side: float, sd: float) -> list[float]:
-    """Return values of a coordinate for its profile, from a fit outwards to a bound."""
+    """Return the values of a coordinate in its profile, from the fit to a bound."""
     room = 1 - centre if side > 0 else centre
     if room <= ON_BOUND:
         return []
@@ -379,12 +381,12 @@ def _steps(centre: float, side: float, sd: float) -> list[float]:
     steps += [step for step in beyond if reach < step < room]
     if steps[-1] < room:
         steps.append(room)
-    # The last point is exactly on the bound, which a difference may miss by rounding.
+    # Put the last point exactly on the bound, which rounding might miss.
     return [float(np.clip(centre + side * step, 0.0, 1.0)) for step in steps]
 
 
 def constrained(part: Part, s: NDArray[np.float64], held: int, place: float) -> Point:
-    """Minimise chi-square over all coordinates but one; return the point and chi-square.
+    """Minimise chi-square with one coordinate fixed; return the point and chi-square.
 
     If the model cannot be solved there, chi-square is infinite.
     """
@@ -409,7 +411,7 @@ def constrained(part: Part, s: NDArray[np.float64], held: int, place: float) -> 
 
 
 def profile_statements(of_all: Mapping[str, Profile]) -> list[str]:
-    """Return the sentences on all profiles of chi-square."""
+    """Return the sentences on all profile likelihoods."""
     sentences = [_sentence(profile) for profile in of_all.values()]
     sentences += [
         identified.profile_refused(profile.name, profile.num_refused)

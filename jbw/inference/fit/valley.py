@@ -1,4 +1,4 @@
-r"""Coordinates along the floor of a curved valley, where the other parameters follow one.
+r"""Coordinates along a curved valley of the posterior, in which other parameters follow one.
 
 If the data do not determine a parameter q, the others compensate for it along a curve. With the
 optimum c(q) of the others at every q, and a root L(q) of their covariance there,
@@ -26,17 +26,17 @@ from jbw.inference.space.box import Box
 from jbw.inference.space.coordinates import IDENTITY, Composed, Coordinate, Vector
 from jbw.inference.space.reparametrisation import Reparametrisation
 
-WIDE = 100.0  # bound of w, in standard deviations from the floor
-NUM_POINTS = 400  # points of the marginal density along the floor
-APART = 1e-9  # distance in the unit cube below which two knots are one
-OFF = 1.0  # largest error of the floor in chi-square between two knots
-FAR = 100.0  # rise of chi-square beyond which there is no posterior
-STEEP = 10.0  # slope of the floor, in units of the box, from which it turns back
-PART = 0.3  # least component of the weakest direction over the largest, to be tried
+WIDE = 100.0  # bound of w, in standard deviations from the bottom of the valley
+NUM_POINTS = 400  # number of points of the marginal density along the valley
+APART = 1e-9  # distance in normalised coordinates below which two support points coincide
+OFF = 1.0  # largest error of the valley's bottom, in chi-square, between two support points
+FAR = 100.0  # rise of chi-square beyond which the posterior is negligible
+STEEP = 10.0  # slope of the valley, in units of the prior range, above which it turns back
+PART = 0.3  # smallest component in the weakest direction, over the largest, of a parameter to try
 
 
 class Floor(NamedTuple):
-    """The floor of a valley: optima at rising values of one fixed parameter.
+    """The bottom of a valley: the optimum of all other parameters at values of one parameter.
 
     Attributes:
         held: Index of the fixed parameter.
@@ -54,7 +54,7 @@ class Floor(NamedTuple):
 
 
 class Valley(Coordinate):
-    """Coordinates of a curved valley: one parameter, and the others' distance from its floor."""
+    """Coordinates of a curved valley: one parameter, and distances of others from the bottom."""
 
     held: int = eqx.field(static=True)
     knots: Float[Array, " knot"]
@@ -63,18 +63,18 @@ class Valley(Coordinate):
     roots: Float[Array, "knot other other"]
 
     def forward(self, x: Vector) -> Vector:
-        """Return the parameters at a given distance from the floor."""
+        """Return the parameters at given distances from the bottom of the valley."""
         floor, root = self._at(x[self.held])
         return x.at[self._others].set(floor + root @ x[self._others])
 
     def inverse(self, y: Vector) -> Vector:
-        """Return the distance of parameters from the floor."""
+        """Return the distances of parameters from the bottom of the valley."""
         floor, root = self._at(y[self.held])
         away = jax.scipy.linalg.solve_triangular(root, y[self._others] - floor, lower=True)
         return y.at[self._others].set(away)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Return the log determinant: the logarithm of the valley's width."""
+        """Return the log determinant of the map, which is the logarithm of the valley's width."""
         return jnp.sum(jnp.log(jnp.diagonal(self._at(x[self.held])[1])))
 
     @property
@@ -84,7 +84,7 @@ class Valley(Coordinate):
     def _at(
         self, q: Float[Array, ""]
     ) -> tuple[Float[Array, " other"], Float[Array, "other other"]]:
-        """Return the floor, extrapolated beyond its ends, and the root, constant beyond them."""
+        """Return the valley's bottom (extrapolated outside) and the root (constant outside)."""
         i = jnp.clip(jnp.searchsorted(self.knots, q) - 1, 0, self.knots.size - 2)
         length = self.knots[i + 1] - self.knots[i]
         part = jnp.clip((q - self.knots[i]) / length, 0.0, 1.0)
@@ -103,7 +103,7 @@ def along_valley(
     outer: Composed,
     bounds: tuple[Float[Array, " parameter"], Float[Array, " parameter"]],
 ) -> Reparametrisation:
-    """Return the sampling coordinates along the floor of a valley.
+    """Return the sampling coordinates along a valley of the posterior.
 
     Args:
         floor: Floor of the valley.
@@ -131,7 +131,7 @@ def along_valley(
 
 
 def _moments(floor: Floor, coordinate: Composed) -> tuple[float, float]:
-    r"""Return mean and variance along the floor of $e^{-\chi^2(q) / 2}\,|\det|$ at w = 0."""
+    r"""Return mean and variance along the valley of $e^{-\chi^2(q) / 2}\,|\det|$ at w = 0."""
     size, knots = floor.points.shape[1], floor.points[:, floor.held]
     q = np.linspace(knots[0], knots[-1], NUM_POINTS)
     x = jnp.zeros((NUM_POINTS, size)).at[:, floor.held].set(jnp.asarray(q))
@@ -144,7 +144,7 @@ def _moments(floor: Floor, coordinate: Composed) -> tuple[float, float]:
 
 
 def about_valley(residual: Residual, box: Box, data: PyTree, best: Fit) -> Reparametrisation | None:
-    """Return coordinates along the profile of a weakly constrained parameter, in box units.
+    """Return coordinates along the profile of a weakly determined parameter, or None.
 
     None if all such profiles turn back inside the box, because coordinates along them would miss a
     part. Profiles where the data rule them out do not matter. The residual, box, data and compiled
@@ -165,7 +165,7 @@ def about_valley(residual: Residual, box: Box, data: PyTree, best: Fit) -> Repar
 
 
 def _least_known(jacobian: Float[np.ndarray, "residual parameter"]) -> list[int]:
-    """Return the parameters with the largest components of the weakest direction."""
+    """Return the parameters with the largest components in the least determined direction."""
     weakest: Any = np.abs(np.linalg.eigh(precision(jacobian))[1][:, 0])
     order = np.argsort(-weakest)
     return order[weakest[order] > PART * weakest.max()].tolist()
@@ -177,10 +177,10 @@ def _floor(
     points: Float[np.ndarray, "knot parameter"],
     chi_square: Float[np.ndarray, " knot"],
 ) -> Floor:
-    r"""Fit a floor through optima, $dc/dq = -(J_o^T J_o)^{-1} J_o^T j_q$, and the others' roots."""
+    r"""Fit the bottom of a valley to optima with slopes $dc/dq = -(J_o^T J_o)^{-1} J_o^T j_q$."""
     slopes, roots = [], []
     for point in points:
-        # If the model cannot be solved next to the point, the box alone bounds the others.
+        # If the model fails next to a point, only the prior range limits the other parameters.
         jacobian = np.nan_to_num(part(point, 1), posinf=0.0, neginf=0.0)
         others, held_column = np.delete(jacobian, held, axis=1), jacobian[:, held]
         covariance = np.linalg.inv(precision(others))
@@ -190,7 +190,7 @@ def _floor(
 
 
 def _finer(part: Part, floor: Floor, unit: Any) -> Floor | None:
-    """Add optima to the floor where it is inaccurate between knots; None if it is accurate."""
+    """Return the valley with more optima where it is inaccurate; None if it is accurate."""
     middles, optima = (floor.points[1:, floor.held] + floor.points[:-1, floor.held]) / 2, []
     flat = along_valley(floor, IDENTITY, unit).outer
     for place in middles:

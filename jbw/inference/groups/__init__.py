@@ -1,1 +1,1 @@
-"""Likelihoods of repeats, with offsets and scatter of runs."""
+"""Likelihoods of repeated records whose runs have offsets."""

@@ -1,4 +1,4 @@
-r"""Gaussian likelihoods of repeats, and of groups of repeats with separate offsets.
+r"""Gaussian likelihoods of repeats, with offsets per run and unknown noise.
 
 K repeats d_k enter only through their mean, their within-repeat sum of squares and K:
 
@@ -20,7 +20,7 @@ from jaxtyping import Array, Complex, Float
 
 Complexes = Complex[Array, "..."] | Complex[np.ndarray, "..."]
 Reals = Float[Array, "..."] | Float[np.ndarray, "..."] | float
-ROUNDING = 1e-14  # pivot over diagonal entry below which a pivot is zero
+ROUNDING = 1e-14  # ratio of pivot to diagonal entry, below which a pivot counts as zero
 
 
 def complex_gaussian_log_likelihood(
@@ -40,7 +40,7 @@ def complex_gaussian_log_likelihood(
 def complex_gaussian_marginal_log_likelihood(
     mean: Complexes, within_ss: Reals, num_repeats: Reals, model: Complexes
 ) -> Float[Array, ""]:
-    r"""Return the log likelihood of complex repeats whose noise is integrated out, prior 1/sigma.
+    r"""Return the log likelihood of complex repeats, with noise integrated out under 1/sigma.
 
     $$\log p = -N K \log \sum_{i,k} |d_{ik} - m_i|^2 + \mathrm{const}$$
     """
@@ -53,7 +53,7 @@ def _squared_modulus(value: Complexes) -> Float[Array, "..."]:
 
 
 class Estimate(NamedTuple):
-    """Estimated offsets of groups; log densities [nats] at the optimum, noise integrated out.
+    """The estimated run offsets of each data group, with log densities [nats] at the optimum.
 
     The log densities include half the log determinant of the offsets' precision (inverse
     covariance).
@@ -72,7 +72,7 @@ def estimate(
     num_values: Float[Array, " group"],
     directions: Float[Array, "group own value"],
 ) -> Estimate:
-    r"""Estimate the offsets of each group by least squares, noise integrated out under 1/sigma.
+    r"""Estimate each data group's run offsets by least squares, with its noise integrated out.
 
     $$A = K J J^T, \quad \hat b = K A^{-1} J r, \quad
       Q = K|r|^2 + S - \hat b^T A \hat b, \quad
@@ -93,7 +93,7 @@ def estimate(
     offset = solve(normal, slope)
     residual_square = total - jnp.sum(offset * slope, axis=-1)
     degrees = num_values - num_own
-    # With no more values than offsets, the fit is exact and the group carries no information.
+    # With as many offsets as values the fit is exact, and the group has no information.
     says = degrees > 0.5
     residual_square = jnp.where(says, residual_square, 1.0)
     precision = normal * jnp.where(says, degrees / residual_square, 0.0)[:, None, None]
@@ -104,7 +104,7 @@ def estimate(
 def known_estimate(
     residual: Float[Array, "group value"], directions: Float[Array, "group own value"]
 ) -> Estimate:
-    r"""Estimate offsets of groups with known noise, from residuals in standard deviations.
+    r"""Estimate the run offsets of data groups with known noise, from normalised residuals.
 
     $$W = J J^T, \quad \hat b = W^{-1} J r, \quad \log p = -\tfrac12 (|r|^2 - \hat b^T W \hat b)$$
     """
@@ -118,7 +118,7 @@ def known_estimate(
 def solve(
     matrix: Float[Array, "group own own"], vector: Float[Array, "group own"]
 ) -> Float[Array, "group own"]:
-    """Solve each group's normal equations; zero if they do not determine its offsets."""
+    """Solve each data group's normal equations; return zero if they do not determine offsets."""
     lower, pivots = factorised(matrix)
     determined = jnp.all(jnp.stack(pivots) > 0, axis=0)
     inverse = [1 / jnp.where(determined, pivot, 1.0) for pivot in pivots]
@@ -134,14 +134,14 @@ def solve(
 
 
 def log_determinant(matrix: Float[Array, "group own own"]) -> Float[Array, " group"]:
-    """Return the logarithm of the determinant of positive definite matrices of any size."""
+    """Return the logarithm of the determinant of each of several positive definite matrices."""
     return sum(jnp.log(pivot) for pivot in factorised(matrix)[1])  # pyright: ignore
 
 
 def factorised(
     matrix: Float[Array, "group own own"],
 ) -> tuple[list[list[Array]], list[Float[Array, " group"]]]:
-    """Return the factors $A = L D L^T$: rows of L below its diagonal of ones, and the pivots D.
+    """Return the factors of $A = L D L^T$: L below its diagonal of ones, and the pivots D.
 
     The loops are written out over rows and columns, which are few: a LAPACK call for each of the
     small matrices would cost more. A pivot is zero if a row is a combination of those before it.
@@ -163,13 +163,13 @@ def factorised(
 
 
 def run_numbers(runs: tuple[str, ...]) -> tuple[int, ...]:
-    """Return the number of each group's run, in the order in which the runs first appear."""
+    """Return the number of each data group's run, in order of first appearance."""
     order = list(dict.fromkeys(runs))
     return tuple(order.index(name) for name in runs)
 
 
 def members(numbers: tuple[int, ...]) -> Float[Array, "part whole"]:
-    """Return a membership matrix: one where a part belongs to a whole, else zero."""
+    """Return a matrix that is one where a part (row) belongs to a whole (column), else zero."""
     return jnp.asarray(np.eye(max(numbers) + 1)[list(numbers)])
 
 
@@ -179,7 +179,7 @@ def shrunk(
     runs: tuple[int, ...],
     scatter: Float[Array, " own"],
 ) -> tuple[list[Float[Array, "_group _value"]], Float[Array, "run own"]]:
-    r"""Return residuals corrected by the best offset of each run, and these offsets in units of s.
+    r"""Return residuals minus the effect of optimal run offsets, and these offsets over scatter.
 
     $$\hat b_r = (W_r + S^{-1})^{-1} \sum_{g \in r} J_g r_g, \qquad r_g - J_g^T \hat b_r,
       \qquad S^{-1/2}\,\hat b_r$$

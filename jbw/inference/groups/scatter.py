@@ -1,4 +1,4 @@
-r"""The scatter of runs and assemblies: the common spread of offsets, unknown and integrated out.
+r"""The standard deviation of offsets between runs and between assemblies, integrated out.
 
 A run r of an assembly a has the offset $b_r = a_a + c_r$, $c \sim N(0, S)$, $a \sim N(0, T)$,
 because a structure that is mounted again has another frequency. With one run per assembly there is
@@ -15,23 +15,23 @@ from scipy.special import ndtri
 
 from jbw.inference.groups.offsets import Estimate, log_determinant, members, solve
 
-NUM_SCATTERS = 17  # nodes of each scatter's prior, half a decade apart or less
-NUM_ASSEMBLIES = 7  # nodes of the scatter of assemblies
-LOG_SD = float(np.log(2.0))  # log standard deviation of a scatter with stated median
+NUM_SCATTERS = 17  # prior values of each standard deviation, at most half a decade apart
+NUM_ASSEMBLIES = 7  # prior values of the standard deviation between assemblies
+LOG_SD = float(np.log(2.0))  # log standard deviation of the prior around a stated median
 
 Levels = tuple[tuple[int, ...], ...]
 """Number of the run of each group; then, where there are assemblies, that of each run's."""
 
 
 class Spread(NamedTuple):
-    """A draw of the standard deviations over runs and assemblies, and of each run's offset."""
+    """A draw of the standard deviations between runs and assemblies, with each run's offset."""
 
     scatter: Float[Array, " level_own"]
     offset: Float[Array, "run own"]
 
 
 class _Information(NamedTuple):
-    """The Gaussian likelihood of offsets, exp(-b W b / 2 + h b)."""
+    """A Gaussian likelihood of offsets b, exp(-b W b / 2 + h b)."""
 
     precision: Float[Array, "member own own"]
     pull: Float[Array, "member own"]
@@ -44,7 +44,7 @@ def scatter_grid(
     assemblies: bool = False,
     medians: tuple[float | None, ...] = (),
 ) -> Float[np.ndarray, "node level_own"]:
-    """Return nodes of equal prior weight for the scatter of runs (and of assemblies).
+    """Return equally probable values of the standard deviations of runs (and of assemblies).
 
     The logarithm of each scatter is uniform from `least` to `most`, with one node if they are
     equal. If a median is stated, the scatter is log-normal instead, within a factor of two in two
@@ -60,7 +60,7 @@ def scatter_grid(
 
 def _axis(least: float, most: float, median: float | None, count: int) -> np.ndarray:
     if least == most:
-        return np.array([most])  # the scatter is known
+        return np.array([most])  # the standard deviation is known
     if median is None:
         return np.geomspace(least, most, count)
     return median * np.exp(LOG_SD * ndtri((np.arange(count) + 0.5) / count))
@@ -71,7 +71,7 @@ def log_density_of_offsets(
     levels: Levels,
     scatters: Float[Array, "node level_own"] | Float[np.ndarray, "node level_own"],
 ) -> Float[Array, ""]:
-    r"""Return the log density [nats] of offsets that all groups of a run share, scatter unknown.
+    r"""Return the log density [nats] of run offsets that data groups estimate, scatter unknown.
 
     $$\log \frac{1}{M}\sum_{S, T} \prod_a \int N(a; 0, T) \prod_{r \in a} \int N(b - a; 0, S)
       \prod_{g \in r} e^{-\frac12 (\hat b_g - b)^T W_g (\hat b_g - b)}\,db\,da$$
@@ -95,7 +95,7 @@ def draw_offsets(
     levels: Levels,
     scatters: Float[Array, "node level_own"],
 ) -> Spread:
-    """Draw the scatter and every run's offset, given the estimates of the groups."""
+    """Draw the scatter and every run's offset, given the estimates of the data groups."""
     num_own = estimates.offset.shape[1]
     runs = _of_runs(estimates, levels)
     keys = jax.random.split(key, 3)
@@ -125,7 +125,7 @@ def _of_runs(estimates: Estimate, levels: Levels) -> _Information:
 def _nodes(
     runs: _Information, levels: Levels, scatters: Float[Array, "node level_own"], num_own: int
 ) -> Float[Array, " node"]:
-    """Return the log density of the offsets at every node of the scatter."""
+    """Return the log density of the offsets at each prior value of their scatter."""
 
     def at_scatter(scatter: Float[Array, " level_own"]) -> Float[Array, ""]:
         log_density = _integrated(runs, scatter[:num_own])
@@ -140,7 +140,7 @@ def _nodes(
 def _scaled(
     data: _Information, scatter: Float[Array, " own"]
 ) -> tuple[Float[Array, "member own own"], Float[Array, "member own"]]:
-    """Return precision and linear term of the posterior of x in b = s x, x standard normal."""
+    """Return the likelihood of x in b = s x, times its standard normal prior."""
     return scatter[:, None] * data.precision * scatter + jnp.eye(len(scatter)), data.pull * scatter
 
 
@@ -152,7 +152,7 @@ def _integrated(data: _Information, scatter: Float[Array, " own"]) -> Float[Arra
 
 
 def _passed_on(data: _Information, scatter: Float[Array, " own"]) -> _Information:
-    """Return the likelihood of assembly offsets a from that of runs' offsets b = a + c.
+    """Return the likelihood of assembly offsets a from that of run offsets b = a + c.
 
     It has the precision W - W G W and the linear term h - W G h, $G = (W + S^{-1})^{-1}$.
     """
@@ -170,7 +170,7 @@ def _passed_on(data: _Information, scatter: Float[Array, " own"]) -> _Informatio
 def _drawn(
     key: Key[Array, ""], data: _Information, scatter: Float[Array, " own"]
 ) -> Float[Array, "member own"]:
-    """Draw offsets given their scatter."""
+    """Draw offsets of runs and assemblies, given their standard deviations."""
     precision, pull = _scaled(data, scatter)
     root = jnp.linalg.cholesky(precision)
     white = jax.random.normal(key, pull.shape)

@@ -1,1 +1,1 @@
-"""Results from draws: summaries, checks and verdicts."""
+"""Results from posterior draws: summaries, checks and verdicts."""

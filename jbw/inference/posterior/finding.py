@@ -1,4 +1,4 @@
-"""Findings about a posterior, and the verdict that follows from them."""
+"""Findings of the checks of a posterior, and the verdict that follows from them."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,8 +16,8 @@ Status = Literal["ok", "usable", "failed", "not assessed"]
 GRADE = "law_grade"  # code of the finding on whether the law describes the data
 GRADES = {"ok": "predictive", "usable": "approximate", "failed": "not predictive"}
 WORST_FIRST: tuple[Status, ...] = ("failed", "not assessed", "usable", "ok")
-# Codes of the findings that answer each question, the most important first. Other findings belong
-# to sampling, or to the question that their entry names.
+# Codes of the findings that answer each question of the verdict, most important first. All other
+# findings concern sampling, or the question that they name.
 ASKED = {
     "sampling": ("ess_bulk", "r_hat"),
     "law": (
@@ -28,15 +28,15 @@ ASKED = {
     "knowledge": ("no_joint", "unidentified_joints", "unidentified", "modes", "at_bound"),
 }  # fmt: skip
 ASKED_BY = {code: name for name, codes in ASKED.items() for code in codes}
-CHARACTERS = 200  # most characters of a reason or a remedy
-SIZE = 1500  # most bytes of a table
+CHARACTERS = 200  # largest number of characters of a reason or a remedy
+SIZE = 1500  # largest number of bytes of a table
 # Colours are Okabe and Ito's green and vermillion; orange stands for a doubt.
 COLOURS, DOUBT = {"ok": "#009e73", "failed": "#d55e00"}, "#e69f00"
 
 
 @dataclass(frozen=True)
 class Finding:
-    """The result of one check as data, from which its sentence and remedy are made.
+    """The result of one check, from which its sentence and remedy are made.
 
     Attributes:
         code: Short name, such as "r_hat".
@@ -61,12 +61,12 @@ class Finding:
 
     @property
     def reason(self) -> str:
-        """The result of the check as a sentence, with the additions of later checks."""
+        """The result of the check as a sentence, with additions of later checks."""
         return " ".join([self.fact, *(sentence for sentence, _ in self.additions)])
 
     @property
     def fact(self) -> str:
-        """The result of the check itself as a sentence, without later additions."""
+        """The result of the check as a sentence, without additions of later checks."""
         if isinstance(self.values, str):
             return self.values
         return sentence_of(self.entry or self.code, self.values, passed=self.status == "ok")
@@ -81,21 +81,21 @@ class Finding:
         return " ".join(filter(None, (first, *(action for _, action in self.additions))))
 
     def record(self) -> dict[str, Any]:
-        """Return the finding's fields for a run's summary, with the parameter's name if any."""
+        """Return the finding as plain values for a run's summary."""
         fields = ("code", "status", "reason", "number", "action")
         of = self.values.get("name") if isinstance(self.values, Mapping) else None
         return {name: getattr(self, name) for name in fields} | ({"of": of} if of else {})
 
 
 def kept_finding(record: Mapping[str, Any]) -> Finding:
-    """Return the finding that a run's summary has stored."""
+    """Return a finding from the plain values in a run's summary."""
     number = float("nan") if record["number"] is None else record["number"]
     return Finding(record["code"], record["status"], record["reason"], number, record["action"])
 
 
 @dataclass(frozen=True, repr=False)
 class Verdict:
-    """The findings on a posterior, and the worst status of the verdict's three answers."""
+    """The findings on a posterior, with the worst status of its three answers."""
 
     status: Status
     findings: tuple[Finding, ...]
@@ -113,7 +113,7 @@ class Verdict:
 
 
 class Amendment(NamedTuple):
-    """A check's change to the findings of other checks: status, reason and remedy.
+    """A change that one check makes to the findings of other checks: status, reason, remedy.
 
     Attributes:
         codes: Codes of the findings that are amended.
@@ -131,14 +131,14 @@ class Amendment(NamedTuple):
     remedy: str = ""
 
     def applied_to(self, finding: Finding) -> Finding:
-        """Return a finding, changed if the amendment's codes and status match."""
+        """Return a finding, changed if the amendment applies to its code and status."""
         if finding.code not in self.codes or finding.status != self.before:
             return finding
         return amended(finding, self.status, self.sentence, self.remedy)
 
 
 def judge(findings: Iterable[Finding], amendments: Iterable[Amendment | None] = ()) -> Verdict:
-    """Return the verdict from findings, amended in order; not assessed without any finding."""
+    """Return the verdict from findings and their amendments; not assessed without findings."""
     in_order = [amendment for amendment in amendments if amendment is not None]
     judged = tuple(
         reduce(lambda finding, amendment: amendment.applied_to(finding), in_order, finding)
@@ -170,7 +170,7 @@ def usable_within(codes: tuple[str, ...], limits: str) -> Amendment:
 
 
 def amended(finding: Finding, status: Status, sentence: str, remedy: str = "") -> Finding:
-    """Return a finding with the status, sentence and remedy that a later check gives it.
+    """Return a finding with the status, sentence and remedy of a later check.
 
     If a usable finding becomes failed, its earlier additions, the limits of its use, are removed.
     """
@@ -188,14 +188,14 @@ def checked(
     *,
     entry: str = "",
 ) -> Finding:
-    """Return a finding that is ok or failed; the remedy is for the failure."""
+    """Return a finding that is ok or failed; only a failed one has the remedy."""
     needed = {} if ok or remedy is None else remedy
     return Finding(code, "ok" if ok else "failed", values, float(number), needed, entry=entry)
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer of the findings to one question of the verdict.
+    """The answer to one question of the verdict, from its findings.
 
     Attributes:
         question: Text of the question.
@@ -219,7 +219,7 @@ def question_of(code: str) -> str:
 
 
 def answers(findings: Iterable[Finding]) -> Iterator[tuple[str, Answer]]:
-    """Yield the three answers of a verdict by name; none without findings."""
+    """Yield the three answers of a verdict by name; nothing without findings."""
     looked = tuple(findings)
     for name, question in QUESTIONS.items():
         relevant = [finding for finding in looked if question_of(finding.code) == name]
@@ -239,7 +239,7 @@ def answers(findings: Iterable[Finding]) -> Iterator[tuple[str, Answer]]:
 
 
 def first_line(status: str, answers: Iterable[tuple[str, str]] = ()) -> str:
-    """Return the first line of a verdict: its status, and that of each answer."""
+    """Return the first line of a verdict: its status, and the status of each answer."""
     parts = ", ".join(f"{name} {answer}" for name, answer in answers)
     return f"Verdict: {status}" + (f" ({parts})" if parts else "")
 
@@ -254,7 +254,7 @@ def text_of(findings: Sequence[Finding]) -> Iterator[str]:
 
 
 def table_of(findings: Sequence[Finding], size: int = SIZE) -> str:
-    """Format findings as an HTML table of at most `size` bytes, failed first, names escaped."""
+    """Return findings as an HTML table of at most `size` bytes, failed ones first."""
     against = sorted(
         (finding for finding in findings if finding.status != "ok"),
         key=lambda finding: WORST_FIRST.index(finding.status),

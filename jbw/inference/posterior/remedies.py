@@ -1,4 +1,4 @@
-"""Numbers for the lines of campaign files that remedies suggest: draws, bounds, samplers."""
+"""Numbers that remedies suggest for a campaign file: draws, prior bounds, samplers."""
 
 from collections.abc import Iterable
 from math import ceil, floor, log10
@@ -8,18 +8,18 @@ from jbw.report.messages.remedies import put
 
 Bounds = tuple[float, float]
 
-MOST = 20.0  # factor on the number of draws beyond which another sampler is suggested
-NEARER = 0.1  # new distance of a bound from the parameter's least value, over the old one
-NUM_WARMUP = 500  # warm-up of a sampler that states none
+MOST = 20.0  # largest factor on the number of draws; beyond it another sampler is suggested
+NEARER = 0.1  # new over old distance of a bound from the parameter's least value
+NUM_WARMUP = 500  # number of warm-up steps suggested for a sampler without a stated number
 
 
 def other_sampler(now: str = "") -> str:
-    """Return the name of a sampler that may work if another one did not."""
+    """Return the name of another sampler that may succeed where one has failed."""
     return "tempered_smc" if now == "nuts" else "nuts"
 
 
 def more_draws(num_samples: int, least: float, target: float, sampler: str = "") -> dict[str, Any]:
-    """Return the number of draws per chain for a target of the effective sample size.
+    """Return the number of draws per chain that gives a required effective sample size.
 
     The count is None if that were more than twenty times as many, because such chains hardly move;
     then another sampler is suggested.
@@ -33,7 +33,7 @@ def more_draws(num_samples: int, least: float, target: float, sampler: str = "")
 
 
 def wider(bounds: Bounds, sides: Iterable[str], least: float | None = None) -> Bounds:
-    """Return bounds widened to twice the span on the sides; positive bounds stay positive."""
+    """Return bounds widened to twice the range on given sides; positive bounds stay positive."""
     low, high = bounds
     span = high - low
     end = 0.0 if least is None and low > 0.0 else least
@@ -44,7 +44,7 @@ def wider(bounds: Bounds, sides: Iterable[str], least: float | None = None) -> B
 
 
 def put_bounds(name: str, bounds: Bounds) -> str:
-    """Return the campaign file's line of a prior, with bounds rounded outwards to three digits."""
+    """Return a campaign file's line of a prior, with bounds rounded outwards to three digits."""
     low, high = bounds
     digits = 2 - floor(log10(high - low))
     scale = 10.0**digits

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from jbw.inference.space.stated import StatedDensities  # loads NumPyro
 
 Row = dict[str, float]
-DIAGNOSTICS = ("ess_bulk", "ess_tail", "r_hat")  # diagnostics of chains
-LAPLACE = "laplace"  # name for independent draws of a fit's Gaussian approximation
+DIAGNOSTICS = ("ess_bulk", "ess_tail", "r_hat")  # convergence diagnostics of chains
+LAPLACE = "laplace"  # name of independent draws from a fit's Gaussian approximation
 
 
 def evenly_spaced(posterior: xr.Dataset, num_draws: int) -> NDArray[np.intp]:
-    """Return indices of at most `num_draws` draws, evenly spaced over the joined chains."""
+    """Return indices of at most `num_draws` evenly spaced draws from all chains."""
     total = posterior.sizes["chain"] * posterior.sizes["draw"]
     return np.unique(np.linspace(0, total - 1, min(num_draws, total)).round().astype(int))
 
@@ -30,7 +30,7 @@ def evenly_spaced(posterior: xr.Dataset, num_draws: int) -> NDArray[np.intp]:
 def summarise(
     tree: xr.DataTree, box: Box, stated: "StatedDensities | None" = None
 ) -> dict[str, Row]:
-    """Return the summary row of each scalar quantity of a posterior, by name.
+    """Return a row of summary numbers for each scalar quantity of a posterior, by name.
 
     `map` is the draw with the highest density. `kl` [nats] is the divergence from the prior, that
     of the box or a stated density. `contraction` is 1 minus the variance over the prior's. Values
@@ -51,7 +51,7 @@ def summarise(
 def _from_density(
     row: Row, draws: Float[np.ndarray, "chain draw"], bounds: tuple[float, float], density: Any
 ) -> Row:
-    r"""Return divergence and contraction from a stated density, given those from a uniform one.
+    r"""Return divergence and contraction against a stated prior, from those against a uniform one.
 
     $$D(p, \pi) = D(p, U) - E_p[\log\pi + \log(u - l)]$$
     """
@@ -100,11 +100,11 @@ def _row(
 
 
 def diagnose(draws: Float[np.ndarray, "chain draw"]) -> Row:
-    """Return ess_bulk, ess_tail and the rank-normalised split r_hat of a quantity's draws.
+    """Return bulk and tail effective sample size and R-hat of a quantity's draws.
 
     All are NaN for non-finite draws or if a chain never moved; r_hat is NaN for one chain.
     """
-    from arviz_stats.base.array import array_stats  # a second of imports, needed only here
+    from arviz_stats.base.array import array_stats  # an import of one second, needed only here
 
     stats: Any = array_stats  # its annotations admit tuples that it never returns here
     if draws.shape[1] < 4 or not np.all(np.isfinite(draws)) or np.any(np.ptp(draws, axis=1) == 0):
@@ -117,7 +117,7 @@ def diagnose(draws: Float[np.ndarray, "chain draw"]) -> Row:
 
 
 def kl_from_uniform(x: Float[np.ndarray, " draw"], window: int | None = None) -> float:
-    r"""Estimate the divergence [nats] of unit draws from U[0, 1] by m-spacings: section 3.2.
+    r"""Estimate the divergence [nats] of draws from U[0, 1] by m-spacings: section 3.2.
 
     $$D = -h(x), \qquad \hat h = \frac1n \sum_i \left[\log(x_{(i+m)} - x_{(i-m)})
     - \psi(k_i) + \psi(n + 1)\right]$$
@@ -147,7 +147,7 @@ def correlations(tree: xr.DataTree) -> dict[str, dict[str, float]]:
 
 
 def running_mean(values: Float[np.ndarray, " draw *rest"]) -> NDArray[np.float64]:
-    r"""Return the mean of the first n values for each n: eq. (40); not sufficient for convergence.
+    r"""Return the mean of the first n values for each n: eq. (40).
 
     $$\mathrm{conv}(n) = \frac1n \sum_{i \le n} q_i$$
     """
@@ -158,14 +158,14 @@ def running_mean(values: Float[np.ndarray, " draw *rest"]) -> NDArray[np.float64
 def band(
     draws: Float[np.ndarray, " draw *rest"], prob: float = 0.99
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return lower bound, median and upper bound of a response's central band at each point."""
+    """Return lower end, median and upper end of the central band of a response at each point."""
     tail = (1 - prob) / 2
     lower, median, upper = np.quantile(draws, [tail, 0.5, 1 - tail], axis=0)
     return lower, median, upper
 
 
 def as_plain(rows: Mapping[str, Row]) -> dict[str, dict[str, Any]]:
-    """Return summary rows for JSON, with None in place of NaN."""
+    """Return summary rows for JSON, with None instead of NaN."""
     return {
         name: {key: None if np.isnan(value) else value for key, value in row.items()}
         for name, row in rows.items()

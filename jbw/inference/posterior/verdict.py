@@ -28,25 +28,28 @@ R_HAT = 1.01
 ESS = 400.0
 BFMI = 0.3
 FAILED_SOLVES = 0.01
-TREE_SHARE = 0.05  # largest share of trajectories cut at the greatest depth
+TREE_SHARE = 0.05  # largest share of trajectories that end at the maximum tree depth
 NUM_CHAINS = 4  # suggested number of chains if there is only one
-# Share of a posterior's 99 % span that counts as the edge of a bound, and the limit of the draws
-# there relative to a uniform posterior. Half a normal distribution at its bound has 2.2, one a
-# deviation away 1.0.
+# Width of the edge at a prior bound over the width of a 99 % interval, and the largest number of
+# draws there over that of a uniform posterior. Half a normal distribution at its bound has 2.2, one
+# whose mean is a standard deviation away 1.0.
 EDGE, PILE = 0.01, 1.5
-CHI_SQUARE = (0.2, 5.0)  # limits per degree of freedom
+CHI_SQUARE = (0.2, 5.0)  # limits of chi-square per degree of freedom
 GOOD_KHAT = 0.7  # Pareto shape above which weights cannot be trusted (Vehtari et al. 2024)
-QUADRATURE = 1e-3  # largest change by the last refinement, in nats or standard deviations
+# largest change by the last refinement of a quadrature, in nats or standard deviations
+QUADRATURE = 1e-3
 
 
-SUBSTEPS = 8  # solver steps per sample if a posterior does not state them
-DEPTH = 0.5  # density of a valley over that of the lower neighbouring peak
-LEAST_SIDE = 0.02  # least share of draws on either side; fewer are a tail
-SURE_SIDE = 2.0  # standard errors by which a side must exceed this share
+SUBSTEPS = 8  # solver steps per sample, if a posterior does not state them
+# density between two peaks over that of the lower one, below which they are separate modes
+DEPTH = 0.5
+LEAST_SIDE = 0.02  # smallest share of draws of a mode; fewer are a tail
+SURE_SIDE = 2.0  # number of standard errors by which the share of a mode must exceed that limit
 NUM_POINTS = 256
-FEWEST = 100  # least draws for a kernel's width, so that stuck chains do not appear as modes
-CROSSED = 100.0  # least effective draws of a side for its share to count as a weight
-AGREED = 1.05  # largest R-hat of the share of a side
+# smallest number of draws for a density estimate, so that stuck chains do not look like modes
+FEWEST = 100
+CROSSED = 100.0  # smallest effective number of draws of a mode from which its weight is known
+AGREED = 1.05  # largest R-hat of the share of a mode
 
 
 def verdict(
@@ -56,7 +59,7 @@ def verdict(
     chi_square: tuple[float, int] | None = None,
     ending: Collection[str] = (),
 ) -> Verdict:
-    """Judge a posterior of `sample`: R-hat < 1.01 and effective sizes >= 400 among others.
+    """Judge a posterior's convergence and bounds: R-hat < 1.01, effective sizes >= 400, and more.
 
     Scalar quantities that the box does not name are judged for convergence only. `chi_square` is
     that of the best fit with its degrees of freedom, if known. For parameters named in `ending`,
@@ -100,7 +103,7 @@ def _convergence(draws: Draws, sampler: str = "") -> list[Finding]:
         unknown = float("nan")
         one_chain = Finding("r_hat", "not assessed", {}, unknown, chains, entry="r_hat.one_chain")
         return [*findings, one_chain]
-    # An R-hat that cannot be computed counts as the worst.
+    # If R-hat cannot be computed, it counts as the worst.
     name = max(rows, key=lambda name: np.nan_to_num(rows[name]["r_hat"], nan=np.inf))
     r_hat = rows[name]["r_hat"]
     values = {"name": name, "r_hat": r_hat, "limit": R_HAT}
@@ -122,13 +125,13 @@ def _least_effective(
 
 
 def bands_finding(draws: Draws) -> Finding:
-    """Return the worst convergence finding for the quantities of the response bands."""
+    """Return the worst convergence finding for the quantities of response bands."""
     worst = min(_convergence(draws), key=lambda finding: WORST_FIRST.index(finding.status))
     return replace(worst, code="response_bands", entry=worst.entry or worst.code)
 
 
 def leaning(draws: Draws, box: Box) -> Iterator[tuple[str, str, float]]:
-    """Yield each parameter that a prior bound truncates, the bound and the draws' share there.
+    """Yield each parameter that a prior bound truncates, with the bound and the draws there.
 
     A lower bound of zero is not reported: a quantity ends there naturally, and an upper limit is a
     valid result.
@@ -144,7 +147,7 @@ def leaning(draws: Draws, box: Box) -> Iterator[tuple[str, str, float]]:
 
 
 def bounds_findings(draws: Draws, box: Box, ending: Collection[str]) -> list[Finding]:
-    """Return a finding per prior bound that truncates the draws; ok if none does."""
+    """Return a finding per prior bound that truncates the draws, or one that is ok."""
     findings, bounds = [], bounds_by_name(box)
     truncated = list(leaning(draws, box))
     for name, side, share in truncated:
@@ -189,7 +192,7 @@ def _trajectories(stats: xr.Dataset, facts: Mapping[Any, Any]) -> list[Finding]:
         longer = {"num_warmup": 2 * int(facts.get("num_warmup", NUM_WARMUP))}
         findings.append(checked("tree_depth", share <= TREE_SHARE, values, share, longer))
     if "energy" in stats and stats.sizes["draw"] > 1:
-        from arviz_stats.base.array import array_stats  # a second of imports, needed only here
+        from arviz_stats.base.array import array_stats  # an import of one second, needed only here
 
         lowest = float(np.min(array_stats.bfmi(stats["energy"].values)))
         values = {"e_bfmi": lowest, "limit": BFMI}
@@ -198,13 +201,13 @@ def _trajectories(stats: xr.Dataset, facts: Mapping[Any, Any]) -> list[Finding]:
 
 
 def _at_once(facts: Mapping[Any, Any]) -> list[Finding]:
-    """Return the findings on a sampler that is no Markov chain, from its attributes."""
+    """Return the findings on a sampler that is no Markov chain, from its statistics."""
     findings = []
     other = {"sampler": other_sampler()}
     if "khat" in facts:
         khat = float(facts["khat"])
         values = {"khat": khat, "limit": GOOD_KHAT}
-        # NaN, from too few weights, is not below the limit.
+        # NaN, the result of too few weights, is not below the limit.
         findings.append(checked("khat", khat < GOOD_KHAT, values, khat, other))
     if "ess_weights" in facts:
         size = float(facts["ess_weights"])
@@ -221,7 +224,7 @@ def _at_once(facts: Mapping[Any, Any]) -> list[Finding]:
 
 
 def _budget(facts: Mapping[Any, Any], findings: Iterable[Finding]) -> list[Finding]:
-    """Return a finding if the time ran out before enough draws, with the time needed."""
+    """Return a finding if time ran out before there were enough draws, with the needed time."""
     if "budget_spent_s" not in facts:
         return []
     spent = float(facts["budget_spent_s"])
@@ -238,7 +241,7 @@ def enough(draws: Draws) -> bool:
 
 
 def converged(facts: Mapping[Any, Any]) -> bool:
-    """Return whether a quadrature's stated error is small enough for a reference."""
+    """Return whether the stated error of a quadrature is small enough for a reference."""
     return float(facts["quadrature_error"]) <= QUADRATURE
 
 
@@ -250,7 +253,7 @@ def _fit(chi_square: float, dof: int) -> Finding:
 
 
 class ModeSplit(NamedTuple):
-    """A quantity whose density has a valley between the peaks `below` and `above`.
+    """A quantity with two modes, and the depth of the valley between them.
 
     `depth` is relative to the lower peak's density. `weight` is the share of the draws below the
     valley. Its `error` is NaN if too few chains cross, so that the share depends on the starts.
@@ -265,7 +268,7 @@ class ModeSplit(NamedTuple):
 
 
 def deepest_split(draws: Draws) -> ModeSplit | None:
-    """Return the quantity with the deepest valley, below half of both peaks; None without one.
+    """Return the quantity whose two modes are most clearly separate; None without one.
 
     Each side must clearly have more than 2 % of the draws, because fewer are a tail. Modes that
     overlap in every marginal are not detected.
@@ -286,7 +289,7 @@ def _valley(name: str, values: Float[np.ndarray, "chain draw"]) -> ModeSplit | N
     peak_above = np.maximum.accumulate(density[::-1])[::-1]
     depth = density / np.minimum(peak_below, peak_above)
     share = np.searchsorted(np.sort(flat), grid) / flat.size
-    # Few draws of a heavy tail form clumps, so the smaller side must exceed its standard error.
+    # Few draws of a heavy tail form clumps: the smaller mode must exceed its standard error.
     error = np.maximum(np.sqrt(share * (1 - share) / count), _repeated(flat, grid))
     depth[np.minimum(share, 1 - share) - SURE_SIDE * error < LEAST_SIDE] = 1.0
     i = int(np.argmin(depth))
@@ -301,7 +304,7 @@ def _valley(name: str, values: Float[np.ndarray, "chain draw"]) -> ModeSplit | N
 def _repeated(
     values: Float[np.ndarray, " draw"], grid: Float[np.ndarray, " place"]
 ) -> Float[np.ndarray, " place"]:
-    r"""Return the standard error of the share s of draws below a value, if points repeat.
+    r"""Return the standard error of the share s of draws below a value, with repeated points.
 
     $$(1 - s)^2 \sum_{below} w^2 + s^2 \sum_{above} w^2$$
     """
@@ -321,7 +324,7 @@ def _error(side: Float[np.ndarray, "chain draw"]) -> float:
 
 
 def modes_findings(draws: Draws) -> list[Finding]:
-    """Return findings on weights of modes from the chains, and on bimodal quantities.
+    """Return findings on the weights of modes, and on quantities with two modes.
 
     Two modes with known weights are two solutions of the data; no mean or interval describes them.
     """

@@ -1,4 +1,4 @@
-r"""Adaptive multiple importance sampling: mixtures refitted to all weighted points so far.
+r"""Adaptive multiple importance sampling: mixtures are refitted to all weighted points.
 
 $$w_i = \frac{p(D | \theta_i)\,\pi(x_i)}{\frac1n \sum_r n_r\,q_r(x_i)}, \qquad
 \hat Z = \frac1n \sum_i w_i$$
@@ -57,11 +57,11 @@ from jbw.inference.samplers.weighed_points import (
 )
 from jbw.inference.space.problem import Problem, log_prior
 
-LEAST = 10.0  # least effective points per dimension to fit a mixture
-ENDS = 2000.0  # effective draws that the ends of 99 % intervals need, ten on either side
-CHEAP = 4.0  # points per effective draw up to which sampling continues to `ENDS`
-PATIENCE = 10  # rounds after which a k-hat just below the limit is accepted
-SMALL, SHARE = 8, 4  # number of first rounds, and the divisor of their size
+LEAST = 10.0  # smallest effective number of points per dimension to fit a mixture
+ENDS = 2000.0  # effective draws that the ends of 99 % intervals need: ten beyond each end
+CHEAP = 4.0  # points per effective draw, up to which sampling continues to reach `ENDS`
+PATIENCE = 10  # number of rounds after which a k-hat just below the limit is accepted
+SMALL, SHARE = 8, 4  # number of smaller first rounds, and the divisor of their size
 SURE_KHAT = 0.5  # k-hat below which weights have a finite variance
 
 
@@ -94,7 +94,7 @@ def gather(
     checkpoint: Kept | None = None,
     until: Until | None = None,
 ) -> tuple[Draws, Float[np.ndarray, "chain draw term"], float]:
-    """Sample in rounds; return equally weighted draws, their likelihood terms, earlier time [s].
+    """Sample in rounds; return equally weighted draws, their likelihoods and the time spent [s].
 
     Rounds follow until the weights are good and their draws are enough, or there is no prospect of
     that, or rounds or time run out. Rounds of a checkpoint are continued.
@@ -125,12 +125,12 @@ def gather(
 
 
 def look(key: Key[Any, ""], problem: Problem, num_points: int) -> float:
-    """Return the effective number of draws from `num_points` points around the fit."""
+    """Return the effective number of draws that `num_points` points around the fit give."""
     return weighed(_grown(generator(key), None, problem, num_points)).effective
 
 
 class WeighedPoints(NamedTuple):
-    """The points of a posterior with their weights.
+    """Points in parameter space, weighted so that they represent a posterior.
 
     Attributes:
         theta: Parameters by name.
@@ -150,7 +150,7 @@ class WeighedPoints(NamedTuple):
 def points(
     key: Key[Any, ""], problem: Problem, *, size: int, least: float, most_rounds: int
 ) -> WeighedPoints:
-    """Draw weighted points of a posterior, in rounds of `size`, until `least` are effective."""
+    """Draw weighted points of a posterior in rounds, until enough of them are effective."""
     seed = words_of(key)
     past = _grown(np.random.default_rng([*seed, 0]), None, problem, size)
     smoothed = weighed(past)
@@ -172,13 +172,13 @@ def _is_over(
     until: Until | None,
     spent: float,
 ) -> bool:
-    """Return whether to end the rounds: enough draws, no prospect of enough, or no time left."""
+    """Return whether to end sampling: enough draws, no prospect of enough, or no time left."""
     count = len(past.rounds)
     if count >= options.most_rounds or (until is not None and spent >= until.budget_s):
         return True
     if count >= options.trial and smoothed.effective < options.least:
         return True
-    # A k-hat may be just below the limit by chance: stopping at once would select such rounds.
+    # A k-hat just below the limit may be chance: stopping at once would select such rounds.
     limit = SURE_KHAT if count < PATIENCE else GOOD_KHAT
     if not (smoothed.khat < limit and smoothed.effective >= ESS):
         return False
@@ -188,7 +188,7 @@ def _is_over(
 
 
 def _grown(rng: np.random.Generator, past: Past | None, problem: Problem, num_points: int) -> Past:
-    """Return all points with one more round, drawn from newly fitted mixtures."""
+    """Return all points with those of one more round, drawn from refitted mixtures."""
     first = mixtures.standard(len(problem.box.names))
     pair = (first, first) if past is None else _next_pair(rng, past)
     half_size = max(num_points // 2, 1)
@@ -219,25 +219,25 @@ def _grown(rng: np.random.Generator, past: Past | None, problem: Problem, num_po
 def placed(
     problem: Problem, w: Float[np.ndarray, "point parameter"]
 ) -> tuple[dict[str, Any], Float[np.ndarray, " point"]]:
-    """Return parameters by name at whitened points and their log prior density, without data."""
+    """Return parameters by name and log prior density at normalised points."""
     return jax.tree.map(np.asarray, _placed(replace(problem, data=None), jax.device_put(w)))
 
 
 @eqx.filter_jit
 def _placed(problem: Problem, w: Float[Array, "point parameter"]) -> tuple[dict[str, Any], Any]:
-    """Return parameters and log prior density at whitened points, in one compiled function."""
+    """Return parameters and log prior density at normalised points, by one compiled function."""
     prior = partial(log_prior, problem, problem.coordinate)
     return jax.vmap(problem.theta)(w), jax.vmap(prior)(w)
 
 
 def _log_density(pair: Pair, w: Points) -> Weights:
-    """Return the log density of every point under the mixture of its half."""
+    """Return the log density of each point under the mixture of its half of the points."""
     halves = [mixtures.log_density(mixture, w[i::2]) for i, mixture in enumerate(pair)]
     return np.stack(halves, axis=1).ravel()
 
 
 def _next_pair(rng: np.random.Generator, past: Past) -> Pair:
-    """Fit both halves' next mixtures, each to the other half's points (or to all points)."""
+    """Fit the next mixture of each half of the points to the other half (or to all points)."""
     raw = relative(past.log_weight)
     others = [slice(1 - i, None, 2) for i in range(2)]
     others = [half if np.any(raw[half] > SMALLEST) else slice(None) for half in others]
@@ -246,7 +246,7 @@ def _next_pair(rng: np.random.Generator, past: Past) -> Pair:
 
 
 def _next_mixture(rng: np.random.Generator, w: Points, log_weight: Weights) -> Mixture:
-    """Fit a mixture to weighted points, with weights clipped and flattened if few dominate.
+    """Fit a mixture to weighted points; limit weights if a few dominate.
 
     No weight exceeds the mean times the root of the number of points (Ionides 2008): otherwise one
     point far out would spoil the mixture.
@@ -270,7 +270,7 @@ def _draws(
     problem: Problem,
     options: Options,
 ) -> tuple[Draws, Float[np.ndarray, "chain draw term"]]:
-    """Draw points of equal weight by stratified resampling, with separate points per group.
+    """Draw points of equal weight by stratified resampling, separately for each group of draws.
 
     Points of all rounds are shuffled, so that the parts of a group differ by chance alone. Copies
     of a point are adjacent, so an effective size from autocorrelation counts them as one.

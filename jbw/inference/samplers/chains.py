@@ -1,4 +1,4 @@
-"""Kernels, draws and compiled chains: start, advance by a chunk, evaluate, for any kernel.
+"""Compiled Markov chains for any kernel: start, advance by a chunk of steps, evaluate.
 
 Bounds, data and whitening are arguments of the compiled functions and not constants in them. Other
 data of the same shapes, or another box with the same names, need no new compilation.
@@ -18,9 +18,10 @@ from jbw.inference.samplers.register import Sampler, module_of
 from jbw.inference.space.coordinates import interval
 from jbw.inference.space.problem import Problem
 
-MAX_TRIALS = 100  # starts tried before a chain starts at a point of zero likelihood
-TOGETHER = 64  # points evaluated in parallel
-OVERDISPERSION = 2.0  # standard deviations of the Laplace approximation
+# number of random starts tried before a chain starts at a point of zero likelihood
+MAX_TRIALS = 100
+TOGETHER = 64  # number of points that are evaluated in parallel
+OVERDISPERSION = 2.0  # standard deviation of starts over that of the Gaussian approximation
 
 
 class Draw(NamedTuple):
@@ -31,7 +32,7 @@ class Draw(NamedTuple):
 
 
 class Kernel(NamedTuple):
-    """A Markov chain of a posterior as functions: first state, step, and read-out.
+    """A Markov chain as functions: first state, next step, and parameters of a state.
 
     Its options have `num_warmup`, `num_samples`, `num_chains` and `chain_method`.
     """
@@ -42,7 +43,7 @@ class Kernel(NamedTuple):
 
 
 class Draws(NamedTuple):
-    """Equally weighted draws from one posterior, with their statistics.
+    """Equally weighted draws from a posterior, with the sampler's statistics.
 
     `possible` tells whether the posterior is possible at all points where the sampler must start,
     `arrived` whether the sampler finished. `facts` concern the whole run, such as log_evidence
@@ -62,7 +63,7 @@ MakeKernel = Callable[[Problem, Any], Kernel]
 
 
 class Starts(NamedTuple):
-    """The starting points of chains, and the standard deviation around them."""
+    """The starting points of chains, with the standard deviation around them."""
 
     key: Key[Array, ""]
     centre: Float[Array, "chain parameter"]
@@ -72,7 +73,7 @@ class Starts(NamedTuple):
 def starts_of(
     key: Key[Array, ""], problem: Problem, points: np.ndarray | None, num_chains: int
 ) -> Starts:
-    """Return starts two deviations around a fit, at given points, or over the whole box."""
+    """Return starting points: around a fit, at given points, or over the whole prior range."""
     size = len(problem.box.names)
     if problem.located or points is None:
         spread = OVERDISPERSION if problem.located else 1.0
@@ -83,7 +84,7 @@ def starts_of(
 
 
 def draws_of(sampler: Sampler, key: Key[Array, ""], problem: Problem, options: Any) -> Draws:
-    """Draw from a posterior by a sampler in one piece; usable under `jit` and `vmap`."""
+    """Draw from a posterior by a sampler in one call; usable under `jit` and `vmap`."""
     module = module_of(sampler)
     if hasattr(module, "draw"):
         return module.draw(key, problem, options)
@@ -91,7 +92,7 @@ def draws_of(sampler: Sampler, key: Key[Array, ""], problem: Problem, options: A
 
 
 def draw_chains(make: MakeKernel, key: Key[Array, ""], problem: Problem, options: Any) -> Draws:
-    """Run chains from dispersed starts to their end in one piece; usable under `jit`, `vmap`."""
+    """Run chains from spread starting points to their end; usable under `jit` and `vmap`."""
     starts = starts_of(key, problem, None, options.num_chains)
     total = options.num_warmup + options.num_samples
 
@@ -99,7 +100,7 @@ def draw_chains(make: MakeKernel, key: Key[Array, ""], problem: Problem, options
         problem, spread = shared
         chain = make(problem, options)
         state, possible = _first_state(chain, argument, problem, spread)
-        # One loop compiles the step once; the rows of the warm-up are dropped.
+        # One loop compiles the step once; the warm-up's rows are dropped.
         bounds = jnp.asarray(total), options.num_samples, options.num_warmup
         return possible, _advanced(chain, state, *bounds)[1]
 
@@ -113,7 +114,7 @@ def draw_chains(make: MakeKernel, key: Key[Array, ""], problem: Problem, options
 def start_chains(
     starts: Starts, problem: Problem, make: MakeKernel, options: Any
 ) -> tuple[PyTree, Bool[Array, " chain"]]:
-    r"""Return the first states of the chains, and whether each is possible.
+    r"""Return the first states of the chains, and whether the posterior is possible at each.
 
     A chain starts at w + spread eta with eta standard normal (logistic without a fit), drawn again
     while the posterior is impossible there.
@@ -137,7 +138,7 @@ def advance_chains(
     make: MakeKernel,
     options: Any,
 ) -> tuple[PyTree, Draw]:
-    """Take `count` steps, compiled once for all up to `capacity`; draws beyond `count` are zero."""
+    """Take `count` steps, compiled for all counts up to `capacity`; further rows are zero."""
 
     def advance(state: PyTree, shared: tuple[Problem, Array]) -> tuple[PyTree, Draw]:
         problem, count = shared
@@ -154,7 +155,7 @@ def evaluate_chains(
     problem: Problem,
     chain_method: str,
 ) -> Float[Array, "chain draw term"]:
-    """Evaluate log likelihood terms [nats] at draws from first to last; zero elsewhere."""
+    """Evaluate the log likelihood's terms [nats] at draws from first to last, else zero."""
 
     def evaluate(theta: dict[str, Array], shared: tuple[Problem, Array, Array]) -> PyTree:
         problem, first, last = shared
@@ -170,12 +171,12 @@ def evaluate_chains(
 
 
 def num_devices_for(num_chains: int) -> int:
-    """Return the most devices that share the chains evenly."""
+    """Return the largest number of devices that get equal numbers of chains."""
     return max(n for n in range(1, jax.device_count() + 1) if num_chains % n == 0)
 
 
 def over_chains(f: Callable[..., PyTree], method: str) -> Callable[..., PyTree]:
-    """Return a function of one chain mapped over all chains, by the given method."""
+    """Return a function of one chain mapped over all chains, by the chosen method."""
 
     def mapped(chains: PyTree, shared: PyTree) -> PyTree:
         arrays, static = eqx.partition(shared, eqx.is_array)
@@ -197,7 +198,7 @@ def over_chains(f: Callable[..., PyTree], method: str) -> Callable[..., PyTree]:
 
 
 def in_batches(f: Callable[[PyTree], PyTree], points: PyTree) -> PyTree:
-    """Map a function over points, 64 in parallel, compiled once for any number of points."""
+    """Evaluate a function at many points, 64 in parallel, by one compiled program."""
     count = len(jax.tree.leaves(points)[0])
     batch = min(TOGETHER, count)
     padded = jax.tree.map(lambda v: jnp.concatenate([v, v[:1].repeat(-count % batch, 0)]), points)
@@ -208,7 +209,7 @@ def in_batches(f: Callable[[PyTree], PyTree], points: PyTree) -> PyTree:
 def _advanced(
     kernel: Kernel, state: PyTree, count: Int[Array, ""], capacity: int, skipped: int
 ) -> tuple[PyTree, Draw]:
-    """Return a chain's state after `count` steps, and its draws except `skipped` first ones."""
+    """Return the state of a chain after `count` steps, and its draws after the skipped ones."""
 
     def step(i: Array, carry: tuple[PyTree, Draw]) -> tuple[PyTree, Draw]:
         state, rows = carry
@@ -237,7 +238,7 @@ def _first_state(
 ) -> tuple[PyTree, Bool[Array, ""]]:
     """Return the first state of a chain, and whether the posterior is possible there."""
     key_start, key_chain = jax.random.split(start[0])
-    # A logistic logit is a uniform x, so without whitening a spread of 1 fills the box.
+    # A uniform x has a logistic logit, so a spread of 1 covers the whole prior range.
     disperse = jax.random.normal if problem.located else jax.random.logistic
 
     def propose(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:

@@ -1,4 +1,4 @@
-"""Chains that run in chunks with checkpoints; the ends of chunks do not change draws."""
+"""Chains that run in chunks of steps with checkpoints, which do not change the draws."""
 
 import hashlib
 import warnings
@@ -23,12 +23,13 @@ from jbw.inference.samplers.chains import (
 )
 from jbw.inference.space.problem import Problem
 
-CHUNK = 250  # most steps per chunk; short enough for a progress bar
-CHUNK_S = 10.0  # duration of a chunk between checkpoints, the most time lost by a kill
-# Devices wait for the slowest one at the end of each chunk, relatively less in a long chunk. If
-# steps are slow, a chunk takes a share of the time spent before, up to a minute.
+CHUNK = 250  # largest number of steps per chunk, small enough for a progress bar
+# duration of a chunk [s], which is the most time that is lost if the process is killed
+CHUNK_S = 10.0
+# All devices wait for the slowest one at the end of each chunk, which costs less in a long chunk.
+# With slow steps, a chunk takes a share of the time spent before, up to a minute.
 CHUNK_SHARE, LONGEST_S = 0.05, 60.0
-GROWTH = 4  # largest growth of a chunk over the one before
+GROWTH = 4  # largest ratio of a chunk to the one before
 
 Arrays = Mapping[str, np.ndarray]
 Rows = tuple[Draw, np.ndarray]
@@ -58,7 +59,7 @@ class SoFar(NamedTuple):
 
 
 class Kept(Protocol):
-    """A checkpoint of the chains of one posterior, which outlives the process."""
+    """A checkpoint of the chains of one posterior, stored outside the process."""
 
     def grown(self, so_far: SoFar) -> None:
         """Report the progress of the chains; called after each chunk of steps."""
@@ -73,12 +74,12 @@ class Kept(Protocol):
         ...
 
     def save(self, arrays: Arrays, *, last: bool) -> None:
-        """Save the arrays and replace the earlier ones; `last` if the chains are complete."""
+        """Save the arrays in place of earlier ones; `last` if the chains are complete."""
         ...
 
 
 class Until(NamedTuple):
-    """The condition that ends chains; evaluated whenever the number of draws has doubled.
+    """The condition that ends chains, evaluated each time the number of draws has doubled.
 
     Attributes:
         enough: Function that returns whether the draws by name, (chain, draw), are enough.
@@ -94,7 +95,7 @@ Progress = Callable[[SoFar], None]
 
 
 class Supervision(NamedTuple):
-    """The supervision of a run of chains: progress, checkpoint, and end.
+    """The supervision of chains while they run: progress, checkpoints and end.
 
     Attributes:
         progress: Function that is called with a `SoFar` after every chunk of steps, or round.
@@ -116,7 +117,7 @@ def no_checkpoint(name: str) -> None:
 
 
 class Chains(NamedTuple):
-    """The chains so far: their states, number of steps, draws, and time spent [s]."""
+    """The chains so far: states, number of steps, draws, and time spent [s]."""
 
     states: list[np.ndarray]
     done: int
@@ -133,7 +134,7 @@ def grow_chains(
     checkpoint: Kept | None = None,
     until: Until | None = None,
 ) -> tuple[Rows, float]:
-    """Run all chains to their end, from their checkpoint if there is one.
+    """Run all chains to their end, from a checkpoint if there is one.
 
     Every chunk runs the same compiled loop with another number of steps, so resumed chains give the
     same draws as without a break. With `until`, the number of draws is doubled until they are
@@ -142,12 +143,13 @@ def grow_chains(
     """
     began, total = perf_counter(), options.num_warmup + options.num_samples
     mark = "" if checkpoint is None else fingerprint(starts, problem, make, options)
-    options = options._replace(num_samples=0, num_chains=0)  # so that they need no new compilation
+    # these options then cause no new compilation
+    options = options._replace(num_samples=0, num_chains=0)
     before = _resumed(checkpoint, mark)
     done, rows, count = before.done, before.rows, CHUNK if checkpoint is None else 1
 
     def end(spent: float) -> int:
-        """Return the number of steps at which the chains end, by draws and time spent."""
+        """Return the number of steps at which the chains end, given their draws and the time."""
         if until is not None and rows and spent >= until.budget_s:
             return done
         if done < total or until is None or until.enough(_joined(rows)[0][0].theta):
@@ -158,7 +160,8 @@ def grow_chains(
         total += total - options.num_warmup
     total = end(before.wall_s)
     states = _states(before, starts, problem, make, options) if done < total else None
-    timed: tuple[int, float] | None = None  # steps and clock where the rate's measurement starts
+    # number of steps and time at which the measurement of the rate starts
+    timed: tuple[int, float] | None = None
     watching = [
         listener
         for listener in (progress, None if checkpoint is None else checkpoint.grown)
@@ -183,13 +186,13 @@ def grow_chains(
             so_far = _so_far(done, total, rows, rate)
             for tell in watching:
                 tell(so_far)
-        if timed is None and rows:  # the first chunk of draws includes compilation
+        if timed is None and rows:  # the first chunk of draws includes the compilation
             timed = done, perf_counter()
     return _joined(rows)[0], before.wall_s
 
 
 def _resumed(checkpoint: Kept | None, mark: str) -> Chains:
-    """Return the chains of a checkpoint; empty chains without a checkpoint of this posterior."""
+    """Return the chains of a checkpoint; empty chains if there is none for this posterior."""
     arrays = kept_arrays(checkpoint, mark)
     return Chains([], 0, [], 0.0) if arrays is None else _from_arrays(arrays)
 
@@ -210,7 +213,7 @@ def kept_arrays(checkpoint: Kept | None, mark: str) -> Arrays | None:
 def _states(
     before: Chains, starts: Starts, problem: Problem, make: MakeKernel, options: Any
 ) -> PyTree:
-    """Return chain states to continue from: the checkpoint's, or the initial states."""
+    """Return the states from which chains continue: the checkpoint's, or initial ones."""
     first, possible = start_chains(starts, problem, make, options)
     if not np.all(possible):
         raise ModelError(
@@ -230,7 +233,7 @@ def _states(
 def _grown(
     states: PyTree, done: int, count: int, problem: Problem, make: MakeKernel, options: Any
 ) -> tuple[PyTree, list[Rows]]:
-    """Advance the chains by a chunk; return their states and the draws after the warm-up."""
+    """Advance the chains by one chunk; return their states, and the draws after the warm-up."""
     states, draws = advance_chains(states, jnp.asarray(count), CHUNK, problem, make, options)
     first = min(count, max(0, options.num_warmup - done))
     if first == count:
@@ -241,7 +244,7 @@ def _grown(
 
 
 def _so_far(done: int, total: int, rows: list[Rows], rate: float | None) -> SoFar:
-    """Return the progress of the chains after a chunk, with time left if the rate is known."""
+    """Return the progress of the chains, with the remaining time if the rate is known."""
     left_s = None if rate is None else rate * (total - done)
     if not rows:
         return SoFar(done, total, {}, None, left_s)
@@ -259,7 +262,7 @@ def _next_count(count: int, seconds: float, spent: float) -> int:
 
 
 def _joined(rows: list[Rows]) -> list[Rows]:
-    """Return the draws of all chunks in one piece."""
+    """Return the draws of all chunks as one array each."""
     return [jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *rows)] if rows else []
 
 
@@ -304,7 +307,7 @@ def _as_arrays(chains: Chains, mark: str) -> dict[str, np.ndarray]:
 
 
 def _from_arrays(arrays: Arrays) -> Chains:
-    """Return the chains from the arrays of a checkpoint."""
+    """Return the chains from a checkpoint's arrays."""
 
     def under(prefix: str) -> dict[str, Any]:
         return {n.removeprefix(prefix): v for n, v in arrays.items() if n.startswith(prefix)}

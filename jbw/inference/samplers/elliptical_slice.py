@@ -1,4 +1,4 @@
-r"""Elliptical slice sampling around a Laplace approximation: few evaluations per draw.
+r"""Elliptical slice sampling around a Gaussian approximation: few evaluations per draw.
 
 $$s \sim \Gamma^{-1}\!\left(\tfrac{\kappa + d}{2}, \tfrac{\kappa + w^T w}{2}\right), \quad
 \nu \sim N(0, s I), \qquad w' = w \cos\vartheta + \nu \sin\vartheta$$
@@ -26,12 +26,12 @@ from jbw.inference.samplers.chains import Draw, Kernel
 from jbw.inference.samplers.evidence import FORBIDDEN, HEAVY, log_ratio
 from jbw.inference.space.problem import Problem
 
-MOVES = 3  # ellipses per draw; one leaves w^2 correlated by E[cos^2] = 1/2, three by 1/8
+MOVES = 3  # ellipses per draw; after one, w^2 has the correlation E[cos^2] = 1/2, after three 1/8
 COUNT = jnp.int32
 
 
 class Options(NamedTuple):
-    """The options of elliptical slice sampling; nothing adapts in the warm-up."""
+    """The options of elliptical slice sampling; its warm-up adapts nothing."""
 
     num_warmup: int = 1000
     num_samples: int = 1000
@@ -40,7 +40,7 @@ class Options(NamedTuple):
 
 
 class SliceState(NamedTuple):
-    """The state of one chain; `num_steps` points were evaluated for the last draw."""
+    """The state of one chain, with the number of points evaluated for the last draw."""
 
     w: Float[Array, " parameter"]
     log_ratio: Float[Array, ""]
@@ -52,8 +52,7 @@ def kernel(problem: Problem, options: Options) -> Kernel:
     """Return the kernel of the elliptical slice sampler for a problem."""
 
     def ratio(w: Float[Array, " parameter"]) -> Float[Array, ""]:
-        # The shrinking loop ends with a comparison that NaN would pass, so impossible points are
-        # -inf.
+        # NaN would end the shrinking loop, so impossible points have -inf.
         value = log_ratio(problem, w)
         return jnp.where(value > FORBIDDEN, value, -jnp.inf)
 

@@ -1,4 +1,4 @@
-r"""Reference densities of samplers, and the evidence from weighted draws.
+r"""Reference densities of samplers, and the model evidence from weighted draws.
 
 Samplers that give the evidence use the posterior only through its ratio to a reference density
 r(w),
@@ -22,12 +22,12 @@ from numpyro.distributions import Distribution
 from jbw.errors import ModelError
 from jbw.inference.space.problem import Problem
 
-HEAVY = 5.0  # degrees of freedom of the t distribution around a fit
-FORBIDDEN = -1e30  # log density of impossible points: times zero it is zero, not NaN
+HEAVY = 5.0  # degrees of freedom of Student's t distribution around a fit
+FORBIDDEN = -1e30  # log density of impossible points; finite, so that zero times it is not NaN
 
 
 def reference(problem: Problem) -> Distribution:
-    """Return the reference density of the whitened coordinate."""
+    """Return the reference density in normalised coordinates."""
     size = len(problem.box.names)
     if problem.located:
         return dist.MultivariateStudentT(HEAVY, jnp.zeros(size), jnp.eye(size))
@@ -35,18 +35,18 @@ def reference(problem: Problem) -> Distribution:
 
 
 def log_ratio(problem: Problem, w: Float[Array, " parameter"]) -> Float[Array, ""]:
-    """Return log posterior minus log reference density [nats]; FORBIDDEN if impossible."""
+    """Return the log of posterior over reference density [nats]; FORBIDDEN if impossible."""
     value = problem.log_density(w) - reference(problem).log_prob(w)
     return jnp.where(jnp.isfinite(value), value, FORBIDDEN)
 
 
 def is_possible(log_ratios: Float[Array, "..."]) -> Bool[Array, ""]:
-    """Return whether the posterior is possible at any of several points."""
+    """Return whether a posterior is possible at one of several points."""
     return jnp.any(log_ratios > FORBIDDEN / 2)
 
 
 def require_possible(possible: bool) -> None:
-    """Raise a ModelError if a posterior is impossible at all evaluated points."""
+    """Raise a ModelError if a posterior is impossible at all of several points."""
     if not possible:
         raise ModelError(
             "The log likelihood is finite at no point that was looked at.",
@@ -75,7 +75,7 @@ def highest_power(
     ends: tuple[Array, Array],
     halvings: int,
 ) -> Float[Array, ""]:
-    """Return the highest power that keeps `least` draws effective, by bisection."""
+    """Return the highest power of weights that leaves `least` draws effective, by bisection."""
 
     def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = ends
@@ -89,7 +89,7 @@ def highest_power(
 def pooled_evidence(
     log_evidence: Float[Array, " run"], variance: Float[Array, " run"]
 ) -> dict[str, Float[Array, ""]]:
-    r"""Combine independent runs' evidence [nats], with the standard error of its logarithm.
+    r"""Combine the evidence of independent runs [nats], with the standard error of its log.
 
     $$\log\hat Z = \log \frac1R \sum_r Z_r, \qquad
     \mathrm{se}^2 = \max\!\left(\bar{s^2},\ \mathrm{var}_r \log Z_r\right) / R$$

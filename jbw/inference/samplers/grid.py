@@ -1,4 +1,4 @@
-"""A tensor grid over a posterior in the whitened logit of the box, and the moments on it."""
+"""A regular grid over a posterior, in normalised coordinates, with moments on it."""
 
 from typing import NamedTuple
 
@@ -18,22 +18,23 @@ from jbw.inference.samplers.evidence import (
 from jbw.inference.space.coordinates import Affine, Coordinate, Vector
 from jbw.inference.space.problem import LOGIT_PRIOR_PRECISION, Problem, log_volume
 
-REACH = 6.0  # half-width of the first grids in standard deviations
-NODES = {1: 128, 2: 80, 3: 40, 4: 20}  # nodes per coordinate, by number of parameters
-SHRINK = 0.4  # effective share of the nodes after a rise of the power
+REACH = 6.0  # half width of the first grids in standard deviations
+NODES = {1: 128, 2: 80, 3: 40, 4: 20}  # nodes per coordinate for each number of parameters
+SHRINK = 0.4  # effective share of the nodes after the power of the likelihood is raised
 MOST_ROUNDS = 120
-MOST_WHOLE = 8  # most rounds on the posterior itself; on a thin bend the moments never settle
-STEADY = 0.03  # change of the moments, in standard deviations, at which they are settled
-HALVINGS = 50  # bisections of the logarithm of the power, which starts at e^-60
-DEEP = 21.0  # nats below the highest node where a grid may end
-WIDEST = 60.0  # largest half-width of a grid in standard deviations
+# largest number of rounds at full likelihood; on a thin curved posterior moments never settle
+MOST_WHOLE = 8
+STEADY = 0.03  # change of the moments, in standard deviations, below which they are final
+HALVINGS = 50  # bisections of the logarithm of the power, from e^-60 on
+DEEP = 21.0  # depth in nats below the highest node, at which a grid may end
+WIDEST = 60.0  # largest half width of a grid in standard deviations
 WIDER = 1.2
 
 Bounds = Float[Array, "side parameter"]
 
 
 class Stretch(Coordinate):
-    r"""A separate stretch of every coordinate, $y = \sinh(\kappa x) / \kappa$ with $\kappa$ = 1/2.
+    r"""A stretch of each coordinate by itself, $y = \sinh(\kappa x) / \kappa$ with $\kappa$ = 1/2.
 
     Otherwise the long tails of a poorly determined parameter would take most of the nodes.
     """
@@ -52,7 +53,7 @@ class Stretch(Coordinate):
 
 
 class Grid(NamedTuple):
-    """A grid of equally spaced nodes, first coordinate slowest, with log density of w [nats]."""
+    """A grid of equally spaced nodes with log densities [nats], the first coordinate slowest."""
 
     whitening: Coordinate
     axes: Float[Array, "parameter place"]
@@ -80,7 +81,7 @@ class Grid(NamedTuple):
 
 
 def tensor(axes: list[Float[Array, " _place"]]) -> Float[Array, "node parameter"]:
-    """Return all combinations of values along several axes, the first axis slowest."""
+    """Return all combinations of values on several axes, the first axis slowest."""
     return jnp.stack(jnp.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
@@ -93,7 +94,7 @@ def grid_within(problem: Problem, whitening: Coordinate, bounds: Bounds, num_pla
 def log_density_at(
     problem: Problem, whitening: Coordinate, w: Float[Array, "node parameter"]
 ) -> Float[Array, " node"]:
-    """Return the log posterior density of whitened points [nats]; FORBIDDEN where impossible."""
+    """Return the log posterior density [nats] at normalised points; FORBIDDEN if impossible."""
     placed = eqx.tree_at(lambda posterior: posterior.whitening, problem, whitening)
     values = in_batches(placed.log_density, w)
     return jnp.where(jnp.isfinite(values), values, FORBIDDEN)
@@ -104,14 +105,14 @@ def whitened_by(
     covariance: Float[Array, "parameter parameter"],
     first: int = 0,
 ) -> Affine:
-    """Return the whitening by a covariance in which one coordinate alone moves one parameter."""
+    """Return normalising coordinates of which only the first one moves a given parameter."""
     order = np.array([first, *(i for i in range(mean.size) if i != first)])
     root = jnp.linalg.cholesky(covariance[np.ix_(order, order)])
     return Affine(mean, jnp.zeros_like(root).at[order].set(root))
 
 
 class LogitMoments(NamedTuple):
-    """Moments of the logit of a posterior at a power of the likelihood, which is 1 at the end.
+    """Moments of a posterior in logit coordinates, at a power of the likelihood.
 
     Further fields are the highest log density of the last grid [nats], the number of grids, the
     number of grids at the power 1, and whether the posterior was possible at a node of every grid.
@@ -128,7 +129,7 @@ class LogitMoments(NamedTuple):
 
 
 def located(problem: Problem) -> LogitMoments:
-    r"""Return a posterior's logit mean and covariance, on grids that shrink as likelihood rises.
+    r"""Find a posterior's mean and covariance on shrinking grids, as its likelihood is raised.
 
     $$p_\beta \propto \pi\, L^\beta, \qquad 0 < \beta_1 < \dots \le 1$$
 
@@ -175,7 +176,7 @@ def located(problem: Problem) -> LogitMoments:
 def _raised(
     problem: Problem, grid: Grid, power: Float[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, " node"]]:
-    """Return a higher power of the likelihood that a grid still resolves, and log p at it."""
+    """Return a higher power of the likelihood that a grid still resolves, with log p at it."""
     placed = eqx.tree_at(lambda posterior: posterior.whitening, problem, grid.whitening)
     prior = jax.vmap(placed.coordinate.log_abs_det_jacobian)(grid.nodes) - log_volume(problem.box)
     likelihood = grid.log_p - prior
@@ -185,7 +186,7 @@ def _raised(
 
     least = SHRINK * effective(power)
 
-    # Bisect the logarithm, because the first powers may be arbitrarily small.
+    # Bisect the logarithm, because the first powers may be very small.
     ends = jnp.log(jnp.maximum(power, jnp.exp(-60.0))), jnp.zeros(())
     raised = jnp.exp(highest_power(lambda log: effective(jnp.exp(log)), least, ends, HALVINGS))
     power = jnp.where(effective(jnp.ones(())) >= least, 1.0, raised)
@@ -195,7 +196,7 @@ def _raised(
 def _no_narrower(
     covariance: Float[Array, "parameter parameter"], least: Float[Array, ""]
 ) -> Float[Array, "parameter parameter"]:
-    """Return a covariance widened to what the grid's nodes resolve."""
+    """Return a covariance that is at least as wide as the grid's nodes can resolve."""
     values, vectors = jnp.linalg.eigh(covariance)
     return vectors * jnp.maximum(values, least**2) @ vectors.T
 
@@ -203,7 +204,7 @@ def _no_narrower(
 def bounds_of(
     problem: Problem, whitening: Affine, moments: LogitMoments, num_places: int
 ) -> Bounds:
-    """Expand bounds until the posterior is 21 nats below its highest node at every side."""
+    """Expand bounds until the posterior at each side is 21 nats below its highest node."""
     d = len(problem.box.names)
     floor = moments.highest + whitening.log_abs_det_jacobian(moments.mean) - DEEP
 

@@ -1,4 +1,4 @@
-r"""Pareto-smoothed importance sampling around a Laplace approximation, with evidence.
+r"""Pareto-smoothed importance sampling around a Gaussian approximation, with the evidence.
 
 $$w_i = \frac{p(D | \theta_i)\,\pi(\theta_i)}{t_5(\theta_i)}, \qquad
 \hat Z = \frac1N \sum_i w_i, \qquad \mathrm{se}(\log\hat Z)^2 = \frac{1}{N_{eff}} - \frac1N$$
@@ -35,12 +35,12 @@ from jbw.inference.samplers.evidence import (
 from jbw.inference.space.coordinates import Affine
 from jbw.inference.space.problem import Problem
 
-FEW = 0.05  # least effective share of the draws for moments
-DEEPEST = 200.0  # nats below the best at which a log weight is cut off
-HALVINGS = 30  # bisections of the power that flattens the weights
+FEW = 0.05  # smallest effective share of draws that gives moments
+DEEPEST = 200.0  # lowest log weight relative to the highest [nats]
+HALVINGS = 30  # bisections of the power that makes weights more equal
 SMALLEST = -700.0  # log weight that counts as zero but is finite
-NUGGET = 1e-8  # added variance of the coordinate in case draws coincide
-ENOUGH = 0.1  # least ratio of effective draws to returned draws of a finished sampler
+NUGGET = 1e-8  # variance added to the coordinates in case draws coincide
+ENOUGH = 0.1  # smallest ratio of effective to returned draws of a successful sampler
 
 
 class Options(NamedTuple):
@@ -93,7 +93,7 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
 
 
 def smoothed(log_weights: Float[Array, " draw"]) -> tuple[Float[Array, " draw"], Float[Array, ""]]:
-    """Return normalised weights with a Pareto-smoothed tail, and its k-hat: good below 0.7.
+    """Return normalised weights with a Pareto-smoothed tail, and k-hat (good below 0.7).
 
     Under `vmap`, ArviZ is called once for each set of weights.
     """
@@ -104,8 +104,8 @@ def smoothed(log_weights: Float[Array, " draw"]) -> tuple[Float[Array, " draw"],
 
 
 def smooth(raw: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return log weights with a fitted Pareto tail, and its k-hat."""
-    from arviz_stats.base.array import array_stats  # a second of imports, needed only here
+    """Return log weights with a smoothed Pareto tail, and their k-hat."""
+    from arviz_stats.base.array import array_stats  # an import of one second, needed only here
 
     stats: Any = array_stats  # its annotations admit tuples that it never returns here
     # ArviZ expects the negative of the log weights, as in leave-one-out log likelihoods; its
@@ -120,7 +120,7 @@ def smooth(raw: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def _resampled(key: Key[Array, ""], weights: Float[Array, " draw"], options: Options) -> Array:
-    """Return the indices of draws by stratified resampling, from separate points per group.
+    """Return the indices of draws by stratified resampling, separately for each group of draws.
 
     Copies of a point are adjacent, so an effective size from autocorrelation counts them as one.
     """
@@ -134,7 +134,7 @@ def _resampled(key: Key[Array, ""], weights: Float[Array, " draw"], options: Opt
 def moved(
     whitening: Affine, w: Float[Array, "draw parameter"], ratio: Float[Array, " draw"]
 ) -> Affine:
-    """Update the whitening by moments of weighted draws, flattened if a few weights dominate."""
+    """Move the normalising coordinates to the moments of weighted draws."""
     size, d = w.shape
     ratio = jnp.maximum(ratio, jnp.max(ratio) - DEEPEST)
 

@@ -1,4 +1,4 @@
-"""The sampling strategy: the cheapest sampler first, the next if its draws do not suffice.
+"""The sampling strategy: the cheapest sampler first, the next one if it is not sufficient.
 
 Importance sampling from adapted mixtures takes a few evaluations per effective draw, and gives the
 evidence. If a posterior is too far from any such mixture, chains are used: elliptical slices around
@@ -32,15 +32,15 @@ under_way = logging.getLogger("jbw.progress")
 # Functions that create coordinates, by name; all but the first may return None.
 Places = Mapping[str, Callable[[], Reparametrisation | None]]
 
-LOOKED_AT = 256  # trial points to choose coordinates
-PLENTY = 1 / 2  # effective share of them above which no other coordinates are tried
-TRIAL = 12  # rounds after which sampling stops if there are too few effective draws
-ROUNDS = 3  # most repetitions of slice sampling if its chains disagree
-WORTH = 20.0  # effective points per dimension from which chains start at their moments
+LOOKED_AT = 256  # number of trial points to choose coordinates
+PLENTY = 1 / 2  # effective share of trial points, above which no other coordinates are tried
+TRIAL = 12  # number of rounds after which sampling ends if too few draws are effective
+ROUNDS = 3  # largest number of repetitions of slice sampling if its chains disagree
+WORTH = 20.0  # effective points per dimension, from which chains can start at their moments
 
 
 class Sizes(NamedTuple):
-    """The amounts to draw; the sampler's own values where None.
+    """The numbers of chains, draws and warm-up steps; None means the sampler's own.
 
     Attributes:
         num_chains: Number of chains, and of groups of weighted points.
@@ -64,7 +64,7 @@ def climb(
     keep: Keep = no_checkpoint,
     attrs: Mapping[str, Mapping[str, str]] | None = None,
 ) -> xr.DataTree:
-    """Draw from a posterior by the first sampler that suffices, in the best coordinates.
+    """Draw from a posterior by the first sampler that is sufficient, in suitable coordinates.
 
     Args:
         key: Random key.
@@ -123,7 +123,7 @@ def by_mixtures(
     keep: Keep = no_checkpoint,
     attrs: Mapping[str, Mapping[str, str]] | None = None,
 ) -> list[tuple[xr.DataTree, Reparametrisation]]:
-    """Draw by adapted mixtures, in one set of coordinates after another until draws suffice."""
+    """Draw by adaptive importance sampling, in one set of coordinates after another."""
     tried: list[tuple[xr.DataTree, Reparametrisation]] = []
     remaining = until
     request = SamplingRequest(
@@ -133,7 +133,7 @@ def by_mixtures(
     )
     for stage, make in stages.items():
         is_last = len(tried) == len(stages) - 1
-        # If these coordinates do not exist, those of the stage before are used again.
+        # If such coordinates do not exist, continue with those of the stage before.
         if (parametrisation := make()) is not None:
             name, place = stage, parametrisation
         options = {} if is_last else {"trial": TRIAL, "least": ESS}
@@ -162,7 +162,7 @@ def by_chains(
     keep: Keep = no_checkpoint,
     attrs: Mapping[str, Mapping[str, str]] | None = None,
 ) -> xr.DataTree:
-    """Draw by slice sampling if an evaluation is costly, otherwise along the gradient."""
+    """Draw by Markov chains: slice sampling for costly models, otherwise along the gradient."""
     sampler = sampler_named("elliptical_slice" if target.is_costly else "nuts")
     num_warmup, num_samples = sampler.draws if target.is_costly else sampler.cheap_draws
     request = SamplingRequest(
@@ -181,14 +181,14 @@ def by_chains(
 
 
 def is_good(tree: xr.DataTree, until: Until | None) -> bool:
-    """Return whether importance weights are good, and their draws are enough."""
+    """Return whether importance weights are reliable and give enough draws."""
     if not (tree.attrs["khat"] < GOOD_KHAT and tree.attrs["ess_weights"] >= ESS):
         return False
     return until is None or until.enough(scalars(tree))
 
 
 def about_draws(tree: xr.DataTree, box: Box, place: Reparametrisation) -> Reparametrisation:
-    """Return coordinates from weighted draws' moments; unchanged if few are effective."""
+    """Return coordinates from weighted draws' moments; unchanged if too few are effective."""
     enough = tree.attrs["ess_weights"] >= WORTH * len(box.names)
     return by_moments(scalars(tree), box, place) if enough else place
 
@@ -198,7 +198,7 @@ def choose(
     target: Target,
     parametrisations: Places,
 ) -> tuple[str, Reparametrisation, int]:
-    """Choose the coordinates with most effective points around the fit; return the count drawn.
+    """Choose the coordinates with most effective trial points; return the number of points used.
 
     If many of the points are effective, no other coordinates are tried. Coordinates that cost
     evaluations come last. Near a curved valley, good-looking weights may cover only a part of it.

@@ -15,20 +15,20 @@ from scipy.special import gammaln, logsumexp, softmax
 from jbw.inference.samplers.evidence import HEAVY
 
 STEPS = 20  # steps of expectation-maximisation
-ENOUGH = 3000  # most points used to fit a mixture
-POINTS_A_DIMENSION = 10.0  # effective points that a component needs, times the dimension
+ENOUGH = 3000  # largest number of points used to fit a mixture
+POINTS_A_DIMENSION = 10.0  # effective points that a component needs per dimension
 COUNTS = (1, 2, 4, 8)  # numbers of components that are tried
-PRIOR_POINTS = 0.5  # weight of the overall covariance in each component, times the dimension
-BEYOND, WIDER = 0.1, 2.0  # share and relative width of the component that covers all
-SLIGHT = 1e-4  # share of the weight in points that are omitted
-NUGGET = 1e-10  # relative increase of overall variances in case points coincide
+PRIOR_POINTS = 0.5  # weight of the overall covariance in each component, per dimension
+BEYOND, WIDER = 0.1, 2.0  # share and relative width of a component that covers all points
+SLIGHT = 1e-4  # share of the total weight in points that are omitted
+NUGGET = 1e-10  # relative increase of variances in case points coincide
 
 Points = Float[np.ndarray, "point parameter"]
 Weights = Float[np.ndarray, " point"]
 
 
 class Mixture(NamedTuple):
-    """The shares of the components, their centres, and lower triangular roots of their scales."""
+    """The components of a mixture: shares, centres and lower triangular roots of scales."""
 
     shares: Float[np.ndarray, " component"]
     centres: Float[np.ndarray, "component parameter"]
@@ -56,7 +56,7 @@ def log_density(mixture: Mixture, x: Points) -> Weights:
 
 def _squares(mixture: Mixture, x: Points) -> Float[np.ndarray, "point component"]:
     r"""Return squared distances to the components, $|L_k^{-1} (x - \mu_k)|^2$."""
-    # With few parameters, einsum's loops finish before BLAS has started its threads.
+    # With few parameters, einsum is done before BLAS has started its threads.
     away = x - mixture.centres[:, None]
     white = np.einsum("kij,knj->kni", np.linalg.inv(mixture.roots), away)
     return np.einsum("kni,kni->nk", white, white)
@@ -65,7 +65,7 @@ def _squares(mixture: Mixture, x: Points) -> Float[np.ndarray, "point component"
 def _log_components(
     mixture: Mixture, squares: Float[np.ndarray, "point component"]
 ) -> Float[np.ndarray, "point component"]:
-    """Return the logarithm of each component's density times its share."""
+    """Return the log of each component's density times its share, at each point."""
     size = mixture.centres.shape[1]
     log_det = np.sum(np.log(np.diagonal(mixture.roots, axis1=1, axis2=2)), axis=1)
     scale = gammaln((HEAVY + size) / 2) - gammaln(HEAVY / 2) - 0.5 * size * np.log(HEAVY * np.pi)
@@ -74,7 +74,7 @@ def _log_components(
 
 
 def refitted(rng: np.random.Generator, x: Points, weights: Weights) -> Mixture:
-    r"""Fit the mixture of highest likelihood to weighted points by expectation-maximisation.
+    r"""Fit the most likely mixture to weighted points, by expectation-maximisation.
 
     $$\rho_{ik} = \frac{a_k t_k(x_i)}{q(x_i)}, \quad u_{ik} = \frac{\nu + d}{\nu + s_{ik}}, \quad
       a_k = \sum_i w_i \rho_{ik}, \quad
@@ -88,7 +88,7 @@ def refitted(rng: np.random.Generator, x: Points, weights: Weights) -> Mixture:
     Reference:
         Cappé, Douc, Guillin, Marin and Robert (2008), Statistics and Computing 18, 447.
     """
-    if 1 / np.sum(weights**2) > ENOUGH:  # this many draws determine a mixture well enough
+    if 1 / np.sum(weights**2) > ENOUGH:  # these draws determine a mixture well enough
         x = x[rng.choice(len(x), ENOUGH, p=weights)]
         weights = np.full(ENOUGH, 1 / ENOUGH)
     x, weights = _of_weight(x, weights)
@@ -102,14 +102,14 @@ def refitted(rng: np.random.Generator, x: Points, weights: Weights) -> Mixture:
 def _of_weight(
     x: Points, weights: Weights
 ) -> tuple[Float[np.ndarray, "heavy parameter"], Float[np.ndarray, " heavy"]]:
-    """Return the points with all but a ten-thousandth of the weight, and their weights."""
+    """Return points that have all but a ten-thousandth of the weight, with their weights."""
     order = np.argsort(-weights)
     heavy = np.sort(order[: 1 + int(np.searchsorted(np.cumsum(weights[order]), 1 - SLIGHT))])
     return x[heavy], weights[heavy] / weights[heavy].sum()
 
 
 def widened(mixture: Mixture, x: Points, weights: Weights) -> Mixture:
-    """Add a broad component with a share of a tenth that covers all points.
+    """Add a broad component that covers all points, with a share of a tenth.
 
     Points that do not yet reach the end of a curved posterior do not show that it continues.
     """
@@ -124,7 +124,7 @@ def widened(mixture: Mixture, x: Points, weights: Weights) -> Mixture:
 def _score(
     rng: np.random.Generator, x: Points, weights: Weights, half: NDArray[np.bool_], count: int
 ) -> float:
-    """Return the mean log density of half the points by a mixture fitted to the other half."""
+    """Return the mean log density of half of the points under the other half's mixture."""
     mixture = _fitted(rng, x[half], weights[half] / weights[half].sum(), count)
     return float(weights[~half] @ log_density(mixture, x[~half]))
 
@@ -164,7 +164,7 @@ def _improved(
 
 
 def _overall(weights: Weights, x: Points) -> NDArray[np.float64]:
-    """Return the weighted covariance of all points, positive definite even if they coincide."""
+    """Return the weighted covariance of all points, kept positive definite."""
     away = x - weights @ x
     overall = (weights[:, None] * away).T @ away
     overall[np.diag_indices(x.shape[1])] *= 1 + NUGGET

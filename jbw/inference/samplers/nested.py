@@ -1,4 +1,4 @@
-r"""Nested slice sampling through BlackJAX, with its evidence.
+r"""Nested slice sampling with its evidence, by BlackJAX.
 
 $$Z = \int_0^1 \ell(X)\,\mathrm{d}X, \qquad w_i = \ell_i\, (X_{i-1} - X_{i+1}) / 2$$
 
@@ -30,10 +30,10 @@ from jbw.inference.samplers.evidence import (
 )
 from jbw.inference.space.problem import Problem
 
-LEFT = 1e-3  # largest share of the evidence in the live points at the end
-ROOM = 150  # most stored dead points over live points; each multiple takes one nat
-TOGETHER = 10  # one in so many live points is replaced at once, in parallel
-VOLUMES = 200  # simulated shrinkages of the prior volume
+LEFT = 1e-3  # largest share of the evidence that remains in the live points at the end
+ROOM = 150  # largest number of dead points over live points; each multiple takes one nat
+TOGETHER = 10  # divisor of the live points that are replaced at once, in parallel
+VOLUMES = 200  # number of simulated sequences of prior volumes
 
 
 class Options(NamedTuple):
@@ -44,7 +44,7 @@ class Options(NamedTuple):
 
 
 class NestedRun(NamedTuple):
-    """One run: draws, evidence and its variance by simulated volumes [nats], and its cost."""
+    """One nested sampling run: draws, evidence with variance [nats], and number of evaluations."""
 
     theta: dict[str, Float[Array, " draw"]]
     log_evidence: Float[Array, ""]
@@ -74,7 +74,7 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
 
 
 def require_arrival(arrived: bool) -> None:
-    """Raise a ModelError if runs filled their storage before they finished."""
+    """Raise a ModelError if runs filled their storage before they ended."""
     if not arrived:
         raise ModelError(
             f"Nested sampling left more than the share {LEFT:g} of the evidence in its live points "
@@ -84,7 +84,7 @@ def require_arrival(arrived: bool) -> None:
 
 
 class _Carry(NamedTuple):
-    """The state of a run: key, live points and evidence, dead points, their count, evaluations."""
+    """The state of a run: key, live points, evidence, dead points, counts."""
 
     key: Key[Array, ""]
     state: Any
@@ -108,7 +108,8 @@ def _run(key: Key[Array, ""], problem: Problem, num_live: int, num_draws: int) -
     room = len(points.loglikelihood) - num_live
     filled = jnp.concatenate([jnp.arange(room) < last.count, jnp.ones(num_live, bool)])
     shares, totals = _weights(key_volume, points, filled)
-    order = jax.random.permutation(key_order, shares.size)  # points are ordered inwards
+    # points are in the order of increasing likelihood
+    order = jax.random.permutation(key_order, shares.size)
     chosen = order[resampling.stratified(key_keep, shares[order], num_draws)]
     return NestedRun(
         jax.vmap(problem.theta)(points.position[chosen]),
@@ -122,7 +123,7 @@ def _run(key: Key[Array, ""], problem: Problem, num_live: int, num_draws: int) -
 
 
 def _live_share(state: Any) -> Float[Array, ""]:
-    """Return the share of the evidence that remains in the live points."""
+    """Return the share of the evidence that the live points still contain."""
     live = state.integrator.logZ_live
     return jnp.exp(live - jnp.logaddexp(state.integrator.logZ, live))
 
@@ -130,10 +131,10 @@ def _live_share(state: Any) -> Float[Array, ""]:
 def _shrunk(
     key: Key[Array, ""], slices: Any, state: Any, possible: Bool[Array, ""], together: int
 ) -> _Carry:
-    """Run nested sampling from its first live points to the end."""
+    """Run nested sampling from its first live points to its end."""
     num_live = len(state.particles.loglikelihood)
     room = ROOM * num_live // together * together
-    # Empty rows have births and deaths above all others, where the volume is zero.
+    # Empty rows have likelihoods above all others, where the volume is zero.
     empty = jax.tree.map(
         lambda v: jnp.full((room, *v.shape[1:]), jnp.inf, v.dtype), state.particles
     )
@@ -144,7 +145,7 @@ def _shrunk(
     def replace(at: _Carry) -> _Carry:
         key, key_step = jax.random.split(at.key)
         state, step_info = slices.step(key_step, at.state)
-        # Both ends of a bracket are evaluated before it grows.
+        # Both ends of a slice are evaluated before it grows.
         looked = step_info.update_info.num_expansions + step_info.update_info.num_shrink + 2
         dead = jax.tree.map(
             lambda rows, new: jax.lax.dynamic_update_slice_in_dim(rows, new, at.count, 0),
@@ -160,7 +161,7 @@ def _shrunk(
 def _weights(
     key: Key[Array, ""], points: Any, filled: Bool[Array, " point"]
 ) -> tuple[Float[Array, " point"], Float[Array, " volume"]]:
-    r"""Return each point's share of the evidence, and log evidences, by simulated volumes.
+    r"""Return each point's share of the evidence, and the log evidence, for simulated volumes.
 
     At the death of a point, the number n of live points is that of points born below it that have
     not died. The volume shrinks by the largest of n uniform numbers, $\log X_i - \log X_{i-1} =

@@ -1,4 +1,4 @@
-"""NumPyro's no-U-turn sampler in the whitened coordinate, with the model's gradient."""
+"""NumPyro's no-U-turn sampler, which follows the model's gradient, in normalised coordinates."""
 
 from functools import partial
 from typing import NamedTuple
@@ -47,7 +47,7 @@ def kernel(problem: Problem, options: Options) -> Kernel:
     def init(key: Key[Array, ""], w: Float[Array, " parameter"]) -> PyTree:
         return nuts.init(key, options.num_warmup, w, (), {})
 
-    # NumPyro binds its functions in `init`. This only traces it; nothing is computed.
+    # NumPyro creates its functions in `init`, which is only traced here, without computing.
     origin = jnp.zeros_like(problem.whitening.centre)
     jax.eval_shape(partial(init, w=origin), jax.random.key(0))
 

@@ -1,4 +1,4 @@
-r"""The posterior by quadrature: exact to a stated error, for up to four parameters.
+r"""The posterior by numerical integration, exact to a stated error, for up to four parameters.
 
 $$Z = \prod_i h_i \sum_{n} p(w_n), \qquad w_n = (n_1 h_1, \dots, n_d h_d)$$
 
@@ -41,13 +41,13 @@ from jbw.inference.samplers.grid import (
 from jbw.inference.space.coordinates import IDENTITY, Affine, Composed
 from jbw.inference.space.problem import Problem
 
-PLACES = {1: 1025, 2: 257, 3: 97, 4: 41}  # nodes per coordinate, by number of parameters
-FACES = {1: 1, 2: 257, 3: 65, 4: 21}  # nodes per coordinate on a side of the grid
+PLACES = {1: 1025, 2: 257, 3: 97, 4: 41}  # nodes per coordinate for each number of parameters
+FACES = {1: 1, 2: 257, 3: 65, 4: 21}  # nodes per coordinate on a face of the grid
 PROBABILITIES = (0.005, 0.01, 0.05, 0.5, 0.95, 0.99, 0.995)
 
 
 class Options(NamedTuple):
-    """The options of quadrature: numbers of draws, of groups, and of nodes per coordinate (odd).
+    """The options of quadrature: numbers of draws, of groups of draws, and of nodes.
 
     `num_samples` draws are returned for each of `num_chains` groups; `num_places` is the odd number
     of nodes per coordinate, None for the default.
@@ -59,7 +59,7 @@ class Options(NamedTuple):
 
 
 class Marginal(NamedTuple):
-    """The marginal distribution of one parameter, with quantiles at `PROBABILITIES`.
+    """The marginal distribution of one parameter: moments, and quantiles at `PROBABILITIES`.
 
     The error is the change by the finer of two rules: log evidence [nats], mean and standard
     deviation relative to the deviation.
@@ -73,7 +73,7 @@ class Marginal(NamedTuple):
 
 
 def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
-    """Draw from a posterior by quadrature; also return exact means, sds and quantiles.
+    """Draw from a posterior by quadrature; also return exact moments and quantiles.
 
     The group `exact` contains the mean, sd and quantiles of each parameter.
     """
@@ -109,10 +109,10 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
 def _on_its_axis(
     i: int, problem: Problem, moments: LogitMoments, count: int
 ) -> tuple[Marginal, Grid]:
-    """Return a parameter's marginal and its grid, whose first coordinate alone sets it."""
+    """Return one parameter's marginal distribution, and a grid with the parameter on one axis."""
     whitening = whitened_by(moments.mean, moments.covariance, first=i)
     bounds = bounds_of(problem, whitening, moments, FACES[len(problem.box.names)])
-    # The rule converges in the stretched coordinate too: it is smooth, and its ends are as low.
+    # The rule also converges in the stretched coordinate: it is as smooth, with as low ends.
     drawn_in = Composed((Stretch(), whitening))
     grid = grid_within(problem, drawn_in, Stretch().inverse(bounds), count)
     d = len(grid.axes)
@@ -131,7 +131,7 @@ def _marginal(i: int, problem: Problem, whitening: Affine, grid: Grid) -> Margin
     p = jnp.sum(grid.weights.reshape(grid.axes.shape[1], -1), axis=1)
     centre, slope = whitening.centre[i], whitening.factor[i, 0]
     lower, width = problem.lower[i], problem.upper[i] - problem.lower[i]
-    # Moments of the unit coordinate around its centre keep the digits of a narrow posterior.
+    # Moments about the centre keep the digits of a narrow posterior.
     middle = jax.nn.sigmoid(centre)
     x = jax.nn.sigmoid(centre + slope * Stretch().forward(grid.axes[0])) - middle
     mean = p @ x
@@ -163,7 +163,7 @@ def _quantiles(axis: Any, p: Any) -> NDArray[np.float64]:
 def distribution(
     w: float, axis: Float[np.ndarray, " node"], p: Float[np.ndarray, " node"]
 ) -> float:
-    r"""Return the distribution function at w, by sinc functions through the nodes.
+    r"""Return the distribution function at w, interpolated between the nodes by sinc functions.
 
     $$F(w) = \sum_j p_j \left[\tfrac12 + \tfrac1\pi \mathrm{Si}
     \!\left(\tfrac{\pi (w - w_j)}{h}\right)\right]$$
@@ -175,7 +175,7 @@ def distribution(
 def _drawn(
     key: Key[Array, ""], problem: Problem, grid: Grid, options: Options
 ) -> dict[str, Float[Array, "chain draw"]]:
-    """Draw from a grid's posterior cell by cell, weighted by the density at the drawn points."""
+    """Draw points from a grid's cells, weighted by the density at the drawn points."""
     count = options.num_samples * options.num_chains
     key_cell, key_order, key_move, key_keep = jax.random.split(key, 4)
     cells = jax.random.permutation(key_order, resampling.stratified(key_cell, grid.weights, count))

@@ -1,4 +1,4 @@
-r"""The paper's sampler: random-walk Metropolis-Hastings in the unit coordinate, section 3.2.
+r"""The paper's sampler: a Metropolis-Hastings random walk, section 3.2.
 
 $$x' = x + \sigma_p L \eta, \quad \eta \sim N(0, I); \qquad
 P(\text{accept}) = \min\{1, p(x')/p(x)\}\ \text{inside}, \ 0\ \text{outside}$$
@@ -18,8 +18,9 @@ from jbw.inference.space.box import named
 from jbw.inference.space.problem import Problem, log_density
 
 AVERAGING = 0.75  # exponent of the weights of the averaged step, as in dual averaging
-FORGETTING = 0.6  # exponent of the decaying gain: its sum diverges, its sum of squares converges
-FIRST_STEP = (0.1, 1.0)  # first step of the tuning, without and with whitening by a fit
+# exponent of the decaying gain, whose sum diverges while its sum of squares converges
+FORGETTING = 0.6
+FIRST_STEP = (0.1, 1.0)  # first step of the tuning, without and with normalisation by a fit
 
 
 class Options(NamedTuple):
@@ -42,7 +43,7 @@ PAPER = Options(num_warmup=85, num_samples=765, step_size=2.5108e-3)
 
 
 class WalkState(NamedTuple):
-    """The state of one walk after i steps, and the outcome of the last step.
+    """The state of one random walk after i steps, with the outcome of the last step.
 
     `log_step` is the log of the proposal's standard deviation in x; its average is used after the
     burn-in. `failed` marks a proposal in the box with no finite density.
@@ -63,7 +64,8 @@ def kernel(problem: Problem, options: Options) -> Kernel:
     """Return the kernel of the random-walk Metropolis sampler for a problem."""
     unit = problem.unit_coordinate
     shaped = problem.located and options.step_size is None
-    # Transform the whitening from the logit to x at its centre, where the slope is x (1 - x).
+    # Transform the fit's covariance from the logit to x at its centre, where the slope is x (1 -
+    # x).
     centre = jax.nn.sigmoid(problem.whitening.centre)
     scale = (centre * (1 - centre))[:, None] * problem.whitening.factor
 
@@ -82,7 +84,7 @@ def kernel(problem: Problem, options: Options) -> Kernel:
         move = jax.random.normal(key_proposal, state.x.shape)
         proposal = state.x + jnp.exp(state.log_step) * (scale @ move if shaped else move)
         inside = jnp.all((proposal >= 0) & (proposal <= 1))
-        # The model is evaluated inside the box even if the proposal will be rejected.
+        # Evaluate the model inside the prior range, even if the proposal will be rejected.
         proposed = density(jnp.where(inside, proposal, state.x))
         failed = ~jnp.isfinite(proposed)
         ratio = jnp.exp(jnp.minimum(proposed - state.log_density, 0.0))
@@ -116,7 +118,7 @@ def kernel(problem: Problem, options: Options) -> Kernel:
 def tuned(
     state: WalkState, accept_prob: Float[Array, ""], options: Options
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Return the next log step size by Robbins and Monro, and its average."""
+    """Return the next log step size by Robbins and Monro's rule, and the averaged one."""
     if options.step_size is not None:
         return state.log_step, state.log_step_average
     t = state.i + 1.0

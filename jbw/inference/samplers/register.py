@@ -1,4 +1,4 @@
-"""The register of samplers: the single list of their names, readable without JAX.
+"""The register of samplers, which can be read without loading JAX.
 
 A sampler is a module with a record `Options` and one of three functions. The first two are pure
 under `jit` and `vmap`:
@@ -18,7 +18,7 @@ from jbw.errors import ConfigError
 
 
 class Sampler(NamedTuple):
-    """A sampler by name, whose module is imported when it draws.
+    """A registered sampler, whose module is imported when it draws.
 
     Attributes:
         name: Name in `[identify] sampler` and in `sample`.
@@ -52,7 +52,7 @@ class Sampler(NamedTuple):
     in_rounds: bool = False
 
     def suits(self, num_parameters: int) -> bool:
-        """Return whether the sampler takes `num_parameters` parameters."""
+        """Return whether the sampler supports `num_parameters` parameters."""
         return self.most_parameters is None or num_parameters <= self.most_parameters
 
 
@@ -61,7 +61,7 @@ SAMPLERS: dict[str, Sampler] = {}
 
 
 def register(sampler: Sampler) -> None:
-    """Add a sampler to the list, or replace the one of the same name."""
+    """Add a sampler to the register, or replace the one of the same name."""
     SAMPLERS[sampler.name] = sampler
 
 
@@ -109,7 +109,7 @@ def sampler_named(name: str) -> Sampler:
 
 
 def module_of(sampler: Sampler) -> Any:
-    """Return the module of a sampler; import it if it is given by its path."""
+    """Return the module of a sampler, imported by its path if necessary."""
     module = sampler.module
     return import_module(module) if isinstance(module, str) else module
 
@@ -121,7 +121,7 @@ def default_options(sampler: Sampler) -> Any:
 
 
 def options_of(sampler: Sampler, **choices: Any) -> Any:
-    """Return a sampler's options; ignore choices that are None or that it does not have."""
+    """Return a sampler's options; ignore those that are None or that it does not have."""
     defaults = default_options(sampler)
     accepted = {n: v for n, v in choices.items() if n in defaults._fields and v is not None}
     return defaults._replace(**accepted)

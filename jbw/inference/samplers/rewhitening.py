@@ -1,4 +1,4 @@
-"""Repeated sampling around the moments of the draws if chains that start at a fit disagree.
+"""Repeated sampling around the draws so far, if chains that start at a fit disagree.
 
 A fit describes the posterior near its optimum. If the posterior is far from normal, slices with the
 fit's covariance move slowly, but their draws show better where the posterior lies.
@@ -21,9 +21,9 @@ from jbw.inference.space.box import Box
 from jbw.inference.space.problem import Target
 from jbw.inference.space.reparametrisation import Reparametrisation
 
-AGREED = 1.05  # R-hat of the worst parameter above which sampling is repeated at the draws
-WIDER = 1.3  # factor on the covariance of draws that may be incomplete
-INSIDE = 1e-9  # least distance of a mean from the bounds over the box's width
+AGREED = 1.05  # R-hat of the worst parameter, above which sampling is repeated
+WIDER = 1.3  # factor on the covariance of draws, which may not yet cover the posterior
+INSIDE = 1e-9  # smallest distance of a mean from the bounds, over the prior's width
 
 
 def sample_until(
@@ -37,7 +37,7 @@ def sample_until(
     keep: Callable[[int], Kept | None] = lambda round_: None,
     attrs: Mapping[str, Mapping[str, str]] | None = None,
 ) -> xr.DataTree:
-    """Sample until draws are enough; if chains disagree, sample again around their moments.
+    """Sample until there are enough draws; if chains disagree, restart around their moments.
 
     Chains continue with the number of draws doubled each time. A sampler that draws everything at
     once draws again, twice as many, unless k-hat shows that more draws would be no better.
@@ -70,7 +70,7 @@ def sample_until(
             break
         if not (last or agree(draws)):
             coordinates = by_moments(draws, target.box, coordinates)
-        elif until is None or "rounds" in tree.attrs:  # these draws have grown already
+        elif until is None or "rounds" in tree.attrs:  # these draws have been extended already
             break
         elif tree.attrs.get("khat", 0.0) >= GOOD_KHAT:
             break

@@ -1,4 +1,4 @@
-"""Draws from a posterior: one call for every sampler, one form of the result."""
+"""Posterior sampling: one call for every sampler, one form of the result."""
 
 import time
 import warnings
@@ -39,19 +39,19 @@ from jbw.inference.space.reparametrisation import Reparametrisation, in_box
 
 ChainMethod = Literal["sequential", "vectorized", "parallel"]
 VERSIONED = ("jax", "jaxlib", "numpyro", "numpy")
-LEAST = {"num_warmup": 0, "num_samples": 1, "num_chains": 1}  # least values of a request
-# Keywords of `sample`: those of its signature, and those that all samplers have.
+LEAST = {"num_warmup": 0, "num_samples": 1, "num_chains": 1}  # smallest values of a request
+# Keywords that `sample` has in its signature, and keywords of all samplers.
 SIGNED = ("data", "sampler", "start", "covariance", "coordinates")
 REQUESTED = (*LEAST, "chain_method")
 SHARED = (*REQUESTED, "options", "attrs", *Supervision._fields)
 SamplerOutput = tuple[
     Draws, NDArray[np.float64], float
-]  # draws, terms at each, seconds spent before
+]  # draws, log likelihoods, seconds spent before
 _drawn = eqx.filter_jit(draws_of)
 
 
 class SamplingRequest(NamedTuple):
-    """The choice of a sampler, and its numbers of chains, warm-up steps and draws.
+    """The choice of a sampler, with its numbers of chains, warm-up steps and draws.
 
     Attributes:
         sampler: Name of a sampler in the register.
@@ -82,7 +82,7 @@ def sample(
     coordinates: Reparametrisation | None = None,
     **options: Any,
 ) -> xr.DataTree:
-    """Sample the posterior of a log likelihood and a uniform prior in a box.
+    """Sample the posterior of a log likelihood, with uniform priors between bounds.
 
     The function is compiled once for a `log_likelihood`, names, shapes and options. Under
     `vectorized` all chains wait for the longest trajectory: if a likelihood is slow (an ODE) prefer
@@ -151,7 +151,7 @@ def draw_posterior(
     supervision: Supervision = UNSUPERVISED,
     attrs: Mapping[str, Mapping[str, str]] | None = None,
 ) -> xr.DataTree:
-    """Draw from a posterior as requested; `sample` calls this once its keywords are checked.
+    """Draw from a posterior as requested, after all options have been checked.
 
     Args:
         key: Random key.
@@ -186,7 +186,7 @@ def draw_posterior(
     drawn, terms, earlier = outcome
     tree = _tree(drawn, terms, target.box, attrs or {})
     spent = {"wall_s": time.perf_counter() - clock + earlier}
-    tree["timing"] = xr.DataTree(xr.Dataset(attrs=spent))  # differs between equal runs
+    tree["timing"] = xr.DataTree(xr.Dataset(attrs=spent))  # the time differs between equal runs
     tree.attrs |= {
         **_plain(chosen._asdict()),
         "chain_method": method,
@@ -200,7 +200,7 @@ def draw_posterior(
 
 
 def _require_keywords(entry: Sampler, keywords: Mapping[str, Any]) -> None:
-    """Raise a ConfigError for keywords that neither `sample` nor its sampler has."""
+    """Raise a ConfigError for keywords that neither `sample` nor the sampler knows."""
     names = dict.fromkeys((*SIGNED, *SHARED, *default_options(entry)._fields))
     for keyword in keywords:
         if keyword not in names:
@@ -212,7 +212,7 @@ def _require_keywords(entry: Sampler, keywords: Mapping[str, Any]) -> None:
 
 
 def _request(sampler: str, keywords: Mapping[str, Any]) -> SamplingRequest:
-    """Build the request from keywords of `sample`; merge sampler options into its mapping."""
+    """Return the request from keywords of `sample`, merged with options of the sampler."""
     sampler_options = {name: value for name, value in keywords.items() if name not in SHARED}
     options = {**(keywords.get("options") or {}), **sampler_options}
     return SamplingRequest(sampler, **_chosen(keywords, REQUESTED), options=options)
@@ -226,9 +226,9 @@ def _chosen(keywords: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]
 def _in_chunks(
     starts: Starts, problem: Problem, make: MakeKernel, options: Any, supervision: Supervision
 ) -> SamplerOutput:
-    """Run chains chunk by chunk, so that they can be monitored and saved."""
+    """Run chains in chunks of steps, so that progress can be shown and saved."""
     (draw, terms), earlier = grow_chains(starts, problem, make, options, *supervision)
-    # The warm-up is assumed to take as many evaluations per draw as the draws.
+    # The warm-up is assumed to need as many evaluations per step as the draws.
     evaluations = np.mean(draw.stats["n_steps"]) if "n_steps" in draw.stats else 1.0
     num_samples = next(iter(draw.theta.values())).shape[1]
     steps = options.num_chains * (options.num_warmup + num_samples)
@@ -239,7 +239,7 @@ def _in_chunks(
 def _at_once(
     entry: Sampler, key: Key[Array, ""], problem: Problem, options: Any, method: str
 ) -> SamplerOutput:
-    """Draw everything at once; return the draws and the log likelihood's terms at each."""
+    """Draw everything in one call; return the draws and the log likelihood of each."""
     drawn = _drawn(entry, key, problem, options)
     require_possible(bool(drawn.possible))
     if hasattr(module_of(entry), "require_arrival"):
@@ -255,7 +255,7 @@ def _tree(
     box: Box,
     attrs: Mapping[str, Mapping[str, str]],
 ) -> xr.DataTree:
-    """Return the tree of a posterior, with the prior bounds as attributes of each parameter."""
+    """Return the result tree of a posterior, with prior bounds as attributes of parameters."""
     dims, volume = ("chain", "draw"), float(log_volume(jax.device_get(box)))
     log_prior = np.full(terms.shape[:2], -volume)
     dimensionless = {"units": "1"}
@@ -281,7 +281,7 @@ def _tree(
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values for netCDF: booleans as 0 and 1, without None values."""
+    """Return values that netCDF can store: booleans as 0 and 1, without None."""
     plain = {n: np.asarray(value).tolist() for n, value in values.items() if value is not None}
     return {n: int(value) if isinstance(value, bool) else value for n, value in plain.items()}
 

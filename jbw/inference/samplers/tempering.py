@@ -1,4 +1,4 @@
-r"""Adaptive tempered sequential Monte Carlo through BlackJAX, with its evidence.
+r"""Sequential Monte Carlo with rising powers of the likelihood and its evidence, by BlackJAX.
 
 $$p_\beta(w) \propto r(w)\, e^{\beta \ell(w)}, \qquad 0 = \beta_0 < \dots < \beta_T = 1,
 \qquad \log \hat Z = \sum_t \log \frac1N \sum_i e^{(\beta_t - \beta_{t-1}) \ell(w_i)}$$
@@ -31,14 +31,14 @@ from jbw.inference.samplers.evidence import (
 )
 from jbw.inference.space.problem import Problem
 
-TARGET_ESS = 0.6  # effective share of the particles after a step of the temperature
-TARGET_ACCEPT = 0.3  # acceptance rate of the moves
-MOST_STEPS = 500  # most steps of the temperature
+TARGET_ESS = 0.6  # effective share of the particles after each change of the power
+TARGET_ACCEPT = 0.3  # acceptance rate of the particles' moves
+MOST_STEPS = 500  # largest number of powers
 NUGGET = 1e-10  # relative increase of variances in case particles coincide
 
 
 class Options(NamedTuple):
-    """The options of tempering: numbers of particles, runs and moves per temperature.
+    """The options of tempering: numbers of particles, runs, and moves per power.
 
     A particle takes `num_moves` moves at each temperature, 5 d + 5 if None.
     """
@@ -50,7 +50,7 @@ class Options(NamedTuple):
 
 
 def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
-    """Return equally weighted particles of several tempered runs, with the evidence."""
+    """Return equally weighted particles of several runs, with the evidence."""
     keys = jax.random.split(key, options.num_chains)
     moves = options.num_moves or 5 * len(problem.box.names) + 5
 
@@ -69,7 +69,7 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
 
 
 class _State(NamedTuple):
-    """The state of a run: key, BlackJAX's state, size of moves, evidence [nats], its variance."""
+    """The state of a run: key, particles, size of moves, evidence [nats] with variance."""
 
     key: Key[Array, ""]
     particles: Any
@@ -83,7 +83,7 @@ class _State(NamedTuple):
 def _run(
     key: Key[Array, ""], problem: Problem, num_particles: int, num_moves: int
 ) -> tuple[dict[str, Float[Array, " draw"]], _State, Bool[Array, ""]]:
-    """Return the final particles, the final state, and whether any first particle was possible."""
+    """Return the final particles and state, and whether any first particle was possible."""
     reference_density = reference(problem)
     ratio = partial(log_ratio, problem)
     walk = random_walk.build_additive_step()

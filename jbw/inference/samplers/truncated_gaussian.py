@@ -1,4 +1,4 @@
-r"""Draws of a Gaussian within bounds, however far its mean lies outside.
+r"""Draws of a Gaussian distribution within bounds, even if its mean lies far outside.
 
 $$x = m + L w, \quad L L^T = \Sigma, \qquad
   w_i \sim N(0, 1) \text{ within } [a_i, b_i], \quad
@@ -31,7 +31,7 @@ def draws_within(
     upper: Vector,
     count: int,
 ) -> tuple[Float[np.ndarray, "draw parameter"], Float[np.ndarray, "draw parameter"], Rows]:
-    """Draw points within bounds; return them, their independent normals w and log weights."""
+    """Draw points of a Gaussian within bounds; return their normal coordinates and weights."""
     std = np.sqrt(np.diag(covariance))
     order = np.argsort(log_mass((lower - mean) / std, (upper - mean) / std), kind="stable")
     root = np.linalg.cholesky(covariance[np.ix_(order, order)])
@@ -54,7 +54,7 @@ def mixture_within(
     lower: Vector,
     upper: Vector,
 ) -> tuple[Float[np.ndarray, "draw parameter"], Float[np.ndarray, "draw parameter"]]:
-    """Draw from a mixture of Gaussians within bounds; return points and normal numbers.
+    """Draw points from a mixture of Gaussians within bounds; return their normal coordinates.
 
     Each Gaussian is given by share, mean and covariance; `member` gives the Gaussian of every point
     before the bounds are applied.
@@ -72,7 +72,7 @@ def mixture_within(
 
 def log_mass(a: Rows, b: Rows) -> Rows:
     r"""Return the logarithm of $\Phi(b) - \Phi(a)$, exact even far out on either side."""
-    a, b = np.where(a > 0, -b, a), np.where(a > 0, -a, b)  # the lower tail is more exact
+    a, b = np.where(a > 0, -b, a), np.where(a > 0, -a, b)  # the lower tail has more digits
     return log_ndtr(b) + np.log(-np.expm1(np.minimum(log_ndtr(a) - log_ndtr(b), 0.0)))
 
 

@@ -1,4 +1,4 @@
-"""The weighted points of all rounds of AMIS, their mixtures, and their weights."""
+"""The weighted points of all rounds of AMIS, with their mixtures."""
 
 from typing import Any, NamedTuple
 
@@ -10,11 +10,11 @@ from jbw.inference.samplers.chunked_run import Arrays
 from jbw.inference.samplers.importance import SMALLEST, smooth
 from jbw.inference.samplers.mixtures import Mixture, Points, Weights
 
-Pair = tuple[Mixture, Mixture]  # for the points of even and of odd number
+Pair = tuple[Mixture, Mixture]  # mixtures for points of even and of odd number
 
 
 class Past(NamedTuple):
-    """All points so far, and the mixtures that they came from.
+    """All points so far, with the mixtures from which they were drawn.
 
     Attributes:
         w: Whitened points.
@@ -40,7 +40,7 @@ class Past(NamedTuple):
 
 
 class SmoothedWeights(NamedTuple):
-    """Smoothed importance weights, their k-hat, and their effective number.
+    """Smoothed importance weights, their k-hat and their effective number.
 
     The effective number is the smaller one of raw and smoothed weights: smoothing reduces the
     weight of a point far from all others, in another mode, and would hide that mode from the
@@ -67,7 +67,7 @@ def weights_of(log_weight: Weights) -> SmoothedWeights:
 
 
 def relative(log_weight: Weights) -> Weights:
-    """Return log weights relative to the largest, limited from below to stay finite."""
+    """Return log weights relative to the largest, limited from below so that all are finite."""
     return np.maximum(log_weight - log_weight.max(), SMALLEST)
 
 
@@ -81,7 +81,7 @@ def as_arrays(past: Past, spent: float, mark: str) -> dict[str, np.ndarray]:
 
 
 def resumed(arrays: Arrays | None) -> tuple[Past | None, float]:
-    """Return the rounds of a checkpoint, None without one, and the time spent on them [s]."""
+    """Return the rounds of a checkpoint and the time spent on them [s], or None."""
     if arrays is None:
         return None, 0.0
 

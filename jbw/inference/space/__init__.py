@@ -1,1 +1,1 @@
-"""The parameter space: boxes, priors, and coordinates that can be composed."""
+"""The space of parameters: bounds, priors, and coordinates for samplers."""

@@ -1,4 +1,4 @@
-"""The uniform prior in a box: bounds, the unit coordinate x, products of powers of parameters."""
+"""Uniform priors between bounds, normalised coordinates, products of powers of parameters."""
 
 import math
 from collections.abc import Mapping
@@ -21,13 +21,13 @@ class Box(eqx.Module):
 
 
 def bounds_by_name(box: Box) -> dict[str, tuple[float, float]]:
-    """Return the lower and upper bound of every parameter of a box, by name."""
+    """Return the lower and upper bound of each parameter by name."""
     pairs = zip(box.lower.tolist(), box.upper.tolist(), strict=True)
     return dict(zip(box.names, pairs, strict=True))
 
 
 def box(bounds: Mapping[str, tuple[float, float]]) -> Box:
-    """Build the box from parameter names and (lower, upper) in their units, in order.
+    """Build uniform priors from parameter names and (lower, upper) bounds, in order.
 
     Raises:
         ConfigError: There is no parameter, bounds are not a pair of finite numbers, or lower is not
@@ -44,7 +44,7 @@ def box(bounds: Mapping[str, tuple[float, float]]) -> Box:
 
 
 def bounds_about(value: float, lower: float, upper: float) -> tuple[float, float]:
-    """Return the bounds `lower` and `upper` times a value, in ascending order."""
+    """Return `lower` and `upper` times a value as bounds, in ascending order."""
     ends = lower * value, upper * value
     return min(ends), max(ends)
 
@@ -95,7 +95,7 @@ def require_float64() -> None:
 
 
 class Product(NamedTuple):
-    r"""A product of powers, $\prod_i \theta_i^{p_i}$, whose factors may compensate each other."""
+    r"""A product of powers of parameters, $\prod_i \theta_i^{p_i}$."""
 
     name: str
     text: str
@@ -104,7 +104,7 @@ class Product(NamedTuple):
 
 
 def alone(name: str) -> Product:
-    """Return a single parameter as a product."""
+    """Return a single parameter as a product of powers."""
     return Product(name, name, {name: 1.0})
 
 
@@ -125,7 +125,7 @@ def gradient_of(
 
 
 def prior_of(product: Product, box: Box) -> tuple[float, float]:
-    r"""Return the mean and standard deviation of the product under the box's uniform prior.
+    r"""Return the mean and standard deviation of the product under uniform priors.
 
     $$E[\theta^p] = \frac{u^{p+1} - l^{p+1}}{(p + 1)(u - l)}, \qquad
       E[\theta^{-1}] = \frac{\log(u/l)}{u - l}$$
@@ -148,13 +148,13 @@ def prior_of(product: Product, box: Box) -> tuple[float, float]:
 
 
 def prior_std(lower: float, upper: float) -> float:
-    """Return the standard deviation of log theta (theta, unless positive), uniform in a box."""
+    """Return the prior standard deviation of log theta, or of theta if it may be negative."""
     if lower <= 0:
         return (upper - lower) / math.sqrt(12)
     # In units of the geometric mean, theta ranges from 1/r to r.
     r = math.sqrt(upper / lower)
     log_r, width = math.log(r), r - 1 / r
-    if log_r < 1e-3:  # the moments below cancel; log theta is uniform to 1e-6
+    if log_r < 1e-3:  # these moments would cancel; log theta is uniform to 1e-6
         return log_r / math.sqrt(3)
     first = (r + 1 / r) * log_r / width - 1
     second = log_r**2 + 2 - 2 * (r + 1 / r) * log_r / width
@@ -162,7 +162,7 @@ def prior_std(lower: float, upper: float) -> float:
 
 
 def log_prior_std(lower: float, upper: float) -> float:
-    """Return the standard deviation of log theta in a positive box; 1 for a box from zero."""
+    """Return the standard deviation of log theta between positive bounds; 1 if one is zero."""
     return prior_std(lower, upper) if lower > 0 else 1.0
 
 

@@ -1,4 +1,4 @@
-r"""Changes of variable between a sampler's coordinates and the parameters, which compose.
+r"""Changes of variable between the coordinates of a sampler and the parameters.
 
 A coordinate maps a vector x to a vector y = f(x), in the order of the prior box, one to one and
 smoothly. A density transforms with the determinant of its derivatives,
@@ -23,7 +23,7 @@ Vector = Float[Any, " parameter"]  # a NumPy array outside of compiled code
 
 
 class Coordinate(eqx.Module):
-    """A change of variable; its leaves are arrays, so that it may change under `jit`."""
+    """A change of variable; its fields are arrays, so that they may change under `jit`."""
 
     @abstractmethod
     def forward(self, x: Vector) -> Vector:
@@ -39,7 +39,7 @@ class Coordinate(eqx.Module):
 
 
 class Affine(Coordinate):
-    """A linear map $y = c + L x$, such as the whitening by a covariance $L L^T$."""
+    """A linear map $y = c + L x$, such as normalisation by a covariance $L L^T$."""
 
     centre: Vector
     factor: Float[Array, "parameter parameter"]
@@ -67,7 +67,7 @@ class Affine(Coordinate):
 
 
 class Elementwise(Coordinate):
-    """A separate change of each parameter by one of NumPyro's transforms."""
+    """A separate change of each parameter, by one of NumPyro's transforms."""
 
     transform: Transform
 
@@ -87,12 +87,12 @@ class Elementwise(Coordinate):
 
 
 def interval(lower: Vector, upper: Vector) -> Elementwise:
-    r"""Return the map of all real numbers into bounds, $y = l + (u - l) / (1 + e^{-x})$."""
+    r"""Return the map from real numbers to an interval, $y = l + (u - l) / (1 + e^{-x})$."""
     return Elementwise(biject_to(constraints.interval(lower, upper)))
 
 
 def unit(lower: Vector, upper: Vector) -> Elementwise:
-    r"""Return the map of the unit cube into bounds, $y = l + (u - l)\,x$."""
+    r"""Return the map from the unit cube to given bounds, $y = l + (u - l)\,x$."""
     ends = lower, upper - lower
     if _namespace(lower) is np:
         ends = jax.device_put(ends)
@@ -100,7 +100,7 @@ def unit(lower: Vector, upper: Vector) -> Elementwise:
 
 
 class Logarithms(Coordinate):
-    """The logarithms of chosen parameters, $y_i = e^{x_i}$: valleys of products are straight."""
+    """Logarithms of some parameters, $y_i = e^{x_i}$, which make valleys of products straight."""
 
     chosen: tuple[bool, ...] = eqx.field(static=True)
 
@@ -124,7 +124,7 @@ class Logarithms(Coordinate):
 
 
 class Sinh(Coordinate):
-    r"""The map $y_i = c_i \sinh x_i$ of chosen parameters: logarithms of either sign far from zero.
+    r"""The map $y_i = c_i \sinh x_i$ of some parameters, a logarithm of either sign.
 
     The scales are c for chosen parameters, and zero for the others, which do not change.
     """
@@ -149,7 +149,7 @@ class Sinh(Coordinate):
 
 
 class Composed(Coordinate):
-    """Several changes of variable applied one after the other, the first part first."""
+    """Several changes of variable, applied one after the other."""
 
     parts: tuple[Coordinate, ...]
 
@@ -175,7 +175,7 @@ class Composed(Coordinate):
 
 
 def _namespace(x: Any) -> Any:
-    """Return NumPy for NumPy arrays (nothing is compiled), otherwise JAX's NumPy."""
+    """Return NumPy for NumPy arrays, which compiles nothing, otherwise JAX's NumPy."""
     return np if isinstance(x, np.ndarray) else jnp
 
 

@@ -1,4 +1,4 @@
-"""A posterior to sample: likelihood, prior box, and the coordinates of samplers."""
+"""A posterior to sample: likelihood, prior bounds, and coordinates for samplers."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ from jbw.inference.space.reparametrisation import Reparametrisation
 
 Theta = Mapping[str, Float[Array, "..."]]
 LogLikelihood = Callable[[Theta, Any], Float[Array, "..."]]
-# A uniform prior in the box is a logistic distribution of the logit, with variance pi^2 / 3.
+# A uniform prior has a logistic logit, whose variance is pi^2 / 3.
 LOGIT_PRIOR_PRECISION = 3 / np.pi**2
 
 
@@ -38,7 +38,7 @@ class Target(NamedTuple):
 
 
 class Problem(eqx.Module):
-    r"""A posterior to sample, in coordinates that are composed of three changes of variable.
+    r"""A posterior to sample, in coordinates composed of three changes of variable.
 
     $$w \;\to\; \mathrm{logit}\ z = z_0 + L w \;\to\; u = u_{min} + \frac{u_{max} - u_{min}}
     {1 + e^{-z}} \;\to\; \theta$$
@@ -59,7 +59,7 @@ class Problem(eqx.Module):
 
     @property
     def coordinate(self) -> Composed:
-        """The map from the whitened w to the parameters."""
+        """The map from normalised coordinates w to the parameters."""
         return Composed((self.whitening, interval(self.lower, self.upper), self.outer))
 
     @property
@@ -68,11 +68,11 @@ class Problem(eqx.Module):
         return Composed((unit(self.lower, self.upper), self.outer))
 
     def theta(self, w: Float[Array, " parameter"]) -> dict[str, Array]:
-        """Return the parameters by name at a whitened point w."""
+        """Return the parameters by name at normalised coordinates w."""
         return named(self.coordinate.forward(w), self.box)
 
     def log_density(self, w: Float[Array, " parameter"]) -> Float[Array, ""]:
-        """Return the log posterior density at a whitened point w [nats]."""
+        """Return the log posterior density at normalised coordinates w [nats]."""
         return log_density(self, self.coordinate, w)
 
 
@@ -91,7 +91,7 @@ def problem_of(
 def log_density(
     problem: Problem, coordinate: Coordinate, x: Float[Array, " parameter"]
 ) -> Float[Array, ""]:
-    r"""Return the log posterior density [nats] in a coordinate, not divided by the evidence.
+    r"""Return the unnormalised log posterior density [nats] in given coordinates.
 
     $$\log p(x | D) = \sum_i \log L_i(\theta) + \log \pi(x)$$
 
@@ -106,7 +106,7 @@ def log_density(
 def log_prior(
     problem: Problem, coordinate: Coordinate, x: Float[Array, " parameter"]
 ) -> Float[Array, ""]:
-    r"""Return the log prior density in a coordinate; -inf outside the box of volume V.
+    r"""Return the log prior density in given coordinates; -inf outside the bounds of volume V.
 
     $$\log \pi(x) = -\log V + \log\left|\det \frac{\partial\theta}{\partial x}\right|$$
     """
@@ -117,7 +117,7 @@ def log_prior(
 
 
 def log_volume(box: Box) -> Float[Array, ""]:
-    """Return the logarithm of the box's volume, in the parameters' units."""
+    """Return the log volume between the prior bounds, in the parameters' units."""
     xp = np if isinstance(box.lower, np.ndarray) else jnp  # NumPy compiles nothing
     return xp.sum(xp.log(box.upper - box.lower))
 
@@ -128,7 +128,7 @@ def laplace_whitening(
     lower: Float[Array, " parameter"],
     upper: Float[Array, " parameter"],
 ) -> Affine:
-    r"""Return the whitening that makes a Gaussian of this covariance at `start` standard normal.
+    r"""Return coordinates in which a Gaussian of given covariance at `start` is standard normal.
 
     $$\Sigma_z^{-1} = J \Sigma_x^{-1} J + \tfrac{3}{\pi^2} I, \qquad J = x (1 - x), \qquad
     L L^T = \Sigma_z$$

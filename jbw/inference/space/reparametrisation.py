@@ -1,4 +1,4 @@
-"""Parametrisations of a posterior: coordinates, their bounds, and the fit in them."""
+"""Parametrisations of a posterior: coordinates, their bounds, and a fit expressed in them."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -15,14 +15,15 @@ from jbw.inference.space.coordinates import IDENTITY, Coordinate, Logarithms
 Theta = Mapping[str, Any]
 Covariance = Float[np.ndarray, "parameter parameter"]
 
-EDGE = 1e-6  # least distance of starts to a bound, where the logit would be infinite
-CERTAIN = 3.0  # conditional standard deviations from which a parameter cannot be zero
-WIDER = 10.0  # extension of bounds to either side over the box's width
+EDGE = 1e-6  # smallest distance of starts from a bound, where the logit would be infinite
+# distance from zero in conditional standard deviations, above which a sign is certain
+CERTAIN = 3.0
+WIDER = 10.0  # extension of bounds on both sides, over the prior's width
 FLOOR = 1e-6  # lower bound over the optimum in place of zero
 
 
 class Reparametrisation(NamedTuple):
-    """The sampling coordinates u of a posterior, with `outer` from u to the parameters.
+    """The sampling coordinates of a posterior, with the map to the parameters.
 
     `start` is one point with a Laplace covariance of u around it, or one point per chain, or None.
     """
@@ -37,7 +38,7 @@ class Reparametrisation(NamedTuple):
 def in_box(
     box: Box, start: Theta | None, covariance: Covariance | None, num_chains: int
 ) -> Reparametrisation:
-    """Return the prior box as sampling coordinates, with checked starts."""
+    """Return the parameters themselves as sampling coordinates, with checked starting points."""
     parametrisation = Reparametrisation(IDENTITY, box.lower, box.upper)
     if start is None:
         if covariance is not None:
@@ -80,7 +81,7 @@ def _checked_start(start: Theta, box: Box, num_chains: int) -> Float[np.ndarray,
 
 
 def never_zero(theta: Theta, covariance: Covariance, box: Box) -> tuple[str, ...]:
-    """Return the parameters to sample in logarithms: those certainly positive by box or fit."""
+    """Return the parameters to sample as logarithms, because they are certainly positive."""
     conditional = 1 / np.sqrt(np.diag(np.linalg.inv(covariance)))
     return tuple(
         name
@@ -92,7 +93,7 @@ def never_zero(theta: Theta, covariance: Covariance, box: Box) -> tuple[str, ...
 def along_logarithms(
     theta: Theta, covariance: Covariance, box: Box, names: tuple[str, ...]
 ) -> Reparametrisation:
-    """Return coordinates with some parameters as logarithms and the others unchanged.
+    """Return coordinates with some parameters as logarithms, and the others unchanged.
 
     Bounds are ten widths of the box further out: the sampler's logit is then nearly linear over the
     box and does not bend a ridge. The posterior itself remains within the prior box.
@@ -105,7 +106,7 @@ def along_logarithms(
 def in_logarithms(
     theta: Theta, covariance: Covariance, box: Box, names: tuple[str, ...]
 ) -> Reparametrisation:
-    r"""Return log coordinates in the box bounds; covariance $\Sigma_{ij} / (\theta_i \theta_j)$."""
+    r"""Return log coordinates within the bounds; covariance $\Sigma_{ij} / (\theta_i \theta_j)$."""
     value = np.array([float(theta[name]) for name in box.names])
     outer = Logarithms(tuple(name in names for name in box.names))
     lower = np.where(outer.chosen, np.maximum(box.lower, FLOOR * value), box.lower)

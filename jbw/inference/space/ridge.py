@@ -1,4 +1,4 @@
-r"""Coordinates along the direction that the data leave open, from wall to wall of the box.
+r"""Coordinates along the direction that the data do not determine, between prior bounds.
 
 If only a combination is determined, such as a product from one kernel, the posterior is a thin
 ridge that ends at the walls of the box. Along the weakest direction v of a fit, and across it,
@@ -31,15 +31,15 @@ from jbw.inference.space.reparametrisation import (
     never_zero,
 )
 
-PART = 0.3  # least share of the ridge's largest component that makes a parameter a member
-NARROW = 1e-9  # component of the direction below which a wall is parallel to it
-MIDDLE = (0.05, 0.95)  # range of r where chains start, even if the optimum is at a wall
+PART = 0.3  # smallest component of a parameter that belongs to the ridge, over the largest
+NARROW = 1e-9  # component of the direction, below which a bound counts as parallel to it
+MIDDLE = (0.05, 0.95)  # range of r in which chains start, even if the optimum lies at a bound
 
 Member = Float[Array, " member"]
 
 
 class Ridge(Coordinate):
-    """Coordinates of a ridge: the other parameters, then w across it, then r along it.
+    """Coordinates of a ridge: other parameters, w across the ridge, and r along it.
 
     Its `members` have bounds `lower` and `width`; s_0 is the `origin`, B is `across`, v is `along`.
     """
@@ -69,7 +69,7 @@ class Ridge(Coordinate):
         return jnp.concatenate([others, w, r[None]])
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Return the log length between the walls in the parameters; -inf outside the box."""
+        """Return the log determinant: the log length of the ridge within the bounds."""
         low, high = walls(self._foot(x), self.along)
         length = jnp.where(high > low, high - low, 1.0)
         log_length = jnp.log(length) + jnp.sum(jnp.log(self.width))
@@ -85,7 +85,7 @@ class Ridge(Coordinate):
 
 
 def walls(foot: Member, along: Member) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Return where a line enters and leaves the unit cube; equal if it misses the cube."""
+    """Return where a line enters and leaves the unit cube; equal values if it misses the cube."""
     parallel = jnp.abs(along) < NARROW
     slope = jnp.where(parallel, 1.0, along)
     ends = jnp.stack([(0 - foot) / slope, (1 - foot) / slope])
@@ -99,14 +99,14 @@ def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) ->
     """Return coordinates near a fit whose ridge is the least determined direction."""
     logarithms = never_zero(theta, covariance, box)
     in_logs = in_logarithms(theta, covariance, box, logarithms)
-    # If the prior's lower bound is zero, logarithms end at a floor that is too low to matter.
+    # If the prior's lower bound is zero, logarithms end at a negligible value.
     floored = np.isin(box.names, logarithms) & (np.asarray(box.lower) <= 0)
     ridge = _ridge_of(in_logs, floored)
-    # Project the corners of the box across the ridge: beyond them no line meets the box.
+    # Project the corners of the prior range: no line beyond them meets it.
     corners = np.array(list(product((0.0, 1.0), repeat=len(ridge.members))))
     ends = (corners - np.asarray(ridge.origin)) @ np.asarray(ridge.across)
     others = np.array(ridge.others, dtype=int)
-    # Bound the logarithms of the others as `along_logarithms` does.
+    # Bound the other logarithms as in `along_logarithms`.
     reach = floored[others] * WIDER * (in_logs.upper - in_logs.lower)[others]
     return Reparametrisation(
         Composed((ridge, in_logs.outer)),
@@ -121,7 +121,7 @@ def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) ->
 
 
 def _ridge_of(in_logs: Reparametrisation, floored: NDArray[np.bool_]) -> Ridge:
-    """Return the ridge along the weakest direction, in units of the box.
+    """Return the ridge along the least determined direction, in units of the prior ranges.
 
     Its members contribute to that direction. Logarithms that reach down to a floor are not divided
     by their width here, because this large width would make them look small.
@@ -155,7 +155,7 @@ def _laplace_along(
     Chains start away from the walls, with at most the width of a uniform r.
     """
     low, high = (float(wall) for wall in walls(ridge.origin, ridge.along))
-    length = max(high - low, NARROW)  # zero for an optimum in a corner
+    length = max(high - low, NARROW)  # zero if the optimum is in a corner
     others, members = np.array(ridge.others, dtype=int), np.array(ridge.members)
     across, size = np.zeros(len(members) - 1), len(in_logs.lower)
     start = [*np.asarray(in_logs.start)[others], *across, np.clip(-low / length, *MIDDLE)]

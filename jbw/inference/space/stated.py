@@ -1,4 +1,4 @@
-r"""Prior densities that a campaign states, in addition to the uniform prior of the box.
+r"""Prior densities that a campaign states, in addition to uniform priors between bounds.
 
 A parameter with a stated density $\pi$ keeps a box, whose bounds [l, u] contain all of the density
 except a negligible tail. Its posterior is that of the box with one more term,
@@ -27,12 +27,12 @@ from scipy.optimize import brentq
 from jbw.inference.density import TAIL, Density
 from jbw.inference.space.box import Box, bounds_by_name, box, prior_std
 
-NUM_POINTS = 4001  # points of a density; give its moments to 1e-6
-WIDEST = 20.0  # log of the ratio of a bound to the middle of the widest box
+NUM_POINTS = 4001  # number of points of a density, which give its moments to 1e-6
+WIDEST = 20.0  # log of the ratio of a bound to the middle of the widest range
 
 
 class StatedDensities(eqx.Module):
-    """Stated prior densities by parameter name, with the bounds of their boxes.
+    """Stated prior densities by parameter name, with the bounds that contain them.
 
     Attributes:
         names: Parameters with a stated density.
@@ -48,7 +48,7 @@ class StatedDensities(eqx.Module):
 
     @classmethod
     def of(cls, prior: Mapping[str, Any]) -> "StatedDensities":
-        """Collect a campaign's priors that are densities and not only bounds."""
+        """Collect those priors of a campaign that are densities, not only bounds."""
         stated = {name: stated for name, stated in prior.items() if isinstance(stated, Density)}
         return cls(
             tuple(stated),
@@ -59,7 +59,7 @@ class StatedDensities(eqx.Module):
 
 
 def distributions_of(box: Box, stated: StatedDensities) -> dict[str, Any]:
-    """Return the NumPyro distribution of each parameter of a box, uniform unless one is stated."""
+    """Return the prior distribution of each parameter: the stated one, or uniform."""
     densities = dict(zip(stated.names, stated.distributions, strict=True))
     return {
         name: densities.get(name, Uniform(low, high))
@@ -96,7 +96,7 @@ def _score(density: Any, value: Any) -> Float[Array, ""]:
 
 
 def as_wide(prior: Box, stated: StatedDensities) -> Box:
-    """Return the box in which a uniform prior is as wide as each stated density.
+    """Return bounds within which a uniform prior is as wide as each stated density.
 
     Widths are compared in the logarithm if the box is positive, otherwise in the parameter itself.
     Comparisons of a posterior with its prior use this box.
