@@ -1,1 +1,1 @@
-"""Dynamics of the joint: pure functions of (parameters, coordinate)."""
+"""Equations of motion of structures with joints: force laws, simulation, steady responses."""

@@ -1,4 +1,4 @@
-r"""Derivatives of the hysteresis-exact solve, by one function for forward and reverse mode.
+r"""Forward and reverse derivatives of a simulation whose time step follows the joint's law exactly.
 
 The primal is the diffrax solve. Its states are saved at the samples, or at every substep where
 derivatives are needed. The tangent needs no second solve: the derivatives of all steps at the saved
@@ -33,23 +33,23 @@ from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.solver import HysteresisExact, Pushed, Stepping
 from jbw.oscillator.step import ExactStep, Kinks, Push, State, advance, meets_kink
 
-# A `State` with time as the axis of every leaf.
+# A `State` whose fields have time as an axis.
 Trajectory = tuple[Float[Array, " time"], Float[Array, " time"], Any]
 Columns = tuple[tuple[Scalar, ...], ...]
-# Number of steps that are differentiated at once: the intermediate arrays stay in the cache, and
-# the memory of a gradient does not grow with the record.
+# Number of steps differentiated at once: so the intermediate arrays fit into the cache, and the
+# memory of a gradient does not grow with the record.
 _CHUNK = 128
-Laws = tuple[Any, ...]  # laws with a stack of reversals have more methods than `Law`
+Laws = tuple[Any, ...]  # laws that remember load reversals have more methods than `Law`
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def solve(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
-    """Return the states at the samples, differentiable in the stepping and the initial state."""
+    """Return the states at the samples, differentiable by the parameters and the initial state."""
     return _unpacked(stepping, _states(substeps, substeps, stepping, initial))
 
 
 def _states(substeps: int, every: int, stepping: Stepping, initial: State) -> Trajectory:
-    """Return the states after every `every` substeps, in the layout of the time loop."""
+    """Return the states after every `every` substeps, as arrays of the time loop."""
     num_steps = stepping.num_steps
     carried = packed(stepping, initial)
     solution = diffrax.diffeqsolve(
@@ -70,19 +70,19 @@ def _states(substeps: int, every: int, stepping: Stepping, initial: State) -> Tr
 
 
 def packed(stepping: Stepping, state: State) -> State:
-    """Return an oscillator's state in the layout of the time loop, with stacked reversals."""
+    """Return an oscillator's state as arrays for the time loop, with stacked reversals."""
     y, v, memory = state
     return y, v, pack_memories(stepping.step.laws, memory)
 
 
 def _unpacked(stepping: Stepping, trajectory: Trajectory) -> Trajectory:
-    """Convert the states from the layout of the time loop to states of scalars."""
+    """Return the states of the time loop as states of scalars."""
     y, v, memory = trajectory
     return y, v, unpack_memories(stepping.step.laws, memory)
 
 
 def unused_field(tau, state, stepping):
-    """Return the state unchanged; diffrax needs a vector field that `HysteresisExact` ignores."""
+    """Return the state unchanged; diffrax requires a vector field, which is not used here."""
     return state
 
 
@@ -114,7 +114,7 @@ def in_chunks(
     stepping_dot: Pushed,
     initial_dot: Any,
 ) -> Any:
-    """Compute the tangent of a trajectory in consecutive chunks of steps.
+    """Compute the derivative of a trajectory in consecutive chunks of time steps.
 
     Args:
         linearised: Derivatives of many steps at their constants, starts and pushes, with the
@@ -133,7 +133,7 @@ def in_chunks(
 
     starts = jax.tree.map(lambda x: chunks(x[:-1]), trajectory)
     push, push_dot = (jax.tree.map(chunks, s.push) for s in (stepping, stepping_dot))
-    # There is one copy per lane: transposed, the lanes are summed once and not in every chunk.
+    # There is one copy per oscillator of the batch: when transposed, they are summed only once.
     step_dot = jax.tree.map(lambda x: jnp.broadcast_to(x, (size,)), stepping_dot.step)
 
     @jax.checkpoint
@@ -153,7 +153,7 @@ def in_chunks(
 def _linearised(
     step: ExactStep, start: State, push: Push, step_dot: ExactStep, push_dot: Push
 ) -> tuple[Columns, tuple[Scalar, ...]]:
-    """Return the columns of one step's matrix J_n and its offset b_n, in the state's order."""
+    """Return the derivative of one time step: the columns of the matrix J_n, and the offset b_n."""
     leaves, tree = jax.tree.flatten(start)
 
     def stepped(step, leaves, push):
@@ -171,7 +171,7 @@ def _linearised(
 
 
 def _recurrence(x_dot: State, inputs) -> tuple[State, State]:
-    """Advance the tangent of a state by one step; the matrix comes column by column."""
+    """Advance the derivative of a state by one step, with the step's matrix given by columns."""
     columns, offset = inputs
     leaves, tree = jax.tree.flatten(x_dot)
     after = [
@@ -183,7 +183,7 @@ def _recurrence(x_dot: State, inputs) -> tuple[State, State]:
 
 
 class Carriers(NamedTuple):
-    """The variables whose tangents are carried from step to step.
+    """The variables whose derivatives are carried from one time step to the next.
 
     Attributes:
         heads: y, v and the memories of laws without a stack.
@@ -195,7 +195,7 @@ class Carriers(NamedTuple):
 
 
 class _Steps(NamedTuple):
-    """The linearisation points of all steps: states, pushes and kinks."""
+    """The points at which all time steps are linearised: states, inputs and kinks."""
 
     starts: State
     push: Push
@@ -203,9 +203,9 @@ class _Steps(NamedTuple):
 
 
 class _Tangents(NamedTuple):
-    """The unknowns of the linear system of tangents, or its right-hand side."""
+    """The unknowns of the linear system for the derivatives, or its right-hand side."""
 
-    x: Carriers  # at every state
+    x: Carriers  # derivatives of the state at every step
     step: ExactStep
     push: Push
 
@@ -213,7 +213,7 @@ class _Tangents(NamedTuple):
 def tangent_of_stacks(
     stepping: Pushed, trajectory: Trajectory, stepping_dot: Pushed, initial_dot: State
 ) -> Trajectory:
-    """Compute the trajectory's tangent for given tangents of its steps' constants and pushes."""
+    """Compute the derivative of a trajectory of laws that remember load reversals."""
     laws: Laws = stepping.step.laws
     before, after = _but_last(trajectory), _but_first(trajectory)
     kinked = jax.vmap(partial(_kinked, stepping.step))(before, after, stepping.push)
@@ -236,7 +236,7 @@ def tangent_of_stacks(
 
 
 def _kinked(step: ExactStep, before: State, after: State, push: Push) -> Bool[Array, ""]:
-    """Return True if the solve took a step through a kink."""
+    """Return whether the simulation met a kink of a law in a step."""
     kinked = meets_kink(step, before, push)
     laws: Laws = step.laws
     for law, a, b in zip(laws, before[2], after[2], strict=True):
@@ -247,10 +247,10 @@ def _kinked(step: ExactStep, before: State, after: State, push: Push) -> Bool[Ar
 
 # -- the linear system -----------------------------------------------------------------------------
 def _right_hand_side(first: Carriers, stepping_dot: Pushed, num_states: int) -> _Tangents:
-    """Assemble the right-hand side of the tangents' linear system."""
+    """Return the right-hand side of the linear system for the derivatives."""
     step, push = stepping_dot.step, stepping_dot.push
-    # JAX transposes a linear solve only if its whole right-hand side depends on the transposed
-    # input.
+    # JAX transposes a linear solve only if its whole right-hand side depends on the input that is
+    # transposed.
     leaves = jax.tree.leaves((first, step, tuple(p[0] for p in push)))
     none = 0.0 * sum(jnp.sum(x) for x in leaves)
     return _Tangents(
@@ -261,7 +261,7 @@ def _right_hand_side(first: Carriers, stepping_dot: Pushed, num_states: int) -> 
 
 
 def _system(step: ExactStep, steps: _Steps, unknown: _Tangents) -> _Tangents:
-    """Return the left-hand side of the linear system of tangents."""
+    """Return the left-hand side of the linear system for the derivatives."""
     advanced = jax.vmap(partial(_after, step), (0, 0, None, 0))(
         steps, _but_last(unknown.x), unknown.step, unknown.push
     )
@@ -269,7 +269,7 @@ def _system(step: ExactStep, steps: _Steps, unknown: _Tangents) -> _Tangents:
 
 
 def _forward(at: tuple[ExactStep, _Steps], b: _Tangents) -> _Tangents:
-    """Solve the linear system of tangents forward in time."""
+    """Solve the linear system for the derivatives forward in time."""
     step, steps = at
 
     def onward(x, inputs):
@@ -283,7 +283,7 @@ def _forward(at: tuple[ExactStep, _Steps], b: _Tangents) -> _Tangents:
 
 
 def _backward(at: tuple[ExactStep, _Steps], c: _Tangents) -> _Tangents:
-    """Solve the transposed system of tangents backward in time."""
+    """Solve the transposed linear system for the derivatives backward in time."""
     step, steps = at
 
     def back(carried, inputs):
@@ -302,7 +302,7 @@ def _backward(at: tuple[ExactStep, _Steps], c: _Tangents) -> _Tangents:
 
 
 def _lanes_apart(solve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """Return a solve that vmap runs lane after lane, but for many right-hand sides at once.
+    """Return a solve that a batch runs one oscillator after another, all right-hand sides at once.
 
     Lanes side by side would always compute the long derivative of a kink.
     """
@@ -328,7 +328,7 @@ def _lanes_apart(solve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
 def _after(
     step: ExactStep, at: Any, x_dot: Carriers, step_dot: ExactStep, push_dot: Push
 ) -> Carriers:
-    """Compute the tangent of the state after a step."""
+    """Compute the derivative of the state after a time step."""
     primals, tangents = (step, _split(step.laws, at.starts), at.push), (step_dot, x_dot, push_dot)
 
     def by(kinks: Kinks):
@@ -338,7 +338,7 @@ def _after(
 
 
 def _before(step: ExactStep, at: Any, x_bar: Carriers) -> tuple[Carriers, ExactStep, Push]:
-    """Compute the cotangents of the state before a step, of its constants and of its push."""
+    """Return the reverse derivatives of the state before a step, of its constants and its input."""
     primals = step, _split(step.laws, at.starts), at.push
 
     def by(kinks: Kinks):
@@ -349,12 +349,12 @@ def _before(step: ExactStep, at: Any, x_bar: Carriers) -> tuple[Carriers, ExactS
 
 
 def _stepped(kinks: Kinks, start: State, step: ExactStep, x: Carriers, push: Push) -> Carriers:
-    """Return the variables that carry tangents (carriers) after a step from given ones."""
+    """Return the carried variables after a time step, from those before it."""
     return _split(step.laws, advance(step, _joined(step.laws, start, x), push, kinks=kinks))
 
 
 def _split(laws: Laws, state: State) -> Carriers:
-    """Return the carriers of a state: the variables whose tangents are carried."""
+    """Return those variables of a state whose derivatives are carried."""
     y, v, memory = state
     heads, columns = [jnp.asarray(y), jnp.asarray(v)], []
     for law, law_memory in zip(laws, memory, strict=True):
@@ -366,7 +366,7 @@ def _split(laws: Laws, state: State) -> Carriers:
 
 
 def _joined(laws: Laws, state: State, x: Carriers) -> State:
-    """Return a state with these carriers; all its other entries follow from them."""
+    """Return a state from its carried variables, from which all others follow."""
     (y, v, *heads), columns = x.heads, list(x.columns)
     memory = []
     for law, law_memory in zip(laws, state[2], strict=True):

@@ -1,4 +1,4 @@
-r"""A shaker on a structure: its armature is a linear attachment at the drive point.
+r"""A shaker on a structure: its armature is a mass, damper and spring at the drive point.
 
 A voltage V drives an armature that is tied to the structure at a point that moves by $x_d$,
 
@@ -24,7 +24,7 @@ Modal = Float[np.ndarray, " mode"]
 
 
 class Attachment(NamedTuple):
-    """A linear attachment (mass, damper and spring) at one point of a structure.
+    """A mass, damper and spring attached to one point of a structure.
 
     Examples:
         A mass of 1 kg tied to a mode of 4 kg lowers its frequency by the factor 1 / sqrt(1 + 1/4):
@@ -36,9 +36,9 @@ class Attachment(NamedTuple):
         [89.44]
     """
 
-    mass: float  # m_a [kg]; negative where a suspension's stiffness falls over the band
-    damping: float  # c_a [N s/m]
-    stiffness: float  # k_a [N/m]
+    mass: float  # mass m_a [kg]; negative if a suspension's stiffness falls with frequency
+    damping: float  # damping c_a [N s/m]
+    stiffness: float  # stiffness k_a [N/m]
 
 
 def attached(

@@ -1,4 +1,4 @@
-r"""Simulation of many oscillators at once under one record, by one program for all record lengths.
+r"""Simulation of many oscillators at once under the same record, by one compiled program.
 
 A record is marched in pieces with a limited number of sample intervals. The march starts at rest,
 and the state is carried from each piece to the next. The number of intervals, the sampling rate and
@@ -29,15 +29,15 @@ from jbw.oscillator.residual_sums import response_of
 from jbw.oscillator.solver import Stepping
 from jbw.oscillator.step import State, advance, exact_step
 
-LANES = 32  # oscillators at once; fewer take just as long
-INTERVALS = 4096  # per piece; the results of a piece stay in the cache
-# Lanes fill the widest registers, if the processor has them: XLA's own choice is half as wide.
+LANES = 32  # number of oscillators in a batch; fewer take just as long
+INTERVALS = 4096  # sample intervals per piece of a record, few enough for the cache
+# A batch fills the processor's widest registers; XLA's own choice is half as wide.
 WIDE = {"xla_cpu_prefer_vector_width": 512}
-NUM_DIRECTIONS = 2  # rows J; missing rows are filled with zeros
+NUM_DIRECTIONS = 2  # number of rows J; missing rows are filled with zeros
 
 
 class MeasuredResponse(NamedTuple):
-    """A measured response to compare with a computed one, from sample `first` on.
+    """A measured response to compare with the simulated one, from sample `first` on.
 
     Attributes:
         values: Measured response d [m, m/s or m/s^2].
@@ -51,7 +51,7 @@ class MeasuredResponse(NamedTuple):
 
 
 class Motions(NamedTuple):
-    """The results of all oscillators: responses, peaks, and sums over the compared samples.
+    """The simulated motion of all oscillators: responses, peaks, and sums over compared samples.
 
     Attributes:
         response: Displacement [m], velocity [m/s] or acceleration [m/s^2] at the samples; None if
@@ -72,7 +72,7 @@ class Motions(NamedTuple):
 
 
 class _Totals(NamedTuple):
-    """The sums and peaks that are carried, with the state, from one piece to the next."""
+    """Sums and peaks, which are carried with the state from one piece of a record to the next."""
 
     square: Any
     along: tuple[Any, ...]
@@ -81,38 +81,40 @@ class _Totals(NamedTuple):
 
 
 class _Piece(NamedTuple):
-    """One piece of a record, padded with zeros; array rows are samples or intervals between."""
+    """One piece of a record, padded with zeros, with rows for its samples and intervals."""
 
     polynomials: Float[Array, "interval power"]
     samples: Float[Array, " sample"]
-    measured: Float[Array, "sample column"]  # d, then J
+    measured: Float[Array, "sample column"]  # measured response d, then the rows J
 
 
 class _Lanes(NamedTuple):
-    """The values that differ between lanes: joint, input gain and known parts of the directions."""
+    """Values that differ in a batch of oscillators: joint, input gain, parts of the residual."""
 
     joints: Oscillator
-    gain: Float[Any, " lane"]  # of the input
-    parts: Float[Any, "lane direction"]  # of the directions; these parts are no residual
+    gain: Float[Any, " lane"]  # gain of the input
+    # known multiples of the rows J, which are subtracted from the residual
+    parts: Float[Any, "lane direction"]
 
 
 class _Span(NamedTuple):
-    """The step counts along a piece, as traced numbers: other values need no new compilation."""
+    """The numbers of steps along a piece, as traced values that need no new compilation."""
 
     fs: Any  # sampling rate [Hz]
-    substeps: Any  # between samples
+    substeps: Any  # steps between two samples
     num_steps: Any
     first: Any  # first compared sample, counted from the start of the piece
-    begins: Any  # whether the sample before the first step counts
+    begins: Any  # whether the sample before the first step is compared
 
 
 class MarchedRecord(NamedTuple):
-    """A record in pieces that is ready for simulation by `march`, made by `record_of`."""
+    """A record in pieces, ready for simulation by `march`; `record_of` makes it."""
 
     pieces: tuple[_Piece, ...]
     num_intervals: int
     first: int
-    rows: Float[np.ndarray, "row time"] | None = None  # rows to multiply responses with
+    # rows with which the responses are multiplied
+    rows: Float[np.ndarray, "row time"] | None = None
 
 
 def march(
@@ -126,7 +128,7 @@ def march(
     known: Float[np.ndarray, "lane direction"] | None = None,
     writes: bool = True,
 ) -> Motions:
-    """Return the motions of many oscillators, from rest, under one sampled input.
+    """Return the motion of many oscillators, from rest, under one sampled input.
 
     Args:
         joints: The oscillators, at most `LANES` along the first axis of every leaf; the exact step
@@ -156,8 +158,8 @@ def march(
         )  # fmt: skip
         lanes = _Lanes(joints, gain, parts)
         state, totals, written = _marched(order, lanes, piece, steps, state, totals)
-        begin = 0 if number == 0 else 1  # a piece begins with the last sample of the previous one
-        if rows is not None:  # the product is formed while the piece is in the cache
+        begin = 0 if number == 0 else 1  # a piece begins with the last sample of the one before
+        if rows is not None:  # multiply while the piece is in the cache
             response = np.asarray(written)[begin : size + 1]
             products += (rows[:, done + begin : done + size + 1] @ response).T[:count]
         if writes:
@@ -171,7 +173,7 @@ def march(
 
 
 def compile_ahead(joints: Oscillator, num_powers: int, order: int) -> None:
-    """Compile the program of these laws, or wait for its compilation, by a march without steps.
+    """Compile the simulation of these laws, or wait for its compilation, without a record.
 
     Args:
         joints: Oscillators with these laws and any parameters.
@@ -203,7 +205,7 @@ def filled_up(values: PyTree) -> PyTree:
 
 @jax.jit
 def _at_rest(joints: Oscillator) -> State:
-    """Return the rest states of all lanes in the layout of the time loop."""
+    """Return the states at rest of all oscillators, as arrays of the time loop."""
 
     def rest(joint: Oscillator) -> Any:
         memory = jax.tree.map(lambda x: jnp.asarray(x, float), joint.at_rest())
@@ -221,7 +223,7 @@ def _none() -> _Totals:
 def record_of(
     source: HeldInput, number: int | None = None, measured: MeasuredResponse | None = None
 ) -> MarchedRecord:
-    """Return a record on the device, in pieces; reuse it as long as its arrays exist.
+    """Return a record in pieces on the computing device; reuse it while its arrays exist.
 
     Args:
         source: The input, which is not periodic; its gain is ignored.
@@ -280,13 +282,13 @@ def _filled(rows: np.ndarray, size: int) -> Array:
 
 
 class _Cache:
-    """A cache of values made from arrays, by array identity, until one of the arrays is gone."""
+    """A cache of values made from arrays, which lasts as long as the arrays exist."""
 
     def __init__(self) -> None:
         self._made: dict[tuple[Any, ...], Any] = {}
 
     def of(self, arrays: tuple[Any, ...], number: int | None, make: Callable[[], Any]) -> Any:
-        """Return the cached value for row `number` of the arrays; on first use, call `make`."""
+        """Return the cached value of row `number` of the arrays; make it on first use."""
         key = (number, *map(id, arrays))
         if (value := self._made.get(key)) is None:
             value = self._made[key] = make()
@@ -302,7 +304,7 @@ _CACHE = _Cache()
 def _marched(
     order: int, lanes: _Lanes, piece: _Piece, steps: _Span, state: State, totals: _Totals
 ) -> tuple[State, _Totals, Float[Array, "sample lane"]]:
-    """Advance a state through a piece of the record; add its samples to the totals."""
+    """Advance the states through a piece of the record, and add its samples to the sums."""
     joints, gain, parts = lanes
     fs, substeps, num_steps, first, begins = steps
     part = 1.0 / substeps
@@ -316,7 +318,7 @@ def _marched(
     stepping = jax.vmap(constants)(joints, gain)
 
     def seen(state: State, totals: _Totals, sample: Array, ends: Array) -> tuple[_Totals, Array]:
-        """Return the totals, with the sample added if it counts, and the response at it."""
+        """Return the sums including this sample, if it is compared, and the response at it."""
         row, counts = piece.measured[sample], ends & (sample >= first)
 
         def of_lane(joint, gain, parts, state, totals):
@@ -348,11 +350,11 @@ def _marched(
         def of_lane(stepping: Stepping, state: State) -> State:
             return advance(stepping.step, state, stepping.push_of(powers), kinks="met")
 
-        with unshared():  # all arguments are NumPy arrays, on one device
+        with unshared():  # all arguments are NumPy arrays on one device
             state = jax.vmap(of_lane)(stepping, state)
         sample = interval + 1
         totals, response = seen(state, totals, sample, step + 1 == sample * substeps)
-        # Every step of an interval writes this row, so that the last one remains.
+        # Every step of an interval writes into this row, so that the last one remains.
         return state, totals, _written(written, response, sample)
 
     none = jnp.zeros((), jnp.int32)
@@ -366,7 +368,7 @@ def _written(rows: Array, row: Array, place: Array) -> Array:
 
 
 def _moved(coefficients: tuple[Array, ...], start: Array, part: Array) -> tuple[Array, ...]:
-    r"""Return the coefficients of a part of an interval, $p(s_0 + h s)$, by Horner's rule."""
+    r"""Return the coefficients of a polynomial on a part of its interval, $p(s_0 + h s)$."""
     moved = list(coefficients)
     for lowest in range(len(moved) - 1):
         for power in reversed(range(lowest, len(moved) - 1)):

@@ -1,4 +1,4 @@
-"""Checks of the public functions before and after they compute; traced values are not checked.
+"""Checks of the arguments and results of public functions; values traced by JAX are not checked.
 
 A joint is a `BoucWen`, its law alone, or an `Oscillator` of any laws.
 """
@@ -20,7 +20,7 @@ from jbw.report.messages.joint import stiffer_than_structure
 
 
 def is_concrete(*values: object) -> bool:
-    """Return True if none of the values (arrays or records) is traced by a JAX transformation.
+    """Return whether none of the values is traced by a JAX transformation.
 
     Under `jit`, even results of constants are traced: before you look at a result, check that the
     result itself is concrete.
@@ -127,7 +127,7 @@ def check_input(u: Any, num_samples: int | None) -> None:
 
 
 def initial_state(joint: Any, initial: tuple) -> tuple:
-    """Return the initial state from (y, v), with or without the z or memories of the laws.
+    """Return the initial state from (y, v), with or without the internal states of the laws.
 
     `initial` is (y, v), (y, v, z) if only one law has a memory, or (y, v, memories).
     """
@@ -162,13 +162,13 @@ def initial_state(joint: Any, initial: tuple) -> tuple:
 
 
 def _admit(law: Any, memory: Any) -> None:
-    """Raise a ModelError if a law, by its `admits`, cannot have this memory at the start."""
+    """Raise a ModelError if a law cannot start with this internal state."""
     if hasattr(law, "admits"):
         law.admits(memory)
 
 
 def warn_of_unbounded_law(joint: Any) -> None:
-    """Warn of parameters for which a law's force may diverge."""
+    """Warn of parameters for which the force of a law may diverge."""
     for law in laws_in(joint.laws) if is_concrete(joint) else ():
         if (doubt := law.doubts()) is not None:
             warnings.warn(doubt, stacklevel=3)
@@ -193,7 +193,7 @@ def warn_of_negative_stiffness(oscillator: Any) -> None:
 
 
 def warn_of_long_steps(fs: Any, substeps: int, y: Any, v: Any) -> None:
-    """Warn if the motion turns twice within a step, judged by the cubic through the step's ends.
+    """Warn if the velocity changes sign twice within a time step.
 
     With equal signs of v at both ends, v is least (or largest) at the cubic's inflection; it has
     turned twice if v has the other sign there, by more than 1 % of the largest velocity.
@@ -202,7 +202,7 @@ def warn_of_long_steps(fs: Any, substeps: int, y: Any, v: Any) -> None:
         return
     y, v = np.asarray(y), np.asarray(v)
     start, end, rise = v[..., :-1], v[..., 1:], fs * np.diff(y)
-    # v(s) = start + bend s + twist s^2 within an interval.
+    # On an interval v(s) = start + bend s + twist s^2.
     bend, twist = 6.0 * rise - 4.0 * start - 2.0 * end, 3.0 * (start + end) - 6.0 * rise
     with np.errstate(divide="ignore", invalid="ignore"):
         s = -0.5 * bend / twist
@@ -222,7 +222,7 @@ def warn_of_long_steps(fs: Any, substeps: int, y: Any, v: Any) -> None:
 
 
 def warn_of_guesses(guesses: Any) -> None:
-    """Warn where a law returned to reversals that it had dropped because its memory was full."""
+    """Warn if motion returned to load reversals that a law no longer remembered."""
     if not is_concrete(guesses) or not np.any(count := np.asarray(guesses)):
         return
     warnings.warn(
@@ -270,7 +270,7 @@ def check_settled(residual: Any) -> None:
 
 
 def require_periodic(joint: Any) -> None:
-    """Raise if a law is not valid for periodic motion with odd harmonics."""
+    """Raise if a law does not support periodic motion with odd harmonics."""
     require_contracts(joint)
     for law in laws_in(joint.laws):
         law.check_periodic()
@@ -284,7 +284,7 @@ def require_contracts(joint: Any) -> None:
 def require_sense(
     joint: Any, omega: ArrayLike, amplitude: ArrayLike, num_harmonics: int, max_turns: int
 ) -> None:
-    """Raise if an argument of a periodic response is invalid."""
+    """Raise if an argument of a periodic response has no meaning."""
     require_periodic(joint)
     require_finite(joint, omega=omega, amplitude=amplitude)
     require_float64()

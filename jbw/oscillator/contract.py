@@ -1,4 +1,4 @@
-"""A check of laws from outside jbw: their methods must agree with their force and rate.
+"""Checks of a user's law: its methods must agree with its force and rate.
 
 Methods that are defaults of `Law` follow from force and rate; the tests of jbw cover them. Parts of
 the interface are checked only where a law overrides them. The laws of the register are covered by
@@ -26,28 +26,28 @@ from jbw.oscillator.steady.waveform import exponentials, synthesis
 from jbw.report.messages import joint as messages
 
 SCALES = Scales(118.0, 0.01, 5e-3)
-# Trial parameters lie at this fraction of the prior's width: in its middle a force may vanish.
+# Trial parameters lie at this fraction of the prior range: in its middle a force may vanish.
 PLACE = 0.6
-# The tolerance is relative to the largest value. The grids of the defaults cause errors of 1e-3
+# Tolerance relative to the largest value. The grids of the default methods cause errors of 1e-3
 # where a force yields between their points; a method with a wrong factor or sign is far worse.
 NEAR = 5e-3
-OMEGA, AMPLITUDE = 112.0, 4.0  # of the trial tone [rad/s, N/kg]
+OMEGA, AMPLITUDE = 112.0, 4.0  # frequency and force of the trial tone [rad/s, N/kg]
 Y = 0.6 * SCALES.y_peak
 MOTION = np.array([Y, 0.05j * Y])  # first and third harmonic of the trial motion [m]
 SETTLED = 8  # simulated periods, of which only the last is compared
-POINTS = 256  # per period
+POINTS = 256  # samples per period
 
-# Methods of the time step. With their defaults, a simulated record agrees with the steady state.
+# Methods of the time step. If they are the defaults, a record agrees with the steady state.
 STEP = ("branch", "remainder", "bend", "glide", "turn", "shift", "missed", "packed")
 
 _TRIED: dict[type[Law], str | None] = {}
-# Method name, found value, description of the right value, right value, and a size: a thousandth of
-# it is the smallest value to which the tolerance is relative.
+# Name of the method, found value, meaning of the right value, right value, and a size, of which a
+# thousandth is the smallest value to which the tolerance is relative.
 Check = tuple[str, Any, str, Any, Any]
 
 
 def require_contract(kinds: Any) -> None:
-    """Check every law class from outside jbw once; raise if its methods contradict each other.
+    """Check each law class of a user once; raise an error if its methods disagree.
 
     Nothing is checked inside a traced function.
 
@@ -71,7 +71,7 @@ def require_contract(kinds: Any) -> None:
 
 
 def broken(kind: type[Law]) -> str | None:
-    """Return a description of a law's first method that breaks the contract, or None."""
+    """Return a description of the first method of a law that is wrong, or None."""
     bounds = kind.prior(SCALES) if has_prior(kind) else dict.fromkeys(kind.names(), (0.5, 1.5))
     if absent := [name for name in kind.names() if name not in bounds]:
         return messages.no_bounds(absent)
@@ -95,12 +95,12 @@ def broken(kind: type[Law]) -> str | None:
 
 
 def has_prior(kind: type[Law]) -> bool:
-    """Return True if a law class states a prior; without one it is simulated, but never fitted."""
+    """Return whether a law class states a prior; without one it cannot be fitted."""
     return kind.prior.__func__ is not Law.prior.__func__  # pyright: ignore
 
 
 def offers(kind: type[Law], *parts: str) -> bool:
-    """Return True if a law class overrides any of these methods of `Law`."""
+    """Return whether a law class overrides one of these methods of `Law`."""
     return any(getattr(kind, part, None) is not getattr(Law, part, None) for part in parts)
 
 
@@ -114,14 +114,14 @@ def _agree(found: Any, right: Any, least: Any) -> bool:
 
 
 def _worst(found: Any, what: str, right: Any) -> tuple[Any, str, Any]:
-    """Return the found and the right number that lie farthest apart, with their description."""
+    """Return the pair of found and right number that differs most, with its description."""
     found, right = np.broadcast_arrays(np.atleast_1d(found), np.atleast_1d(right))
     at = np.unravel_index(np.argmax(np.nan_to_num(np.abs(found - right), nan=np.inf)), found.shape)
     return found[at], what, right[at]
 
 
 def _of_force(law: Law, joint: Oscillator) -> Iterator[Check]:
-    """Yield the checks that the force is a finite scalar with finite slopes at rest."""
+    """Yield the checks that the force at rest is a finite number with finite slopes."""
     force = np.asarray(law.force(0.3 * Y, 0.3 * Y * OMEGA, law.at_rest()))
     yield "force", force.ndim, messages.A_SCALAR, 0, 0.0
     yield "force", force, "finite, such as", np.nan_to_num(force, posinf=0.0, neginf=0.0), 0.0
@@ -138,7 +138,7 @@ def _of_force(law: Law, joint: Oscillator) -> Iterator[Check]:
 
 
 def _of_memory(law: Law, joint: Oscillator) -> Iterator[Check]:
-    """Yield the checks that the memory follows displacement alone, by the integral of `rate`."""
+    """Yield the checks that the internal state depends on displacement only, as `rate` states."""
     if not law.remembers:
         return
     start = law.move(0.0, law.at_rest(), 0.2 * Y)
@@ -169,7 +169,7 @@ def _of_memory(law: Law, joint: Oscillator) -> Iterator[Check]:
 
 
 def _of_stiffness(law: Law, joint: Oscillator) -> Iterator[Check]:
-    """Yield the check that the stiffness is the slope of the force by displacement at rest."""
+    """Yield the check that `stiffness` is the slope of the force at rest."""
     dy, size = 1e-9 * Y, np.abs(law.force(0.3 * Y, 0.3 * Y * OMEGA, law.at_rest()))
     after = law.move(0.0, law.at_rest(), dy)
     slope = (law.force(dy, SLOW, after) - law.force(0.0, SLOW, law.at_rest())) / dy
@@ -177,7 +177,7 @@ def _of_stiffness(law: Law, joint: Oscillator) -> Iterator[Check]:
 
 
 def _of_motion(law: Law, joint: Oscillator) -> Iterator[Check]:
-    """Yield the check that the derivative of a record is the difference of two records."""
+    """Yield the check that a record's derivatives agree with differences between two records."""
     if not offers(type(law), *STEP):
         return
     time = np.arange(64) / 512.0
@@ -200,7 +200,7 @@ def _of_motion(law: Law, joint: Oscillator) -> Iterator[Check]:
 
 
 def _of_period(law: Law, joint: Oscillator) -> Iterator[Check]:
-    """Yield the checks of harmonics, loop, backbone, steady state by the force along a motion."""
+    """Yield the checks of harmonics, loop and backbone against the force along a motion."""
     if law.degrades or refuses(law.check_periodic):
         return
 
@@ -260,7 +260,7 @@ def _of_period(law: Law, joint: Oscillator) -> Iterator[Check]:
 
 
 def refuses(check: Callable[[], None]) -> bool:
-    """Return True if a check raises one of jbw's own errors, and so refuses with a message."""
+    """Return whether a check raises one of jbw's own errors, and so refuses the law properly."""
     try:
         check()
     except JbwError:

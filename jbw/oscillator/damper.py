@@ -16,7 +16,7 @@ class Damper(Law):
         raise NotImplementedError
 
     def stiffness(self) -> Scalar:
-        """Return zero, the stiffness of a damper [1/s^2]."""
+        """Return zero, because a damper has no stiffness [1/s^2]."""
         return 0.0
 
     def force(self, y: Scalar, v: Scalar, memory: tuple[()]) -> Scalar:
@@ -26,5 +26,5 @@ class Damper(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: tuple[()], branch: tuple[()]
     ) -> tuple[Scalar, Scalar]:
-        """Return the force, and zero for its rate: the step adds dg/dv times the acceleration."""
+        """Return the force, and zero for its rate: the time step adds dg/dv times acceleration."""
         return self(v), 0.0 * v

@@ -1,4 +1,4 @@
-"""A deeper memory of reversals for Masing laws, for motions that need one."""
+"""Memory for more load reversals in Masing laws, for motions that need it."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,23 +13,23 @@ from jbw.oscillator.laws.reversals import with_room
 from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Oscillator
 
-MOST = 160  # reversals: noise with a thousand turning points holds some twenty at once
-OF_SEVERAL_MODES = 24  # initial depth for several modes, whose loops are nested deeper
+MOST = 160  # largest number of reversals; noise with a thousand turning points needs some twenty
+OF_SEVERAL_MODES = 24  # first number for several modes, whose loops are nested more deeply
 
 
 class Guessing(Protocol):
-    """A response that counts how often a law's memory was too short."""
+    """A response that counts how often a law remembered too few load reversals."""
 
     @property
     def guesses(self) -> Any:
-        """The number of times a law's memory was too short, per record; see `Response`."""
+        """How often a law remembered too few load reversals, per record; see `Response`."""
         ...
 
 
 def deep_enough[Model: Oscillator | Structure, Solved: Guessing](
     solve: Callable[[Model, Any], Solved], joint: Model, initial: Any
 ) -> Solved:
-    """Solve; repeat with a doubled memory of reversals while it was too short and doubling helps.
+    """Solve; double the number of remembered reversals until it suffices or no longer helps.
 
     `solve` takes the model and its initial state, whose last part is the laws' memories.
     """
@@ -47,7 +47,7 @@ def deep_enough[Model: Oscillator | Structure, Solved: Guessing](
 
 
 def forgot(joint: Oscillator | Structure, guesses: object) -> bool:
-    """Return True if a law that can grow its memory dropped reversals that were needed later."""
+    """Return whether a law dropped load reversals that the motion needed later."""
     if not (is_concrete(guesses) and np.any(np.asarray(guesses))):
         return False
     return any(0 < law.depth < MOST for law in laws_in(joint.laws))
@@ -56,7 +56,7 @@ def forgot(joint: Oscillator | Structure, guesses: object) -> bool:
 def with_places[Model: Oscillator | Structure](
     joint: Model, start: Any, depth: int
 ) -> tuple[Model, Any]:
-    """Return a model and its state with memory for at least `depth` reversals in every law."""
+    """Return a model and its state with room for at least `depth` load reversals in every law."""
     *motion, memory = start
 
     def short(law: Any) -> bool:
@@ -73,7 +73,7 @@ def with_places[Model: Oscillator | Structure](
 
 
 def with_depth[Model: Oscillator | Structure](joint: Model, depth: int | None) -> Model:
-    """Return the model whose Masing laws remember `depth` reversals; None keeps the depth."""
+    """Return the model whose Masing laws remember `depth` load reversals; None changes nothing."""
     if depth is None:
         return joint
 

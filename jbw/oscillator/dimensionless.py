@@ -19,7 +19,7 @@ from jbw.oscillator.parameters import Restoring, Scalar
 
 
 class Dimensionless(NamedTuple):
-    """A joint under a tone, in dimensionless form.
+    """A joint under a harmonic force, in dimensionless form.
 
     Attributes:
         joint: Joint of omega_n = 1 under a tone of amplitude 1.
@@ -55,7 +55,7 @@ class ScaledForce(eqx.Module):
 
 
 def dimensionless(joint: BoucWen, omega: Scalar, amplitude: Scalar) -> Dimensionless:
-    r"""Return the joint under a tone in dimensionless form: four numbers and a frequency.
+    r"""Return a joint under a harmonic force in dimensionless form: four numbers and a frequency.
 
     $$\Omega = \omega/\omega_n, \quad \alpha/\omega_n^2, \quad \delta A/\omega_n^2, \quad
       \gamma A/\omega_n^2, \quad f\!\left((A/\omega_n^2)\,q\right)/A, \quad y = (A/\omega_n^2)\, q$$

@@ -1,4 +1,4 @@
-r"""The generic defaults of a law's methods, from its force, its rate and its move alone.
+r"""Default methods of a law, computed from its force, its rate and its move.
 
 They are exact for no law, but valid for every law with an odd force and a memory whose rate is
 proportional to the velocity.
@@ -20,16 +20,16 @@ from jbw.oscillator.steady.waveform import crest, exponentials, synthesis
 from jbw.quantities import must_be
 from jbw.report.messages import joint as messages
 
-Law = Any  # a `jbw.oscillator.law.Law`, whose methods call these functions
+Law = Any  # a `jbw.oscillator.law.Law`, whose methods are these functions
 Memory = Any
 
-_MOVE_STEPS = 8  # per monotone move
-_LOOP_POINTS = 128  # moves per half cycle
+_MOVE_STEPS = 8  # Runge-Kutta steps per monotone move
+_LOOP_POINTS = 128  # number of moves along half a loop
 _PERIOD_POINTS = 512
 
 
 def feels_rate(law: Law) -> bool:
-    """Return True if the force depends on the size of the velocity: dF/dv is no symbolic zero.
+    """Return whether the force depends on the size of the velocity, not only on its sign.
 
     A force that depends only on the sign of v has no such slope: it is equal in fast and slow
     motion.
@@ -95,7 +95,7 @@ def slope(law: Law, y: Scalar, memory: Memory, direction: Scalar) -> Scalar:
 
 
 def move_by_rates(law: Law, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-    """Return the memory after a monotone move, by eight Runge-Kutta steps of order 4."""
+    """Return the internal state after a monotone move, by eight Runge-Kutta steps of order 4."""
     step = dy / _MOVE_STEPS
 
     def moved(memory: Memory, slope: Memory, part: float) -> Memory:
@@ -117,7 +117,7 @@ def move_by_rates(law: Law, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
 def remainder_by_rates(
     law: Law, h: Scalar, y: Scalar, v: Scalar, memory: Memory
 ) -> tuple[Scalar, Scalar]:
-    """Return the remainder F - K y and h times its rate, from the law's force and rate."""
+    """Return the law's force without its linear part, F - K y, and h times its rate."""
     stiffness, rate = law.stiffness(), law.rate(y, v, memory)
     force, rise = jax.jvp(
         lambda y, memory: law.force(y, v, memory),
@@ -130,7 +130,7 @@ def remainder_by_rates(
 def bend_by_rates(
     law: Law, h: Scalar, state: tuple[Scalar, Scalar, Memory], a: Scalar, branch: Any
 ) -> Scalar:
-    """Return half of h^2 times the remainder's second time derivative at an acceleration a."""
+    """Return half of h^2 times the second time derivative of F - K y, at an acceleration a."""
     y, v, memory = state
     rate = jax.tree.map(lambda x: jnp.asarray(x, float), law.rate(y, v, memory))
     _, bend = jax.jvp(
@@ -142,7 +142,7 @@ def bend_by_rates(
 def turn_by_slopes(
     law: Law, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
 ) -> tuple[Memory, Scalar, Scalar]:
-    """Return the memory after moves to and from a turning point, and the slope jump's impulses."""
+    """Return the internal state after a turning point, and the impulses of the jump in slope."""
     path = StepPath.through(ends, quartic)
     top = y + path.before
     memory_at_top = law.move(y, memory, path.before)
@@ -154,7 +154,7 @@ def turn_by_slopes(
 def loop_by_moves(
     law: Law, y_peak: Scalar, omega: Scalar
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Return a loop's equivalent stiffness and damping by the trapezium rule, tip to tip."""
+    """Return the equivalent stiffness and damping of a loop, by the trapezium rule."""
     y_peak = jnp.asarray(y_peak, float)
     at_zero = y_peak == 0.0
     peak, stiffness = jnp.where(at_zero, 1.0, y_peak), law.stiffness()
@@ -186,7 +186,7 @@ def loop_by_moves(
 def harmonics_by_moves(
     law: Law, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar
 ) -> Complex[Array, " harmonic"]:
-    """Return the remainder's odd harmonics from a uniform grid of half a period from the crest."""
+    """Return the odd harmonics of F - K y, from a uniform grid over half a period."""
     points = max(_PERIOD_POINTS, 32 * q.shape[0]) // 2
     theta = crest(q) + np.pi * np.arange(2 * points) / points
     r = law.force_over_period(q, theta, max_turns, omega) - law.stiffness() * synthesis(q, theta)
@@ -196,7 +196,7 @@ def harmonics_by_moves(
 def force_by_moves(
     law: Law, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], omega: Scalar
 ) -> Float[Array, " time"]:
-    """Return the steady force: that in the second of two periods; the first sets the memory."""
+    """Return the steady force over a period, the second of two (the first sets the state)."""
     y, v = synthesis(q, theta), omega * synthesis(q, theta, 1)
 
     def onward(carry: tuple, point: tuple) -> tuple[tuple, Array]:
@@ -210,7 +210,7 @@ def force_by_moves(
 
 
 def no_force(law: Law) -> str | None:
-    """Return a warning if a (concrete) parameter is below its least value, else None."""
+    """Return a warning if a parameter is below its smallest value, else None."""
     parameters = law.parameters()
     for quantity in law.table:
         least = float(np.min(np.asarray(parameters[quantity.name])))

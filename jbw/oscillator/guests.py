@@ -1,16 +1,15 @@
-"""The check of laws from outside jbw, which runs before they are used."""
+"""The check of a user's law before its first use."""
 
 from collections.abc import Iterable
 from importlib import import_module
 from typing import Any
 
-# This module is loaded only for a law from outside: it solves for motions, in modules above the
-# laws.
+# This module is loaded only for a user's law: it needs modules that build on the laws.
 CONTRACT = "jbw.oscillator.contract"
 
 
 def require_contract(kinds: Iterable[type]) -> None:
-    """Raise if a law class from outside jbw breaks its contract; check each class only once.
+    """Raise if the methods of a user's law disagree; check each law class only once.
 
     Raises:
         ConfigError: A method disagrees with the law's force and rate.

@@ -1,4 +1,4 @@
-r"""The input between its samples: one polynomial per sample interval, $u(s) = \sum_j c_j s^j$.
+r"""Reconstruction of an input between its samples, $u(s) = \sum_j c_j s^j$ in each interval.
 
 `s` runs from 0 to 1 within an interval. What happens between the samples matters more than the
 integration scheme: a measured record is band-limited, not a polygon.
@@ -23,7 +23,7 @@ HOLDS = get_args(Hold)
 
 
 class HeldInput(eqx.Module):
-    r"""A sampled input with its polynomials between the samples, times a gain g.
+    r"""A sampled input with a polynomial for each sample interval, times a gain g.
 
     $$u_n(s) = g \sum_j c_{jn} s^j, \qquad 0 \le s < 1$$
 
@@ -49,11 +49,11 @@ class HeldInput(eqx.Module):
         return self.gain[..., None] * self.samples
 
     def times(self, factor: Scalar) -> Self:
-        """Return the input times a factor; the polynomials stay as they are."""
+        """Return the input with another gain; its polynomials stay the same."""
         return eqx.tree_at(lambda held: held.gain, self, factor * self.gain)
 
     def pieces(self, substeps: int) -> tuple[Float[Array, " substep"], ...]:
-        """Return the input's polynomials in all substeps, without the gain, a row per power."""
+        """Return the input's polynomials in all substeps, without the gain; a row per power."""
         parts = substep_matrices(self.polynomials.shape[-2], substeps)
         rows = jnp.einsum("ilj,jn->lni", parts, self.polynomials)
         return tuple(rows.reshape(len(rows), -1))
@@ -62,7 +62,7 @@ class HeldInput(eqx.Module):
 def held(
     u: Float[np.ndarray | Array, "*batch time"] | HeldInput, hold: Hold, *, periodic: bool
 ) -> HeldInput:
-    """Return a sampled input together with the polynomials between its samples.
+    """Return a sampled input with polynomials between its samples.
 
     A `HeldInput` is returned unchanged. NumPy samples are processed by NumPy.
     """
@@ -80,7 +80,7 @@ def held(
 def input_polynomials(
     u: Float[np.ndarray | Array, "... time"], hold: str, *, periodic: bool
 ) -> Float[np.ndarray | Array, "... interval power"]:
-    """Return the polynomials of a sampled input for a named hold; by NumPy for NumPy input."""
+    """Return the polynomials between the samples of an input, by the method named `hold`."""
     xp = _namespace(u)
     if hold == "zero":
         return (u if periodic else u[..., :-1])[..., None]
@@ -138,7 +138,7 @@ def periodic_derivatives(
 
 
 def line_frequencies(num: int, spacing: Scalar, xp: Any = jnp) -> Float[Array, " line"]:
-    """Return the frequencies of a real Fourier transform of `num` samples [1/spacing] (`rfftfreq`).
+    """Return the frequencies of a real Fourier transform of `num` samples [1/spacing].
 
     JAX's are computed inside the program: as a constant they would be as long as the record.
     """
@@ -177,7 +177,7 @@ def record_derivatives(
 def _bump(
     n: Int[np.ndarray | Array, " time"],
 ) -> tuple[np.ndarray | Array, np.ndarray | Array, np.ndarray | Array]:
-    """Return the bump n^2 exp(-(n/w)^2)/2 (curvature 1 at n = 0), its slope and curvature."""
+    """Return the smooth pulse n^2 exp(-(n/w)^2)/2, its slope and its curvature."""
     s = (n / _BUMP_WIDTH) ** 2
     fall = _namespace(n).exp(-s)
     return 0.5 * n**2 * fall, n * (1.0 - s) * fall, (1.0 - 5.0 * s + 2.0 * s**2) * fall

@@ -1,4 +1,4 @@
-r"""Kinks inside a time step, where v or z passes zero, and the error of the step's cubics there.
+r"""Kinks of a law inside a time step (v or z passes zero), and their effect on the motion.
 
 Displacement within a step of length h is a cubic in $s \in [0, 1]$; slopes are per step.
 """
@@ -11,18 +11,18 @@ from jaxtyping import Array, Bool, Float
 
 from jbw.oscillator.parameters import Scalar
 
-# Slopes h v of a step's cubic path at its start and end, and its total rise.
+# Slopes h v at the start and the end of a step, and the displacement in between.
 Ends = tuple[Scalar, Scalar, Scalar]
 
 
 def signed(magnitude: Scalar, sign: Scalar) -> Float[Array, "..."]:
-    """Return the magnitude, negated where `sign` is negative; zero counts as positive."""
+    """Return a magnitude with the sign of another number; zero counts as positive."""
     return jnp.where(sign < 0.0, -magnitude, magnitude)
 
 
 def barrier(values: Any) -> Any:
-    """Return the values unchanged, but prevent XLA from recomputing them in each of their uses."""
-    # One by one: a barrier over several values cannot be transposed when not all are linear.
+    """Return the values unchanged, so that XLA computes them only once."""
+    # One by one: a barrier for several values cannot be transposed if not all are linear.
     return jax.tree.map(jax.lax.optimization_barrier, values)
 
 
@@ -47,12 +47,12 @@ class CubicPath(NamedTuple):
 
 
 def hermite(start: Scalar, end: Scalar, rise: Scalar) -> CubicPath:
-    """Return the cubic with given slopes at both ends and a given rise between them."""
+    """Return the cubic path with given slopes at both ends and a given displacement between."""
     return CubicPath(start, 3.0 * rise - 2.0 * start - end, start + end - 2.0 * rise)
 
 
 class PathSlopes(NamedTuple):
-    """The derivatives by a Hermite path's slope at the start, slope at the end, and rise."""
+    """Derivatives by the slopes at the start and the end of a path, and by its displacement."""
 
     start: Scalar
     end: Scalar
@@ -60,7 +60,7 @@ class PathSlopes(NamedTuple):
 
 
 def hermite_basis(s: Scalar) -> tuple[PathSlopes, PathSlopes, PathSlopes]:
-    """Differentiate a Hermite path's move, slope and bend at s by its end slopes and rise."""
+    """Return the derivatives of a path's displacement, slope and curvature at s by its end data."""
     s_2 = s * s
     s_3 = s * s_2
     return (
@@ -71,7 +71,7 @@ def hermite_basis(s: Scalar) -> tuple[PathSlopes, PathSlopes, PathSlopes]:
 
 
 def turning_point(turns: Bool[Array, "..."] | bool, path: CubicPath) -> tuple[Scalar, Scalar]:
-    r"""Return the fraction at which the path turns, $y'(s) = 0$, and the sharpness of the turn.
+    r"""Return where a path turns, $y'(s) = 0$, as a fraction of the step, and its curvature there.
 
     Of the two roots $s = c_1/(-c_2 \pm \sqrt{c_2^2 - 3 c_1 c_3})$ the one in (0, 1) is taken, for
     slopes of opposite signs at the ends; s is 1 where the path does not turn. The square root is
@@ -84,7 +84,7 @@ def turning_point(turns: Bool[Array, "..."] | bool, path: CubicPath) -> tuple[Sc
 
 
 class StepPath(NamedTuple):
-    """The displacement path of a time step that may turn once.
+    """The displacement along a time step that may contain one turning point.
 
     Attributes:
         cubic: Its cubic part.
@@ -106,7 +106,7 @@ class StepPath(NamedTuple):
 
     @classmethod
     def through(cls, ends: Ends, quartic: Scalar) -> Self:
-        """Return the path with given slopes and rise, and a quartic term for the turning point."""
+        """Return the path with given slopes and displacement, and a quartic term where it turns."""
         start, end, rise = ends
         turns = jnp.asarray(start * end < 0.0)
         cubic = barrier(hermite(*ends))
@@ -116,7 +116,7 @@ class StepPath(NamedTuple):
         return cls(cubic, turns, fraction, cubic.bend(fraction), before, rise - before, quartic)
 
     def passage(self, target: Scalar, *, first: bool) -> Scalar:
-        """Return the step fraction at which the path reaches a move before or after its turn.
+        """Return when the path reaches a displacement before or after its turning point.
 
         Newton's iteration takes three steps, from the parabola about the turning point, or from the
         chord if the path does not turn. Only the last step carries the derivative.
@@ -135,7 +135,7 @@ class StepPath(NamedTuple):
         return self._nearer(s, target)
 
     def _nearer(self, s: Scalar, target: Scalar) -> Scalar:
-        """Return a step fraction nearer to the target, by one Newton step."""
+        """Return an improved time of reaching the displacement, by one Newton step."""
         weight = s * (1.0 - s)
         move = self.cubic.move(s) + self.quartic * weight**2
         slope = self.cubic.slope(s) + 2.0 * self.quartic * weight * (1.0 - 2.0 * s)
@@ -145,7 +145,7 @@ class StepPath(NamedTuple):
 def passage(
     steady: Bool[Array, "..."] | bool, path: CubicPath, guess: Scalar, target: Scalar
 ) -> Scalar:
-    """Return the fraction s at which the path reaches a target, if `steady`; else return `guess`.
+    """Return when a path without a turning point reaches a displacement, else `guess`.
 
     It takes one Newton step, with an error of O(h^3).
     """
@@ -154,7 +154,7 @@ def passage(
 
 
 class KinkImpulse(NamedTuple):
-    """A kink's impulses on v [m/s] and on y / h [m/s], with derivatives by x and by the jumps."""
+    """The effect of a kink on v [m/s] and y / h [m/s], with its derivatives."""
 
     v: Scalar
     y: Scalar
@@ -163,7 +163,7 @@ class KinkImpulse(NamedTuple):
 
 
 def kink_impulse(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> KinkImpulse:
-    r"""Return the impulses of a kink inside the step that the cubic through r and its rate omits.
+    r"""Return the effect of a kink in a step on v and y, which the step's cubics omit.
 
     With jumps J_2, J_3 of the second and third derivative of r when a fraction x remains, given as
     h^3 J_2 and h^4 J_3 [m/s],
@@ -191,7 +191,7 @@ def kink_impulse(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> KinkImpulse:
 def slope_jump_impulse(
     x: Scalar, jump_1: Scalar, jump_2: Scalar, jump_3: Scalar = 0.0
 ) -> tuple[Scalar, Scalar]:
-    r"""Return the impulses of a kink at which the first derivative of r jumps, as at slip onset.
+    r"""Return the effect of a jump in the force's slope, as at the onset of slip, on v and y.
 
     The jumps are given as h J_1, h^2 J_2 and h^3 J_3 [N/kg]; the impulses are those on v over h and
     on y over h^2 [m/s^2]:
@@ -208,7 +208,7 @@ def slope_jump_impulse(
 
 
 def cusp_impulse(start: tuple[Scalar, ...], end: tuple[Scalar, ...]) -> tuple[Scalar, Scalar]:
-    r"""Return the impulses of a remainder whose rate has a power-law kink, from integrals F_k.
+    r"""Return the effect of a power-law kink of the force's rate on v and y.
 
     F_0 = r' and its first three integrals from the kink are given at both ends of the step, for
     steps of length one. The impulses are those on v over h and on y over h^2 [m/s^2]:

@@ -1,4 +1,4 @@
-r"""The interface of a joint's force law, and generic defaults for most of its methods.
+r"""The interface of a joint's force law, with default methods.
 
 A law is one force across the joint, per unit modal mass. It is a record whose leaves are its
 parameters, with a table that describes them and a few methods. `jbw.oscillator.laws` is the
@@ -32,12 +32,12 @@ from jbw.oscillator.parameters import Threshold as Threshold
 from jbw.oscillator.steady.waveform import orders
 from jbw.quantities import Quantity
 
-Branch = Any  # a pytree: the quantities that are constant between two kinks
-Memory = Any  # a pytree of scalars: z of Bouc-Wen, the forces of sliders, () for a spring
+Branch = Any  # a pytree of the quantities that are constant between two kinks
+Memory = Any  # a pytree of internal states: z of Bouc-Wen, forces of sliders, () for a spring
 
 
 class Law(eqx.Module):
-    r"""A force F across the joint, per unit modal mass; its leaves are its parameters.
+    r"""A force F across the joint, per unit modal mass; the fields are its parameters.
 
     A law defines `table`, `prior`, `force` and, if it has a memory, `at_rest` and `rate`. All other
     methods have generic defaults here; a law may override them by exact methods.
@@ -104,7 +104,7 @@ class Law(eqx.Module):
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """Return a warning if the law misbehaves within the prior bounds, else None."""
+        """Return a warning if the law may diverge within its prior bounds, else None."""
         return None
 
     # -- of one law --------------------------------------------------------------------------------
@@ -117,7 +117,7 @@ class Law(eqx.Module):
         raise NotImplementedError
 
     def rate(self, y: Scalar, v: Scalar, memory: Memory) -> Memory:
-        """Return the memory's time derivative; for rate-independent laws proportional to v."""
+        """Return the time derivative of the internal state, for most laws proportional to v."""
         return ()
 
     def stiffness(self) -> Scalar:
@@ -126,32 +126,32 @@ class Law(eqx.Module):
         return generic.slope(self, jnp.zeros(()), rest, jnp.ones(()))
 
     def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """Return the memory after a monotone move from y to y + dy, by Runge-Kutta steps.
+        """Return the internal state after a monotone move from y to y + dy, by Runge-Kutta steps.
 
         The rate must be proportional to v.
         """
         return generic.move_by_rates(self, y, memory, dy)
 
     def follow(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """Return the law's memory after one of many moves along a record.
+        """Return the internal state after one of many moves along a record.
 
         This is `move`, unless a law has a cheaper method than its exact move.
         """
         return self.move(y, memory, dy)
 
     def undamaged(self) -> "Law":
-        """Return the law before any cycle has degraded it (itself if no cycle does)."""
+        """Return the law before damage; the law itself if it does not degrade."""
         return self
 
     def at_tip(self, y_peak: Scalar) -> Memory:
-        """Return the memory at the tip y = Y of the steady loop, after moves to Y, -Y and Y."""
+        """Return the internal state at the tip y = Y of the steady loop."""
         memory = self.move(0.0 * y_peak, self.at_rest(), y_peak)
         memory = self.move(y_peak, memory, -2.0 * y_peak)
         return self.move(-y_peak, memory, 2.0 * y_peak)
 
     @property
     def feels_rate(self) -> bool:
-        """Whether the force depends on the size of the velocity, and not on its sign alone."""
+        """Whether the force depends on the size of the velocity, not only on its sign."""
         return generic.feels_rate(self)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
@@ -165,7 +165,7 @@ class Law(eqx.Module):
         return Loop(*generic.loop_by_moves(self, y_peak, omega))
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Return, by name, each parameter's power of length in addition to that of its unit.
+        """Return the power of length of each parameter in addition to that of its unit, by name.
 
         Such powers belong to values stated at a fixed displacement: a stiffness loss at 1 mm that
         grows with the power q of the displacement scales with the power -q of the unit of length.
@@ -178,32 +178,33 @@ class Law(eqx.Module):
 
     # -- through a time step of length h ---------------------------------------------------------
     def branch(self, v: Scalar, memory: Memory) -> Branch:
-        """Return the law's quantities that are constant until its next kink, such as signs."""
+        """Return the quantities that are constant until the law's next kink, such as signs."""
         return ()
 
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Memory, branch: Branch
     ) -> tuple[Scalar, Scalar]:
-        """Return the law's remainder r = F - K y [N/kg] and h times its rate."""
+        """Return the force without its linear part, r = F - K y [N/kg], and h times its rate."""
         return generic.remainder_by_rates(self, h, y, v, memory)
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Memory, branch: Branch
     ) -> Scalar:
-        """Return half of h^2 times the remainder's second time derivative on this branch."""
+        """Return half of h^2 times the second time derivative of r = F - K y, away from kinks."""
         return generic.bend_by_rates(self, h, (y, v, memory), a, branch)
 
     def glide(
         self, y: Scalar, memory: Memory, dy: Scalar, branch: Branch
     ) -> tuple[Memory, Bool[Array, "..."] | bool]:
-        """Return the memory after a step without a reversal; True if a kink requires `turn`."""
-        # A kink that is not reported here, such as a yield, makes the step first order in h.
+        """Return the internal state after a step without reversal; True if it met a kink."""
+        # If a kink such as yield is not reported here, the step is only accurate to first order in
+        # h.
         return self.move(y, memory, dy), False
 
     def turn(
         self, h: Scalar, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
-        """Return the memory after a step that may turn, and the impulses of its kinks on v and y.
+        """Return the internal state after a step that may turn, and the effect of kinks on v and y.
 
         Args:
             h: Length of the step [s].
@@ -218,18 +219,18 @@ class Law(eqx.Module):
         return generic.turn_by_slopes(self, y, memory, ends, quartic)
 
     def shift(self, y: Scalar, memory: Memory, dy: Scalar, branch: Branch) -> Memory:
-        """Return the memory after the corrector's small change dy at the end of a step."""
+        """Return the internal state after the small correction dy at the end of a step."""
         return self.move(y, memory, dy)
 
     # -- along a periodic motion -----------------------------------------------------------------
     def scaled(self, length: Scalar, stiffness: Scalar) -> "Law":
-        """Return the law in units of displacement l, stiffness kappa and time kappa^(-1/2)."""
+        """Return the law with displacement in units l, stiffness in kappa, time in kappa^(-1/2)."""
         return ScaledLaw(self, length, stiffness)
 
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Return the odd harmonics of the remainder r along a periodic motion with harmonics q.
+        """Return the odd harmonics of F - K y along a periodic motion with harmonics q.
 
         They come from moves over two periods, on a uniform grid from the crest. The first period
         sets the memory, which is exact for laws that forget all but their last turning points. With
@@ -244,24 +245,24 @@ class Law(eqx.Module):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Return the steady force [N/kg] at rising angles of a period by moves over two periods."""
+        """Return the steady force [N/kg] at rising angles of a period."""
         return generic.force_by_moves(self, q, theta, omega)
 
     # -- for other programs ------------------------------------------------------------------------
     def convert(self, omega_n: float, zeta: float, mass: float) -> Mapping[str, Conversion]:
-        """Return this law's oscillator, of a modal mass [kg], in other programs' conventions."""
+        """Return the law for a modal mass [kg] in the conventions of other programs."""
         return {}
 
     # -- checks of the law ------------------------------------------------------------------------
     def check_periodic(self) -> None:
-        """Raise a ModelError if `harmonics` is not valid for this law; do nothing by default."""
+        """Raise a ModelError if the law does not support `harmonics`; do nothing by default."""
 
     def doubts(self) -> str | None:
-        """Return a warning if the force may diverge for these (concrete) parameters, else None."""
+        """Return a warning if the force may diverge for these parameters, else None."""
         return generic.no_force(self)
 
     def memory_unit(self, omega_n: Scalar) -> Memory:
-        """Return the factors that convert the law's memory to velocities; zero for counters.
+        """Return factors that convert the internal state to velocities; zero for counters.
 
         By default every entry is a force [N/kg] and its factor is 1 / omega_n.
         """
@@ -269,12 +270,12 @@ class Law(eqx.Module):
 
     @property
     def remembers(self) -> bool:
-        """Whether the law has a memory."""
+        """Whether the law has an internal state."""
         return bool(jax.tree.leaves(self.at_rest()))
 
     @property
     def kinked(self) -> bool:
-        """Whether a step may meet a kink of the law, so that `glide` and `turn` are called."""
+        """Whether the law may have kinks within a step, so that `glide` and `turn` are called."""
         return self.remembers
 
 
@@ -284,29 +285,29 @@ def laws_in(laws: Any) -> list[Law]:
 
 
 def map_laws(function: Callable[..., Any], laws: Any, *others: Any) -> Any:
-    """Apply a function to every law and to its counterparts in other trees, such as memories."""
+    """Apply a function to every law, with the matching entries of other trees."""
     return jax.tree.map(function, laws, *others, is_leaf=_is_law)
 
 
 def feels_rate(kind: type[Law]) -> bool:
-    """Return True if the force of a law class depends on the size of the velocity."""
+    """Return whether the force of a law class depends on the size of the velocity."""
     return kind.build(dict.fromkeys(kind.names(), 1.0)).feels_rate
 
 
 def pack_memories(laws: Any, memories: Any) -> Any:
-    """Return the laws' memories in the layout of the time loop, with reversals in arrays."""
+    """Return the laws' internal states as arrays for the time loop."""
     return map_laws(lambda law, memory: law.packed(memory) if law.depth else memory, laws, memories)
 
 
 def unpack_memories(laws: Any, memories: Any) -> Any:
-    """Return the laws' memories as scalars, from the layout of the time loop."""
+    """Return the laws' internal states as scalars, from arrays of the time loop."""
     return map_laws(
         lambda law, memory: law.unpacked(memory) if law.depth else memory, laws, memories
     )
 
 
 def count_guesses(law: Law, memory: Memory) -> Scalar:
-    """Return how often the law's memory of reversals was too short, so that its force may err."""
+    """Return how often the law remembered too few load reversals; its force may then be wrong."""
     return law.guesses(memory) if law.depth else 0.0  # pyright: ignore[reportAttributeAccessIssue]
 
 
@@ -315,7 +316,7 @@ def _is_law(value: Any) -> bool:
 
 
 class ScaledLaw(Law):
-    r"""A law in other units, $F(\ell q, \ell\sqrt\kappa\,\dot q)/(\kappa\ell)$, for the balance.
+    r"""A law in other units, $F(\ell q, \ell\sqrt\kappa\,\dot q)/(\kappa\ell)$, to find harmonics.
 
     Attributes:
         law: The law F in its own units.
@@ -335,7 +336,7 @@ class ScaledLaw(Law):
         return self.law.stiffness() / self.unit
 
     def at_rest(self) -> Memory:
-        """Return the memory of the law before any motion."""
+        """Return the internal state before any motion."""
         return self.law.at_rest()
 
     def force(self, y: Scalar, v: Scalar, memory: Memory) -> Scalar:
@@ -344,11 +345,11 @@ class ScaledLaw(Law):
         return self.law.force(self.length * y, speed, memory) / (self.unit * self.length)
 
     def rate(self, y: Scalar, v: Scalar, memory: Memory) -> Memory:
-        """Return the rate of the original law's memory at the displacement l q."""
+        """Return the rate of the original law's internal state at the displacement l q."""
         return self.law.rate(self.length * y, self.length * v, memory)
 
     def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """Return the original law's memory after a move of the displacement l q."""
+        """Return the original law's internal state after a move of the displacement l q."""
         return self.law.move(self.length * y, memory, self.length * dy)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
@@ -357,7 +358,7 @@ class ScaledLaw(Law):
         return Loop(loop.stiffness / self.unit, loop.damping / self.unit)
 
     def scaled(self, length: Scalar, stiffness: Scalar) -> "ScaledLaw":
-        """Return the law in new units, on top of its present scaling."""
+        """Return the law in new units, which multiply its present ones."""
         return ScaledLaw(self.law, self.length * length, self.unit * stiffness)
 
     def harmonics(

@@ -1,4 +1,4 @@
-r"""Exact linear propagation over one step, from a power series: no linear algebra, any damping.
+r"""Exact motion of a linear oscillator over one time step, by a power series.
 
 The input within a step is a polynomial, $f(s) = \sum_j f_j (s/h)^j$; its effect is a sum of
 moments of the impulse response.
@@ -18,7 +18,7 @@ _NUM_DOUBLINGS = 4
 
 
 class Moments(eqx.Module):
-    r"""The free motion and input moments of $\ddot y + c\dot y + \kappa y = f$ over one step h.
+    r"""Free motion and effect of the input for $\ddot y + c\dot y + \kappa y = f$ in one step h.
 
     $$q(h) = E\,q(0) + \sum_j W_j f_j, \qquad q = (y, v)$$
 
@@ -41,7 +41,7 @@ class Moments(eqx.Module):
 
 
 def impulse_moments(stiffness: Scalar, damping: Scalar, dt: Scalar, num: int) -> Moments:
-    r"""Return the moments of the impulse response over one step, for any damping.
+    r"""Return the moments of the impulse response over one time step, for any damping.
 
     $$W_j = \int_0^h e^{L(h-s)} \begin{bmatrix}0\\1\end{bmatrix} (s/h)^j ds
           = h \sum_k \frac{j!}{(j+k+1)!} (Lh)^k \begin{bmatrix}0\\1\end{bmatrix},
@@ -72,7 +72,7 @@ def impulse_moments(stiffness: Scalar, damping: Scalar, dt: Scalar, num: int) ->
 
 
 def _double(kappa, c, f_12, f_22, w_y, w_v):
-    r"""Update the moments for two steps: $W_j \leftarrow 2^{-j}(E W_j + \sum_i \binom{j}{i} W_i)$.
+    r"""Return the moments for two steps: $W_j \leftarrow 2^{-j}(E W_j + \sum_i \binom{j}{i} W_i)$.
 
     The state is scaled to (y, h v); its unit of velocity doubles with the step.
     """

@@ -57,7 +57,7 @@ class Oscillator(eqx.Module):
         return self.omega_n**2 - sum(law.stiffness() for law in self.laws)
 
     def at_rest(self) -> tuple[Memory, ...]:
-        """Return the memories (internal states) of the laws before any motion."""
+        """Return the internal states of the laws before any motion."""
         return tuple(law.at_rest() for law in self.laws)
 
     def force(self, y: Scalar, v: Scalar, memory: tuple[Memory, ...]) -> Scalar:
@@ -66,17 +66,17 @@ class Oscillator(eqx.Module):
         return sum((law.force(y, v, law_memory) for law, law_memory in pairs), 0.0 * y)
 
     def move(self, y: Scalar, memory: tuple[Memory, ...], dy: Scalar) -> tuple[Memory, ...]:
-        """Return the laws' memories after a monotone move of the displacement from y to y + dy."""
+        """Return the laws' internal states after a monotone move from y to y + dy."""
         pairs = zip(self.laws, memory, strict=True)
         return tuple(law.move(y, law_memory, dy) for law, law_memory in pairs)
 
     def follow(self, y: Scalar, memory: tuple[Memory, ...], dy: Scalar) -> tuple[Memory, ...]:
-        """Return the laws' memories after one of many moves along a record; see `Law.follow`."""
+        """Return the laws' internal states after one of many moves along a record."""
         pairs = zip(self.laws, memory, strict=True)
         return tuple(law.follow(y, law_memory, dy) for law, law_memory in pairs)
 
     def at_tip(self, y_peak: Scalar) -> tuple[Memory, ...]:
-        """Return the laws' memories at the tip y = Y of the steady loop between -Y and Y."""
+        """Return the laws' internal states at the tip y = Y of the steady loop."""
         return tuple(law.at_tip(y_peak) for law in self.laws)
 
     def loop(self, y_peak: Scalar, omega: Scalar | None = None) -> Loop:
@@ -102,11 +102,11 @@ class Oscillator(eqx.Module):
 
     @property
     def undamaged(self) -> "Oscillator":
-        """The oscillator before damage, with its laws before any cycle has degraded them."""
+        """The oscillator before damage, with laws that no cycle has degraded."""
         return Oscillator(self.omega_n, self.zeta, tuple(law.undamaged() for law in self.laws))
 
     def force_along(self, y: Float[Array, " time"]) -> Float[Array, " time"]:
-        """Return the force k y + sum F [N/kg] along a slow displacement path from rest at y = 0."""
+        """Return the force k y + sum F [N/kg] along a slow path of displacement from rest."""
 
         def onward(carry: tuple, y_next: Array) -> tuple[tuple, Array]:
             y_last, memory = carry
@@ -118,7 +118,7 @@ class Oscillator(eqx.Module):
         return self.k * y + jax.lax.scan(onward, start, y)[1]  # pyright: ignore[reportReturnType]
 
     def force_unloading(self, y_peak: Scalar, y: Float[Array, " phase"]) -> Float[Array, " phase"]:
-        """Return the laws' total force [N/kg] on the unloading branch of the steady loop from Y."""
+        """Return the laws' total force [N/kg] on unloading from the tip Y of the steady loop."""
         top = self.at_tip(y_peak)
         return jax.vmap(lambda to: self.force(to, -SLOW, self.move(y_peak, top, to - y_peak)))(y)  # pyright: ignore[reportReturnType]
 
@@ -131,7 +131,7 @@ class Oscillator(eqx.Module):
 
 
 def _as_pytree(force: Restoring | None) -> Restoring | None:
-    """Wrap a plain function as a pytree without leaves; return a pytree unchanged."""
+    """Return a plain function as a pytree without leaves; return a pytree unchanged."""
     return Partial(force) if callable(force) and all_leaves([force]) else force
 
 
@@ -199,7 +199,7 @@ def as_oscillator(joint: Joint) -> Oscillator:
 
 
 def oscillator_of(theta: Mapping[str, Any], laws: Iterable[str | Kind]) -> Oscillator:
-    """Build the oscillator from parameters by name; laws at several joints act in its one mode."""
+    """Return the oscillator with parameters given by name; its one mode may have several joints."""
     laws = tuple(laws)
     if are_at_joints(laws):
         forces = first_mode_laws(theta, laws)  # pyright: ignore[reportArgumentType]

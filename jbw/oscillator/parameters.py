@@ -1,4 +1,4 @@
-"""The types of parameters, and the records that describe a law."""
+"""The types of parameters, and the tables that describe a law."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -11,15 +11,14 @@ from jaxtyping import Array, Float
 from jbw.quantities import Quantity
 from jbw.report.messages import joint as messages
 
-# Callers may pass NumPy values; inside traced functions all values are JAX's, which pyright cannot
-# know.
+# Users may pass NumPy values; in traced functions all values are JAX's, which pyright cannot know.
 Scalar = Float[Array, "..."] | Float[np.ndarray, "..."] | float
 Restoring = Callable[[Scalar], Scalar]
 
 
 @runtime_checkable
 class Hysteresis(Protocol):
-    """Any object with the Bouc-Wen parameters of Eq. (2): a `BoucWen` record, or the law alone."""
+    """Any object with the Bouc-Wen parameters of Eq. (2): a `BoucWen`, or the law alone."""
 
     alpha: Any
     delta: Any
@@ -28,7 +27,7 @@ class Hysteresis(Protocol):
 
 
 def batched(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Apply a function of scalar leaves to every element of the broadcast shape of all leaves."""
+    """Apply a function of scalars to every element of arrays, with broadcasting."""
     leaves, structure = jax.tree.flatten(arguments)
     leaves = jnp.broadcast_arrays(*(jnp.asarray(leaf, float) for leaf in leaves))
     shape = leaves[0].shape
@@ -40,14 +39,14 @@ def batched(function: Callable[..., Any], *arguments: Any) -> Any:
 Powers = Mapping[str, int]
 Bounds = dict[str, tuple[float, float]]
 
-# Frequency of slow motion, in which velocity-dependent forces are negligible [rad/s].
+# Frequency [rad/s] of motion so slow that velocity-dependent forces are negligible.
 SLOW = 1e-12
-# Largest admitted ratio of the stiffness at rest to the secant stiffness of the widest loop.
+# Largest ratio of the stiffness at rest to the secant stiffness of the widest loop.
 MOST_SOFTENING = 10.0
 
 
 class Scales(NamedTuple):
-    """The scales of the measured motion, which are available before any law is fitted.
+    """Scales of the measured motion, which are known before any fit.
 
     Attributes:
         omega_n: Natural frequency at small amplitude [rad/s]; if `forced`, the frequency that
@@ -81,7 +80,7 @@ class Monomial(NamedTuple):
         return self.quantity.name
 
     def of(self, theta: Mapping[str, Any]) -> Any:
-        """Return the monomial's value: multiply the positive powers, then divide by the others."""
+        """Return the value of the product of powers."""
         value: Any = 1.0
         for name, power in sorted(self.powers.items(), key=lambda item: item[1] < 0):
             factor = theta[name] ** abs(power) if abs(power) != 1 else theta[name]
@@ -90,7 +89,7 @@ class Monomial(NamedTuple):
 
 
 class Coordinates(NamedTuple):
-    """Another parametrisation in which a law is sampled, one to one with its parameters.
+    """Another parametrisation of a law, in which it may be sampled.
 
     Attributes:
         name: Name in `[identify] coordinates`, such as "products".
@@ -109,22 +108,22 @@ class Coordinates(NamedTuple):
 
     @property
     def table(self) -> tuple[Quantity, ...]:
-        """The coordinates' quantities, each with name, symbol, unit and meaning."""
+        """The quantities of the coordinates: name, symbol, unit and meaning."""
         return tuple(monomial.quantity for monomial in self.inverse)
 
     def to_parameters(self, theta: Mapping[str, Any]) -> dict[str, Any]:
-        """Convert these coordinates to the law's own parameters; keep other entries of theta."""
+        """Return the law's own parameters for these coordinates; other entries stay as they are."""
         rest = {name: value for name, value in theta.items() if name not in self.names}
         return rest | {monomial.name: monomial.of(theta) for monomial in self.forward}
 
     def from_parameters(self, theta: Mapping[str, Any]) -> dict[str, Any]:
-        """Convert the law's own parameters to these coordinates; keep other entries of theta."""
+        """Return these coordinates for the law's own parameters; other entries stay as they are."""
         law_names = {monomial.name for monomial in self.forward}
         rest = {name: value for name, value in theta.items() if name not in law_names}
         return rest | {monomial.name: monomial.of(theta) for monomial in self.inverse}
 
     def powers(self, powers: Powers) -> dict[str, int]:
-        """Convert powers of the law's parameters to powers of the coordinates and omega_n."""
+        """Return powers of the law's parameters as powers of the coordinates and omega_n."""
         forward = {monomial.name: monomial.powers for monomial in self.forward}
         total: dict[str, int] = {}
         for name, power in powers.items():
@@ -134,7 +133,7 @@ class Coordinates(NamedTuple):
 
 
 class Threshold(NamedTuple):
-    """A displacement that a motion must exceed before a mechanism of a law, such as slip, acts.
+    """A displacement above which a mechanism of a law, such as slip, acts.
 
     Attributes:
         what: Mechanism that begins at this displacement, such as "macroslip".
@@ -191,11 +190,11 @@ class Conversion(NamedTuple):
 
 
 def of_opensees(*materials: Material) -> dict[str, Conversion]:
-    """Return the conversions of a law that only OpenSees has, as OpenSees materials."""
+    """Return the conversion of a law that only OpenSees has."""
     return {"OpenSees": Conversion({}, {}, materials)}
 
 
 def beyond_all_motion(name: str, bounds: tuple[float, float], y_peak: float) -> str | None:
-    """Return a warning if the prior of a gap is wider than the largest motion [m], else None."""
+    """Return a warning if the prior includes gaps wider than the largest motion [m], else None."""
     least, most = bounds
     return None if most <= y_peak else messages.prior_beyond_motion(name, least, most, y_peak)

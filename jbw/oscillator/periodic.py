@@ -1,4 +1,4 @@
-r"""Periodic motion in the time domain: Newton on the map of one period, and shooting for a tone.
+r"""Steady motion under a periodic record, and shooting for a tone, by integration in time.
 
 A period of many cycles forgets nearly all of its initial state, and is marched. A short period does
 not: at small amplitude its hysteresis forgets only a few per cent per period. Newton's iteration
@@ -34,20 +34,21 @@ from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import orders
 
 MAX_ITERATIONS = 400
-# The search stops if the gap has not fallen by a tenth within this many rounds.
+# The search stops if the change per period has not fallen by a tenth in this many rounds.
 _PATIENCE, _PROGRESS = 20, 0.9
-# Finite difference for the slope, relative to the state; a smaller one gives no reliable slope.
+# Finite difference for the derivative, relative to the state; smaller ones are unreliable.
 _DIFFERENCE = 1e-7
-# Velocity [m/s] to which the finite difference is relative at rest.
+# Velocity [m/s] to which the finite difference refers at rest.
 _SLOW = 1e-2
-# Changes smaller than this part of the state's largest entry are round-off.
+# Changes below this part of the state's largest entry are round-off.
 _NOTHING = 1e-14
-_TOLERANCE = 1e-12  # rounding over a long period causes errors of a few parts in 1e13
-_NEWTON_STEPS = 4  # typical number of Newton steps to a steady state
-_MAX_STEPS = 16384  # largest number of steps of the integration over a period
-_MAX_NEWTON = 32  # largest number of iterations of shooting
-# This is above the integration's noise (1e-13), which an orbit near a fold magnifies; Newton's last
-# step gains the remaining digits.
+# relative tolerance; rounding over a long period causes errors of a few parts in 1e13
+_TOLERANCE = 1e-12
+_NEWTON_STEPS = 4  # usual number of Newton steps to a steady state
+_MAX_STEPS = 16384  # largest number of steps of integration over a period
+_MAX_NEWTON = 32  # largest number of iterations of the shooting method
+# This exceeds the integration's noise (1e-13), which is amplified near a fold; the last Newton step
+# gains the remaining digits.
 _SHOOTING_TOLERANCE = 1e-8
 
 State = Float[Array, "3"]
@@ -56,7 +57,7 @@ State = Float[Array, "3"]
 def steady_period(
     period: Callable[[Any], Any], guess: Any, unit: Any, *, one_by_one: bool = False
 ) -> tuple[Any, Float[Array, ""]]:
-    """Return the periodic trajectory: the one over a period that ends in its initial state.
+    """Return the periodic trajectory, which ends one period later in its initial state.
 
     States are pytrees of scalars, of one mode or several. A Newton step is accepted if it reduces
     the gap; otherwise one period is marched. Derivatives of the result come from the implicit
@@ -83,18 +84,19 @@ def steady_period(
     leaves = jnp.stack(jax.tree.leaves(trajectory))
     scale = units * jnp.max(jnp.abs(leaves), axis=1)
     change = units * jnp.abs(leaves[:, -1] - leaves[:, 0])
-    # Unused entries of a memory hold round-off, all of which may change.
+    # Unused entries of an internal state contain round-off, which may change.
     nothing = change <= _NOTHING * jnp.max(scale)
     residual = jnp.max(jnp.where(nothing, 0.0, change) / jnp.where(nothing, 1.0, scale))
     return jax.tree.map(lambda x: x[:-1], trajectory), jax.lax.stop_gradient(residual)
 
 
 def _settle_one_by_one(gap: Callable, x: Float[Array, " state"]) -> Float[Array, " state"]:
-    """Find the gap's root as `_settle` does, but under vmap for one lane after another.
+    """Find the steady state as `_settle` does, but one oscillator of a batch after another.
 
     Side by side, all lanes would be solved again until the last one has settled.
     """
-    of_all, hidden = jax.closure_convert(gap, x)  # vmap must see every value that differs by lane
+    # vmap must see every value that differs between oscillators
+    of_all, hidden = jax.closure_convert(gap, x)
 
     @jax.custom_batching.sequential_vmap
     def settled(x, *hidden):
@@ -104,7 +106,7 @@ def _settle_one_by_one(gap: Callable, x: Float[Array, " state"]) -> Float[Array,
 
 
 def _settle(gap: Callable, x: Float[Array, " state"]) -> Float[Array, " state"]:
-    r"""Find the gap's root: march periods while that is efficient, then take Newton steps.
+    r"""Find the steady state: simulate periods while that is efficient, then take Newton steps.
 
     Each marched period multiplies the gap by some $\rho$, and costs 1. A Newton step of n numbers
     costs n + 1, and four of them suffice: marching costs less where $\rho^{4(n + 1)}$ is the
@@ -138,7 +140,7 @@ def _settle(gap: Callable, x: Float[Array, " state"]) -> Float[Array, " state"]:
 def _value_and_slope(
     gap: Callable, x: Float[Array, " state"], sloped: Bool[Array, ""]
 ) -> tuple[Float[Array, " state"], Float[Array, "state state"]]:
-    """Return the gap and, where `sloped`, its slope by differences, one column after another.
+    """Return the change over a period and, where `sloped`, its derivative by differences.
 
     Later Newton steps correct the error of the slope.
     """
@@ -153,7 +155,7 @@ def _value_and_slope(
 
 
 def _solve_linear(linear: Callable, y: Float[Array, " state"]) -> Float[Array, " state"]:
-    """Solve a small linear system whose matrix is computed column by column."""
+    """Solve a small linear system whose matrix is computed one column at a time."""
     matrix = jnp.stack([linear(column) for column in jnp.eye(y.size)], axis=1)
     return _solved(matrix, y)
 
@@ -161,7 +163,7 @@ def _solve_linear(linear: Callable, y: Float[Array, " state"]) -> Float[Array, "
 def _solved(
     matrix: Float[Array, "state state"], y: Float[Array, " state"]
 ) -> Float[Array, " state"]:
-    """Solve a small system; take the shortest solution if constant memories make it singular.
+    """Solve a small system; take the shortest solution if constant states make it singular.
 
     With a single memory, of a law that always relaxes, the system is regular.
     """

@@ -1,4 +1,4 @@
-"""The stiffness loss and damping of a loop whose lag is a power of displacement, in closed form."""
+"""Stiffness loss and damping of a loop that loses force by a power of displacement."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,7 +10,7 @@ from scipy.special import gammaln
 def power_losses(
     exponent: Any, xp: Any = np, log_gamma: Callable[[Any], Any] = gammaln
 ) -> tuple[Any, Any]:
-    r"""Return the exact stiffness loss and damping of the lag $c\,x^{1+q}$, divided by $c\,Y^q$.
+    r"""Return the exact stiffness loss and damping for the lost force $c\,x^{1+q}$, over $c\,Y^q$.
 
     $$C_s = \frac{8}{\pi} I(2q+2) \frac{1+q}{2+q}, \qquad C_d = \frac{4q}{\pi (2+q)}, \qquad
       I(n) = \int_0^{\pi/2} \sin^n = \frac{\sqrt\pi}{2}

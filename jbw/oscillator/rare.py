@@ -1,4 +1,4 @@
-"""A branch that few steps take, for many lanes at once: computed only if some lane needs it.
+"""A branch of a time step that is computed only if an oscillator of a batch needs it.
 
 Under `jax.vmap` a condition becomes a selection, which evaluates both sides in every step. Here it
 stays a condition: lanes with similar parameters turn within a few steps of each other, and between
@@ -19,7 +19,7 @@ _UNSHARED = ContextVar("unshared", default=False)
 
 @contextmanager
 def unshared() -> Iterator[None]:
-    """Mark a context in which traced programs never share their lanes among devices."""
+    """Mark a context in which JAX does not distribute a batch over several devices."""
     token = _UNSHARED.set(True)
     try:
         yield
@@ -28,7 +28,7 @@ def unshared() -> Iterator[None]:
 
 
 def where_rare(met: Bool[Array, ""], rare: Callable[[Any], Any], operands: Any, usual: Any) -> Any:
-    """Return `rare(operands)` where a step has met a rare event, else `usual`.
+    """Return `rare(operands)` for steps with a rare event, else `usual`.
 
     Args:
         met: Whether the step has met the event.
@@ -39,7 +39,7 @@ def where_rare(met: Bool[Array, ""], rare: Callable[[Any], Any], operands: Any, 
     if not on_one_device():
         return jax.lax.cond(met, rare, lambda _: usual, operands)
 
-    # Derivatives use the plain condition: a custom batching rule defines none.
+    # Derivatives use the plain condition, because a custom batching rule has none.
     condition = jax.custom_jvp(_condition(rare, 0))
 
     @condition.defjvp
@@ -53,7 +53,7 @@ def where_rare(met: Bool[Array, ""], rare: Callable[[Any], Any], operands: Any, 
 
 
 def on_one_device() -> bool:
-    """Return True if all lanes of a program lie on one device.
+    """Return whether all oscillators of a batch are on one device.
 
     Where JAX shares lanes among devices by itself, testing whether any lane met an event is a sum
     over the devices in every step, and the time loop is then no native call. Within `jax.shard_map`
@@ -64,7 +64,7 @@ def on_one_device() -> bool:
 
 
 def _condition(rare: Callable[[Any], Any], depth: int) -> Callable[..., Any]:
-    """Build a condition that holds if any lane meets it, with `depth` axes of lanes.
+    """Return a condition that is true if any oscillator of the batch meets it.
 
     vmap adds an axis.
     """
@@ -97,5 +97,5 @@ def _condition(rare: Callable[[Any], Any], depth: int) -> Callable[..., Any]:
 
 
 def _spread(met: Array, ndim: int) -> Array:
-    """Return one flag per lane, with axes of length one in place of the axes of a lane's value."""
+    """Return one flag per oscillator, with axes of length one for the axes of its values."""
     return met.reshape(met.shape + (1,) * (ndim - met.ndim))

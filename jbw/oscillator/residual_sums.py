@@ -1,4 +1,4 @@
-r"""Sums over the residual of a record, accumulated in the time loop without storing the response.
+r"""Sums over the residual of a record, computed in the time loop without storing the response.
 
 $$r_n = d_n - x_n - \sum_k a_k J_{kn}, \qquad
   Q = \sum_n r_n^2, \quad s_k = \sum_n R_{kn} r_n, \quad p = \max_n |x_n|$$
@@ -26,7 +26,7 @@ from jbw.oscillator.step import State
 
 
 class Compared(eqx.Module):
-    """A measured response to compare with a computed one, and rows to project the residual on.
+    """A measured response, with rows on which the residual is projected.
 
     All rows begin at the first compared sample.
 
@@ -48,7 +48,7 @@ class Compared(eqx.Module):
 
 
 class Sums(NamedTuple):
-    """The sums over the compared samples: Q, s_k, and the largest response p."""
+    """Sums over the compared samples: Q, s_k, and the largest response p."""
 
     square: Float[Array, "..."]
     along: Float[Array, "... row"]
@@ -67,7 +67,7 @@ class _Task(eqx.Module):
 def residual_sums(
     joint: Oscillator, source: HeldInput, fs: Scalar, substeps: int, compared: Compared
 ) -> Sums:
-    """Return the sums over a record's residual, differentiable in the joint and the input's gain.
+    """Return the sums over a record's residual, differentiable by the joint and the gain.
 
     Args:
         joint: The oscillator; the exact step must support all of its laws.
@@ -88,7 +88,7 @@ def _sums(substeps: int, task: _Task) -> Sums:
     """Return the sums over the residual by one time loop that accumulates them."""
     rest = _at_rest(task)
     none = jnp.zeros(())
-    # The rows are passed one by one: the loop would slice an array of rows in every step.
+    # The rows are passed one by one: otherwise the loop would slice an array in every step.
     task = eqx.tree_at(
         lambda task: (task.compared.directions, task.compared.rows, task.compared.parts),
         task,
@@ -121,7 +121,7 @@ def _sums_jvp(substeps, primals, tangents):
 
 
 def _of_trajectory(substeps: int, task: _Task) -> Sums:
-    """Return the sums over the residual from the states at the samples; this has derivatives."""
+    """Return the sums over the residual from stored states, which has derivatives."""
     compared = task.compared
     trajectory = solve(substeps, task.stepping, _at_rest(task))
     response = response_of(task.joint, compared.order, trajectory, task.force)[compared.first :]
@@ -137,7 +137,7 @@ def _at_rest(task: _Task) -> State:
 
 
 def response_of(joint: Oscillator, order: int, state: Any, u: Any) -> Any:
-    """Return displacement, velocity or acceleration (`order` 0, 1, 2) of one or many states."""
+    """Return displacement, velocity or acceleration (`order` 0, 1, 2) of one or more states."""
     y, v, memory = state
     if order < 2:
         return v if order else y
@@ -145,7 +145,7 @@ def response_of(joint: Oscillator, order: int, state: Any, u: Any) -> Any:
 
 
 def _added(task: _Task, state: State, substep: Array, totals: Any, every: int = 1) -> Any:
-    """Add the residual after `substep` substeps to the totals, if a sample is compared there."""
+    """Add the residual after a substep to the sums, if there is a compared sample."""
     compared, (square, along, peak) = task.compared, totals
     n = substep // every
     counts = (substep % every == 0) & (n >= compared.first)
@@ -163,12 +163,12 @@ def _added(task: _Task, state: State, substep: Array, totals: Any, every: int = 
 
 
 class _Summing(HysteresisExact):
-    """A `HysteresisExact` solver that also accumulates the sums over the residual."""
+    """A `HysteresisExact` solver that also sums the residual."""
 
     substeps: int
 
     def step(self, terms, t0, t1, y0, args: _Task, *progress):
-        """Advance by one substep and add its residual to the sums."""
+        """Advance by one substep, and add its residual to the sums."""
         rest = packed(args.stepping, _at_rest(args))
         count = len(jax.tree.leaves(rest))
         state, totals = y0[:count], y0[count:]

@@ -1,4 +1,4 @@
-"""The time response of the bolted joint's oscillator to a sampled or callable input."""
+"""The response of an oscillator over time, to a sampled input or a function of time."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -41,7 +41,8 @@ from jbw.oscillator.solver import StockScheme, sampled_input, solve_stock, stepp
 from jbw.oscillator.step import State
 
 Input = Float[Array | np.ndarray, "... time"] | HeldInput | Callable[[Array], ArrayLike]
-_Input = Float[Array, "... time"] | HeldInput | Callable[[Array], ArrayLike]  # within
+# an input within a simulation
+_Input = Float[Array, "... time"] | HeldInput | Callable[[Array], ArrayLike]
 
 
 class SimulateOptions(TypedDict, total=False):
@@ -195,7 +196,7 @@ def simulate(
 
 
 class _Options(NamedTuple):
-    """The arguments of `simulate` that are no arrays."""
+    """The options of `simulate` that are not arrays."""
 
     hold: Hold
     substeps: int
@@ -209,10 +210,10 @@ class _Options(NamedTuple):
 def _simulate_batch(
     options: _Options, joint: Oscillator, u: _Input, fs: Scalar, initial: State
 ) -> Response:
-    """Simulate over the common batch shape of joint, input and initial state."""
+    """Simulate all combinations of joint, input and initial state in a batch."""
     source = u if callable(u) else held(u, options.hold, periodic=options.periodic)
     lead = () if callable(source) else source.gain.shape
-    # A memory may be an array, such as that of the sliders of `iwan5`: its axes are no batch axes.
+    # An internal state may be an array (the sliders of `iwan5`), whose axes are not batch axes.
     starts, tree = jax.tree.flatten(initial)
     rest_shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves((0.0, 0.0, joint.at_rest()))]
     shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(joint)]
@@ -281,7 +282,7 @@ def _simulate(
 def _stock(
     options: _Options, joint: Oscillator, u: Callable, fs: Scalar, initial: State
 ) -> Trajectory:
-    """Solve with a stock solver; a periodic trajectory extends to the start of the next period."""
+    """Solve with a standard solver; a periodic trajectory includes the start of the next period."""
     default = ConstantStepSize() if options.solver else PIDController(rtol=1e-9, atol=1e-12)
     scheme = StockScheme(
         options.solver or Dopri8(), options.controller or default, options.substeps
@@ -291,7 +292,7 @@ def _stock(
 
 
 class MotionApart(NamedTuple):
-    """The motion at the outputs of uncoupled modes, with y, v and a as in a `Response`."""
+    """The motion at the outputs of uncoupled modes: y, v and a as in a `Response`."""
 
     y: Float[Array, "*point time"]
     v: Float[Array, "*point time"]
@@ -307,7 +308,7 @@ def simulate_apart(
     fs: float,
     **options: Any,
 ) -> MotionApart:
-    r"""Simulate uncoupled modes as separate oscillators and sum them to outputs.
+    r"""Simulate uncoupled modes as separate oscillators, and add their motions at each output.
 
     $$y_o = \sum_i c_{oi}\, q_i, \qquad q_i \ \text{of oscillator}\ i\ \text{under}\ b_i u$$
 

@@ -1,4 +1,4 @@
-r"""Time integration of the oscillator by diffrax: by jbw's own step, and by stock solvers.
+r"""Time integration of the oscillator by jbw's own step, or by standard solvers.
 
 Time is counted in samples, $\tau = t f_s$, so that no rounding of 1/fs accumulates over a record.
 `HysteresisExact` steps with the laws' own moves; stock solvers integrate `oscillate`.
@@ -20,19 +20,19 @@ from jbw.oscillator.oscillator import Oscillator
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.step import ExactStep, Push, State, added, advance, exact_step
 
-# An adaptive solver gives up after this many steps per sample on average.
+# An adaptive solver fails after this number of steps per sample, on average.
 _MAX_STEPS_PER_SAMPLE = 64
 
 
 class Pushed(NamedTuple):
-    """The constants of the step, and the input's contribution to every substep."""
+    """The constants of the step, and the effect of the input in every substep."""
 
     step: Any
     push: Any
 
 
 class Stepping(eqx.Module):
-    r"""The constants and the input for stepping a record with the hysteresis-exact solver.
+    r"""The constants and the input for the exact time steps of one record.
 
     $$p = g \sum_j W_j c_j$$
 
@@ -60,13 +60,13 @@ class Stepping(eqx.Module):
         return self.push_of(tuple(piece[substep] for piece in self.pieces))
 
     def push_of(self, powers: tuple[Scalar, ...]) -> Push:
-        """Return the input's effect on y and v, and the input, from its polynomial coefficients."""
+        """Return the effect of an input on y and v, and the input, from its polynomial."""
         start = self.gain * powers[0]
         push = weighted(self.on_y, powers), weighted(self.on_v, powers), start
         return (*push, self.gain * added(powers)) if self._is_damped else push
 
     def pushed(self) -> "Pushed":
-        """Return the input's effect in all substeps at once, by one product (for derivatives)."""
+        """Return the effect of the input in all substeps at once, for derivatives."""
         count = len(self.pieces)
         weights = [
             jnp.stack(self.on_y), jnp.stack(self.on_v), self.gain * np.eye(1, count)[0],
@@ -76,12 +76,12 @@ class Stepping(eqx.Module):
 
     @property
     def _is_damped(self) -> bool:
-        """Whether a law also needs the input at the end of a substep."""
+        """Whether a law needs the input at the end of a substep, as velocity-dependent laws do."""
         return any(law.feels_rate for law in self.step.laws)
 
 
 def stepping(oscillator: Oscillator, held: HeldInput, fs: Scalar, substeps: int) -> Stepping:
-    """Return the step's constants and the input's moments and coefficients to step a record."""
+    """Return the constants of the step, with moments and coefficients of the input."""
     step, moments_y, moments_v = exact_step(oscillator, 1.0 / (fs * substeps))
     pieces = held.pieces(substeps)
     on_y, on_v = (
@@ -92,7 +92,7 @@ def stepping(oscillator: Oscillator, held: HeldInput, fs: Scalar, substeps: int)
 
 
 def weighted(weights: Iterable[Scalar], powers: Iterable[Any]) -> Any:
-    """Return the sum of weights times powers, written out term by term.
+    """Return the sum of weights times powers, term by term.
 
     The time loop is one native call only if it contains no small dot products.
     """
@@ -100,7 +100,7 @@ def weighted(weights: Iterable[Scalar], powers: Iterable[Any]) -> Any:
 
 
 def sampled_input(held: HeldInput, tau: Scalar) -> Scalar:
-    """Return the input [N/kg] at time tau [samples]."""
+    """Return the input [N/kg] at the time tau, in samples."""
     num_powers, num_intervals = held.polynomials.shape
     interval = jnp.clip(jnp.floor(tau).astype(jnp.int32), 0, num_intervals - 1)
     s = tau - interval
@@ -111,7 +111,7 @@ def sampled_input(held: HeldInput, tau: Scalar) -> Scalar:
 
 
 def oscillate(oscillator: Oscillator, u: Scalar, state: State) -> State:
-    r"""Return the time derivatives of (y, v, memories) of an oscillator with any laws [per s].
+    r"""Return the time derivatives of (y, v, internal states) of an oscillator [per s].
 
     $$\dot v = u - 2\zeta\omega_n v - k y - \sum F$$
 
@@ -128,7 +128,7 @@ def oscillate(oscillator: Oscillator, u: Scalar, state: State) -> State:
 
 
 class HysteresisExact(diffrax.AbstractSolver):
-    """A diffrax solver that takes the steps of `exact_step` under a sampled input.
+    """A diffrax solver that takes exact steps under a sampled input.
 
     It takes a `Stepping` as `args`, which contains the laws and the input. The n-th step uses the
     n-th push, and the vector field is never evaluated. Use it with `diffrax.ConstantStepSize`.
@@ -144,15 +144,14 @@ class HysteresisExact(diffrax.AbstractSolver):
         return 4
 
     def init(self, terms, t0, t1, y0, args):
-        """Return the index of the first substep."""
+        """Return the number of the first substep."""
         return jnp.zeros((), jnp.int32)
 
     def step(self, terms, t0, t1, y0, args: Stepping, *progress):
-        """Advance one substep; `progress` is its index and diffrax's jump flag, always False."""
+        """Advance by one substep; diffrax expects the other returned values."""
         substep, _ = progress
         push = args.push(substep)
-        # The state is a flat tuple: springs have empty memories, with no place in the loop's
-        # buffers.
+        # The state is a flat tuple, because springs have an empty internal state.
         laws = args.step.laws
         memory = pack_memories(laws, tuple(law.at_rest() for law in laws))
         state = jax.tree.unflatten(jax.tree.structure((0.0, 0.0, memory)), y0)
@@ -166,7 +165,7 @@ class HysteresisExact(diffrax.AbstractSolver):
 
 
 class StockScheme(NamedTuple):
-    """The settings of a stock solver: method, step-size controller, and substeps per sample."""
+    """The settings of a standard solver: method, step-size controller, substeps per sample."""
 
     solver: diffrax.AbstractSolver
     controller: diffrax.AbstractStepSizeController
@@ -182,7 +181,7 @@ def solve_stock(
     scheme: StockScheme,
     field: Callable[[Any, Scalar, Any], Any] = oscillate,
 ) -> Any:
-    """Integrate with a stock solver; return states at the samples, inf where it failed.
+    """Integrate with a standard solver; return states at the samples, inf where it failed.
 
     Time is counted in samples. `field` gives the time derivative of the oscillator's state under an
     input. Only an adaptive solver can fail.

@@ -1,4 +1,4 @@
-r"""One time step of the oscillator: the linear part exactly, the laws through their remainders.
+r"""One time step of the oscillator: exact for the linear part, predictor-corrector for the laws.
 
 Every law's stiffness at rest K is part of the exactly solved linear part. The laws act only through
 the small remainder $r = \sum (F - K y)$, whose rate is continuous if they have no kinks other than
@@ -28,14 +28,15 @@ from jbw.oscillator.rare import on_one_device, where_rare
 
 NUM_MOMENTS = 6
 State = tuple[Scalar, Scalar, tuple[Memory, ...]]
-# Contributions of the input to y and v, and the input at the start; with a damper also at the end.
+# Contributions of the input to y and v, and the input at the start (with a damper, also at the end)
+# of the step.
 Push = tuple[Scalar, ...]
-# Whether a step handles kinks: only where it meets one, always (for many steps at once), or never.
+# Whether a step treats kinks: only if it meets one, always (for many steps at once), or never.
 Kinks = Literal["met", "always", "never"]
 
 
 class End(NamedTuple):
-    """The end of a step before correction, with the impulses of its kinks on v [m/s] and y [m]."""
+    """The end of a step before its correction, with the kinks' impulses on v [m/s] and y [m]."""
 
     y: Scalar
     v: Scalar
@@ -46,7 +47,7 @@ class End(NamedTuple):
 
 
 class ExactStep(eqx.Module):
-    """The constants of a time step, computed once per set of parameters; all leaves are scalars.
+    """The constants of a time step, computed once per set of parameters.
 
     `f_*` are the changes of (y, v) in free motion; `r_*`, `s_*` are the effects of r and of h times
     its rate in the predictor; `d_*`, `a_*`, `b_*` are the effects of the change of r and of its two
@@ -104,8 +105,8 @@ def advance(step: ExactStep, state: State, push: Push, *, kinks: Kinks) -> State
     return _advanced(step, state, push, kinks, on_one_device())
 
 
-# This is traced once for all programs that step a law, and separately for lanes on one device and
-# on several, because `where_rare` distinguishes these cases.
+# Traced once for all programs that step a law, but separately for batches on one device and on
+# several, which `where_rare` treats differently.
 @partial(jax.jit, static_argnums=(3, 4))
 def _advanced(
     step: ExactStep, state: State, push: Push, kinks: Kinks, _on_one_device: bool
@@ -126,7 +127,7 @@ def _advanced(
                 end = where_rare(kinked, _through_kinks, operands, smooth)
     end = past_cusps(laws, step.dt, state, end)
     dv = 0.0
-    # A velocity-dependent force follows v, which is predicted one order worse than y: correct
+    # A velocity-dependent force follows v, which is predicted one order worse than y: correct it
     # twice.
     for _ in range(1 + any(law.feels_rate for law in laws)):
         corrected = end.y, end.v + dv, end.memory
@@ -142,13 +143,13 @@ def _advanced(
 
 
 def meets_kink(step: ExactStep, state: State, push: Push) -> Bool[Array, "..."]:
-    """Return True if a step turns or meets a kink of a law, and so needs the long (rare) branch."""
+    """Return whether a step turns or meets a kink of a law, and so needs the longer treatment."""
     branches, _, _, y_1, v_1 = _predicted(step, state, push)
     return glided(step.laws, state, branches, y_1, v_1)[1]
 
 
 def _predicted(step: ExactStep, state: State, push: Push) -> tuple[Any, ...]:
-    """Return the laws' branches, their total remainder and its rate, and the predicted y and v."""
+    """Return the laws' constants, their total F - K y and its rate, and predicted y and v."""
     y, v, memory = state
     branches = tuple(
         law.branch(v, law_memory) for law, law_memory in zip(step.laws, memory, strict=True)
@@ -162,7 +163,7 @@ def _predicted(step: ExactStep, state: State, push: Push) -> tuple[Any, ...]:
 def _remainder(
     step: ExactStep, state: State, branches: tuple[Any, ...], u: Scalar
 ) -> tuple[Scalar, Scalar]:
-    """Return the total remainder r of the laws, and h times its rate, under the input u.
+    """Return the total r = F - K y of the laws, and h times its rate, under the input u.
 
     Only the rate of a velocity-dependent force, dF/dv times the acceleration, needs the input u.
     """
@@ -176,15 +177,15 @@ def _remainder(
 
 
 def _acceleration(step: ExactStep, y: Scalar, v: Scalar, r: Scalar, u: Scalar) -> Scalar:
-    """Return the acceleration under the input u and the remainders r [m/s^2]."""
+    """Return the acceleration under the input u and the forces r = F - K y [m/s^2]."""
     return u - step.damping * v - step.stiffness * y - r
 
 
-@jax.jit  # traced once for all programs that step a law: it is the longest part of a step's trace
+@jax.jit  # traced once for all programs that step a law, because its trace is long
 def _through_kinks(
     start: tuple[ExactStep, State, tuple[Any, ...], Scalar, Scalar, Scalar],
 ) -> End:
-    """Return the end of a step that may contain kinks, without the part of them already predicted.
+    """Return the end of a step that may contain kinks, less what the prediction contains.
 
     `start` contains the step, its state, branches and input u, and the predicted y and v.
     """
@@ -204,7 +205,7 @@ def _through_kinks(
 def remainders(
     laws: tuple[Law, ...], h: Scalar, state: State, branches: tuple[Any, ...]
 ) -> tuple[Scalar, Scalar]:
-    """Return the total remainder r of several laws, and h times its rate."""
+    """Return the total r = F - K y of several laws, and h times its rate."""
     y, v, memory = state
     parts = [
         law.remainder(h, y, v, law_memory, at)
@@ -218,7 +219,7 @@ def remainders(
 def glided(
     laws: tuple[Law, ...], state: State, branches: tuple[Any, ...], y_1: Scalar, v_1: Scalar
 ) -> tuple[tuple[Memory, ...], Bool[Array, "..."]]:
-    """Return the laws' memories after a step to (y_1, v_1) without kinks; True if it met one."""
+    """Return the laws' internal states after a step without kinks; True if it met one."""
     y, v, memory = state
     moves = [
         law.glide(y, law_memory, y_1 - y, at)
@@ -231,7 +232,7 @@ def glided(
 def bend(
     laws: tuple[Law, ...], h: Scalar, state: State, branches: tuple[Any, ...], a: Scalar
 ) -> Scalar:
-    """Return half of h^2 times the second time derivative of the laws' total remainder."""
+    """Return half of h^2 times the second time derivative of the laws' total F - K y."""
     y, v, memory = state
     return added(
         law.bend(h, y, v, a, law_memory, at)
@@ -295,7 +296,7 @@ def through_kinks(
 
 
 def past_cusps(laws: tuple[Law, ...], h: Scalar, state: State, end: End) -> End:
-    """Add the impulses of cusps in the laws' rates, which the corrector's cubic omits."""
+    """Add the effect of cusps in the laws' rates, which the corrector's cubic omits."""
     _, v, memory = state
     for law, law_memory, end_memory in zip(laws, memory, end.memory, strict=True):
         if hasattr(law, "missed"):
@@ -305,7 +306,7 @@ def past_cusps(laws: tuple[Law, ...], h: Scalar, state: State, end: End) -> End:
 
 
 def shifted(laws: tuple[Law, ...], end: End, dy: Scalar) -> tuple[Memory, ...]:
-    """Return the laws' memories at the end of a step, after the corrector's change of y."""
+    """Return the laws' internal states at the end of a step, after the correction of y."""
     return tuple(
         law.shift(end.y, law_memory, dy, at)
         for law, law_memory, at in zip(laws, end.memory, end.branches, strict=True)
@@ -313,5 +314,5 @@ def shifted(laws: tuple[Law, ...], end: End, dy: Scalar) -> tuple[Memory, ...]:
 
 
 def added(parts: Iterable[Any]) -> Any:
-    """Return the sum of the parts without a zero to start from, which XLA would add."""
+    """Return the sum of parts, without the starting zero that XLA would add."""
     return reduce(add, parts)

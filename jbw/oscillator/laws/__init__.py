@@ -1,4 +1,4 @@
-"""The register of laws: one file per law, and one line of registration here.
+"""The register of joint laws: one file per law.
 
 A law that is defined elsewhere, in a test or a notebook, is added by `register`. A campaign or a
 command can then use its name.
@@ -41,7 +41,7 @@ from jbw.report.messages import joint as messages
 
 Kind = type[Law]
 
-# The laws by name; a family makes the law `name_3` from its number.
+# Laws by name; a family of laws makes the law `name_3` from its number.
 LAWS: dict[str, Kind] = {
     law.name: law
     for law in (
@@ -135,7 +135,7 @@ def laws_named(names: Iterable[str | Kind]) -> tuple[Kind, ...]:
 
 
 def same_by_construction(names: Iterable[str | Kind]) -> str | None:
-    """Return a message on laws among `names` that no motion can distinguish, or None.
+    """Return a message if laws among `names` cannot be distinguished by any motion, else None.
 
     The sum of two Masing laws, sliders included, is the Masing law of the sum of their virgin
     curves; and Bouc-Wen's law is the law with a free exponent at an exponent of one.

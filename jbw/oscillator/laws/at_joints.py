@@ -1,4 +1,4 @@
-r"""Laws at one of several joints: a law whose parameters carry the joint's name.
+r"""Laws of one of several joints, with parameters that carry the joint's name.
 
 `bouc_wen@bolt_1` has the parameters `alpha@bolt_1`, `delta@bolt_1` and `gamma@bolt_1`, in the
 joint's units: alpha is in N/m if the joint's motion is in metres. Joints that share one law are
@@ -33,7 +33,7 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
         return {name: theta[name_at(name, joint)] for name in kind.names()}
 
     class AtJoints(kind):
-        """A law at a joint, with parameter names that carry the joint's name."""
+        """A law of one of several joints, with parameters that carry the joint's name."""
 
         name = law_name(kind.name, joints)
         table = tuple(named(quantity) for quantity in kind.table)
@@ -42,12 +42,12 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
 
         @classmethod
         def build(cls, theta: Mapping[str, Any]) -> Self:
-            """Return the law from a dictionary of its parameters with the joint's name."""
+            """Return the law from parameters that carry the joint's name."""
             return _of_kind(cls, kind.build(plain(theta)))
 
         @classmethod
         def unnamed(cls, theta: Mapping[str, Any]) -> Law:
-            """Return the plain law without the joint's name, which shares compiled programs."""
+            """Return the law without the joint's name, so that joints share compiled programs."""
             return kind.build(plain(theta))
 
         def parameters(self) -> dict[str, Any]:
@@ -57,21 +57,21 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
 
         @classmethod
         def prior(cls, scales: Scales) -> Bounds:
-            """Return bounds by the joint's scales: sqrt(stiffness) for omega_n, and its motion."""
+            """Return prior bounds from the scales of the joint: its stiffness and its motion."""
             return {name_at(name, joint): pair for name, pair in kind.prior(scales).items()}
 
         @classmethod
         def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-            """Return a warning about the joint's prior bounds, or None."""
+            """Return a warning if the law may diverge within the joint's prior bounds, or None."""
             return kind.caution(plain(bounds), y_peak)
 
         def powers_of_length(self) -> dict[str, Any]:
-            """Return the parameters' powers of length, by their names at the joint."""
+            """Return each parameter's additional power of length, by its name at the joint."""
             plain_powers = _of_kind(kind, self).powers_of_length()
             return {name_at(name, joint): value for name, value in plain_powers.items()}
 
         def thresholds(self) -> tuple[Threshold, ...]:
-            """Return no thresholds: records of responses do not measure joint motions."""
+            """Return no thresholds: records of responses do not show the motion of one joint."""
             return ()
 
     AtJoints.__name__ = AtJoints.__qualname__ = kind.__name__
@@ -79,7 +79,7 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
 
 
 def _of_kind[Kind: Law](kind: type[Kind], law: Law) -> Kind:
-    """Return a law with the same numbers, of another class with the same fields."""
+    """Return a law of another class that has the same fields, with the same numbers."""
     same = object.__new__(kind)
     for field in fields(law):
         object.__setattr__(same, field.name, getattr(law, field.name))
@@ -87,7 +87,7 @@ def _of_kind[Kind: Law](kind: type[Kind], law: Law) -> Kind:
 
 
 def _unit(quantity: Quantity) -> str:
-    """Return a quantity's unit at a joint, where forces are in N: `1/s^2` becomes `N/m`."""
+    """Return the unit of a quantity for forces in N instead of N/kg: `1/s^2` becomes `N/m`."""
     return _PER_MASS.get(quantity.unit, quantity.unit)
 
 

@@ -24,12 +24,12 @@ from jbw.report.messages import joint as messages
 
 _ALPHA, _DELTA, _GAMMA = BOUC_WEN
 
-# Prior of the joint's share of the stiffness: from almost none to nearly all of it.
+# Prior range of the joint's share of the stiffness, from almost none to nearly all.
 SHARE = (0.0005, 0.9)
-# If the displacement is prescribed, the joint may carry all, and the secant of a wide loop is
-# softer.
+# Under a prescribed displacement, the joint may have all of the stiffness, and a wide loop is
+# softer than small motion.
 FORCED_SHARE = (0.01, MOST_SOFTENING)
-REACH = 4.0  # upper bound of a product's prior, over the fitted product
+REACH = 4.0  # upper prior bound of a product over its fitted value
 
 # Small motion determines only two products: alpha delta (softening) and alpha gamma (losses).
 _PRODUCTS = Coordinates(
@@ -63,7 +63,7 @@ _PRODUCTS = Coordinates(
 
 
 class BoucWenLaw(Law):
-    r"""The Bouc-Wen hysteresis law of the paper; its memory is the force Z itself.
+    r"""The Bouc-Wen hysteresis law of the paper, whose internal state is the force Z.
 
     $$\dot Z = \alpha\dot y - \gamma|\dot y||Z|^{\nu-1}Z - \delta\dot y|Z|^\nu$$
 
@@ -91,7 +91,7 @@ class BoucWenLaw(Law):
         ),
     )
     coordinates: ClassVar[Mapping[str, Coordinates]] = {"products": _PRODUCTS}
-    # Range that a plan assumes for a parameter without a stated one, as a fraction of a quantity.
+    # Range of each parameter in a plan, as a fraction of a quantity, if none is stated.
     usual: ClassVar[Mapping[str, tuple[str, tuple[float, float]]]] = {
         "alpha": ("omega_n^2", (0.01, 0.1)),
         "gamma": ("delta", (0.05, 0.3)),
@@ -112,7 +112,7 @@ class BoucWenLaw(Law):
         return self.alpha * self.delta, self.alpha * self.gamma
 
     def slip(self, y: Scalar) -> Scalar:
-        """Return the slip measure delta y at a displacement y [m]; motion is small far below 1."""
+        """Return delta y at a displacement y [m]; the motion is small if it is far below 1."""
         return jnp.abs(self.delta) * y
 
     @classmethod
@@ -150,7 +150,7 @@ class BoucWenLaw(Law):
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """Return a warning if the prior contains delta + gamma < 0, where Z is unbounded."""
+        """Return a warning if the prior includes delta + gamma < 0, where Z has no bound."""
         lowest = bounds["gamma"][0] + bounds["delta"][0]
         return None if lowest >= 0 else messages.prior_unbounded(lowest)
 
@@ -159,7 +159,7 @@ class BoucWenLaw(Law):
         return self.alpha
 
     def at_rest(self) -> Scalar:
-        """Return the memory at rest, Z = 0 [N/kg]."""
+        """Return the internal state at rest, Z = 0 [N/kg]."""
         return 0.0
 
     def force(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
@@ -186,27 +186,27 @@ class BoucWenLaw(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Scalar, branch: Scalar
     ) -> tuple[Scalar, Scalar]:
-        """Return the remainder Z - alpha y and h times its continuous rate -c v Z."""
+        """Return Z - alpha y and h times its rate -c v Z."""
         return memory - self.alpha * y, -h * branch * v * memory
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Scalar, branch: Scalar
     ) -> Scalar:
-        """Return half of h^2 times the remainder's second time derivative."""
+        """Return half of h^2 times the second time derivative of Z - alpha y."""
         slope = self.alpha - branch * memory
         return -0.5 * h**2 * branch * (a * memory + v**2 * slope)
 
     def glide(
         self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar
     ) -> tuple[Scalar, Bool[Array, "..."]]:
-        """Return Z by a polynomial; True if Z passed zero or the move was too long for it."""
+        """Return Z after a step; True if Z passed zero, or if the step was too long."""
         moved = smooth_move(self.alpha, branch, memory, dy)
         return moved, (memory * moved <= 0.0) | (jnp.abs(branch * dy) > 1.0)  # pyright: ignore[reportReturnType]
 
     def turn(
         self, h: Scalar, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """Return Z and its kinks' impulses after a step with a reversal, a zero of Z, or both.
+        """Return Z after a step with a reversal or a zero of Z, and the kinks' effect on v and y.
 
         The derivatives are coded by hand.
         """
@@ -223,7 +223,7 @@ class BoucWenLaw(Law):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Return the odd harmonics of the remainder, integrated between turns and zeros of Z."""
+        """Return the odd harmonics of Z - alpha y along a periodic motion."""
         return self.alpha * periodic_path.relaxed_force(q, self.delta, self.gamma, max_turns)  # pyright: ignore[reportReturnType]
 
     def force_over_period(
@@ -253,7 +253,7 @@ class BoucWenLaw(Law):
             )
 
     def doubts(self) -> str | None:
-        """Return a warning if Z is unbounded for these parameters (the motion may be bounded)."""
+        """Return a warning if Z has no bound for these parameters, else None."""
         alpha, delta, gamma = (np.asarray(x) for x in (self.alpha, self.delta, self.gamma))
         linear = (delta == 0.0) & (gamma == 0.0)
         conditions = {

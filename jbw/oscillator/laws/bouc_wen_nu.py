@@ -1,4 +1,4 @@
-r"""The Bouc-Wen law with a free exponent, in the stretch w = Z / alpha of the joint's spring.
+r"""The Bouc-Wen law with any exponent, in terms of the stretch w = Z / alpha of its spring.
 
 $$\frac{dw}{dy} = 1 - c\,|w / \mathrm{1\,mm}|^\nu, \qquad
   c = d + g\,\mathrm{sgn}(\dot y)\,\mathrm{sgn}(w)$$
@@ -35,19 +35,19 @@ from jbw.report.messages.joint import SAME_EXPONENT
 
 NU = (0.1, 3.0)
 _ROUNDS = 2  # Newton steps to the end of a short move
-# Change of the stretch in a step, relative to its size, above which its power is not linear.
+# Relative change of the stretch in a step, above which its power is not linear.
 _NEAR = 0.03
-_TINY = 1e-9  # of the slope, where all of it is lost
-_PARTS = 8  # of a move along a record
-# Longest move in one part, over the stretch that loses all slope; parts of a longer move.
+_TINY = 1e-9  # remaining slope over the initial one that counts as none
+_PARTS = 8  # parts of a move along a record
+# Longest move in one part over the stretch at which the slope vanishes; parts of a longer move.
 _SHORT, _MANY_PARTS = 0.05, 32
-# The search for the steady stretch begins at most at this part of the largest stretch.
+# The search for the steady stretch begins at no more than this part of the largest stretch.
 _INSIDE = 0.9
-_PERIODS = 4  # Newton steps to the steady stretch
+_PERIODS = 4  # Newton steps to the stretch of the steady loop
 
 
 def weak_loop(nu: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    r"""Return the small-motion stiffness loss per delta and damping per gamma, over (alpha Y)^nu.
+    r"""Return stiffness loss per delta and damping per gamma at small motion, over (alpha Y)^nu.
 
     $$C_s = \frac{4 I(\nu + 2)}{\pi (\nu + 1)}, \qquad C_d = \frac{4}{\pi (\nu + 2)}$$
     """
@@ -57,7 +57,7 @@ def weak_loop(nu: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
 
 
 class BoucWenNu(Law):
-    r"""The Bouc-Wen law with any exponent; its memory is the stretch w.
+    r"""The Bouc-Wen law with any exponent, whose internal state is the stretch w.
 
     $$d = \delta\,\alpha^{\nu-1}\,\mathrm{(1\,mm)}^\nu, \qquad
       g = \gamma\,\alpha^{\nu-1}\,\mathrm{(1\,mm)}^\nu$$
@@ -101,7 +101,7 @@ class BoucWenNu(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds; softening and opening may be of order one at largest motion.
+        """Return prior bounds in which softening and opening may be of order one at largest motion.
 
         This holds for nu = 1.
         """
@@ -115,13 +115,13 @@ class BoucWenNu(Law):
 
     @classmethod
     def of_bouc_wen(cls, alpha: Scalar, delta: Scalar, gamma: Scalar, nu: Scalar) -> "BoucWenNu":
-        """Return the law from Eq. (2)'s parameters; delta and gamma in kg^(nu-1)/(N^(nu-1) m)."""
+        """Return the law from Eq. (2)'s parameters; delta, gamma in kg^(nu-1)/(N^(nu-1) m)."""
         factor = power(alpha, nu - 1.0) * power(REFERENCE, nu)
         return cls(alpha, delta * factor, gamma * factor, nu)
 
     @classmethod
     def of_masing(cls, alpha: Scalar, loss: Scalar, exponent: Scalar) -> "BoucWenNu":
-        r"""Return the law that small motion cannot distinguish from a Masing law with a power loss.
+        r"""Return the law that equals, at small motion, a Masing law with a power-law loss.
 
         $$\nu = q, \qquad \alpha d = \kappa\,C_s^M / C_s, \qquad
           \alpha g = \kappa\,C_d^M / C_d$$
@@ -144,12 +144,12 @@ class BoucWenNu(Law):
         return 0.0
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Return the powers of length of softening, opening (at 1 mm) and products with alpha."""
+        """Return the additional powers of length of parameters, which are stated at 1 mm."""
         names = ("nu_softening", "nu_opening", "nu_alpha_d", "nu_alpha_g")
         return dict.fromkeys(names, -self.nu)
 
     def memory_unit(self, omega_n: Scalar) -> Scalar:
-        """Return the factor to a velocity, omega_n, because the memory is a displacement."""
+        """Return omega_n, which converts the internal state, a displacement, to a velocity."""
         return omega_n
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
@@ -170,7 +170,7 @@ class BoucWenNu(Law):
         return batched(stretch_path.moved, self, memory, dy)
 
     def follow(self, y: Scalar, memory: Scalar, dy: Scalar) -> Scalar:
-        """Return the stretch after a move along a record, by eight short moves.
+        """Return the stretch after one of many moves along a record, by eight short moves.
 
         With 250 samples per cycle the error is 1e-6 of the largest stretch for nu >= 0.5, and 2e-4
         for nu = 0.1, whose force bends sharply at w = 0.
@@ -181,12 +181,12 @@ class BoucWenNu(Law):
         return memory
 
     def _factors(self) -> tuple[Array, Array]:
-        """Return the factors c of the motion towards w = 0 and of the motion away from it."""
+        """Return the factors c of the slope for motion towards w = 0 and away from it."""
         less, more = self.nu_softening - self.nu_opening, self.nu_softening + self.nu_opening
         return jnp.asarray(less), jnp.asarray(more)
 
     def _factor(self, v: Scalar, w: Scalar) -> Scalar:
-        """Return the factor c of the lost part of the slope."""
+        """Return the factor c in the lost part of the slope."""
         return self.nu_softening + signed(signed(self.nu_opening, v), w)
 
     def _lost(self, v: Scalar, w: Scalar) -> Scalar:
@@ -199,7 +199,7 @@ class BoucWenNu(Law):
         return lost, lost * w / (self.nu + 1.0), lost**2 * w / (2.0 * self.nu + 1.0)
 
     def _stretched(self, w: Scalar, dy: Scalar) -> Scalar:
-        r"""Return the stretch w after a short move, from mean m and variance of $f = c|w|^\nu$.
+        r"""Return the stretch after a short move, by Newton steps with moments of $f = c|w|^\nu$.
 
         $$w_1 = w + \frac{\Delta y}{\langle 1/(1 - f)\rangle}, \qquad
           \Bigl\langle\frac{1}{1 - f}\Bigr\rangle = \frac{1}{1 - m}
@@ -219,7 +219,7 @@ class BoucWenNu(Law):
             spread = jnp.where(near, (square_1 - square) * over - m**2, (lost_1 - lost) ** 2 / 12.0)
             rest = jnp.where(m == 1.0, _TINY, 1.0 - m)
             iterate = w + dy * rest / (1.0 + spread / rest**2)
-            # Most of the slope is the effect of f at the end on m.
+            # m depends mostly on the slope's loss f at the end.
             end = end + (iterate - end) / (1.0 + jnp.maximum((lost_1 - m) / rest, -0.5))
         return end
 
@@ -231,26 +231,26 @@ class BoucWenNu(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Scalar, branch: Scalar
     ) -> tuple[Scalar, Scalar]:
-        """Return the remainder alpha (w - y) and h times its rate."""
+        """Return alpha (w - y) and h times its rate."""
         alpha = self.nu_stiffness
         return alpha * (memory - y), -h * alpha * v * self._lost(v, memory)
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Scalar, branch: Scalar
     ) -> Scalar:
-        """Return half of h^2 times the remainder's second derivative near a turn (small v)."""
+        """Return half of h^2 times the second derivative of alpha (w - y) near a reversal."""
         return -0.5 * h**2 * self.nu_stiffness * a * self._lost(v, memory)
 
     def glide(
         self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar
     ) -> tuple[Scalar, Bool[Array, "..."] | bool]:
-        """Return the stretch after one short step (the zero of w needs no special treatment)."""
+        """Return the stretch after one short step; the zero of w needs no special treatment."""
         return self._stretched(memory, dy), False
 
     def turn(
         self, h: Scalar, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """Return the stretch after moves to and from a reversal, and its kink's impulses.
+        """Return the stretch after a step with a reversal, and the effect of its kink on v and y.
 
         The force's slope jumps by 2 alpha g |w|^nu at the kink.
         """
@@ -271,7 +271,7 @@ class BoucWenNu(Law):
     def missed(
         self, h: Scalar, start: tuple[Scalar, Scalar], end: tuple[Scalar, Scalar]
     ) -> tuple[Scalar, Scalar]:
-        r"""Return the impulses of $r' = -\alpha h v f$ near w = 0, for w linear in time.
+        r"""Return the effect on v and y of $r' = -\alpha h v f$ near w = 0, for w linear in time.
 
         Far from w = 0 the result would be rounding and is set to zero.
         """
@@ -305,14 +305,13 @@ class BoucWenNu(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Return the steady force [N/kg] at angles of a period, by moves between the angles."""
+        """Return the steady force [N/kg] at angles of a period, by moves from angle to angle."""
         y = synthesis(q, theta)
         steps = jnp.diff(jnp.append(y, y[0]))
         fixed = stop_gradient((self, steps))
 
         def toward(w: Array, last: Array, slope: Array) -> Array:
-            # Over a period stretches converge; where slip is long, rounding makes the slope
-            # arbitrary.
+            # Stretches converge over a period; in long slip, rounding makes the slope arbitrary.
             return w - (last - w) / (jnp.where(jnp.abs(slope) < 1.0, slope, 0.0) - 1.0)
 
         def newton(_: Any, state: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -320,19 +319,19 @@ class BoucWenNu(Law):
             last, slope = jax.jvp(lambda w: _along(*fixed, w)[0], (w,), (jnp.ones_like(w),))
             return toward(w, last, slope), slope
 
-        # The start lies within the largest possible stretch: from beyond it, the search diverges.
+        # Start within the largest possible stretch: the search diverges from beyond it.
         limit = stretch_path.stretch_limit(jnp.maximum(*self._factors()), self.nu)
         w = stop_gradient(jnp.clip(0.5 * y[0], -_INSIDE * limit, _INSIDE * limit))
         w, slope = jax.lax.fori_loop(0, _PERIODS, newton, (w, jnp.zeros_like(w)))
-        for _ in range(2):  # at the root, these two steps change no digit and carry two derivatives
+        for _ in range(2):  # at the root these steps change no digit, but carry two derivatives
             w = toward(w, _along(self, steps, w)[0], slope)
         _, after = _along(self, steps, w)
         return self.nu_stiffness * jnp.append(w, after[:-1])  # pyright: ignore[reportReturnType]
 
 
 def _along(law: BoucWenNu, steps: Float[Array, " time"], w: Array) -> tuple[Array, Array]:
-    """Return the stretch at the end of several moves that start from w, and after each of them."""
-    # In long slip, one step between two angles may pass the whole layer in which slip begins.
+    """Return the stretch after several moves in sequence, and after each of them."""
+    # In long slip, one step between two angles may miss the range in which slip begins.
     most = jnp.max(jnp.abs(jnp.stack(law._factors())))
     longest = _SHORT * stretch_path.stretch_limit(most, law.nu)
 

@@ -42,17 +42,17 @@ from jbw.oscillator.laws.powers import REFERENCE, power
 from jbw.oscillator.parameters import SLOW, Conversion, Material, Scalar, batched, of_opensees
 from jbw.quantities import Quantity
 
-# Prior of the stiffness over that of the stiffest cycle, which is worn already.
+# Prior of the stiffness over that of the stiffest measured cycle, which is already worn.
 WORN_SHARE = (0.01, 2.0)
-TOLERANCE = 1e-12  # of a move of any length, relative to the stretch at yield
-MOST_STEPS = 4096  # largest number of steps of such a move
-PARTS = 4  # Runge-Kutta steps of a move along a record
+TOLERANCE = 1e-12  # relative error of z in a move, over the stretch at yield
+MOST_STEPS = 4096  # largest number of time steps in a move
+PARTS = 4  # Runge-Kutta steps in each of many moves along a record
 # Settings of OpenSees: tolerance relative to the stretch at yield, and number of iterations.
 NEWTON = (1e-10, 100.0)
 
 
 class Worn(NamedTuple):
-    """The memory of the law: the stretch z [m] and the dissipated energy e over alpha z_y^2 [-]."""
+    """The internal state: the stretch z [m] and the dissipated energy e over alpha z_y^2 [-]."""
 
     stretch: Scalar
     energy: Scalar
@@ -108,7 +108,7 @@ class BWBNPinching(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds: yield within the motion or a little beyond, any amount of pinching.
+        """Return prior bounds: yield within or slightly beyond the motion, any amount of pinching.
 
         Where the stiffness is that of a secant, the fresh joint may be up to twice as stiff.
         """
@@ -131,11 +131,11 @@ class BWBNPinching(Law):
         return self.bwbn_stiffness
 
     def at_rest(self) -> Worn:
-        """Return the memory at rest: no stretch and no damage."""
+        """Return the internal state at rest: no stretch, no damage."""
         return Worn(0.0, 0.0)
 
     def memory_unit(self, omega_n: Scalar) -> Worn:
-        """Return the memory's factors to velocities: omega_n for the stretch, 0 for the energy."""
+        """Return factors of the internal state to velocities: omega_n for z, 0 for the energy."""
         return Worn(omega_n, 0.0)
 
     def force(self, y: Scalar, v: Scalar, memory: Worn) -> Scalar:
@@ -147,7 +147,7 @@ class BWBNPinching(Law):
         return Worn(v * self.slope(v, memory), v * memory[0] / self.bwbn_yield**2)
 
     def degradation(self, energy: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the degradation factors of strength, nu, and of stiffness, eta, at an energy e."""
+        """Return the degradation factors of strength, nu, and stiffness, eta, at an energy e."""
         return 1.0, 1.0
 
     def slope(self, v: Scalar, memory: Worn) -> Scalar:
@@ -159,7 +159,7 @@ class BWBNPinching(Law):
         return self._pinched(signed(w, v), nu, memory[1]) / eta * (1.0 - lost)
 
     def _pinched(self, ahead: Scalar, nu: Scalar, energy: Scalar) -> Scalar:
-        """Return the pinching factor h at a stretch measured in the direction of motion."""
+        """Return the pinching factor h for a stretch in the direction of motion."""
         slip = -self.bwbn_zeta_s * jnp.expm1(-self.bwbn_p * energy)
         spread = (self.bwbn_psi + self.bwbn_delta_psi * energy) * (self.bwbn_lambda + slip)
         centre = self.bwbn_q * nu ** (-1.0 / self.bwbn_n)
@@ -167,11 +167,11 @@ class BWBNPinching(Law):
 
     # -- along a path ------------------------------------------------------------------------------
     def move(self, y: Scalar, memory: Worn, dy: Scalar) -> Worn:
-        """Return the memory after a monotone move of any length, adaptively to 1e-12 of z."""
+        """Return the internal state after a monotone move, with an error of 1e-12 of z."""
         return batched(_moved, self, Worn(*memory), dy)
 
     def follow(self, y: Scalar, memory: Worn, dy: Scalar) -> Worn:
-        r"""Return the memory after a short move, by four Runge-Kutta steps (error of $O(h^4)$).
+        r"""Return the internal state after a short move, by four Runge-Kutta steps ($O(h^4)$).
 
         Where z passes zero, the slope has a kink of $|w|^n$, and the error of that step is of the
         order $h^{1+n}$.
@@ -179,7 +179,7 @@ class BWBNPinching(Law):
         return self._in_parts(memory, dy, PARTS)
 
     def _in_parts(self, memory: Worn, dy: Scalar, parts: int) -> Worn:
-        """Return the memory after a short monotone move, by Runge-Kutta steps of order 4.
+        """Return the internal state after a monotone move, by Runge-Kutta steps of order 4.
 
         Stages are limited to the largest stretch that the law reaches, so that moves much longer
         than the yield end in slip and not beyond it.
@@ -218,13 +218,13 @@ class BWBNPinching(Law):
     def glide(
         self, y: Scalar, memory: Worn, dy: Scalar, branch: Scalar
     ) -> tuple[Worn, Bool[Array, "..."] | bool]:
-        """Return the memory after one short step (the zero of z needs no special treatment)."""
+        """Return the internal state after one short step; z may pass zero in it."""
         return self._in_parts(memory, dy, 1), False
 
     def turn(
         self, h: Scalar, y: Scalar, memory: Worn, ends: Ends, quartic: Scalar
     ) -> tuple[Worn, Scalar, Scalar]:
-        """Return the memory after moves to and from a reversal, and its slope jump's impulses."""
+        """Return the internal state after a step with a reversal, and the effect of its kink."""
         path = StepPath.through(ends, quartic)
         top = self._in_parts(memory, path.before, 1)
         jump = self.bwbn_stiffness * (self.slope(path.after, top) - self.slope(path.before, top))
@@ -234,7 +234,7 @@ class BWBNPinching(Law):
         return self._in_parts(top, path.after, 1), impulse.v, impulse.y
 
     def shift(self, y: Scalar, memory: Worn, dy: Scalar, branch: Scalar) -> Worn:
-        """Return the memory after a small move along the stretch's tangent.
+        """Return the internal state after a small move, along the tangent of the stretch.
 
         The change of the energy is of second order and neglected.
         """
@@ -242,18 +242,18 @@ class BWBNPinching(Law):
 
     # -- before damage -----------------------------------------------------------------------------
     def undamaged(self) -> BoucWenNu:
-        """Return the law before damage, e = 0, without pinching: Bouc-Wen's with the exponent n."""
+        """Return the law before damage (e = 0) and without pinching: Bouc-Wen's with exponent n."""
         lost = power(REFERENCE / self.bwbn_yield, self.bwbn_n)
         softening, opening = (1.0 - self.bwbn_beta) * lost, self.bwbn_beta * lost
         return BoucWenNu(self.bwbn_stiffness, softening, opening, self.bwbn_n)
 
     def at_tip(self, y_peak: Scalar) -> Worn:
-        """Return the memory at the tip of the undamaged joint's steady loop."""
+        """Return the internal state at the tip of the steady loop before damage."""
         stretch = self.undamaged().at_tip(y_peak)
         return Worn(stretch, 0.0 * stretch)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Return the equivalent stiffness and damping of the undamaged joint."""
+        """Return the equivalent stiffness and damping of the joint before damage."""
         return self.undamaged().loop(y_peak, omega)
 
     def force_over_period(
@@ -263,7 +263,7 @@ class BWBNPinching(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Return the steady force of the undamaged joint at given angles of a period [N/kg]."""
+        """Return the steady force [N/kg] before damage, at given angles of a period."""
         return self.undamaged().force_over_period(q, theta, max_turns, omega)
 
     # -- for other programs ------------------------------------------------------------------------
@@ -293,13 +293,13 @@ class BWBNPinching(Law):
         )  # fmt: skip
 
     def _unworn(self, mass: float) -> tuple[Scalar, ...]:
-        """Return both OpenSees materials' first arguments: ratio, k_0, n, gamma, beta, A_0."""
+        """Return the first arguments of both OpenSees materials: ratio, k_0, n, gamma, beta, A."""
         lost = self.bwbn_yield**-self.bwbn_n
         gamma, beta = (1.0 - self.bwbn_beta) * lost, self.bwbn_beta * lost
         return 0.0, mass * self.bwbn_stiffness, self.bwbn_n, gamma, beta, 1.0
 
     def _yield_energy(self, mass: float) -> Scalar:
-        """Return the unit of the energy e, m alpha z_y^2 [J]."""
+        """Return the unit of the dissipated energy e, m alpha z_y^2 [J]."""
         return mass * self.bwbn_stiffness * self.bwbn_yield**2
 
 
@@ -334,7 +334,7 @@ class BWBN(BWBNPinching):
         return 1.0 + self.bwbn_delta_nu * energy, 1.0 + self.bwbn_delta_eta * energy
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """Return the law in OpenSees if degradation or pinching is absent; no material has both."""
+        """Return the law in OpenSees, which has no material with both degradation and pinching."""
         if not self.bwbn_delta_nu and not self.bwbn_delta_eta:
             return super().convert(omega_n, zeta, mass)
         if self.bwbn_zeta_s:
@@ -345,7 +345,7 @@ class BWBN(BWBNPinching):
 
 
 def _moved(law: BWBNPinching, memory: Worn, dy: Scalar) -> Worn:
-    """Return the memory after a monotone move, by Dormand and Prince's rule of order 8."""
+    """Return the internal state after a monotone move, by Dormand and Prince's rule of order 8."""
 
     def rate(part: Scalar, scaled: tuple[Scalar, Scalar], dy: Any) -> tuple[Scalar, Scalar]:
         by = law.rate(0.0, dy, Worn(law.bwbn_yield * scaled[0], scaled[1]))

@@ -22,10 +22,10 @@ from jbw.oscillator.steady.waveform import (
 )
 from jbw.quantities import Quantity
 
-# Prior limit of the damping ratio added at the largest displacement and the natural frequency.
+# Largest added damping ratio at the largest displacement, which bounds the prior.
 MOST_ADDED = 0.05
 _NODES, _NODES_PER_HARMONIC = 24, 4
-_POINTS = 512  # on half a period that turns more than once
+_POINTS = 512  # number of points of half a period with more than one turning point
 
 
 class QuadraticDamping(Damper):
@@ -45,7 +45,7 @@ class QuadraticDamping(Damper):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        r"""Return bounds of c, by the damping ratio it adds at most, $4 c Y / (3\pi)$."""
+        r"""Return prior bounds of c from its largest damping ratio, $4 c Y / (3\pi)$."""
         return {"quadratic_damping": (0.0, MOST_ADDED * 0.75 * np.pi / scales.y_peak)}
 
     def __call__(self, v: Scalar) -> Scalar:
@@ -55,7 +55,7 @@ class QuadraticDamping(Damper):
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: tuple[()], branch: tuple[()]
     ) -> Scalar:
-        """Return half of h^2 times the second time derivative of the damper's force.
+        """Return half of h^2 times the second time derivative of the force.
 
         This is half of h^2 g'' a^2; the remaining term g' da/dt vanishes at a turning point.
         """
@@ -63,13 +63,13 @@ class QuadraticDamping(Damper):
 
     @property
     def kinked(self) -> bool:
-        """Whether the law has kinks; it has, because g'' jumps at v = 0."""
+        """Whether the law has kinks: yes, because g'' jumps at v = 0."""
         return True
 
     def turn(
         self, h: Scalar, y: Scalar, memory: tuple[()], ends: Ends, quartic: Scalar
     ) -> tuple[tuple[()], Scalar, Scalar]:
-        r"""Return the impulses of the jump of g'', $J_2 = 4 c\,a|a|$, $J_3 = 12 c\,|a|\dot a$."""
+        r"""Return the effect of the jump of g'', $J_2 = 4 c\,a|a|$, $J_3 = 12 c\,|a|\dot a$."""
         path = StepPath.through(ends, quartic)
         size = jnp.where(path.turns, 4.0 * self.c / h**2 * jnp.abs(path.bend), 0.0)
         impulse = kink_impulse(1.0 - path.fraction, size * path.bend, 18.0 * size * path.cubic.c_3)
@@ -116,7 +116,7 @@ class CubicDamping(Damper):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        r"""Return bounds of c, by the damping ratio it adds at most, $3 c Y^2 \omega_n / 8$."""
+        r"""Return prior bounds of c from its largest damping ratio, $3 c Y^2 \omega_n / 8$."""
         return {"cubic_damping": (0.0, MOST_ADDED * 8 / 3 / (scales.y_peak**2 * scales.omega_n))}
 
     def __call__(self, v: Scalar) -> Scalar:

@@ -1,4 +1,4 @@
-r"""The dashpot across a joint, $g(v) = c\,v$, for a damping matrix not diagonal in the modes.
+r"""A linear dashpot across a joint, $g(v) = c\,v$, for damping that couples modes.
 
 No campaign names it: across the joint of a single mode it is part of that mode's damping ratio.
 """
@@ -16,7 +16,7 @@ from jbw.quantities import Quantity
 
 
 class Dashpot(Damper):
-    r"""Linear damping $g(v) = c\,v$; c is negative where modes have more damping than the joint.
+    r"""Linear damping $g(v) = c\,v$; c is negative if the modes' damping exceeds the joint's.
 
     Attributes:
         c: Coefficient [1/s; N s/m across a joint in physical units].

@@ -1,4 +1,4 @@
-r"""A monotone move of a joint with backlash: unloading, travel through the gap, contact.
+r"""A monotone move of a joint with a gap: unloading, travel through the gap, contact.
 
 A force Z unloads to zero over the travel $D_0 = \log(1 + (\gamma - \delta)|Z|/\alpha) /
 (\gamma - \delta)$; then the gap is crossed, and the element loads on the other side.
@@ -13,12 +13,12 @@ from jbw.oscillator.kinks import signed
 from jbw.oscillator.parameters import Scalar
 
 Backlash = Any  # the law: a gap in series with an element
-Memory = tuple[Scalar, Scalar]  # Z [N/kg] and s [m]
-_SERIES = 1e-3  # of log(1 + x) / x: with five terms the error is 2e-16
+Memory = tuple[Scalar, Scalar]  # force Z [N/kg] and position s in the gap [m]
+_SERIES = 1e-3  # argument of log(1 + x) / x below which a series is used; its error is 2e-16
 
 
 class Moved(NamedTuple):
-    """A move in one direction: the memory at its end, and the travels at which the force kinked.
+    """A move in one direction: the internal state at its end, and where the force has kinks.
 
     Attributes:
         memory: Z and s at the end.
@@ -36,10 +36,10 @@ class Moved(NamedTuple):
 
 
 def moved(law: Backlash, memory: Memory, dy: Scalar) -> Moved:
-    """Return the memory and the kinks of a joint with a gap after a monotone move of any length."""
+    """Return the internal state and the kinks of a joint with a gap, after a monotone move."""
     z, s = memory
     side = signed(1.0, dy)
-    loaded = side * z < 0.0  # the force is directed against the move
+    loaded = side * z < 0.0  # the force acts against the move
     length = jnp.abs(dy)
     release = jnp.where(loaded, unloading(law, jnp.where(loaded, jnp.abs(z), 0.0)), 0.0)
     released = loaded & (length > release)
@@ -48,7 +48,7 @@ def moved(law: Backlash, memory: Memory, dy: Scalar) -> Moved:
     travel = jnp.minimum(rest, free)
     unloads = loaded & ~released
     meets = (free > 0.0) & (rest > free) & ~unloads
-    # The element moves back towards zero, or on from its state, or from zero after the far contact.
+    # The element moves back towards zero, or on from its state, or from zero after contact.
     way = jnp.where(unloads, dy, side * jnp.maximum(rest - free, 0.0))
     z_1 = law.element.move(0.0, jnp.where(released, 0.0, z), way)
     z_1 = jnp.where(unloads & (z * z_1 < 0.0), 0.0, z_1)

@@ -1,4 +1,4 @@
-r"""The Bouc-Wen law behind a gap: free travel between two contacts, as in a joint with backlash.
+r"""The Bouc-Wen law behind a gap: free travel between two contacts.
 
 The memory is the element's force Z and the position s in the gap, $-b \le s \le b$. While |s| < b
 there is no force; at a contact the element takes all motion beyond it. A move in the direction
@@ -32,9 +32,9 @@ from jbw.oscillator.steady.waveform import (
 from jbw.quantities import Quantity
 from jbw.report.messages import joint as messages
 
-# Prior of half the gap over the largest displacement: a wider gap is never crossed.
+# Prior range of half the gap over the largest displacement: a wider gap never closes.
 WIDTH = (0.005, 0.9)
-# Largest stiffness over that at rest, or over that of a whole loop where the motion is prescribed.
+# Largest stiffness over that at rest, or over that of a whole loop under prescribed motion.
 STIFFEST = {False: 2.0, True: 20.0}
 _NODES, _NODES_PER_HARMONIC = 32, 4
 
@@ -89,7 +89,7 @@ class GapSeries(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return Bouc-Wen's bounds for the element, with a stiffness that may exceed omega_n^2."""
+        """Return Bouc-Wen's prior bounds, with a stiffness that may exceed omega_n^2."""
         element_bounds, square = BoucWenLaw.prior(scales), scales.omega_n**2
         return {
             "gap_stiffness": (1e-3 * square, STIFFEST[scales.forced] * square),
@@ -100,7 +100,7 @@ class GapSeries(Law):
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """Return a warning if the prior has gaps wider than all motion, which have no effect."""
+        """Return a warning if the prior includes gaps that never close, else None."""
         return beyond_all_motion("gap", bounds["gap"], y_peak)
 
     def thresholds(self) -> tuple[Threshold, ...]:
@@ -113,7 +113,7 @@ class GapSeries(Law):
         return BoucWenLaw(self.gap_stiffness, self.gap_softening, self.gap_opening)
 
     def at_rest(self) -> Memory:
-        """Return the memory at rest: no force, in the middle of the gap."""
+        """Return the internal state at rest: no force, in the middle of the gap."""
         return 0.0, 0.0
 
     def force(self, y: Scalar, v: Scalar, memory: Memory) -> Scalar:
@@ -125,7 +125,7 @@ class GapSeries(Law):
         return 0.0 * self.gap_stiffness
 
     def memory_unit(self, omega_n: Scalar) -> Memory:
-        """Return the factors of force and position to velocities, 1 / omega_n and omega_n."""
+        """Return factors of force and position to velocities: 1 / omega_n and omega_n."""
         return 1.0 / omega_n, omega_n
 
     def branch(self, v: Scalar, memory: Memory) -> Contact:
@@ -142,20 +142,20 @@ class GapSeries(Law):
         return jnp.where(contact, slope * v, 0.0), jnp.where(contact, 0.0, v)
 
     def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """Return the law's exact memory after a monotone move of any length."""
+        """Return the internal state after a monotone move, which is exact."""
         return moved(self, memory, dy).memory
 
     # -- through a time step -----------------------------------------------------------------------
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Memory, branch: Contact
     ) -> tuple[Scalar, Scalar]:
-        """Return Z, the whole force (omega_n contains no part of it), and h times its rate."""
+        """Return the force Z, which has no linear part at rest, and h times its rate."""
         return memory[0], h * v * self._slope(memory[0], branch)
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Memory, branch: Contact
     ) -> Scalar:
-        """Return half of h^2 times the remainder's second time derivative."""
+        """Return half of h^2 times the second time derivative of Z."""
         slope = self._slope(memory[0], branch)
         return 0.5 * h**2 * slope * (a - branch[1] * v**2)
 
@@ -166,14 +166,14 @@ class GapSeries(Law):
     def glide(
         self, y: Scalar, memory: Memory, dy: Scalar, branch: Contact
     ) -> tuple[Memory, Bool[Array, "..."]]:
-        """Return the memory after a step without a turn; True if it released or made contact."""
+        """Return the internal state after a step without reversal; True if a contact changed."""
         gap_move = moved(self, memory, dy)
         return gap_move.memory, gap_move.released | gap_move.met
 
     def turn(
         self, h: Scalar, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
-        r"""Return the memory after a step that may turn, and impulses of turn, release and contact.
+        r"""Return the internal state after a step that may turn, and the effect of its kinks.
 
         The constant is $c = \sigma(\gamma - \delta)$ at a release and $\sigma(\gamma + \delta)$ at
         a contact, whose jumps have the opposite sign:
@@ -213,7 +213,7 @@ class GapSeries(Law):
         return second.memory, impulse_v, impulse_y
 
     def shift(self, y: Scalar, memory: Memory, dy: Scalar, branch: Contact) -> Memory:
-        """Return the memory after a small move: Z along its tangent to zero, or s to contact."""
+        """Return the internal state after a small move: Z along its tangent, or s up to contact."""
         z, s = memory
         contact, _ = branch
         moved = z + self._slope(z, branch) * dy
@@ -224,7 +224,7 @@ class GapSeries(Law):
 
     # -- along a periodic motion -------------------------------------------------------------------
     def at_tip(self, y_peak: Scalar) -> Memory:
-        """Return the memory in contact, at the tip of the element's loop of amplitude Y - b."""
+        """Return the internal state in contact, at the tip of a loop of amplitude Y - b."""
         beyond = jnp.maximum(jnp.asarray(y_peak, float) - self.gap, 0.0)
         return self.element.at_tip(beyond), jnp.minimum(jnp.asarray(y_peak, float), self.gap)
 
@@ -253,14 +253,14 @@ class GapSeries(Law):
         return Loop(jnp.where(acts, real, 0.0), jnp.where(acts, damping, 0.0))
 
     def _falling(self, travel: Scalar, tip: Memory) -> Scalar:
-        """Return the joint's force [N/kg] after given travels downwards from a loop's tip."""
+        """Return the joint's force [N/kg] at given travels downwards from the tip of a loop."""
         column = GapSeries(*(jnp.asarray(x)[..., None] for x in self.parameters().values()))
         return moved(column, tip, -travel).memory[0]
 
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Return the law's odd harmonics, integrated over half a period at release and contact."""
+        """Return the odd harmonics, integrated piecewise between contacts over half a period."""
         if max_turns > 2:
             return generic.harmonics_by_moves(self, q, max_turns, omega)
         fixed = stop_gradient(q)

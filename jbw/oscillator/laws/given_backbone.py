@@ -1,4 +1,4 @@
-r"""Masing laws of a given virgin curve, as from a contact model or a quasi-static analysis.
+r"""Masing laws of a given virgin (first-loading) curve, such as from a contact model.
 
 $$F_b(x) = s_F\, B(x / s_x)$$
 
@@ -25,12 +25,12 @@ from jbw.oscillator.parameters import Scalar
 from jbw.quantities import Quantity
 
 FEWEST_POINTS = 3
-SCALE = (0.2, 5.0)  # prior of both scales: a computed curve is correct within a few times
-_RISES = 1e-9  # of the slope at rest, by which rounding may let the slope rise
+SCALE = (0.2, 5.0)  # prior of both scales: a computed curve is right within a factor of 5
+_RISES = 1e-9  # rise of the slope that counts as rounding, over the slope at rest
 
 
 class GivenBackbone(Masing):
-    r"""The base class of Masing laws of given curves, made by `given_backbone`.
+    r"""The base class of Masing laws with a given virgin curve, made by `given_backbone`.
 
     Attributes:
         knots: Displacements of the points, from 0 [m]; a class variable.
@@ -49,7 +49,7 @@ class GivenBackbone(Masing):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return the scales' bounds: within a factor of 5, no stiffer than the structure."""
+        """Return prior bounds of both scales: within a factor of 5, not above the structure's."""
         stiffest = scales.omega_n**2 / cls.at_zero
         return {
             cls.names()[0]: (SCALE[0] * min(1.0, stiffest), min(SCALE[1], stiffest)),
@@ -70,20 +70,20 @@ class GivenBackbone(Masing):
         return self.at_zero * self.scale_force / self.scale_displacement
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the virgin curve's lag at x, without cancellation at small x, and its slope."""
+        """Return the stiffness force minus the virgin curve at x, K x - F_b, and its slope."""
         c, t, _ = self._piece(x)
         lag = c[0] + t * (c[1] + t * (c[2] + t * c[3]))
         slope = c[1] + t * (2.0 * c[2] + 3.0 * t * c[3])
         return self.scale_force * lag, self.scale_force / self.scale_displacement * slope
 
     def lag_integral(self, x: Scalar) -> Scalar:
-        """Return the integral of the virgin curve's lag from 0 to x [J/kg]."""
+        """Return the integral of K x - F_b, the force lost to slip, from 0 to x [J/kg]."""
         c, t, before = self._piece(x)
         scaled_integral = before + t * (c[0] + t * (c[1] / 2.0 + t * (c[2] / 3.0 + t * c[3] / 4.0)))
         return self.scale_force * self.scale_displacement * scaled_integral
 
     def _piece(self, x: Scalar) -> tuple[Float[Array, "4 ..."], Scalar, Scalar]:
-        """Return the piece's coefficients at x, distance from its knot, and integral up to it."""
+        """Return the coefficients of the curve's piece at x, distance in it, and integral."""
         way = jnp.asarray(x, float) / self.scale_displacement
         knots = jnp.asarray(self.knots)
         index = jnp.sum(stop_gradient(way)[..., None] >= knots[1:], -1)
@@ -96,7 +96,7 @@ class GivenBackbone(Masing):
 
 
 def given_backbone(name: str, x: Sequence[float], force: Sequence[float]) -> type[GivenBackbone]:
-    r"""Return the law class of a given virgin curve; `register` makes it available to campaigns.
+    r"""Return the law class for a given virgin curve, ready for `register`.
 
     Args:
         name: Name of the law, such as `lap_joint`; its parameters are `NAME_force` and

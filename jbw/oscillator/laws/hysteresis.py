@@ -1,4 +1,4 @@
-"""The Bouc-Wen hysteresis alone: its rate, its exact map and its steady loop."""
+"""The Bouc-Wen hysteresis: its rate, its exact map along a path, and its steady loop."""
 
 import warnings
 
@@ -19,7 +19,7 @@ from jbw.oscillator.laws.relaxation import half_width, loop_harmonics, opening_a
 from jbw.oscillator.parameters import Hysteresis
 from jbw.report.messages import joint as messages
 
-# The strongest sweeps reach 17; beyond this limit the joint slips fully, or a unit is wrong.
+# The strongest sweeps reach 17; above this limit the joint slips fully, or a unit is wrong.
 _LARGEST_EXPONENT = 50.0
 _REMEDY = "Check delta and gamma [1/m] and the unit of the displacement [m]."
 
@@ -145,7 +145,7 @@ def _move(joint: Hysteresis, z: ArrayLike, dy: ArrayLike) -> Array:
     z_in = jnp.where(towards_zero, z, 0.0)
     to_zero = -psi(c_in / joint.alpha, z_in) / joint.alpha
     stays = towards_zero & (distance <= to_zero)
-    # Both parts are always computed, so each receives a zero move where the other one applies.
+    # Both parts are always computed: a part that does not apply gets a move of length zero.
     inner = z_in + (joint.alpha - c_in * z_in) * phi(c_in, jnp.where(stays, distance, 0.0))
     z_out = jnp.where(towards_zero, 0.0, z)
     rest = jnp.where(stays, 0.0, distance - jnp.where(towards_zero, to_zero, 0.0))
@@ -225,7 +225,7 @@ def _loop(joint: Hysteresis, y_peak: ArrayLike) -> SteadyLoop:
 
 
 def _warn_unbounded(joint: Hysteresis, z: ArrayLike, dy: ArrayLike) -> None:
-    """Warn if z exceeds every bound instead of relaxing to alpha/(delta + gamma)."""
+    """Warn if z grows without bound instead of approaching alpha/(delta + gamma)."""
     alpha, delta, gamma = (np.asarray(x) for x in (joint.alpha, joint.delta, joint.gamma))
     if np.any((alpha <= 0.0) | (delta + gamma < 0.0)):
         reason = messages.BOUNDED
@@ -238,7 +238,7 @@ def _warn_unbounded(joint: Hysteresis, z: ArrayLike, dy: ArrayLike) -> None:
 
 
 def _warn_saturated(joint: Hysteresis, y_peak: ArrayLike, loop: SteadyLoop) -> None:
-    """Warn if the joint slips almost completely, which is most likely due to a wrong unit."""
+    """Warn if the joint slips almost completely, which a wrong unit would cause."""
     exponent = np.abs(joint.delta + np.abs(joint.gamma)) * (y_peak + np.abs(loop.y_open))
     if np.any(exponent > _LARGEST_EXPONENT):
         warnings.warn(

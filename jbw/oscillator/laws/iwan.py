@@ -12,7 +12,7 @@ from jbw.oscillator.laws.relaxation import exponential_remainder
 from jbw.oscillator.parameters import SLOW, Scalar
 from jbw.quantities import Quantity
 
-# Prior of the stiffness loss at the largest displacement, for a loop with the usual exponent.
+# Prior range of the stiffness loss at the largest displacement, for the usual exponent.
 LOSS = (1e-4, 0.3)
 _USUAL_EXPONENT = 0.7
 SEGALMAN_UNITS = {"K_T": "N/m", "F_S": "N", "chi": "1", "beta": "1", "phi_max": "m"}
@@ -51,24 +51,24 @@ class MasingPower(Masing):
         return {"power_loss": (low, high), "power_exponent": EXPONENT}
 
     def stiffness(self) -> Scalar:
-        """Return zero, as the law has no elastic part [1/s^2]."""
+        """Return zero, because the law has no elastic part [1/s^2]."""
         return 0.0 * self.power_loss
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Return the power of length of the loss, which is stated at 1 mm."""
+        """Return the additional power of length of the loss, which is stated at 1 mm."""
         return {"power_loss": -self.power_exponent}
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the virgin curve's power-law lag, and its slope."""
+        """Return the force lost to slip, a power of x, and its slope."""
         secant = self.power_loss * power(x * PER_REFERENCE, self.power_exponent)
         return secant * x, (1.0 + self.power_exponent) * secant
 
     def lag_integral(self, x: Scalar) -> Scalar:
-        """Return the integral of the virgin curve's lag from 0 to x [J/kg]."""
+        """Return the integral of the force lost to slip from 0 to x [J/kg]."""
         return self.lag(x)[0] * x / (2.0 + self.power_exponent)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Return the closed-form loop, valid at every amplitude."""
+        """Return equivalent stiffness and damping in closed form, at every amplitude."""
         softening, damping = power_loop(self.power_exponent)
         lost: Any = self.power_loss * power(jnp.asarray(y_peak) / REFERENCE, self.power_exponent)
         return Loop(-softening * lost, damping * lost)
@@ -121,7 +121,7 @@ class Iwan4(Masing):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds: a share of the stiffness, and a loss like the power law's."""
+        """Return prior bounds: a share of the stiffness, and a loss as in the power law."""
         share = FORCED_SHARE if scales.forced else SHARE
         low, high = MasingPower.prior(scales)["power_loss"]
         return {
@@ -140,14 +140,14 @@ class Iwan4(Masing):
 
     @classmethod
     def of_density(cls, phi_max: Scalar, r: Scalar, s: Scalar, chi: Scalar) -> "Iwan4":
-        """Return the law of a density: phi_max [m], R [1/(m^(1+chi) s^2)], S [1/s^2] and chi."""
+        """Return the law of sliders: phi_max [m], R [1/(m^(1+chi) s^2)], S [1/s^2], chi."""
         spread = r * power(phi_max, 1.0 + chi) / (1.0 + chi)
         loss = r * power(REFERENCE, 1.0 + chi) / ((1.0 + chi) * (2.0 + chi))
         return cls(spread + s, loss, chi, s / spread)
 
     @property
     def phi_max(self) -> Scalar:
-        """The displacement phi_max of macroslip [m]."""
+        """The displacement of macroslip phi_max, at which all sliders slip [m]."""
         return REFERENCE * power(self._secant / self.iwan_loss, 1.0 / (1.0 + self.iwan_chi))
 
     @property
@@ -167,7 +167,7 @@ class Iwan4(Masing):
 
     @property
     def c(self) -> Scalar:
-        """The factor c of the lag c x^(2+chi) [1/(m^(1+chi) s^2)]."""
+        """The factor c of the force lost to slip, c x^(2+chi) [1/(m^(1+chi) s^2)]."""
         return self.iwan_loss / power(REFERENCE, 1.0 + self.iwan_chi)
 
     @property
@@ -193,7 +193,7 @@ class Iwan4(Masing):
         return Kink(phi_max, -self.s, spread * (1.0 + self.iwan_chi) / phi_max)
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Return the power of length of the loss, which is stated at 1 mm."""
+        """Return the additional power of length of the loss, which is stated at 1 mm."""
         return {"iwan_loss": -1.0 - self.iwan_chi}
 
     def thresholds(self) -> tuple[Threshold, ...]:
@@ -201,7 +201,7 @@ class Iwan4(Masing):
         return (Threshold("macroslip", self.phi_max, "K_T, F_S and beta"),)
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the virgin curve's lag (a power below macroslip, K_T x - F_S beyond) and slope."""
+        """Return the force lost to slip (K_T x - F_S beyond macroslip), and its slope."""
         sticks = x < self.phi_max
         below = jnp.minimum(x, self.phi_max)
         secant = self.iwan_loss * power(below * PER_REFERENCE, 1.0 + self.iwan_chi)
@@ -209,7 +209,7 @@ class Iwan4(Masing):
         return lag, jnp.where(sticks, (2.0 + self.iwan_chi) * secant, self.iwan_stiffness)
 
     def lag_integral(self, x: Scalar) -> Scalar:
-        """Return the integral of the virgin curve's lag from 0 to x [J/kg]."""
+        """Return the integral of the force lost to slip from 0 to x [J/kg]."""
         phi_max = self.phi_max
         below = jnp.minimum(x, phi_max)
         slips = self.iwan_stiffness * (x + below) / 2.0 - self.f_s
@@ -233,7 +233,7 @@ class Iwan4(Masing):
 
 
 class MasingExponential(Masing):
-    r"""The Masing law of the exponential virgin curve, the only curve shared with Bouc-Wen's law.
+    r"""The Masing law with an exponential virgin curve, which Bouc-Wen's law can also have.
 
     $$F_b = \frac{\alpha}{b}\left(1 - e^{-b x}\right)$$
 
@@ -280,7 +280,7 @@ class MasingExponential(Masing):
         return self.exponential_alpha
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the lag alpha x s E_2(s) with s = b x, and its slope alpha s E_1(s).
+        """Return the force lost to slip, alpha x s E_2(s) with s = b x, and its slope.
 
         This form has no cancellation.
         """
@@ -289,6 +289,6 @@ class MasingExponential(Masing):
         return alpha * x * s * exponential_remainder(2, s), alpha * s * exponential_remainder(1, s)
 
     def lag_integral(self, x: Scalar) -> Scalar:
-        """Return the integral of the virgin curve's lag, alpha x^2 s E_3(s) [J/kg]."""
+        """Return the integral of the force lost to slip, alpha x^2 s E_3(s) [J/kg]."""
         s = jnp.asarray(self.exponential_b * x, float)
         return self.exponential_alpha * x**2 * s * exponential_remainder(3, s)

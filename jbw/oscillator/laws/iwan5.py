@@ -1,4 +1,4 @@
-r"""Iwan's array whose sliders slide at less force than they stick: loops, paths, motion in time.
+r"""Iwan's array with sliders that slide at a lower force than they stick.
 
 A slider sticks up to its limit and slides at a lower force. Its force drops when it begins to
 slide, and must rise to the limit again before it slides the next time. Therefore a closed inner
@@ -28,13 +28,14 @@ from jbw.oscillator.parameters import SLOW, Scalar
 from jbw.quantities import Quantity
 
 COUNT = 1000
-GRADING = 2  # edges of the bins of sliders' limits are this power of uniform ones
-_GRADED = 3  # power that grades a loop's nodes towards 0
-_WITHIN = 1.0 - 1e-14  # of the largest drop, at which its angle has no derivative
+GRADING = 2  # power of uniform numbers that gives the edges of the bins of slip limits
+_GRADED = 3  # power that concentrates a loop's nodes near 0
+# largest drop at which the angle has a derivative, relative to the largest possible
+_WITHIN = 1.0 - 1e-14
 
 
 class SliderStretches(NamedTuple):
-    """Every slider's stretch [m], and its sliding direction, or 0 if it sticks."""
+    """The stretch of every slider [m], and its sliding direction, or 0 if it sticks."""
 
     stretch: Float[Array, " slider"]
     slides: Float[Array, " slider"]
@@ -76,11 +77,11 @@ class Iwan5(Law):
 
     @property
     def sticking(self) -> Iwan4:
-        """The Iwan law of the sliders' sticking limits, theta = 1."""
+        """The Iwan law with the sliders' sticking limits (theta = 1)."""
         return Iwan4(self.iwan_stiffness, self.iwan_loss, self.iwan_chi, self.iwan_beta)
 
     def array(self) -> tuple[Float[Array, " slider"], Float[Array, " slider"]]:
-        """Return each slider's stiffness [1/s^2] and limit [m]; the last slider slips last."""
+        """Return each slider's stiffness [1/s^2] and slip limit [m]; the last slider slips last."""
         edge = self.sticking.phi_max * jnp.linspace(0.0, 1.0, self.count) ** GRADING
         stiffness, moment = jnp.diff(self._zeroth(edge)), jnp.diff(self._first(edge))
         limit = jnp.append(moment / stiffness, self.sticking.phi_max)
@@ -91,7 +92,7 @@ class Iwan5(Law):
         return self.iwan_stiffness
 
     def at_rest(self) -> SliderStretches:
-        """Return the memory at rest: no slider is stretched."""
+        """Return the internal state at rest: no slider is stretched."""
         return SliderStretches(jnp.zeros(self.count), jnp.zeros(self.count))
 
     def force(self, y: Scalar, v: Scalar, memory: SliderStretches) -> Scalar:
@@ -150,7 +151,8 @@ class Iwan5(Law):
         peak = jnp.where(at_zero, REFERENCE, y_peak)
         most, theta, chi = self.sticking.phi_max, self.iwan_theta, self.iwan_chi
         reach = jnp.minimum(peak, most)
-        last = jnp.where(peak < most, 0.0, self._lump)  # stiffness of the last sliders if they slip
+        # stiffness of the sliders that slip last, if they do
+        last = jnp.where(peak < most, 0.0, self._lump)
         end = _drop(theta, reach / peak)
 
         def part(node: Scalar, weight: Scalar) -> Scalar:
@@ -172,14 +174,14 @@ class Iwan5(Law):
         )
 
     def rate(self, y: Scalar, v: Scalar, memory: SliderStretches) -> SliderStretches:
-        """Return the stretch rates of stuck sliders [m/s]; `move` handles each slider's drop."""
+        """Return the rates of the stretches of stuck sliders [m/s]; `move` handles drops."""
         stays = memory.slides * v > 0.0
         return SliderStretches(jnp.where(stays, 0.0, v), jnp.zeros_like(memory.slides))
 
     def turn(
         self, h: Scalar, y: Scalar, memory: SliderStretches, ends: Ends, quartic: Scalar
     ) -> tuple[SliderStretches, Scalar, Scalar]:
-        """Return the sliders after a step, and its impulses; at a turn all sliders stick."""
+        """Return the sliders after a step, and the effect of kinks; a reversal makes all stick."""
         path = StepPath.through(ends, quartic)
         at_turn = self.move(y, memory, path.before)
         regained = jnp.sum(self.array()[0] * jnp.abs(at_turn.slides))
@@ -191,19 +193,19 @@ class Iwan5(Law):
     def shift(
         self, y: Scalar, memory: SliderStretches, dy: Scalar, branch: Branch
     ) -> SliderStretches:
-        """Shift the stuck sliders only: the corrector's small move does not change their state."""
+        """Return the sliders after a small correction, which moves only the stuck ones."""
         stretch = memory.stretch + jnp.where(memory.slides == 0.0, dy, 0.0)
         return SliderStretches(stretch, memory.slides)
 
     def memory_unit(self, omega_n: Scalar) -> NoReturn:
-        """Raise an error: the periodic state of all sliders' stretches is not solved for."""
+        """Raise an error, because the periodic state of so many sliders is not computed."""
         raise ModelError(
             "The periodic motion of the law `iwan5` is not solved for: each slider has its own.",
             remedy="Take its `backbone`, or simulate until the motion repeats.",
         )
 
     def scaled(self, length: Scalar, stiffness: Scalar) -> NoReturn:
-        """Raise an error: harmonic balance does not support this law."""
+        """Raise an error, because harmonic balance does not support this law."""
         self.memory_unit(length)
 
     # -- of the density ----------------------------------------------------------------------------
@@ -227,12 +229,12 @@ class Iwan5(Law):
 
 
 def _drop(theta: Scalar, ratio: Scalar) -> Scalar:
-    """Return the loop angle at which sliders of limit `ratio` times the peak slip [rad]."""
+    """Return the phase angle at which sliders of limit `ratio` times the peak slip [rad]."""
     return 2.0 * jnp.arcsin(jnp.sqrt(0.5 * (1.0 + theta) * ratio * _WITHIN))
 
 
 def _slider_stiffness(theta: Scalar, c: Scalar) -> Scalar:
-    """Return the equivalent stiffness of a unit-stiffness slider that slips from angle c on [-]."""
+    """Return the equivalent stiffness of a slider of unit stiffness that slips from angle c on."""
     ratio = 2.0 * jnp.sin(0.5 * c) ** 2 / (1.0 + theta)
     sine = jnp.sin(c)
     return 2.0 / jnp.pi * ((2.0 * theta * ratio - 1.0) * sine + 0.5 * (c + sine * jnp.cos(c)))

@@ -1,4 +1,4 @@
-r"""Jenkins sliders in parallel: springs, each of which slips at its own displacement."""
+r"""Jenkins elements in parallel: springs, each of which slips at its own displacement."""
 
 from collections.abc import Mapping
 from functools import cache, reduce
@@ -29,18 +29,19 @@ from jbw.oscillator.steady.waveform import (
 from jbw.quantities import Quantity
 from jbw.report.messages import joint as messages
 
-# The prior of the first slip lies between these fractions of the largest displacement. Each other
-# slip is its predecessor times a ratio of at least one, so that sliders cannot be interchanged. The
-# ratios together span the same range; a slider that never slips is a linear spring.
+# The prior of the first slip displacement lies between these fractions of the largest displacement.
+# Each further slip is its predecessor times a ratio of at least one, so that sliders cannot be
+# interchanged. The ratios together span the same range; a slider that never slips is a linear
+# spring.
 SLIP = (0.02, 2.0)
-SHARE = (0.002, 0.5)  # of the stiffness, for all sliders together
+SHARE = (0.002, 0.5)  # range of the share of all sliders in the stiffness
 FORCED_SHARE = (0.01, MOST_SOFTENING)
 _NODES, _NODES_PER_HARMONIC = 24, 2
 _SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 def _table(count: int) -> tuple[Quantity, ...]:
-    """Return the parameter table of `count` sliders, in the order of their slips."""
+    """Return the parameter table of `count` sliders, in the order of their slip displacements."""
     rows = []
     for i in range(1, count + 1):
         low, before = (f"{number}".translate(_SUBSCRIPT) for number in (i, i - 1))
@@ -60,7 +61,7 @@ def _slip(i: int) -> Quantity:
 
 
 def _slips(count: int) -> tuple[Monomial, ...]:
-    """Return the slips of all sliders after the first, as products of slip_1 and ratios."""
+    """Return each slip displacement after the first, as a product of slip_1 and ratios."""
     return tuple(
         Monomial(_slip(i), {"slip_1": 1} | {f"slip_ratio_{j}": 1 for j in range(2, i + 1)})
         for i in range(2, count + 1)
@@ -68,7 +69,7 @@ def _slips(count: int) -> tuple[Monomial, ...]:
 
 
 class Jenkins(Law):
-    r"""A parallel array of Jenkins elements; its memory is the tuple of the springs' stretches x.
+    r"""Jenkins elements in parallel; the internal state is the stretch x of each spring.
 
     $$F = \sum_i \alpha_i x_i, \qquad x_i \leftarrow \mathrm{clip}(x_i + dy,\,
       -\varphi_i,\, \varphi_i)$$
@@ -113,7 +114,7 @@ class Jenkins(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds: equal stiffness shares of sliders, first slip, and slip ratios."""
+        """Return prior bounds: equal stiffness of all sliders, first slip, and ratios of slips."""
         count = len(cls.table) // 2
         share = FORCED_SHARE if scales.forced else SHARE
         low, high = (float(part * scales.omega_n**2 / count) for part in share)
@@ -137,7 +138,7 @@ class Jenkins(Law):
         return sum(self.alpha)
 
     def at_rest(self) -> tuple[Scalar, ...]:
-        """Return the memory at rest: no spring is stretched."""
+        """Return the internal state at rest: no spring is stretched."""
         return tuple(0.0 for _ in self.alpha)
 
     def force(self, y: Scalar, v: Scalar, memory: tuple[Scalar, ...]) -> Scalar:
@@ -159,12 +160,12 @@ class Jenkins(Law):
         return of_opensees(*(Material("ElasticPP", (mass * k, slip)) for k, slip in pairs))
 
     def memory_unit(self, omega_n: Scalar) -> tuple[Scalar, ...]:
-        """Return the factor to a velocity, omega_n, because each memory entry is a displacement."""
+        """Return omega_n, which converts each stretch to a velocity."""
         return tuple(omega_n for _ in self.alpha)
 
     # -- through a time step -----------------------------------------------------------------------
     def branch(self, v: Scalar, memory: tuple[Scalar, ...]) -> tuple[Bool[Array, "..."], ...]:
-        """Return True for slipping sliders, whose stretch is exactly phi since moves clip it."""
+        """Return which sliders slip; their stretch is exactly phi, because moves clip it."""
         pairs = zip(memory, self.phi, strict=True)
         return tuple(signed(x, v) >= phi for x, phi in pairs)
 
@@ -178,13 +179,13 @@ class Jenkins(Law):
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: tuple, branch: tuple
     ) -> Scalar:
-        """Return half of h^2 times the remainder's second time derivative."""
+        """Return half of h^2 times the second time derivative of the force lost to slip."""
         return -0.5 * h**2 * a * self._slipping(branch)
 
     def glide(
         self, y: Scalar, memory: tuple[Scalar, ...], dy: Scalar, branch: tuple
     ) -> tuple[tuple[Scalar, ...], Bool[Array, "..."]]:
-        """Return the exact stretches after a move, and True if a slider began to slip."""
+        """Return the stretches after a move, and True if a slider began to slip."""
         moved = self.move(y, memory, dy)
         after = self.branch(dy, moved)
         met = (now != was for now, was in zip(after, branch, strict=True))
@@ -193,7 +194,7 @@ class Jenkins(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: tuple[Scalar, ...], ends: Ends, quartic: Scalar
     ) -> tuple[tuple[Scalar, ...], Scalar, Scalar]:
-        """Return stretches and impulses of a step; sliders may slip before and after its turn."""
+        """Return the stretches after a step that may turn, and the effect of slip onsets."""
         path = StepPath.through(ends, quartic)
         start = jnp.where(ends[0] == 0.0, ends[1], ends[0])
         # All sliders are treated at once: one by one they take several times as long to compile.
@@ -207,7 +208,7 @@ class Jenkins(Law):
         regained = jnp.where(path.turns & slid, alpha, 0.0)
         turned = kink_impulse(1.0 - path.fraction, regained * path.bend, 0.0)
         impulse_v, impulse_y = turned.v, turned.y
-        # Where slip begins, the slope of r falls by alpha; slip ends where the motion turns.
+        # At a slip onset the slope of the force falls by alpha; slip ends where the motion turns.
         for begins, s in (first, (slips_again, path.passage(place, first=False))):
             s = barrier(jnp.where(begins, s, 1.0))
             lost = jnp.where(begins, -alpha, 0.0)
@@ -220,7 +221,7 @@ class Jenkins(Law):
     def shift(
         self, y: Scalar, memory: tuple[Scalar, ...], dy: Scalar, branch: tuple
     ) -> tuple[Scalar, ...]:
-        """Return the sliders' stretches after a small move, which shifts only the stuck ones."""
+        """Return the stretches after a small move, which changes only the stuck sliders."""
         triples = zip(memory, self.phi, branch, strict=True)
         return tuple(jnp.where(slip, x, jnp.clip(x + dy, -phi, phi)) for x, phi, slip in triples)
 
@@ -257,7 +258,7 @@ class Jenkins(Law):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Return odd harmonics, integrated between turns and the angle where each slider slips."""
+        """Return odd harmonics, integrated piecewise between turning points and slip onsets."""
         if max_turns > 2:
             return super().harmonics(q, max_turns, omega)
         start = crest(q)
@@ -279,7 +280,7 @@ class Jenkins(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Return the steady force [N/kg] at angles of a period; exact for two turns a period."""
+        """Return the steady force [N/kg] at angles of a period with two turning points; exact."""
         if max_turns > 2:
             return super().force_over_period(q, theta, max_turns, omega)
         peak = synthesis(q, crest(q))

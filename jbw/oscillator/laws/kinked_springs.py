@@ -1,4 +1,4 @@
-r"""Springs whose slope or curvature jumps at some displacements: stops, and the force of y|y|."""
+r"""Springs whose slope or curvature jumps at some displacements: stops, and the force y|y|."""
 
 from collections.abc import Mapping
 from typing import ClassVar, NamedTuple
@@ -27,15 +27,15 @@ from jbw.oscillator.steady.waveform import (
 )
 from jbw.quantities import Quantity
 
-# Prior of a stop's stiffness over the linear stiffness: from an opening interface to a pin.
+# Prior of a stop's stiffness over the linear stiffness, from an opening interface to a pin.
 STOP_SHARE = (-0.5, 2.0)
-# Prior of the gap over the largest displacement: with no gap it would be a linear spring.
+# Prior of the gap over the largest displacement; without a gap it would be a linear spring.
 STOP_GAP = (0.02, 1.0)
 _NODES, _NODES_PER_HARMONIC = 16, 4
 
 
 class Corner(NamedTuple):
-    """A displacement at which a spring's derivatives jump, with the jumps for rising y.
+    """A displacement where the derivatives of a spring's force jump, with the jumps.
 
     Attributes:
         y: Displacement [m].
@@ -49,32 +49,32 @@ class Corner(NamedTuple):
 
 
 class KinkedSpring(Spring):
-    """The base class of odd springs with corners, where the step and the quadrature are split."""
+    """The base class of odd springs with corners, which a step or an integral must not cross."""
 
     def corners(self) -> tuple[Corner, ...]:
-        """Return the spring's corners in falling order of their displacements."""
+        """Return the corners of the spring, the largest displacement first."""
         raise NotImplementedError
 
     def even_part(self) -> None:
-        """Return None: the spring is odd and has no even part."""
+        """Return None, because the spring is odd."""
 
     # -- through a time step -----------------------------------------------------------------------
     @property
     def kinked(self) -> bool:
-        """Whether the law has kinks; always."""
+        """Whether the law has kinks: always."""
         return True
 
     def glide(
         self, y: Scalar, memory: tuple[()], dy: Scalar, branch: tuple[()]
     ) -> tuple[tuple[()], Bool[Array, "..."]]:
-        """Return the (empty) memory, and True if the step passes through a corner."""
+        """Return the empty internal state, and True if the step passes through a corner."""
         passed = ((y > corner.y) != (y + dy > corner.y) for corner in self.corners())
         return (), jnp.any(jnp.stack([jnp.asarray(crossed) for crossed in passed]), 0)
 
     def turn(
         self, h: Scalar, y: Scalar, memory: tuple[()], ends: Ends, quartic: Scalar
     ) -> tuple[tuple[()], Scalar, Scalar]:
-        r"""Return the impulses of the corners passed before and after the turning point.
+        r"""Return the effect on v and y of the corners passed before and after the turning point.
 
         From the jumps of f' and f'' at a corner, the jumps of the force's time derivatives are
 
@@ -107,7 +107,7 @@ class KinkedSpring(Spring):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Return the spring's odd harmonics, integrated between its corners over half a period."""
+        """Return the odd harmonics, integrated piecewise between the corners over half a period."""
         if max_turns > 2:
             return generic.harmonics_by_moves(self, q, max_turns, omega)
         fixed = stop_gradient(q)
@@ -138,7 +138,7 @@ class Quadratic(KinkedSpring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds, up to 0.3 of the linear force at the largest motion, either sign."""
+        """Return prior bounds of either sign, up to 0.3 of the linear force at largest motion."""
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak
         return {"quadratic": (-most, most)}
 
@@ -178,14 +178,14 @@ class Stop(KinkedSpring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds: a stiffness share of either sign, and gaps within the motion."""
+        """Return prior bounds: stiffness of either sign, and gaps within the motion."""
         least, most = (share * scales.omega_n**2 for share in STOP_SHARE)
         near, far = (share * scales.y_peak for share in STOP_GAP)
         return {"stop_stiffness": (least, most), "stop_gap": (near, far)}
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """Return a warning if the prior has stops beyond all motion, which have no effect."""
+        """Return a warning if the prior includes stops that the motion never reaches, else None."""
         return beyond_all_motion("stop_gap", bounds["stop_gap"], y_peak)
 
     def thresholds(self) -> tuple[Threshold, ...]:
@@ -213,7 +213,7 @@ class Stop(KinkedSpring):
         return Loop(stiffness, jnp.zeros_like(stiffness))
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """Return this law as OpenSees' line through four points, extended at both ends."""
+        """Return this law as a piecewise linear material of OpenSees with four points."""
         gap, force = float(self.gap), mass * self.k * float(self.gap)
         points = ("-strain", -2 * gap, -gap, gap, 2 * gap, "-stress", -force, 0.0, 0.0, force)
         return of_opensees(Material("ElasticMultiLinear", points))

@@ -1,4 +1,4 @@
-r"""The Bouc-Wen force in one time step, through a turning point, a zero of z, or both.
+r"""The Bouc-Wen force in a time step that contains a turning point, a zero of z, or both.
 
 The residual force $r = z - \alpha y$ has jumps of its second and third derivative: at a turning
 point $J_2 = -2\gamma|\dot v|z$, $J_3 = -2\gamma\,\mathrm{sgn}(v_1)\,\ddot v z$; at a zero of z $J_2
@@ -30,20 +30,20 @@ from jbw.oscillator.kinks import (
 from jbw.oscillator.laws.piecewise_map import MoveSlopes, TwoMoves, two_moves
 from jbw.oscillator.parameters import Scalar
 
-# Derivatives by delta, gamma, z, the path's start slope, end slope and rise, and its quartic term.
+# Derivatives by delta, gamma, z, start slope, end slope, displacement and quartic term of the path.
 Slopes = tuple[Scalar, ...]
 Law = tuple[Scalar, Scalar, Scalar]
 
 
 class _Kinked(NamedTuple):
-    """The force z at the end and impulses (times 1/h and 1/h^2), and derivatives of each."""
+    """The force z at the end, and the effect of kinks (times 1/h and 1/h^2), with derivatives."""
 
     values: tuple[Scalar, Scalar, Scalar]
     slopes: tuple[Slopes, Slopes, Slopes]
 
 
 class _Motion(NamedTuple):
-    """The path of a step, its turning point and sharpness, and the two moves along it."""
+    """The path of a step: its turning point and curvature there, and the two moves along it."""
 
     path: CubicPath
     turns: Bool[Array, "..."]
@@ -54,7 +54,7 @@ class _Motion(NamedTuple):
 
 @jax.custom_jvp
 def kinked_step(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-    """Return the force z at the end of a step, and its kinks' impulses on v/h and y/h^2 [m/s^2].
+    """Return the force z at the end of a step, and the kinks' effect on v/h and y/h^2 [m/s^2].
 
     Without the path's quartic term, (h d/dt)^4 y / 24 [m], the turning point would only be of order
     4, and its derivatives of order 3, because they move it within the step.
@@ -70,7 +70,7 @@ def _kinked_step_jvp(primals, tangents):
     dots = (delta_dot, gamma_dot, z_dot, *ends_dot, quartic_dot)
 
     def total(value, slopes):
-        # All results scale with (alpha, z).
+        # All results are proportional to (alpha, z).
         by_alpha = barrier((value - z * slopes[2]) / alpha)
         return by_alpha * alpha_dot + sum(s * x for s, x in zip(slopes, dots, strict=True))
 
@@ -78,7 +78,7 @@ def _kinked_step_jvp(primals, tangents):
 
 
 def _kinked(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Kinked:
-    """Return the values and derivatives of a kinked step; under jit only if they are used."""
+    """Return values and derivatives of a step with kinks; under jit only those that are used."""
     motion = _motion(law, z, ends, quartic)
     fraction_slopes, sharpness_slopes, by_path, by_quartic = _turn_slopes(motion, ends, quartic)
     z_1 = motion.moves.end
@@ -93,7 +93,7 @@ def _kinked(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Kinked:
 
 
 def _motion(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Motion:
-    """Return the motion in a step: the turning point of its path, and z along it."""
+    """Return the path of a step and its turning point, with z along it."""
     start, end, rise = ends
     turns = jnp.asarray(start * end < 0.0)
     path = barrier(hermite(*ends))
@@ -108,7 +108,7 @@ def _motion(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Motion:
 def _turn_slopes(
     motion: _Motion, ends: Ends, quartic: Scalar
 ) -> tuple[PathSlopes, PathSlopes, PathSlopes, Scalar]:
-    """Return the derivatives of turning point, sharpness and first move by the path.
+    """Return the derivatives of turning point, curvature and first move by the path.
 
     Because the cubic is flat there, its move depends only on the path and not on where it turns.
     """
@@ -131,7 +131,7 @@ def _turn_slopes(
 
 
 def _along(moves: MoveSlopes, by_path: PathSlopes, by_quartic: Scalar) -> Slopes:
-    """Return derivatives by a step's path, from those by the two moves along it."""
+    """Return derivatives by the path of a step, from those by the two moves along it."""
     delta, gamma, z, first, second = moves
     more = first - second
     start, end, rise = (more * x for x in by_path)
@@ -146,7 +146,7 @@ def _turn_impulse(
     sharpness_slopes: PathSlopes,
     fraction_slopes: PathSlopes,
 ) -> tuple[KinkImpulse, tuple[Slopes, Slopes]]:
-    """Return the impulse of the turning point, and its derivatives."""
+    """Return the effect of the turning point on v and y, with derivatives."""
     gamma, z = law[2], motion.moves.turn
     twice = jnp.where(motion.turns, -2.0, 0.0)
     sharpness, twist = motion.sharpness, signed(6.0 * motion.path.c_3, ends[1])
@@ -177,7 +177,7 @@ def _turn_impulse(
 def _zero_impulse(
     law: Law, z: Scalar, motion: _Motion, end_slopes: Slopes
 ) -> tuple[KinkImpulse, tuple[Slopes, Slopes]]:
-    """Return the impulse of the zero of z, and its derivatives."""
+    """Return the effect of the zero of z on v and y, with derivatives."""
     alpha, delta, gamma = law
     path, z_1 = motion.path, motion.moves.end
     crosses = z * z_1 < 0.0
@@ -191,7 +191,7 @@ def _zero_impulse(
     shape_2, shape_3 = barrier((twice * shape_2, twice * shape_3))
     impulse = kink_impulse(1.0 - s, delta * shape_2, delta * shape_3)
 
-    # z passes zero by the exact map if the path does not turn, otherwise on a chord of z.
+    # If the path does not turn, z passes zero by the exact map, else by linear interpolation.
     move_basis, slope_basis, bend_basis = (barrier(tuple(b)) for b in hermite_basis(s))
     per_speed = barrier(jnp.where(steady, 1.0 / jnp.where(steady, speed, 1.0), 0.0))
     chord = jnp.where(steady, 0.0, share**2)

@@ -1,4 +1,4 @@
-r"""The LuGre law, whose friction falls with speed: for simulation only.
+r"""The LuGre law, whose friction falls with speed; for simulation only.
 
 Its force depends on the rate of motion, so that it has no loop, no backbone and no move along a
 path without time; joints in harmonic motion at one frequency show no such dependence. It is not in
@@ -61,7 +61,7 @@ class LuGre(Law):
         return self.lugre_stiffness
 
     def at_rest(self) -> Scalar:
-        """Return the memory at rest: no bristle deflection."""
+        """Return the internal state at rest: no deflection of the bristles."""
         return 0.0
 
     def rate(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
@@ -76,12 +76,12 @@ class LuGre(Law):
         return self.lugre_stiffness * memory + bristles + self.lugre_viscous * v
 
     def move(self, y: Scalar, memory: Scalar, dy: Scalar) -> NoReturn:
-        """Raise an error: the force depends on the motion in time, so that there is no loop."""
+        """Raise an error, because the force depends on time: a path alone does not determine it."""
         raise ModelError(
             "The law `lugre` depends on the rate of motion and has no loop or backbone.",
             remedy="Simulate it, or take `Valanis.dahl` where the rate does not matter.",
         )
 
     def check_periodic(self) -> None:
-        """Raise an error: the periodic motion of this law is not solved for."""
+        """Raise an error, because periodic motion with this law is not supported."""
         self.move(0.0, 0.0, 0.0)

@@ -1,4 +1,4 @@
-r"""Masing laws: a concave virgin curve, from which all other branches follow.
+r"""Masing laws: all branches follow from a concave virgin (first-loading) curve.
 
 $$F = s F_b(s (y - y_0)) \text{ at first}, \qquad
   F = F_r + 2 s F_b\!\left(\tfrac{s (y - y_r)}{2}\right) \text{ after a reversal at } (y_r, F_r)$$
@@ -52,7 +52,7 @@ class Kink(NamedTuple):
 
 
 class _Move(NamedTuple):
-    """A monotone move of a Masing law.
+    """A monotone move of a Masing law: branches at its ends, and the loops that it closes.
 
     Attributes:
         begin: Branch at the start, turned into the direction of the move.
@@ -79,15 +79,15 @@ class Masing(Law):
     depth: int = eqx.field(default=SIZE, static=True, kw_only=True)
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the virgin curve's lag K x - F_b [N/kg] at x >= 0, and its slope [1/s^2]."""
+        """Return the force lost to slip at x >= 0, K x - F_b [N/kg], and its slope [1/s^2]."""
         raise NotImplementedError
 
     def lag_integral(self, x: Scalar) -> Scalar:
-        """Return the integral of the virgin curve's lag from 0 to x [J/kg]."""
+        """Return the integral of the force lost to slip from 0 to x [J/kg]."""
         raise NotImplementedError
 
     def kink(self) -> Kink | None:
-        """Return the kink of the virgin curve, or None."""
+        """Return the kink of the virgin curve, or None if it is smooth."""
         return None
 
     def backbone(self, x: Scalar) -> Scalar:
@@ -96,7 +96,7 @@ class Masing(Law):
 
     # -- motion ------------------------------------------------------------------------------------
     def at_rest(self) -> Branch:
-        """Return the memory at rest: no reversals; the virgin curve starts with the motion."""
+        """Return the internal state at rest: no load reversals, start of the virgin curve."""
         return nothing_remembered(self.depth)
 
     def force(self, y: Scalar, v: Scalar, memory: Branch) -> Scalar:
@@ -104,18 +104,18 @@ class Masing(Law):
         return memory.force
 
     def rate(self, y: Scalar, v: Scalar, memory: Branch) -> Branch:
-        """Return the time derivative of the memory: the force along the present or a new branch."""
+        """Return the time derivative of the internal state, along the present or a new branch."""
         goes_on = memory.sense * v > 0.0
         slope = self.stiffness() + jnp.where(goes_on, memory.slope, 0.0)
         still = jax.tree.map(lambda x: 0.0 * x * v, memory)
         return still._replace(force=slope * v)
 
     def move(self, y: Scalar, memory: Branch, dy: Scalar) -> Branch:
-        """Return the memory after a monotone move, exact through any number of closures."""
+        """Return the internal state after a monotone move, exact for any number of closed loops."""
         return self._moved(y, memory, dy).end
 
     def refreshed(self, y: Scalar, memory: Branch) -> Branch:
-        """Return the branch and the force at y, recomputed from the reversals."""
+        """Return the branch and the force at y, recomputed from the load reversals."""
         branch = branch_of(memory.sense, memory.stack)
         force, slope = self._on_branch(branch, y)
         moved = memory.stack.count > 0.5
@@ -124,20 +124,20 @@ class Masing(Law):
         )
 
     def at_tip(self, y_peak: Scalar) -> Branch:
-        """Return the memory at y = Y on the virgin curve, on which the steady loops' tips lie."""
+        """Return the internal state at y = Y on the virgin curve, where the loops' tips lie."""
         y_peak = jnp.asarray(y_peak, float)
         return self.move(0.0 * y_peak, self.at_rest(), y_peak)
 
     def memory_unit(self, omega_n: Scalar) -> Branch:
-        """Return the memory's factors to velocities: 1/omega_n for forces, omega_n for lengths."""
-        # Counters and dependent entries have a small weight; a power of two causes no rounding.
+        """Return factors of the state to velocities: 1/omega_n for forces, omega_n for lengths."""
+        # Counters and dependent entries have a small weight, a power of two to avoid rounding.
         small = 2.0**-10 + 0.0 * omega_n
-        none = 0.0 * omega_n  # `missed` is a counter that keeps growing
+        none = 0.0 * omega_n  # `missed` is a counter that only grows
         stack = Stack(small, small, none, (omega_n,) * self.depth, (1.0 / omega_n,) * self.depth)
         return Branch(small, small, small, small, small, 1.0 / omega_n, small, stack)
 
     def packed(self, memory: Branch) -> Branch:
-        """Pack the reversals into arrays and round their counts, which a root search varies."""
+        """Return the internal state with its load reversals in arrays and whole-number counts."""
         stack, size = memory.stack, float(self.depth)
         stack = stack._replace(count=jnp.clip(jnp.round(stack.count), 0.0, size))
         branch = branch_of(jnp.sign(jnp.round(memory.sense)), stack)
@@ -145,38 +145,38 @@ class Masing(Law):
         return branch._replace(force=memory.force, slope=memory.slope, stack=stack)
 
     def unpacked(self, memory: Branch) -> Branch:
-        """Return the memory with its arrays of reversals unpacked into scalars."""
+        """Return the internal state with its load reversals as scalars."""
         y, f = (tuple(jnp.moveaxis(x, -1, 0)) for x in (memory.stack.y, memory.stack.f))
         return memory._replace(stack=memory.stack._replace(y=y, f=f))
 
     def guesses(self, memory: Branch) -> Scalar:
-        """Return the number of times that the motion returned to dropped reversals."""
+        """Return how often the motion returned to load reversals that were no longer remembered."""
         return memory.stack.missed
 
     # -- for derivatives ---------------------------------------------------------------------------
     def stack_columns(self, memory: Branch) -> tuple[Entries, Entries]:
-        """Return the displacements and the forces of the reversals."""
+        """Return the displacements and the forces of the load reversals."""
         return memory.stack.y, memory.stack.f
 
     def with_columns(self, y: Scalar, memory: Branch, columns: tuple) -> Branch:
-        """Return the branch at y that follows from other reversals."""
+        """Return the branch at y that follows from other load reversals."""
         stack = memory.stack._replace(y=columns[0], f=columns[1])
         return self.refreshed(y, memory._replace(stack=stack))
 
     def turned_or_closed(self, before: Branch, after: Branch) -> Bool[Array, "..."]:
-        """Return True if a step has turned the motion or closed a branch."""
+        """Return whether a step has reversed the motion or closed a loop."""
         closed = before.stack.count != after.stack.count
         return jnp.asarray((before.sense != after.sense) | closed)
 
     def _on_branch(self, memory: Branch, y: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the force at y on the present branch, and its slope minus that at rest."""
+        """Return the force at y on the present branch, and its slope minus the slope at rest."""
         distance, stretched = memory.sense * (y - memory.y), memory.stretch > 1.5
         lag, slope = self.lag(jnp.maximum(distance, 0.0) * jnp.where(stretched, 0.5, 1.0))
         rest = self.stiffness() * distance - jnp.where(stretched, 2.0, 1.0) * lag
         return memory.f + memory.sense * rest, -slope
 
     def _moved(self, y: Scalar, memory: Branch, dy: Scalar) -> _Move:
-        """Return a monotone move by dy: its branches, closures and last closing displacement."""
+        """Return a monotone move by dy: its branches, and the loops that it closes."""
         sense, stack = headed(memory.sense, memory.stack, y, memory.force, dy)
         begin = branch_of(sense, stack)._replace(force=memory.force)
         begin, stack = barrier((begin, stack))
@@ -188,19 +188,19 @@ class Masing(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Branch, branch: tuple
     ) -> tuple[Scalar, Scalar]:
-        """Return the remainder F - K y and h times its rate."""
+        """Return F - K y and h times its rate."""
         return memory.force - self.stiffness() * y, h * v * memory.slope
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Branch, branch: tuple
     ) -> Scalar:
-        """Return half of h^2 times the remainder's second derivative near a turn (v is small)."""
+        """Return half of h^2 times the second derivative of F - K y near a reversal."""
         return 0.5 * h**2 * a * memory.slope
 
     def glide(
         self, y: Scalar, memory: Branch, dy: Scalar, branch: tuple
     ) -> tuple[Branch, Bool[Array, "..."]]:
-        """Return the memory after a step on its branch; True if it turned, closed or met a kink."""
+        """Return the internal state after a step; True if it reversed, closed or met a kink."""
         sense, after = memory.sense, y + dy
         force, slope = self._on_branch(memory, after)
         met = (sense * dy <= 0.0) | closes(sense, after, memory.y, memory.closure)
@@ -212,14 +212,14 @@ class Masing(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Branch, ends: Ends, quartic: Scalar
     ) -> tuple[Branch, Scalar, Scalar]:
-        """Return the memory after moves before and after the turn, and their kinks' impulses."""
+        """Return the internal state after a step with a reversal, and the effect of kinks."""
         start, end, rise = ends
-        # A start against the direction is a residue of the corrector: too short for a turn.
+        # A start against the direction stems from the correction: too short for a reversal.
         strays = (memory.sense * start <= 0.0) & (start * end < 0.0)
         path = StepPath.through((jnp.where(strays, 0.0, start), end, rise), quartic)
         first = self._moved(y, memory, path.before)
         last = self.move(y + path.before, first.end, path.after)
-        # The new branch after the turn has the slope at rest.
+        # After a reversal, the new branch starts with the slope at rest.
         jump = jnp.where(path.turns, -first.end.slope, 0.0)
         impulse = kink_impulse(1.0 - path.fraction, jump * path.bend, jump * 6.0 * path.cubic.c_3)
         impulse_v, impulse_y = impulse.v, impulse.y
@@ -228,11 +228,11 @@ class Masing(Law):
         return last, impulse_v, impulse_y
 
     def shift(self, y: Scalar, memory: Branch, dy: Scalar, branch: tuple) -> Branch:
-        """Return the memory after a small move dy, with the force along its tangent."""
+        """Return the internal state after a small move dy, with the force along its tangent."""
         return memory._replace(force=memory.force + (self.stiffness() + memory.slope) * dy)
 
     def _kinks(self, y: Scalar, path: StepPath, first: _Move):
-        """Yield the impulses of a closure and of the virgin curve's kink before the turn."""
+        """Yield the effect of a closed loop, and of the virgin curve's kink, before a reversal."""
         after, closing = first.end, jnp.asarray(first.popped > 0.5)
 
         def closure():
@@ -255,7 +255,7 @@ class Masing(Law):
 
     # -- along a periodic motion -------------------------------------------------------------------
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return the loop's stiffness and damping from the lag, with x = Y sin^2(theta/2).
+        r"""Return the loop's stiffness and damping from the lost force, with x = Y sin^2(theta/2).
 
         theta is the phase on the way from Y to -Y.
 
@@ -267,7 +267,7 @@ class Masing(Law):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Return the remainder's odd harmonics, by quadrature for two turning points a period."""
+        """Return the odd harmonics of F - K y, if the motion has two turning points per period."""
         if max_turns > 2:
             return super().harmonics(q, max_turns, omega)
         return steady_harmonics(self, q)
@@ -279,7 +279,7 @@ class Masing(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Return the steady force [N/kg] at angles of a period; exact for two turns a period."""
+        """Return the steady force [N/kg] at angles of a period with two turning points; exact."""
         if max_turns > 2:
             return super().force_over_period(q, theta, max_turns, omega)
         return steady_force(self, q, theta)
@@ -288,7 +288,7 @@ class Masing(Law):
 def _where_met(
     met: Bool[Array, "..."], impulses: Callable[[], tuple[Scalar, Scalar]]
 ) -> tuple[Scalar, Scalar]:
-    """Return the impulses if a kink is met, else zeros (few steps are long enough for one)."""
+    """Return the effect of a kink if it is met, else zeros."""
     nothing = jax.tree.map(jnp.zeros_like, jax.eval_shape(impulses))
     return jax.lax.cond(met, impulses, lambda: nothing)
 
@@ -296,7 +296,7 @@ def _where_met(
 def _slope_jump(
     path: StepPath, target: Scalar, slope: Scalar, curvature: Scalar = 0.0
 ) -> tuple[Scalar, Scalar]:
-    """Return the impulses of a jump of the force's slope before the turning point."""
+    """Return the effect on v and y of a jump in the force's slope before the turning point."""
     s = barrier(path.passage(target, first=True))
     speed = path.cubic.slope(s)
     return slope_jump_impulse(

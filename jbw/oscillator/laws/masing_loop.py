@@ -1,4 +1,4 @@
-r"""Masing laws along a periodic motion with two turning points per period: a closed loop.
+r"""Masing laws along a periodic motion with two turning points per period.
 
 $$F_\downarrow(y) = F_b(Y) - 2 F_b\!\left(\tfrac{Y - y}{2}\right), \qquad
   F_\uparrow(y) = -F_\downarrow(-y)$$
@@ -23,16 +23,16 @@ from jbw.oscillator.steady.waveform import (
 
 Masing = Any  # a `jbw.oscillator.laws.masing.Masing`, whose methods call these functions
 
-# The lag begins like x^(1 + q): near the tip the integrand is not a polynomial.
+# The force lost to slip begins like x^(1 + q), so near the tip the integrand is no polynomial.
 _NODES, _NODES_PER_HARMONIC = 48, 2
 
 
 def steady_loop(law: Masing, y_peak: Scalar) -> tuple[Scalar, Scalar]:
-    """Return a Masing law's equivalent stiffness and damping; those at rest for Y = 0."""
+    """Return a Masing law's equivalent stiffness and damping; for Y = 0 those at rest."""
     at_zero = y_peak == 0.0
     peak = jnp.where(at_zero, 1.0, y_peak)
     kink = law.kink()
-    # The angle at which x reaches the kink; pi where the loop does not reach it.
+    # The angle at which x reaches the kink; pi if the loop does not reach it.
     share = 1.0 if kink is None else jnp.minimum(stop_gradient(kink.x / peak), 1.0)
     inner = 2.0 * jnp.arcsin(jnp.sqrt(share))
     theta, weights = gauss_legendre_between(_NODES, 0.0, inner, jnp.pi)
@@ -44,7 +44,7 @@ def steady_loop(law: Masing, y_peak: Scalar) -> tuple[Scalar, Scalar]:
 
 
 def steady_harmonics(law: Masing, q: Complex[Array, " harmonic"]) -> Complex[Array, " harmonic"]:
-    """Return the odd harmonics of F - K y, by quadrature between turns and the kink's angle."""
+    """Return the odd harmonics of F - K y, integrated piecewise between turning points and kink."""
     start = crest(q)
     peak = synthesis(q, start)
     kink = law.kink()
@@ -68,7 +68,7 @@ def steady_force(
 
 
 def _unloading(law: Masing, peak: Scalar, y: Scalar) -> Scalar:
-    """Return the remainder F - K y on unloading from the peak, 2 l((Y - y)/2) - l(Y)."""
+    """Return F - K y on unloading from the peak, 2 l((Y - y)/2) - l(Y)."""
     down, _ = law.lag(0.5 * jnp.maximum(peak - y, 0.0))
     tip, _ = law.lag(peak)
     return 2.0 * down - tip

@@ -29,8 +29,7 @@ from jbw.oscillator.steady.waveform import (
     synthesis,
 )
 
-# The force is smooth between a turning point and a zero; each harmonic adds about pi/2 of phase
-# there.
+# Between a turning point and a zero the force is smooth; each harmonic adds about pi/2 of phase.
 _NODES = 24
 _NODES_PER_HARMONIC = 2
 _GRID_PER_HARMONIC = 16
@@ -40,7 +39,7 @@ _NUM_PERIODICITY = 12
 
 
 def opening(y_peak: Scalar, delta: Scalar, gamma: Scalar) -> Float[Array, "..."]:
-    """Return the displacement at which z vanishes on unloading from `y_peak`, with gamma's sign."""
+    """Return the displacement where z vanishes on unloading from `y_peak`, with gamma's sign."""
     sign = jnp.where(gamma < 0.0, -1.0, 1.0)
     d, g = delta * y_peak, sign * gamma * y_peak
     return sign * y_peak * opening_and_area(half_width(d, g), d + g, g)[0]  # pyright: ignore[reportArgumentType]
@@ -49,7 +48,7 @@ def opening(y_peak: Scalar, delta: Scalar, gamma: Scalar) -> Float[Array, "..."]
 def relaxed_force(
     q: Complex[Array, " harmonic"], delta: Scalar, gamma: Scalar, max_turns: int
 ) -> Complex[Array, " harmonic"]:
-    r"""Return the harmonics of the part that relaxation removes, r = z/alpha - y.
+    r"""Return the harmonics of the force lost to slip, r = z/alpha - y.
 
     $$r_n = \frac{2}{\pi}\int_{\theta_t}^{\theta_t+\pi} r\, e^{-jn\theta}\,d\theta, \qquad
       r = -(y_0 + \text{lag}) \text{ on unloading}$$
@@ -95,7 +94,7 @@ def force_over_period(
 def _folded_relaxed_force(
     q: Complex[Array, " harmonic"], delta: Scalar, gamma: Scalar, max_turns: int
 ) -> Complex[Array, " harmonic"]:
-    """Return `relaxed_force` for more turning points, integrated between these and zeros of z."""
+    """Return `relaxed_force` for motion with more than two turning points per period."""
     num_harmonics = q.shape[0]
     law, turns, y_turn, z_turn = _turning_states(q, delta, gamma, max_turns)
     turns, zeros = stop_gradient((turns, _zeros(q, turns, y_turn, z_turn, law)))
@@ -127,10 +126,10 @@ def _folded_force_over_period(
 
 
 def turning_angles(q: Complex[Array, " harmonic"], max_turns: int) -> Float[Array, " turn"]:
-    r"""Return half a period's turning points from the crest to its mirror; pad with the mirror."""
+    r"""Return the turning points of half a period from the crest on, padded with its mirror."""
     start = crest(q)
     points = max(_LEAST_GRID, _GRID_PER_HARMONIC * q.shape[0])
-    # The grid is half a cell off both ends, where y' is zero anyway.
+    # The grid is half a cell away from both ends, where y' is zero anyway.
     theta = stop_gradient(start) + np.pi * (np.arange(points) + 0.5) / points
     rising = synthesis(stop_gradient(q), theta, 1) > 0.0
     size = max_turns // 2 - 1
@@ -145,7 +144,7 @@ def turning_angles(q: Complex[Array, " harmonic"], max_turns: int) -> Float[Arra
 def _polish(
     q: Complex[Array, " harmonic"], lower: Float[Array, " turn"], width: float
 ) -> Float[Array, " turn"]:
-    """Return the zero of y' in each cell: halving, then Newton steps that carry derivatives."""
+    """Return the zero of y' in each cell, by halving and then by Newton steps."""
     fixed = stop_gradient(q)
     sign = jnp.sign(synthesis(fixed, lower, 1))
 
@@ -161,7 +160,7 @@ def _polish(
 def _turning_states(
     q: Complex[Array, " harmonic"], delta: Scalar, gamma: Scalar, max_turns: int
 ) -> tuple[Any, Float[Array, " turn"], Float[Array, " turn"], Float[Array, " turn"]]:
-    """Return the law of z/alpha, the turning points, and y and z there; last mirrors first."""
+    """Return turning points with y and z at each of them, and the law of z/alpha."""
     law: Any = _UnitLaw(jnp.ones_like(delta), delta, gamma)
     turns = turning_angles(q, max_turns)
     y = synthesis(q, turns)
@@ -181,7 +180,7 @@ def _turning_states(
     fixed = stop_gradient((law, y))
     z = y[0] - opening(y[0], law.delta, law.gamma)
     z = jax.lax.fori_loop(0, _NUM_PERIODICITY, lambda _, z: newton(*fixed, z), stop_gradient(z))
-    # At the root, these two steps change no digit and carry two derivatives.
+    # At the root these steps change no digit, but carry two derivatives.
     z = newton(law, y, newton(law, y, stop_gradient(z)))
     return law, turns, y, path(law, y, z)
 
@@ -193,7 +192,7 @@ def _zeros(
     z_turn: Float[Array, " turn"],
     law: Hysteresis,
 ) -> Float[Array, " segment"]:
-    """Return the angle at which z vanishes between two turning points, else the middle angle."""
+    """Return the angle at which z vanishes between two turning points, or else the middle."""
     q, turns, y_turn, z_turn, law = stop_gradient((q, turns, y_turn, z_turn, law))
     lower, upper = turns[:-1], turns[1:]
     direction = jnp.sign(y_turn[1:] - y_turn[:-1])
@@ -213,7 +212,7 @@ def _zeros(
 
 
 class _UnitLaw(NamedTuple):
-    """The Bouc-Wen parameters of z/alpha, with alpha = 1."""
+    """The Bouc-Wen parameters of z/alpha, for which alpha = 1."""
 
     alpha: Scalar
     delta: Scalar

@@ -1,4 +1,4 @@
-r"""Exact monotone moves of z for nu = 1 in signed form, cheap enough for a time step.
+r"""Exact monotone moves of the Bouc-Wen force for nu = 1, fast enough for a time step.
 
 On one branch $dz/dy = \alpha - c z$ with
 $c = \gamma\,\mathrm{sgn}\,\dot y + \delta\,\mathrm{sgn}\,z$, so a signed move dy gives
@@ -32,7 +32,7 @@ def _expm1_ratio(x: np.ndarray) -> np.ndarray:
     return np.where(x == 0.0, 1.0, -np.expm1(-x) / np.where(x == 0.0, 1.0, x))
 
 
-# P on [-1, 1], with an error of 3e-15: a bias would shift the stiffness and accumulate in phase.
+# P on [-1, 1] with an error of 3e-15: more would shift the stiffness and accumulate in phase.
 _P = _interpolated(_expm1_ratio, 1.0, 12, -1.0)
 # Derivative of P on the same interval, for gradients only, with an error of 1e-11.
 _P_SLOPE = _interpolated(lambda x: (np.expm1(-x) + x * np.exp(-x)) / x**2, 1.0, 9, -1.0)
@@ -41,7 +41,7 @@ _ATANH = _interpolated(lambda s: np.arctanh(np.sqrt(s)) / np.sqrt(s), np.tanh(0.
 
 
 def _polynomial(terms: list, x: Scalar) -> Scalar:
-    """Return the sum of terms[n] x^n by Estrin's scheme, which has few dependent operations."""
+    """Return the sum of terms[n] x^n by Estrin's scheme, whose operations run in parallel."""
     while len(terms) > 1:
         odd = terms[-1:] if len(terms) % 2 else []
         terms = [a + b * x for a, b in zip(terms[::2], terms[1::2], strict=False)] + odd
@@ -114,7 +114,7 @@ def _distance_jvp(primals, tangents):
 
 
 def _total(out: Scalar, tangents: tuple, *partials: Callable[[], Scalar]) -> Scalar:
-    """Return the total derivative, computing only the partial derivatives that are needed."""
+    """Return the total derivative, computed only from those partial derivatives that are needed."""
     terms = [
         barrier(derivative()) * tangent
         for derivative, tangent in zip(partials, tangents, strict=True)
@@ -127,7 +127,7 @@ Pair = tuple[Scalar, Scalar]
 
 
 class MoveSlopes(NamedTuple):
-    """The derivatives of a result of two moves; alpha's follows from the scaling of (alpha, z)."""
+    """The derivatives of a result of two moves; that by alpha follows from proportionality."""
 
     delta: Scalar
     gamma: Scalar
@@ -137,7 +137,7 @@ class MoveSlopes(NamedTuple):
 
 
 class TwoMoves(NamedTuple):
-    """The force z after each of two moves, and the move at which z passes zero in the first.
+    """The force z after each of two moves, and where z passes zero during the first move.
 
     Attributes:
         turn: z after the first move [N/kg].
@@ -157,7 +157,7 @@ class TwoMoves(NamedTuple):
 
 
 class _Segment(NamedTuple):
-    """A monotone segment on one branch: signs of its terms in c, start, length, end and phi."""
+    """A monotone part of a move without a change of sign of z."""
 
     gamma_sign: Scalar
     delta_sign: Scalar
@@ -169,7 +169,7 @@ class _Segment(NamedTuple):
 
 
 class _Segments(NamedTuple):
-    """The segments of two moves and which move, if one, crosses z = 0; `past` is its distance."""
+    """The parts of two moves, and which move, if any, crosses z = 0; `past` is its distance."""
 
     a: _Segment
     b: _Segment
@@ -191,7 +191,7 @@ def two_moves(
         length**2 * saturation_slope(part.c * length)
         for part, length in ((a, length_a), (b, length_b), (c, c.length))
     )
-    # Slope of the signed distance to the zero of z by the force there: 1/(alpha - c z).
+    # Derivative of the distance to the zero of z by the force: 1/(alpha - c z).
     per_start = barrier(1.0 / jnp.where(early, alpha - a.c * z, 1.0))
     per_turn = barrier(1.0 / jnp.where(late, alpha - b.c * a.end, 1.0))
     slope_b, slope_c = barrier((alpha - b.c * b.end, alpha - c.c * c.end))
@@ -223,7 +223,7 @@ def two_moves(
 
 
 def _by_law(*terms: tuple[_Segment, Scalar]) -> Pair:
-    """Return the derivatives by delta and gamma, from those by the constants c of the segments."""
+    """Return derivatives by delta and gamma, from those by the constants c of the parts."""
     by_delta = sum((part.delta_sign * by_c for part, by_c in terms), 0.0)
     by_gamma = sum((part.gamma_sign * by_c for part, by_c in terms), 0.0)
     return barrier((by_delta, by_gamma))
@@ -232,7 +232,7 @@ def _by_law(*terms: tuple[_Segment, Scalar]) -> Pair:
 def _segments(
     alpha: Scalar, delta: Scalar, gamma: Scalar, z: Scalar, moves: Pair, directions: Pair
 ) -> _Segments:
-    """Split two moves into three segments, each of which ends where z vanishes or a move ends.
+    """Divide two moves into three parts, each of which ends where z vanishes or a move ends.
 
     The first segment is the first move as if z kept its sign. Each other segment is the part of a
     move after a zero of z, or else the second move.

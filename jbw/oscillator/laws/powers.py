@@ -1,4 +1,4 @@
-"""The power of the displacement by which laws of microslip lose stiffness."""
+"""The power of displacement by which laws of microslip lose stiffness."""
 
 import jax
 import jax.numpy as jnp
@@ -10,13 +10,13 @@ from jbw.oscillator.power_losses import power_losses
 
 # Displacement [m] at which a power law's stiffness loss is stated; the law does not depend on it.
 REFERENCE = 1e-3
-PER_REFERENCE = 1.0 / REFERENCE  # a product in every time step is faster than a quotient
+PER_REFERENCE = 1.0 / REFERENCE  # multiplication is faster than division
 
 
 @jax.custom_jvp
 def power(x: Scalar, exponent: Scalar) -> Float[Array, "..."]:
     """Return x^exponent for x >= 0, exponent > 0; at x = 0 it and its two derivatives are 0."""
-    # One call is used: a logarithm and an exponential would wait for each other in every step.
+    # A single call: a logarithm and an exponential would have to wait for each other.
     return jnp.power(jnp.maximum(jnp.asarray(x, float), 0.0), exponent)
 
 
@@ -31,7 +31,7 @@ def _power_jvp(primals, tangents):
 
 
 def power_loop(exponent: Scalar) -> tuple[Scalar, Scalar]:
-    """Return a power law's stiffness loss and damping; by NumPy for a plain float exponent."""
+    """Return a power law's stiffness loss and damping; NumPy is used for a plain float exponent."""
     if isinstance(exponent, float):
         return power_losses(exponent)
     return power_losses(jnp.asarray(exponent, float), jnp, gammaln)

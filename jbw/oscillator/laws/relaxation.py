@@ -1,4 +1,4 @@
-r"""The exponential approach of z to its bound, in forms without 0/0 and without lost digits."""
+r"""The exponential approach of z to its bound, in forms that keep all digits."""
 
 import math
 from functools import partial
@@ -43,7 +43,7 @@ def _remainder_jvp(k: int, primals: tuple[Array], tangents: tuple[Array]) -> tup
 
 
 def lag(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
-    r"""Return the lag: the part of the move x that relaxation at the rate c removes.
+    r"""Return the part of a move x that relaxation at the rate c removes.
 
     $$x - \phi(c, x) = s\,x\,E_2(s), \qquad s = c\,x$$
 
@@ -54,7 +54,7 @@ def lag(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, ".
 
 
 def phi(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
-    r"""Return the relaxed distance: from zero, the solution of phi' = 1 - c phi at x.
+    r"""Return the relaxed distance $\phi$, the solution of phi' = 1 - c phi from zero.
 
     $$\phi(c, x) = \frac{1 - e^{-c x}}{c} = x\,E_1(c x), \qquad \phi(0, x) = x$$
     """
@@ -62,7 +62,7 @@ def phi(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, ".
 
 
 def psi(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
-    r"""Return the distance that relaxes to x at the rate c, the inverse of `phi`.
+    r"""Return the distance that relaxes to x at the rate c (the inverse of `phi`).
 
     $$\psi(c, x) = -\frac{\ln(1 - c x)}{c}, \qquad \psi(0, x) = x$$
     """
@@ -87,16 +87,16 @@ def _horner(s: Float[Array, "..."], coefficients: tuple[float, ...]) -> Float[Ar
 _NUM_NODES = 64
 _NUM_NODES_HARMONICS = 48
 _NUM_NEWTON = 8
-# From this number of relaxations on, the loop's integrals are computed in closed form.
+# From this number of relaxation lengths on, the loop's integrals use a closed form.
 _LONG = 20.0
-# Part of the half-width that must be opening for the closed form to keep its digits.
+# Part of the half-width that the opening must have, so that the closed form keeps its digits.
 _OPEN = 0.01
 
 
 def opening_and_area(
     x: Float[Array, "..."], b: Float[Array, "..."], g: Float[Array, "..."]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    r"""Return the dimensionless opening and area of the Bouc-Wen loop of half-width x.
+    r"""Return the dimensionless opening and area of a Bouc-Wen loop of half-width x.
 
     $$\frac{|y_0|}{Y} = g \int_0^x \frac{\phi(b,t)}{e^{-bt} + 2 g \phi(b,t)}\,dt, \qquad
       \frac{|E|}{\alpha Y^2} = 4 g \int_0^x \frac{\phi(b,t)^2}{e^{-bt} + 2 g \phi(b,t)}\,dt$$
@@ -123,7 +123,7 @@ def opening_and_area(
 def _long_opening_and_area(
     x: Float[Array, "..."], b: Float[Array, "..."], g: Float[Array, "..."]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Return `opening_and_area` in closed form, for b x far above one."""
+    """Return `opening_and_area` in closed form, for loops of many relaxation lengths."""
     w, a = phi(b, x), b - 2.0 * g
     rest = jnp.exp(-b * x) + 2.0 * g * w  # 1 - a w
     near = jnp.abs(a * w) < 0.5
@@ -199,7 +199,7 @@ def unloading_lag(
     delta: Float[Array, "..."],
     gamma: Float[Array, "..."],
 ) -> Float[Array, "..."]:
-    r"""Return the difference between the elastic line and the Bouc-Wen loop's unloading branch.
+    r"""Return the elastic line minus the unloading branch of the Bouc-Wen loop.
 
     $$y - y_0 - Z/\alpha, \qquad Z = Z_1 \text{ for } y > y_0, \quad Z_2 \text{ for } y < y_0$$
 

@@ -18,16 +18,16 @@ from jaxtyping import Array, Bool
 from jbw.oscillator.kinks import barrier
 from jbw.oscillator.parameters import Scalar
 
-SIZE = 10  # default number of remembered reversals
-# A closure is detected up to this rounding, relative to the displacements that determine it.
+SIZE = 10  # default number of load reversals that are remembered
+# A closed loop is detected up to this rounding, relative to the displacements.
 _ROUNDING = 1e-14
 
-# A tuple of scalars; in a time loop one array, because the loop must copy little.
+# A tuple of scalars, or in a time loop one array, which is faster to copy.
 Entries = Any
 
 
 class Stack(NamedTuple):
-    """The reversals, and the counts that belong to them.
+    """The remembered load reversals with their counts.
 
     Attributes:
         count: Number of remembered reversals, including the beginning of the virgin curve.
@@ -46,7 +46,7 @@ class Stack(NamedTuple):
 
 
 class Branch(NamedTuple):
-    """The memory of a Masing law: the present branch, its force, and the reversals before it.
+    """The internal state of a Masing law: branch, force, and earlier load reversals.
 
     Attributes:
         sense: Direction of motion, 1 or -1; 0 before the first motion.
@@ -70,24 +70,24 @@ class Branch(NamedTuple):
     stack: Stack
 
 
-_OUT_OF_REACH = 1e3  # m
+_OUT_OF_REACH = 1e3  # displacement that no motion reaches [m]
 
 
 def nothing_remembered(size: int = SIZE) -> Branch:
-    """Return an empty memory with places for `size` reversals."""
+    """Return the state before any motion, with room for `size` load reversals."""
     none = (0.0,) * size
     return Branch(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, Stack(0.0, 0.0, 0.0, none, none))
 
 
 def with_room(memory: Branch, size: int) -> Branch:
-    """Return a memory with places for `size` reversals; those dropped before stay lost."""
+    """Return a state with room for `size` load reversals; those dropped before stay lost."""
     stack = memory.stack
     more = tuple(0.0 * stack.count for _ in range(size - len(stack.y)))
     return memory._replace(stack=stack._replace(y=(*stack.y, *more), f=(*stack.f, *more)))
 
 
 def branch_of(sense: Scalar, stack: Stack) -> Branch:
-    """Return the branch that follows from the reversals, before its force is computed."""
+    """Return the branch that follows from the load reversals, without its force."""
     none, last = 0.0 * stack.count, stack.count - 1.0
     behind = _closing_place(stack.y, stack.count)
     closure = jnp.where(stack.count > 1.5, behind, sense * _OUT_OF_REACH)
@@ -98,13 +98,13 @@ def branch_of(sense: Scalar, stack: Stack) -> Branch:
 
 
 def closes(sense: Scalar, y: Scalar, begin: Scalar, closure: Scalar) -> Bool[Array, "..."]:
-    """Return True if a motion to y closes a hysteresis branch."""
+    """Return whether a motion to y closes a hysteresis loop."""
     rounding = _ROUNDING * (jnp.abs(y) + jnp.abs(begin))
     return jnp.asarray(sense * (y - closure) >= -rounding)
 
 
 def headed(sense: Scalar, stack: Stack, y: Scalar, f: Scalar, dy: Scalar) -> tuple[Scalar, Stack]:
-    """Return the direction and the reversals at (y, f); a move that reverses adds one."""
+    """Return direction and load reversals at (y, f); a move in the other direction adds one."""
     turned = jnp.asarray((sense * dy < 0.0) | ((sense == 0.0) & (dy != 0.0)))
     full = turned & jnp.asarray(stack.count > len(stack.y) - 0.5)
     place = jnp.where(turned, stack.count - jnp.where(full, 2.0, 0.0), -1.0)
@@ -120,7 +120,7 @@ def headed(sense: Scalar, stack: Stack, y: Scalar, f: Scalar, dy: Scalar) -> tup
 
 
 def closed(sense: Scalar, stack: Stack, y: Scalar) -> tuple[Stack, Scalar, Scalar]:
-    """Return the reversals after a move to y, the number of them closed, and the last closure."""
+    """Return the reversals after a move to y, how many loops it closed, and the last closure."""
     fixed_sense, fixed, end = stop_gradient((sense, stack, y))
 
     def going_on(count: Scalar) -> tuple[Scalar, Bool[Array, "..."]]:
@@ -137,7 +137,7 @@ def closed(sense: Scalar, stack: Stack, y: Scalar) -> tuple[Stack, Scalar, Scala
     popped = fixed.count - count
     in_pairs = popped == 2.0 * jnp.floor(0.5 * popped)
     place = jnp.where(in_pairs, _at(stack.y, count), _mirrored(stack.y))
-    # With three entries left, the place that closes the branch was dropped; with two it is passed.
+    # With three entries left, the reversal that closes the branch was dropped.
     edge = (stack.lost > 0.5) & (popped > 0.5) & (count < 3.5)
     after = Stack(
         count,
@@ -155,7 +155,7 @@ def _closing_place(y: Entries, count: Scalar) -> Scalar:
 
 
 def _mirrored(entries: Entries) -> Scalar:
-    """Return the mirror image of a stack's second entry about the first [m].
+    """Return the displacement opposite to a stack's second entry about its first [m].
 
     The first branch after the virgin curve closes there.
     """
@@ -163,7 +163,7 @@ def _mirrored(entries: Entries) -> Scalar:
 
 
 def _at(entries: Entries, place: Scalar) -> Scalar:
-    """Return a stack's entry at a place, or an arbitrary entry if the place is not used."""
+    """Return a stack's entry at an index, or any entry if the index is not used."""
     if not isinstance(entries, tuple):
         place = jnp.asarray(place, jnp.int32)
         return jax.lax.dynamic_index_in_dim(entries, place, keepdims=False)
@@ -174,14 +174,14 @@ def _at(entries: Entries, place: Scalar) -> Scalar:
 
 
 def _replaced(entries: Entries, chosen: Callable[[Any], Any], value: Scalar) -> Entries:
-    """Return a stack's entries with those at chosen places replaced by a value."""
+    """Return a stack's entries with those at some indices replaced by a value."""
     if not isinstance(entries, tuple):
         return jnp.where(chosen(jnp.arange(len(entries))), value, entries)
     return tuple(jnp.where(chosen(i), value, entry) for i, entry in enumerate(entries))
 
 
 def _shortened(entries: Entries, full: Bool[Array, "..."]) -> Entries:
-    """Return a full register without its second-oldest pair of entries.
+    """Return a full stack without its second-oldest pair of load reversals.
 
     It keeps the two oldest entries, which determine the virgin curve, and drops the next pair.
     """

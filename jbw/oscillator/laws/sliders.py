@@ -1,4 +1,4 @@
-r"""Masing laws as parallel sliders, for programs that have no other hysteresis.
+r"""Masing laws approximated by parallel sliders, for programs without other hysteresis.
 
 A slider of stiffness k and slip s represents the part of the density $-F_b''$ between two edges,
 
@@ -16,13 +16,13 @@ from numpy.typing import ArrayLike, NDArray
 from jbw.oscillator.laws.masing import Masing
 
 COUNT = 60
-# Edges are this power of uniform ones: uniform sliders lose tens of per cent too little energy two
-# decades below the largest slip.
+# Edges are this power of uniform numbers: with uniform sliders the energy is tens of per cent too
+# small at a hundredth of the largest slip.
 GRADING = 4
 
 
 class Sliders(NamedTuple):
-    """Elasto-plastic elements in parallel with each other and with a spring.
+    """Elastic-plastic elements in parallel with each other and with a spring.
 
     Attributes:
         stiffness: Stiffness of each slider [1/s^2].
@@ -36,7 +36,7 @@ class Sliders(NamedTuple):
 
 
 def sliders_of(law: Masing, reach: float, count: int = COUNT) -> Sliders:
-    """Return the sliders that slip within a displacement, and a spring for all others.
+    """Return the sliders that slip within a displacement, and a spring for the rest.
 
     Args:
         law: A Masing law with scalar parameters.
@@ -47,7 +47,7 @@ def sliders_of(law: Masing, reach: float, count: int = COUNT) -> Sliders:
     most = reach if kink is None else min(reach, float(kink.x))
     edges = most * np.linspace(0.0, 1.0, count + 1) ** GRADING
     if most < reach:
-        edges = np.append(edges[:-1], [most * (1.0 - 1e-12), most])  # the jump is a separate bin
+        edges = np.append(edges[:-1], [most * (1.0 - 1e-12), most])  # the kink is a separate slider
     lag, slope = (np.asarray(x) for x in law.lag(jnp.asarray(edges)))
     stiffness, moment = np.diff(slope), np.diff(edges * slope - lag)
     some = stiffness > 0.0
@@ -56,6 +56,6 @@ def sliders_of(law: Masing, reach: float, count: int = COUNT) -> Sliders:
 
 
 def lost_by(sliders: Sliders, y_peak: ArrayLike) -> NDArray[np.float64]:
-    """Return the energy loss per cycle: sum of 4 k s (Y - s) over slipping sliders [J/kg]."""
+    """Return the energy loss per cycle, the sum of 4 k s (Y - s) over slipping sliders [J/kg]."""
     over = np.maximum(np.asarray(y_peak)[..., None] - sliders.slip, 0.0)
     return np.sum(4.0 * sliders.stiffness * sliders.slip * over, axis=-1)

@@ -20,19 +20,19 @@ from jbw.report.messages import joint as messages
 
 # Displacements at which a force is tested for oddness [m].
 _PROBES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
-# Prior limit of a spring's force at the largest displacement, over that of the linear stiffness.
+# Largest force of a spring at the largest displacement over the linear force, for the prior.
 MOST_SHARE = 0.3
 
 
 class Spring(Law):
-    """The base class of springs: laws without memory, callable with the displacement."""
+    """The base class of springs: laws without an internal state, callable with the displacement."""
 
     def __call__(self, y: Scalar) -> Scalar:
         """Return the force at the displacement y [m]."""
         raise NotImplementedError
 
     def stiffness(self) -> Scalar:
-        """Return zero: omega_n^2 does not contain the spring, even if it is linear in y."""
+        """Return zero, because omega_n^2 does not include the spring."""
         return 0.0
 
     def remainder(
@@ -44,7 +44,7 @@ class Spring(Law):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Return the odd harmonics from a uniform grid, exact for polynomials to degree 7."""
+        """Return the odd harmonics from a uniform grid; exact for polynomials of degree 7."""
         return odd_harmonics(self, q)
 
     def force_over_period(
@@ -58,7 +58,7 @@ class Spring(Law):
         return self(synthesis(q, theta))  # pyright: ignore[reportReturnType]
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Return the loop of an odd force: no damping, first harmonic over Y exact to degree 61."""
+        """Return the loop of an odd force: no damping, and a stiffness exact to degree 61."""
         y_peak = jnp.asarray(y_peak, float)
         peak = jnp.where(y_peak == 0.0, 1.0, y_peak)
         cosines = np.cos(np.pi * (np.arange(16) + 0.5) / 32)
@@ -72,7 +72,7 @@ class Spring(Law):
         return self(y)
 
     def check_periodic(self) -> None:
-        """Raise if the force has an even part, with which the response has even harmonics too."""
+        """Raise if the force has an even part, which would cause even harmonics."""
         if (even := self.even_part()) is not None:
             raise ModelError(
                 f"Parameter `restoring` must be an odd force for a periodic response, but {even}.",
@@ -82,7 +82,7 @@ class Spring(Law):
             )
 
     def even_part(self) -> str | None:
-        """Return a description of the force's even part, or None; for concrete values only."""
+        """Return a description of the even part of the force, or None; only for concrete values."""
         if not is_concrete(self):
             return None
         for y in _PROBES:
@@ -123,7 +123,7 @@ class Cubic(Spring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds, up to 0.3 of the linear force at the largest motion, either sign."""
+        """Return prior bounds of either sign, up to 0.3 of the linear force at largest motion."""
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak**2
         return {"cubic": (-most, most)}
 
@@ -152,7 +152,7 @@ class Quintic(Spring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds, up to 0.3 of the linear force at the largest motion, either sign."""
+        """Return prior bounds of either sign, up to 0.3 of the linear force at largest motion."""
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak**4
         return {"quintic": (-most, most)}
 
@@ -186,7 +186,7 @@ class Square(Spring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds, up to 0.3 of the linear force at the largest motion, either sign."""
+        """Return prior bounds of either sign, up to 0.3 of the linear force at largest motion."""
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak
         return {"square": (-most, most)}
 
@@ -195,7 +195,7 @@ class Square(Spring):
         return self.k_2 * y**2
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Return a zero loop: an even force has a mean and even harmonics, but no first one."""
+        """Return zero: an even force causes a mean and even harmonics, but no first harmonic."""
         none = 0.0 * self.k_2 * jnp.asarray(y_peak, float)
         return Loop(none, none)  # pyright: ignore[reportArgumentType]
 
@@ -206,7 +206,7 @@ class Square(Spring):
         return 0.0 * q
 
     def even_part(self) -> str:
-        """Return the description of the even part, which is the whole force."""
+        """Return the description of the even part, here the whole force."""
         return messages.EVEN_SQUARE
 
 
@@ -243,7 +243,7 @@ class Polynomial(Spring):
         return sum((c * y**n for n, c in terms if c is not None), 0.0 * y)
 
     def even_part(self) -> str | None:
-        """Return a text that lists even powers with possibly nonzero coefficients, or None."""
+        """Return a text that lists even powers whose coefficients may not be zero, or None."""
         even = {f"c_{n}": c for n, c in enumerate(self.coefficients, start=2) if n % 2 == 0}
         acting = [
             name

@@ -1,4 +1,4 @@
-r"""Long moves, tips and loops of the Bouc-Wen law with any exponent, from the way of a stretch.
+r"""Long moves and steady loops of the Bouc-Wen law with any exponent.
 
 $$D_c(w) = \int_0^w \frac{dt}{1 - c\,|t / \mathrm{1\,mm}|^\nu}$$
 
@@ -23,12 +23,12 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
 # The Gauss-Legendre rule on [0, 1], in NumPy because JAX may be switched to float64 later.
 UNIT_RULE = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 _UNIT, _UNIT_WEIGHTS = UNIT_RULE
-_HALVINGS = 60  # in the search for a stretch
-# Limit of the search for the stretch of a hardening spring, over the length of the move.
+_HALVINGS = 60  # number of bisections in the search for a stretch
+# Largest stretch of a hardening spring in a search, over the length of the move.
 _FAR = 16.0
-# From this part of the limit on, the pole is taken out of the integral.
+# From this fraction of the limit on, the integral's pole is integrated analytically.
 _POLE = 0.5
-# E-folds towards the limit beyond which the rest of a loop's integral is negligible.
+# Logarithmic distance to the limit beyond which the rest of an integral is negligible.
 _DEEP = 40.0
 
 
@@ -42,7 +42,7 @@ class StretchLaw(Protocol):
 
 
 def _way(c: Scalar, w: Scalar, nu: Scalar, gap: Scalar | None = None) -> Scalar:
-    r"""Return the way $\int_0^w dt / (1 - c|t/\mathrm{1\,mm}|^\nu)$ to a stretch w >= 0."""
+    r"""Return the displacement to a stretch w, $\int_0^w dt / (1 - c|t/\mathrm{1\,mm}|^\nu)$."""
     return w + _lag(c, w, nu, 0, gap)
 
 
@@ -79,7 +79,7 @@ def _lag(c: Scalar, w: Scalar, nu: Scalar, m: int = 0, gap: Scalar | None = None
 
 
 def stretch_limit(c: Scalar, nu: Scalar) -> Scalar:
-    """Return the largest stretch, at which 1 - c |w|^nu vanishes; infinite for c <= 0."""
+    """Return the largest stretch, at which 1 - c |w|^nu vanishes; infinite if c <= 0."""
     bounded = c > 0.0
     most = power(1.0 / jnp.where(bounded, c, 1.0), 1.0 / nu)
     return jnp.where(bounded, REFERENCE * most, jnp.inf)
@@ -98,7 +98,7 @@ def _gap(q: Scalar, c: Scalar, nu: Scalar, most: Scalar) -> Scalar:
 
 
 def _scale(most: Scalar, nu: Scalar, way: Scalar) -> tuple[Scalar, Scalar]:
-    r"""Return L of $w = L (1 - e^{-q})$ and the largest q that a displacement `way` may need.
+    r"""Return L of $w = L (1 - e^{-q})$, and the largest q that a displacement `way` may need.
 
     The way is at least L q for an exponent below one, and $L q / \nu$ above: near the limit its
     e-folds distinguish two stretches. Without a limit, the limit of the search is used.
@@ -113,7 +113,7 @@ def _scale(most: Scalar, nu: Scalar, way: Scalar) -> tuple[Scalar, Scalar]:
 def _root(
     excess: Callable[[Scalar], Scalar], high: Scalar, slope: Callable[[Scalar], Scalar]
 ) -> Scalar:
-    """Return the root of a rising function between 0 and `high`; it carries one derivative."""
+    """Return the root of a rising function between 0 and `high`, with one derivative."""
 
     def halved(_, pair: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = pair
@@ -128,7 +128,7 @@ def _root(
 
 
 def moved(law: StretchLaw, memory: Scalar, dy: Scalar) -> Scalar:
-    """Return the stretch after a move: unload to zero if opposed, then load on the other side."""
+    """Return the stretch after a move: unloading to zero, then loading on the other side."""
     w, nu = jnp.asarray(memory, float), law.nu
     against = w * dy < 0.0
     less, more = law.nu_softening - law.nu_opening, law.nu_softening + law.nu_opening
@@ -149,7 +149,7 @@ def moved(law: StretchLaw, memory: Scalar, dy: Scalar) -> Scalar:
 
 
 def _slope(q: Scalar, c: Scalar, nu: Scalar, most: Scalar, scale: Scalar) -> Scalar:
-    """Return the derivative of the way by q, which is finite however near the limit."""
+    """Return the derivative of the displacement by q, which is finite even near the limit."""
     gap = jnp.maximum(_gap(q, c, nu, most), 1e-300)
     lost = c * power(-scale * jnp.expm1(-q) / REFERENCE, nu)
     near = gap < _POLE
@@ -158,7 +158,7 @@ def _slope(q: Scalar, c: Scalar, nu: Scalar, most: Scalar, scale: Scalar) -> Sca
 
 
 def _tip(law: StretchLaw, peak: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-    """Return the stretch at the loop's tip as e-folds q, scale, and the nearer limit's factor c."""
+    """Return the tip stretch of a loop in terms of q, with its scale and the nearer limit's c."""
     less, more = law.nu_softening - law.nu_opening, law.nu_softening + law.nu_opening
     most, nu = jnp.maximum(less, more), law.nu
     scale, largest = _scale(most, nu, 2.0 * peak)
@@ -175,14 +175,14 @@ def _tip(law: StretchLaw, peak: Scalar) -> tuple[Scalar, Scalar, Scalar]:
 
 
 def tip(law: StretchLaw, y_peak: Scalar) -> Scalar:
-    r"""Return the tip stretch: $D_{d-g}(w) + D_{d+g}(w) = 2Y$ with D the way from w = 0."""
+    r"""Return the stretch at the tip of a loop: $D_{d-g}(w) + D_{d+g}(w) = 2Y$."""
     peak = jnp.abs(jnp.asarray(y_peak, float))
     q, scale, _ = _tip(law, peak)
     return signed(-scale * jnp.expm1(-q), jnp.asarray(y_peak, float))
 
 
 def loop(law: StretchLaw, y_peak: Scalar) -> tuple[Scalar, Scalar]:
-    r"""Return the equivalent stiffness and damping of one law; those at rest for Y = 0.
+    r"""Return the equivalent stiffness and damping of one law; for Y = 0 those at rest.
 
     $$\mathrm{Re}\,\kappa = \frac{2\alpha}{\pi Y}
       \int_{-w_m}^{w_m} \sqrt{1 - (y(w)/Y)^2}\,dw, \qquad
@@ -205,8 +205,8 @@ def loop(law: StretchLaw, y_peak: Scalar) -> tuple[Scalar, Scalar]:
         return _lag(c, -scale * jnp.expm1(-end), nu, 1, _gap(end, c, nu, most))
 
     zero = peak - way(less, end)
-    # The substitution q_m sin t removes the root at the end; t is graded towards the zero of w,
-    # where y has a fractional power.
+    # The substitution q_m sin t removes the root at the end; t is concentrated near w = 0, where y
+    # has a fractional power.
     t, weights = 0.5 * jnp.pi * _UNIT**3, 1.5 * jnp.pi * _UNIT**2 * _UNIT_WEIGHTS
     reach = jnp.minimum(end, _DEEP)
     q = reach * jnp.sin(t)

@@ -16,11 +16,11 @@ from jbw.oscillator.laws.bouc_wen import SHARE, BoucWenLaw
 from jbw.oscillator.parameters import Scalar
 from jbw.quantities import Quantity
 
-MOST_MICROSLIP = 0.95  # of kappa; at 1 the slope after a reversal is infinite
+MOST_MICROSLIP = 0.95  # largest kappa; at 1 the slope after a reversal is infinite
 
 
 class Valanis(Law):
-    r"""Valanis's law; s is the direction of motion and $Z = F - E_t y$.
+    r"""Valanis's endochronic law; s is the direction of motion and $Z = F - E_t y$.
 
     $$\frac{dZ}{dy} = \frac{E_0 - \lambda s Z}{1 - \kappa\lambda s Z / E_0} - E_t, \qquad
       |Z| < \frac{E_0 - E_t}{\lambda (1 - \kappa E_t / E_0)}$$
@@ -62,13 +62,13 @@ class Valanis(Law):
         return cls(stiffness, 0.0, stiffness / friction, 0.0)
 
     def bouc_wen_limit(self) -> BoucWenLaw:
-        """Return the equal Bouc-Wen law for kappa = 0, parallel to a spring of stiffness E_t."""
+        """Return the equal Bouc-Wen law for kappa = 0, to which a spring E_t is parallel."""
         alpha = self.valanis_stiffness * (1.0 - self.valanis_hardening)
         return BoucWenLaw(alpha, 0.0, self.valanis_rate)
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds: a share of omega_n^2, and slip far within to far beyond motion."""
+        """Return prior bounds: a share of omega_n^2, and slip far below to far above the motion."""
         low, high = (part * scales.omega_n**2 for part in SHARE)
         return {
             "valanis_stiffness": (low, high),
@@ -82,7 +82,7 @@ class Valanis(Law):
         return self.valanis_stiffness
 
     def at_rest(self) -> Scalar:
-        """Return the memory at rest, Z = 0."""
+        """Return the internal state at rest, Z = 0."""
         return 0.0
 
     def force(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
@@ -90,7 +90,7 @@ class Valanis(Law):
         return memory + self.valanis_hardening * self.valanis_stiffness * y
 
     def rate(self, y: Scalar, v: Scalar, memory: Scalar) -> Any:
-        """Return the time derivative of Z: the slope dZ/dy in this direction times v."""
+        """Return the time derivative of Z, the slope dZ/dy in this direction times v."""
         stiffness, towards = self.valanis_stiffness, jnp.where(v < 0.0, -1.0, 1.0)
         part = towards * self.valanis_rate * memory / stiffness
         slope = stiffness * ((1.0 - part) / (1.0 - self.valanis_microslip * part))

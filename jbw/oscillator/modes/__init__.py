@@ -1,1 +1,1 @@
-"""Structures of several modes that share joints."""
+"""Structures of several modes that are coupled by joints."""

@@ -1,4 +1,4 @@
-r"""The states of all modes after every step, with derivatives in forward and reverse mode.
+r"""Forward and reverse derivatives of a simulation of several modes with joints.
 
 The method is that of `jbw.oscillator.adjoint`, where the Jacobian of a step would have (2N + M)^2
 entries with M memories. Here only the joints' kernels are differentiated, each separately;
@@ -45,13 +45,13 @@ from jbw.oscillator.modes.step import (
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.step import End, shifted
 
-# A `ModalState` and the impulses of the step before it, with time as the axis of every leaf.
+# A `ModalState` with the kinks' impulses of the step before, as arrays over time.
 Trajectory = Any
 
 
 def modal_solve(stepping: ModalStepping, initial: ModalState) -> Trajectory:
-    """Return the states at the start and after each substep, with the joints' impulses on y, v."""
-    # Laws with a stack of reversals have memories too long for a column each.
+    """Return the states at the start and after each substep, with each joint's kink impulses."""
+    # Laws that remember load reversals have states too long for one column each.
     if any(law.depth for joint in stepping.step.joints for law in joint.laws):
         return _march(stepping, initial)
     return _solve(stepping, initial)
@@ -63,7 +63,7 @@ def _solve(stepping: ModalStepping, initial: ModalState) -> Trajectory:
 
 
 def _march(stepping: ModalStepping, initial: ModalState) -> Trajectory:
-    """Compute the states after every substep by a loop that XLA compiles to one native call."""
+    """Compute the states after every substep, by a loop that XLA compiles to one native call."""
     laws = tuple(joint.laws for joint in stepping.step.joints)
 
     def onward(state, powers):
@@ -78,7 +78,7 @@ def _march(stepping: ModalStepping, initial: ModalState) -> Trajectory:
 
 
 def _no_kicks(step: ModalStep, state: ModalState) -> tuple:
-    """Return the (zero) impulses before the first step."""
+    """Return zero impulses, for the time before the first step."""
     none = jnp.zeros_like(state[0][0])
     return tuple((none, none) for _ in step.joints)
 
@@ -99,7 +99,7 @@ def _solve_jvp(primals, tangents):
 
 
 class StepSlopes(NamedTuple):
-    """The derivatives of one part of a joint's step.
+    """Derivatives of one part of a joint's time step.
 
     Attributes:
         columns: Change of the part per unit of each of its arguments.
@@ -119,7 +119,7 @@ class StepSlopes(NamedTuple):
 
 
 class JointSlopes(NamedTuple):
-    """The derivatives of all parts of a joint's step, and of the linear parts by the constants.
+    """Derivatives of all parts of a joint's time step, and of the linear parts by the constants.
 
     Attributes:
         start: Derivatives of r and h r' by x, v and the memories.
@@ -143,7 +143,7 @@ class JointSlopes(NamedTuple):
 
 
 def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, Any, Any]:
-    """Return the derivatives of every joint's steps, and of the modes by constants and input.
+    """Return the derivatives of the steps of every joint, and of the modes by constants and input.
 
     Many steps are computed at once, along the first axis of all arguments but the constants.
     """
@@ -176,7 +176,7 @@ def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, 
     turns = tuple(jnp.where(joint.shift != 0.0, 1.0, 0.0) for joint in passed)
     moves, move_by = by_constants(corrections, starts, passed)
     passing, by_move = _of_all(_moved_slopes, kernels, ends, moves, by_along)
-    # This is the change, by the step's constants, of the joints' effect on the modes.
+    # This is how the step's constants change the effect of joints on modes.
     none = tuple(jnp.zeros_like(part) for part in q)
     _, post = by_constants(driven, (none, none), (none, none), starts, passed)
     parts = by_start, path_by, by_bend, bent_by, turns, passing, move_by, by_move
@@ -186,7 +186,7 @@ def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, 
 def _by_constants(
     step: ModalStep, step_dot: ModalStep, function: Callable[..., Any], *arguments: Any
 ) -> tuple[Any, Any]:
-    """Return a function's values in many steps, and their tangents by the step's constants."""
+    """Return a function's values in many steps, with derivatives by the step's constants."""
 
     def in_step(step_dot: ModalStep, *arguments: Any) -> tuple[Any, Any]:
         return jax.jvp(lambda step: function(step, *arguments), (step,), (step_dot,))
@@ -195,7 +195,7 @@ def _by_constants(
 
 
 def _of_all(function: Callable[..., tuple], kernels: tuple, *arguments: Any) -> tuple[tuple, ...]:
-    """Apply a function to every joint in many steps; group each returned value by joint.
+    """Apply a function to every joint in many steps, and group each result by joint.
 
     Joints with the same laws are stacked in one array: they are compiled once, which saves most of
     the additional compilation for several joints.
@@ -222,18 +222,18 @@ def _of_all(function: Callable[..., tuple], kernels: tuple, *arguments: Any) -> 
 
 
 def _start(kernel: JointKernel, at: tuple) -> tuple[Scalar, ...]:
-    """Return the remainder r and h r' at the start of a step, from x, v and the memories."""
+    """Return the force without its linear part, r, and h r', at the start of a step."""
     return remainder(Begun(kernel, *at))
 
 
 def _half_bend(kernel: JointKernel, at: tuple) -> tuple[Scalar, ...]:
-    """Return half of h^2 r'' at the start of a step, from x, v, the memories and a."""
+    """Return half of h^2 r'' at the start of a step, from x, v, internal states and a."""
     *start, a = at
     return (half_bend(Begun(kernel, *start), a),)
 
 
 def _passing(kernel: JointKernel, bends: tuple, at: tuple) -> tuple[Passed, End]:
-    """Return a joint's step before the correction of its x, from x, v, memories and path.
+    """Return a joint's step before the correction of its displacement x.
 
     Where the joint turns, the bends of the other joints add to x and v at the end of the path, and
     to the shift; derivatives by these bends follow from the derivatives by the path.
@@ -245,7 +245,7 @@ def _passing(kernel: JointKernel, bends: tuple, at: tuple) -> tuple[Passed, End]
 def _sloped(
     function: Callable[..., Any], kernel: JointKernel, kernel_dot: JointKernel, at: Any
 ) -> tuple[Any, StepSlopes]:
-    """Return a part of a joint's step, and its derivatives."""
+    """Return a part of a joint's step, with its derivatives."""
     value, by_at = jax.linearize(lambda at: function(kernel, at), at)
     _, offset = jax.jvp(lambda kernel: function(kernel, at), (kernel,), (kernel_dot,))
     return value, StepSlopes(tuple(tuple(by_at(way)) for way in _ways(at)), tuple(offset))
@@ -254,7 +254,7 @@ def _sloped(
 def _passing_slopes(
     kernel: JointKernel, kernel_dot: JointKernel, at: tuple, bends: tuple
 ) -> tuple[Passed, End, StepSlopes]:
-    """Return a joint after its kernel, its end of the step, and the derivatives of both."""
+    """Return a joint's effect on the modes and its state after a step, with derivatives of both."""
     (passed, end), by_at = jax.linearize(partial(_passing, kernel, bends), at)
     _, offset = jax.jvp(lambda kernel: _passing(kernel, bends, at), (kernel,), (kernel_dot,))
     return passed, end, StepSlopes(tuple(by_at(way) for way in _ways(at)), offset)
@@ -263,7 +263,7 @@ def _passing_slopes(
 def _moved_slopes(
     kernel: JointKernel, kernel_dot: JointKernel, end: End, move: Scalar, by_along: StepSlopes
 ) -> tuple[StepSlopes, tuple]:
-    """Differentiate `Passed` and the corrected memories, also by the correction of x."""
+    """Return the derivatives of a joint's step and internal states by the correction of x."""
     laws, laws_dot = kernel.laws, kernel_dot.laws
     _, by_end = jax.linearize(lambda end: shifted(laws, end, move), end)
 
@@ -282,7 +282,7 @@ def _moved_slopes(
 
 
 def _ways(at: Any) -> list[Any]:
-    """Return one unit change for each number of an argument, with all other numbers fixed."""
+    """Return a unit change for each number of an argument, with all other numbers fixed."""
     leaves, tree = jax.tree.flatten(at)
     none, unit = jnp.zeros_like(leaves[0]), jnp.ones_like(leaves[0])
     size = range(len(leaves))
@@ -290,7 +290,7 @@ def _ways(at: Any) -> list[Any]:
 
 
 def _recurrence(step: ModalStep, state_dot, inputs):
-    """Advance the tangent of the state by one step: the linear parts and every joint's columns."""
+    """Advance the derivative of the state by one step: linear parts, and each joint's columns."""
     slopes, (rise_by, gain_by, seen_by), post = inputs
     (q, v, memories), _ = state_dot
     none = tuple(jnp.zeros_like(part) for part in q)
@@ -332,7 +332,7 @@ def _recurrence(step: ModalStep, state_dot, inputs):
 
 
 def _bent_paths(step: ModalStep, joints: list, paths: list) -> tuple[list, tuple]:
-    """Return turning joints' path and shift tangents, with the bends of the other joints."""
+    """Return derivatives of turning joints' paths, including the effect of the other joints."""
     halves = tuple(
         by.half_bend.along(free.x, free.v, memory, path.a)[0]
         for (by, free, memory), path in zip(joints, paths, strict=True)

@@ -1,4 +1,4 @@
-r"""Structures with several joints, built from named parameters as in a posterior.
+r"""Structures with several joints, built from parameters by name.
 
 The frequencies and damping ratios of the modes that tests drive come first, under their usual
 names; all other numbers belong to the reduced model and are fixed:
@@ -68,27 +68,27 @@ def held_numbers(
 
 
 def seen_name(mode: int, point: str = "") -> str:
-    """Return the parameter name of a measured point's motion in a mode."""
+    """Return the parameter name of the motion of a measured point in a mode."""
     return name_at(numbered(SEEN, mode), point) if point else numbered(SEEN, mode)
 
 
 def motion_name(mode: int, joint: str) -> str:
-    """Return the parameter name of a joint's motion in a mode."""
+    """Return the parameter name of the motion of a joint in a mode."""
     return name_at(numbered(MOTION, mode), joint)
 
 
 def factor_name(mode: int, joint: str) -> str:
-    """Return the parameter name of the factor on a joint's motion in a mode."""
+    """Return the parameter name of the factor on the motion of a joint in a mode."""
     return name_at(numbered(MOTION_FACTOR, mode), joint)
 
 
 def motion_in(theta: Mapping[str, Any], mode: int, joint: str) -> Any:
-    """Return a joint's motion in a mode, H_ji: the model's value times its factor, if any."""
+    """Return the motion of a joint in a mode, H_ji: the model's value times any factor."""
     return theta[motion_name(mode, joint)] * theta.get(factor_name(mode, joint), 1.0)
 
 
 def is_assembled(names: Any) -> bool:
-    """Return True if parameter names include the numbers of a reduced model."""
+    """Return whether the parameters include the numbers of a reduced model."""
     return FIRST_PUSH in names
 
 
@@ -98,7 +98,7 @@ def num_modes(theta: Mapping[str, Any]) -> int:
 
 
 def rows(theta: Mapping[str, Any], names: Sequence[str]) -> Float[Array, " mode"]:
-    """Return the values of one quantity in all modes, from their parameter names."""
+    """Return the values of one quantity in all modes, from the names of its parameters."""
     return _stacked([theta[name] for name in names])
 
 
@@ -137,7 +137,7 @@ def assembled_structure(
 
 
 def seen_by(theta: Mapping[str, Any]) -> Float[Array, "point mode"]:
-    """Return the weights of all modes at every measured point, starting with the first point."""
+    """Return the motion of every measured point in all modes, the first point first."""
     modes, stem = range(1, num_modes(theta) + 1), seen_name(1, "") + "@"
     points = ["", *(name.removeprefix(stem) for name in theta if name.startswith(stem))]
     return jnp.stack([rows(theta, [seen_name(i, point) for i in modes]) for point in points])

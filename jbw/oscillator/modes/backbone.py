@@ -1,4 +1,4 @@
-r"""The backbone of one mode of several: periodic motion with the damping that sustains it.
+r"""The backbone of one of several modes: periodic motion with the damping that sustains it.
 
 The extended periodic motion of Krack (2015) is the periodic solution of
 
@@ -39,12 +39,12 @@ from jbw.oscillator.steady.waveform import num_turns, orders
 # The unknowns omega, zeta_eq, q_m1 and all X_jn, as real and imaginary parts; omega is relative to
 # the mode's own frequency, q_m1 and X_jn are in the units of `Units`.
 Point = Float[Array, " unknown"]
-Mode = Int[Array | np.ndarray, ""]  # index of the mode that is followed
+Mode = Int[Array | np.ndarray, ""]  # index of the mode whose backbone is computed
 _TOLERANCE = 1e-10
 _MAX_NEWTON = 12
 _MAX_STEPS = 400
 _LEAST_STEP = 1e-6
-# Largest change of a point in one step along X: a larger change may reach another mode's branch.
+# Largest change of a point in one step; a larger one may reach the branch of another mode.
 _MOST_CHANGE = 0.05
 
 
@@ -81,7 +81,7 @@ class ModalBackbone(eqx.Module):
 
 
 class BackboneOptions(NamedTuple):
-    """The options of a backbone; static. `is_one_joint` if the amplitude is that of the joint."""
+    """The options of a backbone; `is_one_joint` if the amplitude is that of the joint."""
 
     num_harmonics: int
     max_turns: int
@@ -135,7 +135,7 @@ def modal_backbone(
 
 
 def _require_mode(structure: Structure, mode: int, is_one_joint: bool) -> None:
-    """Raise if a mode does not exist, does not vibrate, or does not move the single joint."""
+    """Raise if a mode does not exist, does not vibrate, or does not move the joint."""
     num = structure.omega_n.shape[0]  # pyright: ignore[reportAttributeAccessIssue]
     if isinstance(mode, bool) or not isinstance(mode, int) or not 0 <= mode < num:
         raise ConfigError(f"Argument `mode` must be an index from 0 to {num - 1}, but is {mode!r}.")
@@ -182,7 +182,7 @@ def _like(good: Array, leaf: Array) -> Array:
 def _followed(
     options: BackboneOptions, mode: Mode, structure: Structure, amplitude: Array
 ) -> tuple[Array, Array]:
-    """Follow the branch at rising amplitudes, each point from the last; flag converged points.
+    """Follow the backbone over rising amplitudes, each point from the last; mark converged points.
 
     After the first point that is not found the branch ends, and no more are tried.
     """
@@ -192,7 +192,7 @@ def _followed(
     units = _units(options, mode, structure)
     sticking = structure.h[:, mode] * units.q / units.x  # pyright: ignore
     first = first.at[4 :: 2 * options.num_harmonics].set(sticking)
-    # With velocity-dependent laws, zeta at rest is not the modal damping ratio.
+    # With velocity-dependent laws, zeta at rest differs from the modal damping ratio.
     if any(law.feels_rate for law in laws_in(structure.laws)):
         first, _ = _newton(options, mode, structure, first, jnp.zeros_like(amplitude[0]))
 
@@ -209,7 +209,7 @@ def _followed(
 
 @_followed.defjvp
 def _followed_jvp(options, primals, tangents):
-    """Differentiate the branch points implicitly, amplitude by amplitude."""
+    """Return the derivatives of the backbone's points, amplitude by amplitude."""
     mode, structure, amplitude = primals
     points, good = _followed(options, mode, structure, amplitude)
 
@@ -235,7 +235,7 @@ def _to(
     start: tuple[Array, Point, Array],
     target: Array,
 ) -> tuple[Array, Point]:
-    """Continue from one amplitude to another; halve steps where Newton fails or moves too far.
+    """Continue from one amplitude to the next, with halved steps where Newton's method fails.
 
     No step is taken from a `start` that did not converge itself.
     """
@@ -249,7 +249,7 @@ def _to(
         at, step, point, last_at, last, tries = state
         following = jnp.minimum(at + step, target)
         width = jnp.where(at > last_at, at - last_at, 1.0)
-        ahead = point + (following - at) / width * (point - last)  # the secant
+        ahead = point + (following - at) / width * (point - last)  # prediction along the secant
         tried, ok = _newton(options, mode, structure, ahead, following)
         ok = ok & (jnp.max(jnp.abs(tried - point)) < _MOST_CHANGE)
         outcomes = (following, 2.0 * step, tried, at, point), (at, 0.5 * step, point, last_at, last)
@@ -263,7 +263,7 @@ def _to(
 def _newton(
     options: BackboneOptions, mode: Mode, structure: Structure, start: Point, amplitude: Array
 ) -> tuple[Point, Array]:
-    """Solve for the branch point at one amplitude by Newton's iteration."""
+    """Solve for the backbone's point at one amplitude by Newton's method."""
     point, converged = newton_root(
         lambda point, args: _imbalance(options, mode, args[0], point, args[1]), start,
         (structure, amplitude), tolerance=_TOLERANCE, max_steps=_MAX_NEWTON,
@@ -272,7 +272,7 @@ def _newton(
 
 
 class Units(NamedTuple):
-    """The units of q_m1 and of every joint's displacement, relative to the amplitude."""
+    """The units of q_m1 and of each joint's displacement, relative to the amplitude."""
 
     q: Scalar
     x: Array
@@ -286,7 +286,7 @@ def _units(options: BackboneOptions, mode: Mode, structure: Structure) -> Units:
 
 
 class BackboneMotion(NamedTuple):
-    """The motion at a backbone point: q_m1 and q over the amplitude, x and r in joints' units.
+    """The motion at a point of the backbone, in units of the amplitude and of each joint.
 
     `residual_1` is the first harmonic of the mode's own balance, multiplied by d of the mode.
     """
@@ -303,7 +303,7 @@ class BackboneMotion(NamedTuple):
 def _motion(
     options: BackboneOptions, mode: Mode, structure: Structure, point: Point, amplitude: Scalar
 ) -> BackboneMotion:
-    """Return the frequency, damping, joints' and modes' motion that belong to a point."""
+    """Return frequency, damping, joint motion and modal motion at a point of the backbone."""
     units = _units(options, mode, structure)
     omega_m = structure.omega_n[mode]  # pyright: ignore[reportIndexIssue]
     omega, zeta = point[0] * omega_m, point[1]
@@ -315,7 +315,7 @@ def _motion(
     r = joint_forces(laws, point[0], x, options.max_turns)
     push = (structure.p * units.x) @ r  # pyright: ignore
     d = dynamic_stiffness(structure, omega, options.num_harmonics, zeta) / omega_m**2
-    # At zero amplitude d of the mode vanishes, so its first harmonic is not divided by d.
+    # At zero amplitude d of the mode vanishes, so its first harmonic is not divided by it.
     residual_1 = d[mode, 0] * units.q * q_m1 + push[mode, 0]  # pyright: ignore
     q = (-push / d.at[mode, 0].set(1.0)).at[mode, 0].set(units.q * q_m1)  # pyright: ignore
     return BackboneMotion(omega, zeta, q_m1, q, x, r, residual_1)
@@ -337,7 +337,7 @@ def _imbalance(
 def _backbone_point(
     options: BackboneOptions, mode: Mode, structure: Structure, point: Point, amplitude: Array
 ) -> tuple[ModalBackbone, Array]:
-    r"""Return one point of the backbone, and the turning points of the joint that turns most.
+    r"""Return one point of the backbone, with the largest number of turning points of a joint.
 
     The loss of a joint per cycle is $\pi \sum_n n\,\mathrm{Im}(r_n \bar X_n)$.
     """

@@ -1,4 +1,4 @@
-r"""Harmonic balance condensed to the joints' displacements, and the motion of the modes from it.
+r"""Harmonic balance of several modes with the joints' displacements as the only unknowns.
 
 The modes are linear, so the joints' displacements follow from the joints' forces by receptances,
 
@@ -49,7 +49,7 @@ def of_one_joint(harmonics: StructureHarmonics) -> StructureHarmonics:
 def dynamic_stiffness(
     structure: Structure, omega: Scalar, num_harmonics: int, zeta_eq: Scalar = 0.0
 ) -> Complex[Array, "mode harmonic"]:
-    r"""Return the modes' dynamic stiffness d_i at the odd harmonics.
+    r"""Return the dynamic stiffness d_i of the modes at the odd harmonics.
 
     $2\zeta_{eq}\omega$ is subtracted from the damping of every mode.
     """
@@ -62,7 +62,7 @@ def dynamic_stiffness(
 def joint_forces(
     laws: tuple, omega: Scalar, x: Complex[Array, "joint harmonic"], max_turns: int
 ) -> Complex[Array, "joint harmonic"]:
-    """Return the harmonics r_n of the remainders of every joint's laws along its motion.
+    """Return the harmonics r_n of each joint's force without its linear part, along its motion.
 
     Joints with laws of the same kinds are computed side by side, by one program.
     """
@@ -87,7 +87,7 @@ def joint_forces(
 def law_harmonics(
     law: Any, x: Complex[Array, " harmonic"], max_turns: int
 ) -> Complex[Array, " harmonic"]:
-    r"""Return the harmonics of one law's remainder r, with a derivative written by hand.
+    r"""Return the harmonics of one law's F - K x, with a hand-written derivative.
 
     $$dr = \partial_x r\,dx + \partial_{law} r\,d\mathrm{law}$$
 
@@ -112,7 +112,7 @@ def _law_harmonics_jvp(max_turns: int, primals: tuple, tangents: tuple) -> tuple
 
 
 def _joint_force(laws: tuple, x: Array, omega: Scalar, max_turns: int) -> Array:
-    """Return the harmonics of the remainders of one joint's laws."""
+    """Return the harmonics of the forces, without their linear part, of one joint's laws."""
     parts = [
         law.harmonics(x, max_turns, omega) if law.feels_rate else law_harmonics(law, x, max_turns)
         for law in laws
@@ -127,14 +127,14 @@ def modal_imbalance(
     load: Any,
     max_turns: int,
 ) -> Complex[Array, "joint harmonic"]:
-    """Return the residual of the condensed harmonic balance for a motion of the joints."""
+    """Return the residual of harmonic balance for a given motion of the joints."""
     return x - structure.h @ _coordinates(structure, omega, x, load, max_turns)  # pyright: ignore
 
 
 def _coordinates(
     structure: Structure, omega: Scalar, x: Array, load: Any, max_turns: int
 ) -> Complex[Array, "mode harmonic"]:
-    r"""Return the modes for a joint motion, $q_{i,n} = (b_i u_n - \sum_j p_{ij} r_{jn})/d_i$."""
+    r"""Return the modes for joint motion, $q_{i,n} = (b_i u_n - \sum_j p_{ij} r_{jn})/d_i$."""
     r = joint_forces(structure.laws, omega, x, max_turns)
     push = structure.b[:, None] * load - structure.p @ r  # pyright: ignore
     return push / dynamic_stiffness(structure, omega, x.shape[-1])
@@ -143,7 +143,7 @@ def _coordinates(
 def modal_response(
     structure: Structure, omega: Scalar, num_harmonics: int
 ) -> Complex[Array, "joint harmonic"]:
-    """Return the stuck joints' displacements under a unit load at the first harmonic."""
+    """Return the displacements of fully stuck joints under a unit load at the first harmonic."""
     d = dynamic_stiffness(structure, omega, num_harmonics)
     driven = (structure.h * structure.b) @ (1.0 / d)  # pyright: ignore
     return driven * (orders(num_harmonics) == 1)
@@ -152,7 +152,7 @@ def modal_response(
 def modal_units(
     structure: Structure, omega: Scalar, amplitude: Scalar
 ) -> tuple[Structure, Array, Array]:
-    r"""Scale structure, frequency and each joint's displacement to units of the first mode.
+    r"""Return structure, frequency and joints' displacements in units of the first mode.
 
     $$q = \ell\hat q, \qquad x_j = \ell_j\hat x_j, \qquad \ell = A/\omega_1^2, \qquad
       \ell_j = \ell \sum_i |h_{ji} b_i|$$
@@ -181,7 +181,7 @@ def modes_of(
     x: Complex[Array, "joint harmonic"],
     max_turns: int,
 ) -> StructureHarmonics:
-    """Return the harmonics of joints, modes and outputs for a motion of the joints."""
+    """Return the harmonics of joints, modes and outputs for a given motion of the joints."""
     load = amplitude * (orders(x.shape[-1]) == 1)
     q = _coordinates(structure, omega, x, load, max_turns)
     return StructureHarmonics(x, q, structure.c @ q)  # pyright: ignore

@@ -1,4 +1,4 @@
-r"""Structures built from named parameters, as in a campaign's posterior.
+r"""Structures of several modes, built from parameters by name.
 
 The first mode has the parameter names of a single mode, and the laws are in its units: $h_1 = p_1 =
 1$. For every other mode, observed at the one output with $c_i = 1$,
@@ -33,7 +33,7 @@ from jbw.quantities import AT, MODES, POINTS, Quantity
 
 
 class Names(NamedTuple):
-    """The parameter names of one mode other than the first."""
+    """The parameter names of one mode after the first."""
 
     omega: str
     zeta: str
@@ -47,23 +47,23 @@ NAMES = tuple(Names(*(quantity.name for quantity in mode)) for mode in MODES)
 SEEN = tuple(tuple(quantity.name for quantity in point) for point in POINTS)
 
 
-# Names of the frequency and damping ratio of each mode that has its own.
+# Names of frequency and damping ratio, by mode that has its own.
 DRIVEN = (("omega_n", "zeta"), *(names[:2] for names in NAMES))
 
 
 def model_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Oscillator | Structure:
-    """Build the oscillator from parameters by name, or the structure if they have several modes."""
+    """Return the oscillator, or the structure of several modes, with parameters given by name."""
     return structure_of(theta, laws) if has_further_modes(theta) else oscillator_of(theta, laws)
 
 
 def has_further_modes(names: Any) -> bool:
-    """Return True if parameter names include those of a second mode or of several joints."""
+    """Return whether parameters include those of a second mode or of several joints."""
     at_joints = any(AT in str(name) for name in names)  # draws do not contain fixed parameters
     return NAMES[0].omega in names or is_assembled(names) or at_joints
 
 
 def structure_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Structure:
-    """Build the structure from parameters by name, with b divided by mode 1's gain and c = 1.
+    """Return the structure with parameters given by name; b is over mode 1's gain, and c = 1.
 
     For several joints, b and c are those of the reduced model (`jbw.oscillator.modes.assembled`).
 
@@ -93,7 +93,7 @@ def own_name(name: str, mode: int) -> str:
 
 
 def own_quantities(laws: tuple[str, ...], num_modes: int = 1 + len(MODES)) -> list[Quantity]:
-    """Return the quantities of the separate laws that uncoupled modes after the first have."""
+    """Return the quantities of separate laws, which uncoupled modes after the first have."""
     return [
         quantity._replace(
             name=own_name(quantity.name, mode), symbol=f"{quantity.symbol}({mode})",
@@ -105,7 +105,7 @@ def own_quantities(laws: tuple[str, ...], num_modes: int = 1 + len(MODES)) -> li
 
 
 def modes_apart(theta: Mapping[str, Any], laws: tuple[str, ...]) -> tuple[Oscillator, ...] | None:
-    """Return one oscillator with its own laws per uncoupled mode; None if theta has none."""
+    """Return an oscillator with its own laws for each uncoupled mode; None if there is none."""
     law_names = [quantity.name for quantity in quantities_of(laws)]
     if not law_names or own_name(law_names[0], 2) not in theta:
         return None
@@ -119,12 +119,12 @@ def modes_apart(theta: Mapping[str, Any], laws: tuple[str, ...]) -> tuple[Oscill
 
 
 def gain_ratios(theta: Mapping[str, Any]) -> list[Any]:
-    """Return the gain of every mode divided by that of the first mode."""
+    """Return the gain of every mode over that of the first mode."""
     return [1.0, *(theta[names.ratio] for names in NAMES if names.omega in theta)]
 
 
 def seen_by_points(theta: Mapping[str, Any], num_modes: int) -> Float[Array, "point mode"]:
-    """Return the modes' weights at every measured point, first point first."""
+    """Return the motion of each measured point in all modes, the first point first."""
     others = (point[:num_modes] for point in SEEN if point[0] in theta)
     rows = (jnp.stack([theta[name] for name in names]) for names in others)
     return jnp.stack(jnp.broadcast_arrays(jnp.ones(num_modes), *rows))
@@ -138,7 +138,7 @@ def at_points(theta: Mapping[str, Any], structure: Structure) -> Structure:
 
 
 def _mode(theta: Mapping[str, Any], names: Names) -> tuple[Any, ...]:
-    """Return omega, zeta, h, p and b of a mode after the first."""
+    """Return omega, zeta, h, p and b of one mode after the first."""
     linear, b = (theta[names.omega], theta[names.zeta]), theta[names.ratio]
     if names.shape not in theta:
         return *linear, 0.0, 0.0, b

@@ -1,4 +1,4 @@
-"""The time response of several modes with joints to an input, and the work done by the joints."""
+"""The response over time of several modes with joints, and the work of the joints."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -44,7 +44,7 @@ from jbw.oscillator.step import remainders
 
 
 class StructureResponse(eqx.Module):
-    """The motion of a structure at the samples; sample 0 is the initial state.
+    """The motion of a structure of several modes at the samples; sample 0 is the initial state.
 
     The axis of joints exists if the structure's `h` has one row per joint.
 
@@ -79,7 +79,7 @@ class StructureResponse(eqx.Module):
 
 
 class ModalOptions(NamedTuple):
-    """The arguments of `simulate` that are no arrays; `exact_step` if jbw's own step is allowed."""
+    """The options of `simulate` for several modes; `exact_step` if jbw's own step is allowed."""
 
     hold: Hold
     substeps: int
@@ -108,7 +108,7 @@ def simulate_structure(
         u = jnp.asarray(u, float)
         check_input(u, num_samples)
         num_samples = u.shape[-1]
-    # A velocity-dependent force needs v predicted twice, which the joint's kernel does not do.
+    # A velocity-dependent force needs two predictions of v, which the joint's step does not make.
     exact_step = options.exact_step and not callable(u)
     exact_step = exact_step and all(
         law.stepped and not law.feels_rate for law in laws_in(structure.laws)
@@ -147,7 +147,7 @@ def _simulate_lanes(
 
 
 def _per_mode(part: Any, structure: Structure) -> tuple[Array, ...]:
-    """Return an initial value for every mode; a single number applies to each mode."""
+    """Return an initial value for each mode; a single number applies to all modes."""
     num = jnp.shape(structure.omega_n)
     part = jnp.asarray(part, float)
     if part.ndim and part.shape != num:
@@ -193,21 +193,21 @@ def _simulate(
 
 
 class _Solved(NamedTuple):
-    """The states at the samples, and a function for the work of every joint of a structure."""
+    """The states at the samples, with a function for the work of each joint."""
 
     states: Trajectory
     work: Callable[[Structure], Array]
 
 
 def _stepped(options: ModalOptions, steps: ModalStepping, initial: ModalState) -> _Solved:
-    """Return a motion by jbw's own exact step."""
+    """Return the motion computed by jbw's own exact time step."""
     states, kicks = modal_solve(steps, initial)
     samples = jax.tree.map(lambda x: x[:: options.substeps], states)
     return _Solved(samples, lambda structure: work_of_joints(structure, steps, states, kicks))
 
 
 def _response_of(structure, t, u, states, residual, work) -> StructureResponse:
-    """Return the motion of the modes, the joints and the outputs along a trajectory of states."""
+    """Return the motion of modes, joints and outputs from the states over time."""
     q, dq, memories = jnp.stack(states[0]), jnp.stack(states[1]), states[2]
     x, v = structure.h @ q, structure.h @ dq
     z, r, guesses = [], [], jnp.zeros(())
@@ -227,7 +227,7 @@ def _response_of(structure, t, u, states, residual, work) -> StructureResponse:
 
 
 def oscillate_modes(structure: Structure, u: Scalar, state: Any) -> Any:
-    """Return the time derivatives of (q, q', memories) and of each joint's work [per s]."""
+    """Return the time derivatives of (q, q', internal states) and of each joint's work [per s]."""
     (q, v, memories), _ = state
     q, v = jnp.stack(q), jnp.stack(v)
     x, dx = structure.h @ q, structure.h @ v
@@ -247,7 +247,7 @@ def oscillate_modes(structure: Structure, u: Scalar, state: Any) -> Any:
 def _stock(
     options: ModalOptions, structure: Structure, u: Callable, fs: Scalar, initial: ModalState
 ) -> _Solved:
-    """Return a motion by a stock solver; a periodic one extends to the next period's start."""
+    """Return the motion computed by a standard solver; a periodic one includes the next start."""
     num = (options.num_samples or 0) + options.periodic
     scheme = StockScheme(options.solver, options.controller, options.substeps)
     start = initial, tuple(jnp.zeros(()) for _ in structure.laws)
@@ -256,7 +256,7 @@ def _stock(
 
 
 def _hermite(orders: tuple[int, int]) -> list[Polynomial]:
-    """Return the Hermite polynomials on [0, 1]: one end derivative is 1, all others are 0.
+    """Return the Hermite polynomials on [0, 1], each with one end derivative of 1, the others 0.
 
     `orders` are the numbers of derivatives at the start and at the end.
     """
@@ -278,7 +278,7 @@ def _weights() -> np.ndarray:
     r, x = _hermite((2, 2)), _hermite((3, 3))
     products = [[(polynomial * other.deriv()).integ() for other in x] for polynomial in r]
     table = np.array([[integral(1.0) - integral(0.0) for integral in row] for row in products])
-    # x enters only by its rise, because its value at the start does no work.
+    # Only the rise of x counts, because its value at the start does no work.
     return np.concatenate([table[:, 1:3], table[:, 3:]], axis=1)
 
 
@@ -289,7 +289,7 @@ _WEIGHTS = _weights()
 def work_of_joints(
     structure: Structure, stepping: ModalStepping, states: ModalState, kicks: Any
 ) -> Float[Array, " joint"]:
-    r"""Return each joint remainder's work over a motion, $W_j = \int r_j \dot x_j dt$ [J/kg].
+    r"""Return the work of each joint's force F - K x, $W_j = \int r_j \dot x_j dt$ [J/kg].
 
     Within a step r is the cubic H through r and its rate, and x is the quintic through x, v and a.
     The kicks (impulses) give the error of H at kinks,
@@ -327,7 +327,7 @@ def _branches(laws: Any, v: Array, memory: Any) -> tuple[Any, ...]:
 
 
 def accelerations(structure: Structure, q: Array, dq: Array, r: Array, u: Any) -> Array:
-    """Return modal accelerations under the joints' remainders r and the input u [m/s^2]."""
+    """Return modal accelerations under the joints' forces r = F - K x and the input u [m/s^2]."""
     omega, zeta, b = (
         jnp.asarray(x).reshape(-1, *(1,) * (q.ndim - 1))
         for x in (structure.omega_n, structure.zeta, structure.b)

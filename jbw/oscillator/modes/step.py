@@ -1,4 +1,4 @@
-r"""One time step of several modes with joints: linear before, a kernel per joint, linear after.
+r"""One time step of several modes with joints: free modal motion, then the effect of each joint.
 
 Modes move freely by their own exact propagators. Each joint receives five scalars from them: x and
 v at the start, the acceleration there, and the free changes of x and v. It moves its memories as
@@ -40,10 +40,11 @@ from jbw.oscillator.step import (
 
 Coordinates = tuple[Scalar, ...]
 ModalMotion = tuple[Coordinates, Coordinates]  # (q_i, ...), (q_i', ...), or changes of both
-Memories = tuple[tuple[Memory, ...], ...]  # one tuple per joint, with an entry per law
+# internal states: one tuple per joint, with an entry per law
+Memories = tuple[tuple[Memory, ...], ...]
 # (q_i, ...), (q_i', ...), memories
 ModalState = tuple[Coordinates, Coordinates, Memories]
-# Contributions of the input to every q_i and q_i', and the input at the start.
+# Contributions of the input to every q_i and q_i', and the input at the start of the step.
 ModalPush = tuple[tuple[Any, ...], tuple[Any, ...], Any]
 
 
@@ -66,7 +67,7 @@ class ModeStep(eqx.Module):
 
 
 class Coupling(eqx.Module):
-    """The effect of one joint's force on another: `ExactStep` constants, summed over modes by h p.
+    """The effect of one joint's force on the motion of another joint, summed over modes.
 
     `bend_*` are the effects of half of h^2 r'', a - b of the corrector's constants.
     """
@@ -84,7 +85,7 @@ class Coupling(eqx.Module):
 
 
 class JointKernel(eqx.Module):
-    """The constants of a joint's kernel, of one type for all joints with the same laws.
+    """The constants of a joint's own part of a time step.
 
     `bend_*` are the effects of half of h^2 r'' of the joint itself on its x and v.
     """
@@ -96,7 +97,7 @@ class JointKernel(eqx.Module):
 
 
 class JointStep(eqx.Module):
-    """The constants of one joint's time step.
+    """The constants of one joint's time step, including the effect of all joints on it.
 
     `by` contains the effect of every joint's force on this joint, which is number `place` of them.
     """
@@ -109,7 +110,7 @@ class JointStep(eqx.Module):
 
     @property
     def kernel(self) -> JointKernel:
-        """The constants of the joint's own part (kernel) of a time step."""
+        """The constants of the joint's own part of a time step."""
         by_itself = self.by[self.place]
         return JointKernel(self.laws, self.dt, by_itself.bend_y, by_itself.bend_v)
 
@@ -120,14 +121,14 @@ class JointStep(eqx.Module):
 
 
 class ModalStep(eqx.Module):
-    """The constants of a time step of all modes and joints; all leaves are scalars."""
+    """The constants of a time step of all modes and joints."""
 
     joints: tuple[JointStep, ...]
     modes: tuple[ModeStep, ...]
 
 
 class FreeMotion(NamedTuple):
-    """The motion of a joint due to the modes alone, without the joints' forces in this step."""
+    """The motion of a joint due to the modes alone, without joint forces during the step."""
 
     x: Scalar
     v: Scalar
@@ -137,7 +138,7 @@ class FreeMotion(NamedTuple):
 
 
 class Begun(NamedTuple):
-    """A joint at the start of a step: its kernel, displacement, velocity and memories."""
+    """A joint at the start of a step: constants, displacement, velocity and internal states."""
 
     kernel: JointKernel
     x: Scalar
@@ -146,25 +147,25 @@ class Begun(NamedTuple):
 
     @property
     def state(self) -> tuple[Scalar, Scalar, tuple[Memory, ...]]:
-        """The displacement, velocity and memories, in the form that the laws' functions take."""
+        """The displacement, velocity and internal states, as the laws' functions take them."""
         return self.x, self.v, self.memory
 
     @property
     def branches(self) -> tuple[Any, ...]:
-        """The branches of the joint's laws at the start of the step."""
+        """The constants of the joint's laws until their next kink, at the start of the step."""
         pairs = zip(self.kernel.laws, self.memory, strict=True)
         return tuple(law.branch(self.v, law_memory) for law, law_memory in pairs)
 
 
 class Remainder(NamedTuple):
-    """The remainder r of a joint's laws, and h times its rate r', at the start of a step."""
+    """The force of a joint's laws without its linear part, r, and h r', at the start of a step."""
 
     r: Scalar
     rate: Scalar
 
 
 class Path(NamedTuple):
-    """The path of a joint through a step: predicted end x and v, and acceleration at the start.
+    """The predicted path of a joint in a step: x and v at its end, acceleration at its start.
 
     The prediction contains the cubics of r and h r' of all joints.
     """
@@ -175,7 +176,7 @@ class Path(NamedTuple):
 
 
 class Passed(NamedTuple):
-    """A joint after its kernel: its effect on the modes, in addition to r and h r' at the start.
+    """The result of a joint's step: its effect on the modes, in addition to r and h r'.
 
     Attributes:
         r_1: r at the end.
@@ -193,7 +194,7 @@ class Passed(NamedTuple):
 
 
 class ModalStepping(eqx.Module):
-    """The data for stepping a record of several modes (for one: `solver.Stepping`).
+    """The constants and the input for the time steps of several modes.
 
     Attributes:
         step: Constants of the step.
@@ -210,7 +211,7 @@ class ModalStepping(eqx.Module):
     pieces: tuple[Float[Array, " substep"], ...]
 
     def push(self, powers: tuple[Any, ...]) -> ModalPush:
-        """Return every mode's change by the input, from its coefficients in one or all substeps."""
+        """Return the effect of the input on each mode, from its coefficients in the substeps."""
         on_q, on_v = (
             tuple(weighted(weights, powers) for weights in modes)
             for modes in (self.on_q, self.on_v)
@@ -218,7 +219,7 @@ class ModalStepping(eqx.Module):
         return on_q, on_v, self.gain * powers[0]
 
     def pushed(self) -> Pushed:
-        """Return the step's constants and the input's effect in every substep, by one product."""
+        """Return the constants of the step, and the effect of the input in every substep."""
         start = self.gain * np.eye(1, len(self.pieces))[0]
         weights = [jnp.stack(moments) for moments in (*self.on_q, *self.on_v)]
         rows = tuple(jnp.stack([*weights, start]) @ jnp.stack(self.pieces))
@@ -229,7 +230,7 @@ class ModalStepping(eqx.Module):
 def modal_stepping(
     structure: Structure, held: HeldInput, fs: Scalar, substeps: int
 ) -> ModalStepping:
-    """Return the constants, input moments times gain, and input coefficients to step a record.
+    """Return constants, input moments times gain, and input coefficients for the time steps.
 
     The structure must have an axis of joints.
     """
@@ -246,7 +247,7 @@ def modal_stepping(
 
 
 def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array], list[Array]]:
-    """Return the constants of a step dt [s], and each mode's moments of a unit input."""
+    """Return the constants of a step dt [s], and the moments of a unit input in each mode."""
     h, p, b = jnp.asarray(structure.h), jnp.asarray(structure.p), jnp.asarray(structure.b)
     joints = range(h.shape[0])
     modes, weights, moments_y, moments_v = [], [], [], []
@@ -267,7 +268,7 @@ def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array]
         moments_y.append(m.y)
         moments_v.append(m.v)
 
-    # Arrays are used because a separate sum for each of so many numbers is slow to compile.
+    # Arrays are used, because a separate sum for each of so many numbers compiles slowly.
     couplings = barrier(jnp.einsum("ji,il,iw->wjl", h, p, jnp.asarray(weights)))
     steps = []
     for j, laws in enumerate(structure.laws):
@@ -281,7 +282,7 @@ def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array]
 def modal_advance(
     step: ModalStep, state: ModalState, push: ModalPush
 ) -> tuple[ModalState, tuple[tuple[Scalar, Scalar], ...]]:
-    """Advance all modes and joints by one step; return also every joint's impulses on y and v."""
+    """Advance all modes and joints by one step; return each joint's kink impulses as well."""
     q, v, memories = state
     change = freely(step, (q, v), push)
     seen = seen_by_joints(step, (q, v), change, push[2])
@@ -309,7 +310,7 @@ def modal_advance(
 
 
 def freely(step: ModalStep, motion: ModalMotion, push: ModalPush) -> ModalMotion:
-    """Return the change of every mode without the joints' forces."""
+    """Return the change of each mode without the forces of the joints."""
     modes = list(zip(step.modes, *motion, push[0], push[1], strict=True))
     rise = tuple(m.f_11 * y + m.f_12 * dy + on_y for m, y, dy, on_y, _ in modes)
     gain = tuple(m.f_21 * y + m.f_22 * dy + on_v for m, y, dy, _, on_v in modes)
@@ -319,7 +320,7 @@ def freely(step: ModalStep, motion: ModalMotion, push: ModalPush) -> ModalMotion
 def seen_by_joints(
     step: ModalStep, motion: ModalMotion, change: ModalMotion, u: Scalar
 ) -> tuple[FreeMotion, ...]:
-    """Return each joint's motion (five scalars) due to the modes alone, for their free change."""
+    """Return each joint's motion due to the free change of the modes, as five scalars."""
     q, v = motion
     pulls = tuple(
         m.damping * dy + m.stiffness * y for m, y, dy in zip(step.modes, q, v, strict=True)
@@ -336,7 +337,7 @@ def seen_by_joints(
 
 
 def remainder(at: Begun) -> Remainder:
-    """Return the remainder of a joint's laws at the start of a step, and h times its rate."""
+    """Return the force of a joint's laws without its linear part, and h times its rate."""
     return Remainder(*remainders(at.kernel.laws, at.kernel.dt, at.state, at.branches))
 
 
@@ -348,7 +349,7 @@ def half_bend(at: Begun, a: Scalar) -> Scalar:
 
 
 def bent(joint: JointStep, half_bends: Sequence[Scalar]) -> tuple[Scalar, ...]:
-    """Return the effect of other joints' half h^2 r'' on a joint's x and v; empty if none."""
+    """Return the effect of other joints' half h^2 r'' on a joint's x and v; empty for one joint."""
     if not half_bends:
         return ()
     pairs = list(zip(joint.by_others, half_bends, strict=True))
@@ -356,19 +357,19 @@ def bent(joint: JointStep, half_bends: Sequence[Scalar]) -> tuple[Scalar, ...]:
 
 
 def all_bent(step: ModalStep, half_bends: tuple[Scalar, ...]) -> tuple[tuple[Scalar, ...], ...]:
-    """Return, for every joint, the effect of the other joints' half h^2 r''; linear in these."""
+    """Return for each joint the effect of the other joints' half h^2 r''."""
     return tuple(bent(joint, _without(joint.place, half_bends)) for joint in step.joints)
 
 
 def _without(place: int, values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return all values except the one at a place."""
+    """Return all values except the one at an index."""
     return values[:place] + values[place + 1 :]
 
 
 def predicted(
     step: ModalStep, seen: Sequence[FreeMotion], starts: Sequence[Remainder]
 ) -> tuple[Path, ...]:
-    """Return every joint's path predicted from r and h r' of all joints; linear in both."""
+    """Return the path of every joint, predicted from r and h r' of all joints."""
 
     def path(joint: JointStep, at: FreeMotion) -> Path:
         pairs = list(zip(joint.by, starts, strict=True))
@@ -380,14 +381,14 @@ def predicted(
 
 
 def _less(total: Scalar, *parts: Any) -> Scalar:
-    """Subtract the parts from the total, in order."""
+    """Subtract several parts from a total, one after another."""
     return reduce(sub, (part for group in parts for part in group), total)
 
 
 def pass_where_met(
     joint: JointStep, at: Begun, path: Path, others: tuple[tuple[Begun, Scalar], ...]
 ) -> tuple[Passed, End]:
-    """Move a joint along its path, through kinks only where it meets one.
+    """Advance a joint along its path; treat kinks only if it meets one.
 
     This is `jbw.oscillator.step.advance` without the motion of the modes. `others` are the other
     joints at the start, with their accelerations there.
@@ -407,7 +408,7 @@ def pass_where_met(
 
 
 def pass_always(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[Passed, End]:
-    """Move a joint along its path, through kinks in every step, for derivatives of many steps.
+    """Advance a joint along its path; treat kinks in every step, for derivatives of many steps.
 
     `bends` are the effects of half of h^2 r'' of the other joints on this joint's x and v.
     """
@@ -421,13 +422,13 @@ def pass_always(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[Passe
 
 
 def _smooth(at: Begun, path: Path) -> End:
-    """Return the end of a path as predicted, with the memories of its start."""
+    """Return the predicted end of a path, with the internal states of its start."""
     none = jnp.zeros_like(path.x)
     return End(path.x, path.v, at.memory, at.branches, none, none)
 
 
 def _passed(at: Begun, end: End, shift: Scalar) -> tuple[Passed, End]:
-    """Return a joint's effect on the modes, and its end of the step with cusp impulses."""
+    """Return a joint's effect on the modes, and the end of its step with the effect of cusps."""
     laws, none = at.kernel.laws, jnp.zeros_like(shift)
     if not laws:
         return Passed(none, none, none, none, none), end
@@ -437,7 +438,7 @@ def _passed(at: Begun, end: End, shift: Scalar) -> tuple[Passed, End]:
 
 
 def _through_kinks(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[End, Scalar]:
-    """Return the end of a step with kinks, and the part of the impulses that x already contains."""
+    """Return the end of a step with kinks, and the part of their effect that x already contains."""
     kernel, start = at.kernel, (at.state, at.branches, path.a)
     weights = kernel.bend_y, kernel.bend_v
     end, shifts = through_kinks(kernel.laws, kernel.dt, start, weights, (path.x, path.v), bends)
@@ -447,7 +448,7 @@ def _through_kinks(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[En
 def corrections(
     step: ModalStep, starts: Sequence[Remainder], passed: Sequence[Passed]
 ) -> tuple[Scalar, ...]:
-    """Return the correction of every joint's x at the end of a step; linear in both arguments."""
+    """Return the correction of each joint's displacement x at the end of a step."""
 
     def correction(joint: JointStep) -> Scalar:
         by_joint = list(zip(joint.by, starts, passed, strict=True))
@@ -468,7 +469,7 @@ def driven(
     starts: Sequence[Remainder],
     passed: Sequence[Passed],
 ) -> ModalMotion:
-    """Return the modes at the end of the step: their free change plus the joints' forces."""
+    """Return the modes at the end of a step: free change plus the effect of joint forces."""
     (q, v), (rise, gain) = motion, change
     forces = [
         (start.r, start.rate, end.r_1 - start.r, end.rate_1)

@@ -1,4 +1,4 @@
-"""Several modes of a structure that are coupled by joints, and checks of their numbers."""
+"""The modes of a structure that are coupled by joints, with checks of their numbers."""
 
 import warnings
 from collections.abc import Callable
@@ -17,17 +17,17 @@ from jbw.oscillator.parameters import Scalar
 from jbw.report.messages import joint as messages
 
 _PER_MODE = ("omega_n", "zeta", "b")
-# Relative distance within which the higher harmonics of one mode reach another mode.
+# Relative distance within which higher harmonics of one mode excite another mode.
 _NEAR = 0.05
 _ORDERS = (3, 5)
-# Relative to a joint's largest motion: less is the rounding of a mode that does not move it.
+# Motion relative to a joint's largest: less is rounding in a mode that does not move it.
 _UNMOVED = 1e-8
-# Tolerance on the joints' share of the stiffness, 1 for a mechanism that only its joints hold.
+# Tolerance on the joints' share of the stiffness, which is 1 for a mechanism held by joints.
 _ROUND_OFF = 1e-9
 
 # The laws of one joint, or a tuple of them for every joint.
 Laws = tuple[Law, ...] | tuple[tuple[Law, ...], ...]
-Memories = tuple[Memory, ...]  # in the form of the laws: for one joint, or for every joint
+Memories = tuple[Memory, ...]  # internal states of the laws of one joint, or of every joint
 
 
 def _as_laws(laws: Any) -> Laws:
@@ -86,12 +86,12 @@ class Structure(eqx.Module):
     laws: Laws = eqx.field(default=(), converter=_as_laws)
 
     def at_rest(self) -> Memories:
-        """Return the memories (internal states) of the laws before any motion."""
+        """Return the internal states of the laws before any motion."""
         return map_laws(lambda law: law.at_rest(), self.laws)
 
 
 def by_joint(structure: Structure) -> Structure:
-    """Return an admitted structure with an axis of joints: h (joint, mode), p (mode, joint)."""
+    """Return a checked structure with an axis of joints: h (joint, mode), p (mode, joint)."""
     if jnp.ndim(structure.h) == 2:
         return structure
     h, p = jnp.asarray(structure.h), jnp.asarray(structure.p)
@@ -99,7 +99,7 @@ def by_joint(structure: Structure) -> Structure:
 
 
 def map_joint_laws(function: Callable[..., Any], laws: Laws, *of_joints: Any) -> Laws:
-    """Apply a function to every law, with the entries of other sequences for its joint."""
+    """Apply a function to every law, with the entries of its joint in other sequences."""
     return tuple(
         tuple(function(law, *entries) for law in of_joint)  # pyright: ignore[reportGeneralTypeIssues]
         for of_joint, *entries in zip(laws, *of_joints, strict=True)
@@ -107,13 +107,13 @@ def map_joint_laws(function: Callable[..., Any], laws: Laws, *of_joints: Any) ->
 
 
 def first_frequency(structure: Structure) -> Scalar:
-    """Return the frequency of the first flexible mode, used as the unit of frequency [rad/s]."""
+    """Return the frequency of the first flexible mode [rad/s], the unit of frequency."""
     omega_n = jnp.asarray(structure.omega_n)
     return omega_n[jnp.argmax(omega_n > 0.0)]
 
 
 class Commensurate(NamedTuple):
-    """A pair of modes of which the higher is near an odd multiple of the lower.
+    """A pair of modes, of which the higher is near an odd multiple of the lower.
 
     Attributes:
         mode: Index of the lower mode, from 0.
@@ -129,7 +129,7 @@ class Commensurate(NamedTuple):
 
 
 def admitted(structure: Structure) -> Structure:
-    """Return the structure with an array for every number; raise if it is invalid.
+    """Check a structure; return it with an array for every number.
 
     Raises:
         ConfigError: Shapes differ, or no mode moves a joint.
@@ -171,7 +171,7 @@ def admitted(structure: Structure) -> Structure:
 
 
 def _number_of_modes(shapes: dict[str, tuple[int, ...]]) -> tuple[int]:
-    """Return the shape of the per-mode fields; raise an error if their shapes differ."""
+    """Return the shape of the fields with one value per mode; raise if their shapes differ."""
     distinct_shapes = {shape for shape in shapes.values() if shape}
     if len(distinct_shapes) > 1 or any(len(shape) > 1 for shape in distinct_shapes):
         raise ConfigError(
@@ -222,7 +222,7 @@ def _require_joints(structure: Structure, values: dict[str, Array], num_modes: i
 
 
 def _require_modes(structure: Structure) -> None:
-    """Raise if a mode has invalid numbers; traced values are trusted."""
+    """Raise if the numbers of a mode are invalid; traced values are not checked."""
     require_finite(structure)
     concrete = {
         name: np.asarray(getattr(structure, name))
@@ -248,7 +248,7 @@ def _require_modes(structure: Structure) -> None:
 
 
 def _require_first(name: str, values: np.ndarray) -> None:
-    """Raise if the first mode, whose units the laws of one joint have, does not move the joint."""
+    """Raise if the first mode, whose motion the laws refer to, does not move the joint."""
     if values[0] == 0.0:
         raise ConfigError(
             f"Field `{name}` of a `Structure` must not be 0 for the first mode, but it is.",
@@ -270,7 +270,7 @@ def _require_moved(name: str, values: np.ndarray) -> None:
 
 
 def _require_rigid(omega_n: np.ndarray, h: np.ndarray) -> None:
-    """Raise if a rigid-body mode moves a joint, although the joint has stiffness."""
+    """Raise if a rigid-body mode moves a joint that has stiffness."""
     moves = np.abs(h) > _UNMOVED * np.max(np.abs(h), axis=1, keepdims=True)
     bad = (omega_n == 0.0) & moves
     if np.any(bad):

@@ -1,4 +1,4 @@
-r"""Resonance against amplitude, frequency responses, and motion at a controlled amplitude or phase.
+r"""Resonance against amplitude, frequency response, and motion at controlled amplitude or phase.
 
 In a controlled motion the first harmonic is given, and its force is the unknown. One force may have
 several motions, but one motion has only one force: along the amplitude there is no choice of branch
@@ -46,7 +46,7 @@ from jbw.oscillator.steady.modal import modal_tones
 from jbw.oscillator.steady.waveform import orders
 
 NUM_HARMONICS = 4
-NUM_STEPS = 3  # Newton steps from the first harmonic alone; each step squares the error
+NUM_STEPS = 3  # Newton steps from the first harmonic alone; each one squares the error
 
 
 class Backbone(eqx.Module):
@@ -150,7 +150,7 @@ def backbone(
 
 
 def _require_loops(joint: Any) -> None:
-    """Raise if a law has no equivalent stiffness and damping at an amplitude."""
+    """Raise if a law has no equivalent stiffness and damping at a given amplitude."""
     require_contracts(joint)
     for law in joint.laws:
         if not law.is_even:  # `Oscillator.loop` includes their second-order effect
@@ -173,7 +173,7 @@ def frequency_response(  # pyright: ignore[reportInconsistentOverload]
     *,
     max_turns: int = 2,
 ) -> Complex[Array, "... freq harmonic"] | StructureHarmonics:
-    r"""Return the response's odd harmonics over frequency, each solved from the previous tone.
+    r"""Return the odd harmonics of the response over frequency, each from the previous tone.
 
     The solutions are those of `steady_state`, reached as a slow stepped sine reaches them: Newton's
     iteration starts from the harmonics at the previous frequency, or raises the load in steps where
@@ -309,7 +309,7 @@ def tone_at_phase(
 
     none = jnp.zeros(2 * num_harmonics - 2)
     cotangent = jnp.cos(phase) / jnp.sin(phase)
-    # At omega_n the first harmonic is 2 j zeta omega_n^2 plus what the laws add to omega_n^2.
+    # At omega_n the first harmonic is 2 j zeta omega_n^2 plus the laws' contribution.
     law = _imbalance(joint, joint.omega_n, y_peak, none)[0] - 2j * joint.zeta * joint.omega_n**2
     half = joint.zeta * joint.omega_n * cotangent
     squared = joint.omega_n**2 + jnp.real(law) + jnp.imag(law) * cotangent
@@ -322,7 +322,7 @@ def tone_at_phase(
 def _imbalance(
     joint: Joint, omega: Scalar, y_peak: Scalar, x: Float[Array, " unknown"]
 ) -> Complex[Array, " harmonic"]:
-    """Return the harmonic balance's residual over Y, for given higher harmonics over Y."""
+    """Return the residual of harmonic balance over Y, for given higher harmonics over Y."""
     real, imaginary = jnp.split(x, 2)
     higher = jax.lax.complex(real, imaginary)
     q = jnp.asarray(y_peak * jnp.concatenate([jnp.ones(1, complex), higher]))

@@ -1,4 +1,4 @@
-r"""Harmonic balance of the oscillator in dimensionless form: residual and Newton's iteration.
+r"""Harmonic balance of the oscillator in dimensionless form, solved by Newton's method.
 
 Harmonics are stored as real arrays of shape (2, harmonic), or (2, joint, harmonic) for a structure:
 real and imaginary parts of the odd orders 1, 3, 5, ... of y = Re sum q_n exp(j n theta).
@@ -26,8 +26,8 @@ from jbw.oscillator.steady.waveform import num_turns, orders
 
 Packed = Float[Array, "2 *joint harmonic"]
 
-# Newton's last step measures the error of the previous iterate; because convergence is quadratic,
-# the returned value is accurate to round-off.
+# Newton's last step measures the error of the one before; with quadratic convergence, the returned
+# value is accurate to round-off.
 _TOLERANCE = 1e-8
 _MAX_NEWTON = 16
 _MAX_LOADS = 64
@@ -44,13 +44,13 @@ def unpack(packed: Packed) -> Complex[Array, "*joint harmonic"]:
     return jax.lax.complex(packed[0], packed[1])
 
 
-# The oscillator or structure in dimensionless form. The motion of a structure is that of its
-# joints, and has an axis of joints.
+# An oscillator or structure in dimensionless form. The motion of a structure is that of its joints,
+# along an axis of joints.
 Unit = Oscillator | Structure
 
 
 def linear_response(joint: Unit, omega: Scalar, num_harmonics: int) -> Packed:
-    r"""Return the stuck joint's response to a unit load, q_1 = 1/(1 - Omega^2 + 2 j zeta Omega)."""
+    r"""Return the response of the fully stuck joint, q_1 = 1/(1 - Omega^2 + 2 j zeta Omega)."""
     if isinstance(joint, Structure):
         return pack(modal_response(joint, omega, num_harmonics))
     first = np.arange(num_harmonics) == 0
@@ -64,7 +64,7 @@ def imbalance(
     load: Shaped[ArrayLike, " harmonic"],
     max_turns: int = 2,
 ) -> Complex[Array, " harmonic"]:
-    r"""Return the residual of the harmonic balance for a motion, order by order, in any units.
+    r"""Return the residual of harmonic balance for a given motion, one value per harmonic.
 
     $$R_n = (\omega_n^2 - n^2\omega^2 + 2j\zeta\omega_n n\omega)\,q_n + \sum r_n - u_n$$
 
@@ -83,7 +83,7 @@ def refined(
     load: Complex[Array, " harmonic"],
     num_steps: int = 2,
 ) -> Complex[Array, " harmonic"]:
-    r"""Refine a close guess of the motion, such as a measured one, by few Newton steps.
+    r"""Refine a close guess of the motion, such as a measured one, by a few Newton steps.
 
     $$q \leftarrow q - R_q^{-1} R(q)$$
 
@@ -143,7 +143,7 @@ def newton_steps(
 
 
 def residual(packed: Packed, problem: tuple[Unit, Scalar], max_turns: int) -> Packed:
-    """Return the residual of the dimensionless harmonic balance under the load cos(Omega theta)."""
+    """Return the residual of dimensionless harmonic balance under the load cos(Omega theta)."""
     joint, omega = problem
     q = unpack(packed)
     if isinstance(joint, Structure):
@@ -156,7 +156,7 @@ def residual(packed: Packed, problem: tuple[Unit, Scalar], max_turns: int) -> Pa
 def balance(
     joint: Unit, omega: Scalar, start: Packed, max_turns: int
 ) -> tuple[Packed, Float[Array, ""]]:
-    """Return the balanced harmonics and the load reached, by as few load steps as Newton allows.
+    """Solve harmonic balance in as few load steps as possible; return also the load reached.
 
     The full load is tried at once from `start`. If that fails, the load rises from the linear
     response in steps, halved on failure and doubled on success. The derivatives are implicit: they
@@ -189,13 +189,13 @@ def balance(
 
 
 def _loaded(load: Scalar, law: Law) -> Law:
-    """Return a law scaled to the displacement unit of a part of the full load."""
+    """Return a law in the displacement unit of a part of the full load."""
     return law.scaled(load, 1.0)
 
 
 @balance.defjvp
 def _balance_jvp(max_turns: int, primals: tuple, tangents: tuple) -> tuple:
-    """Differentiate the balance implicitly: R_q dq = -(dR along the parameters)."""
+    """Return the derivative of the balance from R_q dq = -(dR along the parameters)."""
     joint, omega, start = primals
     packed, load = balance(joint, omega, start, max_turns)
     _, change = jax.jvp(
@@ -217,7 +217,7 @@ def most_turns(q: Complex[Array, "*joint harmonic"]) -> Int[Array, ""]:
 def tone_from(
     start: Packed, unit: Unit, ratio: Array, length: Array, max_turns: int
 ) -> tuple[Packed, tuple[Array, Array]]:
-    """Solve the balance of a tone; return its harmonics (NaN if invalid) and turning points."""
+    """Solve harmonic balance for one tone; return harmonics (NaN if invalid) and turning points."""
     packed, load = balance(unit, ratio, start, max_turns)
     q = unpack(packed)
     turns = most_turns(q)
@@ -228,7 +228,7 @@ def tone_from(
 def newton(
     joint: Unit, omega: Scalar, start: Packed, max_turns: int
 ) -> tuple[Packed, Bool[Array, ""]]:
-    """Solve the harmonic balance by Newton's iteration from `start`, at full load."""
+    """Solve harmonic balance at full load by Newton's method, from `start`."""
     packed, converged = newton_root(
         partial(residual, max_turns=max_turns), start, (joint, omega),
         tolerance=_TOLERANCE, max_steps=_MAX_NEWTON,

@@ -1,4 +1,4 @@
-r"""Continuation of the frequency-response curve along its arc length, through its folds."""
+r"""Continuation of a frequency-response curve along its arc length, through its folds."""
 
 from functools import partial
 from typing import Any, overload
@@ -94,7 +94,7 @@ def response_curve(  # pyright: ignore[reportInconsistentOverload]
     max_points: int = 2000,
     max_turns: int = 2,
 ) -> ResponseCurve | StructureCurve:
-    r"""Compute the frequency-response curve at one level by pseudo-arclength continuation.
+    r"""Compute the frequency-response curve at one level, through its folds.
 
     The unknowns are the harmonics q and the frequency; each point lies on the plane
 
@@ -179,7 +179,7 @@ def response_curve(  # pyright: ignore[reportInconsistentOverload]
 def _first_point(
     unit: Unit, ratio: Array, side: float, num_harmonics: int, max_turns: int
 ) -> tuple[Point, Point]:
-    """Return the response at the first frequency and its direction; NaN where not converged."""
+    """Return the response at the first frequency with its direction; NaN if not converged."""
     start = linear_response(unit, ratio, num_harmonics)
     packed, load = balance(unit, ratio, start, max_turns)
     x = jnp.where(load == 1.0, jnp.append(packed.ravel(), ratio), jnp.nan)
@@ -191,7 +191,7 @@ def _first_point(
 def _advance(
     unit: Unit, x: Point, direction: Point, arc: Float[Array, ""], max_turns: int
 ) -> tuple[Point, Point, Array]:
-    """Return the next point of the curve, the direction there, and whether it was found."""
+    """Return the next point of the curve, its direction, and whether it was found."""
     scale = _scale(x)
     predicted = x + arc * direction * scale
 
@@ -218,7 +218,7 @@ def _harmonics(unit: Unit, x: Point) -> Packed:
 
 
 def _tangent(unit: Unit, x: Point, previous: Point, max_turns: int) -> Point:
-    """Return the scaled unit tangent of the curve, on the same side as the previous tangent."""
+    """Return the unit tangent of the curve, in the direction of the previous one."""
     scale = _scale(x)
     jacobian = jax.jacfwd(lambda x: _equations(unit, x, max_turns))(x) * scale
     bordered = jnp.concatenate([jacobian, previous[None]])
@@ -228,7 +228,7 @@ def _tangent(unit: Unit, x: Point, previous: Point, max_turns: int) -> Point:
 
 
 def _scale(x: Point) -> Point:
-    """Return the scale of every unknown: the norm of the harmonics, a fifth of the frequency."""
+    """Return the scale of each unknown: norm of the harmonics, a fifth of the frequency."""
     size = jnp.full_like(x, jnp.linalg.norm(x[:-1]))
     return size.at[-1].set(_FREQUENCY_SCALE * x[-1])
 
@@ -236,7 +236,7 @@ def _scale(x: Point) -> Point:
 def _require_progress(
     good: bool, points: list[Point], unit_frequency: float, amplitude: float
 ) -> None:
-    """Raise if the continuation stopped before the end of the curve."""
+    """Raise if the continuation stopped before the end of the frequency range."""
     if good and np.all(np.isfinite(points[-1])):
         return
     omega = float(points[-1][-1]) * unit_frequency

@@ -23,7 +23,7 @@ from jbw.oscillator.steady.balance import dimensionless, linear_response, tone_f
 from jbw.oscillator.steady.modal import modal_tones
 from jbw.oscillator.steady.waveform import synthesis
 
-# Turning points per period that an eager call admits if two do not suffice.
+# Numbers of turning points per period that are tried if two do not suffice.
 MANY_TURNS = 10
 
 
@@ -120,7 +120,7 @@ def converged(
     amplitude: ArrayLike,
     max_turns: int,
 ) -> Complex[Array, "... harmonic"]:
-    """Return the harmonics from `solve`; an eager call retries with more turns, then raises."""
+    """Return the harmonics from `solve`; retry with more turning points, then raise an error."""
     harmonics, turns = solve(max_turns)
     if not is_concrete(joint, omega, amplitude, harmonics):
         return harmonics
@@ -138,7 +138,7 @@ def steady_cycle(
     *,
     max_turns: int = 2,
 ) -> SteadyCycle:
-    r"""Return one period of the motion with the given harmonics, and of its hysteretic force.
+    r"""Return one period of the motion with given harmonics, with its hysteretic force.
 
     $$y = \mathrm{Re}\sum_n Y_n e^{jn\theta}, \quad v = \omega\,y', \quad a = \omega^2 y''$$
 
@@ -189,7 +189,7 @@ def steady_cycle(
 def _steady(
     joint: Oscillator, omega: ArrayLike, amplitude: ArrayLike, num_harmonics: int, max_turns: int
 ) -> tuple[Complex[Array, "... harmonic"], Int[Array, "..."]]:
-    """Return the harmonics and turning points per period of a batch; NaN where invalid."""
+    """Return harmonics and turning points of a batch; NaN where invalid."""
 
     def tone(joint: Oscillator, omega: Array, amplitude: Array) -> tuple[Array, Array]:
         unit, ratio, length = dimensionless(joint, omega, amplitude)

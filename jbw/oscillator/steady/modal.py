@@ -25,7 +25,7 @@ def modal_tones(
     *,
     swept: bool,
 ) -> StructureHarmonics:
-    """Return the harmonics of every tone; in a sweep, start each from its neighbour along omega.
+    """Return the harmonics of every tone, in a sweep each from its neighbour in frequency.
 
     Raises:
         ModelError, ConfigError: As for `steady_state`.
@@ -66,7 +66,7 @@ def _solved(
     *,
     swept: bool,
 ) -> tuple[StructureHarmonics, Array]:
-    """Return each tone's harmonics and the joints' turning points; NaN where invalid."""
+    """Return harmonics and joints' turning points for each tone; NaN where invalid."""
     if swept:
         level = partial(_sweep, structure, omega, num_harmonics, max_turns)
         flat = jax.vmap(level)(amplitude.ravel())

@@ -1,4 +1,4 @@
-r"""Half-wave symmetric periodic motions y = Re sum q_n exp(j n theta) with odd orders n."""
+r"""Periodic motions of odd harmonics, y = Re sum q_n exp(j n theta)."""
 
 from functools import cache
 from itertools import pairwise
@@ -82,14 +82,14 @@ def odd_harmonics(force: Restoring, q: Complex[Array, " harmonic"]) -> Complex[A
 def _half_grid(
     num_harmonics: int,
 ) -> tuple[Float[np.ndarray, " grid"], Complex[np.ndarray, "grid harmonic"]]:
-    """Return angles over half a period, and the odd harmonics exp(j n theta) at them."""
+    """Return angles over half a period, with the odd harmonics exp(j n theta) at them."""
     points = max(_LEAST_POINTS, _POINTS_PER_HARMONIC * num_harmonics)
     theta = np.pi * np.arange(points) / points
     return theta, np.exp(1j * theta[:, None] * orders(num_harmonics))
 
 
 def flatter(q: Complex[Array, " harmonic"], theta: Float[Array, "..."]) -> Float[Array, "..."]:
-    """Return an angle improved by one Newton step for y' = 0."""
+    """Return an angle closer to a turning point (y' = 0), by one Newton step."""
     curvature = synthesis(q, theta, 2)
     safe = jnp.where(curvature == 0.0, 1.0, curvature)
     return theta - synthesis(q, theta, 1) / safe
@@ -98,7 +98,7 @@ def flatter(q: Complex[Array, " harmonic"], theta: Float[Array, "..."]) -> Float
 def angle_of(
     q: Complex[Array, " harmonic"], start: Float[Array, ""], target: Float[Array, ""]
 ) -> Float[Array, ""]:
-    """Return the angle in the half period after the crest `start` at which y falls to a target.
+    """Return when y falls to a target value in the half period after the crest `start`.
 
     It serves as a break point of a quadrature, where an error enters only by a higher power.
     """
@@ -126,7 +126,7 @@ def gauss_legendre(
 def gauss_legendre_between(
     num_nodes: int, *breaks: Real[ArrayLike, "..."]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Return the Gauss nodes and weights on all segments between rising break points, joined."""
+    """Return Gauss nodes and weights on all intervals between rising break points."""
     segments = (gauss_legendre(num_nodes, lower, upper) for lower, upper in pairwise(breaks))
     nodes, weights = (jnp.concatenate(parts, -1) for parts in zip(*segments, strict=True))
     return nodes, weights
@@ -136,7 +136,7 @@ def gauss_legendre_between(
 def _rule(num_nodes: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the Gauss-Legendre nodes and weights on [0, 1]."""
     nodes, _ = np.polynomial.legendre.leggauss(num_nodes)
-    # Christoffel's sum of squares is used because NumPy's own weights are off by 1e-12 at the ends.
+    # Christoffel's sum of squares is used: NumPy's weights have errors of 1e-12 at the ends.
     squares = np.polynomial.legendre.legvander(nodes, num_nodes - 1) ** 2
     weights = 1.0 / (squares @ (np.arange(num_nodes) + 0.5))
     return 0.5 * (nodes + 1.0), 0.5 * weights
