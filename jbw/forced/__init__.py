@@ -1,4 +1,4 @@
-"""Forced response of a known joint: curves by amplitude, base motion, random vibration, shock.
+"""Forced response of an identified joint: response curves, base motion, random vibration, shock.
 
 Functions take many draws of a joint at once: `equivalent_motion(joint)` of an oscillator whose
 leaves have the shape (draw,), and force amplitudes per unit modal mass of the shape (draw, level).

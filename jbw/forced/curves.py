@@ -1,4 +1,4 @@
-r"""Force response curves with the amplitude as parameter: peaks, widths and jumps.
+r"""Response curves under a force: peaks, widths and jumps, with the amplitude as parameter.
 
 Under a force amplitude A per unit mass, the frequencies with the amplitude Y are the roots of
 
@@ -23,20 +23,21 @@ from jbw.forced.equivalent import EquivalentLoops, EquivalentMotion, Values
 from jbw.forced.roots import bracketed_root
 from jbw.forced.table import LoopTable, tabulated
 
-COARSE, FINE = 16, 96  # nodes of the tables in which a peak is searched
-POINTS = 160  # per half of a curve
-ROUNDS = 4  # iterations for a frequency; each gains a factor of about zeta^2
-MOST_ROUNDS = 12  # largest number of corrections by the loops themselves
-CLOSE, FLAT = 1e-11, 1e-6  # changes of level or frequency, and slope at a fold, that end iterations
-MOST_EXTENSIONS = 6  # of the coarse table, by a factor of 4 each
-HALF = np.arccosh(np.sqrt(2.0))  # place of the half-power amplitude, Y_peak / cosh(t)
-# Relative step in place for the tangent at a fold.
+COARSE, FINE = 16, 96  # nodes of the tables in which a peak is searched: first, and refined
+POINTS = 160  # number of points per side of a curve's peak
+ROUNDS = 4  # iterations for the frequency; each reduces the error by a factor of about zeta^2
+MOST_ROUNDS = 12  # largest number of corrections with the loops instead of the table
+# smallest relative changes of level or frequency, and slope at a fold, in iterations
+CLOSE, FLAT = 1e-11, 1e-6
+MOST_EXTENSIONS = 6  # extensions of the first table to larger amplitudes, by a factor of 4 each
+HALF = np.arccosh(np.sqrt(2.0))  # parameter t of the half-power amplitude, Y_peak / cosh(t)
+# Relative step of the curve parameter for the tangent at a fold.
 SURE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Peaks:
-    """The highest points of force response curves, of shape (draw, level).
+    """The highest points of response curves, of shape (draw, level).
 
     Attributes:
         level: Force amplitude A [N/kg].
@@ -56,7 +57,7 @@ class Peaks:
 
 @dataclass(frozen=True, eq=False)
 class Resonance:
-    """The peaks, widths and jumps of force response curves, of shape (draw, level).
+    """Peaks, widths and jumps of response curves, of shape (draw, level).
 
     Attributes:
         peak: The highest points.
@@ -89,7 +90,7 @@ class Resonance:
 
 @dataclass(frozen=True, eq=False)
 class ForcedCurve:
-    """The points along force response curves, from low to high frequency, (draw, *any).
+    """Points along response curves from low to high frequency, of shape (draw, *any).
 
     Attributes:
         y: Displacement amplitude [m].
@@ -106,12 +107,12 @@ class ForcedCurve:
 
     @property
     def stable(self) -> NDArray[np.bool_]:
-        """Whether a small disturbance of the motion decays at each point."""
+        """Whether the motion is stable at each point."""
         return self.rise > 0.0
 
 
 def least_omega(loops: EquivalentLoops) -> Values:
-    """Return the frequency [rad/s] at which a force response curve peaks at this amplitude.
+    """Return the frequency [rad/s] at which a response curve with a peak of this amplitude peaks.
 
     The function G has its minimum there. The frequency is NaN where the equivalent stiffness
     permits no resonance.
@@ -125,17 +126,17 @@ def least_omega(loops: EquivalentLoops) -> Values:
 
 
 def force_ratio(loops: EquivalentLoops, omega: Values) -> NDArray[np.complex128]:
-    """Return the complex ratio of force to displacement amplitude, F_1 / Y [1/s^2]."""
+    """Return the complex ratio of force to displacement, F_1 / Y [1/s^2]."""
     return loops.stiffness - omega**2 + 1j * (loops.viscous * omega + loops.loss)
 
 
 def peak_level(loops: EquivalentLoops, y: Values) -> Values:
-    """Return the force amplitude [N/kg] whose curve has its peak at the amplitude y [m]."""
+    """Return the force amplitude [N/kg] whose response curve peaks at the amplitude y [m]."""
     return y * np.abs(force_ratio(loops, least_omega(loops)))
 
 
 def curve_points(loops: EquivalentLoops, level: Values, y: Values, side: Values) -> ForcedCurve:
-    r"""Return points of force response curves at amplitudes y, on one side of the peak.
+    r"""Return points of response curves at amplitudes y, on one side of the peak.
 
     The slope of the force at a fixed frequency is
 
@@ -164,7 +165,7 @@ def curve_points(loops: EquivalentLoops, level: Values, y: Values, side: Values)
 
 
 def peaks(motion: EquivalentMotion, level: Values) -> Peaks:
-    """Return the highest point of the main branch at each force amplitude.
+    """Return the highest point of each response curve, on the branch from small amplitude.
 
     Args:
         motion: The draws of the joint.
@@ -174,7 +175,7 @@ def peaks(motion: EquivalentMotion, level: Values) -> Peaks:
         ModelError: A curve has no peak: the damping is too heavy, or the joint loses its stiffness.
     """
     level = np.broadcast_to(level, (len(motion.omega_n), np.shape(level)[-1]))
-    # Below this amplitude, no curve has its peak unless the damping exceeds half of critical.
+    # No curve peaks below this amplitude, unless damping exceeds half of critical.
     low = 0.5 * np.min(level, axis=1, keepdims=True) / motion.omega_n**2
     highest = np.max(level, axis=1, keepdims=True)
     span = 64.0
@@ -199,7 +200,7 @@ def peaks(motion: EquivalentMotion, level: Values) -> Peaks:
 def _corrected(
     motion: EquivalentMotion, level: Values, y: Values, omega: Values
 ) -> tuple[Values, Values]:
-    """Return amplitude and frequency of the peaks from the loops themselves and close guesses."""
+    """Return amplitude and frequency of the peaks, from close guesses and the loops themselves."""
     for _ in range(MOST_ROUNDS):
         loops = motion.loops(y, omega)
         before, omega = omega, least_omega(loops)
@@ -212,12 +213,12 @@ def _corrected(
 
 
 def _needed(table: LoopTable) -> Values:
-    """Return the force level of the peak at every node, of shape (draw, node) [N/kg]."""
+    """Return the force amplitude [N/kg] of a peak at each table node, of shape (draw, node)."""
     return peak_level(table.loops(table.y), table.y)
 
 
 def _crossing(needed: Values, level: Values) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
-    """Return the first table node beyond a level's peak, and True if there is such a peak."""
+    """Return the first table node beyond the peak of a level, and whether there is a peak."""
     below = needed[:, None] < level[..., None]
     first = np.argmax(~below, axis=-1)
     found = below[..., 0] & ~below[..., -1] & np.isfinite(_at(needed, first))
@@ -225,7 +226,7 @@ def _crossing(needed: Values, level: Values) -> tuple[NDArray[np.int_], NDArray[
 
 
 def _at(values: NDArray, index: NDArray) -> NDArray:
-    """Return the values of a last axis at indices of shape (draw, level)."""
+    """Return values along the last axis at indices of shape (draw, level)."""
     if values.ndim == index.ndim:
         return np.take_along_axis(values, index, -1)
     return np.take_along_axis(values, index[..., None], -1)[..., 0]
@@ -242,14 +243,14 @@ def _require_peak(found: NDArray[np.bool_], level: Values) -> None:
 
 
 def along(peak: Peaks, place: Values) -> ForcedCurve:
-    """Return curve points by the table at places t of Y = Y_peak / cosh t, (draw, level, t)."""
+    """Return points of response curves from the table, at parameters t with Y = Y_peak / cosh t."""
     y, level = (x.reshape(*x.shape, *(1,) * (place.ndim - x.ndim)) for x in (peak.y, peak.level))
     y = y / np.cosh(place)
     return curve_points(peak.table.loops(y), level, y, np.sign(place))
 
 
 def places(motion: EquivalentMotion, peak: Peaks, band: tuple[float, float]) -> Values:
-    """Return places t along the curves that reach both ends of a band [rad/s]."""
+    """Return parameters t along the curves that reach both ends of a band [rad/s]."""
     far = np.max([np.abs(motion.omega_n**2 - end**2) for end in band], axis=0)
     lowest = np.maximum(0.5 * peak.level / far, peak.table.y[:, :1])
     ends = np.arccosh(np.maximum(peak.y / lowest, 4.0))
@@ -257,7 +258,7 @@ def places(motion: EquivalentMotion, peak: Peaks, band: tuple[float, float]) -> 
 
 
 def resonance(motion: EquivalentMotion, level: Values) -> Resonance:
-    """Return peak, half-power width and jumps of force response curves.
+    """Return peak, half-power width and jumps of response curves.
 
     Args:
         motion: The draws of the joint.
@@ -272,7 +273,7 @@ def resonance(motion: EquivalentMotion, level: Values) -> Resonance:
     rise = along(peak, place).rise
     folds = [_fold(motion, peak, place, rise, last=last) for last in (False, True)]
     first, last = folds
-    is_up = first.y < last.y  # the jump up begins at the smaller amplitude
+    is_up = first.y < last.y  # the jump up starts at the smaller amplitude
     up = [np.where(is_up, *pair) for pair in ((first.omega, last.omega), (first.y, last.y))]
     down = [np.where(is_up, *pair) for pair in ((last.omega, first.omega), (last.y, first.y))]
     half = np.broadcast_to(HALF * np.array([-1.0, 1.0]), (*peak.y.shape, 2))
@@ -282,7 +283,7 @@ def resonance(motion: EquivalentMotion, level: Values) -> Resonance:
 
 
 def exact_points(motion: EquivalentMotion, peak: Peaks, place: Values) -> ForcedCurve:
-    """Return curve points by the loops themselves at places t of Y = Y_peak / cosh t.
+    """Return points of response curves from the loops, at parameters t with Y = Y_peak / cosh t.
 
     With several harmonics a frequency is accurate to 5e-7 for 0 < |t| < 1e-4, where both sides of a
     peak meet, and to round-off elsewhere.
@@ -303,7 +304,7 @@ def exact_points(motion: EquivalentMotion, peak: Peaks, place: Values) -> Forced
 def _fold(
     motion: EquivalentMotion, peak: Peaks, place: Values, rise: Values, *, last: bool
 ) -> ForcedCurve:
-    """Return the first or the last fold along each curve; NaN if there is none."""
+    """Return the first or the last fold of each curve; NaN if it has none."""
     changes = np.signbit(rise[..., 1:]) != np.signbit(rise[..., :-1])
     count = changes.shape[-1]
     index = count - 1 - np.argmax(changes[..., ::-1], -1) if last else np.argmax(changes, -1)

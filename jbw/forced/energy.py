@@ -1,4 +1,4 @@
-r"""The energy, action and period of a joint against its amplitude, from the midline of its loop.
+r"""Energy, action and period of free vibration against amplitude, without losses.
 
 At the amplitude Y the midline of the steady loop is a conservative force m(y), and
 
@@ -21,11 +21,11 @@ from numpy.polynomial import legendre
 from jbw.forced.equivalent import EquivalentMotion, Values
 from jbw.oscillator.oscillator import Oscillator
 
-PHASES = 24  # per quarter of a cycle
+PHASES = 24  # number of nodes per quarter of a cycle
 
 
 class Cycles(NamedTuple):
-    """The free cycle at each amplitude, without its losses, of shape (draw, amplitude).
+    """Free vibration at each amplitude without losses, of shape (draw, amplitude).
 
     Attributes:
         energy: E per unit mass [m^2/s^2].
@@ -42,7 +42,7 @@ class Cycles(NamedTuple):
 
 
 class Rule(NamedTuple):
-    """The Gauss-Legendre rule on [0, 1], with its cumulative integrals and its derivatives.
+    """The Gauss-Legendre rule on [0, 1], with matrices for cumulative integrals and derivatives.
 
     Attributes:
         nodes: Nodes x.
@@ -93,7 +93,7 @@ def cycles(motion: EquivalentMotion, y: Values) -> Cycles:
 def _midlines(
     joint: Oscillator, y: Float[Array, " lane"], angle: Float[Array, " phase"]
 ) -> Float[Array, "lane phase"]:
-    """Return the midline of the loop of each amplitude, at displacements y cos(angle)."""
+    """Return the mean force of loading and unloading at y cos(angle), for each amplitude."""
 
     def midline(joint: Oscillator, y: Array) -> Array:
         to = y * jnp.cos(angle)

@@ -1,4 +1,4 @@
-r"""The equivalent stiffness and loss of a joint against its amplitude, for many draws at once.
+r"""Equivalent stiffness and loss of a joint against amplitude, for many posterior draws.
 
 At the displacement amplitude Y, the fundamental force per unit mass that sustains the motion is
 
@@ -27,14 +27,14 @@ from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import crest, orders, synthesis
 
 Values = NDArray[np.float64]
-LANES = 128  # amplitudes per compiled call, whatever the number of draws
-STEP = 1e-4  # of amplitude or frequency, for slopes by finite differences
+LANES = 128  # number of amplitudes per compiled call, for any number of draws
+STEP = 1e-4  # relative step of amplitude or frequency, for slopes by finite differences
 # Change of a harmonic over Y that ends its iteration, and the largest number of its steps.
 CONDENSED, MOST_STEPS = 1e-13, 60
 
 
 class EquivalentLoops(NamedTuple):
-    """The equivalent stiffness and loss at amplitudes, with their slopes.
+    """Equivalent stiffness and loss at given amplitudes, with their slopes.
 
     The loss is linearised in the frequency about that of the evaluation, D + c omega, so that a
     velocity-dependent force acts as viscous damping at its amplitude.
@@ -58,7 +58,7 @@ class EquivalentLoops(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class EquivalentMotion:
-    """Draws of a joint, described as oscillators of equivalent stiffness and loss.
+    """Posterior draws of a joint as oscillators of equivalent stiffness and loss.
 
     Attributes:
         joint: The oscillator, whose leaves have the shape (draw,).
@@ -70,7 +70,7 @@ class EquivalentMotion:
 
     @property
     def omega_n(self) -> Values:
-        """The natural frequency in the low-amplitude limit, of shape (draw, 1) [rad/s]."""
+        """The natural frequency at small amplitude, of shape (draw, 1) [rad/s]."""
         return np.asarray(self.joint.omega_n, float)[:, None]
 
     @property
@@ -80,7 +80,7 @@ class EquivalentMotion:
 
     @property
     def feels_rate(self) -> bool:
-        """Whether a law's force depends on the size of the velocity."""
+        """Whether the force of a law depends on the size of the velocity."""
         return any(law.feels_rate for law in self.joint.laws)
 
     def values(self, y: Values, omega: Values) -> tuple[Values, Values]:
@@ -92,7 +92,7 @@ class EquivalentMotion:
         return self._at_points(_loops, y, omega, self.num_harmonics)
 
     def shapes(self, y: Values, omega: Values) -> tuple[Values, Values]:
-        """Return the largest displacement over Y, and the third harmonic over Y.
+        """Return the largest displacement and the third harmonic, both over Y.
 
         Both are computed with the balanced number of harmonics, but at least two.
         """
@@ -101,7 +101,7 @@ class EquivalentMotion:
     def _at_points(
         self, function: Callable[..., Array], y: Values, omega: Values, num_harmonics: int
     ) -> tuple[Values, Values]:
-        """Return both results of a compiled function that takes a fixed number of lanes."""
+        """Return both results of a function that is compiled for a fixed number of points."""
         draw = np.repeat(np.arange(y.shape[0]), y.size // y.shape[0])
         omega = np.broadcast_to(omega, y.shape)
         function = partial(function, num_harmonics=num_harmonics)
@@ -111,7 +111,7 @@ class EquivalentMotion:
     def by_lanes(
         self, function: Callable[..., Array], draw: NDArray[np.intp], *points: Values
     ) -> Values:
-        """Return a compiled function's rows at many points, in calls of a fixed number of lanes.
+        """Return a function's values at many points, by calls for a fixed number of points.
 
         Args:
             function: Takes a joint and points of equally many lanes; returns a row for each lane.
@@ -154,12 +154,12 @@ class EquivalentMotion:
 
 
 def wide(values: Values, like: Values) -> Values:
-    """Return values per draw, of shape (draw, 1), with as many axes as another array."""
+    """Return values of each draw, of shape (draw, 1), with as many axes as another array."""
     return values.reshape(-1, *(1,) * (like.ndim - 1))
 
 
 def equivalent_motion(joint: Joint, num_harmonics: int = 1) -> EquivalentMotion:
-    """Return draws of a joint as oscillators of equivalent stiffness and loss.
+    """Return posterior draws of a joint as oscillators of equivalent stiffness and loss.
 
     Args:
         joint: A `BoucWen` or an `Oscillator`, of scalars or arrays of one shape (draw,).

@@ -1,4 +1,4 @@
-r"""Profiles of random vibration tests: breakpoints, slopes and units, linear on log-log axes.
+r"""Spectral densities of random vibration tests: breakpoints, slopes and units.
 
 A slope of s dB/oct is a density that grows as $f^{\,s / (10 \log_{10} 2)}$.
 """
@@ -21,7 +21,7 @@ EXAMPLE = "frequency [Hz], density [g^2/Hz]"
 
 @dataclass(frozen=True, eq=False)
 class RandomProfile:
-    """A one-sided spectral density, given by its breakpoints and linear on log-log axes.
+    """A one-sided spectral density by its breakpoints, linear on log-log axes.
 
     Attributes:
         freq_hz: Breakpoints in rising order [Hz].
@@ -82,7 +82,7 @@ class RandomProfile:
 
 
 def profile_of(rows: Iterable[tuple[str, str]], unit: str) -> RandomProfile:
-    """Return the profile that rows of text state, in the notation of test houses.
+    """Return the spectral density that rows of text state, in the notation of test houses.
 
     Args:
         rows: Frequency and density, both as text. A frequency is one number or a range such as
@@ -116,7 +116,7 @@ def profile_of(rows: Iterable[tuple[str, str]], unit: str) -> RandomProfile:
                 f"a slope, but is `{freq}, {value}`.",
                 remedy="Write rows such as `20, 0.01`, `20-80, +3 dB/oct` or `80-350, 0.04`.",
             )
-    # Known densities are extended along slopes until no slope is left.
+    # Known densities are extended along the slopes until no slope is left.
     for _ in slopes:
         for low, high, slope in slopes:
             gain = (high / low) ** (slope / OCTAVE)
@@ -142,7 +142,7 @@ def _is_positive(value: str) -> bool:
 
 
 def read_profile(path: str | Path, unit: str = "") -> RandomProfile:
-    """Return the profile from a CSV file with two columns, frequency and density.
+    """Return the spectral density from a CSV file with two columns, frequency and density.
 
     Args:
         path: The file. Its header names the units, as in `frequency [Hz], density [g^2/Hz]`.

@@ -23,19 +23,20 @@ from jbw.errors import ModelError
 from jbw.forced.energy import Cycles, cycles, rule
 from jbw.forced.equivalent import EquivalentMotion, Values, wide
 
-NODES, COARSE = 48, 24  # amplitudes of the result, and of the search for the largest amplitude
-FARTHEST = 30.0  # exponent of the density at the largest amplitude
-LEAST = 1e-3  # of the density at the mode, so that no level is divided by zero
-# Half widths about the mode within which the density may vary by at most this factor.
+# number of amplitudes in the result, and in the search for the largest amplitude
+NODES, COARSE = 48, 24
+FARTHEST = 30.0  # negative exponent of the probability density at the largest amplitude
+LEAST = 1e-3  # smallest spectral density over that at the mode, to avoid division by zero
+# Range about the mode in half widths, and the largest factor by which the density may vary in it.
 WIDTHS, UNEVEN = 4.0, 4.0
-HEAVY = 0.05  # damping ratio above which the energy is not a slow variable
+HEAVY = 0.05  # damping ratio above which the energy changes too fast for averaging
 
 Density = Callable[[Values], Values]
 
 
 @dataclass(frozen=True, eq=False)
 class RandomResponse:
-    """The stationary random motion, by amplitude levels, of shape (draw, level).
+    """Stationary random motion, by amplitude, of shape (draw, level).
 
     Attributes:
         y: Amplitudes [m].
@@ -52,7 +53,7 @@ class RandomResponse:
     force_density: Density
 
     def rms(self, order: int = 0) -> Values:
-        """Return the rms of displacement (0), velocity (1) or acceleration (2) of each draw.
+        """Return the rms of displacement (0), velocity (1) or acceleration (2) for each draw.
 
         The unit is that of the quantity. Far below the resonance the spectrum is taken as flat.
         """
@@ -65,7 +66,7 @@ class RandomResponse:
 
     @property
     def damping(self) -> Values:
-        """The equivalent damping ratio, from the lost power as if by a viscous damper [-]."""
+        """The equivalent damping ratio: that of a viscous damper with the same mean loss [-]."""
         power = np.sum(self.weight * self.loss * self.cycles.mean_squares[1], -1)
         return power / self.rms(1) ** 2 / (4.0 * np.pi * self.frequency_hz)
 
@@ -101,10 +102,10 @@ class RandomResponse:
         return 2.0 * np.pi * freq_hz
 
     def _linear(self, freq_hz: Values) -> tuple[Values, NDArray[np.complex128]]:
-        """Return share and receptance of every level's linear oscillator, (draw, level, freq)."""
+        """Return weight and receptance of each level's linear oscillator, (draw, level, freq)."""
         omega, x = 2.0 * np.pi / self.cycles.period[..., None], self._x(freq_hz)
         loss, level = self.loss[..., None], self.force_density(1.0 / self.cycles.period)
-        # Under a flat force of density G the mean square is G / (4 loss omega^2).
+        # Under a force of flat density G the mean square is G / (4 loss omega^2).
         mean_square = self.weight * self.cycles.mean_squares[0] / np.where(level > 0, level, np.inf)
         share = 4.0 * loss * omega**2 * mean_square[..., None]
         return share, 1.0 / (omega**2 - x**2 + 1j * loss * x)
@@ -148,7 +149,8 @@ def random_response(motion: EquivalentMotion, density: Density, share: Values) -
         return density(freq_hz) * wide(share, freq_hz) ** 2
 
     def at_levels(freq_hz: Values) -> Values:
-        # Levels that the profile does not drive are cut off steeply; `_require_broad` checks them.
+        # Levels that the excitation does not reach are cut off steeply; `_require_broad` checks
+        # them.
         return np.maximum(force_density(freq_hz), LEAST * at_rest)
 
     at_rest = force_density(motion.omega_n / (2.0 * np.pi))
@@ -159,7 +161,7 @@ def random_response(motion: EquivalentMotion, density: Density, share: Values) -
     cycle, loss = _losses(single, coarse)
     steps = np.diff(cycle.energy, prepend=0.0)
     exponent = np.cumsum(4.0 * loss / at_levels(1.0 / cycle.period) * steps, -1)
-    # NaN means that the joint has no free cycle at that amplitude; no motion is kept there.
+    # NaN means that the joint cannot vibrate freely at that amplitude, which then has no weight.
     beyond = np.argmax(~(exponent < FARTHEST), -1)
     beyond = np.where(exponent[:, -1] < FARTHEST, COARSE - 1, beyond)
     nodes, weights, integral, derivative = rule(NODES)
@@ -178,7 +180,7 @@ def random_response(motion: EquivalentMotion, density: Density, share: Values) -
 
 
 def _losses(motion: EquivalentMotion, y: Values) -> tuple[Cycles, Values]:
-    """Return cycles at amplitudes, and their losses over the action, c + pi D Y^2 / J [1/s]."""
+    """Return free vibration at given amplitudes, and losses over action, c + pi D Y^2 / J [1/s]."""
     cycle = cycles(motion, y)
     _, loss = motion.values(y, 2.0 * np.pi / cycle.period)
     return cycle, motion.viscous + np.pi * loss * y**2 / cycle.action

@@ -1,4 +1,4 @@
-"""Roots of many functions at once, each inside its own bracket."""
+"""Roots of many functions at once, each between two given ends."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""Shock: classical pulses and measured records, the motion after them, and response spectra."""
+"""Shocks: classical pulses and measured records, the response, and response spectra."""
 
 import re
 from collections.abc import Callable
@@ -12,22 +12,22 @@ from jbw.forced.equivalent import EquivalentMotion, Values
 from jbw.oscillator.response import simulate
 from jbw.units import measured, plain
 
-SAMPLES = 400  # of a pulse: straight lines between them lose 5e-6 of a half-sine's area
-PER_CYCLE = 64  # least number of samples per cycle of the mode
-# Cycles of the mode after the pulse: an oscillator of Q = 10 in tune has built up to 5e-4.
+SAMPLES = 400  # samples of a pulse; linear interpolation loses 5e-6 of a half-sine's area
+PER_CYCLE = 64  # smallest number of samples per cycle of the mode
+# Cycles of the mode after the pulse, in which an oscillator of Q = 10 has responded to 5e-4.
 CYCLES = 24
 RAMP = 0.1  # duration of a trapezoid's rise, and of its fall, over that of the pulse
 
 SHAPES: dict[str, Callable[[Values], Values]] = {
     "half-sine": lambda x: np.sin(np.pi * x),
-    "sawtooth": lambda x: x,  # its peak is at its end
+    "sawtooth": lambda x: x,  # the peak is at the end
     "trapezoid": lambda x: np.minimum(np.minimum(x, 1.0 - x) / RAMP, 1.0),
 }
 
 
 @dataclass(frozen=True, eq=False)
 class Pulse:
-    """A shock as samples that start from rest.
+    """A shock as samples of a source that starts from rest.
 
     Attributes:
         samples: Values in `unit`, the first at t = 0.
@@ -83,7 +83,7 @@ def classical_pulse(
         )
     count = max(SAMPLES, int(np.ceil(duration * fs)))
     samples = peak * SHAPES[shape](np.linspace(0.0, 1.0, count + 1))
-    # At a jump to zero at the end, the sample is the mean of both sides, which keeps the area.
+    # At a jump to zero the last sample is the mean of both sides, which keeps the area.
     samples[-1] *= 0.5
     return Pulse(samples, count / duration, unit)
 
@@ -144,7 +144,7 @@ class ShockResponse:
 
 
 def shock_response(motion: EquivalentMotion, pulse: Pulse, share: Values) -> ShockResponse:
-    """Return the motion from rest during a shock, and for some cycles of the mode after it.
+    """Return the motion during a shock, from rest, and for some cycles of the mode after it.
 
     Args:
         motion: The joint.

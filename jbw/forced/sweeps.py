@@ -1,4 +1,4 @@
-"""Slow sweeps along a curve at given frequencies, and the level that holds an amplitude."""
+"""Slow sweeps across a band, and the force that holds an amplitude."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,17 +7,18 @@ from jbw.forced.curves import ForcedCurve, Peaks, along, places
 from jbw.forced.equivalent import EquivalentMotion, Values, wide
 from jbw.forced.roots import bracketed_root
 
-ROUNDS = 8  # of the search within a cell of the curve; the error is 1e-7 of the amplitude
+# iterations of the search between two points of a curve; the error is 1e-7 of the amplitude
+ROUNDS = 8
 Complexes = NDArray[np.complex128]
 
 
 def whole_curve(motion: EquivalentMotion, peak: Peaks, band: tuple[float, float]) -> ForcedCurve:
-    """Return points along force response curves across a band [rad/s], (draw, level, point)."""
+    """Return points along response curves across a band [rad/s], (draw, level, point)."""
     return along(peak, places(motion, peak, band))
 
 
 def swept(motion: EquivalentMotion, peak: Peaks, omega: Values, *, upward: bool) -> Complexes:
-    """Return the complex displacement [m] in a slow sweep, with its phase relative to the force.
+    """Return the complex displacement [m] in a slow sweep, relative to the phase of the force.
 
     An upward sweep stays on its branch until the branch ends: at each frequency it takes the first
     point of the curve, from its low end, that reaches the frequency. A downward sweep takes the
@@ -53,7 +54,7 @@ def held_ratio(motion: EquivalentMotion, y: Values, omega: Values) -> Complexes:
 
 
 def level_that_holds(motion: EquivalentMotion, y: Values, omega: Values) -> Values:
-    """Return the force amplitude [N/kg] that holds the displacement amplitude y at omega.
+    """Return the force amplitude [N/kg] under which the displacement amplitude is y at omega.
 
     This is response control, or notching: where a sweep's level is larger, it is lowered to this
     one.
@@ -64,7 +65,7 @@ def level_that_holds(motion: EquivalentMotion, y: Values, omega: Values) -> Valu
 def base_gain(
     ratio: Complexes, omega: Values, participation: float = 1.0, shape: float = 1.0
 ) -> Complexes:
-    r"""Return the absolute acceleration of a point relative to that of the base.
+    r"""Return the absolute acceleration of a point over the acceleration of the base.
 
     $$\frac{a}{a_b} = 1 + \frac{p\,s\,\omega^2}{F_1/Z}$$
 

@@ -1,4 +1,4 @@
-"""Tables of equivalent stiffness and loss by amplitude, for searches without the law."""
+"""Tables of equivalent stiffness and loss over amplitude, which make searches fast."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from jbw.forced.equivalent import EquivalentLoops, EquivalentMotion, Values, wid
 
 @dataclass(frozen=True, eq=False)
 class LoopTable:
-    """The stiffness and loss of every draw at amplitudes in equal ratios, cubic in between.
+    """Equivalent stiffness and loss of each draw, at amplitudes in equal ratios.
 
     Attributes:
         log_y: Logarithms of the amplitudes, of shape (draw, node).
@@ -41,7 +41,7 @@ class LoopTable:
         values = [np.take_along_axis(self.parts, (cell + i)[None], 2) for i in range(2)]
         slopes = [np.take_along_axis(self.slopes, (cell + i)[None], 2) * step for i in range(2)]
         rise = values[1] - values[0]
-        # This is Hermite's cubic through both values and both slopes.
+        # Hermite's cubic through both values and both slopes.
         third, second = slopes[0] + slopes[1] - 2.0 * rise, 3.0 * rise - 2.0 * slopes[0] - slopes[1]
         parts = values[0] + u * (slopes[0] + u * (second + u * third))
         by_y = (slopes[0] + u * (2.0 * second + 3.0 * u * third)) / (step * np.exp(position))
@@ -49,7 +49,7 @@ class LoopTable:
 
 
 def tabulated(motion: EquivalentMotion, low: Values, high: Values, num_nodes: int) -> LoopTable:
-    """Return the table of a joint's equivalent stiffness and loss between two amplitudes.
+    """Return a table of a joint's equivalent stiffness and loss between two amplitudes.
 
     Quantities that also depend on the frequency are evaluated in resonance at each amplitude.
 

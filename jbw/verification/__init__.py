@@ -1,1 +1,1 @@
-"""Comparison of the joint's predictions of tests with their measurements: bands, errors, noise."""
+"""Comparison of the model's predictions with measured tests: bands, errors, coverage."""

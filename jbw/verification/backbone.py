@@ -1,4 +1,4 @@
-"""Frequency and damping against amplitude, from the posterior and from decays, and loops."""
+"""Frequency and damping against amplitude, from the posterior and from free decays."""
 
 from collections.abc import Mapping
 
@@ -20,15 +20,16 @@ from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Draws, Laws, parameter_names
 
 NUM_AMPLITUDES = 40
-CARRIED_ON = 1.25  # end of the curves over the largest fitted displacement
+CARRIED_ON = 1.25  # largest amplitude of the curves over the largest fitted displacement
 PARTS = (0.25, 0.5, 1.0)  # amplitudes of the loops over the largest fitted displacement
-NUM_PHASES = 64  # points of half a loop
-NUM_OF_DECAYS = 60  # amplitudes of curves for decays, up to slightly above the largest measured
+NUM_PHASES = 64  # number of points on half a loop
+# amplitudes of the curves for decays, up to slightly above the largest measured one
+NUM_OF_DECAYS = 60
 HERTZ, RATIO, BANDS = {"units": "Hz"}, {"units": "1"}, ("quantile", "amplitude")
 
 
 def backbone_group(draws: Draws, y_peak: float, laws: Laws) -> xr.Dataset | None:
-    """Return frequency and equivalent damping against amplitude, and three loops of Eq. (2).
+    """Return frequency and damping against amplitude with bands, and three loops of Eq. (2).
 
     The loops show the force Z of the laws with a memory: computed on unloading, and by Z(-y) =
     -Z(y) on loading. None if the draws lack a parameter of the joint, or no displacement is known.
@@ -75,7 +76,7 @@ def _unloading(
     y: Float[Array, "loop phase"],
     laws: Laws,
 ) -> tuple[Float[Array, "loop phase"], Float[Array, ""]]:
-    """Return the force of laws with memory on unloading from peaks, and their stiffness."""
+    """Return the force of hysteretic laws on unloading from given peaks, and their stiffness."""
     joint = oscillator_of(theta, laws)
     slipping = [law for law in joint.laws if jax.tree.leaves(law.at_rest())]
     memory = Oscillator(joint.omega_n, joint.zeta, slipping)
@@ -84,7 +85,7 @@ def _unloading(
 
 
 def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws) -> xr.Dataset:
-    r"""Return frequency and damping against amplitude: measured in free decays, and of the model.
+    r"""Return frequency and damping against amplitude, measured in free decays and by the model.
 
     $$X = \omega(Y)^p\,Y$$
 
@@ -133,6 +134,6 @@ def curves_of_response(
 ) -> tuple[Float[Array, " amplitude"], ...]:
     """Return frequency [Hz], damping and force [N/kg] at amplitudes of the measured response."""
     joint, omega = oscillator_of(theta, laws), jnp.full_like(amplitude, centre)
-    for _ in range(3):  # the displacement of an amplitude depends weakly on the frequency
+    for _ in range(3):  # the displacement depends weakly on the frequency, so few rounds suffice
         omega = backbone(joint, amplitude / omega**order).omega
     return curves(theta, amplitude / omega**order, laws)

@@ -10,12 +10,13 @@ from scipy.stats import norm
 
 from jbw.inference.posterior.summary import QUANTILES
 
-LAW = "law"  # name of the law's prediction without model discrepancy, among references
-QUANTILE_AXIS = ("quantile", list(QUANTILES), {"units": "1"})  # coordinate of every band
+LAW = "law"  # name of the law's prediction without model discrepancy, among the reference models
+# coordinate of the quantiles of every band
+QUANTILE_AXIS = ("quantile", list(QUANTILES), {"units": "1"})
 
 
 def error(measured: NDArray[Any], predicted: NDArray[Any]) -> float:
-    """Return the prediction's rms error over the rms of the measured values."""
+    """Return the rms error of a prediction over the rms of the measured values."""
     return float(np.linalg.norm(measured - predicted) / np.linalg.norm(measured))
 
 
@@ -34,10 +35,10 @@ def errors(
     noise_std: float | NDArray[np.float64] | None,
     repeats: Float[np.ndarray, "repeat value"] | None = None,
 ) -> dict[str, float]:
-    """Return a test's prediction errors, coverage and scatter, as attributes."""
-    # `coverage` is the share of `num_values` values, of the repeats or else their mean, inside the
-    # predictive band. `half_width` refers to that band, or to the band of the parameters alone.
-    # `scatter` is that of the repeats around their mean, relative like `nrmse`.
+    """Return prediction errors, coverage and variation of repeats of a test, as attributes."""
+    # `coverage` is the share of `num_values` values (of the repeats, or else of their mean) inside
+    # the predictive band. `half_width` refers to that band, or to the band of the parameters alone.
+    # `scatter` is the variation of repeats about their mean, relative as `nrmse` is.
     edges = band(model) if noise_std is None else gaussian_band(model, noise_std)
     measures = {"nrmse": error(measured, np.median(model, axis=0))}
     measures |= {f"nrmse_{name}": error(measured, other) for name, other in others.items()}
@@ -52,7 +53,7 @@ def errors(
 
 
 def middle(values: Shaped[np.ndarray, " draw *value"]) -> Shaped[np.ndarray, " *value"]:
-    """Return the median over draws, of real and imaginary parts separately."""
+    """Return the median over draws, separately for real and imaginary parts."""
     if not np.iscomplexobj(values):
         return np.median(values, axis=0)
     return np.median(np.real(values), axis=0) + 1j * np.median(np.imag(values), axis=0)
@@ -61,7 +62,7 @@ def middle(values: Shaped[np.ndarray, " draw *value"]) -> Shaped[np.ndarray, " *
 def recentred(
     model: Shaped[np.ndarray, " draw *value"], centre: Shaped[np.ndarray, " *value"]
 ) -> Shaped[np.ndarray, " draw *value"]:
-    r"""Return draws moved to another median, $m_k + m_0 - \operatorname{med}_k(m_k)$.
+    r"""Return draws shifted to another median, $m_k + m_0 - \operatorname{med}_k(m_k)$.
 
     If a model discrepancy scatters frequencies widely, the phases of the draws $m_k$ scatter too,
     and their median is smaller than any of them, so it does not represent the law's prediction. The
@@ -73,7 +74,7 @@ def recentred(
 def about_law(
     model: Shaped[np.ndarray, " draw *value"], others: Mapping[str, NDArray[Any]]
 ) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
-    """Centre draws on the law's prediction, if `others` has one; return the other references."""
+    """Shift draws to the law's prediction, if there is one; return the other reference models."""
     rest = {name: values for name, values in others.items() if name != LAW}
     return (recentred(model, others[LAW]) if LAW in others else model), rest
 
@@ -84,7 +85,7 @@ def within(values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[n
 
 
 def band(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return quantiles 0.5 %, 50 % and 99.5 % along the first axis: a 99 % band and its median."""
+    """Return quantiles 0.5 %, 50 % and 99.5 % over draws: a 99 % band with its median."""
     return np.quantile(values, QUANTILES, axis=0)
 
 
@@ -104,7 +105,7 @@ def beside(
     noise_std: float | NDArray[np.float64] | None,
     unit: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Return variables `measured`, `model_band` and, if noise is known, `predictive_band`."""
+    """Return measured values with the model's band and, if noise is known, the predictive band."""
     dims = ("quantile", dim)
     variables = {"measured": (dim, measured, unit), "model_band": (dims, band(model), unit)}
     if noise_std is not None:
@@ -113,7 +114,7 @@ def beside(
 
 
 def phase_near(h: NDArray[Any], reference: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the phase on the branch next to a reference, so that bands do not straddle +-pi."""
+    """Return a phase within half a turn of a reference, so that bands do not jump at +-pi."""
     return reference + np.angle(h * np.exp(-1j * reference))
 
 
@@ -125,7 +126,7 @@ def polar(
     phase: Mapping[str, str],
     dims: str | tuple[str, ...] = ("quantile", "freq"),
 ) -> dict[str, Any]:
-    """Return variables `name_magnitude` and `name_phase` of complex values, or their bands.
+    """Return magnitude and phase of complex values, or of their bands, as named variables.
 
     The phase is on the branch next to a reference. Bands are given if `dims` contain `quantile`.
     """

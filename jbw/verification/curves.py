@@ -1,4 +1,4 @@
-"""Comparison of harmonics of steady motion: response curves, stepped sines and tones.
+"""Comparison of measured and predicted harmonics: response curves, stepped sines, tones.
 
 If runs have separate offsets, the draws are those of a new run (`predictive_basis.scattered`): a
 test, fitted or not, is compared with the joint of all runs and the scatter between them.
@@ -32,19 +32,19 @@ from jbw.verification.bands import QUANTILE_AXIS, errors, gaussian_band, middle,
 from jbw.verification.predicted import Predicted, Source, carry, noise_of, of_repeats
 from jbw.verification.predictive_basis import Draws, count_of
 
-ROUNDS = 3  # rounds of Newton's iteration, each from the median of the previous draws
-CLOSE = 0.01  # relative distance of a guess from which one round is exact to 1e-8
+ROUNDS = 3  # rounds of Newton's method, each from the median of the draws so far
+CLOSE = 0.01  # relative distance from the solution, below which one round is exact to 1e-8
 
 
 class Curve(NamedTuple):
-    """A response curve: its measured harmonics at the same frequencies."""
+    """A measured response curve: its harmonics at the same frequencies."""
 
-    groups: Sequence[MeasuredHarmonic]  # harmonics, the fundamental first
-    test: Test  # their test, or one of several tones
+    groups: Sequence[MeasuredHarmonic]  # measured harmonics, the fundamental first
+    test: Test  # the test, or one of several tests with one tone each
 
 
 def curves_of(tests: Sequence[Test], of_tones: str = "") -> dict[str, Curve]:
-    """Return curves by name: one per test, one for all tones of a level; skip other kinds."""
+    """Return curves by name: one per test, or one for all single tones of a level."""
     curves: dict[str, Curve] = {}
     tones: dict[float, list[Test]] = {}
     for test in tests:
@@ -70,7 +70,7 @@ def predict_curve(source: Source, test: Test) -> Predicted:
 
 
 def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
-    """Predict all curves' harmonics: of the force if a response was held, else of the response."""
+    """Predict the harmonics of all curves: of the response, or of the force if it varied."""
     predictions: dict[int, Predicted] = {}
     for residuals in dict.fromkeys(curve.test.residuals for curve in curves):
         indices = [i for i, curve in enumerate(curves) if curve.test.residuals == residuals]
@@ -81,11 +81,11 @@ def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
 
 def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> list[Predicted]:
     """Predict the harmonics of curves that have the same residual terms."""
-    # The force's phase is relative to the displacement, the response's to the source. Errors are
-    # over real and imaginary parts.
+    # Phases of a force are relative to the displacement, those of a response to the source. Errors
+    # include real and imaginary parts.
     groups = [group for curve in curves for group in curve.groups]
     data = Points.of(groups, laws=source.basis.laws, residuals=residuals)
-    # Without the names of their groups, tests of one shape share compiled code.
+    # Without names of their data groups, tests of equal shape share compiled code.
     nameless = alone(data)
     (model, peaks), others = source.carried(
         lambda draws, laws: _carried(replace(nameless, laws=laws), draws)
@@ -101,7 +101,7 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
             noise = noise_of(source.basis, test, repeated, label=group.label, order=group.order)
             noises.append(noise)
             if not np.any(group.values):
-                continue  # the sampling does not resolve this harmonic
+                continue  # the sampling rate is too low for this harmonic
             of_others = {
                 name: values[i, :size]
                 for name, (values, _) in others.items()
@@ -117,7 +117,7 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
             attrs |= {name + suffix: value for name, value in error_values.items()}
         freq = ("freq", fundamental.omega[order] / (2 * np.pi), {"units": "Hz"})
         dataset = xr.Dataset(variables, {"freq": freq, "quantile": QUANTILE_AXIS}, attrs)
-        # The amplitude at which a ratio was measured is unknown.
+        # The amplitude at which an FRF was measured is unknown.
         has_amplitude = "ratio" not in test.records[0].provenance
         predictions.append(
             Predicted(dataset, peaks[:, first] if has_amplitude else None, noises[0])
@@ -128,9 +128,9 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
 def _carried(
     data: Points, draws: Draws
 ) -> tuple[Complex[np.ndarray, "draw group value"], NDArray[np.float64]]:
-    """Return each group's values for every draw, and the peak displacement of its points [m]."""
+    """Return the values of each data group for every draw, and the peak displacements [m]."""
     point, column = np.asarray(data.point), np.asarray(data.position)[:, None]
-    is_point = np.asarray(data.factor) != 0  # padding follows a group's last point
+    is_point = np.asarray(data.factor) != 0  # padding follows the last point of a group
     held = np.array(data.of_force)
     size = count_of(draws)
     values = np.zeros((size, *point.shape), complex)
@@ -147,19 +147,19 @@ def _carried(
 
 
 def _forces(theta: Mapping[str, Array], data: Points) -> Complex[Array, "group value"]:
-    """Return the source that each group's measured motion needs, by the model."""
+    """Return the source that the model needs for the measured motion of each data group."""
     return data.factor * force_of(theta, data)[data.point] / theta["gain"]
 
 
 def _motion(data: Points, draws: Draws) -> Complex[np.ndarray, "draw point harmonic"]:
-    """Return the odd harmonics of displacement for every draw at every point."""
-    # Newton's iteration starts from the measured motion, which is a close guess only if the model
-    # is right, and then from the median of the draws.
+    """Return the odd harmonics of displacement of each draw at each point."""
+    # Newton's method starts from the measured motion, which is close only if the model is right,
+    # and then from the median of the draws.
     motion = np.asarray(carry(motion_of, draws, data), complex)
     for _ in range(ROUNDS - 1):
         median = middle(motion)
         guess, distance = data.motion, np.abs(median - np.asarray(data.motion))[:, 0]
-        if np.all(distance < CLOSE * np.abs(median[:, 0])):  # false if a value is not a number
+        if np.all(distance < CLOSE * np.abs(median[:, 0])):  # false if a value is NaN
             break
         data = replace(data, motion=jnp.where(np.isfinite(median), median, guess))
         motion = np.asarray(carry(motion_of, draws, data), complex)
@@ -188,9 +188,9 @@ def _compared(
     order: NDArray[np.intp],
     noise_std: float | None,
 ) -> tuple[dict[str, Any], dict[str, float]]:
-    """Return one harmonic's variables by frequency, and its errors."""
+    """Return measured values and bands of one harmonic over frequency, with the errors."""
     everything = {"measured": group.values, "model": model, **others}
-    # Errors use real and imaginary parts, as the likelihood does.
+    # Errors include real and imaginary parts, as in the likelihood.
     parts = {n: np.concatenate([np.real(x), np.imag(x)], axis=-1) for n, x in everything.items()}
     error_values = errors(parts.pop("measured"), parts.pop("model"), parts, noise_std)
     record = test.records[0]
@@ -207,7 +207,7 @@ def _compared(
     variables = polar("measured", measured, *how, "freq") | polar("model", model, *how)
     if noise_std is not None:
         size, turned = np.abs(model), phase_near(model, reference)
-        # Noise across the phasor turns it by its share of the length.
+        # Noise across a phasor turns it by the ratio of noise to amplitude.
         angle = noise_std / np.abs(np.median(size, axis=0))
         dims = ("quantile", "freq")
         variables["predictive_magnitude"] = (dims, gaussian_band(size, noise_std), magnitude)

@@ -1,4 +1,4 @@
-"""Comparison of free decays: the motion of every record from its initial state on."""
+"""Comparison of free decays with the model's motion from each record's initial state."""
 
 from dataclasses import replace
 
@@ -37,14 +37,14 @@ from jbw.verification.predicted import (
     noise_by_label,
 )
 
-NO_SHIFT = 1e-6  # relative scatter of the records' frequencies if no decay was fitted
-MISSED_KEY = 1  # random key of the model discrepancy, from that of the noise
-OWN_STEPS = 8  # iterations for a record's frequency; each reduces the phase error tenfold
-SILENT = 1e-6  # noise over the record's rms that keeps its initial state sharp
+NO_SHIFT = 1e-6  # relative frequency differences of records, if no decay was fitted
+MISSED_KEY = 1  # number of the random key for the model discrepancy
+OWN_STEPS = 8  # iterations for the frequency of a record; each reduces the phase error tenfold
+SILENT = 1e-6  # small noise over the record's rms, so that the initial state follows the record
 
 
 def predict_decay(source: Source, test: Test) -> Predicted:
-    """Predict free decays from their beginning, until a quarter of the amplitude is lost."""
+    """Predict free decays from their start, until they have lost a quarter of their amplitude."""
     data = _reduced(source, test)
     noise, stored = NOT_KNOWN, source.basis.decay.get("noise_std")
     if stored is not None and "record" in stored.dims:
@@ -52,7 +52,7 @@ def predict_decay(source: Source, test: Test) -> Predicted:
             noise = RepeatNoise(float(stored.mean()), ALIKE)
     std = noise.std or SILENT * float(np.sqrt(np.mean(np.abs(data.mean) ** 2)))
     compared = _compared(source, test, data, np.full(len(test.records), std))
-    # The strongest record begins with this displacement, at the natural frequency.
+    # The strongest record starts with this displacement, at the natural frequency.
     order = derivative_order(data.response)
     strongest = max(comparison.attrs["level"] for comparison in compared)
     peak = strongest / source.draws["omega_n"] ** order
@@ -92,9 +92,9 @@ def predict_decay(source: Source, test: Test) -> Predicted:
 
 
 def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Dataset]:
-    """Compare every decay record with the model, fitted records first, one dataset each."""
+    """Compare each free decay with the model, one dataset per record, fitted records first."""
     # The initial state of a fitted record comes from the whole record, that of a held-out record
-    # from its beginning alone: the rest is predicted, and errors refer to the rest.
+    # only from its start: the remaining part is predicted, and errors refer to it.
     data = _reduced(source, test)
     noise_of_label = noise_by_label(source.basis.decay)
     noise_std = np.array([noise_of_label[label] for label in data.groups.labels[:num_fitted]])
@@ -103,7 +103,7 @@ def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Datase
 
 
 def _reduced(source: Source, test: Test) -> Decays:
-    """Return decays as data for the model, with the settings of the fitted decays."""
+    """Return decays as data for the likelihood, with the settings of the fitted decays."""
     facts = source.basis.decay_facts
     no_shift = NO_SHIFT * float(np.mean(source.draws["omega_n"]))
     stated = {"laws": source.basis.laws, "substeps": int(facts.get("substeps", 0)) or None}
@@ -122,7 +122,7 @@ def _compared(
     noise_std: Float[np.ndarray, " record"],
     num_fitted: int = 0,
 ) -> list[xr.Dataset]:
-    """Compare each record's filtered motion with the model's from the record's initial state."""
+    """Compare the filtered motion of each record with the model's, from the same initial state."""
     chosen, key, comparisons = filter_of(test), jax.random.key(source.seed), []
     several = bool(data.several)
     entered, stride = (followed(source), chosen.stride) if several else (_along(source, data), 1)
@@ -133,7 +133,7 @@ def _compared(
         held_out = i >= num_fitted
         size = num_begun(source.draws, data) if held_out else data.mean.shape[1]
         seen_s = float(size * data.step_s) if held_out else 0.0
-        # Names are part of the compiled program, so one name is used for all records.
+        # Names are part of a compiled program, so one name is used for all records.
         only, name = data.only(i, size), ("record",)
         groups = changed(only.groups, labels=name, runs=name, noise_std=np.array([noise]))
         seen = replace(only, groups=groups)
@@ -145,8 +145,8 @@ def _compared(
             float(np.abs(measured_envelope[k])) / omega_n ** derivative_order(data.response)
             for k in (0, np.searchsorted(time[:-1], seen_s))
         )
-        # At the beginning the law's error is not known from the record itself; afterwards the
-        # smaller motion determines it.
+        # At first the error of the law cannot be found from the record; later the smaller motion
+        # determines it.
         at_begin, at = (
             NOTHING if missed is None else missed.at(y, of_decay=True) for y in (begin, end)
         )
@@ -193,7 +193,7 @@ def at_own_frequency(
     envelope: Complex[np.ndarray, "draw time"],
     time: Float[np.ndarray, " time"],
 ) -> Complex[np.ndarray, " time"]:
-    r"""Return the median envelope of draws, corrected by the record's own frequency offset.
+    r"""Return the median predicted envelope, corrected for the record's own natural frequency.
 
     $$\hat e(t)\,e^{j \delta t}, \qquad
       \delta = \arg\min \sum_t |m(t) - \hat e(t)\,e^{j \delta t}|^2$$
@@ -218,7 +218,7 @@ def _with_discrepancy(
     missed: AtAmplitude,
     carrier: Complex[np.ndarray, " time"],
 ) -> tuple[Float[np.ndarray, "draw time"], Float[np.ndarray, " time"]]:
-    """Return decays with random errors of rate and frequency, and their rms over a period.
+    """Return decays with random errors of decay rate and frequency, and the errors' rms per period.
 
     The decays are those of `drifted`, centred on the law's prediction.
     """
@@ -234,7 +234,7 @@ def drifted(
     time: Float[np.ndarray, " time"],
     rates: Float[np.ndarray, "2"],
 ) -> Complex[np.ndarray, "draw time"]:
-    r"""Draw envelopes with random errors of decay rate and frequency [1/s] from given envelopes.
+    r"""Draw envelopes with random errors of decay rate and frequency [1/s] about given envelopes.
 
     $$e_k(t)\,\exp\bigl((-\rho_\zeta z_{k1} + j \rho_\omega z_{k2})\,t\bigr), \quad z \sim N(0, I)$$
 
@@ -245,7 +245,7 @@ def drifted(
 
 
 def _along(source: Source, data: Decays) -> Entered:
-    """Return the function that follows single-mode records along decays of draws and references."""
+    """Return a function that predicts records of one mode, for all draws and reference models."""
     decays, others = source.observed(data, decay_of)
 
     def entered(
@@ -269,7 +269,7 @@ def _entered(
     steps: Float[Array, " time"],
     law_std: float | Float[Array, ""] = 0.0,
 ) -> Complex[Array, "draw time"]:
-    """Return one record's envelope for each draw, from a random initial state and shift."""
+    """Return the envelope of a record for each draw, from a random initial state and shift."""
 
     def entered_by(pair: tuple[Array, Array]) -> Array:
         key, decay = pair

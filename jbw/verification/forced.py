@@ -1,4 +1,4 @@
-"""Comparison of all tests except free decays: records, responses, curves, points and loops."""
+"""Comparison of all driven tests with the model: records, responses, curves, points and loops."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -37,12 +37,12 @@ from jbw.verification.withheld import is_withheld, without_band
 under_way = logging.getLogger("jbw.progress")
 NUM_FEW = 20  # number of draws for long records
 FRF = "frequency response of "
-Placed = Iterator[tuple[str, xr.Dataset]]  # by path in the tree
+Placed = Iterator[tuple[str, xr.Dataset]]  # comparisons with their paths in the result tree
 
 
 @dataclass(frozen=True)
 class ForcedTests:
-    """The inputs that all comparisons of forced tests share.
+    """The inputs of all comparisons of driven tests.
 
     Attributes:
         basis: Basis of predictions: draws, laws and fitted tests.
@@ -65,7 +65,7 @@ class ForcedTests:
     def attempted(
         self, test: Test, build: Callable[[], Placed], what: str = ""
     ) -> dict[str, xr.Dataset]:
-        """Run a comparison; return its groups, or those before it failed."""
+        """Make a comparison; return its groups, or those made before it failed."""
         under_way.info("%s", test.name)
         made: dict[str, xr.Dataset] = {}
         what = messages.comparison_of(test.name, what)
@@ -73,7 +73,7 @@ class ForcedTests:
         return made
 
     def missed(self, test: Test) -> AtAmplitude:
-        """Return the model discrepancy in a test's bands; zero for fitted tests.
+        """Return the model discrepancy in the bands of a test; zero for fitted tests.
 
         The noise of fitted tests includes the discrepancy.
         """
@@ -84,14 +84,14 @@ class ForcedTests:
     def beside(
         self, test: Test, num_draws: int = NUM_DRAWS, discrepancy: AtAmplitude | None = None
     ) -> Source:
-        """Return the source of predictions for a test; from its own run if that was fitted."""
+        """Return the draws that predict a test, from its own run if that run was fitted."""
         missed = self.missed(test) if discrepancy is None else discrepancy
         references = of_run(self.simpler, self.basis.run_of(test), drive_of(test))
         how = {"seed": self.seed, "references": references}
         return source_of(self.basis, test, num_draws, missed, **how)
 
     def marks(self, test: Test) -> dict[str, Any]:
-        """Return attributes: whether a test was fitted, and what its bands include."""
+        """Return attributes of a test: whether it was fitted, and what its bands include."""
         flags = {
             "fitted": int(test.name in self.fitted), "offsets": int(len(self.basis.scatter) > 0)
         }  # fmt: skip
@@ -102,7 +102,7 @@ class ForcedTests:
     def marked(
         self, kind: str, name: str, test: Test, predicted: Predicted
     ) -> tuple[str, xr.Dataset]:
-        """Return a prediction's path and dataset, without bands if none can be stated."""
+        """Return the path and the dataset of a prediction, without bands if none can be stated."""
         attrs = {"noise": predicted.noise.says, **self.marks(test)}
         extrapolation = predicted.extrapolation(self.basis)
         if extrapolation is not None and not attrs["fitted"]:
@@ -113,14 +113,14 @@ class ForcedTests:
         return where, without_band(compared) if withheld else compared
 
     def frf(self, motion: Motion) -> Placed:
-        """Yield the frequency response of a record in the band that its input drives most."""
+        """Yield the comparison of a record's frequency response, in the most driven band."""
         test = motion.test
         band_hz = most_driven(test.records[0], self.bands_hz)
         frf = compare_frfs(motion, band_hz).assign_attrs(self.marks(test))
         yield place("verification/frf", test.name), frf
 
     def sweep(self, test: Test) -> Placed:
-        """Yield the comparison of a sweep in time and by its frequency response."""
+        """Yield the comparison of a sweep over time and by its frequency response."""
         source = self.beside(test)
         motion = motion_of(source, test)
         yield from self.attempted(test, partial(self.frf, motion), FRF).items()
@@ -130,7 +130,7 @@ class ForcedTests:
         yield self.marked("sweep", test.name, test, shown)
 
     def response(self, test: Test) -> Placed:
-        """Yield the frequency response of random motion, by few draws."""
+        """Yield the comparison of the frequency response under random input, for a few draws."""
         source = replace(self.beside(test, NUM_FEW, NOTHING), references={})
         for where, frf in self.frf(motion_of(source, test, substeps=1)):
             yield where, frf.assign_attrs(discrepancy=0)
@@ -144,7 +144,7 @@ class ForcedTests:
             yield self.marked("curve", name, curve.test, predicted)
 
     def whole(self, test: Test) -> Placed:
-        """Yield the comparison of a test by the prediction route of its kind."""
+        """Yield the comparison of a test, predicted in the way of its kind."""
         source = self.beside(test, NUM_FEW if test.is_cyclic else NUM_DRAWS)
         yield self.marked(test.kind, test.name, test, route_of(test)(source, test))
 
@@ -154,7 +154,7 @@ class ForcedTests:
             yield self.marked("controlled", name, test, predicted)
 
     def loop(self, test: Test) -> Placed:
-        """Yield the loop of a held-out tone at the resonance: the paper's validation."""
+        """Yield the comparison of a held-out tone's hysteresis loop: the paper's validation."""
         draws = self.beside(test, discrepancy=NOTHING).draws
         validated = loop_validation(test, draws, self.basis.laws)
         marked = validated.assign_attrs(scatter=int(self.basis.scatters(test)))
@@ -200,7 +200,7 @@ def verify_forced(
 def _curves_together(
     forced: ForcedTests, tests: Sequence[Test]
 ) -> dict[tuple[str | None, str, AtAmplitude], dict[str, Curve]]:
-    """Group curves by run, drive and model discrepancy; fitted tones of a level are separate."""
+    """Group curves by run, drive and model discrepancy, with fitted single tones apart."""
     curves = curves_of([test for test in tests if test.name in forced.fitted])
     held_out = [test for test in tests if test.name not in forced.fitted]
     curves |= curves_of(held_out, " (held out)")

@@ -1,4 +1,4 @@
-"""The grade of a law: how well it predicts tests that were not fitted.
+"""The grade of a law, from its errors in predicting tests that were not fitted.
 
 It follows from the errors relative to the rms of each test, and the share c of values inside the 99
 % bands, over held-out tests within the fitted amplitudes:
@@ -27,16 +27,18 @@ from jbw.report.messages import residuals as messages
 from jbw.verification.backbone import CARRIED_ON
 from jbw.verification.predicted import ALIKE
 
-WORST = 2.0  # largest error of one test under a predictive law, over the limit
-APPROXIMATE, OF_LINEAR = 0.25, 0.6  # largest error; and relative to a linear oscillator's
-LEAST_COVERAGE = 0.95  # least coverage of a 99 % band over a record
-LEAST_VALUES = 50  # least number of values for a meaningful coverage
-TO_SCATTER = 1.25  # error over the scatter of a repeat up to which noise explains the error
+WORST = 2.0  # largest error of a single test, over the limit, for a predictive law
+# largest error of an approximate law, and that over a linear oscillator's error
+APPROXIMATE, OF_LINEAR = 0.25, 0.6
+LEAST_COVERAGE = 0.95  # smallest coverage of a 99 % band over a record
+LEAST_VALUES = 50  # smallest number of values whose coverage has a meaning
+# ratio of error to variation between repeats, up to which noise explains the error
+TO_SCATTER = 1.25
 Tests = Mapping[str, Mapping[str, Any]]
 
 
 class Seen(NamedTuple):
-    """The errors and coverage of a law on held-out tests within the fitted amplitudes.
+    """Errors and coverage of a law on held-out tests within the fitted amplitudes.
 
     Attributes:
         count: Number of these tests.
@@ -64,7 +66,7 @@ def judged(
     laws: Sequence[str],
     limit: float = LIMIT,
 ) -> Verdict:
-    """Return the verdict from findings, their amendments and the law's grade.
+    """Return the verdict from findings with their amendments, including the law's grade.
 
     The arguments are those of `grade`.
     """
@@ -77,7 +79,7 @@ def judged(
 def grade(
     tests: Tests, laws: Sequence[str], findings: Sequence[Finding], limit: float = LIMIT
 ) -> Finding | None:
-    """Return the grade of a law as a finding; None without held-out tests within the amplitudes.
+    """Return the grade of a law as a finding, or None if no held-out test can show it.
 
     Args:
         tests: Attributes of every test's comparison with its prediction, by name.
@@ -103,11 +105,11 @@ def held_out(tests: Tests, findings: Sequence[Finding]) -> Seen | None:
     ]
     if not unseen:
         return None
-    # A law that cannot be solved has an infinite error.
+    # A law for which the model cannot be solved has an infinite error.
     errors = [float(np.nan_to_num(attrs["nrmse"], nan=np.inf)) for attrs in unseen]
     linear = [attrs.get("nrmse_linear", np.nan) for attrs in unseen]
     scatter = [attrs.get("scatter", np.nan) for attrs in unseen]
-    # The noise of other tests does not apply to harmonics and loops of another level.
+    # The noise of other tests does not apply to harmonics and loops at another level.
     sized = [
         (attrs["coverage"], attrs.get("num_values", 0))
         for attrs in unseen
@@ -128,7 +130,7 @@ def held_out(tests: Tests, findings: Sequence[Finding]) -> Seen | None:
 
 
 def status_of(seen: Seen, limit: float) -> Status:
-    """Return the status of a grade: ok is predictive, usable approximate, failed neither."""
+    """Return the status of a grade: ok if predictive, usable if approximate, otherwise failed."""
     if seen.coverage < LEAST_COVERAGE:
         return "failed"
     if seen.error <= limit and seen.worst <= WORST * limit and not seen.is_withheld:
@@ -140,7 +142,7 @@ def status_of(seen: Seen, limit: float) -> Status:
 
 
 def _of_others(graded: Finding) -> Sequence[Amendment]:
-    """Return the grade's amendments of other findings on the law, which the grade includes."""
+    """Return the changes that a grade makes to other findings on the law, which it includes."""
     if graded.status == "not assessed":
         return ()
     others = tuple(code for code in ASKED["law"] if code not in (GRADE, "cause", "no_hysteresis"))

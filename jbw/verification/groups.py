@@ -1,4 +1,4 @@
-"""Comparison of a test's groups of data, predicted by the observable of its kind.
+"""Comparison of the data groups of a test with the predictions of the likelihood's model.
 
 This applies to tests of plain kinds without a special route, and to points of controlled tests.
 """
@@ -20,36 +20,36 @@ from jbw.verification.predictive_basis import count_of, seen_of
 
 
 class Group(NamedTuple):
-    """One group of a test's data with its predictions; complex values as magnitudes."""
+    """One data group of a test with its predictions; complex values as magnitudes."""
 
     label: str
     measured: Float[np.ndarray, " value"]  # mean of the repeats
     model: Float[np.ndarray, "draw value"]
-    others: dict[str, Float[np.ndarray, " value"]]  # of reference oscillators
-    noise: RepeatNoise  # of one repeat
+    others: dict[str, Float[np.ndarray, " value"]]  # predictions of reference models
+    noise: RepeatNoise  # noise of one repeat
     std: float | None  # standard deviation of the mean's noise, for the bands
 
 
 def _observable(test: Test) -> type[Observable] | None:
-    """Return the observable class of a plain or controlled test; else None."""
+    """Return the likelihood class of a test without a special comparison; else None."""
     taking = (kind for kind in OBSERVABLES if test.kind in kind.kinds and not kind.own_shifts)
     return next(taking, None) if test.traits.is_plain or test.traits.is_controlled else None
 
 
 def has_groups_alone(test: Test) -> bool:
-    """Return whether a test is predicted by the observable of its kind alone."""
+    """Return whether a test is compared by its data groups alone."""
     return _observable(test) is not None
 
 
 def predict_groups(source: Source, test: Test) -> Predicted:
-    """Predict all groups of a test; return them end to end, each with its `unit` and bands.
+    """Predict all data groups of a test, joined to one dataset, each with its `unit` and bands.
 
     The error is the root mean square over the values of all groups.
     """
     predictions = [prediction for _, prediction in predict_apart(source, test)]
     datasets = [prediction.dataset for prediction in predictions]
     sizes = np.array([dataset.sizes["value"] for dataset in datasets], float)
-    attrs = dict(datasets[-1].attrs)  # those of the force for a controlled test
+    attrs = dict(datasets[-1].attrs)  # attributes of the force, for a controlled test
     for name in [str(name) for name in attrs if str(name).startswith("nrmse")]:
         squares = np.array([dataset.attrs[name] ** 2 for dataset in datasets])
         attrs[name] = float(np.sqrt(np.average(squares, weights=sizes)))
@@ -61,7 +61,7 @@ def predict_groups(source: Source, test: Test) -> Predicted:
 
 
 def predict_apart(source: Source, test: Test) -> Iterator[tuple[str, Predicted]]:
-    """Yield the label and the prediction of every group of a test."""
+    """Yield the label and the prediction of each data group of a test."""
     observable, basis = _observable(test), source.basis
     if observable is None:
         raise TypeError(f"Tests of kind {test.kind} have no observable.")
@@ -74,7 +74,7 @@ def predict_apart(source: Source, test: Test) -> Iterator[tuple[str, Predicted]]
 
 
 def _dataset(test: Test, part: Observable, number: int, group: Group) -> xr.Dataset:
-    """Return one group's comparison over its coordinate, with relative errors."""
+    """Return the comparison of one data group over its coordinate, with relative errors."""
     shown, unit = part.shown(), part.groups.units[number]
     (axis, unit_of_axis), size = shown.axis, group.measured.size
     positions = np.arange(1.0, size + 1) if shown.places is None else shown.places[number]
@@ -104,7 +104,7 @@ def _dataset(test: Test, part: Observable, number: int, group: Group) -> xr.Data
         attrs |= {"level": test.level, "level_unit": level_unit}
 
     def relative(values: np.ndarray) -> np.ndarray:
-        """Return 1 plus the prediction error over the reference size."""
+        """Return 1 plus the prediction error over its reference."""
         return 1.0 + (values - group.measured) / reference
 
     others = {name: relative(values) for name, values in group.others.items()}
@@ -114,7 +114,7 @@ def _dataset(test: Test, part: Observable, number: int, group: Group) -> xr.Data
 
 
 def groups_of(source: Source, test: Test, part: Observable) -> Iterator[Group]:
-    """Yield the groups of a test's observable with their predictions."""
+    """Yield the data groups of a test with their predictions."""
     predicted, others = source.observed(part)
     plain = np.abs if part.groups.is_complex else np.asarray
     for i, label in enumerate(part.groups.labels):

@@ -1,4 +1,4 @@
-"""Predictions under a recorded input from rest: sweeps, noise, multisines, several tones."""
+"""Predictions under a recorded input, from rest: sweeps, noise, multisines, several tones."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -44,15 +44,16 @@ from jbw.verification.predicted import (
 )
 from jbw.verification.predictive_basis import Basis, Draws, count_of, natural_hz
 
-NEAR = (0.75, 1.25)  # band around a mode over its natural frequency
-OUTSIDE = 0.005  # share of an input's power that is omitted below and above its band
-FORGOTTEN = 7.0  # time, over 1 / (zeta omega_n), after which an unknown start is a thousandth
-LEAST_LINES = 8  # least number of lines of a frequency response
-SEGMENTS = (DEFAULT_SEGMENTS + 1) / 2  # record length over segment length, at half overlap
+NEAR = (0.75, 1.25)  # band around a mode, over its natural frequency
+OUTSIDE = 0.005  # omitted share of the input's power, below and above its band
+# time over 1 / (zeta omega_n), after which the effect of the start is below a thousandth
+FORGOTTEN = 7.0
+LEAST_LINES = 8  # smallest number of lines of a frequency response
+SEGMENTS = (DEFAULT_SEGMENTS + 1) / 2  # record length over segment length, with half overlap
 
 
 class Motion(NamedTuple):
-    """A test in time with its simulated responses, from the first compared sample.
+    """A test over time with its simulated responses, from the first compared sample.
 
     Attributes:
         test: The test; if not measured, its response is the median of the model.
@@ -78,7 +79,7 @@ class Motion(NamedTuple):
 def responses_at(
     draws: Draws, data: Records
 ) -> tuple[Float[np.ndarray, "draw time"], Float[np.ndarray, " draw"]]:
-    """Return every draw's response to a recorded input, and its largest displacement [m].
+    """Return the response of each draw to a recorded input, and its largest displacement [m].
 
     The displacement is that of the joint's mode, without residual terms of the response, at the
     first point even if the response is at another one.
@@ -105,7 +106,7 @@ def _response(
 
 
 def reduced(basis: Basis, test: Test, substeps: int | None = None, **how: Any) -> Records:
-    """Return a test's records as data for the model, with a run's laws."""
+    """Return the records of a test as data for the likelihood, with the laws of a run."""
     steps = substeps or basis.substeps
     data = Records.of([test], laws=basis.laws, substeps=steps, **how)
     return replace(data, modes=Modes((), points=basis.points), depth=None)
@@ -115,8 +116,8 @@ def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Mot
     """Simulate the model under a test's first recorded input, by default with the run's steps."""
     test = on_time(test)
     record = test.records[0]
-    # Use the repeats of the first record's input. Noise of the input channel is far below a tenth
-    # of it.
+    # Use the repeats of the first record's input. The noise of the input channel is below a tenth
+    # of the input.
     u = record.channels[record.source]
     repeats = {
         name: repeat
@@ -142,7 +143,7 @@ def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Mot
 
 
 def followed(source: Source, test: Test, data: Records) -> Motion:
-    """Return a test with the model's responses to its recorded input."""
+    """Return a test with the responses of the model to its recorded input."""
     (model, peak), others = source.carried(
         lambda draws, laws: responses_at(draws, replace(data, laws=laws))
     )
@@ -154,8 +155,9 @@ def followed(source: Source, test: Test, data: Records) -> Motion:
 
 
 def predict_records(source: Source, test: Test) -> Predicted:
-    """Predict a test in time and, if possible, its receptance."""
-    # The first seconds and `settle` are omitted because they depend on the record's unknown start.
+    """Predict the records of a test over time and, if possible, the receptance."""
+    # The first seconds (at least `settle`) are omitted, because the state before the record is
+    # unknown.
     motion = motion_of(source, test)
     dataset = compare_records(source, motion)
     record = motion.test.records[0]
@@ -175,7 +177,7 @@ def compare_in_time(
     repeats: Float[np.ndarray, "repeat time"] | None = None,
     num_repeats: float = 1.0,
 ) -> tuple[xr.Dataset, Float[np.ndarray, "draw time"], dict[str, Float[np.ndarray, " time"]]]:
-    """Return a test's mean with bands in time, the draws, and the references.
+    """Return a test's mean and bands over time, with the draws and the reference models.
 
     Bands are those of a mean of `num_repeats`. If `repeats` are given, coverage counts their
     values, and the band is that of the parameters alone if no noise is known.
@@ -204,7 +206,7 @@ def compare_in_time(
 
 
 def compare_records(source: Source, motion: Motion) -> xr.Dataset:
-    """Compare repeats of one input with the model's responses, in the test's band if any."""
+    """Compare repeats of one input with the model's responses, in the band of the test."""
     data = motion.data
     measured = single_records(np.asarray(data.mean), data.groups).mean[0]
     dataset, model, _ = compare_in_time(source, motion, measured)
@@ -220,14 +222,14 @@ def compare_records(source: Source, motion: Motion) -> xr.Dataset:
 
 
 def _resolves(motion: Motion, band_hz: tuple[float, float]) -> bool:
-    """Return whether the segments of a settled broadband record have enough lines in a band."""
+    """Return whether the segments of a broadband record have enough spectral lines in a band."""
     segment_s = (motion.model.shape[1] - motion.unsettled) / (SEGMENTS * motion.data.fs)
     lines = (band_hz[1] - band_hz[0]) * segment_s
     return motion.test.traits.is_broadband and lines >= LEAST_LINES
 
 
 def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
-    """Estimate FRFs of every repeat, and of every draw under the first input, in the same way."""
+    """Compare the FRF of each repeat with the FRF of each draw, estimated in the same way."""
     test, record = motion.test, motion.test.records[0]
     whole = test.traits.is_transient and not test.settle
     unsettled = 0 if whole else motion.unsettled
@@ -257,14 +259,15 @@ def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
 def _frf(
     record: Record, y: NDArray[np.float64], band_hz: tuple[float, float], *, whole: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    r"""Return the receptance in a band; for a whole sweep $H = Y(\omega) / U(\omega)$.
+    r"""Return the receptance in a band; for a whole sweep it is $H = Y(\omega) / U(\omega)$.
 
     It is estimated from the last samples of the input, as many as the response has.
     """
     u = record.channels[record.source][-len(y) :]
     if not whole:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the window affects measurement and model alike
+            # the window affects the measurement and the model in the same way
+            warnings.simplefilter("ignore")
             estimate = frf(u, y, record.fs, response=record.response, band=band_hz)
         return estimate.freq, estimate.h
     freq = np.fft.rfftfreq(len(u), 1 / record.fs)
@@ -274,12 +277,12 @@ def _frf(
 
 
 def bands_of_modes(draws: Draws) -> list[tuple[float, float]]:
-    """Return the band around every mode of the draws [Hz]."""
+    """Return the band around each mode of the draws [Hz]."""
     return [(NEAR[0] * hz, NEAR[1] * hz) for hz in natural_hz(draws)]
 
 
 def most_driven(record: Record, bands: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Return the band [Hz], among several, in which an input has the most power."""
+    """Return the one of several bands [Hz] in which an input has the most power."""
     source = record.channels[record.source]
     freq, power = np.fft.rfftfreq(len(source), 1 / record.fs), np.abs(np.fft.rfft(source)) ** 2
     return max(bands, key=lambda edges: _share(power, freq, edges))
@@ -292,7 +295,7 @@ def _share(
 
 
 def _around_mode(record: Record, draws: Draws) -> tuple[float, tuple[float, float] | None]:
-    """Return an input's share of power near the most driven mode, and the band it fills [Hz]."""
+    """Return the share of an input's power near the most driven mode, and the driven band [Hz]."""
     source = record.channels[record.source]
     freq = np.fft.rfftfreq(len(source), 1 / record.fs)[1:]
     power = np.abs(np.fft.rfft(source)[1:]) ** 2
@@ -307,7 +310,7 @@ def _around_mode(record: Record, draws: Draws) -> tuple[float, tuple[float, floa
 
 
 def _settling(test: Test, draws: Draws) -> float:
-    """Return the seconds to skip at the start: none for sweeps from rest unless `settle` is set."""
+    """Return the time to omit at the start [s]; none for sweeps from rest without `settle`."""
     if test.traits.is_transient:
         return test.settle
     record = test.records[0]

@@ -1,4 +1,4 @@
-"""Comparison of free decays of several modes, every record from its own start."""
+"""Comparison of free decays of several modes, each record from its own initial state."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -19,16 +19,17 @@ from jbw.verification.predictive_basis import Draws, Laws, count_of, natural_hz
 
 Envelope = Complex[np.ndarray, "*draw time"]
 Envelopes = dict[str, Envelope]
-# Function of a key, a record up to the end of its known part, times [s] and the error of the law's
-# frequency at its beginning [rad/s]. It returns the envelopes of every draw and of the references.
+# A function of random key, the part of a record that fixes its initial state, times [s], and the
+# error of the law's frequency at first [rad/s]. It returns the envelopes of every draw and of the
+# reference models.
 Entered = Callable[
     [Key[Array, ""], Decays, Float[np.ndarray, " time"], float], tuple[Envelope, Envelopes]
 ]
-OWN = "own_{}"  # name of a standard normal deviation of a draw's start from the best start
+OWN = "own_{}"  # name of a draw's normal deviation from the best initial state
 
 
 def modes_of_draws(draws: Draws) -> Modes | None:
-    """Return the modes of draws at their mean frequencies; None for one mode."""
+    """Return the modes of draws at their mean frequencies; None for a single mode."""
     hz = tuple(natural_hz(draws))
     return Modes(hz) if len(hz) > 1 else None
 
@@ -39,7 +40,7 @@ def first_mode_alone(test: Test, modes: Modes | None) -> Test:
 
 
 def followed(source: Source) -> Entered:
-    """Return the function that follows records of several modes from one start per draw."""
+    """Return a function that predicts records of several modes, from one initial state per draw."""
 
     def entered(
         key: Key[Array, ""], seen: Decays, time: Float[np.ndarray, " time"], law_std: float
@@ -56,13 +57,12 @@ def followed(source: Source) -> Entered:
 
 
 def _follow(theta: Mapping[str, Array], seen: ModalDecays, length: int) -> Complex[Array, " time"]:
-    """Return one record's envelope at each sample, from one draw of its start and shift."""
+    """Return the envelope of a record for one draw of its initial state and frequency shift."""
     structure = structure_of(theta, seen.laws)
     record = MatchedEnvelopes(seen.mean[0], seen.begun[0], seen.amplitude[0])
     matched = match(structure, record, seen)
     start = jnp.append(matched.entry.state, matched.entry.shift)
-    # As for one mode, a short beginning has the noise of fitted records, and the prior of the shift
-    # is included.
+    # As for one mode, a short start has the noise of fitted records, and the prior of the shift.
     precision = matched.precision * seen.fraction / seen.groups.noise_std[0] ** 2
     covariance = jnp.linalg.inv(precision.at[-1, -1].add(1 / seen.shift_std**2))
     centre = -covariance[:, -1] * matched.entry.shift / seen.shift_std**2

@@ -1,4 +1,4 @@
-r"""A test's own residual constants in its prediction, fitted to the test itself.
+r"""The residual constants of single tests in predictions, fitted to each test itself.
 
 $$\min_{U, L} \sum \bigl(y - \hat y - (U + L/\omega^2)\,u\bigr)^2$$
 
@@ -21,7 +21,7 @@ Others = dict[str, Time]
 
 
 def completed(basis: Basis, data: Records, model: Draws, others: Others) -> tuple[Draws, Others]:
-    """Add the test's own residual constants, if any, to responses of model and references.
+    """Add a test's own residual constants, if it has any, to all predicted responses.
 
     The constants are fitted in the test's band.
     """
@@ -33,7 +33,7 @@ def completed(basis: Basis, data: Records, model: Draws, others: Others) -> tupl
     size = np.linalg.norm(columns_in_band, axis=1)[:, None]
 
     def added(response: Time) -> Time:
-        """Return the part due to U and L that brings a response closest to the measurement."""
+        """Return the response to U and L that brings a prediction closest to the measurement."""
         residual = np.asarray(data.mean[0]) - in_band(response, data.lines)
         return np.linalg.lstsq((columns_in_band / size).T, residual)[0] @ (columns / size)
 

@@ -1,4 +1,4 @@
-"""The paths of tests in the tree of a result, and the names of their repeats."""
+"""The paths of tests in a result tree, and the names of their repeats."""
 
 from collections.abc import Sequence
 
@@ -6,12 +6,12 @@ from jbw.measurement.records import Record
 
 
 def place(group: str, name: str) -> str:
-    """Return the path of a test in the result's tree."""
+    """Return the path of a test in the result tree."""
     return f"/{group}/{safe(name)}"
 
 
 def safe(name: str) -> str:
-    """Return a name that is valid in the tree, where a slash would open another group.
+    """Return a name that is valid in the result tree, where a slash opens another group.
 
     HDF5 reads a name that consists of dots as this group or its parent.
     """
@@ -20,7 +20,7 @@ def safe(name: str) -> str:
 
 
 def repeats_named(records: Sequence[Record]) -> list[str]:
-    """Return names of repeats: those of their records if all differ, else numbers from one."""
+    """Return names of repeats: the records' names if all differ, else numbers from one."""
     names = [record.name for record in records]
     if all(names) and len(set(names)) == len(names):
         return names

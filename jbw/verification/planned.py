@@ -1,4 +1,4 @@
-"""Planned tests without measurements: a sweep, steps or a tone, and their prediction."""
+"""Prediction of tests that were not measured: a sweep, a stepped sine or a tone."""
 
 from collections.abc import Sequence
 
@@ -17,13 +17,13 @@ from jbw.verification.bands import QUANTILE_AXIS, gaussian_band, polar
 from jbw.verification.predicted import Predicted, Source, noise_of
 from jbw.verification.predictive_basis import Basis, Draws, Laws
 
-FADE = 0.02  # duration of the fade-out over that of the sweep
+FADE = 0.02  # duration of the fade-out over the duration of the sweep
 
 
 def planned_sweep(
     basis: Basis, band_hz: tuple[float, float], level: float, duration: float, fs: float
 ) -> Test:
-    """Return a linear sweep from rest in the unit of the run's source, with a fade-out.
+    """Return a linear sweep from rest as a test, in the unit of the run's source.
 
     The fade covers the last 2 % of the sweep.
     """
@@ -40,7 +40,7 @@ def planned_sweep(
 
 
 def planned_tones(basis: Basis, freq_hz: Sequence[float], level: float) -> Test:
-    """Return one steady tone, or several in turn, at a level in the unit of the run's source."""
+    """Return one or more steady tones as a test, at a level in the unit of the run's source."""
     single = len(freq_hz) == 1
     _require_positive(level=level, **{"tone" if single else "stepped": min(freq_hz)})
     kind = "tones" if single else "stepped"
@@ -56,7 +56,7 @@ def steps(band_hz: tuple[float, float]) -> tuple[float, ...]:
 
 
 def predict_planned(source: Source, test: Test) -> Predicted:
-    """Predict the first and third harmonic of the steady motion at each tone of a planned test."""
+    """Predict the first and third harmonic of the steady motion at each tone of a test."""
     record = test.records[0]
     omega = 2 * np.pi * np.asarray(test.tones_hz)
 
@@ -88,7 +88,7 @@ def predict_planned(source: Source, test: Test) -> Predicted:
 
 
 def _record(basis: Basis, kind: str, source: np.ndarray, fs: float) -> Record:
-    """Return a record of the source alone, its response unknown, in the units of the run."""
+    """Return a record with only the source, in the units of the run."""
     driven = [
         fitted_test
         for fitted_test in basis.seen.values()

@@ -1,4 +1,4 @@
-"""Predictions of any test from a run's posterior: bands, errors, extrapolation."""
+"""Prediction of any test from the posterior of a run: bands, errors, extrapolation."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,9 +26,9 @@ from jbw.verification.predictive_basis import NUM_DRAWS, Basis, seen_of
 from jbw.verification.steady_motion import predict_loop, predict_periods
 from jbw.verification.withheld import OF_BAND, is_withheld, without_band
 
-HARDLY = 0.01  # share of an input's power near the mode below which it hardly excites it
-MOST_SAMPLES = 8_000_000  # most samples of a record, over all draws
-FEWEST = 20  # least number of draws, even for long records
+HARDLY = 0.01  # share of an input's power near the mode, below which it hardly excites the mode
+MOST_SAMPLES = 8_000_000  # largest number of samples of a record, summed over draws
+FEWEST = 20  # smallest number of draws, even for long records
 ERROR_ALONE = messages.ERROR_ALONE
 ERRORS = (*OF_BAND, "nrmse", "nrmse_own_frequency")
 
@@ -37,9 +37,9 @@ ERRORS = (*OF_BAND, "nrmse", "nrmse_own_frequency")
 class Request:
     """The options of a prediction."""
 
-    num_draws: int = NUM_DRAWS  # most draws of the posterior; fewer for long records
+    num_draws: int = NUM_DRAWS  # largest number of posterior draws; long records use fewer
     noise: bool = True  # whether bands include known noise
-    gain: Gain = None  # stated in the tests' campaign, or 1 / modal mass; by drive
+    gain: Gain = None  # as stated in the tests' campaign, or 1 / modal mass; by drive
     seed: int = 0  # random seed
 
 
@@ -81,8 +81,7 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     lacking = [name for name in basis.lacking if name in TAKEN[test.residuals]]
     if lacking and test.traits.is_driven:
         facts["lacking"] = ", ".join(lacking)
-    # The level of a free decay is its initial amplitude; the level stated in the test has another
-    # unit.
+    # A free decay's level is its initial amplitude; the stated level has another unit.
     if np.isfinite(test.level) and not test.traits.is_free:
         unit = str(dataset.attrs.get("level_unit", seen_of(test).source))
         facts |= {"level": test.level, "level_unit": unit}
@@ -112,7 +111,7 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
 
 
 def route_of(test: Test) -> Callable[[Source, Test], Predicted]:
-    """Return the function that predicts a test, chosen by its kind and whether it is measured."""
+    """Return the function that predicts a test, by its kind and whether it was measured."""
     traits = test.traits
     if has_groups_alone(test):
         return predict_groups
@@ -126,7 +125,7 @@ def route_of(test: Test) -> Callable[[Source, Test], Predicted]:
 
 
 def _require_modes_known(basis: Basis, test: Test) -> None:
-    """Raise a DataError if a run has several modes but the prediction supports only one."""
+    """Raise a DataError if a run has several modes and the prediction supports only one."""
     in_time = route_of(test) in (predict_records, predict_periods, predict_decay)
     if has_further_modes(basis.posterior) and not in_time:
         raise DataError(
@@ -138,7 +137,7 @@ def _require_modes_known(basis: Basis, test: Test) -> None:
 
 
 def _require_point_known(basis: Basis, test: Test) -> None:
-    """Raise a DataError for responses at points that the run does not have."""
+    """Raise a DataError if a response is at a point that the run does not know."""
     if test.point and test.point not in basis.points:
         raise DataError(
             f"Test `{test.name}` is measured at `{test.point}`, but the run knows "
@@ -148,7 +147,7 @@ def _require_point_known(basis: Basis, test: Test) -> None:
 
 
 def _source(basis: Basis, test: Test, request: Request) -> Source:
-    """Return the source of draws for predicting a test, with fewer draws for long records."""
+    """Return the draws for the prediction of a test, fewer for long records."""
     most, route = request.num_draws, route_of(test)
     gain = _gain_for(basis, test, request)
     if route in (predict_records, predict_periods, predict_groups):
@@ -159,7 +158,7 @@ def _source(basis: Basis, test: Test, request: Request) -> Source:
 
 
 def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
-    """Return the basis for predicting a test: among compared laws, by kind and amplitude."""
+    """Return the model for predicting a test: among compared laws, by kind and amplitude."""
     if basis.has_fitted(test):
         return basis
     if basis.across is not None and not basis.has_fitted_kind(test.kind):
@@ -170,16 +169,16 @@ def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
 
 
 def _reach(basis: Basis, test: Test, request: Request) -> float:
-    """Return a test's largest displacement, predicted by a few draws, over the largest fitted."""
+    """Return a test's largest displacement, predicted by few draws, over the largest fitted."""
     if route_of(test) is predict_decay:
-        return 1.0  # its displacement is unknown before the prediction
+        return 1.0  # the displacement is unknown before the prediction
     gain = _gain_for(basis, test, request)
     extrapolation = _by_few_draws(basis, test, gain, request.seed).extrapolation(basis)
     return 1.0 if extrapolation is None else extrapolation
 
 
 def _by_few_draws(basis: Basis, test: Test, gain: float | None, seed: int) -> Predicted:
-    """Predict a test by a few draws, to determine its amplitude."""
+    """Predict a test by few draws, to find its amplitude."""
     draws = basis.draws_for(test, LANES, gain, seed)
     return route_of(test)(Source(basis, draws, seed=seed), test)
 
@@ -197,7 +196,7 @@ def missed_in(basis: Basis, test: Test, gain: float | None = None, seed: int = 0
 
 
 def _gain_for(basis: Basis, test: Test, request: Request) -> float | None:
-    """Return the gain for a test's own source; None if it is the run's source."""
+    """Return the gain for the source of a test; None if it is the source of the run."""
     drive = "force" if test.traits.is_prescribed else drive_of(test)
     if (stated := gain_of(request.gain, drive)) is not None:
         return stated
@@ -213,7 +212,7 @@ def _gain_for(basis: Basis, test: Test, request: Request) -> float | None:
 
 
 def warnings_of(dataset: xr.Dataset) -> list[str]:
-    """Return warnings on the reliability of a prediction, one sentence each.
+    """Return warnings on the reliability of a prediction, in one sentence each.
 
     Examples:
         A sweep at twice the fitted level moves the joint beyond the fitted displacements:
@@ -242,7 +241,7 @@ def warnings_of(dataset: xr.Dataset) -> list[str]:
 
 
 def row_of(dataset: xr.Dataset) -> dict[str, Any]:
-    """Return a prediction as plain numbers, with None for unknown ones."""
+    """Return a prediction as plain numbers, with None for those that are unknown."""
     attrs = dataset.attrs
     columns = ("test", "kind", "level", "level_unit", "noise", *ERRORS, "num_draws")
     row = {name: attrs.get(name) for name in columns}

@@ -1,4 +1,4 @@
-"""Sources of predictions, predictions with their tests, and the tests' known noise."""
+"""The draws that predict a test, the prediction, and the known noise of the test."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -34,14 +34,14 @@ ALIKE = messages.ALIKE
 REPEATS = messages.REPEATS
 UNKNOWN = messages.UNKNOWN
 LEFT_OUT = messages.LEFT_OUT
-LANES = 8  # draws evaluated by the model in parallel
+LANES = 8  # number of draws that are evaluated in parallel
 
 
 class RepeatNoise(NamedTuple):
     """The noise of one repeat of a test."""
 
     std: float | None  # in the unit of the compared values; None if unknown
-    says: str  # its origin, or why it is unknown
+    says: str  # origin of the noise level, or why it is unknown
 
 
 NOT_KNOWN = RepeatNoise(None, UNKNOWN)
@@ -50,14 +50,14 @@ NOT_KNOWN = RepeatNoise(None, UNKNOWN)
 class Predicted(NamedTuple):
     """A test with its prediction."""
 
-    dataset: xr.Dataset  # measured values and bands
+    dataset: xr.Dataset  # measured values with bands
     peak: NDArray[np.float64] | None  # peak displacement of every draw [m]; None if unknown
-    noise: RepeatNoise  # of one repeat
+    noise: RepeatNoise  # noise of one repeat
     begins: tuple[float, ...] = ()  # displacement at the start of every free decay [m]
 
     @property
     def amplitudes(self) -> tuple[float, ...]:
-        """The largest displacement of each free decay, or its median over draws [m]."""
+        """The largest displacement of each free decay, or its median over draws, in m."""
         if self.begins or self.peak is None:
             return self.begins
         return (float(np.median(self.peak)),)
@@ -71,21 +71,22 @@ class Predicted(NamedTuple):
 
 @dataclass(frozen=True)
 class Source:
-    """The draws to evaluate with the model, and the references to compare them with."""
+    """The draws to predict from, with reference models for comparison."""
 
     basis: Basis
     draws: Draws
-    # Parameters and laws of reference oscillators without hysteresis.
+    # Parameters and laws of the reference models, which have no hysteresis.
     references: Mapping[str, tuple[Mapping[str, float], Laws]] = field(default_factory=dict)
     noise: bool = True  # whether bands include known noise
-    # If noise is unknown: 0 computes the coverage of the parameters' band, None no coverage.
+    # With unknown noise: 0 computes the coverage of the parameters' band, None no coverage.
     bare: float | None = None
     seed: int = 0
-    # Draws of other laws, which follow those of the basis.
+    # Draws of other laws, which follow the draws of this run's law.
     beside: tuple[tuple[Draws, Laws], ...] = ()
-    # The draws of every law without the model discrepancy; empty if there is no discrepancy.
+    # The draws of all laws without the model discrepancy; empty if there is none.
     undisturbed: tuple[tuple[Draws, Laws], ...] = ()
-    model_error: float = 0.0  # relative error apart from omega_n and zeta
+    # relative error of the response, in addition to errors of omega_n and zeta
+    model_error: float = 0.0
 
     @property
     def num_draws(self) -> int:
@@ -95,7 +96,7 @@ class Source:
     def std(
         self, known: RepeatNoise, model: NDArray[Any], num_repeats: float = 1.0, share: float = 1.0
     ) -> float | None:
-        r"""Combine noise of the mean of K repeats with model error; None if neither is known.
+        r"""Return the standard deviation of a mean of K repeats, from noise and model error.
 
         $$\sqrt{f \sigma^2 / K + s^2 \,\mathrm{mean}(m^2)}$$
 
@@ -117,14 +118,14 @@ class Source:
         num_repeats: float = 1.0,
         share: float = 1.0,
     ) -> tuple[NDArray[Any], dict[str, NDArray[Any]], float | None]:
-        """Return centred draws, references, and noise standard deviation for the bands.
+        """Return shifted draws, reference models, and the noise's standard deviation for bands.
 
         The last value is the result of `std`.
         """
         return *about_law(model, others), self.std(known, model, num_repeats, share)
 
     def carried(self, predict: Callable[[Draws, Laws], PyTree]) -> tuple[Any, dict[str, Any]]:
-        """Return the predictions of all draws, and those of each reference by name.
+        """Return the predictions of all draws, and of each reference model by name.
 
         If the draws include a model discrepancy, the law without it is a reference named `LAW`.
         """
@@ -144,7 +145,7 @@ class Source:
     def observed(
         self, data: Observable, predict: Callable[..., PyTree] = prediction
     ) -> tuple[Any, dict[str, Any]]:
-        """Return the predictions of data for all draws, and those of each reference by name."""
+        """Return the predictions of data for all draws, and for each reference model by name."""
         seen = alone(data)
         return self.carried(lambda draws, laws: carry(predict, draws, replace(seen, laws=laws)))
 
@@ -152,7 +153,7 @@ class Source:
 def source_of(
     basis: Basis, test: Test, num_draws: int, missed: AtAmplitude, gain: Any = None, **how: Any
 ) -> Source:
-    """Return the draws for predicting a test, from every law of a run.
+    """Return the draws for the prediction of a test, from every law of a run.
 
     Args:
         basis: Basis of the run's predictions.
@@ -178,15 +179,15 @@ def source_of(
 
 
 def is_measured(test: Test) -> bool:
-    """Return whether a test has a measured response and is not only planned."""
+    """Return whether a test has a measured response, or is only planned."""
     record = test.records[0]
     return bool(np.any(np.isfinite(record.channels[record.response])))
 
 
 def carry(predict: Callable[..., PyTree], draws: Draws, *args: Any) -> PyTree:
-    """Predict with every draw, some in parallel; compile once for any number of draws."""
+    """Predict with every draw, several in parallel, by one program for any number of draws."""
     # `predict` must be a function of a module, so that its compiled program is found again. All of
-    # `args` except arrays is constant in the program.
+    # `args` except arrays is constant in that program.
     return at_points(_prediction, draws, (predict, args), lanes=min(LANES, count_of(draws)))
 
 
@@ -204,17 +205,17 @@ def noise_of(
     order: int = 0,
     behind: str = "",
 ) -> RepeatNoise:
-    """Return noise of one repeat: as fitted, by its repeats, or the mean of similar fitted tests.
+    """Return the noise of one repeat: fitted, from repeats, or the mean of similar fitted tests.
 
     `behind` is the text after the test's name in the label of its group, if it has several.
     """
     fitted_noise, traits = noise_by_label(basis.posterior), seen_of(test)
-    # An earlier test of the same name may have another kind, source or response.
+    # An earlier test with the same name may have another kind, source or response.
     if (label or test.name) in fitted_noise and basis.seen.get(test.name, traits)[:3] == traits[:3]:
         return RepeatNoise(fitted_noise[label or test.name], OWN)
     if repeated.std is not None:
         return repeated
-    if not basis.seen:  # runs without information on tests have sweeps only
+    if not basis.seen:  # without information on its tests, a run has only sweeps
         comparable = {
             name: (None, std) for name, std in fitted_noise.items() if test.traits.is_transient
         }
@@ -232,14 +233,14 @@ def noise_of(
 
 
 def _labels(name: str, seen: CampaignTest, order: int) -> list[str]:
-    """Return possible labels of a test's data groups for a harmonic of this order."""
+    """Return the possible labels of a test's data groups for a harmonic order."""
     names = [name, seen.family] if seen.family else [name]
     harmonics = [harmonic_label(group_name, order) for group_name in names] if order else []
     return harmonics + (names if order < 2 else [])
 
 
 def of_repeats(groups: Groups, group: int = 0) -> RepeatNoise:
-    """Return the noise of one repeat, from the scatter of a group's repeats."""
+    """Return the noise of one repeat, from the variation between the repeats of a data group."""
     columns = groups.within, groups.size, groups.num_repeats
     within, size, count = (float(column[group]) for column in columns)
     if count < 2:

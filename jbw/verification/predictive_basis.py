@@ -1,4 +1,4 @@
-"""The basis of a finished run's predictions: draws, fixed values, fitted tests, known noise."""
+"""The inputs of a finished run's predictions: draws, fixed parameters, fitted tests, noise."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -33,68 +33,67 @@ from jbw.quantities import (
     motion_factors_in,
 )
 
-AS_RECORDED = "as_recorded"  # draws before stated errors of instruments widened them
-# All groups of a result that `basis_of` reads.
+AS_RECORDED = "as_recorded"  # draws without the stated instrument errors
+# All groups of a result tree that `basis_of` reads.
 GROUPS_OF_BASIS = ("posterior", AS_RECORDED, "runs", "discrepancy", "steps")
-NUM_DRAWS = 100  # the ends of 99 % bands need about this many
+NUM_DRAWS = 100  # number of draws that the ends of 99 % bands need
 SUBSTEPS = 2  # solver steps per sample for a run that does not state them
-SCATTER_KEY = 200  # random key of the scatter between runs
+SCATTER_KEY = 200  # number of the random key for the variation between runs
 Draws = dict[str, NDArray[np.float64]]
 Laws = tuple[str, ...]
 
 
 class CampaignTest(NamedTuple):
-    """A test of the run's campaign, as far as predictions need it."""
+    """A test of the run's campaign, with the facts that predictions need."""
 
     kind: str
-    source: str  # unit of the source; empty without one
-    response: str  # compared quantity; the source if the response was held
-    level: float | None = None  # None if it has none or it is unknown
-    family: str = ""  # name of the data group that it shares with tests of its level
-    drive: str = ""  # drive; empty if unknown
-    stated_unit: str = ""  # of the response in its record; empty if not stated
+    source: str  # unit of the source; empty if there is none
+    response: str  # compared quantity; the source if the response was controlled
+    level: float | None = None  # level of the test; None if unknown
+    family: str = ""  # name of the data group that tests of one level share
+    drive: str = ""  # the drive; empty if unknown
+    stated_unit: str = ""  # unit of the response in the record; empty if not stated
 
 
 @dataclass(frozen=True)
 class Basis:
-    """The basis of predictions: posterior draws, fixed values, known tests and laws."""
+    """The inputs of predictions: posterior draws, fixed parameters, known tests and laws."""
 
-    posterior: xr.Dataset  # the main one, with dimensions (chain, draw)
-    held: Mapping[str, float]  # parameters that were not updated
+    posterior: xr.Dataset  # the main posterior, with dimensions (chain, draw)
+    held: Mapping[str, float]  # parameters that were fixed
     seen: Mapping[str, CampaignTest]  # tests of the run's campaign; empty if unknown
     y_peak: float  # largest fitted displacement [m]; 0 if unknown
-    scatter: tuple[float, ...]  # sd of omega_n [rad/s] and zeta over runs; empty without offsets
+    # standard deviation of omega_n [rad/s] and zeta between runs; empty without run offsets
+    scatter: tuple[float, ...]
     substeps: int  # solver steps between samples
-    decay: xr.Dataset  # posterior of free decays, else the main one
-    # For fitted free decays: the `worth` of a value (its independent fraction), and the scatter
-    # `shift_std` of the records' natural frequencies [rad/s].
+    decay: xr.Dataset  # posterior of the free decays, or else the main one
+    # For fitted free decays: the fraction `worth` of values that are independent, and the standard
+    # deviation `shift_std` of natural frequencies between records [rad/s].
     decay_facts: Mapping[str, float]
     laws: Laws
-    # Draws of omega_n and zeta of every fitted run, for evenly spaced draws of the posterior; None
-    # if runs have no offsets.
+    # Draws of omega_n and zeta in each fitted run, for evenly spaced posterior draws; None without
+    # run offsets.
     runs: xr.Dataset | None = None
-    # Other laws that contribute to predictions, each with its share of the draws. Tests and noise
-    # are taken from this basis.
+    # Other laws with a share of the draws. Tests and noise are those of this law.
     beside: tuple[tuple[float, "Basis"], ...] = ()
-    # The basis of compared laws for predictions beyond the fitted amplitudes, and for other kinds
-    # of test; None to use this basis.
+    # The compared laws for predictions beyond the fitted amplitudes, and for other kinds of test;
+    # None to use this law.
     outward: "Basis | None" = None
     across: "Basis | None" = None
-    # Residual terms that only some units of a population have; new units are predicted without
-    # them.
+    # Residual terms of single units of a population, which predictions of new units omit.
     lacking: tuple[str, ...] = ()
-    points: tuple[str, ...] = ()  # further points where responses are measured
-    discrepancy: Discrepancy | None = None  # of the law; None if unknown
+    points: tuple[str, ...] = ()  # additional points where responses are measured
+    discrepancy: Discrepancy | None = None  # model discrepancy of the law; None if unknown
 
     def shared(self, num_draws: int) -> tuple[tuple[int, "Basis"], ...]:
-        """Return the numbers of draws of this and other laws, with the basis of each."""
+        """Return the number of draws of this and of each other law, with its basis."""
         counts = [(round(share * num_draws), basis) for share, basis in self.beside]
         counts = [(count, basis) for count, basis in counts if count >= 2]
         num_first = num_draws - sum(count for count, _ in counts)
         return ((max(num_first, 2) if counts else num_first, replace(self, beside=())), *counts)
 
     def thinned(self, num_draws: int, posterior: xr.Dataset | None = None) -> Draws:
-        """Return evenly spaced draws of the main or another posterior, with fixed values."""
+        """Return evenly spaced draws of a posterior, together with the fixed parameters."""
         if num_draws < 2:
             raise ConfigError(
                 f"Argument `draws` must be at least 2, but is {num_draws}.",
@@ -113,7 +112,7 @@ class Basis:
         *,
         missed: AtAmplitude = NOTHING,
     ) -> Draws:
-        """Draw parameters of a new run's joint, and the gain [N/kg per unit of the source].
+        """Draw the parameters of a joint in a new run, and the gain [N/kg per unit of the source].
 
         Parameters of a drive with separate ones are returned under their plain names; for other
         drives, under all names. `missed` is the model discrepancy that the draws include.
@@ -123,7 +122,7 @@ class Basis:
         return scattered(key, theta, self._scatter(theta, missed))
 
     def _scatter(self, draws: Draws, missed: AtAmplitude) -> tuple[float, ...]:
-        """Return standard deviations of omega_n and zeta over runs and by the discrepancy."""
+        """Return the standard deviations of omega_n and zeta between runs and by discrepancy."""
         by_law = missed.frequency * float(np.mean(draws["omega_n"])), missed.damping
         if not any(by_law):
             return self.scatter
@@ -138,7 +137,7 @@ class Basis:
         *,
         missed: AtAmplitude = NOTHING,
     ) -> Draws:
-        """Return draws for predicting a test; omega_n and zeta are those of its run if fitted.
+        """Return draws for the prediction of a test, with omega_n and zeta of its run if fitted.
 
         Free decays use draws of their own posterior and no gain.
         """
@@ -155,7 +154,7 @@ class Basis:
         return self._complete({name: values[indices] for name, values in theta.items()}, gain)
 
     def run_of(self, test: Test) -> str | None:
-        """Return the name of a test's run if it was fitted; None for a new run."""
+        """Return the name of a test's run if that run was fitted; None for a new run."""
         fitted_runs = () if self.runs is None else self.runs["run"].values.tolist()
         names = (name for name in (run_of(test), family_of(test)) if name in fitted_runs)
         return next(names, None) if test.name in self.seen else None
@@ -172,11 +171,11 @@ class Basis:
 
     @property
     def misses(self) -> bool:
-        """Whether the law has an error beyond noise on tests that were not fitted."""
+        """Whether the error of the law exceeds noise on tests that were not fitted."""
         return self.discrepancy is not None and not self.discrepancy.is_nothing
 
     def has_fitted(self, test: Test) -> bool:
-        """Return whether a test was fitted: a data group's name begins with the test's name."""
+        """Return whether a test was fitted: the name of a data group begins with its name."""
         fitted = noise_by_label(self.posterior)
         matches = (belongs_to(label, test.name) for label in fitted)
         return any(matches) and self.seen.get(test.name, seen_of(test))[:3] == seen_of(test)[:3]
@@ -186,11 +185,11 @@ class Basis:
         return 0.0 if self.discrepancy is None else self.discrepancy.share_of(test.kind, missed)
 
     def scatters(self, test: Test) -> bool:
-        """Return whether a test's bands include the scatter of runs: its run was not fitted."""
+        """Return whether the bands of a test include the variation between runs."""
         return len(self.scatter) > 0 and (self.runs is None or self.run_of(test) is None)
 
     def _complete(self, draws: Draws, gain: float | None) -> Draws:
-        """Return draws with the given gain; raise if a parameter of the response is missing."""
+        """Return draws with a given gain; raise if a parameter of the response is missing."""
         if gain is not None:
             draws["gain"] = np.full(count_of(draws) if draws else 0, gain)
         missing = [name for name in parameter_names(self.laws) if name not in draws]
@@ -211,19 +210,19 @@ def natural_hz(draws: Draws) -> list[float]:
 
 
 def count_of(draws: Mapping[str, Any]) -> int:
-    """Return the number of draws in a dictionary of draws by name."""
+    """Return the number of draws in a mapping of draws by name."""
     return len(next(iter(draws.values())))
 
 
 def parameter_names(laws: Laws) -> tuple[str, ...]:
-    """Return the names of the oscillator's parameters, those of its laws, and `gain`."""
+    """Return the names of the parameters of the oscillator and its laws, and `gain`."""
     return ("omega_n", "zeta", *(quantity.name for quantity in quantities_of(laws)), "gain")
 
 
 def thin(
     posterior: xr.Dataset, num_draws: int, held: Mapping[str, float] | None = None, *, laws: Laws
 ) -> Draws:
-    """Return at most `num_draws` evenly spaced draws of all parameters of a response, by name."""
+    """Return at most `num_draws` evenly spaced draws of all parameters, by name."""
     keep = evenly_spaced(posterior, num_draws)
     fixed = {name: np.full(len(keep), float(value)) for name, value in (held or {}).items()}
     terms = (term.name for term in (*RESIDUAL_TERMS, *MODAL, *own_quantities(laws)))
@@ -234,13 +233,13 @@ def thin(
 
 
 def scattered(key: Key[Array, ""], draws: Draws, scatter: ArrayLike) -> Draws:
-    """Draw parameters of a new run: omega_n + b_1, zeta + b_2, b ~ N(0, diag(s^2)) over runs."""
+    """Draw parameters of a new run: omega_n + b_1, zeta + b_2, b ~ N(0, diag(s^2))."""
     std = np.asarray(scatter)
     if not std.size:
         return draws
     b = std * generator(key).standard_normal((count_of(draws), len(OFFSETS)))
     moved = {name: draws[name] + b[:, i] for i, name in enumerate(OFFSETS)}
-    # Damping must stay positive: a larger negative offset stops at a hundredth of the draw.
+    # Damping must stay positive: an offset can reduce it to a hundredth at most.
     return {**draws, **moved, "zeta": np.maximum(moved["zeta"], 0.01 * draws["zeta"])}
 
 
@@ -259,7 +258,7 @@ def laws_of_run(tree: xr.DataTree) -> Laws:
 def basis_attrs(
     tests: Sequence[Test], data: Dataset, held: Mapping[str, float], omega_n: float
 ) -> dict[str, Any]:
-    """Return the attributes that predictions need in addition to draws, for use by `basis_of`."""
+    """Return the attributes that predictions need in addition to draws; `basis_of` reads them."""
     shared = [part for part in data.parts if not part.own_shifts]
     counts = (part.substeps for part in shared)
     attrs: dict[str, Any] = {
@@ -276,16 +275,16 @@ def basis_attrs(
 
 
 def decay_attrs(data: Decays) -> dict[str, str]:
-    """Return the attributes for predictions from separately fitted free decays."""
+    """Return the attributes for predictions from a separate posterior of free decays."""
     constants = {"worth": data.fraction, "shift_std": data.shift_std, "substeps": data.substeps}
     return {"decay": json.dumps({name: float(value) for name, value in constants.items()})}
 
 
 def basis_of(tree: xr.DataTree) -> Basis:
-    """Return the basis for predictions from a run's result."""
+    """Return what a run predicts from, read from its result."""
     laws, attrs = laws_of_run(tree), tree.attrs
     posterior = tree["posterior"].to_dataset()
-    if AS_RECORDED in tree.children:  # predictions refer to the same instruments
+    if AS_RECORDED in tree.children:  # predictions are for measurements with the same instruments
         posterior = posterior.assign(tree[AS_RECORDED].to_dataset().data_vars)
     tests = json.loads(str(attrs.get("tests", "{}")))
     return Basis(
@@ -308,7 +307,7 @@ def basis_of(tree: xr.DataTree) -> Basis:
 
 
 def _of_decays(tree: xr.DataTree, posterior: xr.Dataset, laws: Laws) -> xr.Dataset:
-    """Return the posterior for predicting decays: their own, unless it lacks the joint."""
+    """Return the posterior for predicting free decays: their own, unless it lacks the joint."""
     place = "/steps/decay/posterior"
     own = tree[place].to_dataset() if place in tree.groups else posterior
     of_joint = {quantity.name for quantity in quantities_of(laws)} & set(posterior)
@@ -316,7 +315,7 @@ def _of_decays(tree: xr.DataTree, posterior: xr.Dataset, laws: Laws) -> xr.Datas
 
 
 def noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
-    """Return the mean noise of every group of data in a posterior, by the group's label."""
+    """Return the mean noise of each data group in a posterior, by the group's label."""
     noise = {}
     for name, values in posterior.data_vars.items():
         dims = [dim for dim in values.dims if dim not in ("chain", "draw")]
@@ -327,7 +326,7 @@ def noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
 
 
 def seen_of(test: Test) -> CampaignTest:
-    """Return a test's facts for predictions: kind, source unit, compared quantity."""
+    """Return a test's facts that predictions need: kind, source unit, compared quantity."""
     record = test.records[0]
     place = (test.level if np.isfinite(test.level) else None, family_of(test), drive_of(test))
     if test.traits.is_prescribed:
@@ -342,8 +341,8 @@ def seen_of(test: Test) -> CampaignTest:
             response = f"{response} ratio"
         elif response_held(curve):
             response = source
-    # A free decay has no source, even if an input was recorded with it.
+    # A free decay has no source, even if its record includes an input.
     unit = "" if test.traits.is_free else record.units.get(source, "")
-    # The text after the unit describes the conversion to SI.
+    # The text after the unit is on its conversion to SI.
     stated_unit = record.provenance.get(f"unit of {response}", "").partition(",")[0]
     return CampaignTest(test.kind, unit, response, *place, stated_unit)

@@ -1,4 +1,4 @@
-"""Oscillators without hysteresis fitted to the same tests, as references for the joint."""
+"""Reference models: oscillators without hysteresis, fitted to the same tests as the joint."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -26,12 +26,12 @@ from jbw.observables.residual_terms import bounds, neighbours_of
 from jbw.oscillator.modes.assembled import is_assembled
 
 LAWS: dict[str, tuple[str, ...]] = {"linear": (), "cubic": ("cubic",)}
-FREELY = 1e3  # factor on the scatter of runs, because relative errors have small weight here
+FREELY = 1e3  # factor on the variation between runs, because relative errors have a small weight
 STIFFEST = 10.0  # largest cubic stiffness over omega_n^2 at the largest displacement
 
 
 class Reference(NamedTuple):
-    """An oscillator that the joint is compared with.
+    """A reference model: an oscillator without hysteresis.
 
     Attributes:
         parameters: Parameters by name.
@@ -47,7 +47,7 @@ class Reference(NamedTuple):
 def of_run(
     references: Mapping[str, Reference], run: str | None, drive: str = ""
 ) -> dict[str, tuple[dict[str, float], tuple[str, ...]]]:
-    """Return every reference's parameters and laws in one run; None stands for a new run.
+    """Return the parameters and laws of each reference model in one run (None: a new run).
 
     Parameters of a drive with separate ones are returned under their plain names.
     """
@@ -64,7 +64,7 @@ def of_run(
 def references(
     data: Dataset, known: Mapping[str, float], kinds: Sequence[str] = ("linear",)
 ) -> dict[str, Reference]:
-    r"""Fit the linear and the cubic oscillator that come closest to all fitted tests.
+    r"""Fit a linear and a cubic oscillator to all fitted tests, with least relative error.
 
     $$\min \sum_i |d_i - m_i|^2 / |d_i|^2, \qquad
       \ddot y + 2\zeta\omega_n\dot y + \omega_n^2 y + \lambda_3 y^3 = g u$$
@@ -103,7 +103,7 @@ def _fitted(
     kind: str,
     joint: Dataset,
 ) -> Reference:
-    """Fit one kind of oscillator with least relative error, by run if the joint is fitted by run.
+    """Fit one kind of oscillator with least relative error, with run offsets if the joint has them.
 
     The fit starts from a simpler oscillator that it contains, with its offsets, so it cannot be
     worse.
@@ -118,7 +118,7 @@ def _fitted(
         most = STIFFEST * estimates["omega_n"] ** 2 / y_peak**2
         within["cubic"], start["cubic"] = (-most, most), 0.0
     data = Dataset.of([replace(part, laws=LAWS[kind]) for part in parts], held)
-    # An error quoted to two digits needs no closer optimum.
+    # An error that is quoted to two digits needs no closer optimum.
     close = {"max_evaluations": 40, "tolerance": 1e-6}
     theta = start
     if not before.runs:
@@ -130,7 +130,7 @@ def _fitted(
         data, scatters=joint.scatters, scatter=jax.device_put(FREELY * np.asarray(joint.scatter))
     )
     offsets = before.runs
-    for _ in range(2):  # the second round linearises at the first round's offsets
+    for _ in range(2):  # the second round is linearised at the offsets of the first
         data = with_directions(theta, data, offsets)
         theta = costly_fit(stacked, box(within), data, starts=theta, **close).theta
         offsets = best_offsets(theta, data)

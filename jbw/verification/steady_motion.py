@@ -1,4 +1,4 @@
-"""Comparison of steady motion in time: forced loops, periods of multisines, loops of tones."""
+"""Comparison of steady motion over time: force loops, multisines, loops under a tone."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -24,14 +24,14 @@ from jbw.verification.in_time import compare_in_time, followed, reduced
 from jbw.verification.predicted import Predicted, Source, carry
 from jbw.verification.predictive_basis import Draws, Laws, count_of
 
-MOST_POINTS = 2048  # most points of a stored loop
-NUM_POINTS = 512  # points of a cycle
+MOST_POINTS = 2048  # largest number of points of a stored loop
+NUM_POINTS = 512  # number of points in a cycle
 BAND = (0.5, 20.0)  # band for integration and differentiation over the tone's frequency
 FORCE, LENGTH = {"units": "N/kg"}, {"units": "m"}
 
 
 def predict_loop(source: Source, test: Test) -> Predicted:
-    """Predict force along a prescribed displacement, and its work W = int F dy after `settle`."""
+    """Predict the force along a prescribed displacement, and its work W = int F dy."""
     (data,) = Loops.reduce([test], laws=source.basis.laws)
     (force,) = groups_of(source, test, data)
     force = force._replace(
@@ -70,14 +70,14 @@ def predict_loop(source: Source, test: Test) -> Predicted:
 def beside_load_cell(
     data: Loops, measured: Float[np.ndarray, " time"], model: Float[np.ndarray, "draw time"]
 ) -> Float[np.ndarray, "draw time"]:
-    """Add the load cell's offset and drift, fitted as the test states, to a model's forces."""
+    """Add a load cell's offset and drift, fitted as the test states, to predicted forces."""
     columns = np.asarray(data.groups.spanned)[0][:, compared(data.groups, 0)]
     residual = measured - np.median(model, axis=0)
     return model + (residual @ columns.T) @ columns
 
 
 def predict_periods(source: Source, test: Test) -> Predicted:
-    """Predict a multisine's steady response over a period, with spectra in the test's band."""
+    """Predict the steady response to a multisine over a period, and its spectra in a band."""
     cut = periods(test) or test
     data = reduced(source.basis, cut, periodic=True)
     motion = followed(source, cut, data)
@@ -98,7 +98,7 @@ def predict_periods(source: Source, test: Test) -> Predicted:
 
 
 def loop_validation(test: Test, draws: Draws, laws: Laws) -> xr.Dataset:
-    r"""Compare a tone's measured loops with the model's bands.
+    r"""Compare the measured hysteresis loops under a tone with the model's bands.
 
     The measured force is $F = g V - a - 2\zeta\omega_n v$ (Eq. (1)) with gain and damping of every
     draw, so that its band includes their uncertainty. The predicted force is the same expression on
@@ -142,14 +142,14 @@ def loop_validation(test: Test, draws: Draws, laws: Laws) -> xr.Dataset:
 
 
 def _cycles(record: Record, test: Test, omega: float) -> dict[str, NDArray[np.float64]]:
-    """Return one cycle of input, displacement, velocity, acceleration; the input sets the phase."""
+    """Return one cycle of input and motion; the phase of the input is the reference."""
     fs, (low, high) = record.fs, (part * omega / (2 * np.pi) for part in BAND)
     test = on_time(replace(test, records=(record,)))
     (record,) = test.records
     keep = slice(round(test.settle * fs), None)
     x = record.channels[record.response][keep]
     y, v, a = _kinematics(x, fs, (low, min(high, 0.4 * fs)), record.response)
-    # The first and last two periods of the band's lower edge are unreliable after integration.
+    # After integration, the first and last two periods of the lowest frequency are unreliable.
     inner = slice(round(2 * fs / low), -round(2 * fs / low))
     source = record.channels[record.source][keep][inner]
     channels = np.stack([y[inner], source, v[inner], a[inner]])

@@ -1,4 +1,4 @@
-"""Comparison of every test of a campaign with the model, and the findings on it.
+"""Comparison of every test of a campaign with the model, and the findings from it.
 
 A narrow posterior of a wrong law passes every check of its chains. It fails if a simpler oscillator
 predicts better, or if held-out tests lie outside its bands.
@@ -37,11 +37,11 @@ from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 from jbw.verification.reference_oscillators import Reference, of_run, references
 from jbw.verification.withheld import is_withheld, without_band
 
-BETTER = 1.1  # error over a simpler oscillator's from which the latter is the better model
-# This is the root of 2: if a linear oscillator has the same error as the joint, noise may explain
-# all of it, and the band includes as much noise.
+BETTER = 1.1  # ratio of errors from which a simpler oscillator is the better model
+# The root of 2: if a linear oscillator's error equals the joint's, noise may explain all of it, and
+# the band includes as much noise.
 NOISE_BESIDE = 2**0.5
-REACH = float(norm.ppf(QUANTILES[-1]))  # half-width of a 99 % band in standard deviations
+REACH = float(norm.ppf(QUANTILES[-1]))  # half width of a 99 % band in standard deviations
 SIMPLER = ("linear", "cubic")
 Groups = dict[str, xr.Dataset]
 
@@ -49,14 +49,14 @@ Groups = dict[str, xr.Dataset]
 def verify(
     measured: Measured, posteriors: Posteriors, basis: Basis, seed: int, attempts: Attempts
 ) -> Groups:
-    """Compare every test with the model and non-hysteretic oscillators, by path in the tree.
+    """Compare every test with the model and the reference models; return results by path.
 
     A comparison that cannot be made is omitted, with a message in `attempts`.
     """
 
     def simpler(draws: Draws, data: Dataset, *names: str) -> dict[str, Reference]:
         mean = {name: float(np.mean(draws[name])) for name in names or draws}
-        # Without a joint the model is the linear oscillator already.
+        # Without a joint the model is a linear oscillator.
         kinds = [kind for kind in measured.settings.compare_with if data.laws or kind != "linear"]
         return references(data, mean, kinds) if kinds else {}
 
@@ -79,7 +79,7 @@ def _verify_free(
     seed: int,
     attempts: Attempts,
 ) -> Groups:
-    """Compare every free decay with the model, and frequency and damping against amplitude."""
+    """Compare free decays with the model, record by record and against amplitude."""
     groups: Groups = {}
     together, num_fitted = decays.together, len(decays.fitted.records)
     draws = basis.draws_for(together, NUM_DRAWS)
@@ -108,14 +108,14 @@ def _verify_free(
 
 
 def _freely(draws: Draws, decays: Decays) -> tuple[Any, ...]:
-    """Return decays as a dataset, and the parameter names of all modes in free motion."""
+    """Return free decays as a dataset, and the parameter names of all modes in free motion."""
     held = {ratio.name: 1.0 for _, _, ratio, *_ in MODES if ratio.name in draws}
     names = [quantity.name for mode in MODES for quantity in mode[:2] if quantity.name in draws]
     return Dataset.of([decays], held), "omega_n", "zeta", *names
 
 
 def predicted_tests(tree: xr.DataTree) -> Mapping[str, Mapping[str, Any]]:
-    """Return the attributes of every test's comparison with its prediction, by name."""
+    """Return the attributes of each test's comparison with its prediction, by name."""
     parents = tree["verification"].children if "verification" in tree.children else {}
     return {
         name: {"group": group, **{str(key): value for key, value in node.attrs.items()}}
@@ -126,7 +126,7 @@ def predicted_tests(tree: xr.DataTree) -> Mapping[str, Mapping[str, Any]]:
 
 
 def prediction_findings(tree: xr.DataTree) -> list[Finding]:
-    """Return findings on errors against simpler oscillators', and on held-out coverage."""
+    """Return findings on simpler oscillators' errors, and on the coverage of held-out tests."""
     tests = predicted_tests(tree)
     laws = json.loads(str(tree.attrs.get("laws", "[]")))
     return [*_simpler(tests, laws), *_replaced(tests, laws), *_coverage(tests)]
@@ -139,7 +139,7 @@ def _simpler(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> lis
         for kind in SIMPLER
         if np.isfinite(attrs.get(f"nrmse_{kind}", np.nan)) and attrs[f"nrmse_{kind}"] > 0
     }
-    # A joint that cannot be solved counts as worse than a model that can.
+    # A model that cannot be solved counts as worse than any other.
     ratios = {key: ratio if np.isfinite(ratio) else np.inf for key, ratio in ratios.items()}
     if not ratios:
         return []
@@ -179,8 +179,7 @@ def _replaced(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> li
 
 
 def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
-    # Harmonics and loops of another level may have another noise, so a mean noise proves nothing
-    # for them.
+    # Harmonics and loops at another level may have another noise, so a mean noise proves nothing.
     shares = {
         name: float(attrs["coverage"])
         for name, attrs in tests.items()
@@ -204,6 +203,6 @@ def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
 
 
 def _no_band(names: Sequence[str]) -> Finding:
-    """Return the finding that no held-out test's band can be stated, so that none is assessed."""
+    """Return the finding that no held-out test has a band, so that coverage is not assessed."""
     reason, action = withholding.bands_withheld(names), withholding.FIT_THAT_LEVEL
     return Finding("held_out_coverage", "not assessed", reason, float("nan"), action)
