@@ -118,7 +118,7 @@ def test_all_decays_are_banded_about_the_line_that_each_of_them_shows(tmp_path):
     text, tests = drafted(tmp_path)
     assert all(test.band[0] < 30.0 < test.band[1] for test in tests)
     assert all(test.band[0] > 10.0 for test in tests)
-    assert text.count("about the line that every decay shows") == 3
+    assert text.count("around the spectral line that every decay shows") == 3
 
 
 def test_few_points_are_banded_about_their_only_line(tmp_path):

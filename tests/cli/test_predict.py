@@ -92,7 +92,7 @@ def test_a_campaign_never_seen_is_predicted(finished, capsys):
     assert weak.startswith("weak ")
     assert "BEYOND" not in weak
     assert "BEYOND" in strong
-    assert "scatter of the test's own repeats (weak, strong)" in noise
+    assert "variation between the test's repeats (weak, strong)" in noise
     assert place.endswith("predictions.nc")
     assert streams.err.count("largest fitted displacement") >= 1
     out = folder / "predictions"

@@ -72,7 +72,7 @@ NOT_COMPARED = {
 # Of draws by tempering, which rounding makes others: a part of their Monte Carlo error.
 DRAWN = {"free_law": 0.1}
 DRAWN_TEXT = re.compile(r"Without assuming a law|Masing's rule")
-BEYOND = "times the largest amplitude of the readings"  # where a few draws make the ends of a band
+BEYOND = "times the largest measured amplitude"  # where a few draws make the ends of a band
 PREFIX = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6}
 # A number, and its unit, perhaps after another number with that unit: "0.05 to 3.5 mm".
 NUMBER = r"(?<![\w.])[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+|×10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?(?!\.?\w)"

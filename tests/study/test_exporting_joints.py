@@ -370,7 +370,7 @@ def test_joints_of_a_tie_share_their_law_and_no_law_is_said(tmp_path):
     text = (written(tmp_path / "one", alone) / "joints.tcl").read_text()
     assert len(joints_read(text)) == 1
     assert "bolt_2 moves by" in text
-    assert "1.5e+07 N/m in full stick, which the model lacks: add it as a spring." in text
+    assert "1.5e+07 N/m when fully stuck, which the model lacks: add it as a spring." in text
 
 
 def test_where_the_matrices_hold_the_joints_the_spring_is_to_be_replaced(tmp_path):
@@ -385,7 +385,7 @@ def test_where_the_matrices_hold_the_joints_the_spring_is_to_be_replaced(tmp_pat
     )
     text = (written(tmp_path, tree_of(held)) / "joints.tcl").read_text()
     replaced = "the model contains this as a spring, which the joint replaces"
-    assert f"1.5e+07 N/m in full stick; {replaced}" in text
+    assert f"1.5e+07 N/m when fully stuck; {replaced}" in text
     # The joint is the same, whole.
     assert joints_read(text)[0].spring == pytest.approx(K - two_bolts.BOLTS[0][0], rel=1e-14)
 

@@ -7,7 +7,7 @@ USE = {
 }
 PROVISIONAL = "The numbers are provisional: some checks could not be made."
 MODES = "Modes at small motion, with the joint fully stuck"
-MEASURED = "Measured frequency and damping, read without a model of the joint"
+MEASURED = "Measured frequency and damping, found without a model of the joint"
 FOOT = (
     "Intervals: 99 %. Model error: largest RMS error over the rms of the record. All details: "
     "report.html."

@@ -179,7 +179,7 @@ def nothing_to_adapt(sampler: str) -> str:
 
 def no_coordinates(laws: str) -> str:
     """Return the message that no law of the joint offers other coordinates."""
-    return f"no law of the joint ({laws}) offers other coordinates"
+    return f"no law of the joint ({laws}) offers other parametrisations"
 
 
 def put_same_as(joint: str, leader: str) -> str:
@@ -251,7 +251,7 @@ def mode_outside(hz: float, bands: str) -> str:
     """Return the message on a mode that no test with a source covers [Hz]."""
     return (
         f"[identify] modes: {hz:g} Hz must lie in the band of a test with a source, {bands}; "
-        "widen `band`, or leave this mode to `residuals`."
+        "widen `band`, or let `residuals` describe this mode."
     )
 
 

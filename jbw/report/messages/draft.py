@@ -87,7 +87,7 @@ def not_used(channels: str) -> str:
 
 def shared_band(band: str) -> str:
     """Return the message on a band about the line that every decay shows."""
-    return f"band = {band}  # CHECK: about the line that every decay shows"
+    return f"band = {band}  # CHECK: around the spectral line that every decay shows"
 
 
 def about_strongest(low: float, high: float) -> str:
@@ -97,7 +97,7 @@ def about_strongest(low: float, high: float) -> str:
 
 def about_shared(low: float, high: float) -> str:
     """Return the message on a band that was guessed from all decays [Hz]."""
-    return f"band {low:g} to {high:g} Hz is about the line that every decay shows."
+    return f"band {low:g} to {high:g} Hz is around the spectral line that every decay shows."
 
 
 def more_groups(count: int) -> str:
@@ -112,7 +112,7 @@ def files(pattern: str, count: int) -> str:
 
 def assembly(name: str) -> str:
     """Return the message on the assembly of a test, by the torque in its files' name."""
-    return f"assembly = {name}  # CHECK: by the torque in the name"
+    return f"assembly = {name}  # CHECK: from the torque in the name"
 
 
 def of_one_torque(torque: str) -> str:
@@ -137,7 +137,7 @@ def level(level: str, source: str) -> str:
 
 def delay(delay: str) -> str:
     """Return the message on a delay by the start times."""
-    return f"delay = {delay}  # by the start times in the file"
+    return f"delay = {delay}  # from the start times in the file"
 
 
 def resampled(rate: str) -> str:
@@ -268,7 +268,7 @@ def structure(matrices: str, places: Sequence[str], written: Sequence[str]) -> s
     some = ", ".join(places[:6]) + (f", ..., {places[-1]}" if len(places) > 6 else "")
     push, points, across = written
     return f"""\
-Next to the records there is a model, with the places {some or "node:direction, as 17:x"}.
+Next to the records there is a model. Its degrees of freedom: {some or "node:direction, as 17:x"}.
 CHECK: to identify its joints, fill in the lines below and remove the `# ` before each of them.
 [structure]
 matrices = {matrices}
@@ -279,8 +279,8 @@ input = {push}  # CHECK: where the source pushes
 points = {points}  # CHECK: where the response is measured
 [[joint]]
 name = "bolt 1"
-across = {across}  # CHECK: its two sides
-stiffness = 1e6  # CHECK: in full stick [N/m, or N m/rad]
+across = {across}  # CHECK: the degrees of freedom of its two sides
+stiffness = 1e6  # CHECK: with the joint fully stuck [N/m, or N m/rad]
 """
 
 

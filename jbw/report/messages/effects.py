@@ -92,9 +92,12 @@ def _negative(change: Estimate) -> Estimate:
 
 
 def readings(count: int, range_mm: tuple[float, float], of_frequency: str, of_damping: str) -> str:
-    """Number and range of readings, and what they show of frequency and damping."""
+    """Return the sentence on measured frequency and damping: count, range, and changes."""
     low, high = range_mm
-    return f"{count} readings between {low:.2g} and {high:.2g} mm: {of_frequency}; {of_damping}."
+    return (
+        f"{count} values of frequency and damping between {low:.2g} and {high:.2g} mm: "
+        f"{of_frequency}; {of_damping}."
+    )
 
 
 def no_softening(*, grows: bool) -> str:
@@ -121,8 +124,8 @@ def smooth_alternative(spring: Estimate, damper: Estimate) -> str:
     """Return the sentence on a smooth spring [1/(m s^2)] and damper [1/m] that fit as well."""
     return (
         f"A smooth spring c y|y| with c = {_number(spring)} 1/(m s^2) and a damper c v|v| with "
-        f"c = {_number(damper)} 1/m fit these readings as well: the readings alone do not prove "
-        "hysteresis."
+        f"c = {_number(damper)} 1/m describe frequency and damping as well: these alone do not "
+        "prove hysteresis."
     )
 
 

@@ -17,8 +17,8 @@ ONE_MODE = "one mode, per unit mass"
 OVER_MODE = "|q / q of the mode| [-]"
 SLIP = "effect of slip on the hysteretic force"
 
-STEP_3_PUBLISHED = "Step 3, walk as published"
-STEP_4_PUBLISHED = "Step 4, γ alone, walk as published"
+STEP_3_PUBLISHED = "Step 3, random walk as published"
+STEP_4_PUBLISHED = "Step 4, γ alone, random walk as published"
 STEP_4_NUTS = "Step 4, γ alone, NUTS"
 STEP_3_BOX = "Step 3, within the prior box"
 DENSITY = "density over prior density [-]"
@@ -69,7 +69,7 @@ def taken_by_slip(stiffness: str) -> str:
 
 def full_stick(stiffness: str) -> str:
     """Return the message on the line of the joint at full stick, by the name of its stiffness."""
-    return f"full stick, Z = {stiffness} y"
+    return f"fully stuck, Z = {stiffness} y"
 
 
 def modal_amplitude(unit: str, several_joints: bool) -> str:
@@ -84,8 +84,8 @@ def first_point_amplitude(unit: str) -> str:
 
 
 def fold(mode: str, amplitude: str) -> str:
-    """Return the message on the amplitude at which the backbone of a mode ends."""
-    return f"{mode}: folds over, or turns\ntoo often, at {amplitude}"
+    """Return the message on where the backbone of a mode ends, and the two possible reasons."""
+    return f"{mode}: fold, or too many\nturns, at {amplitude}"
 
 
 def loop_areas(count: int, largest: str) -> str:

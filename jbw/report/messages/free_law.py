@@ -8,7 +8,7 @@ FREQUENCY = "natural frequency, without assuming a law"
 DAMPING = "damping ratio, without assuming a law"
 LEAST_DAMPING = "smallest damping ratio of any law that follows Masing's rule"
 BAND = "99 % without a law"
-TABLE = "Scores of laws fitted to the readings alone"
+TABLE = "Scores of laws fitted only to measured frequency and damping"
 
 
 def _band(hz: Sequence[float], zeta: Sequence[float]) -> str:
@@ -29,7 +29,7 @@ def bands(y: float, hz: Sequence[float], zeta: Sequence[float]) -> str:
 def bands_beyond(times: float, hz: Sequence[float], zeta: Sequence[float]) -> str:
     """Return the sentence on frequency and damping beyond the readings (99 % bands)."""
     return (
-        f"At {times:g} times the largest amplitude of the readings, the joint has "
+        f"At {times:g} times the largest measured amplitude, the joint has "
         f"{_band(hz, zeta)} (99 % bands, without assuming a law)."
     )
 
@@ -45,7 +45,8 @@ def masing(rule: str, nats: float, limit: float) -> str:
     if rule == "holds":
         return f"Damping and stiffness follow Masing's rule {evidence}."
     return (
-        f"The readings do not decide whether damping and stiffness follow Masing's rule {evidence}."
+        "The measured frequency and damping do not decide whether the joint follows Masing's rule "
+        f"{evidence}."
     )
 
 
@@ -60,8 +61,8 @@ def least_damping(times: float, zeta: float) -> str:
 def scattered(times: float) -> str:
     """Return the sentence that no law of the amplitude fits the readings within their errors."""
     return (
-        "No function of the amplitude describes the readings within their errors: the readings "
-        f"vary {times:.2g} times as much. The bands include this variation."
+        "No function of the amplitude describes the measured frequency and damping within their "
+        f"errors: they vary {times:.2g} times as much. The bands include this variation."
     )
 
 

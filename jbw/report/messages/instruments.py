@@ -43,7 +43,7 @@ def attachment(test: str, share: float, added: float, *, at_drive_point: bool) -
         else ""
     )
     return (
-        f"The attachment of the shaker was read from {test}. It predicts how omega_n and zeta "
+        f"The attachment of the shaker was found from {test}. It predicts how omega_n and zeta "
         f"change, with a standard deviation of {percent(share, '.0f')} of the change{doubled}. It "
         f"changes the modal mass by {percent(added, '+.2f')}; the joint's share of the stiffness "
         "changes by as much, which is neglected."

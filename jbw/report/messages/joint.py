@@ -120,7 +120,7 @@ def modes_explained(
     )
     does = "explain" if is_explained else "do not explain"
     return (
-        f"At small motion these joints {does} the separate readings of the {num_modes} modes. "
+        f"At small motion these joints {does} frequency and damping of the {num_modes} modes. "
         f"{rows}."
     )
 

@@ -13,9 +13,9 @@ def chosen_by_reading(law: str, margins: Sequence[tuple[str, float]]) -> str:
     """Return the message on the law that is chosen if the campaign states none, with margins."""
     others = ", ".join(f"{name} by {number(margin, '.2g')}" for name, margin in margins)
     reason = (
-        f"it fits the readings best, better than {others} (in 2 ln L - k ln n)"
+        f"it fits frequency and damping best, better than {others} (in 2 ln L - k ln n)"
         if others
-        else "it suits how the readings change with amplitude"
+        else "it suits how frequency and damping change with amplitude"
     )
     return (
         f"The campaign states no law; {law} is chosen, because {reason}. "
@@ -216,8 +216,8 @@ ANSWERS = {"best": "preferred", "worse": "significantly worse", "not told apart"
 
 BACKBONES = (
     "Frequency and damping ratio against amplitude under each law, the preferred one first, then "
-    "by score, all on the scale of the first. Open symbols: readings of each test without a model "
-    "of the joint, as of a linear oscillator. If the readings lie outside the band of a law, the "
+    "by score, all on the scale of the first. Open symbols: measured in each test without a model "
+    "of the joint, as of a linear oscillator. If they lie outside the band of a law, the "
     "law does not describe this joint. Grey: beyond the fitted amplitudes."
 )
 LOOPS = (

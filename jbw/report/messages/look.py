@@ -14,7 +14,7 @@ NO_OSCILLATOR = (
 )
 
 
-NOT_STATED = "Nonlinear: not assessed, because the errors of the readings are not known."
+NOT_STATED = "Nonlinear: not assessed, because the errors of frequency and damping are unknown."
 
 
 def coherence(smallest: tuple[float, str], largest: tuple[float, str]) -> str:
@@ -45,7 +45,7 @@ def worn(test: str, cycle: int, change: float) -> str:
 
 def not_read(tests: Sequence[str], why: str) -> str:
     """Return the message on tests of which frequency and damping could not be read."""
-    return f"Frequency and damping were not read from {', '.join(tests)}. {why}"
+    return f"Frequency and damping could not be found in {', '.join(tests)}. {why}"
 
 
 def of_mode(hz: float, sentence: str) -> str:

@@ -44,7 +44,7 @@ def compared(
 def still_mode(hz: float, ratio: str, low: float, high: float) -> str:
     """Return the message on a mode that the source or the sensor does not see."""
     return (
-        f"The mode at {hz:g} Hz is not seen: {ratio} lies between {low:.2g} and {high:.2g}. The "
+        f"The mode at {hz:g} Hz is not visible: {ratio} lies between {low:.2g} and {high:.2g}. The "
         "source or the sensor lies at a node of this mode. Leave the mode out of `modes`, or "
         "measure elsewhere."
     )

@@ -2,7 +2,7 @@
 
 from jbw.report.messages.message import percent
 
-COMPILING = "compile what sweeps are solved by"
+COMPILING = "compile the simulation of sweeps"
 
 
 def with_shaker(drive: str, loaded: str, predicted: str, unloaded: str) -> str:

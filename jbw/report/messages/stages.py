@@ -1,6 +1,6 @@
 """The progress messages of an identification, and the parts of a result that may fail alone."""
 
-READING_RECORDS = "Reading the records without a model"
+READING_RECORDS = "Measuring frequency and damping of the records without a model"
 DRAWING = "Drawing the posterior"
 SINGLE_RECORDS = "Computing the likelihood of every record, and its prediction from the prior"
 FITTING_SHARED = "Fitting all laws with sessions that share omega_n and zeta"
@@ -10,7 +10,7 @@ SAVED = "Saved. Repeat the command to continue."
 # Parts of a result, each the subject of a sentence that says why it is missing.
 ANSWER_OF_FIT = "The result of the fit alone"
 IDENTIFIABILITY = "The study of identifiability"
-WITHOUT_FORM = "The reading of frequency and damping without assuming a law"
+WITHOUT_FORM = "The estimate of frequency and damping without assuming a law"
 OUTSIDE_BAND = "The constant of the modes outside the band"
 ROUTES = "The comparison of the paper's steps with the joint posterior"
 TIED = "The evidence of one law for several joints"
@@ -79,7 +79,7 @@ def drawing_figures(page: str) -> str:
 
 def drawing_records(folder: str) -> str:
     """Return the progress message for drawing the first record of every test into a folder."""
-    return f"Drawing the first record of every test into {folder}"
+    return f"Drawing a figure of the first record of every test into {folder}"
 
 
 def starts(count: int) -> str:
@@ -103,12 +103,12 @@ def finished_before(verdict: str) -> str:
 
 
 def _groups(count: int) -> str:
-    return "1 group" if count == 1 else f"{count} groups"
+    return "1 data group" if count == 1 else f"{count} data groups"
 
 
 def joint_posterior(count: int) -> str:
     """Return the progress message for the joint posterior from a number of groups of data."""
-    return f"Joint posterior: all parameters from {_groups(count)} of data"
+    return f"Joint posterior: all parameters from {_groups(count)}"
 
 
 def kernel(count: int) -> str:
@@ -118,7 +118,7 @@ def kernel(count: int) -> str:
 
 def least_squares(count: int) -> str:
     """Return the progress message for least squares on a number of groups of data."""
-    return f"Least squares: all parameters from {_groups(count)} of data"
+    return f"Least squares: all parameters from {_groups(count)}"
 
 
 def line_fit(test: str) -> str:

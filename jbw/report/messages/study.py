@@ -36,7 +36,7 @@ def step_2(y_rms: float, repeats: int) -> str:
         else f"CVs are those between {repeats} repeats"
     )
     return (
-        f"Read at an rms displacement of {number(1e6 * y_rms, '.2g')} um: omega_n is the natural "
+        f"Fitted at an rms displacement of {number(1e6 * y_rms, '.2g')} um: omega_n is the natural "
         f"frequency at this amplitude, which softening of the joint lowers. {counted}."
     )
 
@@ -129,7 +129,7 @@ def joint_place(
 ) -> str:
     """Return the comment on where a joint acts, and its stiffness in the model, with units."""
     place = f"Joint {name} moves by x = {motion[0]} [{motion[1]}]"
-    spring = f"{stiffness[0]:.6g} {stiffness[1]} in full stick"
+    spring = f"{stiffness[0]:.6g} {stiffness[1]} when fully stuck"
     if not has_law:
         held = "which the model has" if is_held else "which the model lacks: add it as a spring"
         return f"{place}. It has no law and is not in these files: {spring}, {held}."

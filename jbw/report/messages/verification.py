@@ -14,7 +14,7 @@ SOURCE_UNIT = "unit of the run's source"
 ERROR_ALONE = "not known: band of the parameters and of the model discrepancy"
 OWN = "of this test, as fitted"
 ALIKE = "mean of the fitted tests of its kind"
-REPEATS = "scatter of the test's own repeats"
+REPEATS = "variation between the test's repeats"
 UNKNOWN = "not known: band of the parameters alone"
 LEFT_OUT = "left out, as requested: band of the parameters alone"
 

@@ -86,8 +86,8 @@ def particles(record: str, share: float, *, moved: bool) -> str:
 def several_amplitudes(few: int) -> str:
     """Return the advice to use one amplitude if a watch has few reference records."""
     return (
-        f"With fewer than {few} reference records, readings at one amplitude detect smaller "
-        "changes than readings at several amplitudes."
+        f"With fewer than {few} reference records, measurements at one amplitude detect "
+        "smaller changes than those at several amplitudes."
     )
 
 
@@ -106,4 +106,4 @@ def heading(num_records: int, num_reference: int) -> str:
 
 def table_title(amplitude: str, false_alarms: float) -> str:
     """Return the title of the table of readings of a watch."""
-    return f"Readings at {amplitude}; false alarms per record: {false_alarms:g}"
+    return f"Frequency and damping at {amplitude}; false alarms per record: {false_alarms:g}"

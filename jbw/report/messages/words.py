@@ -63,10 +63,10 @@ WORDS: dict[tuple[str, ...], str] = {
         "does not identify their factors."
     ),
     ("Step 2",): (
-        "The linear reading of a noise test: natural frequency and damping ratio at low amplitude."
+        "The linear fit of a noise test: natural frequency and damping ratio at low amplitude."
     ),
     ("Step 3",): (
-        "The paper's reading of the third-order kernel H3 from tones: zeta, alpha and delta."
+        "The paper's fit to the third-order kernel H3, measured by tones: zeta, alpha and delta."
     ),
     ("Step 4",): (
         "The paper's fit of gamma alone to sweeps, with the results of Step 3 fixed. The joint "
@@ -306,7 +306,7 @@ WORDS: dict[tuple[str, ...], str] = {
         "extrapolates."
     ),
     ("frequency", "frequency [Hz]"): (
-        "Natural frequency at the amplitude of the test, read without a joint's model."
+        "Natural frequency at the amplitude of the test, found without a model of the joint."
     ),
     ("damping", "damping [%]", "damping ratio"): (
         "Damping ratio over the critical one, in per cent; Q is 1 over twice it."
