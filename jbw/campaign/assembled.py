@@ -239,8 +239,9 @@ def laws_by_joint(joints: Sequence[JointTable]) -> tuple[str, ...]:
     if len(set(labels)) < len(labels):
         twice = next(table.name for table in joints if labels.count(label(table.name)) > 1)
         raise ConfigError(
-            f"[[joint]] `{twice}` name: must differ from other joints' by letters or numbers.",
-            why="Its parameters bear its name with _ for what is neither.",
+            f"[[joint]] `{twice}` name: must differ from the names of other joints in letters "
+            "or digits.",
+            why="In the names of its parameters, _ replaces all other characters.",
             remedy="Rename one of them.",
         )
     return tuple(

@@ -100,7 +100,7 @@ def text_of(path: Path, what: str, remedy: str) -> str:
     if (size := path.stat().st_size) > MOST_BYTES:
         raise ConfigError(
             f"{what} `{path}` must be of {MOST_BYTES // 2**20} MiB at most, but has {size} bytes.",
-            why="It names files of samples, and holds none.",
+            why="A campaign file names the files of samples; it does not contain samples.",
             remedy='Name the files by patterns such as files = "run_*.h5".',
         )
     try:

@@ -145,11 +145,11 @@ def start_campaign(
     groups = [sorted(repeats) for _, repeats in groupby(visible, key=_stem)]
     if len(groups) > MOST_GROUPS:
         raise DataError(
-            f"Folder `{folder}` holds {len(visible)} measurement files of {len(groups)} names, "
-            f"more than a campaign of {MOST_GROUPS} tests.",
+            f"Folder `{folder}` contains {len(visible)} measurement files of {len(groups)} "
+            f"names, more than a campaign of {MOST_GROUPS} tests.",
             why="Files whose names differ only in their last number are repeats of one test.",
-            remedy="Put the records of one joint into a folder of its own, or number its repeats: "
-            f"sweep_1{visible[0].suffix}, sweep_2{visible[0].suffix}.",
+            remedy="Put the records of one joint into a separate folder, or number its "
+            f"repeats: sweep_1{visible[0].suffix}, sweep_2{visible[0].suffix}.",
         )
     torques = {_torque_of(repeats[0]) for repeats in groups}
     blocks = _tests(groups, folder, torques, assumed, named)
@@ -332,7 +332,7 @@ def measurement_files(folder: Path) -> list[Path]:
     except OSError as error:
         raise DataError(
             f"Folder `{folder}` cannot be read: {error.strerror or error}.",
-            remedy="Give yourself the right to read it, or copy the records to a folder of yours.",
+            remedy="Change the permissions of the folder, or copy the records to another folder.",
         ) from error
 
 
@@ -357,7 +357,7 @@ def write_campaign(draft: Draft, folder: str | Path, name: str = NAMED) -> Path:
 def already_written(path: Path) -> ConfigError:
     """Return the error for a campaign file that exists already."""
     return ConfigError(
-        f"`{path}` exists already, and is not overwritten.",
+        f"`{path}` exists already; it is not overwritten.",
         remedy="See the draft with: jbw init --print FOLDER",
     )
 

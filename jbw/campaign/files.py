@@ -66,8 +66,9 @@ def repeats_of(
     if unused:
         listed = ", ".join(repr(item) for item in sorted(unused, key=str))
         yield ConfigError(
-            f"Test {test.name!r}: `exclude` names {listed}, which is none of its {number} repeats.",
-            remedy="Repeats are counted from zero; file names may hold * and ?.",
+            f"Test {test.name!r}: `exclude` names {listed}, which is not one of its {number} "
+            "repeats.",
+            remedy="Repeats are counted from zero; file names may contain * and ?.",
         )
     elif not num_repeats:
         yield DataError(f"Test {test.name!r} has no repeats left.", remedy="Shorten `exclude`.")
@@ -142,9 +143,9 @@ def found_files(patterns: Iterable[str], folder: Path, allow_outside: bool = Fal
 def _stay_inside(path: Path, pattern: str, folder: Path, allow_outside: bool) -> None:
     if not allow_outside and not path.resolve().is_relative_to(folder.resolve()):
         raise ConfigError(
-            f"`files` = {pattern!r} leads out of the campaign's folder `{folder}`.",
+            f"`files` = {pattern!r} points outside the campaign's folder `{folder}`.",
             why="A campaign file from elsewhere must not read your other files.",
-            remedy="Move the data beside the campaign file, or pass --allow-outside.",
+            remedy="Move the data next to the campaign file, or pass --allow-outside.",
         )
 
 

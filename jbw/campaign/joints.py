@@ -322,15 +322,15 @@ def _refuse_stated_twice(spec: CampaignSpec) -> None:
     for name, is_stated in stated.items():
         if is_stated:
             raise ConfigError(
-                f"[campaign] {name}: must be left out beside `matrices` under [structure], whose "
-                "modes have their masses, but is stated.",
+                f"[campaign] {name}: must be left out if [structure] has `matrices`, whose "
+                "modes have known masses, but is stated.",
                 remedy=f"Leave `{name}` out.",
             )
     if spec.instruments.is_stated:
         raise ConfigError(
-            "[campaign]: errors of instruments must be left out beside `matrices` under "
-            "[structure], but are stated.",
-            why="How they spread over the parameters of several joints is not known yet.",
+            "[campaign]: errors of instruments must be left out if [structure] has `matrices`, "
+            "but are stated.",
+            why="Their effect on the parameters of several joints cannot be computed yet.",
             remedy="Leave them out.",
         )
 
@@ -348,10 +348,11 @@ def refuse_unknown_shapes(spec: CampaignSpec) -> None:
         "identified yet.",
         why="The identification takes modes of unit mass, and the joints' motion in them, from a "
         "model.",
-        remedy="Read with `jbw check` which joints the tests tell apart. State `matrices` of a "
-        "model under [structure], or of measured modes of unit mass: M the unit matrix, K with "
-        "(2 pi f)^2 on its diagonal, `dofs` with i:x for mode i, and `holds_joints = true`; "
-        '`input`, `points` and `weights` are then shapes, such as { "1:x" = 0.8, "2:x" = -0.3 }.',
+        remedy="`jbw check` shows which joints the tests can separate. State `matrices` of a "
+        "model under [structure], or of measured modes of unit mass: M the unit matrix, "
+        "K with (2 pi f)^2 on its diagonal, `dofs` with i:x for mode i, and "
+        "`holds_joints = true`; `input`, `points` and `weights` are then shapes, such "
+        'as { "1:x" = 0.8, "2:x" = -0.3 }.',
     )
 
 
@@ -391,7 +392,7 @@ def require_one_joint(joints: SeveralJoints | None, what: str) -> None:
     """
     if joints is not None:
         raise ConfigError(
-            f"{what} must be of a structure with one joint, but the campaign has `matrices` and "
+            f"{what} needs a structure with one joint, but the campaign has `matrices` and "
             f"{len(joints.model.joints)} [[joint]] tables.",
             remedy="Identify several joints by `jbw identify`; `posterior.nc` has their draws.",
         )

@@ -230,17 +230,17 @@ class Structured(FileTable):
         if self.modal and (self.driving_point or shape):
             named = "driving_point" if self.driving_point else "joint_shape"
             raise ValueError(
-                f"modal: modes with laws of their own meet in no joint, of which `{named}` speaks; "
+                f"modal: modes with separate laws share no joint, which `{named}` describes; "
                 "leave out either."
             )
         if self.points and num == 1:
             raise ValueError(
-                "points: need two modes or more, but `modes` has one; one mode moves alike at "
-                "every point, so that the first tells all."
+                "points: need two modes or more, but `modes` has one; a single mode moves all "
+                "points in proportion, so the first point suffices."
             )
         if shape and len(shape) != num:
             raise ValueError(
-                f"joint_shape: must hold a number a mode, {num}, but holds {len(shape)}."
+                f"joint_shape: must have one number per mode, {num}, but has {len(shape)}."
             )
         if num > MOST_MODES:
             raise ValueError(f"modes: must be {MOST_MODES} at most, but are {num}.")
@@ -346,8 +346,8 @@ def never_steady(laws: Sequence[str], kinds: Iterable[str]) -> str | None:
         return None
     return (
         f"under `{worn[0]}` every cycle changes the joint, but tests of kind "
-        f"{', '.join(f'`{kind}`' for kind in steady)} are predicted by steady motion. Leave them "
-        "to a campaign of their own, with the same law before damage. Put under [joint]: "
+        f"{', '.join(f'`{kind}`' for kind in steady)} are predicted by steady motion. Put "
+        "them into a separate campaign, with the same law before damage. Put under [joint]: "
         '`laws = ["bouc_wen_nu"]`.'
     )
 

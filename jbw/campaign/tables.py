@@ -191,8 +191,8 @@ class TestSpec(FileTable):
     )
     amplitude_std: values.Spread | None = key(
         None,
-        "relative standard deviation of the amplitudes of kind backbone or curve, carried to "
-        "frequency, phase and force",
+        "relative standard deviation of the amplitudes of kind backbone or curve, propagated "
+        "to frequency, phase and force",
         0.002,
     )
     jumps: Literal["doubt", "keep"] = key(
@@ -285,12 +285,15 @@ def _needs(test: TestSpec) -> Iterator[str]:
         yield f"channels: kind `{test.kind}` needs {' and '.join(lacking)}."
     if "drive_point" in roles and not set(INPUTS) <= roles:
         lacking = " and ".join(f"`{role}`" for role in INPUTS if role not in roles)
-        yield f"channels: `drive_point` reads the shaker only with {lacking}, which is missing."
+        yield (
+            f"channels: the shaker is identified at `drive_point` only with {lacking}, which "
+            "is missing."
+        )
     forced = "displacement" in roles and roles & {"restoring_force", "force"}
     if traits.is_prescribed and not forced:
         yield f"channels: kind `{test.kind}` needs `displacement` and `restoring_force`."
     if traits.is_curve and "frequency" not in roles:
-        phase_needed = "" if traits.is_controlled else ", and `phase` beside real amplitudes"
+        phase_needed = "" if traits.is_controlled else ", and `phase` if amplitudes are real"
         needed = f"`frequency`{phase_needed}"
         yield f"channels: kind `{test.kind}` needs {needed}."
     if traits.is_steady and not test.tones:
@@ -315,17 +318,22 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
     yield from _of_controlled_tests(test)
     free = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_free)
     if test.window_s and not test.traits.is_free:
-        yield f"window_s: for kind {free} only; other records are not windowed from their start."
+        yield (
+            f"window_s: for kind {free} only; other records have no window that begins at "
+            "their start."
+        )
     timed = test.traits.is_driven and not is_curve
     if test.clock_ppm and not timed:
         yield "clock_ppm: for records in time of a driven test; others have no second clock."
     if abs(test.clock_ppm) > MOST_PPM:
         yield f"clock_ppm: must be at most {MOST_PPM:g} to either side, but is {test.clock_ppm:g}."
     if test.lines_hz and not test.traits.is_free:
-        yield f"lines_hz: for kind {free} only; the drive of other records is steady itself."
+        yield (
+            f"lines_hz: for kind {free} only; the drive of other records is itself a steady line."
+        )
     prescribed = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_prescribed)
     if test.load_cell != "exact" and not test.traits.is_prescribed:
-        yield f"load_cell: for kind {prescribed} only, whose force is what is measured."
+        yield f"load_cell: for kind {prescribed} only, where the force is measured."
     # A transform spreads one bad sample over all frequencies, and a simulation needs its whole
     # input; only a curve can omit lines.
     if not is_curve and test.gaps == "mask":
@@ -341,7 +349,7 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
             f"{test.resample:g}; nothing remains above half of it."
         )
     if test.point in test.points:
-        yield f"points: must be others than `{test.point}`, which is the test's own `point`."
+        yield f"points: must differ from `{test.point}`, which is the test's own `point`."
     if isinstance(test.files, Mapping) and set(test.files) != roles:
         yield (
             f"files: as a table it must name a file for each role ({', '.join(sorted(roles))}), "
@@ -366,11 +374,11 @@ def _of_base(test: TestSpec, roles: set[str]) -> Iterator[str]:
         yield f"channels: `base` is what drives the test, and so is `{other}`: leave out either."
     if not test.relative_to_base and "acceleration" not in roles:
         yield (
-            "channels: beside `base` the response must be `acceleration`, unless it was measured "
+            "channels: with `base` the response must be `acceleration`, unless it was measured "
             "relative to the base. Put under [[test]]: `relative_to_base = true`."
         )
     if test.delay:
-        yield "delay: not allowed with `base`, which the response must not lag."
+        yield "delay: not allowed with `base`, because the response must not lag behind it."
 
 
 def _of_controlled_tests(test: TestSpec) -> Iterator[str]:
@@ -380,8 +388,8 @@ def _of_controlled_tests(test: TestSpec) -> Iterator[str]:
     is_beside = test.traits.is_locked and test.locked_phase != -90
     if is_beside and not set(INPUTS) & set(test.channels):
         yield (
-            f"channels: kind `{test.kind}` at {test.locked_phase:g} degrees needs `force`, beside "
-            "-90 degrees its frequency depends on the damping."
+            f"channels: kind `{test.kind}` at {test.locked_phase:g} degrees needs `force`, "
+            "because away from -90 degrees its frequency depends on the damping."
         )
     for name in ("locked_phase", "phase_tolerance"):
         if name in test.model_fields_set and not test.traits.is_locked:

@@ -150,7 +150,7 @@ def unequal(value: Any) -> tuple[Any, ...]:
 def nonzero(value: Any) -> tuple[Any, ...]:
     """Return a list of numbers if none is zero."""
     if 0 in numbers(value):
-        raise ValueError(f"must not hold a 0, but is {list(value)}.")
+        raise ValueError(f"must not contain a 0, but is {list(value)}.")
     return tuple(value)
 
 

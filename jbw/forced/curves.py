@@ -238,7 +238,7 @@ def _require_peak(found: NDArray[np.bool_], level: Values) -> None:
             f"The response at a force amplitude of {level[~found][0]:.3g} N/kg must have a peak, "
             f"but {np.sum(~found)} of {found.size} draws and levels have none.",
             why="The damping is above 50 %, or the joint loses its stiffness at this level.",
-            remedy="Ask for a lower level, or simulate the motion by `jbw.simulate`.",
+            remedy="Use a lower level, or simulate the motion by `jbw.simulate`.",
         )
 
 

@@ -173,12 +173,12 @@ def equivalent_motion(joint: Joint, num_harmonics: int = 1) -> EquivalentMotion:
     if isinstance(joint, Structure):
         raise ModelError(
             "Argument `joint` must have one mode, but is a Structure of several.",
-            remedy="Follow its curve by `jbw.response_curve`, which balances all modes.",
+            remedy="Compute its curve by `jbw.response_curve`, which balances all modes.",
         )
     if num_harmonics < 1:
         raise ConfigError(
             f"Argument `num_harmonics` must be at least 1, but is {num_harmonics}.",
-            remedy="Take 1 for the steady loop alone, or 8 for digits.",
+            remedy="Use 1 for the steady loop alone, or 8 for an accurate result.",
         )
     require_contracts(joint)
     oscillator = as_oscillator(joint)

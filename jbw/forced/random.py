@@ -192,7 +192,7 @@ def _require_power(density: Values, omega_n: Values) -> None:
             "The profile must have power at the natural frequency, but has none at "
             f"{float(np.median(omega_n)) / (2.0 * np.pi):.4g} Hz.",
             why="Only the motion of the mode is predicted.",
-            remedy="Widen the profile, or ask for a joint whose mode it drives.",
+            remedy="Widen the profile, or predict a joint whose mode it drives.",
         )
 
 
@@ -201,7 +201,7 @@ def _require_levels(period: Values) -> None:
         raise ModelError(
             "The joint must keep a positive stiffness at every amplitude of the motion, but loses "
             f"it in {np.sum(~np.all(np.isfinite(period), -1))} of {len(period)} draws.",
-            remedy="Ask for a lower level, or simulate the motion by `jbw.simulate`.",
+            remedy="Use a lower level, or simulate the motion by `jbw.simulate`.",
         )
 
 

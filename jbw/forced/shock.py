@@ -117,7 +117,7 @@ def _number(text: str, whole: str) -> float:
         return float(text)
     except ValueError as cause:
         raise ConfigError(
-            f"A shock must state a number, but {text!r} of {whole!r} is none.",
+            f"A shock must state a number, but {text!r} of {whole!r} is not a number.",
             remedy="Write it as `20g,11ms`.",
         ) from cause
 

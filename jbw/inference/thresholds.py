@@ -7,8 +7,8 @@ PROB = 0.99
 THRESHOLD = float(chdtri(1, 1 - PROB))  # 6.63
 """Rise of chi-square at the ends of a profile's interval."""
 BEYOND = 1.05
-"""Of the largest fitted displacement: from where on a prediction is said to extrapolate."""
+"""Displacement over the largest fitted one, above which a prediction is an extrapolation."""
 KNOWN, ROUGHLY = 0.05, 0.3
-"""Standard deviation over mean, up to which a parameter is known, and known roughly."""
+"""Standard deviation over mean, up to which a parameter is identified, or roughly so."""
 LEARNT = 0.5
-"""Nats over the prior from which the data have said something: a prior narrowed to 0.61 of it."""
+"""Information gain [nats] that shows that the data constrain a parameter (0.61 of the prior)."""

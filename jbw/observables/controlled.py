@@ -129,10 +129,10 @@ class ControlledPoints(Observable):
         """Build one part from tests of the same form and the curves of their repeats."""
         if residuals == "own":
             raise DataError(
-                f"`residuals` = 'own' must be of a test whose response is compared, but in "
-                f"{family[0][0].name} the force is.",
-                why="Where the force is compared, a residual term changes it through the joint's "
-                "law.",
+                "`residuals` = 'own' needs a test whose response is compared, but "
+                f"{family[0][0].name} compares the force.",
+                why="Where the force is compared, a residual term changes it through the law "
+                "of the joint.",
                 remedy="State `upper` or `both`, which all tests share.",
             )
         rows, values = zip(

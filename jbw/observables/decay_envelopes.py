@@ -87,8 +87,8 @@ class Envelopes(Observable):
         length = min(map(len, thinned))
         if length < LEAST_VALUES:
             raise DataError(
-                f"Test `{test.name}` leaves {length} independent values of its shortest record; "
-                f"at least {LEAST_VALUES} are needed.",
+                f"Test `{test.name}` has {length} independent values in its shortest record; at "
+                f"least {LEAST_VALUES} are needed.",
                 remedy="Widen `band`, shorten `settle`, or drop short records with `exclude`.",
             )
         envelope = np.stack([thinned_envelope[:length] for thinned_envelope in thinned])
@@ -154,7 +154,8 @@ def _course(name: str, envelope: np.ndarray, chosen: BandFilter, order: int) -> 
         raise DataError(
             f"Test `{name}` must decay, but its strongest record grows by a factor of "
             f"{np.exp(-fall):.3g} from its beginning to its end.",
-            why="A decay that is simulated from the strongest amplitude on has to reach others.",
+            why="All records must lie on one decay, which is simulated from the strongest "
+            "amplitude on.",
             remedy="Let `settle` begin after the blow, or correct `band`.",
         )
     # At either end the rate comes from a few values, where noise may hide it completely.
@@ -174,11 +175,12 @@ def _course(name: str, envelope: np.ndarray, chosen: BandFilter, order: int) -> 
     )
     if wait > MOST_WAIT * duration:
         raise DataError(
-            f"Test `{name}` must hold records whose amplitudes one decay joins, but its strongest "
-            f"record falls by a factor of {np.exp(fall):.3g} in {duration:.3g} s and would reach "
-            f"the beginning of the weakest, {np.exp(size[strongest, 0] - weakest):.3g} times "
-            f"smaller, after {wait:.3g} s.",
-            why=f"A decay {MOST_WAIT:g} times as long as a record is more than a test needs.",
+            f"The records of test `{name}` must follow one decay, but its strongest record "
+            f"falls by a factor of {np.exp(fall):.3g} in {duration:.3g} s and would reach the "
+            "initial amplitude of the weakest, which is "
+            f"{np.exp(size[strongest, 0] - weakest):.3g} times smaller, after {wait:.3g} s.",
+            why=f"A decay of more than {MOST_WAIT:g} times the length of a record takes too "
+            "long to simulate.",
             remedy="Make a separate test of the weak records, or leave them out with `exclude`.",
         )
     # The mode's frequency need not lie in the middle of its band.

@@ -107,8 +107,8 @@ def stepped_groups(test: Test) -> list[MeasuredHarmonic]:
     for record in test.records:
         if record.num_samples / record.fs < needed - 0.5 / record.fs:
             raise DataError(
-                f"Record `{record.name}` must hold {len(test.tones_hz)} steps of {test.dwell:g} s, "
-                f"but lasts {record.num_samples / record.fs:g} s.",
+                f"Record `{record.name}` must contain {len(test.tones_hz)} steps of "
+                f"{test.dwell:g} s, but lasts {record.num_samples / record.fs:g} s.",
                 remedy="Check `tones` and `dwell` of the test.",
             )
     starts = test.dwell * np.arange(len(test.tones_hz))
@@ -180,7 +180,7 @@ def curve_group(test: Test) -> MeasuredHarmonic:
     curves = [response_curve(record) for record in test.records]
     if any(not np.array_equal(curve.freq_hz, curves[0].freq_hz) for curve in curves):
         raise DataError(
-            f"Repeats of test `{test.name}` must share their frequencies.",
+            f"Repeats of test `{test.name}` must have the same frequencies.",
             remedy="Make a separate test of each.",
         )
     omega = 2 * np.pi * curves[0].freq_hz

@@ -56,7 +56,7 @@ class Loops(Observable):
         for test, test_loops in zip(tests, loops_by_test, strict=True):
             if len({len(loop.force) for loop in test_loops}) > 1:
                 raise DataError(
-                    f"Repeats of test `{test.name}` must be of one length.",
+                    f"Repeats of test `{test.name}` must have equal lengths.",
                     remedy="Cut them with `span`, or make a separate test of each.",
                 )
         displacement = [

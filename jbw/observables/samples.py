@@ -40,8 +40,8 @@ def lines_of(band_hz: Sequence[float], length: int, fs: float) -> Lines | None:
     lines = max(first, 1), min(last, (length - 1) // 2) + 1
     if lines[1] <= lines[0]:
         raise DataError(
-            f"Key `band` must hold a line of the records' spectra, which lie {fs / length:.3g} Hz "
-            f"apart up to {fs / 2:g} Hz, but is {list(band_hz)}.",
+            "Key `band` must contain a spectral line of the records, which lie "
+            f"{fs / length:.3g} Hz apart up to {fs / 2:g} Hz, but is {list(band_hz)}.",
             remedy="Widen the band, or leave it out.",
         )
     return lines

@@ -245,9 +245,10 @@ def _own_columns(groups: Sequence[MeasuredHarmonic]) -> Float[np.ndarray, "group
     held = next((group.label for group in groups if group.of_force), None)
     if held is not None:
         raise DataError(
-            f"`residuals` = 'own' must be of a test whose response is compared, but that of {held} "
-            "was held.",
-            why="Where the force is compared, a residual term changes it through the joint's law.",
+            "`residuals` = 'own' needs a test whose response is compared, but the response of "
+            f"{held} was controlled.",
+            why="Where the force is compared, a residual term changes it through the law of "
+            "the joint.",
             remedy="State `upper` or `both`, which all tests share.",
         )
     first = [group.factor * group.load[:, group.order // 2] for group in groups]

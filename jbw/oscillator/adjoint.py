@@ -91,8 +91,9 @@ def _solve_jvp(substeps, primals, tangents):
     stepping, initial = primals
     if any(jnp.ndim(x) for x in jax.tree.leaves(initial)):
         raise ModelError(
-            "A law whose memory is an array, as that of `iwan5`, has no derivatives in time.",
-            why="Its elements drop one by one, and each drop's time moves with the parameters.",
+            "A law whose internal state is an array, such as `iwan5`, has no derivatives in time.",
+            why="The force of its elements drops at single times, which change with the "
+            "parameters.",
             remedy="Take differences, or a law without drops such as `iwan4`.",
         )
     trajectory = _states(substeps, 1, stepping, initial)

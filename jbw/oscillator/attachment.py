@@ -73,7 +73,7 @@ def attached(
     w, z, phi = (np.atleast_1d(np.asarray(x, float)) for x in (omega, zeta, shape))
     if not (w.shape == z.shape == phi.shape and w.ndim == 1):
         raise ModelError(
-            "Arguments `omega`, `zeta` and `shape` must have one value a mode each, but their "
+            "Arguments `omega`, `zeta` and `shape` must have one value per mode, but their "
             f"shapes are {w.shape}, {z.shape} and {phi.shape}."
         )
     if not (np.all(w > 0) and np.all(np.isfinite([w, z, phi])) and np.all(np.isfinite(attachment))):
@@ -86,7 +86,7 @@ def attached(
         if np.linalg.eigvalsh(matrix)[0] <= 0:
             raise ModelError(
                 f"Structure and attachment must have a positive {name} together, but the "
-                f"attachment's {name}, {getattr(attachment, name):.4g}, takes all of it.",
+                f"attachment's {name}, {getattr(attachment, name):.4g}, removes all of it.",
                 remedy="Fit the attachment over a wider band, or at the right drive point.",
             )
     damping = np.diag(2 * z * w) + attachment.damping * at_once
@@ -94,6 +94,8 @@ def attached(
     values = np.linalg.eigvals(np.block([[none, eye], [-inner]]))
     poles = values[values.imag > 0]
     if len(poles) < len(w):
-        raise ModelError("A mode with the attachment no longer oscillates: its damping is above 1.")
+        raise ModelError(
+            "A mode with the attachment is no longer oscillatory: its damping ratio is above 1."
+        )
     poles = poles[np.argsort(np.abs(poles))]
     return np.abs(poles), -poles.real / np.abs(poles)

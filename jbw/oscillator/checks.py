@@ -33,7 +33,7 @@ def require_closed_form(joint: Any) -> None:
     if joint.nu != 1.0:
         raise ModelError(
             f"Parameter `nu` must be 1 for the closed-form hysteresis, but nu = {joint.nu:g}.",
-            remedy="Integrate `hysteresis_rate`, which holds for every nu, or set nu = 1.",
+            remedy="Integrate `hysteresis_rate`, which is valid for every nu, or set nu = 1.",
         )
 
 
@@ -72,13 +72,13 @@ def require_none(joint: Any, function: str) -> None:
             f"Parameter `restoring` must be None for `{function}`, but it is a force of kind "
             f"{type(joint.restoring).__name__}.",
             why="Its formula contains only the hysteretic force and a linear spring.",
-            remedy="Use `steady_state` or `simulate`, which hold for every restoring force.",
+            remedy="Use `steady_state` or `simulate`, which are valid for every restoring force.",
         )
 
 
 def require_float64(
     what: str = "The periodic response",
-    why: str = "Near resonance the balance cancels half of the digits",
+    why: str = "Near resonance the balance loses half of its digits",
 ) -> None:
     """Raise if JAX runs in float32."""
     if not jax.config.jax_enable_x64:
@@ -94,7 +94,9 @@ def check_options(
     fs: float, hold: str, substeps: int, num_samples: int | None, callable_input: bool
 ) -> None:
     """Raise if JAX runs in float32, or if an option of `simulate` is invalid."""
-    require_float64("Time integration", "A sweep keeps no correct digit of its gradients")
+    require_float64(
+        "Time integration", "Single precision leaves no correct digit in the gradients of a sweep"
+    )
     if hold not in HOLDS:
         raise ConfigError(f"Argument `hold` must be one of {', '.join(HOLDS)}, but is {hold!r}.")
     if is_concrete(fs) and not (np.ndim(fs) == 0 and np.isfinite(fs) and fs > 0):
@@ -116,7 +118,7 @@ def check_input(u: Any, num_samples: int | None) -> None:
     if num_samples is not None and num_samples != u.shape[-1]:
         raise DataError(
             f"Argument `num_samples` is {num_samples}, but `u` has {u.shape[-1]} samples.",
-            remedy="Leave `num_samples` out for a sampled input.",
+            remedy="Leave out `num_samples` for a sampled input.",
         )
     if is_concrete(u) and not np.all(finite := np.isfinite(u)):
         first = tuple(int(i) for i in np.argwhere(~finite)[0])
@@ -146,13 +148,15 @@ def initial_state(joint: Any, initial: tuple) -> tuple:
         )
     elif start_memory and np.any(np.asarray(start_memory[0]) != 0.0):
         raise ConfigError(
-            "Argument `initial` gives one z, but there are laws with several memories, or none.",
-            remedy="Give (y, v), or (y, v, memories) with the memory of every law.",
+            "Argument `initial` has one z, but there are laws with several internal states, or "
+            "none.",
+            remedy="Give (y, v), or (y, v, memories) with the internal state of every law.",
         )
     expected = jax.tree.structure(joint.at_rest())
     if (tree := jax.tree.structure(memory)) != expected:
         raise ConfigError(
-            f"Argument `initial` must hold the memories of the laws as {expected}, but has {tree}."
+            f"Argument `initial` must contain the internal states of the laws as {expected}, "
+            f"but has {tree}."
         )
     if is_concrete(joint, initial):
         if not all(np.all(np.isfinite(value)) for value in jax.tree.leaves(initial)):
@@ -213,10 +217,10 @@ def warn_of_long_steps(fs: Any, substeps: int, y: Any, v: Any) -> None:
     count = int(np.sum(deep & (apart * substeps < 1.0)))
     if count:
         warnings.warn(
-            f"In {count} of {deep.size} sample intervals the motion turns twice within one step, "
-            f"and only one turning point a step is resolved: `substeps` = {substeps} at `fs` = "
-            f"{fs:g} Hz is too coarse for the input's highest content. Raise `substeps`, or sample "
-            "the input faster.",
+            f"In {count} of {deep.size} sample intervals the motion reverses twice within one "
+            f"step, but a step can resolve only one reversal: `substeps` = {substeps} at `fs` = "
+            f"{fs:g} Hz is too coarse for the highest frequencies of the input. Raise "
+            "`substeps`, or sample the input faster.",
             stacklevel=3,
         )
 
@@ -226,9 +230,9 @@ def warn_of_guesses(guesses: Any) -> None:
     if not is_concrete(guesses) or not np.any(count := np.asarray(guesses)):
         return
     warnings.warn(
-        f"Loops within loops were deeper than a law remembers: {int(np.max(count))} times the "
-        "motion came back to reversals that had been given up, and the force may be a guess from "
-        "there until a larger loop closed.",
+        "The motion has more nested loops than a law can remember: it returned "
+        f"{int(np.max(count))} times to load reversals that had been dropped. From there until "
+        "a larger loop closes, the force may be wrong.",
         stacklevel=3,
     )
 
@@ -244,15 +248,15 @@ def check_bounded(joint: Any, y: Any) -> None:
     text = ", ".join(f"{name} = {value}" for name, value in law_parameters.items())
     if np.any((zeta := np.asarray(parameters(joint).get("zeta", 0.0))) < 0.0):
         raise ModelError(
-            f"The trajectory diverges at sample {sample}: zeta = {np.min(zeta):g} is negative, so "
-            "that the damper feeds the motion.",
-            remedy="Give zeta from 0 on, a ratio and no percentage.",
+            f"The trajectory diverges at sample {sample}: zeta = {np.min(zeta):g} is negative, "
+            "so that the damper adds energy.",
+            remedy="Give zeta >= 0, as a ratio and not in per cent.",
         )
     raise ModelError(
         f"The trajectory diverges at sample {sample} for {text}.",
-        why="Nothing bounds z where delta + gamma < 0 or after a start outside the bounded set; "
-        "more than one turning point in a step does the same, and so does a restoring force that "
-        "pushes away from y = 0.",
+        why="z has no bound if delta + gamma < 0, or after a start outside the bounded range; "
+        "more than one reversal within a step has the same effect, and so has a restoring "
+        "force that pushes away from y = 0.",
         remedy="Check the parameters and the input's scale; raise `substeps`.",
     )
 
@@ -265,7 +269,8 @@ def check_settled(residual: Any) -> None:
         f"No steady state was found: the state changes by {np.max(residual):.1e} of its largest "
         "value over the period.",
         why="The response may not be periodic with the input's period.",
-        remedy="Give a nearer `initial`, or simulate several periods with `periodic=False`.",
+        remedy="Give an `initial` nearer to the steady state, or simulate several periods with "
+        "`periodic=False`.",
     )
 
 
@@ -302,7 +307,7 @@ def require_concrete(function: str, *values: object) -> None:
         return
     raise ConfigError(
         f"`{function}` cannot be traced, as by jit, grad or vmap.",
-        why="How many points it takes depends on the numbers themselves.",
+        why="The number of points depends on the values of the arguments.",
         remedy="Call it outside, or use `frequency_response`, which has as many points as `omega`.",
     )
 

@@ -65,8 +65,8 @@ def require_contract(kinds: Any) -> None:
         if (fault := _TRIED[kind]) is not None:
             raise ConfigError(
                 f"The law `{kind.name}` is refused: {fault}",
-                remedy="Correct the method. One that may be left out has a default, which follows "
-                "from `force` and `rate`.",
+                remedy="Correct the method. An optional method may be left out: its default "
+                "follows from `force` and `rate`.",
             )
 
 

@@ -146,8 +146,9 @@ def band_noise(
     num_lines, size = int(np.sum(inside(np))), num_samples // 2 + 1
     if num_lines == 0:
         raise ConfigError(
-            f"Argument `band_hz` must hold a line of the record, a multiple of fs/num_samples = "
-            f"{fs / num_samples:g} Hz below fs/2 = {fs / 2:g} Hz, but is {band_hz}.",
+            "Argument `band_hz` must contain a line of the record, a multiple of "
+            f"fs/num_samples = {fs / num_samples:g} Hz below fs/2 = {fs / 2:g} Hz, but is "
+            f"{band_hz}.",
             remedy="Widen the band or lengthen the record.",
         )
     # A line of spectrum X has mean square 2 |X|^2 / N^2.

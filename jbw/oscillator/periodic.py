@@ -247,7 +247,7 @@ def shooting(
     if is_concrete(orbit) and bool(jnp.isnan(orbit.initial).any()):
         raise ModelError(
             f"Shooting did not converge at omega = {omega}, amplitude = {amplitude}.",
-            remedy="Give `initial` near the orbit, as from a lower amplitude.",
+            remedy="Give an `initial` near the orbit, for example from a lower amplitude.",
         )
     return orbit
 

@@ -139,8 +139,8 @@ def assembly_of(tree: xr.DataTree) -> ModelJoints:
     """
     if GROUP not in tree.children:
         raise DataError(
-            "A run of several joints must hold their degrees of freedom, group /assembly, but this "
-            "one does not.",
+            "A run of several joints must contain their degrees of freedom, group /assembly, "
+            "but this run does not.",
             remedy="Identify the campaign again with this version of jbw.",
         )
     group = tree[GROUP].to_dataset()

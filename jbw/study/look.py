@@ -311,7 +311,7 @@ def _of_harmonics(tests: Sequence[Test]) -> tuple[list[RecordRead], ShownRespons
     """Measure frequency and damping of response curves near their largest motion."""
     groups = [group for group in groups_of(list(tests)) if group.order == 1]
     if not groups:
-        raise DataError(f"Test {tests[0].name} has no response to a tone of its own.")
+        raise DataError(f"Test {tests[0].name} has no response to a single tone.")
     readings_found = []
     for group in groups:
         # If a test controls the amplitude of the response, its motion is real.
@@ -411,7 +411,7 @@ def _secant(test: Test, loop: ForcedLoop) -> tuple[float, float]:
     ends = [int(np.nanargmin(loop.displacement)), int(np.nanargmax(loop.displacement))]
     (bottom, top), force = loop.displacement[ends], loop.force[ends]
     if top == bottom:
-        raise DataError(f"Test {test.name} holds its displacement still.")
+        raise DataError(f"The displacement of test {test.name} is constant.")
     return 0.5 * (top - bottom), (force[1] - force[0]) / (top - bottom)
 
 

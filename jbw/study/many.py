@@ -129,7 +129,7 @@ def identify_many(
         raise ConfigError(
             "Arguments `executor` and `workers` must not be given together.",
             why="An executor knows how many workers it has.",
-            remedy="Say it where the executor is made.",
+            remedy="State the number of workers where you create the executor.",
         )
     command = command or " ".join(["jbw", *sys.argv[1:]])
     formats = formats_of(figures, "Argument `figures`")
@@ -229,7 +229,7 @@ def _file_of(campaign: str | Path | Campaign) -> Path:
     if not campaign.path.is_file():
         raise ConfigError(
             f"Campaign `{campaign.name}` has no file.",
-            why="A worker reads it from there.",
+            why="A worker process reads the campaign from its file.",
             remedy="Write its records and campaign file, or identify it by jbw.identify.",
         )
     return campaign.path.absolute()
@@ -247,7 +247,8 @@ def _folders(files: Sequence[Path], out: Path) -> dict[Path, Path]:
                 f"{first} and {other} would both write to {out / name}.",
                 why="A run has the name of its campaign's file, or of the folder around "
                 f"{PLAIN}.toml.",
-                remedy="Rename one, give each once, or call for them apart with another `out`.",
+                remedy="Rename one, name each campaign once, or identify them separately with "
+                "another `out`.",
             )
     return {f: (out / name).absolute() for f, name in zip(files, names, strict=True)}
 
@@ -297,14 +298,14 @@ def _require_asked(task: Task, campaign: str | None, seed: int | None) -> None:
     """Raise an error if an unfinished run has another campaign or seed than requested."""
     if campaign is not None and Path(campaign).resolve() != Path(task.campaign).resolve():
         raise RunError(
-            f"The folder {task.folder} holds a run of {campaign}, not of {task.campaign}.",
+            f"The folder {task.folder} contains a run of {campaign}, not of {task.campaign}.",
             why="Results of two runs must not be mixed.",
             remedy="Choose another folder `out`.",
         )
     if task.seed is not None and seed is not None and seed != task.seed:
         raise RunError(
             f"The run in {task.folder} was begun with the seed {seed}, not {task.seed}.",
-            remedy="Go on with that seed, or choose another folder `out`.",
+            remedy="Continue with that seed, or choose another folder `out`.",
         )
 
 
@@ -315,12 +316,12 @@ def _outcome_of(task: Task, future: Any) -> RunOutcome:
     except BrokenProcessPool:
         return _failed(task, RunError(
             "Its process was killed, perhaps because memory was exhausted.",
-            remedy="Call again to go on from its last checkpoint, with fewer workers.",
+            remedy="Call again to continue from its last checkpoint, with fewer workers.",
         ))  # fmt: skip
     except Exception as error:  # The executor lost a worker or a machine.
         return _failed(task, RunError(
             f"Its worker was lost: {type(error).__name__} {error}.",
-            remedy="Call again to go on from its last checkpoint.",
+            remedy="Call again to continue from its last checkpoint.",
         ))  # fmt: skip
 
 

@@ -83,7 +83,7 @@ def claim(folder: Path, asked: str = "") -> Path:
     names = sorted(path.name for path in folder.iterdir() if not path.name.startswith(PART))
     if names and not (asked and _asked_in(folder) == asked):
         raise RunError(
-            f"The output folder {folder} must be new or empty, but it holds {names[0]}.",
+            f"The output folder {folder} must be new or empty, but it contains {names[0]}.",
             why="Results of two runs must not be mixed.",
             remedy="Choose another with --out, or empty it.",
         )
@@ -142,8 +142,8 @@ def save_result(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> 
     except OSError as error:
         raise RunError(
             f"The result cannot be written to {folder}: {error.strerror or error}.",
-            remedy="Free some space, or make the folder writable; an interrupted run goes on with "
-            f"jbw resume {folder}.",
+            remedy=f"Free some space, or make the folder writable; jbw resume {folder} "
+            "continues an interrupted run.",
         ) from error
 
 
@@ -168,7 +168,7 @@ def save_report(
     except Exception as error:
         raise RunError(
             f"The report of {folder} failed: {type(error).__name__}: {error}",
-            why="posterior.nc and summary.json are saved and whole.",
+            why="posterior.nc and summary.json are saved completely.",
             remedy=f"Write the report again: jbw report {folder}.",
         ) from error
 
@@ -213,7 +213,7 @@ def save_outputs(folder: Path, numbers: Mapping[str, Write], pictures: Mapping[s
     except Exception as error:
         raise RunError(
             f"The figures in {folder} failed: {type(error).__name__}: {error}",
-            why=f"{', '.join(numbers)} are saved and whole.",
+            why=f"{', '.join(numbers)} are saved completely.",
             remedy=REPEAT,
         ) from error
 

@@ -165,7 +165,8 @@ class Study:
         if isinstance(test, str):
             if self.campaign is None:
                 raise ConfigError(
-                    f"Argument `test` names {test!r}, but the run's campaign is not at hand.",
+                    f"Argument `test` names {test!r}, but the campaign of the run is not "
+                    "available.",
                     remedy="Pass the test itself, or load the study with `campaign=`.",
                 )
             (test,) = chosen(self.campaign.tests, (test,), "Argument `test`")
@@ -386,8 +387,8 @@ def campaign_of(folder: Path, stated: Path | None = None) -> Path:
             if path.is_file():
                 return path
     raise ConfigError(
-        f"The run in {folder} does not say where its campaign file is.",
-        why="Its records are needed once more.",
+        f"The run in {folder} does not state the path of its campaign file.",
+        why="The records of the campaign are needed again.",
         remedy="Give it with --campaign.",
     )
 

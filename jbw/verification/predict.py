@@ -129,10 +129,9 @@ def _require_modes_known(basis: Basis, test: Test) -> None:
     in_time = route_of(test) in (predict_records, predict_periods, predict_decay)
     if has_further_modes(basis.posterior) and not in_time:
         raise DataError(
-            f"Test `{test.name}` of kind `{test.kind}` is predicted for one mode alone, but the "
-            "run has several.",
-            remedy="Predict sweeps, multisines or decays, or take the draws into a "
-            "`jbw.Structure`.",
+            f"Test `{test.name}` of kind `{test.kind}` can be predicted only for one mode, but "
+            "the run has several.",
+            remedy="Predict sweeps, multisines or decays, or use the draws in a `jbw.Structure`.",
         )
 
 
@@ -140,9 +139,10 @@ def _require_point_known(basis: Basis, test: Test) -> None:
     """Raise a DataError if a response is at a point that the run does not know."""
     if test.point and test.point not in basis.points:
         raise DataError(
-            f"Test `{test.name}` is measured at `{test.point}`, but the run knows "
-            f"{', '.join(basis.points) or 'one point alone'}.",
-            remedy="Name the points as the run's campaign does, or identify from tests there.",
+            f"Test `{test.name}` is measured at `{test.point}`, but the run has "
+            f"{', '.join(basis.points) or 'only one point'}.",
+            remedy="Use the names of the points in the run's campaign, or identify from tests "
+            "at that point.",
         )
 
 

@@ -97,8 +97,8 @@ class Basis:
         if num_draws < 2:
             raise ConfigError(
                 f"Argument `draws` must be at least 2, but is {num_draws}.",
-                why="A band needs draws on both sides.",
-                remedy="Some 100 carry a 99 % band.",
+                why="The ends of a band need draws.",
+                remedy="A 99 % band needs some 100 draws.",
             )
         chosen = self.posterior if posterior is None else posterior
         return thin(chosen, num_draws, self.held, laws=self.laws)
@@ -247,7 +247,7 @@ def laws_of_run(tree: xr.DataTree) -> Laws:
     """Return a run's laws; unnamed ones (before 0.1) are the default law and a spring, if any."""
     if "posterior" not in tree.children:
         raise DataError(
-            "The result has no group /posterior, so there is nothing to predict with.",
+            "The result has no group /posterior, from which predictions are made.",
             remedy="Give the folder of a finished run.",
         )
     if "laws" in tree.attrs:

@@ -93,7 +93,7 @@ def test_excluded_file_may_be_unreadable(folder):
 @pytest.mark.parametrize("exclude", ["[7]", '["nois_2.h5"]'])
 def test_exclude_that_excludes_nothing(folder, exclude):
     error = refused(campaign_file(folder, extra=f"exclude = {exclude}"), ConfigError)
-    assert "none of its 3 repeats" in error.what
+    assert "not one of its 3 repeats" in error.what
 
 
 def test_nothing_left(folder):
@@ -104,7 +104,7 @@ def test_nothing_left(folder):
 @pytest.mark.parametrize("files", ['"../x.h5"', '"../../etc/passwd"', '"/etc/*"', '"a/../../x"'])
 def test_paths_stay_inside(folder, files):
     error = refused(campaign_file(folder, files=files), ConfigError)
-    assert "leads out of the campaign's folder" in error.what
+    assert "points outside the campaign's folder" in error.what
     assert "--allow-outside" in error.remedy
 
 
@@ -114,7 +114,7 @@ def test_a_symbolic_link_out_needs_leave(folder, tmp_path_factory):
     (folder / "noise_1.h5").rename(outside)
     (folder / "noise_1.h5").symlink_to(outside)
     path = campaign_file(folder)
-    assert "leads out" in refused(path, ConfigError).what
+    assert "points outside" in refused(path, ConfigError).what
     assert len(load_campaign(path, allow_outside=True).tests[0].records) == 3
 
 

@@ -14,7 +14,7 @@ def test_data_folder_is_that_of_the_environment(tmp_path, monkeypatch):
     campaign = tmp_path / "campaign"
     campaign.mkdir()
     assert found_files(["$JBW_DATA/*.npz"], campaign, allow_outside=True) == [file]
-    with pytest.raises(ConfigError, match="leads out"):
+    with pytest.raises(ConfigError, match="points outside"):
         found_files(["$JBW_DATA/*.npz"], campaign)
 
 

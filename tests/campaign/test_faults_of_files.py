@@ -120,7 +120,7 @@ def test_row_53_paths_and_addresses(tmp_path, files):
     with pytest.raises((ConfigError, DataError)) as caught:
         load_campaign(tmp_path / "campaign.toml")
     assert files in caught.value.what
-    assert any(word in str(caught.value) for word in ("leads out", "URL", "matches nothing"))
+    assert any(word in str(caught.value) for word in ("points outside", "URL", "matches nothing"))
 
 
 # --- numbers behind rows that check as ok ---

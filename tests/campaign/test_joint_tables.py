@@ -210,7 +210,7 @@ def test_a_campaign_with_matrices_has_its_laws_at_its_joints(folder):
 
 def test_names_of_joints_that_look_alike_in_parameters_are_refused(folder):
     alike = BOLTS.replace('name = "bolt 2"', 'name = "bolt_1"')
-    with pytest.raises(ConfigError, match="must differ from other joints' by letters or numbers"):
+    with pytest.raises(ConfigError, match="must differ from the names of other joints"):
         load_campaign(written(folder, STRUCTURE + alike + TESTS))
 
 
@@ -355,7 +355,7 @@ def test_matrices_stay_in_the_folder_of_the_campaign(folder, tmp_path_factory):
     (folder / "beams.mat").rename(other / "beams.mat")
     text = STRUCTURE.replace('"beams.mat"', f'"{other}/beams.mat"') + BOLTS + TESTS
     (fault,) = errors_of(check_campaign(written(folder, text)))
-    assert "leads out of the campaign's folder" in fault.what
+    assert "points outside the campaign's folder" in fault.what
     assert errors_of(check_campaign(written(folder, text), allow_outside=True)) == []
 
 

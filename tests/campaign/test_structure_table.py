@@ -53,8 +53,11 @@ def test_modes_and_what_is_known_of_them_are_read():
         ("modes = [18.8, 18.8]", "must not repeat a frequency"),
         ("modes = [18.8, -57.2]", "must be positive"),
         ("modes = [1, 2, 3, 4, 5, 6]", "must be 5 at most, but are 6"),
-        ("modes = [18.8, 57.2]\njoint_shape = [1.0]", "joint_shape: must hold a number a mode, 2"),
-        ("modes = [18.8, 57.2]\njoint_shape = [1.0, 0]", "joint_shape: must not hold a 0"),
+        (
+            "modes = [18.8, 57.2]\njoint_shape = [1.0]",
+            "joint_shape: must have one number per mode, 2",
+        ),
+        ("modes = [18.8, 57.2]\njoint_shape = [1.0, 0]", "joint_shape: must not contain a 0"),
         ("modes = [18.8, 57.2]\nmode = 2", "unknown key; did you mean `modes`"),
     ],
 )
@@ -101,7 +104,7 @@ def test_a_test_of_several_points_is_one_of_each():
     [
         ("modes = [18.8, 57.2]", SEEN, "must name `wing`, where test `one` has a response, but"),
         (TWO, 'point = "nose"', "must name `nose`, .* but names wing, tip"),
-        (TWO, 'point = "tip"\n' + SEEN, "points: must be others than `tip`"),
+        (TWO, 'point = "tip"\n' + SEEN, "points: must differ from `tip`"),
         (TWO, "points = {}", "must be a table such as"),
         (TWO, "points = { wing = 3 }", "`wing` needs a channel's name or path, but has 3"),
         ('modes = [18.8]\npoints = ["wing"]', "", "points: need two modes or more"),

@@ -210,7 +210,7 @@ def test_ten_thousand_files_are_refused_without_reading_them(tmp_path, capsys, m
     code, stderr = refused(capsys, "init", tmp_path)
     assert code == 3
     assert "10000 measurement files of 10000 names" in stderr
-    assert "folder of its own" in stderr
+    assert "separate folder" in stderr
 
 
 def test_ten_thousand_repeats_are_one_test(tmp_path, capsys):

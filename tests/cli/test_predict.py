@@ -139,7 +139,7 @@ def test_the_tests_are_those_of_the_runs_own_campaign_where_no_other_is_given(fi
         (["--campaign", "CAMPAIGN", "--test", "wek"], 2, "The tests are weak, strong."),
         (["--sweep", "10-25", "--level", "1"], 2, "10:25"),
         (["--sweep", "10:25"], 2, "--level goes with"),
-        ([], 2, "does not say where its campaign file is"),
+        ([], 2, "does not state the path of its campaign"),
         (["--tone", "18", "--level", "1", "--draws", "1"], 2, "at least 2"),
     ],
 )

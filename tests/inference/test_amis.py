@@ -228,7 +228,7 @@ def test_a_posterior_that_is_impossible_everywhere_is_refused(value):
         return data * jnp.ones(2) + 0 * theta["a"]
 
     bounds = box({"a": (0.0, 1.0)})
-    with pytest.raises(ModelError, match="finite at no point"):
+    with pytest.raises(ModelError, match="not finite at any evaluated point"):
         draw(0, nowhere, bounds, {"a": 0.5}, 0.01 * np.eye(1), value)
 
 

@@ -248,7 +248,7 @@ def test_failed_solves_are_never_drawn_and_take_their_share_of_the_evidence(samp
 @pytest.mark.parametrize("sampler", EVIDENCE)
 def test_nan_in_the_data_is_said(sampler):
     known = ABOUT if SAMPLERS[sampler].needs_fit else {}
-    with pytest.raises(ModelError, match="finite at no point"):
+    with pytest.raises(ModelError, match="not finite at any evaluated point"):
         draw(sampler, 0, data=np.nan, **known)
 
 

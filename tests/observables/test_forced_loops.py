@@ -77,7 +77,7 @@ def test_repeats_of_unlike_lengths_are_refused():
         Record(FS, {"displacement": np.ones(n), "restoring_force": np.ones(n)}, {})
         for n in (10, 11)
     )
-    with pytest.raises(DataError, match="must be of one length"):
+    with pytest.raises(DataError, match="must have equal lengths"):
         Loops.reduce([Test("loop", records, "loop", 0.01)])
 
 

@@ -47,7 +47,7 @@ def test_an_offset_of_the_output_lies_in_no_band():
 
 
 def test_a_band_without_a_line_is_refused():
-    with pytest.raises(DataError, match="`band` must hold a line"):
+    with pytest.raises(DataError, match="`band` must contain a spectral line"):
         lines_of((10.01, 10.02), SIZE, FS)
 
 

@@ -92,7 +92,7 @@ def test_two_turning_points_in_a_step_are_counted():
 def test_a_steady_state_that_newton_does_not_find_is_reported(monkeypatch):
     monkeypatch.setattr("jbw.oscillator.periodic.MAX_ITERATIONS", 0)
     u = 20.0 * np.cos(2 * np.pi * np.arange(61) / 61)
-    with pytest.raises(ModelError, match=r"(?s)No steady state.*Give a nearer `initial`"):
+    with pytest.raises(ModelError, match=r"(?s)No steady state.*Give an `initial` nearer"):
         simulate(BoucWen(**PAPER), u, 61 * 18.8, hold="band_limited", periodic=True)
 
 

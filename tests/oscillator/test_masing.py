@@ -323,7 +323,7 @@ def test_loops_too_deep_are_told():
     deep, _ = followed(law, [turns[-1], 0.2 * turns[-1]], deep)
     start = 0.2 * turns[-1], 0.0, (deep,)
     push = 50.0 * np.ones(64)
-    with pytest.warns(UserWarning, match="deeper than a law remembers: [1-9] times"):
+    with pytest.warns(UserWarning, match="it returned [1-9] times to load reversals"):
         response = jbw.simulate(joined, push, RULES["fs"], initial=start)
     assert response.guesses >= 1.0
     assert jbw.simulate(joined, push, RULES["fs"]).guesses == 0.0
@@ -340,7 +340,7 @@ def test_loops_within_loops_are_remembered_by_a_stack_that_deepens(monkeypatch):
     exact = jbw.simulate(deep, push, RULES["fs"], substeps=2)
     assert found.guesses == exact.guesses == 0.0
     monkeypatch.setattr("jbw.oscillator.deepening.forgot", lambda *of: False)
-    with pytest.warns(UserWarning, match="deeper than a law remembers"):
+    with pytest.warns(UserWarning, match="more nested loops than a law can remember"):
         assert jbw.simulate(own, push, RULES["fs"], substeps=2).guesses > 0.0
     for name in ("y", "v", "z"):
         values, known = (np.asarray(getattr(one, name)) for one in (found, exact))

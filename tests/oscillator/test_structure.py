@@ -247,15 +247,15 @@ def test_records_beside_each_other_and_several_outputs():
 @pytest.mark.parametrize(
     ("changed", "error", "said"),
     [
-        ({"zeta": np.ones(3)}, ConfigError, "one number a mode each"),
-        ({"b": 1.0}, ConfigError, "`b` of a `Structure` must hold 2 numbers"),
-        ({"c": np.ones(3)}, ConfigError, "`c` of a `Structure` must hold 2 numbers"),
+        ({"zeta": np.ones(3)}, ConfigError, "one number per mode each"),
+        ({"b": 1.0}, ConfigError, "`b` of a `Structure` must have 2 numbers"),
+        ({"c": np.ones(3)}, ConfigError, "`c` of a `Structure` must have 2 numbers"),
         ({"h": np.array([0.0, 1.0])}, ConfigError, "`h` of a `Structure` must not be 0"),
         ({"p": np.array([0.0, 1.0])}, ConfigError, "`p` of a `Structure` must not be 0"),
         ({"omega_n": np.array([118.0, -3.0])}, ModelError, "`omega_n` .* mode 1 is -3"),
         ({"zeta": np.array([0.005, -0.1])}, ModelError, "`zeta` .* at least 0"),
         ({"omega_n": np.array([118.0, np.nan])}, ModelError, "must be finite"),
-        ({"omega_n": np.array([118.0, 1e4])}, ConfigError, "at most pi can be followed"),
+        ({"omega_n": np.array([118.0, 1e4])}, ConfigError, "a step can follow at most pi"),
     ],
 )
 def test_what_cannot_be_meant_is_refused_in_one_sentence(changed, error, said):
@@ -264,10 +264,10 @@ def test_what_cannot_be_meant_is_refused_in_one_sentence(changed, error, said):
 
 
 def test_a_start_needs_a_number_a_mode():
-    with pytest.raises(ConfigError, match="one number a mode"):
+    with pytest.raises(ConfigError, match="one number per mode"):
         jbw.simulate(two_modes(), chirped(64), FS, initial=(np.zeros(3), np.zeros(2)))
 
 
 def test_a_mode_beyond_one_radian_a_step_is_warned_of():
-    with pytest.warns(UserWarning, match="beyond 1 the joint's motion is coarse"):
+    with pytest.warns(UserWarning, match="above 1 the motion of the joint is inaccurate"):
         jbw.simulate(replace(two_modes(), omega_n=np.array([118.0, 900.0])), chirped(), FS)

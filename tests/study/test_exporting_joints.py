@@ -418,7 +418,7 @@ def test_abaqus_takes_joints_of_one_set_of_laws():
 def test_a_run_that_does_not_hold_the_degrees_of_freedom_is_refused():
     tree = tree_of()
     del tree["assembly"]
-    with pytest.raises(DataError, match="must hold their degrees of freedom"):
+    with pytest.raises(DataError, match="must contain their degrees of freedom"):
         export_of_run(tree, {})
     with pytest.raises(DataError, match="Call `export_joints`"):
         export(tree_of())

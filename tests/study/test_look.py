@@ -297,7 +297,7 @@ def test_what_stands_beside_the_readings_stops_nothing_either(monkeypatch):
     assert found.record["loops"] == []
     assert found.record["unread"] == {
         "noise": "No coherence.",
-        "held": "Test held holds its displacement still.",
+        "held": "The displacement of test held is constant.",
     }
 
 

@@ -110,7 +110,7 @@ def test_a_folder_of_another_campaign_is_left_alone(campaigns, threads, tmp_path
     other.write_text("")
     (found,) = jbw.identify_many([other], tmp_path / "runs", executor=threads)
     assert found.status == "failed"
-    assert f"holds a run of {campaigns[0]}, not of {other}" in found.error
+    assert f"contains a run of {campaigns[0]}, not of {other}" in found.error
 
 
 def test_what_cannot_be_meant_is_refused_before_any_work(campaigns, threads, tmp_path):

@@ -89,8 +89,8 @@ def test_what_is_no_prior_is_refused():
     for prior, says in (
         ({"mu": (0.0, 1.0)}, "NumPyro distribution of one number"),
         ({"mu": dist.Normal(jnp.zeros(2), 1.0)}, "NumPyro distribution of one number"),
-        ({"mu": dist.Poisson(2.0)}, "counts"),
-        ([dist.Normal(0.0, 1.0)], "every parameter's name"),
+        ({"mu": dist.Poisson(2.0)}, "is discrete"),
+        ([dist.Normal(0.0, 1.0)], "the name of every parameter"),
         ({}, "at least one parameter"),
         ({"mu": dist.VonMises(0.0, 1.0)}, "must have quantiles"),
     ):

@@ -226,7 +226,7 @@ def test_a_saved_study_is_loaded_and_predicts_the_same(tmp_path):
     assert loaded.verdict.status == "failed"
     assert np.isnan(loaded.verdict.findings[0].number)
     assert loaded.summary() == record
-    with pytest.raises(ConfigError, match="campaign is not at hand"):
+    with pytest.raises(ConfigError, match="campaign of the run is not available"):
         loaded.predict("sweep")
     campaign = Campaign("made up", tmp_path, (test,))
     xr.testing.assert_identical(load_study(tmp_path, campaign).predict("sweep"), made.predict(test))

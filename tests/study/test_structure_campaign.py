@@ -69,5 +69,5 @@ def test_two_points_tell_the_shapes_there_and_of_a_test_that_was_held_out():
     for test in own["hold_out"]:
         attrs = study.tree[f"verification/sweep/{test}"].attrs
         assert attrs["nrmse"] == pytest.approx(0.01 / np.sqrt(2), rel=0.15)
-    with pytest.raises(DataError, match="is measured at `nose`, but the run knows wing"):
+    with pytest.raises(DataError, match="is measured at `nose`, but the run has wing"):
         study.predict(replace(taken.tests[0], point="nose"))

@@ -231,7 +231,9 @@ def _check(model: Model, num_replications: int, num_ranks: int, batch: int) -> N
             raise ConfigError(f"Argument `{name}` must be at least 1, but is {value}.")
     twice = {*model.quantities} & {*model.box.names, LOG_LIKELIHOOD}
     if twice:
-        raise ConfigError(f"Quantity {sorted(twice)[0]!r} is named like one that is always ranked.")
+        raise ConfigError(
+            f"Quantity {sorted(twice)[0]!r} has the name of a quantity that is always ranked."
+        )
 
 
 def own_model(simulate: Simulate, log_likelihood: LogLikelihood, prior: Prior) -> Model:
@@ -243,7 +245,8 @@ def own_model(simulate: Simulate, log_likelihood: LogLikelihood, prior: Prior) -
     """
     if not isinstance(prior, Mapping):
         raise ConfigError(
-            f"Argument `prior` must give a distribution to every parameter's name, not {prior!r}."
+            "Argument `prior` must give a distribution for the name of every parameter, not "
+            f"{prior!r}."
         )
     for name, distribution in prior.items():
         _require_quantiles(name, distribution)
@@ -300,7 +303,9 @@ def _require_quantiles(name: str, prior: Any) -> None:
             remedy=f"Write {name} = numpyro.distributions.Normal(0.0, 1.0), one for each number.",
         )
     if prior.is_discrete:
-        raise ConfigError(f"The prior of `{name}` must be of a real number, but {kind} counts.")
+        raise ConfigError(
+            f"The prior of `{name}` must be of a real number, but {kind} is discrete."
+        )
     middle = jnp.asarray(0.5)
     for function, at in ((prior.icdf, middle), (prior.cdf, biject_to(prior.support)(0.0 * middle))):
         try:

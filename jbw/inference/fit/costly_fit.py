@@ -99,7 +99,7 @@ def costly_fits(
     fits = [end for end in ends if end is not None]
     if not fits:
         raise ModelError(
-            f"The residual is finite at none of the {len(ends)} starts.",
+            f"The residual is not finite at any of the {len(ends)} starts.",
             remedy="Look at the data with `jbw check`, for swapped channels, units or NaN, and at "
             "the bounds for parameters that cannot be solved.",
         )

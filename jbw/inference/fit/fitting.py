@@ -115,7 +115,8 @@ def fit(
         num_refused += 1
         costs[best] = np.inf
     raise ModelError(
-        f"The residual and its derivatives are finite at none of the {len(costs)} fits' ends.",
+        f"The residual and its derivatives are not finite at the end of any of the {len(costs)} "
+        "fits.",
         remedy="Check the data for NaN, and the bounds for parameters that cannot be solved.",
     )
 

@@ -20,7 +20,7 @@ NUM_ASSEMBLIES = 7  # prior values of the standard deviation between assemblies
 LOG_SD = float(np.log(2.0))  # log standard deviation of the prior around a stated median
 
 Levels = tuple[tuple[int, ...], ...]
-"""Number of the run of each group; then, where there are assemblies, that of each run's."""
+"""The run number of each data group and, with assemblies, the assembly number of each run."""
 
 
 class Spread(NamedTuple):

@@ -33,7 +33,7 @@ GROWTH = 4  # largest ratio of a chunk to the one before
 
 Arrays = Mapping[str, np.ndarray]
 Rows = tuple[Draw, np.ndarray]
-"""Draws and terms of their log likelihood, (chain, draw, ...)."""
+"""Draws, and terms of their log likelihood, of shape (chain, draw, ...)."""
 
 
 class SoFar(NamedTuple):
@@ -203,8 +203,8 @@ def kept_arrays(checkpoint: Kept | None, mark: str) -> Arrays | None:
     if arrays is None or str(arrays.get("fingerprint")) == mark:
         return arrays
     warnings.warn(
-        "The chains that were kept were drawn from another posterior, or by another number "
-        "of devices: they start again.",
+        "The stored chains are of another posterior, or of another number of devices: they "
+        "start again.",
         stacklevel=4,
     )
     return None

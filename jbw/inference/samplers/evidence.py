@@ -49,7 +49,7 @@ def require_possible(possible: bool) -> None:
     """Raise a ModelError if a posterior is impossible at all of several points."""
     if not possible:
         raise ModelError(
-            "The log likelihood is finite at no point that was looked at.",
+            "The log likelihood is not finite at any evaluated point.",
             remedy="Check the data for NaN, the noise for zero, and the prior for parameters that "
             "the model cannot solve.",
         )

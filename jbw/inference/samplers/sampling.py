@@ -315,12 +315,12 @@ def _check_suits(entry: Sampler, place: Reparametrisation, box: Box) -> None:
     if entry.needs_fit and place.covariance is None:
         raise ConfigError(
             f"Argument `covariance` must be given for the sampler {entry.name}, but is None.",
-            why="It draws from a Gaussian and corrects what the posterior differs from it.",
+            why="It draws from a Gaussian, and weights the draws by the posterior.",
             remedy='Pass the start and covariance of a fit, or use sampler="nuts".',
         )
     if not entry.suits(len(box.names)):
         raise ConfigError(
             f"Sampler {entry.name} takes at most {entry.most_parameters} parameters, but the "
             f"posterior has {len(box.names)}.",
-            remedy="Compare with nested or tempered_smc, which give the evidence too.",
+            remedy="Use nested or tempered_smc, which also give the evidence.",
         )

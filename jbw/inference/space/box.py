@@ -66,7 +66,7 @@ def _checked(name: str, pair: Any) -> tuple[float, float]:
         raise ConfigError(
             f"Prior bounds of `{name}` must have lower < upper, "
             f"but [{lower:g}, {upper:g}] was given.",
-            remedy="Swap the bounds, or fix the parameter instead of giving it a prior.",
+            remedy="Exchange the bounds, or fix the parameter instead of giving it a prior.",
         )
     return lower, upper
 

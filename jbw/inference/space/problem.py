@@ -154,8 +154,8 @@ def _checked_precision(
     """Return the standard deviations, and the inverse of the correlation matrix."""
     if covariance.shape != (num_parameters, num_parameters):
         raise ConfigError(
-            f"Argument `covariance` must be {num_parameters} x {num_parameters}, one row a "
-            f"parameter of the box, but its shape is {covariance.shape}."
+            f"Argument `covariance` must be {num_parameters} x {num_parameters}, with one row "
+            f"per parameter, but its shape is {covariance.shape}."
         )
     variance = np.diagonal(covariance)
     if np.all(np.isfinite(covariance)) and np.all(variance > 0):
@@ -166,6 +166,6 @@ def _checked_precision(
             return std, np.linalg.inv((correlation + correlation.T) / 2)
     raise ConfigError(
         "Argument `covariance` must be finite, symmetric and positive definite, but it is not.",
-        why="It shapes the steps of the sampler.",
+        why="The covariance determines the steps of the sampler.",
         remedy="Pass the covariance of a fit, or leave it out.",
     )

@@ -43,8 +43,8 @@ def in_box(
     if start is None:
         if covariance is not None:
             raise ConfigError(
-                "Argument `covariance` needs `start`, the point it was found at.",
-                remedy="Pass the `theta` of the fit beside its covariance.",
+                "Argument `covariance` needs `start`, the point of the fit.",
+                remedy="Pass the `theta` of the fit with its covariance.",
             )
         return parametrisation
     points = _checked_start(start, box, num_chains)
@@ -68,12 +68,13 @@ def _checked_start(start: Theta, box: Box, num_chains: int) -> Float[np.ndarray,
         value = np.asarray(start[name], dtype=float)
         if value.shape not in ((), (num_chains,)):
             raise ConfigError(
-                f"Start of `{name}` must be one number or one a chain ({num_chains}), "
-                f"but its shape is {value.shape}."
+                f"Start of `{name}` must be one number, or one per chain ({num_chains}), but "
+                f"its shape is {value.shape}."
             )
         if not np.all((value >= lower) & (value <= upper)):
             raise ConfigError(
-                f"Start of `{name}` must lie in its prior [{lower:g}, {upper:g}], but is {value}.",
+                f"Start of `{name}` must lie within its prior [{lower:g}, {upper:g}], but is "
+                f"{value}.",
                 remedy="Widen the prior, or start inside it.",
             )
         columns.append(np.broadcast_to(value, num_chains))

@@ -247,9 +247,9 @@ class BoucWenLaw(Law):
         limit = np.maximum(np.asarray(self.alpha), 0.0)
         if self.nu == 1.0 and np.any(np.abs(memory) * softening > limit):
             raise ModelError(
-                f"Initial z = {memory} N/kg lies beyond the largest force that the joint holds, "
+                f"Initial z = {memory} N/kg is above the largest force of the joint, "
                 f"alpha/(delta + |gamma|) = {limit / softening} N/kg.",
-                remedy="Start within it, or from rest.",
+                remedy="Start below it, or from rest.",
             )
 
     def doubts(self) -> str | None:

@@ -146,10 +146,10 @@ def _scalars(joint: Any, mass: float) -> tuple[float, ...]:
     require_positive(mass, "mass")
     if joint.restoring is not None:
         raise ModelError(
-            "Parameter `restoring` must be None in another convention, but is of kind "
+            "Parameter `restoring` must be None for a conversion, but is of kind "
             f"{type(joint.restoring).__name__}.",
-            why="They have a linear spring and the hysteretic force only.",
-            remedy="Add the other force as a separate spring there.",
+            why="The other conventions have only a linear spring and the hysteretic force.",
+            remedy="Add the other force as a separate spring in the other program.",
         )
     leaves = joint.omega_n, joint.zeta, joint.alpha, joint.delta, joint.gamma
     return tuple(float(leaf) for leaf in leaves)

@@ -152,11 +152,13 @@ def _require_curve(x: np.ndarray, force: np.ndarray) -> None:
             f" but there are {x.shape} and {force.shape}."
         )
     if not (np.isfinite(x).all() and np.isfinite(force).all()):
-        raise ConfigError("A virgin curve must have finite points: leave out what is not a number.")
+        raise ConfigError(
+            "A virgin curve must have finite points: leave out NaN and infinite values."
+        )
     if x[0] != 0.0 or force[0] != 0.0 or (np.diff(x) <= 0.0).any():
         raise ConfigError(
-            "A virgin curve must begin at (0, 0) and go on by increasing displacements, but it "
-            f"begins at ({x[0]:g}, {force[0]:g}) with steps from {np.diff(x).min():g} m."
+            "A virgin curve must begin at (0, 0) and continue with increasing displacements, "
+            f"but it begins at ({x[0]:g}, {force[0]:g}) with steps from {np.diff(x).min():g} m."
         )
 
 

@@ -200,7 +200,8 @@ class Iwan5(Law):
     def memory_unit(self, omega_n: Scalar) -> NoReturn:
         """Raise an error, because the periodic state of so many sliders is not computed."""
         raise ModelError(
-            "The periodic motion of the law `iwan5` is not solved for: each slider has its own.",
+            "The periodic motion of the law `iwan5` is not supported: each slider has its own "
+            "state.",
             remedy="Take its `backbone`, or simulate until the motion repeats.",
         )
 

@@ -76,8 +76,8 @@ class Spring(Law):
         if (even := self.even_part()) is not None:
             raise ModelError(
                 f"Parameter `restoring` must be an odd force for a periodic response, but {even}.",
-                why="Harmonics of odd orders, and half a period, describe odd motions only.",
-                remedy="Put None for the even powers of `Polynomial`, or use `simulate` with "
+                why="Odd harmonics over half a period describe only odd motions.",
+                remedy="Use None for the even powers of `Polynomial`, or `simulate` with "
                 "periodic=True.",
             )
 

@@ -119,8 +119,8 @@ def modal_backbone(
         motion = "a joint displacement" if is_one_joint else "an amplitude"
         raise ModelError(
             f"The backbone of mode {mode} was not found at {motion} of {first:g} m.",
-            why="It folds over there, as near an internal resonance, or a joint turns more "
-            "often in a period than was allowed.",
+            why="It has a fold there, as near an internal resonance, or a joint reverses more "
+            "often in a period than `max_turns` allows.",
             remedy="Stay below, look at `internal_resonances`, or raise `max_turns`.",
         )
     if not is_one_joint:
@@ -144,7 +144,7 @@ def _require_mode(structure: Structure, mode: int, is_one_joint: bool) -> None:
         raise ConfigError(
             f"Argument `mode` must be a mode that vibrates to have a backbone, but omega_n of mode "
             f"{mode} is 0.",
-            remedy="Give a mode of which omega_n is greater than 0.",
+            remedy="Name a mode whose omega_n is greater than 0.",
         )
     if not is_one_joint:
         return
@@ -153,7 +153,7 @@ def _require_mode(structure: Structure, mode: int, is_one_joint: bool) -> None:
         raise ConfigError(
             f"Mode {mode} of the `Structure` must have `h` and `p` other than 0 to have a "
             f"backbone, but has h = {float(h):g} and p = {float(p):g}.",
-            why="Nothing of it passes through the joint.",
+            why="The mode does not act on the joint.",
         )
 
 

@@ -152,7 +152,7 @@ def _per_mode(part: Any, structure: Structure) -> tuple[Array, ...]:
     part = jnp.asarray(part, float)
     if part.ndim and part.shape != num:
         raise ConfigError(
-            f"Argument `initial` must hold one number a mode, {num[0]}, but has {part.shape}."
+            f"Argument `initial` must have one number per mode, {num[0]}, but has {part.shape}."
         )
     return tuple(jnp.broadcast_to(part, num))
 

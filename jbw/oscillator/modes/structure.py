@@ -138,7 +138,8 @@ def admitted(structure: Structure) -> Structure:
     for name in ("b", "c"):
         if getattr(structure, name) is None:
             raise ConfigError(
-                f"Field `{name}` of a `Structure` must hold one number a mode, but is missing.",
+                f"Field `{name}` of a `Structure` must have one number per mode, but is "
+                "missing.",
                 remedy=f"Give `{name}`, " + ("0 where nothing pushes." if name == "b" else
                 "1 for the sum of the modal coordinates."),
             )  # fmt: skip
@@ -153,17 +154,17 @@ def admitted(structure: Structure) -> Structure:
         _require_joints(structure, values, *modes)
     elif any(isinstance(law, tuple) for law in structure.laws):
         raise ConfigError(
-            "Field `laws` of a `Structure` must hold laws where `h` has one number a mode, but "
-            "holds tuples of them.",
-            remedy="Give `h` a row for every joint, or the laws of the one joint.",
+            "Field `laws` of a `Structure` must contain laws if `h` has one number per mode, "
+            "but contains tuples of them.",
+            remedy="Give `h` a row for every joint, or give only the laws of the single joint.",
         )
     if not values["c"].shape:
         values["c"] = values["c"].reshape(1)
     if values["c"].ndim > 2 or values["c"].shape[-1:] != modes:
         raise ConfigError(
-            f"Field `c` of a `Structure` must hold {modes[0]} numbers, one a mode, for every "
+            f"Field `c` of a `Structure` must have {modes[0]} numbers, one per mode, for every "
             f"output, but has the shape {values['c'].shape}.",
-            remedy="Give one row an output.",
+            remedy="Give one row per output.",
         )
     structure = replace(structure, **values)
     _require_modes(structure)
@@ -175,17 +176,17 @@ def _number_of_modes(shapes: dict[str, tuple[int, ...]]) -> tuple[int]:
     distinct_shapes = {shape for shape in shapes.values() if shape}
     if len(distinct_shapes) > 1 or any(len(shape) > 1 for shape in distinct_shapes):
         raise ConfigError(
-            f"The fields {', '.join(shapes)} of a `Structure` must hold one number a mode each, "
-            f"but have the shapes {', '.join(map(str, shapes.values()))}.",
+            f"The fields {', '.join(shapes)} of a `Structure` must have one number per mode "
+            f"each, but have the shapes {', '.join(map(str, shapes.values()))}.",
             remedy=f"Give every mode all {len(shapes)}; for a batch of structures use `jax.vmap`.",
         )
     modes = next(iter(distinct_shapes), (1,))
     if any(not shape for shape in shapes.values()) and modes != (1,):
         bare = next(name for name, shape in shapes.items() if not shape)
         raise ConfigError(
-            f"Field `{bare}` of a `Structure` must hold {modes[0]} numbers, one a mode, but is one "
-            "number.",
-            remedy="Say the number of every mode.",
+            f"Field `{bare}` of a `Structure` must have {modes[0]} numbers, one per mode, but "
+            "is one number.",
+            remedy="Give one number for every mode.",
         )
     if modes == (0,):
         raise ConfigError("A `Structure` must have at least one mode, but its fields are empty.")
@@ -202,19 +203,20 @@ def _require_joints(structure: Structure, values: dict[str, Array], num_modes: i
             raise ConfigError(
                 f"Field `{name}` of a `Structure` of {num_modes} modes must have the shape {shape} "
                 f"({axes}), but has {values[name].shape}.",
-                remedy="Give `h` a row a joint, and leave `p` out where it is h transposed.",
+                remedy="Give `h` one row per joint, and leave out `p` if it is h transposed.",
             )
     if num_joints == 0:
         raise ConfigError(
             "Field `h` of a `Structure` must have at least one row, but has none.",
-            remedy="Give one joint without laws, `laws=((),)`, where there is none.",
+            remedy="Give one joint without laws, `laws=((),)`, if there is no joint.",
         )
     if len(structure.laws) != num_joints or any(
         not isinstance(law, tuple) for law in structure.laws
     ):
         raise ConfigError(
-            f"Field `laws` of a `Structure` must hold a tuple of laws for each of the {num_joints} "
-            f"joints that `h` has rows for, but holds {len(structure.laws)} entries of the kinds "
+            "Field `laws` of a `Structure` must contain a tuple of laws for each of the "
+            f"{num_joints} joints, which are the rows of `h`, but contains "
+            f"{len(structure.laws)} entries of the kinds "
             f"{', '.join(sorted({type(law).__name__ for law in structure.laws})) or 'none'}.",
             remedy="Give `laws=((law_of_joint_0,), (law_of_joint_1,))`, and () for a joint without "
             "a law.",
@@ -253,7 +255,7 @@ def _require_first(name: str, values: np.ndarray) -> None:
         raise ConfigError(
             f"Field `{name}` of a `Structure` must not be 0 for the first mode, but it is.",
             why="The laws are in units of the joint's motion in that mode.",
-            remedy=f"Put a mode that reaches the joint first, with {name}[0] = 1.",
+            remedy=f"Put a mode that moves the joint first, with {name}[0] = 1.",
         )
 
 
@@ -262,9 +264,9 @@ def _require_moved(name: str, values: np.ndarray) -> None:
     unmoved = ~np.any(values if name == "h" else values.T, axis=1)
     if np.any(unmoved):
         raise ConfigError(
-            f"Field `{name}` of a `Structure` must not be 0 in all modes of a joint, but it is of "
-            f"joint {int(np.argmax(unmoved))}.",
-            why="The joint would not move, or its force would move nothing.",
+            f"Field `{name}` of a `Structure` must not be 0 in all modes of a joint, but it is "
+            f"0 for joint {int(np.argmax(unmoved))}.",
+            why="No mode would move the joint, or its force would have no effect.",
             remedy="Keep a mode that moves the joint, or leave the joint out.",
         )
 
@@ -278,8 +280,8 @@ def _require_rigid(omega_n: np.ndarray, h: np.ndarray) -> None:
         raise ModelError(
             f"Field `omega_n` of a `Structure` must be greater than 0 for every mode that moves a "
             f"joint, but that of mode {mode} is 0 and moves joint {joint} by {h[joint, mode]:g}.",
-            why="With all joints stuck, such a mode is held by the joint itself.",
-            remedy="Take the modes of the structure with the joints' stiffness in it.",
+            why="With all joints stuck, such a mode is restrained by the joint itself.",
+            remedy="Use the modes of the structure including the stiffness of the joints.",
         )
 
 
@@ -319,10 +321,11 @@ def require_sampled(structure: Structure, fs: Any, substeps: int) -> None:
     enough = int(np.ceil(highest / float(fs)))
     remedy = messages.put_substeps(enough)
     if angle > np.pi:
-        raise ConfigError(f"{motion_in_step}, but at most pi can be followed.", remedy=remedy)
+        raise ConfigError(f"{motion_in_step}, but a step can follow at most pi.", remedy=remedy)
     if angle > 1.0:
         warnings.warn(
-            f"{motion_in_step}; beyond 1 the joint's motion is coarse. {remedy}", stacklevel=4
+            f"{motion_in_step}; above 1 the motion of the joint is inaccurate. {remedy}",
+            stacklevel=4,
         )
 
 
