@@ -1,4 +1,4 @@
-"""Checks of a fit for the verdict: solver error, residual correlation, misfit, repeatability."""
+"""Checks of a fit: solver error, correlated residuals, misfit, and variation between repeats."""
 
 from collections.abc import Mapping, Sequence
 
@@ -20,16 +20,17 @@ from jbw.observables.noise import num_known, repeatability
 from jbw.report.messages import residuals as messages
 from jbw.report.messages.remedies import OTHER_LAWS, beside_other_laws
 
-SHIFT = 0.1  # most shift of a posterior mean by solver error, in posterior standard deviations
+SHIFT = 0.1  # largest shift of a posterior mean by solver error, in posterior standard deviations
 NUM_DRAWS = 32
 CLOSE = 0.05  # largest relative error of any test at which a law is still rated usable
-OF_MISFIT = ("coloured_residual", "repeatability", "chi_square")  # findings that CLOSE amends
+# findings whose status is amended if the error is below CLOSE
+OF_MISFIT = ("coloured_residual", "repeatability", "chi_square")
 MOST_BEYOND = 1.5  # largest error of tests that were not fitted, over that of fitted ones
 TINY = np.finfo(float).tiny
 
 
 def solver_finding(posterior: xr.Dataset, data: Dataset) -> Finding | None:
-    r"""Check whether the solver's step could have moved the posterior; None without a solver.
+    r"""Check whether the time step could have moved the posterior; None if nothing is integrated.
 
     Halving the step changes the log likelihood by $\Delta\ell(\theta)$ and so a posterior mean by
     $\mathrm{Cov}(\theta, \Delta\ell)$, at most $\mathrm{sd}(\Delta\ell)$ standard deviations.
@@ -43,12 +44,12 @@ def solver_finding(posterior: xr.Dataset, data: Dataset) -> Finding | None:
 
 
 def substeps_of(data: Dataset) -> int:
-    """Return the largest number of solver steps per sample among a dataset's observables."""
+    """Return the largest number of solver steps per sample in a dataset."""
     return max((part.substeps or 1 for part in data.parts), default=1)
 
 
 def another_law(laws: Sequence[str]) -> str:
-    """Return a campaign file's line that adds a cubic spring; suggest other laws if it has one."""
+    """Return a campaign file's line that adds a cubic spring, or the advice to try other laws."""
     if SPRING in laws:
         return OTHER_LAWS
     return beside_other_laws(put("joint", "laws", [*laws, SPRING]))
@@ -57,7 +58,7 @@ def another_law(laws: Sequence[str]) -> str:
 def solver_change(
     theta: Mapping[str, Float[np.ndarray, "..."]], data: Dataset
 ) -> NDArray[np.float64] | None:
-    """Return each draw's change of log likelihood if the solver step is halved, or None."""
+    """Return how the log likelihood of each draw changes with half the solver step, or None."""
     finer = halved(data)
     if finer is None:
         return None
@@ -69,7 +70,7 @@ def solver_change(
 def thinned(
     posterior: xr.Dataset, names: tuple[str, ...] | None = None, num_draws: int = NUM_DRAWS
 ) -> dict[str, np.ndarray]:
-    """Return a few draws of the parameters, evenly spaced over all chains."""
+    """Return a few parameter draws, evenly spaced over all chains."""
     keep = evenly_spaced(posterior, num_draws)
     chosen = names or tuple(str(name) for name in posterior.data_vars)
     return {name: posterior[name].values.ravel()[keep] for name in chosen}
@@ -81,7 +82,7 @@ def residual_finding(
     error: Mapping[str, float],
     laws: Sequence[str] = (),
 ) -> Finding | None:
-    """Check whether a fit's residuals are correlated (lag-one) in groups of 16 samples or more.
+    """Check whether a fit's residuals are correlated (lag one), by data group.
 
     All mappings are by the label of the group: its values of `residuals`, the fraction of its
     values that is `counted`, and its relative `error`. `laws` are the fitted laws.
@@ -104,7 +105,7 @@ def residual_finding(
 
 
 def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
-    """Check the group with the largest fit error relative to its limit; None without any limit."""
+    """Check the data group whose fit error is largest relative to its limit, if there is one."""
     bounded = {
         label: part.most_misfit
         for part in data.parts
@@ -120,9 +121,9 @@ def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
 
 
 def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
-    """Return chi-square and degrees of freedom of a fit, over groups whose noise is known."""
+    """Return chi-square and degrees of freedom of a fit, over data groups of known noise."""
     sizes = num_known(data)
-    if sum(sizes.values()) <= len(first.x):  # so many parameters would explain any data
+    if sum(sizes.values()) <= len(first.x):  # with so many parameters, the fit explains any data
         return None
     rows = by_label(first.residual, data)
     total = sum(float(np.sum(rows[label] ** 2)) for label in sizes)
@@ -130,7 +131,7 @@ def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
 
 
 def within_misfit(error: Mapping[str, float]) -> Amendment | None:
-    """Return the amendment that rates a small misfit usable; None where the misfit is large.
+    """Return the amendment that a small misfit is usable; None if the misfit is large.
 
     Long or precise records show residuals beyond noise even where these are only a few per cent of
     the record. Such a law is wrong only in that small part, and the intervals include it.
@@ -147,7 +148,7 @@ def within_unseen(
     unseen: Sequence[float],
     which: str,
 ) -> Amendment | None:
-    """Return the amendment that quotes the errors of tests that were not fitted.
+    """Return the amendment with the errors of tests that were not fitted.
 
     It applies where findings rate the law usable. Errors are relative to the rms of their tests. If
     their rms exceeds that of the fitted errors by more than a factor of 1.5, the amendment rates
@@ -171,7 +172,7 @@ def within_unseen(
 
 
 def repeatability_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
-    """Compare the worst group's fit error with the scatter of its repeats.
+    """Compare the fit error of the worst data group with the variation between its repeats.
 
     If the error exceeds the scatter, another repeat predicts a record better than the law does.
     """

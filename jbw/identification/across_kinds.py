@@ -32,7 +32,7 @@ WORDS = {
 
 
 def kinds_of(data: Dataset) -> dict[str, tuple[str, ...]]:
-    """Return the labels of the fitted groups of data, by kind of test."""
+    """Return the labels of the fitted data groups, by kind of test."""
     labels: dict[str, list[str]] = {}
     for part in measured_parts(data):
         labels.setdefault(_kind_of(part), []).extend(part.groups.labels)
@@ -44,7 +44,7 @@ def _kind_of(part: Observable) -> str:
 
 
 def across_kinds(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
-    """Predict each kind of test from the others and return the errors; None for a single kind."""
+    """Predict each kind of test from the other kinds, and return the errors; None for one kind."""
     kinds = kinds_of(data)
     if len(kinds) < 2:
         return None

@@ -36,18 +36,18 @@ Report = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Measured:
-    """A campaign's tests, split into fitted and held-out ones, with the result of Step 2."""
+    """The fitted and held-out tests of a campaign, with the result of Step 2."""
 
     tests: tuple[Test, ...]
-    chosen: tuple[Test, ...]  # after `fit` and `hold_out` are applied
+    chosen: tuple[Test, ...]  # tests that remain after `fit` and `hold_out`
     settings: Identify
     laws: tuple[str, ...]
-    gain: Gain  # stated in the campaign [N/kg per unit of the input]
-    linear: LinearStep | None  # Step 2; None without a noise test
-    sweeps: Sweeps | None  # None if there are none
-    decays: DecaySplit | None  # None if none can be fitted
-    modes: Modes | None = None  # modes coupled by the joint; None for one mode
-    joints: SeveralJoints | None = None  # None if the structure has one joint
+    gain: Gain  # gains stated in the campaign [N/kg per unit of the input]
+    linear: LinearStep | None  # result of Step 2; None without a noise test
+    sweeps: Sweeps | None  # sweeps; None if there are none
+    decays: DecaySplit | None  # free decays; None if none can be fitted
+    modes: Modes | None = None  # modes that move the joint; None for one mode
+    joints: SeveralJoints | None = None  # several joints of the structure; None for one joint
 
     @property
     def probing(self) -> tuple[Test, ...]:
@@ -105,7 +105,7 @@ def measured(
     chosen = selection.fitted(tests, settings)
     require_one_unit(chosen)
     noise, linear = selection.linear_test(tests), None
-    if noise is not None and modes is None:  # several modes are fitted in time
+    if noise is not None and modes is None:  # several modes are fitted over time, not by Step 2
         report(messages.line_fit(noise.name))
         if line_fit is not None and line_fit.step.test.name == noise.name:
             linear = line_fit.taken_up()
@@ -123,7 +123,7 @@ def measured_in(
     tests: Sequence[Test] | None = None,
     line_fit: TriedStep | None = None,
 ) -> Measured:
-    """Perform Step 2 and split a campaign's or the given tests into fitted and held-out ones."""
+    """Perform Step 2, and divide tests into fitted and held-out ones."""
     return measured(
         campaign.tests if tests is None else tests, campaign.settings, laws=campaign.laws,
         structure=campaign.structure, gain=force_per_unit(campaign), joints=campaign.joints,
@@ -132,7 +132,7 @@ def measured_in(
 
 
 def assemble(seen: Measured) -> Dataset:
-    """Assemble all fitted tests of a campaign into one dataset, without offsets between runs.
+    """Assemble all fitted tests of a campaign into one dataset, without run offsets.
 
     All tests are fitted except held-out ones. Held out are tones near the resonance (they
     validate), levels and repeats of sweeps that are not among `fit_levels` and `fit_repeats`,
@@ -146,7 +146,7 @@ def assemble(seen: Measured) -> Dataset:
     linear, gain = seen.linear, seen.gain
     parts: list[Observable] = []
     if linear is not None and linear.test.name in _names(seen.chosen):
-        if not linear.test.traits.is_periodic:  # random motion enters as its line fit
+        if not linear.test.traits.is_periodic:  # a noise test enters by its line fit
             linear_gain = gain_of(gain, drive_of(linear.test))
             parts.append(reading_of(linear, linear_gain, seen.laws))
     parts += _reduced(_reducible(seen), seen)
@@ -162,7 +162,7 @@ def assemble(seen: Measured) -> Dataset:
     held = _held(parts, gain, seen.chosen)
     if seen.modes is not None:
         require_driven(seen.modes, parts)
-        if all("gain" not in part.informs for part in parts):  # a free decay involves no gain
+        if all("gain" not in part.informs for part in parts):  # free decays do not depend on a gain
             held |= dict.fromkeys(seen.modes.ratios, 1.0)
         held |= seen.modes.held
         if seen.modes.free:
@@ -173,7 +173,7 @@ def assemble(seen: Measured) -> Dataset:
 
 
 def _held(parts: Sequence[Observable], gain: Gain, tests: Sequence[Test]) -> dict[str, float]:
-    """Return the fixed parameters: stated gains, and parameters that no test constrains."""
+    """Return the fixed parameters: stated gains, and parameters that no test determines."""
     others, first_parts = attached(parts), parts_of("", parts)
     informed = informed_by(first_parts)
     first = next((part.drive for part in first_parts if part.drive), "")
@@ -196,7 +196,7 @@ def _held(parts: Sequence[Observable], gain: Gain, tests: Sequence[Test]) -> dic
 
 
 def _require_labels(parts: Sequence[Observable]) -> None:
-    """Raise a DataError if tones of one level, and thus one label, have different drives."""
+    """Raise a DataError if tones of one level have different drives."""
     labels = [label for part in parts for label in part.groups.labels]
     twice = [label for part in parts for label in part.groups.labels if labels.count(label) > 1]
     if twice and attached(parts):
@@ -208,7 +208,7 @@ def _require_labels(parts: Sequence[Observable]) -> None:
 
 
 def entered(seen: Measured) -> dict[str, bool]:
-    """Return, by test name, whether any repeat or the line fit of the test is fitted."""
+    """Return by test name whether a repeat or the line fit of the test is fitted."""
     kinds = {kind for observable in OBSERVABLES for kind in observable.kinds}
     names = _names([test for test in _reducible(seen) if test.kind in kinds])
     names |= _names([test for test in seen.chosen if test.traits.is_free])
@@ -234,7 +234,7 @@ def fitted_repeats(seen: Measured) -> dict[str, list[int]]:
 
 
 def _reduced(tests: Sequence[Test], seen: Measured) -> list[Observable]:
-    """Return the observables (data with their model) of given tests, by kind of test and drive."""
+    """Return the data of given tests as the likelihood needs them, by kind of test and drive."""
     parts: list[Observable] = []
     if worn := never_steady(seen.laws, {test.kind for test in tests}):
         raise ConfigError(f"Argument `laws`: {worn}")
@@ -269,7 +269,7 @@ def _reducible(seen: Measured) -> list[Test]:
 def reading_of(
     linear: LinearStep, gain: float | None = None, laws: tuple[str, ...] = DEFAULT_LAWS
 ) -> LineReading:
-    """Return the line fit of Step 2 as an observable, with its gain in the campaign's units."""
+    """Return the line fit of Step 2 as a likelihood term, with its gain in the campaign's units."""
     scale = np.array([1.0, 1.0, gain or 1.0])
     covariance = linear.pooled.covariance * np.outer(scale, scale)
     run = run_of(linear.test)

@@ -1,4 +1,4 @@
-"""Campaigns on a reduced model with several joints: driven modes, checks, bounds of the laws."""
+"""Campaigns with a reduced model and several joints: driven modes, checks, bounds of the laws."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -23,11 +23,11 @@ from jbw.oscillator.modes.assembled import STIFFNESS, held_numbers, motion_name,
 from jbw.quantities import FED, label, name_at, split
 
 ASSEMBLED = "assembled"
-FEWEST = 3  # loud spectral lines within 7 % of a mode from which a source drives it
+FEWEST = 3  # smallest number of strong spectral lines near a mode that a source drives (within 7 %)
 
 
 def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Identify) -> Modes:
-    """Return a reduced model's modes as the tests drive and measure them, driven modes first.
+    """Return the modes of a reduced model as the tests drive and measure them.
 
     Raises:
         ConfigError: Tests, laws or settings are not supported for several joints.
@@ -126,7 +126,7 @@ def _require_kinds(tests: Sequence[Test]) -> None:
 
 
 def _require_bands(tests: Sequence[Test], driven_hz: Float[np.ndarray, " mode"]) -> None:
-    """Raise a ConfigError if a free decay's band lacks a fitted mode: all of them ring at once."""
+    """Raise a ConfigError if the band of a free decay does not contain every fitted mode."""
     low_hz, high_hz = driven_hz.min(), driven_hz.max()
     for test in tests:
         if not test.traits.is_free or test.band_hz is None:
@@ -142,7 +142,7 @@ def _require_bands(tests: Sequence[Test], driven_hz: Float[np.ndarray, " mode"])
 
 
 def _require_sources(tests: Sequence[Test]) -> None:
-    """Raise a ConfigError for several kinds of source, or for a force per modal mass."""
+    """Raise a ConfigError for several kinds of source, or for a source in N/kg."""
     tests = [test for test in tests if not test.traits.is_free]
     drives = sorted({drive_of(test) for test in tests})
     if len(drives) > 1:
@@ -162,7 +162,7 @@ def _require_sources(tests: Sequence[Test]) -> None:
 
 
 def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
-    """Return indices of the driven elastic modes; the first is well measured by the sensor."""
+    """Return the indices of the driven elastic modes; the first one is well measured."""
     frequencies = reduced.frequencies_hz
     elastic = [i for i, hz in enumerate(frequencies) if hz > 0]
     windows = Modes(tuple(float(frequencies[i]) for i in elastic)).windows_hz
@@ -193,7 +193,7 @@ def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
 
 
 def _moves(test: Test, window_hz: tuple[float, float]) -> bool:
-    """Return whether a test moves a mode: its source excites it, or a decay's band contains it."""
+    """Return whether a test moves a mode: its source drives it, or it is a decay of the mode."""
     if not test.traits.is_free:
         return passes(test, window_hz)
     if test.band_hz is None:
@@ -203,7 +203,7 @@ def _moves(test: Test, window_hz: tuple[float, float]) -> bool:
 
 
 def passes(test: Test, window_hz: tuple[float, float]) -> bool:
-    """Return whether a test's source has loud spectral lines within a window and its band."""
+    """Return whether a test's source has strong spectral lines in a frequency window."""
     record = test.records[0]
     hz = np.fft.rfftfreq(record.num_samples, 1 / record.fs)
     size = np.abs(np.fft.rfft(record.channels[record.source]))
@@ -214,7 +214,7 @@ def passes(test: Test, window_hz: tuple[float, float]) -> bool:
 
 
 def known_gain(modes: Modes | None, tests: Sequence[Test]) -> float | None:
-    """Return the model's gain of the first mode [1/kg] if the force is measured; else None."""
+    """Return the model's gain of the first mode [1/kg] if a force is measured, else None."""
     driven = [test for test in tests if not test.traits.is_free]
     if modes is None or modes.meet != ASSEMBLED or not driven or drive_of(driven[0]) in FED:
         return None
@@ -223,7 +223,7 @@ def known_gain(modes: Modes | None, tests: Sequence[Test]) -> float | None:
 
 
 def with_steps(parts: Sequence, modes: Modes | None, settings: Identify) -> list:
-    """Return observables whose solver steps resolve the fastest residual mode (1 rad per step).
+    """Return data whose solver steps resolve the fastest residual mode (1 rad per step).
 
     Raises:
         ConfigError: The stated `substeps` are too few: the motion would be unstable.
@@ -279,14 +279,14 @@ def joint_bounds(
 
 
 def _largest_motion(modes: Modes, data: Dataset, joint: str) -> float:
-    """Return a joint's largest motion in the modes that the first point measures [m, or rad]."""
+    """Return the largest motion of a joint in modes that the first point measures [m, or rad]."""
     numbers, amplitudes = dict(modes.numbers), largest_amplitudes(modes, data)
     motion = [numbers[motion_name(i, joint)] for i in range(1, len(amplitudes) + 1)]
     return float(np.nanmax(np.abs(motion) * amplitudes))
 
 
 def largest_amplitudes(modes: Modes, data: Dataset) -> Float[np.ndarray, " mode"]:
-    """Return each driven mode's largest modal amplitude; NaN if the first point hardly sees it."""
+    """Return the largest amplitude of each driven mode; NaN if the first point hardly shows it."""
     numbers, shares = dict(modes.numbers), np.abs(gain_shares(modes))
     peaks_of_parts = (part.shown().peaks_of_modes for part in data.parts)
     peaks = np.max([largest for largest in peaks_of_parts if largest], axis=0)

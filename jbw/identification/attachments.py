@@ -1,4 +1,4 @@
-r"""The effect of a shaker's attachment on a structure that several drives excite.
+r"""The effect of an attached shaker on a structure that is driven in several ways.
 
 The attachment is determined from a test with measured voltage, force and drive point. Of several,
 the test with the least voltage is used: omega_n and zeta of a fit are those of weak motion. The
@@ -25,14 +25,16 @@ from jbw.quantities import FED
 from jbw.report.messages import instruments as messages
 
 Own = Float[np.ndarray, " own"]
-SHARE, SHARE_OF_RESPONSE = 0.3, 0.6  # standard deviation over the predicted change
-LEAST_OMEGA, LEAST_ZETA = 2e-4, 0.02  # least relative standard deviations of omega_n and zeta
-MOST_MODES = (1, 2, 3)  # numbers of modes in the band, tried in this order
-HEAVY = 0.03  # armature over modal mass from which the joint's share of the stiffness changes
+# standard deviation over the predicted change, in general and at the fitted response
+SHARE, SHARE_OF_RESPONSE = 0.3, 0.6
+LEAST_OMEGA, LEAST_ZETA = 2e-4, 0.02  # smallest relative standard deviations of omega_n and zeta
+MOST_MODES = (1, 2, 3)  # numbers of modes in the band that are tried, in this order
+# ratio of armature to modal mass, above which the joint's share of the stiffness changes
+HEAVY = 0.03
 
 
 def require_one_unit(tests: Iterable[Test]) -> None:
-    """Raise a ConfigError if sources of one drive differ in unit: they share one gain."""
+    """Raise a ConfigError if sources of one drive, which share one gain, have different units."""
     first_units: dict[str, tuple[str, str]] = {}
     for test in tests:
         drive = drive_of(test)
@@ -52,7 +54,7 @@ def require_one_unit(tests: Iterable[Test]) -> None:
 
 
 def foretold(tests: Sequence[Test], parts: Sequence[Observable]) -> list[Observable]:
-    """Predict how each drive's shaker changes omega_n and zeta; warn if this cannot be determined.
+    """Predict how the shaker of each drive changes omega_n and zeta; warn if that fails.
 
     This needs tests of the structure without a shaker's feed as input as well: they determine its
     own omega_n and zeta.
@@ -79,7 +81,7 @@ def foretold(tests: Sequence[Test], parts: Sequence[Observable]) -> list[Observa
 
 
 def _read(test: Test) -> ShakerReading | None:
-    """Identify the shaker with as few modes in the band as possible; warn if this fails."""
+    """Identify the shaker with as few modes as possible; warn if this fails."""
     reason = ""
     for modes in MOST_MODES:
         try:
@@ -91,7 +93,7 @@ def _read(test: Test) -> ShakerReading | None:
 
 
 def _feeds(test: Test, drive: str) -> bool:
-    """Return whether a test's recorded shaker feed (voltage or current) is the given drive."""
+    """Return whether the voltage or current fed to a test's shaker is the given drive."""
     return BY_UNIT.get(test.records[0].units.get("input", ""), drive) == drive
 
 
@@ -104,7 +106,7 @@ def _is_response(record: Record) -> bool:
 
 
 def _nearest(reading: ShakerReading, parts: Sequence[Observable]) -> int:
-    """Return the index of the mode that is nearest to the joint's own mode in the data."""
+    """Return the index of the mode nearest to the mode of the joint."""
     frequencies = (part.shown().first_values().get("omega_n") for part in parts)
     omega = next(filter(None, frequencies), reading.modes.omega[0])
     return int(np.argmin(np.abs(reading.modes.omega - omega)))
@@ -119,7 +121,7 @@ def _change(reading: ShakerReading, mode: int, share: float) -> tuple[Own, Own]:
 
 
 def _sentence(test: Test, reading: ShakerReading, mode: int, share: float) -> str:
-    """Return the sentence on the predicted attachment of a shaker: its accuracy and mass."""
+    """Return the sentence on the predicted effect of a shaker: its accuracy and added mass."""
     added = reading.shaker.mass * reading.modes.residues[mode, 0]
     sentence = messages.attachment(test.name, share, added, at_drive_point=share > SHARE)
     return f"{sentence} {messages.heavy(HEAVY)}" if abs(added) > HEAVY else sentence

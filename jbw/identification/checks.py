@@ -1,4 +1,4 @@
-"""The checks of a joint posterior: findings, sentences, and arrays to keep with the draws.
+"""The checks of a joint posterior: findings, sentences, and arrays stored with the draws.
 
 A check is a function that takes a `CheckedPosterior` and returns an `Outcome`. A check that fails
 with an error is omitted, and the finding on incomplete checks names it.
@@ -84,31 +84,32 @@ from jbw.report.messages import posterior as messages
 from jbw.report.messages.discrepancy import one_kind
 
 under_way = logging.getLogger("jbw.progress")
-STUCK = {"frozen_chain", "r_hat"}  # findings of a sampler that does not fit the posterior
+STUCK = {"frozen_chain", "r_hat"}  # findings that show that a sampler does not suit the posterior
 
 
 @dataclass(frozen=True)
 class Outcome:
     """The outcome of one check of a posterior: its finding, sentences and arrays."""
 
-    finding: Finding | None = None  # None if the check does not apply
-    statements: Sequence[str] = ()  # sentences for the reader
-    groups: Mapping[str, xr.Dataset] = field(default_factory=dict)  # stored with the draws
+    finding: Finding | None = None  # the finding; None if the check does not apply
+    statements: Sequence[str] = ()  # sentences for the report
+    # arrays that are stored with the draws
+    groups: Mapping[str, xr.Dataset] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Checks:
     """The results of all checks of a posterior."""
 
-    findings: tuple[Finding, ...]  # on the chains, the fit and the posterior
-    amendments: tuple[Amendment | None, ...]  # changes of findings due to fit errors
-    statements: tuple[str, ...]  # of the fit, the sampler and the checks
+    findings: tuple[Finding, ...]  # findings on the chains, the fit and the posterior
+    amendments: tuple[Amendment | None, ...]  # changes of findings because of fit errors
+    statements: tuple[str, ...]  # sentences on the fit, the sampler and the checks
     groups: Mapping[str, xr.Dataset]  # labelled arrays stored with the draws, by name
     wall_s: float
 
     @property
     def sees_no_joint(self) -> bool:
-        """Whether the checks find no effect of a joint in the structure."""
+        """Whether the checks find no effect of a joint."""
         return any(row.code == "no_joint" and row.status != "ok" for row in self.findings)
 
 
@@ -127,12 +128,12 @@ class CheckedPosterior:
 
     @cached_property
     def residuals(self) -> dict[str, np.ndarray]:
-        """The residuals of the fit by group of data."""
+        """The residuals of the fit by data group."""
         return dataset.residual_by_label(self.fitted.fit.residual, self.data)
 
     @cached_property
     def error(self) -> dict[str, Any]:
-        """The error of the fit in each group of data, relative to the group's rms."""
+        """The error of the fit in each data group, relative to the rms of the group."""
         return dataset.error_by_label(self.residuals, self.data)
 
     @cached_property
@@ -142,16 +143,16 @@ class CheckedPosterior:
 
     @cached_property
     def without_each_run(self) -> Any:
-        """The fits repeated without each run in turn."""
+        """The fits without each run, one run at a time."""
         return fits_without_each_run(self.fitted.fit, self.fitted.box, self.data)
 
 
 Check = Callable[[CheckedPosterior], Outcome]
-FURTHER: dict[str, Check] = {}  # checks registered from outside of jbw, by what they check
+FURTHER: dict[str, Check] = {}  # checks of a user, by their subject
 
 
 def register(what: str, check: Check) -> Check:
-    """Register a check from outside of jbw that runs on every joint posterior.
+    """Register a user's check, which then runs on every joint posterior.
 
     Args:
         what: What it checks, such as "the stop of the bench". It is printed as progress, and where
@@ -251,7 +252,7 @@ def shape_of_fit(checked: CheckedPosterior) -> Outcome:
 
 
 def repeats_of_tests(checked: CheckedPosterior) -> Outcome:
-    """Check whether the error of the fit exceeds the scatter between repeats of a test."""
+    """Check whether the error of the fit exceeds the variation between repeats of a test."""
     return Outcome(accuracy.repeatability_finding(checked.error, checked.data))
 
 
@@ -268,13 +269,13 @@ def response_bands(checked: CheckedPosterior) -> Outcome:
 
 
 def lack_of_fit(checked: CheckedPosterior) -> Outcome:
-    """Explain the residuals of a poor fit by their likely causes."""
+    """Find likely causes of the residuals of a poor fit."""
     why = causes(checked.fitted.fit, checked.data)
     return Outcome(cause_finding(why), (causes_sentence(why),) if why else ())
 
 
 def offsets_of_runs(checked: CheckedPosterior) -> Outcome:
-    """Return the offsets of omega_n and zeta between runs; an empty outcome without any."""
+    """Return the offsets of omega_n and zeta between runs; empty without run offsets."""
     runs = runs_dataset(checked.key, checked.draws, checked.fitted.box.names, checked.data)
     return Outcome() if runs is None else Outcome(None, (runs_sentence(runs),), {"runs": runs})
 
@@ -336,7 +337,7 @@ def thresholds_reached(checked: CheckedPosterior) -> Outcome:
 
 
 def each_test_left_out(checked: CheckedPosterior) -> Outcome:
-    """Check how well each run is predicted by a fit to the other runs."""
+    """Check how well each run is predicted by a fit to all other runs."""
     ready = checked.fitted
     left_out = leave_one_out(ready.fit, ready.box, ready.data, checked.without_each_run)
     if left_out is None:
@@ -438,7 +439,7 @@ def incomplete_finding(said: Sequence[str]) -> Finding | None:
 
 
 def drawn(facts: Mapping[Any, Any]) -> list[str]:
-    """Return the sentences on sampling: sampler, coordinates, evaluations and evidence."""
+    """Return the sentences on the sampling: sampler, coordinates, evaluations, evidence."""
     if "coordinates" not in facts:
         return []
     counted = facts["num_evaluations"]
@@ -449,7 +450,7 @@ def drawn(facts: Mapping[Any, Any]) -> list[str]:
 
 
 def stuck(posterior: xr.DataTree, findings: Iterable[Finding]) -> list[str]:
-    """Return the advice for elliptical slice sampling that does not mix; empty if it mixes."""
+    """Return advice if elliptical slice sampling has not converged, else an empty text."""
     failed = {finding.code for finding in findings if finding.status != "ok"}
     if posterior.attrs.get("sampler") != "elliptical_slice" or not failed & STUCK:
         return []
@@ -459,7 +460,7 @@ def stuck(posterior: xr.DataTree, findings: Iterable[Finding]) -> list[str]:
 def joint_step(
     key: Key[Array, ""], problem: JointProblem, *, name: str = "joint", keep: Keep = no_checkpoint
 ) -> tuple[Step, Dataset]:
-    """Draw and check a joint posterior; return it as a step, with its final dataset.
+    """Draw and check a joint posterior; return the result with the dataset as fitted.
 
     The returned dataset has the offsets of the runs, and the effective numbers of values and solver
     steps that the fit determined.
@@ -475,7 +476,7 @@ def joint_step(
 def step_of(
     posterior: JointPosterior, checks: Checks, judged: Verdict, statements: Sequence[str]
 ) -> Step:
-    """Return a joint posterior as a step of the procedure, with its verdict and statements."""
+    """Return a joint posterior with its verdict and statements, as a step of the procedure."""
     groups = {name: xr.DataTree(group) for name, group in checks.groups.items()}
     fitted = posterior.fitted
     return Step(

@@ -29,9 +29,9 @@ from jbw.report.messages import posterior as messages
 
 
 def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box:
-    """Return the prior box of the joint posterior: joint parameters and gain, unless fixed."""
+    """Return the prior bounds of the joint posterior: parameters of the joint, and the gain."""
     parts = parts_of("", data.parts)
-    # If no test determines the damping, every test prescribes the displacement.
+    # If no test determines the damping, all tests prescribe the displacement.
     forced = all("zeta" not in part.informs for part in parts)
     omega_n = known.get("omega_n")
     if not omega_n:
@@ -61,7 +61,7 @@ def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box
 
 
 def _stiffest(data: Dataset) -> float:
-    """Return force over displacement of the stiffest loop, peak to peak, per unit mass [1/s^2]."""
+    """Return force over displacement of the stiffest loop, per unit mass [1/s^2]."""
     stiffnesses = (part.shown().stiffness() for part in data.parts)
     measured = [value for value in stiffnesses if value is not None]
     if not measured:
@@ -76,7 +76,7 @@ def _stiffest(data: Dataset) -> float:
 def _bounds_of(
     drive: str, settings: Identify, data: Dataset, estimates: Mapping[str, float]
 ) -> Bounds:
-    """Return bounds of a drive's separate omega_n, zeta and gain, unless these are fixed."""
+    """Return prior bounds of a drive's own omega_n, zeta and gain, unless these are fixed."""
     parts = parts_of(drive, data.parts)
     omega_n, zeta = estimates[named("omega_n", drive)], estimates.get(named("zeta", drive), 0.01)
     gain = estimates.get(named("gain", drive))
@@ -88,7 +88,7 @@ def _bounds_of(
 
 
 def _bounds_beside(settings: Identify, data: Dataset, estimates: Mapping[str, float]) -> Bounds:
-    """Return the bounds of the parameters of all modes but the first."""
+    """Return the prior bounds of the parameters of all modes except the first."""
     if data.modes is None:
         return {}
     wide = bounds_of(data.modes, estimates, with_joint=bool(data.laws))
@@ -98,7 +98,7 @@ def _bounds_beside(settings: Identify, data: Dataset, estimates: Mapping[str, fl
 
 
 def _bounds_of_own_laws(modes: Modes, data: Dataset, estimates: Mapping[str, float]) -> Bounds:
-    """Bound the laws of every mode but the first, as for a separate oscillator."""
+    """Return prior bounds of the laws of all modes except the first."""
     peaks = np.max([largest for p in data.parts if (largest := p.shown().peaks_of_modes)], axis=0)
     bounds: Bounds = {}
     for mode, (names, peak) in enumerate(zip(modes.names, peaks[1:], strict=True), 2):
@@ -109,7 +109,7 @@ def _bounds_of_own_laws(modes: Modes, data: Dataset, estimates: Mapping[str, flo
 
 
 def _require_sampled(densities: Collection[str], names: Collection[str]) -> None:
-    """Raise a ConfigError for a prior density of a parameter that is not sampled."""
+    """Raise a ConfigError for a stated prior of a parameter that is not sampled."""
     for name in densities:
         if name not in names:
             raise ConfigError(
@@ -120,7 +120,7 @@ def _require_sampled(densities: Collection[str], names: Collection[str]) -> None
 
 
 def _require_drives(prior: Collection[str], data: Dataset) -> None:
-    """Raise a ConfigError for a prior on a drive's parameter if no test of that drive is fitted."""
+    """Raise a ConfigError for a prior on parameters of a drive without a fitted test."""
     others = attached(data.parts)
     for name in prior:
         if plain(name) != name and not name.endswith(others):
@@ -139,7 +139,7 @@ def joint_box(
     *,
     linear: bool = True,
 ) -> Box:
-    """Return the box of omega_n, zeta, the laws' parameters, and the gain unless it is None.
+    """Return prior bounds of omega_n, zeta, the parameters of the laws, and the gain.
 
     The gain is given with its standard deviation. If `linear` is False, omega_n and zeta of the
     scales were determined at an amplitude that includes the joint's softening and losses, so they
@@ -147,7 +147,7 @@ def joint_box(
     """
     stated_prior, omega_n = settings.prior, scales.omega_n
     structure_bounds = linear_bounds(scales, gain, linear=linear)
-    # The gain belongs to the source and comes last.
+    # The gain is a parameter of the source and comes last.
     last = {name: structure_bounds.pop(name) for name in ("gain",) if name in structure_bounds}
     bounds = structure_bounds | prior_of(laws, scales) | last
     bounds = {name: stated_prior.get(name, pair) for name, pair in bounds.items()}
@@ -159,7 +159,7 @@ def joint_box(
     bounds |= _shared(kinds, bounds, stated_prior, omega_n)
     for law in kinds:
         law_bounds = {name: bounds[name] for name in law.names()}
-        # Only bounds that the campaign states need a caution: default ones keep the loops bounded.
+        # Only stated bounds may let a law diverge: default bounds do not.
         stated = {
             name: stated_prior.get(name, (max(pair[0], 0.0), pair[1]))
             for name, pair in law_bounds.items()
@@ -170,7 +170,7 @@ def joint_box(
 
 
 def linear_bounds(scales: Scales, gain: tuple[float, float] | None, *, linear: bool) -> Bounds:
-    """Bound omega_n, zeta, and a gain by its standard deviation; `linear` as in `joint_box`."""
+    """Return prior bounds of omega_n, zeta and a gain, from estimates in the linear regime."""
     omega_n, zeta = scales.omega_n, scales.zeta
     bounds: Bounds = {"omega_n": (0.97 * omega_n, 1.03 * omega_n), "zeta": (0.2 * zeta, 3.0 * zeta)}
     if not linear:
@@ -185,15 +185,16 @@ def linear_bounds(scales: Scales, gain: tuple[float, float] | None, *, linear: b
 
 
 def weighed_bounds(gain: float) -> tuple[float, float]:
-    """Return bounds of a gain that was estimated from a loop's secant stiffness."""
-    low, high = sorted((gain / MOST_SOFTENING, MOST_SOFTENING * gain))  # its sign may be reversed
+    """Return prior bounds of a gain that was estimated from the secant stiffness of a loop."""
+    # the sign of a channel may be reversed
+    low, high = sorted((gain / MOST_SOFTENING, MOST_SOFTENING * gain))
     return low, high
 
 
 def _require_stiffness(
     law: type[Law], bounds: Bounds, stated: Collection[str], omega_n: float
 ) -> None:
-    """Raise a ConfigError if the prior allows a joint stiffer than the whole, omega_n^2."""
+    """Raise a ConfigError if the prior allows a joint as stiff as the structure, omega_n^2."""
     least = {name: pair[0] for name, pair in bounds.items()}
     for name in bounds.keys() & set(stated):
         stiffness = float(law.build({**least, name: bounds[name][1]}).stiffness())
@@ -209,7 +210,7 @@ def _require_stiffness(
 def _shared(
     laws: Collection[type[Law]], bounds: Bounds, prior_names: Collection[str], omega_n: float
 ) -> Bounds:
-    """Return lowered bounds of the laws' stiffnesses whose sum is that of the stiffest law.
+    """Return lowered upper bounds of the laws' stiffnesses, so that their sum stays possible.
 
     Upper bounds that the campaign does not state are lowered by one factor; stated ones must leave
     room for them.
@@ -240,7 +241,7 @@ def _shared(
 def chosen_coordinates(
     best: Fit, settings: Identify, laws: tuple[str, ...]
 ) -> Iterator[tuple[type[Law], Coordinates]]:
-    """Yield each law that is sampled in other coordinates than its parameters, with these.
+    """Yield each law that is sampled in another parametrisation, with this parametrisation.
 
     A campaign chooses them by `coordinates`. With "auto" they are used where the campaign bounds
     none of the law's parameters and the fit does not determine all of them.
@@ -261,7 +262,7 @@ def chosen_coordinates(
 
 
 def coordinates_sentence(law: type[Law], coordinates: Coordinates) -> str:
-    """Return the sentence on which coordinates are sampled and why."""
+    """Return the sentence on the sampled parametrisation, with the reason."""
     *most, last = law.names()
     meanings = "; ".join(quantity.meaning for quantity in coordinates.table)
     return messages.products_sampled(most, last, coordinates.names, meanings)
@@ -274,7 +275,7 @@ def coordinate_box(
     law: type[Law],
     coordinates: Coordinates,
 ) -> Box:
-    """Return the prior box with other coordinates, bounded near a fit, for a law's parameters."""
+    """Return the prior bounds in another parametrisation of a law, near a fit."""
     bounds = bounds_by_name(prior)
     other = law.coordinate_bounds(  # pyright: ignore[reportAttributeAccessIssue]
         coordinates.name, bounds, theta, dict(settings.prior)
@@ -286,7 +287,7 @@ def coordinate_box(
 
 
 def combinations(names: Iterable[str], laws: tuple[str, ...] = DEFAULT_LAWS) -> tuple[Product, ...]:
-    """Return the products of each law's parameters that weak motion determines.
+    """Return the products of each law's parameters that small motion determines.
 
     If a law is sampled in other coordinates, its parameters are also returned as products of these.
     Only products of sampled parameters (`names`) are returned.

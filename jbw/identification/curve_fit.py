@@ -1,4 +1,4 @@
-"""Fits of joint laws to frequency and damping against amplitude, without a solve in time."""
+"""Fits of joint laws to frequency and damping against amplitude, without simulation."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -19,11 +19,11 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
 
 STARTS = 8
-FREQUENCY_STD, DAMPING_STD = 1e-4, 0.03  # relative, in place of a curve's own errors
+FREQUENCY_STD, DAMPING_STD = 1e-4, 0.03  # relative errors that replace those of a curve
 
 
 class WhiteRows(NamedTuple):
-    """Stiffness and loss against amplitude, with the matrix that whitens their errors.
+    """Stiffness and loss against amplitude, with the matrix that normalises their errors.
 
     Attributes:
         y: Amplitudes [m].
@@ -39,14 +39,14 @@ class WhiteRows(NamedTuple):
 
 
 def rows_with_errors(rows: ReadingRows) -> WhiteRows:
-    """Return stiffness and loss readings with the matrix that whitens their covariance."""
+    """Return measured stiffness and loss, with the matrix that normalises their errors."""
     white = np.linalg.inv(np.linalg.cholesky(rows.with_scatter))
     y, values, white = jax.device_put((rows.y, rows.values, white))
     return WhiteRows(y, values, white, rows.unit)
 
 
 def rows_of_curve(curve: AmplitudeCurve) -> WhiteRows:
-    """Return a curve's stiffness and loss with fixed errors: 2e-4, and 3 % of the largest loss."""
+    """Return stiffness and loss of a curve with fixed errors: 2e-4, and 3 % of the largest loss."""
     square = curve.omega**2
     unit = float(np.mean(square))
     stiffness, loss = square / unit, 2 * curve.zeta * square / unit
@@ -69,7 +69,7 @@ class CurveMisfit(eqx.Module):
     laws: tuple[str, ...] = eqx.field(static=True)
 
     def __call__(self, theta: Mapping[str, Array], seen: WhiteRows) -> Float[Array, " row"]:
-        """Return the whitened errors of stiffness and loss at all amplitudes."""
+        """Return the normalised errors of stiffness and loss at all amplitudes."""
         model = backbone(oscillator_of(theta, self.laws), seen.y)
         stiffness = model.omega**2 / seen.unit
         made = jnp.concatenate([stiffness, 2 * model.zeta * stiffness])
@@ -77,7 +77,7 @@ class CurveMisfit(eqx.Module):
 
 
 def fit_curve(key: Key[Array, ""], laws: tuple[str, ...], prior: Box, rows: WhiteRows) -> Fit:
-    """Fit laws to stiffness and loss against amplitude, from starts spread over the prior.
+    """Fit laws to stiffness and loss against amplitude, from starts all over the prior.
 
     Raises:
         ModelError: None of the starts has a steady loop.

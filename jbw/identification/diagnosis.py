@@ -1,4 +1,4 @@
-r"""Diagnosis of the joint from frequency and damping against amplitude, before a law is fitted.
+r"""Diagnosis of a joint from frequency and damping against amplitude, before a law is fitted.
 
 $$\omega(Y) = \omega_0 (1 - a\,(Y/Y_{max})^q), \qquad \zeta(Y) = \zeta_0 + b\,(Y/Y_{max})^p,
   \qquad r = \frac{b}{a} = \frac{\Delta\zeta}{-\Delta\omega/\omega}$$
@@ -22,20 +22,21 @@ from jbw.measurement.resonances import AmplitudeCurve
 from jbw.oscillator.power_losses import power_losses
 from jbw.report.messages import effects as messages
 
-FEWEST = 5  # readings that an exponent needs
+FEWEST = 5  # smallest number of measured values for an exponent
 EXPONENTS = (0.1, 4.0)
-DRAWN = 400  # draws of the readings within their errors, for the bands
+DRAWN = 400  # number of random variations of the measured values, for bands
 SEED = 0
-TURNS = 3.5  # standard deviations by which a frequency must change on both sides of a turn
-LEAST_TURN = 1e-4  # least relative change of frequency on both sides of a turn
-CURVES = 15  # most readings that are taken singly; decays give more, which are grouped
-GROUPS, FEWEST_TURNING = 8, 6  # number of groups; least number of readings
+TURNS = 3.5  # change of frequency on both sides of a turning point, in standard deviations
+LEAST_TURN = 1e-4  # smallest relative change of frequency on both sides of a turning point
+CURVES = 15  # largest number of values that are not averaged in groups
+# number of groups; smallest number of measured values for a turning point
+GROUPS, FEWEST_TURNING = 8, 6
 Values = Float[np.ndarray, " point"]
-CLOSE = 0.1  # relative error of the ratio from the next order in amplitude, as near macroslip
+CLOSE = 0.1  # relative error of the ratio due to higher orders in amplitude
 
 
 class Diagnosis(NamedTuple):
-    """The diagnosis of a joint; triples are the lower end, middle and upper end of a 99 % band.
+    """The diagnosis of a joint; triples are lower end, middle and upper end of a 99 % band.
 
     Attributes:
         num_readings: Number of readings of frequency and damping.
@@ -70,7 +71,7 @@ class Diagnosis(NamedTuple):
 
 
 def diagnose(curve: AmplitudeCurve) -> Diagnosis | None:
-    """Determine exponents and ratio of softening and damping from readings; None with too few.
+    """Determine exponents and the ratio of damping to softening; None with too few values.
 
     Bands come from readings drawn within their errors. Readings are weighted by their amplitude:
     the noise of frequency and damping falls as the motion grows.
@@ -89,7 +90,7 @@ def diagnose(curve: AmplitudeCurve) -> Diagnosis | None:
 
 
 def turning_point(curve: AmplitudeCurve) -> tuple[float, float, float] | None:
-    """Return the point where the frequency turns, as `Diagnosis.turn`; None if it is monotonic.
+    """Return the amplitude where the frequency turns, with its band; None if it is monotonic.
 
     The frequency must change by more than 3.5 standard deviations on both sides of the point. Many
     readings are averaged in groups of neighbouring amplitudes.
@@ -113,13 +114,13 @@ def turning_point(curve: AmplitudeCurve) -> tuple[float, float, float] | None:
 
 
 def _read(y: Values, omega: Values, zeta: Values) -> Sequence[float]:
-    """Return the numbers of `Diagnosis`, in their order, from one set of readings."""
+    """Return the numbers of a `Diagnosis` from one set of frequencies and damping ratios."""
     y_max = float(y.max())
     x = y / y_max
-    share = x**2 / np.sum(x**2)  # readings are weighted by their amplitude
+    share = x**2 / np.sum(x**2)  # values are weighted by their amplitude
 
     def line(values: Values, exponent: float) -> tuple[np.ndarray, float]:
-        """Fit rest value and change at the largest amplitude; also return the squared residual."""
+        """Fit the value at rest and the change at the largest amplitude, with the residual."""
         power = x**exponent
         middle, centre = share @ power, share @ values
         across, along = power - middle, values - centre
@@ -147,7 +148,7 @@ def _read(y: Values, omega: Values, zeta: Values) -> Sequence[float]:
 def _smooth_pair(
     omega: Float[np.ndarray, " two"], zeta: Float[np.ndarray, " two"], y_max: float
 ) -> tuple[float, float]:
-    r"""Return spring c y|y| and damper c v|v| for frequency and damping linear in amplitude.
+    r"""Return a spring c y|y| and a damper c v|v| that explain changes linear in amplitude.
 
     $$\frac{\Delta\omega}{\omega} = \frac{8}{3\pi} \frac{c Y}{2 \omega^2}, \qquad
       \Delta\zeta = \frac{8}{3\pi} \frac{c' Y}{2}$$
@@ -157,7 +158,7 @@ def _smooth_pair(
 
 
 def masing_ratio(exponent: float) -> float:
-    """Return the ratio of damping to softening in Masing's laws, C_d / C_s."""
+    """Return the ratio of damping to softening for laws that follow Masing's rule, C_d / C_s."""
     softening, damping = power_losses(exponent)
     return float(damping / softening)
 

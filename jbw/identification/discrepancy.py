@@ -1,4 +1,4 @@
-r"""The error of a law beyond noise, as standard deviations for predictions at any amplitude.
+r"""The error of a law beyond noise, as standard deviations at any amplitude.
 
 Runs held out of a fit show errors of natural frequency and damping ratio (`model_discrepancy`).
 Their standard deviations apply within the fitted amplitudes, and grow with the distance d from
@@ -42,15 +42,15 @@ from jbw.inference.posterior.finding import Finding
 from jbw.observables.observable import OFFSETS
 from jbw.report.messages import discrepancy as messages
 
-LEAST_RANGE = float(np.log(2.0))  # least range of log amplitude for a slope
-POWERS = (0, 1, 2)  # of amplitude: a change of stiffness, friction, a cubic spring
-MOST_GROWN = 3.0  # largest growth of a standard deviation: at the whole range's distance
-COUNTS = 1e-3  # least relative error of the response that counts: a good sensor's linearity
-ONE_LEVEL = 1.1  # ratio of amplitudes within which runs are repeats of one level
+LEAST_RANGE = float(np.log(2.0))  # smallest range of log amplitude that gives a slope
+POWERS = (0, 1, 2)  # exponents of amplitude: a change of stiffness, friction, a cubic spring
+MOST_GROWN = 3.0  # largest growth of a standard deviation, at a distance of the whole range
+COUNTS = 1e-3  # smallest relative error that counts, such as the nonlinearity of a good sensor
+ONE_LEVEL = 1.1  # ratio of amplitudes below which runs are repeats of one level
 
 
 class Scatter(NamedTuple):
-    """A standard deviation at the largest fitted amplitude, and its exponent of amplitude.
+    """A standard deviation at the largest fitted amplitude, with its exponent of amplitude.
 
     `whole` is the standard deviation of the whole error, including that of the parameters; it grows
     outward.
@@ -65,10 +65,10 @@ NO_SCATTER = Scatter(0.0)
 
 
 class Missed(NamedTuple):
-    """The error of a law within the fitted amplitudes."""
+    """The error of a law in frequency and damping, within the fitted amplitudes."""
 
-    frequency: Scatter  # scatter of the natural frequency, relative [-]
-    damping: Scatter  # scatter of the damping ratio [-]
+    frequency: Scatter  # relative standard deviation of the natural frequency [-]
+    damping: Scatter  # standard deviation of the damping ratio [-]
 
 
 class AtAmplitude(NamedTuple):
@@ -76,8 +76,8 @@ class AtAmplitude(NamedTuple):
 
     frequency: float  # standard deviation of the natural frequency, relative [-]
     damping: float  # standard deviation of the damping ratio [-]
-    share: float  # factor of the remaining error of the response
-    beyond: float = 0.0  # factor of that error's part that grows outward
+    share: float  # factor on the remaining error of the response
+    beyond: float = 0.0  # factor on the part of that error that grows beyond the fitted amplitudes
 
 
 NOTHING = AtAmplitude(0.0, 0.0, 0.0)
@@ -85,14 +85,14 @@ NOTHING = AtAmplitude(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """The error of a law beyond noise on tests that were not fitted."""
+    """The error of a law beyond noise, on tests that were not fitted."""
 
     forced: Missed
-    decays: Missed  # frequency over that at a record's start
-    share: Mapping[str, Scatter]  # remaining error over rms response, by kind
-    y_low: float  # smallest and largest fitted amplitude [m]; 0 if not known
+    decays: Missed  # errors of a decay, relative to its start
+    share: Mapping[str, Scatter]  # remaining error over the rms of the response, by kind of test
+    y_low: float  # smallest and largest fitted amplitude [m]; 0 if unknown
     y_high: float
-    in_noise: bool = False  # whether the tests' noise may hide some of it
+    in_noise: bool = False  # whether the noise of the tests may hide a part of the error
 
     @property
     def is_nothing(self) -> bool:
@@ -101,7 +101,7 @@ class Discrepancy:
         return not any(scatter.std or scatter.whole for scatter in scatters)
 
     def at(self, y: float | None, *, of_decay: bool = False) -> AtAmplitude:
-        """Return the law's errors (standard deviations) at an amplitude [m]; None: the largest."""
+        """Return the law's errors (standard deviations) at an amplitude [m], or the largest."""
         grown, beyond = growth(y, self.y_low, self.y_high), outward(y, self.y_low, self.y_high)
         ratio = y / self.y_high if y is not None and self.y_high > 0 else 1.0
         within = 1.0 if beyond else grown
@@ -114,7 +114,7 @@ class Discrepancy:
         return AtAmplitude(frequency, damping, within, beyond)
 
     def is_stated(self, y: float) -> bool:
-        """Return whether the discrepancy can be stated at an amplitude [m].
+        """Return whether the error of the law can be stated at an amplitude [m].
 
         It can be stated up to a distance above the fitted amplitudes, in the logarithm, that equals
         their own range or one octave: held-out runs do not show what lies beyond. If there is no
@@ -126,7 +126,7 @@ class Discrepancy:
         return growth(y, self.y_low, self.y_high) <= MOST_GROWN
 
     def share_of(self, kind: str, missed: AtAmplitude) -> float:
-        """Return a kind of test's remaining error over its rms response, else the largest."""
+        """Return a kind of test's remaining error over its rms response, or else the largest."""
         shares = {name: _at(scatter, missed) for name, scatter in self.share.items()}
         return shares.get(kind, max(shares.values(), default=0.0))
 
@@ -136,7 +136,7 @@ def _at(share: Scatter, missed: AtAmplitude) -> float:
 
 
 def growth(y: float | None, y_low: float, y_high: float) -> float:
-    r"""Return the factor $\sqrt g$ of a standard deviation at an amplitude y [m].
+    r"""Return the factor $\sqrt g$ on a standard deviation at an amplitude y [m].
 
     It grows with the logarithm of the amplitude; below the fitted range, where a joint is stuck, to
     three at most.
@@ -160,7 +160,7 @@ def growth_shown(y: float | None, y_low: float, y_high: float) -> float:
 
 
 def outward(y: float | None, y_low: float, y_high: float) -> float:
-    r"""Return the factor $\sqrt{g (y / y_{max})^4 - 1}$ of the discrepancy; 0 up to $y_{max}$."""
+    r"""Return the factor $\sqrt{g (y / y_{max})^4 - 1}$ on the discrepancy; 0 up to $y_{max}$."""
     if y is None or not 0 < y_low <= y_high < y:
         return 0.0
     grown = growth(y, y_low, y_high) * (y / y_high) ** max(POWERS)
@@ -168,7 +168,7 @@ def outward(y: float | None, y_low: float, y_high: float) -> float:
 
 
 def discrepancy_in(found: xr.Dataset) -> Discrepancy:
-    """Return the stored discrepancy of a run for predictions."""
+    """Return the stored model discrepancy of a run."""
     names, rests = map(str, found["kind"].values), found["rest"].values.tolist()
     rests_beyond = (
         found["rest_beyond"].values.tolist() if "rest_beyond" in found else [0.0] * len(rests)

@@ -1,4 +1,4 @@
-"""The joint's effect: equivalent frequency and damping at an amplitude, and sentences on it.
+"""The joint's effect on frequency and damping at an amplitude, with sentences on it.
 
 Whether an interval of alpha or gamma contains zero says little: a joint may be clearly detected and
 yet have no effect that matters.
@@ -23,9 +23,10 @@ from jbw.quantities import DEFAULT_LAWS, OSCILLATOR, are_at_joints
 from jbw.report.messages import effects as messages
 
 NUM_DRAWS = 200
-DAMPING = "quadratic_damping"  # the law of damping without hysteresis
-KNOWN = 0.2  # relative half-width below which an effect is determined, whatever its parameters
-SHARES = (0.1, 0.3, 1.0)  # amplitudes for the response, over the largest fitted one
+DAMPING = "quadratic_damping"  # a law with damping and without hysteresis
+KNOWN = 0.2  # relative half width of an interval, below which an effect is determined
+# amplitudes for which the response is checked, over the largest fitted one
+SHARES = (0.1, 0.3, 1.0)
 
 
 class Effects(NamedTuple):
@@ -41,7 +42,7 @@ def effects(
     y_peak: float,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Effects | None:
-    r"""Return the joint's change of frequency and damping at amplitude Y [m], by its steady loop.
+    r"""Return the change of frequency and damping by the joint at an amplitude Y [m].
 
     $$\frac{\Delta\omega}{\omega_n} = \sqrt{\frac{k + k_{eq}}{\omega_n^2}} - 1, \qquad
       \frac{\Delta\zeta}{\zeta} = \frac{E}{2\pi\,\zeta\,\omega^2 Y^2}$$
@@ -62,7 +63,7 @@ def effects(
 
 
 def only_damps(found: Effects) -> bool:
-    """Return whether a joint adds damping but leaves the frequency unchanged, by 99 % intervals."""
+    """Return whether the joint adds damping but leaves the frequency unchanged (99 %)."""
     low, _, high = np.quantile(found.frequency, QUANTILES)
     return bool(low <= 0.0 <= high and np.quantile(found.damping, QUANTILES[0]) > 0.0)
 
@@ -70,7 +71,7 @@ def only_damps(found: Effects) -> bool:
 def hysteresis_finding(
     found: Effects, y_peak: float, laws: Sequence[str], *, misses: bool
 ) -> Finding | None:
-    """Return the finding of no hysteresis if only damping is added; failed if the fit is poor too.
+    """Return the finding of no hysteresis if the joint only adds damping.
 
     Hysteresis that adds damping reduces stiffness. None if hysteresis is found, or if damping by
     the square of the velocity is among the laws.
@@ -114,14 +115,14 @@ def response_finding(
 def _joint_draws(
     posterior: xr.Dataset, held: Mapping[str, Any], laws: tuple[str, ...]
 ) -> dict[str, Float[np.ndarray, " draw"]] | None:
-    """Return every draw of the oscillator, chains joined; None if a parameter is missing."""
+    """Return every draw of the oscillator's parameters; None if one is missing."""
     table = [*OSCILLATOR, *quantities_of(laws)]
     names = [quantity.name for quantity in table if quantity.name != "gain"]
     sampled = {name: posterior[name].values.ravel() for name in names if name in posterior}
     theta = {**held, **sampled}
     if not set(names) <= set(theta):
         return None
-    if are_at_joints(laws):  # the model of their structure is fixed
+    if are_at_joints(laws):  # these draws belong to a structure with a fixed model
         names += [name for name in held if name not in names]
     return dict(zip(names, np.broadcast_arrays(*(theta[name] for name in names)), strict=True))
 

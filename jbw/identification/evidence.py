@@ -1,4 +1,4 @@
-r"""Comparison of laws on one dataset by evidence, from what each law predicts.
+r"""Comparison of laws by their evidence, on the same data.
 
 All laws are fitted to the same values with the same weights. Noise, misfit, number of independent
 values and offsets of the runs are those of the law with the smallest residual. A white likelihood
@@ -55,27 +55,28 @@ from jbw.report.messages.laws import IN_FIRST_MODE, OF_EACH_MODE
 
 Laws = tuple[str, ...]
 
-NUM_SAMPLES = 250  # per group; there are four groups
-MOST_ROUNDS = 24  # of points for the evidence: most effort for a law that does not fit
-AT_BOUND = 1e-3  # distance to a bound over the width of the box
-RUN_SCATTER = 5e-4  # relative scatter of omega_n between runs: typical shift from day to day
-# Ways in which several modes need not share one joint, with their words.
+NUM_SAMPLES = 250  # number of draws per group; there are four groups
+MOST_ROUNDS = 24  # largest number of rounds of points for the evidence, for laws that fit badly
+# distance to a bound over the width of the prior, below which a parameter is at the bound
+AT_BOUND = 1e-3
+RUN_SCATTER = 5e-4  # relative standard deviation of omega_n between runs, typical of different days
+# Ways in which several modes may have separate joints, in words.
 MEET = {"apart": OF_EACH_MODE, "first": IN_FIRST_MODE}
 OF_JOINT = frozenset(name for names in NAMES for name in (names.sign, names.shape, names.coupling))
-MOST_TURNS = 2  # of weighting by the best law and fitting all laws again
-# A law is hopeless if its largest likelihood lies this many nats below that of the best law, and
-# its error is this many times as large.
+MOST_TURNS = 2  # largest number of rounds of weighting by the best law and fitting all laws
+# A law is hopeless if its largest likelihood is this many nats below that of the best law, and its
+# error this many times as large.
 FAR_BELOW, FAR_OFF = 100.0, 2.0
-FEW_DRAWS = 50  # per group of four, for a law that is judged by its fit alone
+FEW_DRAWS = 50  # draws per group, for a law that is judged only by its fit
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A law, or several laws that act in parallel, fitted to the data of a comparison."""
+    """One or more parallel laws, fitted to the data of a comparison."""
 
     laws: Laws
     fitted: Fitted
-    meet: str = ""  # how modes share joints, if not as stated
+    meet: str = ""  # how the modes share joints, if not as the campaign states
 
     @property
     def name(self) -> str:
@@ -84,7 +85,7 @@ class Candidate:
 
     @property
     def error(self) -> float:
-        """The relative error of the fit: root mean square over the groups."""
+        """The relative error of the fit: root mean square over the data groups."""
         return rms(list(errors_of(self.fitted.fit, self.fitted.data).values()))
 
     @property
@@ -105,7 +106,7 @@ def candidates(
     report: Report,
     parts: Parts = unkept,
 ) -> tuple[list[Candidate], dict[str, str]]:
-    """Fit every set of laws, then fit all again with the data weights of the best one.
+    """Fit each set of laws, then fit all again with the data weights of the best one.
 
     The priors are fixed before the first fit, by omega_n, zeta and the largest displacement alone;
     a default bound that a law's first fit reaches is moved away once. With several modes, the
@@ -159,7 +160,7 @@ def _named[T](parts: Parts, law: str, name: str, make: Callable[[], T], *kinds: 
 def tried_under(
     laws: Laws, data: Dataset, meet: str, settings: Identify
 ) -> tuple[Dataset, Identify]:
-    """Return the dataset under other laws, and the settings with the priors that belong to them.
+    """Return the dataset with other laws, and the settings with the priors of these laws.
 
     Raises:
         ConfigError: A law cannot be identified for several joints.
@@ -173,7 +174,7 @@ def tried_under(
 
 
 def joint_starts(key: Key[Array, ""], seen: Measured) -> dict[str, float]:
-    """Return Bouc-Wen starting values at several joints, mode by mode; empty for one joint."""
+    """Return starting values of Bouc-Wen laws at several joints; empty for one joint."""
     if seen.joints is None:
         return {}
     groups = dict.fromkeys(split(law)[1] for law in seen.laws)
@@ -183,7 +184,7 @@ def joint_starts(key: Key[Array, ""], seen: Measured) -> dict[str, float]:
 
 
 def alike(settings: Identify) -> Identify:
-    """Return settings that treat all laws equally: their own parameters, a given scatter of runs.
+    """Return settings that treat all laws equally: same parametrisation, same run scatter.
 
     Softening and the runs' offsets are correlated: with a wide prior, offsets could replace all
     softening.
@@ -193,7 +194,7 @@ def alike(settings: Identify) -> Identify:
 
 
 def again(key: Key[Array, ""], one: Candidate, common: Fitted) -> Candidate:
-    """Fit a candidate law again to the common data, with the common residual terms.
+    """Fit a candidate law again to the common data, with common residual terms.
 
     The number of solver steps is increased as needed.
     """
@@ -223,7 +224,7 @@ def trials(sets: Sequence[Laws], seen: Measured) -> list[tuple[Laws, str]]:
 
 
 def under(laws: Laws, data: Dataset, meet: str = "") -> Dataset:
-    """Return the dataset under other laws; `meet` sets how several modes share joints."""
+    """Return the dataset with other laws; `meet` states how several modes share joints."""
     modes, held = data.modes, data.held
     if modes is not None and meet:
         modes = modes._replace(meet=meet)
@@ -233,7 +234,7 @@ def under(laws: Laws, data: Dataset, meet: str = "") -> Dataset:
 
 
 def with_modes_of(one: Candidate, data: Dataset) -> Dataset:
-    """Return the data with a candidate's signs and shapes of modes and its stated priors.
+    """Return data with a candidate's signs and shapes of modes, and its stated priors.
 
     Shapes are fixed only if they were measured.
     """
@@ -248,13 +249,13 @@ def name_of(laws: Laws, meet: str = "") -> str:
 
 
 def errors_of(best: Fit, data: Dataset) -> dict[str, float]:
-    """Return the error of every group relative to its response, at a fit."""
+    """Return the error of each data group relative to its response, at a fit."""
     residuals = dataset.residual_by_label(best.residual, data)
     return {n: e for n, e in dataset.error_by_label(residuals, data).items() if np.isfinite(e)}
 
 
 def posterior(key: Key[Array, ""], one: Candidate) -> tuple[xr.DataTree, Reparametrisation]:
-    """Draw a candidate law's posterior with evidence; also return coordinates near the draws.
+    """Draw a candidate law's posterior with its evidence, and coordinates near the draws.
 
     The number of points is limited. If their weights cannot be trusted, the other coordinates are
     tried too.
@@ -284,7 +285,7 @@ def posterior(key: Key[Array, ""], one: Candidate) -> tuple[xr.DataTree, Reparam
 
 
 def likelihood_at(best: Fit, data: Dataset) -> float:
-    """Return the log likelihood at a fit [nats]; its largest value bounds the evidence."""
+    """Return the log likelihood at a fit [nats], its largest value."""
     theta = {name: np.array([value]) for name, value in best.theta.items()}
     return float(np.sum(at_points(dataset.log_likelihood, theta, data)))
 
@@ -308,7 +309,7 @@ def hopeless(found: Sequence[Candidate], likelihoods: Mapping[str, float]) -> se
 
 
 def about_fit(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
-    """Return draws of the Gaussian approximation at a hopeless candidate's fit.
+    """Return Gaussian draws about the fit of a hopeless candidate.
 
     These are no posterior draws. A draw at which a solve fails is moved to the fit.
     """
@@ -329,7 +330,7 @@ def about_fit(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
 
 
 def place_of(best: Fit, one: Candidate) -> Reparametrisation:
-    """Return sampling coordinates near a fit: along its ridge if it is open or at a bound."""
+    """Return sampling coordinates near a fit, along a direction that the data leave open."""
     prior, optimum = one.fitted.box, (best.theta, best.covariance)
     if best.weak is not None or best.at_bound:
         return along_ridge(*optimum, prior)
@@ -339,7 +340,7 @@ def place_of(best: Fit, one: Candidate) -> Reparametrisation:
 def without_offsets(
     key: Key[Array, ""], seen: Measured, found: Sequence[Candidate], best: Candidate
 ) -> list[Candidate]:
-    """Return the candidates fitted again to runs that share omega_n and zeta.
+    """Return the candidates fitted again, with omega_n and zeta equal in all runs.
 
     The data have the weights of the best law without offsets. The comparison shows how much of the
     softening the offsets of runs replace.
@@ -347,14 +348,14 @@ def without_offsets(
     settings = alike(seen.settings).model_copy(update={"offsets": "none"})
     fitted = best.fitted
     data = under(best.laws, assemble(seen), best.meet)
-    data = replace(data, held=fitted.data.held)  # keeps the signs of modes
+    data = replace(data, held=fitted.data.held)  # keeps the signs of the modes
     ready = reweight(key, data, fitted.box, fitted.fit, settings)
     keys = jax.random.split(key, len(found))
     return [again(k, candidate, ready) for k, candidate in zip(keys, found, strict=True)]
 
 
 def offset_changes(best: Candidate, shared: Candidate) -> dict[str, Any]:
-    """Return parameters and errors of a law with and without run offsets, as plain values."""
+    """Return the parameters and errors of a law with and without run offsets."""
     pair = best.fitted.fit, shared.fitted.fit
     std = [np.sqrt(np.diag(fit.covariance)) for fit in pair]
     rows = {

@@ -1,4 +1,4 @@
-"""The first fit of the joint to a dataset: its starts, and the choice of the best end."""
+"""The first fit of the joint to a dataset: its starting points, and the choice of the best."""
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
@@ -32,16 +32,18 @@ from jbw.report.messages import stages as messages
 
 under_way = logging.getLogger("jbw.progress")
 ROUGH = 1e-6  # relative tolerance of cost and step of preliminary fits
-SAME_COST = 10 * ROUGH  # relative difference of cost of fits that ended at one minimum
-NUM_SCREENED = 255  # points of the box that are evaluated in addition to the start
-# If the best point does not explain the data: number of further starts and evaluations of each, by
-# round. The best of a round go on to the next.
+SAME_COST = 10 * ROUGH  # relative difference of cost below which two fits ended at one minimum
+NUM_SCREENED = 255  # random points of the prior that are evaluated in addition to the start
+# Rounds of further starts if the best point does not explain the data: number of starts, and
+# evaluations of each. The best ones of a round continue in the next.
 ROUNDS = ((11, 8), (4, 12), (2, 60))
-EXPLAINED = 1.2  # chi-square per degree of freedom below which residuals are mostly noise
+EXPLAINED = 1.2  # chi-square per degree of freedom below which residuals are mainly noise
 CLOSE = (
-    0.15  # relative error of each group below which a first answer is accepted (no run offsets yet)
+    # relative error of each data group, below which a quick result is accepted (no run offsets)
+    0.15
 )
-BESIDE_CURVE = {"gain", *(quantity.name for quantity in MODAL)}  # not fitted to an amplitude curve
+# parameters that frequency and damping against amplitude do not determine
+BESIDE_CURVE = {"gain", *(quantity.name for quantity in MODAL)}
 
 
 def first_fit(
@@ -53,7 +55,7 @@ def first_fit(
     quick: bool = False,
     parts: Parts = unkept,
 ) -> tuple[Box, Fit, Dataset]:
-    """Fit a dataset from starting values; return the prior box, the fit and the dataset.
+    """Fit a dataset from starting values; return prior bounds, fit and dataset.
 
     The returned dataset contains the signs of modes at the joint, chosen by a rough fit and again
     by the final one. If `quick`, other starts are tried only if the error of the first exceeds
@@ -80,7 +82,7 @@ def from_amplitude_curve(
     """Fit the laws' parameters to frequency and damping against amplitude, if measured."""
     curves = ((part, part.shown().amplitude_curve()) for part in data.parts)
     part, curve = next(((p, c) for p, c in curves if c is not None), (None, None))
-    of_model = is_assembled(data.held)  # one mode determines only the sum of several joints
+    of_model = is_assembled(data.held)  # one mode determines only a sum over joints
     if part is None or curve is None or "zeta" not in prior.names or of_model:
         return {}
     part_bounds = of_part(bounds_by_name(prior), part)
@@ -98,7 +100,7 @@ def fit_from(
     alone: bool = False,
     is_met: Callable[[Fit], bool] | None = None,
 ) -> Fit:
-    """Fit all parameters by least squares, from known values and from the likeliest points.
+    """Fit all parameters by least squares, from known values and from the most likely points.
 
     If all values are known, as after the paper's steps, the fit starts there. Otherwise the
     likelihood of many points is evaluated, which costs less than one fit, and the fit starts at the
@@ -127,7 +129,7 @@ def fit_from(
 
 
 def across_thresholds(best: Fit, prior: Box, data: Dataset) -> Fit:
-    """Return the fit, or one beyond a law's threshold (macroslip) if that is more probable."""
+    """Return the better of a fit and of fits beyond a law's threshold, such as macroslip."""
     ends = by_rounds(other_sides(best, prior, data), prior, data)
     return with_waterfall(max([best, *ends], key=log_evidence), [best, *ends])
 
@@ -138,7 +140,7 @@ def with_waterfall(chosen: Fit, ends: Sequence[Fit]) -> Fit:
 
 
 def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -> list[Fit]:
-    """Fit from several starts in rounds and continue the better ones; return the best first.
+    """Fit from several starts in rounds, and continue the better ones; return the best first.
 
     If all have ended at one minimum, none is continued. If the best ends at a bound and does not
     explain the data, it has run along a valley to a wall of the prior, which is no optimum; then
@@ -160,7 +162,7 @@ def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -
 
 
 def further(ends: Sequence[Fit], prior: Box, data: Dataset) -> list[Fit]:
-    """Continue stopped fits one by one until one explains the data; return all, best first."""
+    """Continue unfinished fits until one explains the data; return all, the best first."""
     num = ROUNDS[-1][0]
     finished, stopped = list(ends[:num]), list(ends[num:])
     for place, end in enumerate(stopped):
@@ -179,7 +181,7 @@ def rough(theta: Mapping[str, Any], prior: Box, data: Dataset) -> Fit:
 def roughly(
     begun: Sequence[Mapping[str, Any]], prior: Box, data: Dataset, evaluations: int
 ) -> list[Fit]:
-    """Return preliminary fits from several starts, each with a limited number of evaluations."""
+    """Return preliminary fits from several starts, each with few evaluations."""
     starts = {name: np.array([theta[name] for theta in begun]) for name in prior.names}
     return costly_fits(
         dataset.stacked, prior, data, starts=inside(starts, prior),
@@ -188,13 +190,13 @@ def roughly(
 
 
 def explains(found: Fit) -> bool:
-    """Return whether a fit's residuals are little more than the noise of the data."""
+    """Return whether a fit's residuals are hardly more than the noise of the data."""
     chi_square, dof = found.chi_square
     return chi_square < EXPLAINED * dof
 
 
 def is_close(found: Fit, data: Dataset) -> bool:
-    """Return whether a fit explains the data, or its error is at most 15 % of every group's rms."""
+    """Return whether a fit explains the data, or its error is at most 15 % in each data group."""
     errors = dataset.error_by_label(dataset.residual_by_label(found.residual, data), data)
     return explains(found) or (bool(errors) and max(errors.values()) <= CLOSE)
 
@@ -202,7 +204,7 @@ def is_close(found: Fit, data: Dataset) -> bool:
 def screened(
     key: Key[Array, ""], prior: Box, start: Mapping[str, float], known: Mapping[str, float]
 ) -> dict[str, np.ndarray]:
-    """Return trial points: the start, and random points of the box that keep known values."""
+    """Return trial points: the start, and random points of the prior with known values kept."""
     s = np.asarray(jax.random.uniform(key, (NUM_SCREENED, len(prior.names))))
     points = parameters_at(s, prior)
     points |= {n: np.full(NUM_SCREENED, known[n]) for n in points.keys() & known.keys()}
@@ -210,13 +212,13 @@ def screened(
 
 
 def middle_but(known: Mapping[str, float], prior: Box) -> dict[str, float]:
-    """Return the middle of the prior box, with known values in place of its own."""
+    """Return the middle of the prior bounds, with known values where there are any."""
     middle = from_unit(np.full(len(prior.names), 0.5), prior)
     return {name: known.get(name, float(middle[name])) for name in prior.names}
 
 
 def inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:
-    """Return starting points clipped to the prior box."""
+    """Return starting points moved into the prior bounds."""
     lower, upper = np.asarray(prior.lower), np.asarray(prior.upper)
     return {name: np.clip(starts[name], lower[i], upper[i]) for i, name in enumerate(prior.names)}
 
@@ -234,6 +236,6 @@ def steps_about(
 def points_at(
     steps: Float[np.ndarray, "draw parameter"], best: Fit, prior: Box
 ) -> dict[str, np.ndarray]:
-    """Return the parameters at steps from a fit, clipped to the prior box."""
+    """Return the parameters at steps from a fit, moved into the prior bounds."""
     columns = (list(best.theta.values()) + steps).T
     return inside(dict(zip(best.theta, columns, strict=True)), prior)

@@ -1,4 +1,4 @@
-"""Errors that a law need not beat: scatter of repeats, linear fits of single runs.
+"""Lower limits of a law's error: variation between repeats, and linear fits of single runs.
 
 A law whose error is at most a fifth above the scatter of the repeats' mean needs no successor. A
 linear oscillator fitted to each run alone adapts to its level and its day; its residual shows
@@ -17,15 +17,17 @@ from jbw.observables.drives import plain, used_by
 from jbw.oscillator.modes.assembled import is_assembled
 from jbw.quantities import LINEAR, STUCK
 
-PLAIN = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}  # times the joint's
-APART = ((0.95, 1.05), *list(PLAIN.values())[1:])  # further modes stay near their frequency
+# prior bounds of omega_n, zeta and gain, over the joint's values
+PLAIN = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}
+# prior bounds of further modes, which stay near their frequencies
+APART = ((0.95, 1.05), *list(PLAIN.values())[1:])
 REACH = {quantity.name: PLAIN[plain(quantity.name)] for quantity in LINEAR}
 REACH |= {quantity.name: APART[i % 3] for i, quantity in enumerate(STUCK[len(LINEAR) :])}
-CLOSE = {"max_evaluations": 40, "tolerance": 1e-6}  # enough for an error of two digits
+CLOSE = {"max_evaluations": 40, "tolerance": 1e-6}  # enough for an error with two digits
 
 
 def scatter_of_means(data: Dataset) -> float | None:
-    r"""Return the relative scatter of a mean of K repeats, $s / \sqrt K$; None without repeats.
+    r"""Return the relative standard error of the mean of K repeats, $s / \sqrt K$, or None.
 
     This is the root mean square over the groups. The residual of a fit refers to that mean.
     """
@@ -34,7 +36,7 @@ def scatter_of_means(data: Dataset) -> float | None:
 
 
 def own_lines(data: Dataset, known: Mapping[str, float]) -> dict[str, float]:
-    """Fit a linear oscillator to each run alone; return the relative errors by run.
+    """Fit a linear oscillator to each run by itself; return the relative errors by run.
 
     `known` contains omega_n, zeta and the gain of a joint, for every drive; the fits start there.
     """

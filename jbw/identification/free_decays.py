@@ -1,4 +1,4 @@
-"""The separate posterior of a campaign's free decays, to compare with that of all tests."""
+"""A separate posterior from free decays alone, to compare with that of all tests."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,16 +16,16 @@ from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
 from jbw.report.messages import stages
 
-DECAY_KEY = 100  # keeps the paper's draws independent of decays
+DECAY_KEY = 100  # keeps the random numbers of other steps unchanged
 
 
 @dataclass(frozen=True)
 class FreeDecays:
-    """The separate results of a campaign's free decays: envelopes, posterior, findings."""
+    """The result for free decays alone: envelopes, posterior, findings."""
 
     data: Decays | None = None  # the envelopes, with the noise estimated in the fit
-    step: Step | None = None  # separate posterior; None if not drawn
-    findings: tuple[Finding, ...] = ()  # on a missing second posterior
+    step: Step | None = None  # the separate posterior; None if it was not drawn
+    findings: tuple[Finding, ...] = ()  # findings on a missing separate posterior
 
 
 def free_decays(

@@ -1,4 +1,4 @@
-r"""The uncertainty that errors of a recorder's clock and of sensor calibration add to a posterior.
+r"""The uncertainty from errors of a recorder's clock and of sensor calibration.
 
 No record shows these errors. A clock error stretches time by $\lambda$. A sensor of the p-th
 derivative of the displacement whose readings are too small by a factor s stretches lengths by
@@ -33,12 +33,13 @@ from jbw.oscillator.laws import laws_named
 from jbw.quantities import GAINS, derivative_order
 from jbw.report.messages import instruments as messages
 
-POWER = {"m": (1, 0), "s": (0, 1), "rad": (0, 0), "1": (0, 0)}  # of length and time, by unit
-STEP = 1e-4  # relative step of a stated gain in a difference quotient
+# powers of length and time in each unit
+POWER = {"m": (1, 0), "s": (0, 1), "rad": (0, 0), "1": (0, 0)}
+STEP = 1e-4  # relative step of a stated gain for a finite difference
 
 
 class Factors(NamedTuple):
-    """Ratios of true to recorded values for every draw: time, length, and gain."""
+    """Ratios of true to recorded time, length and gain for every draw."""
 
     time: Float[np.ndarray, "..."]
     length: Float[np.ndarray, "..."]
@@ -46,7 +47,7 @@ class Factors(NamedTuple):
 
 
 class Sensors(NamedTuple):
-    """The roles of the channels that all fitted tests share; empty if there is none."""
+    """The measured quantities that all fitted tests share; empty if there is none."""
 
     response: str
     source: str
@@ -54,7 +55,7 @@ class Sensors(NamedTuple):
 
 
 def sensors_of(tests: Sequence[Test]) -> Sensors | None:
-    """Return the sensors of a campaign's tests; None if the tests share no common scale."""
+    """Return the measured quantities of a campaign; None if its tests share no common scale."""
     tests = [test for test in tests if test.records]
     prescribed = {test.traits.is_prescribed for test in tests}
     if prescribed == {True}:
@@ -80,7 +81,7 @@ def sensors_of(tests: Sequence[Test]) -> Sensors | None:
 def factors_of(
     rng: np.random.Generator, shape: tuple[int, ...], stated: Instruments, sensors: Sensors
 ) -> Factors:
-    """Draw the factors of clock and calibration errors for every draw of a posterior."""
+    """Draw clock and calibration errors for every draw of a posterior."""
 
     def drawn(spread: float) -> Float[np.ndarray, "..."]:
         return np.exp(spread * rng.standard_normal(shape))
@@ -129,7 +130,7 @@ def with_factors(posterior: xr.Dataset, factors: Factors, laws: Sequence[str] = 
 
 
 def by_stated_gain(best: Fit, data: Dataset) -> dict[str, float]:
-    """Return each parameter's derivative by the log of a stated gain; empty without one."""
+    """Return the derivative of each parameter by the log of a stated gain, if one is stated."""
     gains = [name for name in data.held if plain(name) in GAINS]
     if not gains:
         return {}
@@ -184,7 +185,7 @@ def with_instruments(
 
 
 def instruments_sentence(stated: Instruments, sensors: Sensors | None) -> str:
-    """Return the sentence on clock and calibration errors that intervals include or omit."""
+    """Return the sentence on the clock and calibration errors that intervals include."""
     if not stated.is_stated:
         return messages.LEFT_OUT
     if sensors is None:
@@ -204,7 +205,7 @@ def _clocked(stated: Instruments, sensors: Sensors) -> bool:
 
 
 def as_recorded(before: xr.Dataset, after: xr.Dataset) -> xr.Dataset:
-    """Return the original draws of the parameters that clock and calibration errors changed."""
+    """Return the draws before clock and calibration errors were added."""
     return before[[name for name in before.data_vars if not before[name].equals(after[name])]]
 
 

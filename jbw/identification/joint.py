@@ -53,28 +53,29 @@ from jbw.quantities import BY_NAME
 from jbw.report.messages import posterior as messages
 from jbw.report.messages import stages
 
-READINGS_KEY = 200  # random key of the readings of single modes (several joints)
+READINGS_KEY = 200  # random key for the fits of single modes (several joints)
 
 
 @dataclass(frozen=True)
 class JointProblem:
-    """The input of a joint posterior: the data, and what is known before they are fitted."""
+    """The input of a joint posterior: the data, and what is known before the fit."""
 
     data: Dataset  # all fitted tests, reduced
     settings: Identify
-    known: Mapping[str, float] = field(default_factory=dict)  # starting values by the paper's steps
-    readings: Readings = NOTHING  # readings of single modes, if there are several joints
-    tests: tuple[Test, ...] = ()  # their sources determine the units of gains
+    # starting values from the paper's steps
+    known: Mapping[str, float] = field(default_factory=dict)
+    readings: Readings = NOTHING  # results of single-mode fits, for several joints
+    tests: tuple[Test, ...] = ()  # tests, whose sources determine the units of gains
 
 
 @dataclass(frozen=True)
 class JointPosterior:
-    """The draws of all parameters, gains and noise, with the fit that preceded them."""
+    """The draws of all parameters, gains and noise levels, with the fit before them."""
 
     name: str  # "joint", or "decay" for free decays alone
-    tree: xr.DataTree  # the sampler's groups, with noise, laws' parameters and products
-    fitted: Fitted  # with the prior that was sampled
-    wall_s: float  # time of fit, draws and compilation
+    tree: xr.DataTree  # the result tree, with noise, laws' parameters and products
+    fitted: Fitted  # the fit under the sampled prior
+    wall_s: float  # time for fit, draws and compilation [s]
 
     @property
     def draws(self) -> xr.Dataset:
@@ -119,7 +120,7 @@ def draw_joint(
     keep: Keep = no_checkpoint,
     name: str = "joint",
 ) -> JointPosterior:
-    """Draw the joint posterior; repeat with a wider prior if draws reach an unstated bound.
+    """Draw the joint posterior; repeat with a wider default prior if draws reach its bounds.
 
     The draws also contain the noise of every group and the laws' own parameters and products.
 
@@ -137,7 +138,7 @@ def draw_joint(
 
 
 def without_absent_joint(key: Key[Array, ""], ready: Fitted) -> Fitted | None:
-    """Return the fit without the joint if the data show none; None if they may show one.
+    """Return the fit without the joint if the data show no joint; else None.
 
     This is decided as soon as noise, run effects and residual terms are determined, before
     coordinates and solver steps are chosen, which an absent joint does not need.
@@ -180,7 +181,7 @@ def names_of_laws(data: Dataset) -> set[str]:
 
 
 def of_reading(means: Mapping[str, float], data: Dataset) -> dict[str, float]:
-    """Return the paper's estimates under the parameter names of the noise test's drive."""
+    """Return the paper's estimates by the parameter names of the noise test's drive."""
     drive = next((part.drive for part in data.parts if part.is_linear), "")
     is_attached = drive in attached(data.parts)
     return {
@@ -191,7 +192,7 @@ def of_reading(means: Mapping[str, float], data: Dataset) -> dict[str, float]:
 def sample_joint(
     key: Key[Array, ""], ready: Fitted, settings: Identify, keep: Keep, name: str
 ) -> xr.DataTree:
-    """Draw the posterior by the sampler of the settings, or automatically by a ladder of samplers.
+    """Draw the posterior by the stated sampler, or by the first one that is sufficient.
 
     The ladder compares coordinates on trial points: those of the box, logarithms of parameters that
     cannot be zero, or coordinates along the ridge of the fit, from wall to wall of the box. If none
@@ -243,7 +244,7 @@ def sample_joint(
 def are_enough(
     draws: Mapping[str, Float[np.ndarray, "chain draw"]], data: Dataset, y_peak: float
 ) -> bool:
-    """Return whether chains agree on parameters, products and response bands up to `y_peak` [m]."""
+    """Return whether chains agree on parameters, products and responses up to `y_peak` [m]."""
     sampled = xr.Dataset({name: (("chain", "draw"), x) for name, x in draws.items()})
     all_variables = sampled.assign(law_variables(sampled, data))
     if not enough({str(name): x.values for name, x in all_variables.data_vars.items()}):
@@ -253,7 +254,7 @@ def are_enough(
 
 
 def with_derived(key: Key[Array, ""], tree: xr.DataTree, data: Dataset) -> xr.DataTree:
-    """Add each group's noise, the laws' own parameters and their products to the posterior."""
+    """Add noise levels, parameters of the laws and their products to the posterior."""
     posterior = tree["posterior"].to_dataset()
     terms = tree["log_likelihood"].to_dataset()["terms"].values
     derived = draw_noise_std(key, every_parameter(posterior, data), terms, data)
@@ -264,13 +265,13 @@ def with_derived(key: Key[Array, ""], tree: xr.DataTree, data: Dataset) -> xr.Da
 
 
 def every_parameter(posterior: xr.Dataset, data: Dataset) -> dict[str, np.ndarray]:
-    """Return the draws of all sampled parameters and the fixed parameters, by name."""
+    """Return the draws of all parameters by name, including fixed ones."""
     held = {name: np.asarray(value) for name, value in data.held.items()}
     return {**held, **{str(n): v.values for n, v in posterior.data_vars.items()}}
 
 
 def law_variables(posterior: xr.Dataset, data: Dataset) -> dict[str, Any]:
-    """Return the draws of the laws' own parameters and their products, unless sampled."""
+    """Return the draws of the laws' parameters and products that were not sampled themselves."""
     theta, derived = every_parameter(posterior, data), {}
     for law in laws_named(data.laws):
         parameters = {name: np.asarray(v) for name, v in law.of(theta).parameters().items()}
@@ -287,7 +288,7 @@ def law_variables(posterior: xr.Dataset, data: Dataset) -> dict[str, Any]:
 def draw_noise_std(
     key: Key[Array, ""], theta: Drawn, terms: Float[np.ndarray, "chain draw term"], data: Dataset
 ) -> dict[str, Any]:
-    """Draw the standard deviation of each group's noise for every draw of the parameters."""
+    """Draw the noise level of each data group for every draw of the parameters."""
     labelled = {label: terms[..., i] for i, label in enumerate(data.labels)}
     derived: dict[str, Any] = {}
     for part in data.parts:
@@ -308,7 +309,7 @@ def draw_noise_std(
 def _attrs(part: Observable, name: str) -> dict[str, Any]:
     attrs = BY_NAME["noise_std"].attrs
     attrs["symbol"] += name.removeprefix("noise_std").replace("_", ", ", 1)
-    if not part.groups.unit:  # groups in different units (V, N, m) share none
+    if not part.groups.unit:  # data groups in different units (V, N, m) share no variable
         del attrs["units"]
         group_units = {"group_units": list(part.groups.units)} if all(part.groups.units) else {}
         return {

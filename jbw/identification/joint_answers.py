@@ -1,4 +1,4 @@
-"""The effect of several joints on every driven mode, from the posterior.
+"""The effect of several joints on each driven mode, from the posterior.
 
 Each mode is considered alone, at its largest measured motion, with the shape that slipping joints
 give it (`jbw.identification.joint_modes`). A mode determines sums over joints; a single joint is
@@ -29,15 +29,15 @@ from jbw.quantities import joints_of, motion_factors_in, name_at, split
 from jbw.report.messages import modes as messages
 
 JOINTS = "joints"
-SPREAD = 2.0  # ratio of the ends of a 99 % interval below which a joint is identified
-NO_LOSS = 1e-9  # losses over stiffness loss of a mode below which a joint is a spring
-MAIN = 0.5  # share of a mode's losses from which a joint is reported to damp it
-NUM_PHASES = 64  # points of a stored loop
+SPREAD = 2.0  # ratio of the ends of a 99 % interval, below which a joint is identified
+NO_LOSS = 1e-9  # ratio of a mode's losses to its stiffness loss, below which a joint is a spring
+MAIN = 0.5  # share of a mode's losses, from which a joint is said to damp the mode
+NUM_PHASES = 64  # number of points of a stored loop
 BACKBONES = "backbones"
 
 
 def joints_group(posterior: xr.Dataset, data: Dataset, modes: JointModes) -> xr.Dataset:
-    """Return the shares of every joint in every driven mode, and the effect of all joints together.
+    """Return the share of every joint in every driven mode, and the effect of all joints.
 
     Variables over `joint` and `mode` refer to the largest measured motion of the mode with its free
     shape, and have quantiles: `energy_share_at_motion` is the share in the mode's strain energy,
@@ -120,7 +120,7 @@ def _loops(
     names: Sequence[str],
     largest: Float[np.ndarray, " joint"],
 ) -> tuple[Float[np.ndarray, "joint phase"], Float[np.ndarray, "joint phase"]]:
-    """Return motion and restoring force of every joint along its steady loop."""
+    """Return the motion and the restoring force of every joint along its steady loop."""
     phase = np.linspace(0, np.pi, NUM_PHASES // 2, endpoint=False)
     x, force = [], []
     for joint, peak in zip(names, largest, strict=True):
@@ -153,7 +153,7 @@ def _bands(draws: Float[np.ndarray, "joint mode draw"]) -> tuple[tuple[str, ...]
 
 
 def _factors(posterior: xr.Dataset, modes: Modes, names: Sequence[str]) -> dict[str, Any]:
-    """Return factors on each joint's motion in each mode; empty if the model fixes the shapes."""
+    """Return the factors on each joint's motion in each mode; empty if the model fixes these."""
     if not modes.uncertain:
         return {}
     size = posterior["omega_n"].size if "omega_n" in posterior else 1
@@ -174,7 +174,7 @@ def _identified(
     softening: Float[np.ndarray, "joint mode draw"],
     losses: Float[np.ndarray, "joint mode draw"],
 ) -> list[bool]:
-    """Return whether each joint's effect is determined to a factor of two in some mode.
+    """Return whether the effect of each joint is determined to a factor of two in some mode.
 
     Tied joints share one law, so any of them and any mode may determine it.
     """
@@ -221,7 +221,7 @@ def joints_words(group: xr.Dataset | None) -> list[str]:
 
 
 def _shape_words(group: xr.Dataset) -> list[str]:
-    """Return sentences on factors of joint motion where the model's shapes are uncertain."""
+    """Return sentences on the factors of joint motion, if the model's shapes are uncertain."""
     if "motion_factor" not in group:
         return []
     factors = group["motion_factor"]
@@ -234,7 +234,7 @@ def _shape_words(group: xr.Dataset) -> list[str]:
 
 
 def _who_damps(mode: int, of_mode: xr.Dataset) -> list[str]:
-    """Return the sentence that one identified joint causes most of a mode's losses, if clear."""
+    """Return the sentence that one joint causes most of the losses of a mode, if clear."""
     low, middle, high = (of_mode["loss_share"].isel(quantile=i).values for i in range(3))
     if np.all(np.isnan(middle)):
         return []

@@ -1,4 +1,4 @@
-r"""Modes of a structure with several joints up to the largest measured motion, for every draw.
+r"""Modes of a structure with several joints, up to the largest measured motion, for every draw.
 
 A single mode at an amplitude a of its own coordinate, with the mode shape of fully stuck joints,
 moves joint j by $|H_{ji}|a$. There the joint's steady loop reduces the mode's stiffness and adds to
@@ -40,16 +40,16 @@ from jbw.oscillator.modes.parameters import DRIVEN, structure_of
 from jbw.oscillator.steady.waveform import orders
 from jbw.quantities import joints_of, motion_factors_in, name_at
 
-LEVELS = np.linspace(0.0, 1.0, 9)[1:]  # over the largest measured amplitude of a mode
-NUM_HARMONICS = 3  # gives the frequency to 1e-6 and the damping to 1e-4 in weak slip
-MAX_TURNS = 2  # of a joint's motion in a period
-NUM_FREE = 48  # least number of draws of a posterior with free shape
-SPARE = 3  # least number of such draws per parameter
+LEVELS = np.linspace(0.0, 1.0, 9)[1:]  # amplitudes of a mode over its largest measured amplitude
+NUM_HARMONICS = 3  # number of odd harmonics: frequencies to 1e-6, damping to 1e-4 in small slip
+MAX_TURNS = 2  # largest number of turning points of a joint in a period
+NUM_FREE = 48  # smallest number of posterior draws with an amplitude-dependent shape
+SPARE = 3  # smallest number of such draws per parameter
 STUCK_NAMES = frozenset(name for pair in DRIVEN for name in pair)  # parameters of modes
 
 
 class ModeNumbers(NamedTuple):
-    """Frequency, damping and joint contributions of driven modes at rising amplitudes, by draw.
+    """Frequency, damping and contributions of joints, by mode, amplitude and draw.
 
     Attributes:
         omega: Natural frequency [rad/s].
@@ -66,13 +66,13 @@ class ModeNumbers(NamedTuple):
     energy: Float[np.ndarray, "joint mode level *draw"]
 
     def at(self, level: int) -> "ModeNumbers":
-        """Return frequency, damping and joint contributions at one amplitude level."""
+        """Return frequency, damping and contributions of joints at one amplitude."""
         rates = (x[:, level] for x in (self.omega, self.zeta))
         return ModeNumbers(*rates, *(x[:, :, level] for x in self[2:]))
 
     @property
     def added(self) -> Float[np.ndarray, "mode level *draw"]:
-        """The damping ratio that all joints add.
+        """The damping ratio that all joints together add.
 
         It is their loss per cycle over 4 pi times the energy.
         """
@@ -102,7 +102,7 @@ class JointModes(NamedTuple):
 def joint_modes(
     posterior: xr.Dataset, data: Dataset, about: Mapping[str, float] | None = None
 ) -> JointModes | None:
-    """Return the driven modes up to their largest measured amplitude; None for a single joint.
+    """Return the driven modes up to their largest measured amplitude; None for one joint.
 
     Draws of a Gaussian approximation at a fit (`about`) are propagated by first order. Where the
     tests determine only a sum of joints, such draws leave the narrow curved valley along which the
@@ -154,7 +154,7 @@ def _stiffness(data: Dataset) -> Float[np.ndarray, " joint"]:
 def _backbones(
     theta: Mapping[str, float], data: Dataset, amplitude: Float[np.ndarray, "mode level"]
 ) -> tuple[ModalBackbone, ...]:
-    """Compute every mode's extended periodic motion at one point of the parameters."""
+    """Compute the extended periodic motion of every mode at one parameter point."""
     structure = structure_of(as_arrays(theta, data), data.laws)
     levels = np.where(np.isfinite(amplitude), amplitude, 0.0)
     curves = (
@@ -170,7 +170,7 @@ def _backbones(
 def _with_free_shape(
     backbones: Sequence[ModalBackbone], stiffness: Float[np.ndarray, " joint"]
 ) -> ModeNumbers:
-    """Return each mode's frequency, damping, joint effects, from extended periodic motion."""
+    """Return frequency, damping and joint contributions, with shapes that follow the amplitude."""
     omega, zeta, q, x, r = (
         np.stack([getattr(curve, name) for curve in backbones])
         for name in ("omega", "zeta", "q", "x", "r")
@@ -190,7 +190,7 @@ def _in_full_stick(
     amplitude: Float[np.ndarray, "mode level"],
     about: Mapping[str, float] | None,
 ) -> ModeNumbers:
-    """Return each mode's frequency, damping and joint effects in the fully stuck mode shape."""
+    """Return frequency, damping and joint contributions in the fully stuck mode shapes."""
     numbers = dict(data.modes.numbers if data.modes is not None else ())
     driven = _DrivenJoints(data.laws, joints_of(data.laws), *jax.device_put((numbers, amplitude)))
     of_joints = {name: x for name, x in theta.items() if name not in STUCK_NAMES}
@@ -222,7 +222,7 @@ def _in_full_stick(
 
 
 def _in_deviations(theta: Mapping[str, np.ndarray]) -> Float[np.ndarray, "draw parameter"]:
-    """Return steps from the first draw in standard deviations (of logs if all are positive)."""
+    """Return steps from the first draw in standard deviations (of logarithms, if positive)."""
     columns = [np.log(draws) if np.all(draws > 0) else draws for draws in theta.values()]
     steps = np.stack([column - column[0] for column in columns], axis=-1)
     return steps / np.maximum(np.std(steps, axis=0), np.finfo(float).tiny)
@@ -233,7 +233,7 @@ def _ratios(
     steps: Float[np.ndarray, "draw parameter"],
     chosen: Int[np.ndarray, " some"],
 ) -> Float[np.ndarray, "... draw"]:
-    """Extend ratios known at some draws to all, linear in their steps, exact at the first draw.
+    """Extend ratios that are known for some draws to all draws, linearly.
 
     The result is clipped to the range of the known ratios. It is one if the first ratio is unknown.
     """
@@ -248,7 +248,7 @@ def _linear(
     steps: Float[np.ndarray, "draw parameter"],
     chosen: Int[np.ndarray, " some"],
 ) -> Float[np.ndarray, " draw"]:
-    """Extend one ratio that is known at some draws to all draws."""
+    """Extend one ratio that is known for some draws to all draws."""
     if not np.isfinite(ratios[0]):
         return np.ones(len(steps))
     is_known = np.isfinite(ratios)
@@ -258,7 +258,7 @@ def _linear(
 
 
 class _DrivenJoints(eqx.Module):
-    """The joints' laws, the model's numbers, and the largest amplitudes of its modes."""
+    """The laws of the joints, the model's numbers, and the largest amplitudes of its modes."""
 
     laws: tuple[str, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)  # of the joints
@@ -269,7 +269,7 @@ class _DrivenJoints(eqx.Module):
 def _by_first_order(
     theta: Mapping[str, np.ndarray], best_theta: Mapping[str, float], driven: _DrivenJoints
 ) -> Float[np.ndarray, "two joint *mode_level draw"]:
-    r"""Linearise K and L at a fit, $f(\hat\theta) + \sum_i f_i\,\delta_i$, for all draws.
+    r"""Linearise stiffness loss K and losses L at a fit, $f(\hat\theta) + \sum_i f_i\,\delta_i$.
 
     The f_i are the derivatives by the parameters. Steps delta are those of the logarithms, times
     the fitted value, for parameters that are always positive.
@@ -288,7 +288,7 @@ def _by_first_order(
 def _about(
     theta: Mapping[str, Array], driven: _DrivenJoints
 ) -> tuple[Float[Array, "two joint mode level"], dict[str, Float[Array, "two joint mode level"]]]:
-    """Return joints' stiffness loss K and losses L at a point, and derivatives by parameters."""
+    """Return the joints' stiffness loss K and losses L at a point, with derivatives."""
     return _at(theta, driven), jax.jacfwd(_at)(dict(theta), driven)
 
 
@@ -296,12 +296,12 @@ def _about(
 def _each_draw(
     theta: Mapping[str, Array], driven: _DrivenJoints
 ) -> Float[Array, "two joint *mode_level draw"]:
-    """Return joints' stiffness loss K and losses L, in modes, for every draw."""
+    """Return the joints' stiffness loss K and losses L, by mode, for every draw."""
     return jax.vmap(lambda draw: _at(draw, driven), out_axes=-1)(dict(theta))
 
 
 def _at(theta: Mapping[str, Array], driven: _DrivenJoints) -> Float[Array, "two joint mode level"]:
-    """Return stiffness loss K and losses L of each joint, by mode and amplitude level."""
+    """Return stiffness loss K and losses L of each joint, by mode and amplitude."""
     rows = []
     everything = {**driven.numbers, **theta}
     modes = range(1, len(driven.amplitude) + 1)

@@ -1,4 +1,4 @@
-r"""The result of a fit alone: its Gaussian approximation in place of posterior draws.
+r"""The result of a fit alone: a Gaussian approximation in place of posterior draws.
 
 $$w \sim N(0, I), \qquad \theta = T(\hat u + L w), \qquad L L^T = \Sigma$$
 
@@ -51,11 +51,11 @@ from jbw.observables.observable import OFFSETS
 from jbw.report.messages import posterior as messages
 from jbw.report.messages import stages
 
-NUM_CHAINS, NUM_DRAWS = 4, 1000  # as in a sampled posterior
+NUM_CHAINS, NUM_DRAWS = 4, 1000  # numbers of chains and draws, as in a sampled posterior
 Points = Float[np.ndarray, "draw parameter"]
-SPARE = 8  # factor on the number of points, so that enough lie within the prior box
-NOTHING = 1e-9  # factor of the scatter of runs that suppresses offsets
-LEAST = 12.0  # precision of the prior alone, times the squared width of its box
+SPARE = 8  # factor on the number of points, so that enough of them lie within the prior bounds
+NOTHING = 1e-9  # factor on the standard deviation between runs, which suppresses offsets
+LEAST = 12.0  # inverse variance of the prior, in units of its squared width
 
 
 def fit_alone(seen: Measured, *, seed: int, report: Report) -> Posteriors:
@@ -146,17 +146,17 @@ def doubts_of_fit(drawn: xr.Dataset, ready: Fitted) -> list[Finding]:
 
 
 class Gaussian(NamedTuple):
-    """One Gaussian component near a fit, and its share of the posterior."""
+    """One Gaussian component near a fit, with its share of the posterior."""
 
     share: float
-    mean: Float[np.ndarray, " parameter"]  # relative to the fit
+    mean: Float[np.ndarray, " parameter"]  # mean relative to the fit
     covariance: Float[np.ndarray, "parameter parameter"]
 
 
 def laplace_draws(
     key: Key[Array, ""], ready: Fitted
 ) -> tuple[Float[np.ndarray, " draw"], dict[str, Float[np.ndarray, " draw"]]]:
-    """Draw from a fit's Gaussian within the prior box; return log densities and parameters.
+    """Draw from a fit's Gaussian within the prior bounds; return log densities and parameters.
 
     The first draw is the fit. If too few points lie within the box, as near a fit at a bound, the
     Gaussian is drawn within it. Parameters are not moved singly, because they are correlated.
@@ -193,13 +193,13 @@ def laplace_draws(
         apart[0] = white[0] = 0.0
         chosen = np.arange(count)
         theta = parameters(apart[chosen])
-    inside = np.clip(theta[chosen], lower, upper)  # rounding may place the fit outside
+    inside = np.clip(theta[chosen], lower, upper)  # rounding may put the fit outside the bounds
     log_density = -0.5 * np.sum(white[chosen] ** 2, axis=1)
     return log_density, {name: inside[:, i] for i, name in enumerate(prior.names)}
 
 
 def gaussians_about(ready: Fitted) -> list[Gaussian]:
-    r"""Return the fit's Gaussian; with run offsets, one Gaussian per possible scatter of offsets.
+    r"""Return the fit's Gaussian; with run offsets, one for each possible scatter of offsets.
 
     $$r(\theta, b) = \hat r + J\,\delta + J_o\,b, \quad b \sim N(0, C_k), \quad
       P_k = J^T J - J^T J_o\,(J_o^T J_o + C_k^{-1})^{-1} J_o^T J$$
@@ -276,5 +276,5 @@ def _covariance_of_offsets(
 
 
 def not_sampled() -> Finding:
-    """Return the finding that a fit's Gaussian was not compared with the posterior."""
+    """Return the finding that the posterior was not sampled, only approximated."""
     return Finding("not_sampled", "not assessed", {}, float("nan"))

@@ -38,8 +38,8 @@ from jbw.observables import dataset, noise
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import quantities_of
 
-# Points without a run: size of a round, wanted number of effective draws, and most rounds with and
-# without stepping through time.
+# Points for a fit without a run: number per round, required effective number, and largest number of
+# rounds, with and without integration in time.
 SIZE, WORTH, ROUNDS = 256, 200.0, {True: 8, False: 24}
 
 
@@ -62,7 +62,7 @@ class LeftOut:
 
 
 def runs_of(data: Dataset) -> dict[str, list[str]]:
-    """Return the group labels of each run that can be held out."""
+    """Return the data group labels of each run that can be held out."""
     counted, runs = noise.fractions_counted(data), labels_by_run(data).items()
     return {run: labels for run, labels in runs if any(label in counted for label in labels)}
 
@@ -76,7 +76,7 @@ def each_run(one: Candidate) -> dict[str, HeldOut]:
 def left_out(
     key: Key[Array, ""], one: Candidate, draws: xr.DataTree, about: Reparametrisation
 ) -> LeftOut:
-    """Predict each run from the other runs; return its log predictive density and error.
+    """Predict each run from the other runs; return the log predictive density and the error.
 
     Draws of the whole posterior are weighted again, as if without the run. If a run moves the
     posterior far, these weights are poor, as k-hat shows, and points near a fit without the run are
@@ -98,7 +98,7 @@ def left_out(
 
 
 def left_out_of_fits(one: Candidate) -> LeftOut:
-    r"""Return each run's score from the fit without it alone, $\log p(D_r | \hat\theta_{-r})$.
+    r"""Return each run's log density at the fit without it, $\log p(D_r | \hat\theta_{-r})$.
 
     The width of a posterior adds a few nats, which do not matter for a hopeless law.
     """
@@ -108,12 +108,12 @@ def left_out_of_fits(one: Candidate) -> LeftOut:
 
 
 def _score_of_fit(piece: HeldOut, data: Dataset) -> float:
-    """Return the log density of held-out groups at the fit to the rest [nats]."""
+    """Return the log density of held-out data groups at a fit to the others [nats]."""
     return likelihood_at(piece.fit, data) - likelihood_at(piece.fit, piece.rest)
 
 
 def _told_by_terms(data: Dataset, rest: Dataset) -> Float[np.ndarray, " term"] | None:
-    """Return factors that restore likelihood terms of held-out groups; None if they are tied.
+    """Return factors that restore the likelihood terms of held-out data groups, or None.
 
     The factors lead from the terms of `rest`, where these groups are silenced, to those of `data`.
 
@@ -129,7 +129,7 @@ def _told_by_terms(data: Dataset, rest: Dataset) -> Float[np.ndarray, " term"] |
 def _by_draws(
     tree: xr.DataTree, names: Sequence[str], data: Dataset, rest: Dataset
 ) -> tuple[float, float] | None:
-    """Return log predictive density [nats] of held-out groups and k-hat; None if k-hat is poor."""
+    """Return log predictive density [nats] of held-out data groups and k-hat, or None."""
     posterior = tree["posterior"].to_dataset()
     terms = tree["log_likelihood"].to_dataset()["terms"].values
     terms = terms.reshape(-1, terms.shape[-1])
@@ -152,7 +152,7 @@ def _by_points(
     piece: HeldOut,
     about_all: Reparametrisation,
 ) -> tuple[float, float]:
-    """Return log predictive density [nats] and k-hat of held-out groups from new points."""
+    """Return log predictive density [nats] and k-hat of held-out groups, from new points."""
     parametrisations = {"fit": lambda: place_of(piece.fit, candidate), "draws": lambda: about_all}
     points = weighed_in(key, candidate.fitted.box, piece.rest, parametrisations)
     times = _told_by_terms(candidate.fitted.data, piece.rest)
@@ -175,14 +175,14 @@ def weighed_in(key: Key[Array, ""], prior: Box, data: Dataset, places: Places) -
 
 
 def _error_of(piece: HeldOut, candidate: Candidate) -> float:
-    """Return the relative error of held-out groups; runs have separate natural frequencies."""
+    """Return the relative error of held-out data groups; runs have own natural frequencies."""
     fitted = candidate.fitted
     errors = errors_with_own_frequency(piece.fit, fitted.box, fitted.data)
     return rms([errors[label] for label in piece.labels if label in errors])
 
 
 def twice_as_wide(prior: Box, laws: tuple[str, ...], stated: Collection[str] = ()) -> Box:
-    """Return the prior box with the bounds of the laws' own parameters twice as wide.
+    """Return prior bounds with twice the width for the laws' parameters.
 
     Bounds widen on both sides of zero if both signs are possible, otherwise upwards. Shares of
     omega_n^2 keep their bounds, because the joint alone cannot be stiffer than the whole; so do
@@ -200,7 +200,7 @@ def twice_as_wide(prior: Box, laws: tuple[str, ...], stated: Collection[str] = (
 
 
 def log_evidence_wide(key: Key[Array, ""], one: Candidate, draws: xr.DataTree) -> float | None:
-    """Return the log evidence in a box twice as wide [nats]; None if its weights are poor.
+    """Return the log evidence with a prior twice as wide [nats]; None if it is unreliable.
 
     Points are drawn around the fit, or around the moments of the posterior's draws if these are
     better.

@@ -1,4 +1,4 @@
-r"""Consistency of runs, records and modes: each is left out of the fit, or fitted alone.
+r"""Consistency of runs, records and modes: fits without each run, and of each record alone.
 
 If the law of the joint is wrong, or runs shift, each level needs different parameters, and the fit
 of all is a compromise with a narrow interval. So the fit is repeated without each run, and its
@@ -65,16 +65,16 @@ from jbw.quantities import are_at_joints
 from jbw.report.messages import modes, stages
 from jbw.report.messages import residuals as messages
 
-FitsWithout = Mapping[tuple[str, ...], HeldOut]  # by held-out runs
-MOVES = 4.0  # standard deviations of a change from which runs contradict each other
-# Ratio of standard deviations without and with a test from which a parameter depends on it.
+FitsWithout = Mapping[tuple[str, ...], HeldOut]  # fits, by the runs that were left out
+MOVES = 4.0  # change in standard deviations, from which runs contradict each other
+# Ratio of standard deviations without and with a test, above which a parameter depends on the test.
 WIDER = 5.0
-LEAST_GAIN = 0.01  # least relative gain of variance by a run for which its z is computed
-FEWEST = 3  # records from which a scatter is computed
-BY_CHANCE = 0.01  # probability of such a scatter if records agree
-MATTERS = 1.2  # factor on the interval below which a scatter is not reported
+LEAST_GAIN = 0.01  # smallest relative gain of variance by a run, for which its change is tested
+FEWEST = 3  # smallest number of records for which their variation is computed
+BY_CHANCE = 0.01  # probability of such a variation if records agree
+MATTERS = 1.2  # factor on the interval, below which the variation is not reported
 REACH = float(stats.norm.isf(0.005))  # half-width of a 99 % interval in standard deviations
-CLEARLY = 1.25  # ratio of a mode's errors with the common and a separate joint
+CLEARLY = 1.25  # ratio of a mode's errors with a common and with a separate joint
 
 
 def fits_without_each_run(best: Fit, prior: Box, data: Dataset) -> FitsWithout:
@@ -96,7 +96,7 @@ def fits_without_each_run(best: Fit, prior: Box, data: Dataset) -> FitsWithout:
 
 
 def _thirds(data: Dataset) -> list[tuple[str, ...]]:
-    """Return the run names of free decays in three groups, from the weakest to the strongest."""
+    """Return the run names of free decays in three groups, from weak to strong."""
     sizes = {run: y for part in data.parts for run, y in part.shown().begins.items()}
     order = sorted(sizes, key=lambda run: sizes[run])
     parts = np.array_split(np.arange(len(order)), min(len(order), 3))
@@ -106,7 +106,7 @@ def _thirds(data: Dataset) -> list[tuple[str, ...]]:
 def leave_one_out(
     best: Fit, prior: Box, data: Dataset, without_each: FitsWithout
 ) -> xr.Dataset | None:
-    """Compare the fits without each run with the fit of all runs.
+    """Compare the fit without each run with the fit of all runs.
 
     `without_each` comes from `fits_without_each_run`. `z` is NaN where a run adds nothing; `error`
     is that of a run predicted by the fit without it. At least two runs must remain, so that no fit
@@ -164,7 +164,7 @@ def _gained(best: Fit, piece: HeldOut, prior: Box) -> float:
 
 
 def _error(labels: Sequence[str], errors: Mapping[str, float], sizes: Mapping[str, float]) -> float:
-    """Return the relative error of several groups together; groups of a line fit have none."""
+    """Return the relative error of several data groups together."""
     sized = [label for label in labels if label in sizes]
     size = np.array([sizes[label] for label in sized])
     missed = size * [errors[label] for label in sized]
@@ -172,7 +172,7 @@ def _error(labels: Sequence[str], errors: Mapping[str, float], sizes: Mapping[st
 
 
 def left_out_sentence(left_out: xr.Dataset) -> str:
-    """Return the sentence on how well each run is predicted by the others."""
+    """Return the sentence on how well each run is predicted from the others."""
     errors = [f"{error.run.item()} {100 * error.item():.2g} %" for error in left_out["error"]]
     proviso = messages.WITH_FREQUENCY * left_out["error"].attrs.get("own_frequency", 0)
     return messages.each_session(proviso, errors, identified_alone(left_out["wider"]))
@@ -205,7 +205,7 @@ def consistency_finding(left_out: xr.Dataset, laws: Sequence[str] = ()) -> Findi
 
 
 def between_records(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
-    """Fit every free decay alone; return the estimates and their scatter between records.
+    """Fit every free decay by itself; return the estimates and their variation between records.
 
     The estimates are those of the laws' products and zeta, relative to the fit of all records.
     Their errors follow from each record's own residual. None if there is another kind of test
@@ -242,7 +242,7 @@ def between_records(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
 
 
 def _own_errors(fits: Mapping[str, Fit], data: Dataset) -> NDArray[np.float64]:
-    r"""Return each record's standard error from its own residual, over that in the fit of all.
+    r"""Return each record's standard error from its own residual, over that in the common fit.
 
     $\sqrt{(\sigma_i^2 / f) / (\sigma^2 / f_{all})}$: the residual of one law for all records is
     misfit. Little of it remains for each record alone, and a larger fraction f of that is
@@ -265,7 +265,7 @@ def _own_errors(fits: Mapping[str, Fit], data: Dataset) -> NDArray[np.float64]:
 
 
 def _known(fitted: Fit, data: Dataset) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the laws' products and zeta at a fit, and their standard deviations to first order."""
+    """Return the laws' products and zeta at a fit, with standard deviations."""
 
     def quantities(point: Mapping[str, Array]) -> dict[str, Array]:
         theta = {**as_arrays(fitted.theta, data), **point}
@@ -282,7 +282,7 @@ def _known(fitted: Fit, data: Dataset) -> tuple[dict[str, float], dict[str, floa
 def _scatter(
     estimate: Float[np.ndarray, " record"], std: Float[np.ndarray, " record"]
 ) -> tuple[float, float]:
-    """Return the scatter between records beyond their errors, and its p-value without scatter."""
+    """Return the variation between records beyond their errors, with its p-value."""
     degrees = len(estimate) - 1
 
     def beyond(variance: float) -> float:
@@ -290,7 +290,7 @@ def _scatter(
         mean = np.sum(weight * estimate) / np.sum(weight)
         return float(np.sum(weight * (estimate - mean) ** 2)) - degrees
 
-    # A scatter of twice the range explains any difference.
+    # A standard deviation of twice the range explains any difference.
     most = 4 * float(np.ptp(estimate)) ** 2
     variance = 0.0
     if beyond(0.0) > 0:
@@ -299,7 +299,7 @@ def _scatter(
 
 
 def between_finding(between: xr.Dataset) -> Finding:
-    """Return the finding on whether records agree; its number is the largest relative scatter."""
+    """Return the finding on whether records agree, with the largest relative variation."""
     count = between.sizes["record"]
     scatter, error = between["scatter"].values, between["std_of_all"].values
     wide = np.sqrt(error**2 + scatter**2 / count)
@@ -325,8 +325,9 @@ def between_finding(between: xr.Dataset) -> Finding:
 
 
 def own_joint_sentences(key: Key[Array, ""], best: Fit, data: Dataset) -> list[str]:
-    """Return sentences on whether the free decays of several modes reject one common joint."""
-    if not data.laws or are_at_joints(data.laws):  # the question does not arise with several joints
+    """Return sentences on whether the free decays of several modes reject a common joint."""
+    # with several joints this question does not arise
+    if not data.laws or are_at_joints(data.laws):
         return []
     parts = [part for part in data.parts if part.several]
     return [_mode_sentence(key, best, part, data) for part in parts]

@@ -1,4 +1,4 @@
-"""The line-fit method: a linear oscillator from the inverse of its FRF."""
+"""The line-fit method: a linear oscillator fitted to the inverse of an FRF."""
 
 from dataclasses import dataclass, replace
 
@@ -11,7 +11,7 @@ from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
 
 PER_LINE = ("freq", "h", "coherence", "variance", "input_spectrum", "output_spectrum")
-NEAR_PEAK = 0.2  # half-width of the default band over the peak's frequency
+NEAR_PEAK = 0.2  # half width of the default band over the peak frequency
 
 
 @dataclass(frozen=True)
@@ -21,16 +21,16 @@ class LineFit:
     omega_n: float  # natural frequency [rad/s]
     zeta: float  # damping ratio [-]
     gain: float  # force per unit mass and unit of input [N/kg per unit]
-    covariance: NDArray[np.float64]  # of (omega_n, zeta, gain), with free residual terms
+    covariance: NDArray[np.float64]  # covariance of (omega_n, zeta, gain), with residual terms free
     upper: float  # constant receptance of higher modes; 0 if not fitted [m per unit]
     lower: float  # coefficient of 1 / omega^2 of lower modes; 0 if not fitted
-    # Sum of squared misfits, real and imaginary, over their variance. Neighbouring lines are
-    # correlated, so it varies more than a chi-square with `dof` degrees of freedom.
+    # Sum of squared residuals (real and imaginary) over their variance. Neighbouring lines are
+    # correlated, so it varies more than chi-square with `dof` degrees of freedom.
     chi_square: float
     dof: int  # number of real data minus parameters
     num_lines: int  # number of fitted lines
     band_hz: tuple[float, float]  # lowest and highest fitted line [Hz]
-    smeared: bool  # whether the window's smearing was part of the model
+    smeared: bool  # whether the model includes the smearing by the window
 
     @property
     def theta(self) -> NDArray[np.float64]:
@@ -44,7 +44,7 @@ class LineFit:
 
 
 def line_fit_start(frf: FRF) -> NDArray[np.float64]:
-    r"""Return (omega_n, zeta, gain) by linear least squares on 1/H, as a start for `line_fit`.
+    r"""Return (omega_n, zeta, gain) by linear least squares on 1/H, to start `line_fit`.
 
     $$\frac1H = \frac{\omega_n^2}{g} - \frac{\omega^2}{g} + j\omega\,\frac{2\zeta\omega_n}{g}$$
 
@@ -76,13 +76,13 @@ def line_fit_start(frf: FRF) -> NDArray[np.float64]:
 
 
 def floored(variance: NDArray[np.float64], h: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Return the variance limited from below, so that noise-free lines do not dominate."""
+    """Return variances with a lower limit, so that noise-free lines do not dominate."""
     typical = np.mean(variance[np.isfinite(variance)]) if np.isfinite(variance).any() else 0.0
     return np.maximum(variance, max(1e-6 * typical, (1e-12 * np.abs(h).max()) ** 2))
 
 
 def in_band(frf: FRF, band: tuple[float, float] | None) -> FRF:
-    """Return the FRF's lines inside a band [Hz]; by default 20 % to either side of the peak."""
+    """Return the lines of an FRF in a band [Hz]; by default 20 % on each side of the peak."""
     if band is None:
         # Use the measured response, whose noise does not rise towards low frequencies.
         size = np.abs(frf.h) * frf.omega ** derivative_order(frf.response) * frf.coherence

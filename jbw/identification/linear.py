@@ -17,17 +17,17 @@ from jbw.measurement.spectra import FRF
 Residuals = Literal["none", "upper", "both"]
 
 NUM_RESIDUALS = {"none": 0, "upper": 1, "both": 2}
-SCATTER_P = 0.01  # p-value below which repeats scatter more than their errors explain
+SCATTER_P = 0.01  # p-value below which repeats vary more than their errors explain
 
 
 @dataclass(frozen=True)
 class PooledFit:
-    """The combined fit of several repeats; every vector is (omega_n, zeta, gain)."""
+    """The combined fit of several repeats; vectors are (omega_n, zeta, gain)."""
 
     mean: Real  # mean over the repeats
-    covariance: Real  # of the mean, widened if the repeats scatter more
+    covariance: Real  # covariance of the mean, larger if the repeats vary more than their errors
     cv: Real  # coefficient of variation across repeats [-]
-    scatter_ratio: Real  # variance across repeats over that expected from the fits
+    scatter_ratio: Real  # variance between repeats over the variance expected from the fits
     scatter_p: Real  # p-value of the ratio
     num_repeats: int
 
@@ -154,7 +154,7 @@ def pool(fits: Sequence[LineFit]) -> PooledFit:
 
 
 def checked_smear(frf: FRF, residuals: str, smear: bool | None) -> bool:
-    """Return whether to smear the model like the FRF; raise a ConfigError for invalid options."""
+    """Return whether the model includes smearing by the FRF's window; check the options."""
     if residuals not in NUM_RESIDUALS:
         raise ConfigError(
             f"Argument `residuals` must be none, upper or both, but it is {residuals!r}."
@@ -169,7 +169,7 @@ def checked_smear(frf: FRF, residuals: str, smear: bool | None) -> bool:
 
 
 def _warn_when_doubtful(fit: LineFit, frf: FRF) -> None:
-    """Warn if the damping is finer than the lines, or poorly determined."""
+    """Warn if the resonance is narrower than the spacing of the lines, or poorly determined."""
     f_n, std = fit.omega_n / (2 * np.pi), fit.std[1]
     if fit.zeta * f_n < 1 / frf.window_s:
         warnings.warn(

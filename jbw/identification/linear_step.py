@@ -28,11 +28,12 @@ class LinearStep:
     """The result of Step 2, the line fit in the linear regime."""
 
     test: Test  # the noise or multisine test
-    fits: tuple[LineFit, ...]  # one per repeat
+    fits: tuple[LineFit, ...]  # line fits, one per repeat
     pooled: PooledFit
     frf: FRF  # FRF of all repeats together
     y_rms: float  # rms displacement of the test [m], where the result applies
-    modal: ModalFit | None = None  # of all repeats, the joint's mode first; None if not requested
+    # modes in the band, the joint's mode first; None if not requested
+    modal: ModalFit | None = None
 
     @property
     def natural_hz(self) -> float:
@@ -47,13 +48,13 @@ class LinearStep:
 
 
 class TriedStep(NamedTuple):
-    """The result of Step 2 with its warnings, which are given when the result is used."""
+    """The result of Step 2 with its warnings, which are issued when it is used."""
 
     step: LinearStep
     doubts: tuple[Warning | str, ...]
 
     def taken_up(self) -> LinearStep:
-        """Give the stored warnings and return the result of Step 2."""
+        """Return the result of Step 2, after issuing its stored warnings."""
         for doubt in self.doubts:
             warnings.warn(doubt, stacklevel=2)
         return self.step
@@ -62,7 +63,7 @@ class TriedStep(NamedTuple):
 def tried_step(
     test: Test, gain: float | None = None, modes: int | Sequence[float] = ()
 ) -> TriedStep:
-    """Perform Step 2 on a test and keep its warnings for later.
+    """Perform Step 2 on a test, and store its warnings for later.
 
     It raises the errors of `linear_step`.
     """
@@ -75,7 +76,7 @@ def tried_step(
 def linear_step(
     test: Test, gain: float | None = None, modes: int | Sequence[float] = ()
 ) -> LinearStep:
-    """Fit natural frequency, damping and gain of the linear regime to a noise or multisine test.
+    """Fit natural frequency, damping and gain to a noise or multisine test.
 
     A multisine is used in whole periods, which do not leak: its lines vary by noise alone. `gain`
     is fixed if the campaign states it [N/kg per unit of the input]. With `modes`, as in
@@ -117,7 +118,7 @@ def linear_step(
 def _within(
     band_hz: tuple[float, float] | None, modes: int | Sequence[float]
 ) -> int | Sequence[float]:
-    """Return the modes in a test's band only; others belong to another test's band."""
+    """Return the modes in the band of a test; other modes belong to other tests."""
     if isinstance(modes, int) or band_hz is None:
         return modes
     return [freq for freq in modes if band_hz[0] <= freq <= band_hz[1]]
@@ -128,14 +129,14 @@ def _modes_of(test: Test, estimate: FRF, modes: int | Sequence[float]) -> ModalF
 
 
 def _terms_of(test: Test, usual: Residuals) -> Residuals:
-    """Return the residual terms of modes outside the band, by a test's `residuals` setting."""
+    """Return the residual terms of modes outside the band, as the test states."""
     if test.residuals == "own":
         return "both"
     return usual if test.residuals == "auto" else test.residuals
 
 
 def _joint_first(fit: ModalFit, *, counted: bool) -> ModalFit:
-    """Return a modal fit with the joint's mode first: the highest peak, or as listed."""
+    """Return fitted modes with the joint's mode first: the highest peak, or the first listed."""
     if not counted:
         return fit
     peak = np.abs(fit.residues[:, 0]) / (fit.zeta * fit.omega**2)
@@ -148,7 +149,7 @@ def units_of(step: LinearStep) -> dict[str, str]:
 
 
 def linear_dataset(step: LinearStep) -> xr.Dataset:
-    """Return the step as labelled arrays: fits by repeat, and the FRF in the fitted band."""
+    """Return the result of Step 2 as labelled arrays: fits by repeat, and FRF in the band."""
     pooled = step.pooled
     keep = lines_within(step.frf.freq, step.fits[0].band_hz)
     freq, h = step.frf.freq[keep], step.frf.h[keep]

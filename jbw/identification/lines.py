@@ -1,4 +1,4 @@
-r"""Fits of modes to FRFs by weighted complex least squares, the core of Step 2.
+r"""Weighted least-squares fits of modes to FRFs, used by Step 2.
 
 $$H_o(\omega) = \sum_i \frac{R_{oi}}{\omega_i^2 - \omega^2 + 2j\zeta_i\omega_i\omega}
   + U_o + \frac{L_o}{\omega^2}$$
@@ -28,19 +28,19 @@ from jbw.identification.windowed import (
 from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
 
-LEAST_ZETA = 1e-6  # a damping of zero has no steady response
-ONE_RECORD = 1.5  # number of averages below which the noise of the lines is unknown
+LEAST_ZETA = 1e-6  # smallest damping ratio; without damping there is no steady response
+ONE_RECORD = 1.5  # number of averages, below which the noise of the lines is unknown
 NOISE_ROUNDS = 4
 
 
 @dataclass(frozen=True)
 class FRFLines:
-    """The lines of several FRFs in one band, and the settings of the model to fit."""
+    """The lines of several FRFs in one band, with the settings of the model."""
 
     outputs: tuple[FRF, ...]  # FRFs in the band
     num_modes: int
     num_residuals: int  # number of residual terms of (U, L), for every output
-    smear: bool  # whether the window's smearing is part of the model
+    smear: bool  # whether the model includes the smearing by the window
 
     @property
     def width(self) -> int:
@@ -54,7 +54,7 @@ class FRFLines:
 
     @property
     def data(self) -> Complex:
-        """The lines in units of the measured response, output by output."""
+        """The lines in units of the measured response, one output after another."""
         return np.concatenate([part.h * to_measured(part) for part in self.outputs])
 
     @property
@@ -65,23 +65,23 @@ class FRFLines:
 
 @dataclass(frozen=True)
 class FittedLines:
-    """The optimum of a weighted least-squares fit of FRF lines."""
+    """The optimum of a weighted least-squares fit to lines of FRFs."""
 
     theta: Real
     jacobian: Complex  # derivative of the model by theta
-    variance: Real  # of the lines, used as weights
+    variance: Real  # variance of the lines, which gives the weights
     covariance: Real  # covariance of theta
     chi_square: float
-    residual: Complex  # model minus data, output by output
+    residual: Complex  # model minus data, one output after another
 
 
 def to_measured(part: FRF) -> Complex:
-    """Return the factor from receptance to the measured response, where sensor noise is white."""
+    """Return the factor from receptance to the measured response, whose noise is white."""
     return np.power(1j * part.omega, derivative_order(part.response), dtype=complex)
 
 
 def observed_variance(lines: FRFLines) -> Real:
-    """Return the variance of the lines from their averages, in units of the measured response."""
+    """Return the variance of the lines from their averages, in the measured unit."""
     variances = [
         floored(part.variance * np.abs(to_measured(part)) ** 2, part.h * to_measured(part))
         for part in lines.outputs
@@ -90,7 +90,7 @@ def observed_variance(lines: FRFLines) -> Real:
 
 
 def fit_lines(lines: FRFLines, start: Real, typical: Real) -> FittedLines:
-    """Fit lines by least squares from a start; windowed lines have correlated, leaking errors."""
+    """Fit lines by least squares, with errors that windows correlate."""
     data, observed = lines.data, observed_variance(lines)
     variance, of_sum = observed, None
     fitted = _least_squares(lines, data, variance, start, typical)
@@ -118,7 +118,7 @@ def _floored(variance: Real, data: Complex, num_outputs: int) -> Real:
 
 
 def _left_over(lines: FRFLines, residual: Complex, variance: Real) -> Real:
-    """Return the residual power of every output over its variance, to scale unknown noise."""
+    """Return the residual power of each output over its variance, to scale unknown noise."""
     num = len(lines.outputs)
     free = 1 - lines.num_parameters / (2 * len(residual))  # share of degrees of freedom
     share = np.abs(np.split(residual, num)) ** 2 / np.split(variance, num)
@@ -126,7 +126,7 @@ def _left_over(lines: FRFLines, residual: Complex, variance: Real) -> Real:
 
 
 def modes_by_output(lines: FRFLines, theta: Real) -> list[Modes]:
-    """Return (omega_n, zeta, residue) of each mode in each output."""
+    """Return (omega_n, zeta, residue) of each mode at each output."""
     blocks = theta[: lines.num_modes * lines.width].reshape(lines.num_modes, lines.width)
     return [[(b[0], b[1], b[2 + o]) for b in blocks] for o in range(len(lines.outputs))]
 
@@ -138,7 +138,7 @@ def terms(part: FRF, count: int) -> Complex:
 
 
 def mode_lines(part: FRF, mode: tuple[float, float, float], smear: bool) -> Complex:
-    """Return the measured response's lines due to one mode, (omega_n, zeta, residue)."""
+    """Return the lines of the measured response that one mode causes."""
     if smear:
         return smeared(part.omega, *mode, part.window_s, derivative_order(part.response))
     return receptance(part.omega, *mode) * to_measured(part)
@@ -166,7 +166,8 @@ def _least_squares(
     lines: FRFLines, data: Complex, variance: Real, start: Real, typical: Real
 ) -> FittedLines:
     """Fit the parameters by weighted least squares; their covariance is computed later."""
-    model, weight = model_of(lines), np.sqrt(2 / variance)  # real and imaginary part have half each
+    # real and imaginary parts have half of the variance each
+    model, weight = model_of(lines), np.sqrt(2 / variance)
 
     def misfit(x: Real) -> Real:
         r = weight * (model(x * typical) - data)

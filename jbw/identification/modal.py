@@ -1,4 +1,4 @@
-r"""Step 2 for several modes: the number of modes in a band, their poles and residues.
+r"""Step 2 for several modes: their number in a band, their poles and residues.
 
 Stabilisation determines the number of modes: a fraction of polynomials with one denominator for all
 outputs (pLSCF) is fitted at every order n,
@@ -47,45 +47,47 @@ from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
 from jbw.report.messages import modes as messages
 
-SAME_OMEGA, SAME_ZETA = 0.01, 0.05  # largest relative change of a stable pole between orders
+# largest relative change of a stable pole from one order to the next
+SAME_OMEGA, SAME_ZETA = 0.01, 0.05
 MOST_STABLE_ZETA = 0.2  # largest damping ratio of a mode
-SPAN = 0.75 * 2 * np.pi  # angle of the unit circle that the band covers
+SPAN = 0.75 * 2 * np.pi  # angle of the unit circle onto which the band is mapped
 FIRST, LAST = 2, 8  # lowest and highest order per expected mode
-MOST_ORDERS = 24  # most orders that are tried; with many modes some are skipped
-EXPECTED = 4  # least number of expected modes: noise hides modes at the lowest orders
+MOST_ORDERS = 24  # largest number of orders that are tried
+EXPECTED = 4  # smallest number of expected modes, because noise hides modes at low orders
 BEYOND = 0.02  # distance outside the band, over its width, that a requested mode may have
-UNSAID_ZETA = 0.01  # starting damping if the diagram shows no mode near a requested one
-NEAR = 0.02  # largest relative distance in frequency of such a mode
-LEAST_SHARE = 0.5  # least share of orders in which a mode is stable
+UNSAID_ZETA = 0.01  # first damping ratio of a requested mode that the diagram does not show
+NEAR = 0.02  # relative distance in frequency, within which a pole is that of a requested mode
+LEAST_SHARE = 0.5  # smallest share of orders in which a mode must be stable
 SAME_LINES = ("window", "estimator", "nperseg", "noverlap", "num_segments", "num_repeats", "fs")
-LEAST_ZETA, MOST_ZETA = 1e-5, 0.5  # bounds of damping ratios during the fit
+LEAST_ZETA, MOST_ZETA = 1e-5, 0.5  # limits of damping ratios during the fit
 OUTSIDE = 0.25  # distance outside the band, over its width, that a fitted mode may have
-MOST_TRIALS = 60  # of the poles; a good fit takes ten, and poles that wander are rejected
-MOST_MISFIT = 0.5  # relative misfit of an output from which the modes are wrong
-BEYOND_NOISE = 10.0  # chi-square per degree of freedom that is far beyond noise
-APART = 0.1  # distance of two modes, over the larger half-width, below which they are one
+MOST_TRIALS = 60  # largest number of iterations for the poles; a good fit takes ten
+MOST_MISFIT = 0.5  # relative residual of an output, from which the modes must be wrong
+BEYOND_NOISE = 10.0  # chi-square per degree of freedom that noise never causes
+APART = 0.1  # distance of two modes over the larger half width, below which they are one mode
 
 
 @dataclass(frozen=True)
 class Stabilisation:
-    """The stabilisation diagram: poles of all orders, and those that are stable."""
+    """The stabilisation diagram: poles at all orders, and which of them are stable."""
 
     order: NDArray[np.int64]
     omega: Real  # natural frequency [rad/s]
     zeta: Real
-    is_stable: NDArray[np.bool_]  # present at the previous order, within 1 % (omega) and 5 % (zeta)
+    # whether the pole exists at the previous order, within 1 % (omega) and 5 % (zeta)
+    is_stable: NDArray[np.bool_]
     groups: Real  # (omega, zeta) of stable poles, most frequent ones first
-    share: Real  # share of orders in which each is stable
+    share: Real  # share of orders in which each pole is stable
 
     @property
     def modes(self) -> Real:
-        """The (omega, zeta) of poles that are stable in at least half of the orders."""
+        """The (omega, zeta) of poles that are stable at half of the orders or more."""
         stable = self.groups[self.share >= LEAST_SHARE]
         return stable[np.argsort(stable[:, 0])]
 
 
 def stabilisation(outputs: Sequence[FRF], expected: int = 0) -> Stabilisation:
-    """Compute poles of orders 2 to 8 times the number of expected modes, and the stable modes.
+    """Compute poles at rising orders, and the modes that are stable.
 
     At least four modes are assumed. `outputs` are the FRFs of one input at the same lines. Smeared
     peaks look too damped, so the modes serve as starts of a fit only.
@@ -115,7 +117,7 @@ def stabilisation(outputs: Sequence[FRF], expected: int = 0) -> Stabilisation:
 
 
 def _poles(outputs: Sequence[FRF], order: int) -> Real:
-    """Return (omega, zeta) of the poles in the band that dissipate energy, at one order."""
+    """Return (omega, zeta) of the poles in the band with positive damping, at one order."""
     omega = outputs[0].omega
     middle, period = (omega[0] + omega[-1]) / 2, SPAN / (omega[-1] - omega[0])
     powers = np.exp(1j * np.outer((omega - middle) * period, np.arange(order + 1)))
@@ -124,7 +126,7 @@ def _poles(outputs: Sequence[FRF], order: int) -> Real:
         factor = np.power(1j * omega, derivative_order(part.response), dtype=complex)
         data = part.h * factor
         columns = powers * data[:, None]
-        # Eliminate the numerators: remove the part of a H that the powers of z alone explain.
+        # Eliminate the numerators: remove the part of a H that powers of z can explain.
         basis = np.linalg.qr(powers)[0]
         residual = columns - basis @ (basis.conj().T @ columns)
         normal += residual.conj().T @ residual / np.vdot(data, data).real
@@ -139,13 +141,13 @@ def _poles(outputs: Sequence[FRF], order: int) -> Real:
 
 
 def _has(poles: Real, pole: Real) -> bool:
-    """Return whether a pole is among other poles, within the tolerances of stability."""
+    """Return whether a pole coincides with another pole, within the tolerances of stability."""
     near = np.abs(poles - pole) <= np.array([SAME_OMEGA, SAME_ZETA]) * pole
     return bool(np.any(np.all(near, axis=1)))
 
 
 def _staying(poles: Real) -> tuple[Real, Real]:
-    """Return medians of groups of stable poles and the groups' sizes, largest groups first."""
+    """Return the medians of groups of stable poles, with the sizes of the groups."""
     remaining, groups = poles, []
     while len(remaining):
         # The group surrounds the pole with the most close neighbours.
@@ -161,7 +163,7 @@ def _staying(poles: Real) -> tuple[Real, Real]:
 def starts_of(
     parts: Sequence[FRF], modes: int | Sequence[float], edges: tuple[float, float]
 ) -> tuple[Real, Stabilisation | None]:
-    """Return starting (omega, zeta) in the requested order, and the stabilisation diagram."""
+    """Return starting (omega, zeta) in the requested order, with the stabilisation diagram."""
     if isinstance(modes, int):
         if isinstance(modes, bool) or modes < 1:
             raise ConfigError(f"Argument `modes` must count one mode at least, not {modes!r}.")
@@ -206,7 +208,7 @@ def starts_of(
 
 
 def _start_near(omega: float, stable_poles: Real) -> tuple[float, float]:
-    """Return a requested frequency, with the damping of the nearest stable pole as start."""
+    """Return a requested frequency with the damping of the nearest stable pole."""
     near = stable_poles[np.abs(stable_poles[:, 0] / omega - 1) < NEAR]
     if not len(near):
         return omega, UNSAID_ZETA
@@ -220,20 +222,20 @@ class ModalFit:
     omega: Real  # natural frequencies [rad/s], shape (mode,)
     zeta: Real  # damping ratios
     residues: Real  # force per modal mass times shape [N/kg per unit], shape (mode, output)
-    covariance: Real  # of (omega, zeta, residues), each in the order of modes
+    covariance: Real  # covariance of (omega, zeta, residues), each in the order of modes
     upper: Real  # constant receptance of higher modes, by output [m per unit]
     lower: Real  # coefficient of 1 / omega^2 of lower modes, by output
-    misfit: Real  # relative misfit of each output, in standard errors
+    misfit: Real  # relative residual of each output, in standard errors
     chi_square: float  # sum of squared misfits over their variance
     dof: int  # number of real data minus parameters
     num_lines: int  # number of fitted lines of each output
     band_hz: tuple[float, float]  # lowest and highest fitted line [Hz]
-    smeared: bool  # whether the window's smearing was part of the model
+    smeared: bool  # whether the model includes the smearing by the window
     diagram: Stabilisation | None  # None if there are too few lines
 
     @property
     def theta(self) -> Real:
-        """The parameters of the covariance: omega, zeta, then the residues mode by mode."""
+        """The vector of the covariance: omega, zeta, then the residues mode by mode."""
         return np.concatenate([self.omega, self.zeta, self.residues.ravel()])
 
     @property
@@ -311,7 +313,7 @@ def fit_modes(
 
 
 def line_of(fit: ModalFit, mode: int = 0, output: int = 0) -> LineFit:
-    """Return one mode in one output of a modal fit as a single-mode line fit."""
+    """Return one mode at one output of a modal fit as a line fit of a single mode."""
     num = len(fit.omega)
     read = [mode, num + mode, 2 * num + mode * fit.residues.shape[1] + output]
     omega_n, zeta, gain = map(float, fit.theta[read])
@@ -334,13 +336,13 @@ def in_order(fit: ModalFit, order: NDArray[np.int64]) -> ModalFit:
 
 
 def model_lines(fit: ModalFit, omega: Real) -> NDArray[np.complex128]:
-    """Return every output's unsmeared receptance at frequencies [rad/s], shape (output, freq)."""
+    """Return the receptance of every output at frequencies [rad/s], without smearing."""
     modal = [receptance(omega, *pole, 1.0) for pole in zip(fit.omega, fit.zeta, strict=True)]
     return fit.residues.T @ np.array(modal) + fit.upper[:, None] + fit.lower[:, None] / omega**2
 
 
 def _same_lines(outputs: list[FRF]) -> list[FRF]:
-    """Return the outputs; raise a ConfigError unless their FRFs have the same lines."""
+    """Return the FRFs of all outputs; raise a ConfigError unless they have the same lines."""
     if not outputs:
         raise ConfigError("Argument `frfs` must hold an FRF at least, but it is empty.")
     first = outputs[0]
@@ -369,7 +371,7 @@ def _enough(lines: FRFLines) -> None:
 
 
 def _projected(lines: FRFLines, starts: Real) -> Real:
-    """Fit the poles by variable projection, with residues by linear least squares."""
+    """Fit the poles; the residues follow by linear least squares for any poles."""
     weights = np.split(np.sqrt(2 / observed_variance(lines)), len(lines.outputs))
     data = [part.h * to_measured(part) for part in lines.outputs]
     extra = [terms(part, lines.num_residuals) for part in lines.outputs]
@@ -380,7 +382,7 @@ def _projected(lines: FRFLines, starts: Real) -> Real:
         return np.column_stack([omega, starts[:, 1] * np.exp(log_ratio)])
 
     def linear(poles: Real) -> tuple[list[Real], Real]:
-        """Return the optimal residues and terms of every output, and the residual."""
+        """Return the best residues and terms for given poles, with the residual."""
         coefficients, residuals = [], []
         for part, weight, h, term_columns in zip(lines.outputs, weights, data, extra, strict=True):
             modal = [mode_lines(part, (omega, zeta, 1.0), lines.smear) for omega, zeta in poles]
@@ -416,7 +418,7 @@ def _stacked(rows: NDArray[np.complex128]) -> Real:
 
 
 def _typical(lines: FRFLines, start: Real) -> Real:
-    """Return typical sizes of all parameters of a modal fit, to scale them."""
+    """Return typical sizes of all parameters of a modal fit, for scaling."""
     modal = lines.num_modes * lines.width
     blocks = np.abs(start[:modal]).reshape(lines.num_modes, lines.width)
     blocks[:, 2:] = np.maximum(blocks[:, 2:], 0.1 * blocks[:, 2:].max(axis=0))
@@ -431,7 +433,7 @@ def _as_fit(
     edges: tuple[float, float],
     order: NDArray[np.int64],
 ) -> ModalFit:
-    """Return fitted lines as a `ModalFit`, with the modes in the given `order`."""
+    """Return fitted lines as a `ModalFit`, with the modes in the given order."""
     num, modal = len(lines.outputs), lines.num_modes * lines.width
     place = np.arange(modal).reshape(lines.num_modes, lines.width)[order]
     read = np.concatenate([place[:, 0], place[:, 1], place[:, 2:].ravel()])
@@ -453,7 +455,7 @@ def _as_fit(
 
 
 def _apart(lines: FRFLines, theta: Real) -> None:
-    """Raise a DataError if two fitted modes have swapped or coincide."""
+    """Raise a DataError if two fitted modes have exchanged places or coincide."""
     omega, zeta, _ = np.array(modes_by_output(lines, theta)[0]).T
     half_width = np.maximum((zeta * omega)[1:], (zeta * omega)[:-1])
     near = np.diff(omega) < APART * half_width
@@ -470,7 +472,7 @@ def _apart(lines: FRFLines, theta: Real) -> None:
 
 
 def _follows(fit: ModalFit) -> None:
-    """Raise a DataError if a fit misses most of an output's lines, by far more than their noise."""
+    """Raise a DataError if the residual of most lines of an output is far beyond noise."""
     if fit.misfit.max() > MOST_MISFIT and fit.chi_square > BEYOND_NOISE * fit.dof:
         modes_hz = " and ".join(f"{freq:.4g}" for freq in fit.omega / (2 * np.pi))
         raise DataError(

@@ -1,4 +1,4 @@
-r"""Model discrepancy: the error of a law on held-out runs, by amplitude.
+r"""Model discrepancy: the error of a law in predicting runs that were not fitted.
 
 The equivalent stiffness and damping of an inexact law differ from those of the joint, by an amount
 that depends on amplitude. Every run r is left out of the fit in turn. One part of its residual,
@@ -89,33 +89,33 @@ from jbw.observables.observable import OFFSETS
 from jbw.observables.spectra import real_rows
 from jbw.report.messages import discrepancy as messages
 
-BY_CHANCE = 0.01  # probability below which shifts and residuals are attributed to the law
-NO_OFFSET = 1e-9  # factor of the scatter of runs that suppresses offsets
-# Least number of fits without runs: with fewer, each fit has a level or two only, and its
-# derivatives do not give the errors of its parameters.
+BY_CHANCE = 0.01  # probability below which frequency shifts and residuals are attributed to the law
+NO_OFFSET = 1e-9  # factor on the standard deviation between runs, which suppresses offsets
+# Smallest number of fits without single runs: with fewer, each fit has only one or two levels, and
+# its derivatives do not give the errors of its parameters.
 FEWEST_FITS = 3
-FEWEST_DEGREES = 3  # least degrees of freedom assumed for a variance between runs
+FEWEST_DEGREES = 3  # smallest number of degrees of freedom for a variance between runs
 UPPER = 0.995  # probability below the upper end of a 99 % band
 
 
 class NoiseSquares(NamedTuple):
-    """The sum of squares due to noise in a group, and the number of values that determine it."""
+    """The sum of squares due to noise in a data group, and how many values determine it."""
 
     square: float
     known_by: float
 
 
 class Rest(NamedTuple):
-    """The squared residual without shifts, and the moments that chance gives it."""
+    """The squared residual after shifts of frequency and damping, and its mean by chance."""
 
     square: float
     mean: float
     variance: float
-    noise: float = 0.0  # part of the mean due to noise alone
+    noise: float = 0.0  # part of the mean due to noise
 
     @property
     def is_by_chance(self) -> bool:
-        """Whether a sum of squares with these moments is as large in more than 1 % of cases."""
+        """Whether chance causes such a sum of squares in more than 1 % of cases."""
         if self.mean <= 0:
             return self.square <= 0
         scale = self.variance / (2 * self.mean)
@@ -123,21 +123,20 @@ class Rest(NamedTuple):
 
 
 class LeftOutRun(NamedTuple):
-    """The discrepancy of one run, from the fit without it."""
+    """The discrepancy of one run, predicted by the fit without it."""
 
     shift: Float[np.ndarray, " own"]  # error of the law in omega_n [rad/s] and zeta
-    std: Float[np.ndarray, " own"]  # their standard errors; infinite if not determined
-    rests: Mapping[str, Rest]  # relative to the square of the response, by kind
+    std: Float[np.ndarray, " own"]  # standard errors of the shift; infinite if it is not determined
+    rests: Mapping[str, Rest]  # squared residuals relative to the squared response, by kind of test
     is_decay: bool = False
-    amplitude: float = np.nan  # over the largest fitted one; NaN if unknown
-    grown: float = 1.0  # growth of standard deviations at its amplitude
-    noise_std: Float[np.ndarray, " own"] = np.zeros(0)  # part of `std` due to noise
-    # $P C$ of the fit without the run, by which it shares noise with others; None without such a
-    # fit.
+    amplitude: float = np.nan  # amplitude over the largest fitted one; NaN if unknown
+    grown: float = 1.0  # growth of standard deviations at this amplitude
+    noise_std: Float[np.ndarray, " own"] = np.zeros(0)  # part of `std` that noise causes
+    # $P C$ of the fit without the run, by which runs share noise; None if there is no such fit.
     by_parameters: Float[np.ndarray, "own parameter"] | None = None
 
 
-NoiseOf = Mapping[str, NoiseSquares]  # by label of the group
+NoiseOf = Mapping[str, NoiseSquares]  # noise by label of the data group
 
 
 def scatter_by_amplitude(
@@ -150,7 +149,7 @@ def scatter_by_amplitude(
     *,
     judged: bool = True,
 ) -> Scatter:
-    r"""Return the likeliest scatter: constant, or growing with amplitude or its square.
+    r"""Return the most likely scatter: constant, or growing with amplitude or its square.
 
     $$\log p = -\tfrac12 \sum_r \Bigl[\log v_r + \frac{b_r^2}{v_r}\Bigr], \qquad
       v_r = \sigma_r^2 + \tau^2 g_r (y_r / y_{max})^{2p}, \quad p = 0, 1, 2$$
@@ -173,7 +172,7 @@ def correlation_of(
     covariance: Float[np.ndarray, "parameter parameter"],
     quantity: int,
 ) -> Float[np.ndarray, "run run"]:
-    r"""Return the correlation of run shifts in one quantity, $-P_r C_{-r} C^{-1} C_{-q} P_q^T$.
+    r"""Return the correlation of shifts of different runs, $-P_r C_{-r} C^{-1} C_{-q} P_q^T$.
 
     Decays, which are predicted from their own beginnings, share no noise with other runs here.
 
@@ -199,7 +198,7 @@ def missed_in_all(
     grown: Float[np.ndarray, " run"],
     num_fits: int,
 ) -> float:
-    r"""Return $\tau_0$, the law's whole error on held-out runs beyond noise, for few runs.
+    r"""Return $\tau_0$, the whole error of the law on runs not fitted, beyond noise.
 
     $$\tau_0^2 = \Bigl(\frac{t_{m, 0.995}}{z_{0.995}}\Bigr)^2\,
       \mathrm{mean}\,\frac{b_r^2 - \sigma_r^2}{g_r}$$
@@ -220,7 +219,7 @@ def scatter_about_zero(
     *,
     judged: bool = True,
 ) -> float:
-    r"""Return Paule and Mandel's $\tau$ about zero, widened for few runs; 0 if chance explains it.
+    r"""Return Paule and Mandel's standard deviation $\tau$ about zero; 0 if chance explains it.
 
     $$\sum_r \frac{b_r^2}{\sigma_r^2 + \tau^2 g_r} = n, \qquad \tau\, t_{m, 0.995} / z_{0.995}$$
 
@@ -246,7 +245,7 @@ def scatter_about_zero(
 
 
 def widened(num_runs: int) -> float:
-    r"""Return the factor of a variance that n runs determine, $(t_{n, 0.995} / z_{0.995})^2$.
+    r"""Return the factor on a variance that n runs determine, $(t_{n, 0.995} / z_{0.995})^2$.
 
     At least three degrees of freedom are used. With the factor, the 99 % band of a normal
     distribution is that of Student's t.
@@ -261,7 +260,7 @@ def shift_of(
     jacobian: Float[np.ndarray, "value parameter"],
     covariance: Float[np.ndarray, "parameter parameter"],
 ) -> tuple[Float[np.ndarray, " own"], Float[np.ndarray, " own"]]:
-    r"""Return the change of omega_n and zeta that explains a residual, and its standard errors.
+    r"""Return the change of omega_n and zeta that explains a residual, with standard errors.
 
     $$\hat b = (S^T S)^{-1} S^T e, \qquad V = (S^T S)^{-1} + P C P^T, \quad P = (S^T S)^{-1} S^T J$$
 
@@ -294,11 +293,12 @@ def root_of(
 
 
 class Slopes(NamedTuple):
-    """Derivatives of predictions for runs without offsets, and the scatter of these offsets."""
+    """Derivatives of predictions without run offsets, and the scatter of these offsets."""
 
-    data: Dataset  # with suppressed offsets
+    data: Dataset  # the dataset with suppressed run offsets
     jacobian: Float[np.ndarray, "value parameter"]  # derivatives of the predictions
-    scatter: Float[np.ndarray, " own"]  # scatter of omega_n [rad/s] and zeta over runs
+    # standard deviations of omega_n [rad/s] and zeta between runs
+    scatter: Float[np.ndarray, " own"]
 
 
 def slopes_of(best: Fit, prior: Box, data: Dataset) -> Slopes:
@@ -315,7 +315,7 @@ def slopes_of(best: Fit, prior: Box, data: Dataset) -> Slopes:
 
 
 def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) -> LeftOutRun:
-    """Return a held-out run's errors of frequency, damping and response at the fit without it."""
+    """Return a run's errors of frequency, damping and response, at the fit without it."""
     data, names = known.data, list(fit.theta)
     rows = residual_at(stacked, fit.x, prior, data)
     labels = [label for label in _labels_of(run, data) if label in size_by_label(data)]
@@ -345,7 +345,7 @@ def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) 
 
 
 def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOutRun:
-    """Return a free decay's errors of frequency and damping relative to its own beginning.
+    """Return a free decay's errors of frequency and damping relative to its own start.
 
     The uncertainty of its damping includes that of the parameters, taken from `of_run`.
     """
@@ -366,16 +366,18 @@ def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOut
 
 
 class FitOfAll(NamedTuple):
-    """The quantities that are common to all held-out runs."""
+    """Quantities that are common to all left-out runs."""
 
     num_fits: int  # number of fits without some runs
     omega_n: float  # natural frequency of the fit of all runs [rad/s]
-    covariance: Float[np.ndarray, "parameter parameter"]  # of the parameters of this fit
-    scatter: Float[np.ndarray, " own"]  # of omega_n [rad/s] and zeta over runs
+    # covariance of the parameters in the fit of all runs
+    covariance: Float[np.ndarray, "parameter parameter"]
+    # standard deviations of omega_n [rad/s] and zeta between runs
+    scatter: Float[np.ndarray, " own"]
 
 
 def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -> xr.Dataset:
-    """Estimate the model discrepancy of every held-out run, and of all runs together.
+    """Estimate the model discrepancy of each left-out run, and of all runs together.
 
     `fits` are the result of `leaving_out.fits_without_each_run`.
     """
@@ -414,7 +416,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
 def _shown_by(
     run: str, fit: Fit, slopes: Slopes, prior: Box, noise: NoiseOf, natural: float
 ) -> LeftOutRun:
-    """Return a run's discrepancy at the fit without it; for decays relative to the beginning."""
+    """Return the discrepancy of a run at the fit without it; for decays relative to their start."""
     of_run = left_out_run(run, fit, slopes, prior, noise)
     decay = _drift(run, fit, slopes.data)
     return of_run if decay is None else by_drift(of_run, decay, natural)
@@ -423,7 +425,7 @@ def _shown_by(
 def _placed(
     of_run: LeftOutRun, run: str, group: Sequence[str], amplitudes: Mapping[str, float]
 ) -> LeftOutRun:
-    """Return a run's discrepancy with its amplitude relative to the fitted runs."""
+    """Return the discrepancy of a run, with its amplitude relative to the fitted runs."""
     others, y_high = [y for name, y in amplitudes.items() if name not in group], _y_high(amplitudes)
     lowest, highest = min(others, default=0.0), max(others, default=0.0)
     return of_run._replace(
@@ -439,7 +441,7 @@ def _y_high(amplitudes: Mapping[str, float]) -> float:
 def _as_arrays_of_runs(
     shown: Mapping[str, LeftOutRun], learned: "Learned", amplitudes: Mapping[str, float]
 ) -> xr.Dataset:
-    """Return each run's discrepancy as arrays and the common discrepancy as attributes."""
+    """Return the discrepancy of each run as arrays, and the common one as attributes."""
     nothing = Missed(NO_SCATTER, NO_SCATTER)
     missed = learned if not learned.is_nothing else Learned(nothing, nothing, {})
     runs, shares, y_high = shown.values(), missed.shares, _y_high(amplitudes)
@@ -483,11 +485,11 @@ def _as_arrays_of_runs(
 
 
 class Learned(NamedTuple):
-    """The combined discrepancy of all held-out runs."""
+    """The combined discrepancy of all left-out runs."""
 
-    forced: Missed | None  # None without such runs
+    forced: Missed | None  # errors of frequency and damping; None without such runs
     decays: Missed | None
-    shares: Mapping[str, Scatter]  # by kind of test
+    shares: Mapping[str, Scatter]  # remaining errors by kind of test
 
     @property
     def is_nothing(self) -> bool:
@@ -521,7 +523,7 @@ def _learned(
 
 
 def _missed(shown: Sequence[LeftOutRun], of_all: FitOfAll, *, judged: bool) -> Missed | None:
-    """Return the scatter of errors in frequency (relative) and damping; None without runs.
+    """Return the standard deviations of errors in frequency (relative) and damping, or None.
 
     The scatter of the natural frequency [rad/s] is divided by that frequency.
     """
@@ -550,7 +552,7 @@ def _missed(shown: Sequence[LeftOutRun], of_all: FitOfAll, *, judged: bool) -> M
 
 
 def amplitudes_of_runs(data: Dataset, omega_n: float) -> dict[str, float]:
-    """Return the largest displacement [m] of every run for which it is known.
+    """Return the largest displacement [m] of each run for which it is known.
 
     The displacement of an observable is that of its largest run; other runs follow by the size of
     their response. If there are only free decays, it is the beginning of their envelopes. `omega_n`
@@ -574,7 +576,7 @@ def _decays(data: Dataset) -> set[str]:
 
 
 def _drift(run: str, fit: Fit, data: Dataset) -> LeftOutDecay | None:
-    """Return the drift of a run that is a free decay of one mode; None for other runs."""
+    """Return the drift of a run if it is a free decay of one mode, else None."""
     part: Any = next(part for part in data.parts if run in part.groups.runs)
     if not part.own_shifts or part.several:
         return None
@@ -588,18 +590,18 @@ def _labels_of(run: str, data: Dataset) -> list[str]:
 def _end_to_end(
     rows: Float[np.ndarray, "all ..."], labels: Sequence[str], data: Dataset
 ) -> Float[np.ndarray, "some ..."]:
-    """Return the values of given groups of data, joined end to end."""
+    """Return the values of given data groups as one array."""
     labelled = by_label(rows, data)
     return np.concatenate([labelled[label] for label in labels])
 
 
 def _kinds(data: Dataset) -> dict[str, tuple[str, ...]]:
-    """Return the kinds of test of every data group's observable, by label."""
+    """Return the kinds of test of every data group, by label."""
     return {label: part.kinds for part in data.parts for label in part.groups.labels}
 
 
 def _noise_of_repeats(data: Dataset) -> dict[str, NoiseSquares]:
-    """Return the noise in the mean of each repeated group, as a sum of squares."""
+    """Return the noise in the mean of each repeated data group, as a sum of squares."""
     sizes = size_by_label(data)
     known_by = num_known(data)
     scatter = repeatability(data, of_mean=True)
@@ -610,7 +612,7 @@ def _noise_of_repeats(data: Dataset) -> dict[str, NoiseSquares]:
 
 
 def _noise_alike(residuals: Mapping[str, Row], data: Dataset) -> dict[str, NoiseSquares]:
-    """Estimate each group's noise from similar groups where no repeats determine it.
+    """Estimate the noise of data groups without repeats from similar groups.
 
     The noise per value is the median mean square residual of other groups of its kind, or of the
     group itself if there are none, because bands use it as noise. The white part of a noisier
@@ -629,7 +631,7 @@ def _noise_alike(residuals: Mapping[str, Row], data: Dataset) -> dict[str, Noise
 
 
 def _hides_in_noise(residuals: Mapping[str, Row], repeated: NoiseOf) -> bool:
-    """Return whether an unrepeated residual is correlated, so that noise contains model error."""
+    """Return whether an unrepeated residual is correlated, so that noise includes model error."""
     return any(is_coloured(row) for label, row in residuals.items() if label not in repeated)
 
 
@@ -639,7 +641,7 @@ def _rests(
     data: Dataset,
     uncertain: Mapping[str, Inexact[np.ndarray, "_value parameter"]] | None = None,
 ) -> dict[str, Rest]:
-    """Return residuals of groups relative to their response, pooled by kind of test."""
+    """Return the squared residuals of data groups relative to the response, by kind of test."""
     kinds, sizes, fractions = _kinds(data), size_by_label(data), fractions_counted(data)
     squares: dict[str, list[tuple[Rest, float]]] = {}
     for label, row in residuals.items():
@@ -659,7 +661,7 @@ def _rest(
     fraction: float,
     uncertain: Inexact[np.ndarray, "value parameter"] | None = None,
 ) -> Rest:
-    r"""Return a residual's square, its mean $N n + |M|^2$ and the variance of their difference."""
+    r"""Return a squared residual, its mean $N n + |M|^2$, and the variance of the difference."""
     moved = np.zeros((len(row), 0)) if uncertain is None else uncertain
     real = real_rows(moved)
     count, of_errors, products = _count(row), float(np.sum(real**2)), real.T @ real
@@ -670,7 +672,7 @@ def _rest(
 
 
 def _over(rest: Rest, size: float) -> Rest:
-    """Return residual statistics relative to the square of a response."""
+    """Return squared residuals relative to the square of a response."""
     square, mean, variance, noise = rest
     return Rest(square / size, mean / size, variance / size**2, noise / size)
 
@@ -680,7 +682,7 @@ def _sum_of(rests: Sequence[Rest]) -> Rest:
 
 
 def _pooled(shown: Sequence[LeftOutRun], *, judged: bool) -> dict[str, Scatter]:
-    """Return the law's remaining relative error for each kind of test, from all runs."""
+    """Return the remaining relative error of the law for each kind of test, from all runs."""
     runs: dict[str, list[LeftOutRun]] = {}
     for run in shown:
         for kind in run.rests:

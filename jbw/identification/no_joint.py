@@ -1,4 +1,4 @@
-r"""Tests of the joint against simpler models: no joint at all, or drag in place of hysteresis.
+r"""Tests of the joint against simpler models: no joint, or drag instead of hysteresis.
 
 Without a joint, the structure is linear. With drag in place of the laws, there is damping without
 softening: in weak slip, Bouc-Wen without softening ($\delta = 0$) adds the damping of a force
@@ -31,17 +31,18 @@ from jbw.oscillator.law import feels_rate
 from jbw.oscillator.laws import laws_named
 from jbw.quantities import RESIDUAL_TERMS, STUCK
 
-FAR = 5.0  # standard deviations from zero beyond which a joint is detected without a fit
+# distance from zero in standard deviations, above which a joint is detected without a fit
+FAR = 5.0
 NUM_DRAWS = 256
-BY_CHANCE = 0.01  # probability of as large an improvement for a structure without a joint
-# Ratio of relative frequency change to added damping below which drag is fitted too, and chi-square
-# decides. It is 1 for gamma = delta, and 3 pi / 4 for Masing's loops of a quadratic backbone.
+BY_CHANCE = 0.01  # probability of such an improvement for a structure without a joint
+# Ratio of relative frequency change to added damping, below which drag is fitted too. It is 1 for
+# gamma = delta, and 3 pi / 4 for Masing's loops of a quadratic backbone.
 SOFTENS = 0.5
 ROOM = 8.0  # upper bound of drag over its starting value
 
 
 class Nested(NamedTuple):
-    """A fit with a simpler model, its growth of chi-square and its number of omitted parameters."""
+    """A fit with a simpler model: growth of chi-square, and number of omitted parameters."""
 
     growth: float
     num_parameters: int
@@ -50,14 +51,14 @@ class Nested(NamedTuple):
 
 
 def without_joint(best: Fit, prior: Box, data: Dataset) -> Nested:
-    """Fit the oscillator without a joint to the same data with the same weights."""
+    """Fit an oscillator without a joint to the same data with the same weights."""
     return _nested(best, prior, data, (), {})
 
 
 def likely(
     key: Key[Array, ""], best: Fit, prior: Box, data: Dataset
 ) -> dict[str, Float[np.ndarray, " draw"]]:
-    r"""Return parameter values near a fit that the data do not rule out at 99 %, by name.
+    r"""Return parameter values near a fit that the data do not exclude (99 %), by name.
 
     Points are drawn from the covariance of the fit, within the prior. A point is kept if its log
     likelihood is lower by no more than half of the quantile of $\chi^2_k$. The first point is the
@@ -96,7 +97,7 @@ def may_be_absent(added: Effects) -> bool:
 
 
 def may_be_drag(added: Effects, zeta: float, laws: Sequence[str]) -> bool:
-    """Return whether hysteresis laws add damping but shift the frequency less than slip would."""
+    """Return whether the joint adds damping but changes the frequency less than slip would."""
     if not laws or any(map(feels_rate, laws_named(laws))):
         return False
     shift = np.quantile(np.abs(added.frequency), QUANTILES[-1])
@@ -105,7 +106,7 @@ def may_be_drag(added: Effects, zeta: float, laws: Sequence[str]) -> bool:
 
 
 def with_drag(best: Fit, prior: Box, data: Dataset, damping: float, y_peak: float) -> Nested:
-    """Fit the oscillator with drag in place of the laws, to the same data and weights.
+    """Fit an oscillator with drag instead of the laws, to the same data and weights.
 
     The fit starts where drag adds the damping ratio that the laws add at y_peak [m].
     """
@@ -115,7 +116,7 @@ def with_drag(best: Fit, prior: Box, data: Dataset, damping: float, y_peak: floa
 def _nested(
     best: Fit, prior: Box, data: Dataset, laws: tuple[str, ...], firsts: Mapping[str, float]
 ) -> Nested:
-    """Fit the oscillator with other laws to the same data, from starting values `firsts`."""
+    """Fit an oscillator with other laws to the same data, from given starting values."""
     names = {quantity.name for quantity in (*STUCK, *RESIDUAL_TERMS)}
     bounds = {name: pair for name, pair in bounds_by_name(prior).items() if name in names}
     starts = {name: best.theta[name] for name in bounds} | dict(firsts)

@@ -1,4 +1,4 @@
-r"""Starting values for several joints: fits of single modes, then least squares over all joints.
+r"""Starting values for several joints, from fits of single modes.
 
 Weak motion of mode i alone, as an oscillator with one Bouc-Wen law, determines two numbers
 
@@ -36,21 +36,21 @@ from jbw.quantities import FED, name_at, split
 from jbw.report.messages import joint as messages
 
 LAW = BoucWenLaw.name
-HALF = 0.5  # starting stiffness of a law over that of the fully stuck joint
-WEAK = 0.3  # slip beyond which modes do not determine sums over joints, and nothing is tested
+HALF = 0.5  # starting value of a law's stiffness over that of the fully stuck joint
+WEAK = 0.3  # slip above which modes do not determine sums over joints, so that nothing is tested
 
 under_way = logging.getLogger("jbw.progress")
 
 
 class Readings(NamedTuple):
-    """Starting values of several joints' laws, and sentences on the test of these joints."""
+    """Starting values of the laws of several joints, with sentences on a test of the joints."""
 
     known: dict[str, float]
     statements: tuple[str, ...]
 
 
 class _Reading(NamedTuple):
-    """The numbers s and o of one mode, their standard errors, and its slip at largest motion."""
+    """The two numbers s and o that one mode determines, with standard errors and largest slip."""
 
     value: Float[np.ndarray, " product"]
     std: Float[np.ndarray, " product"]
@@ -61,7 +61,7 @@ NOTHING = Readings({}, ())
 
 
 def joint_readings(key: Key[Array, ""], seen: Measured) -> Readings:
-    """Return starting values of all joints from the weakest sweep of each mode alone.
+    """Return starting values of all joints, from the weakest sweep through each single mode.
 
     Empty for a single joint, for laws other than Bouc-Wen's, or if sweeps pass through fewer single
     modes than there are laws.
@@ -79,7 +79,7 @@ def joint_readings(key: Key[Array, ""], seen: Measured) -> Readings:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 read[i] = _reading(jax.random.fold_in(key, i), i, test, seen, modes)
-        except JbwError:  # modes that cannot be fitted alone are skipped
+        except JbwError:  # skip modes that cannot be fitted alone
             continue
     if len(read) < len(seen.laws):
         return NOTHING
@@ -94,12 +94,12 @@ def joint_readings(key: Key[Array, ""], seen: Measured) -> Readings:
 
 
 def with_readings(ready: Fitted, readings: Readings) -> Fitted:
-    """Return a fit with the statements of the single-mode fits added."""
+    """Return a fit with additional sentences on the single-mode fits."""
     return replace(ready, statements=(*readings.statements, *ready.statements))
 
 
 def _weakest(modes: Modes, tests: Sequence[Test]) -> dict[int, Test]:
-    """Return, by mode, the weakest sweep at the first point that passes through this mode only."""
+    """Return, by mode, the weakest sweep at the first point that passes only this mode."""
     shares, weakest = np.abs(gain_shares(modes)), {}
     for test in sorted(tests, key=lambda test: float(np.mean(_source(test) ** 2))):
         passed = [i for i, window in enumerate(modes.windows_hz) if passes(test, window)]
@@ -133,7 +133,7 @@ def _reading(key: Key[Array, ""], mode: int, test: Test, seen: Measured, modes: 
 
 
 def _products(theta: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the weak-motion numbers s and o for unit motion of the mode, in any coordinates."""
+    """Return the small-motion numbers s and o for unit motion of the mode."""
     s, o = BoucWenLaw.of(theta).weak_motion()
     return {"s": jnp.asarray(s), "o": jnp.asarray(o)}
 
@@ -151,7 +151,7 @@ def _known(starts: Sequence[Starts], laws: Sequence[str], modes: Modes) -> dict[
 
 
 def _statements(starts: Sequence[Starts], num_modes: int) -> tuple[str, ...]:
-    """Return the sentence on whether the model's joints explain its modes, if testable."""
+    """Return the sentence on whether the model's joints explain its modes, if it can be tested."""
     if starts[0].explains is None:
         return ()
     tests = [(start.chi_square, start.degrees_of_freedom, start.p) for start in starts]

@@ -1,4 +1,4 @@
-"""The paper's own sequence for a campaign: Steps 3 and 4, each with earlier results fixed."""
+"""The paper's own sequence of steps for a campaign, each with earlier results fixed."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -22,15 +22,15 @@ PAPER_LAW = "bouc_wen"  # the law of Steps 3 and 4
 
 @dataclass(frozen=True)
 class PaperRoute:
-    """Steps 3 and 4 of the paper, as far as the tests of a campaign allow them."""
+    """Steps 3 and 4 of the paper, if the tests of a campaign allow them."""
 
-    kernel: step3.KernelFit | None = None  # None without probing tones
+    kernel: step3.KernelFit | None = None  # fit of the kernel; None without probing tones
     steps: Mapping[str, Step] = field(default_factory=dict)  # posteriors, by name
-    statements: tuple[str, ...] = ()  # on how the steps relate to other laws
+    statements: tuple[str, ...] = ()  # sentences on how the steps relate to other laws
 
     @property
     def means(self) -> dict[str, float]:
-        """The posterior means of Steps 3 and 4 by name, starting values of the joint posterior."""
+        """The posterior means of Steps 3 and 4, which start the joint posterior."""
         names = [name for name in ("third_order_nuts", "opening_nuts") if name in self.steps]
         return {k: v for name in names for k, v in means_of(self.steps[name].posterior).items()}
 
@@ -61,7 +61,7 @@ def paper_route(
 
 
 def paper_words(seen: Measured) -> tuple[str, ...]:
-    """Return the sentences on the paper's Steps 3 and 4 if they do not suit the joint's laws."""
+    """Return the sentences on the paper's Steps 3 and 4, if these do not suit the laws."""
     if seen.linear is None or not seen.probing:
         return ()
     others = " and ".join(name for name in seen.laws if name != PAPER_LAW)

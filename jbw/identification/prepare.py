@@ -1,4 +1,4 @@
-r"""Preparation of a dataset for sampling: first fit, noise, weights, run effects, coordinates.
+r"""Preparation of a dataset for sampling: fit, noise, weights, run effects, coordinates.
 
 The noise of a group and the number of its independent values are estimated from the residual of a
 fit, and the fit is weighted by them: a fixed point, $w = W(\hat\theta(w))$. The error of the law is
@@ -45,23 +45,24 @@ from jbw.report.messages import stages as messages
 
 under_way = logging.getLogger("jbw.progress")
 MOST_SUBSTEPS = 64
-NEAR = 1e-3  # factor of a fit's steps within which even a curved posterior is straight
-AMPLE = 0.5  # share of the solver error that the verdict allows: a fit is not the posterior
-MOST_ROUNDS = 8  # most alternations of fit and weights
-SETTLED = 0.1  # change of the fit, in standard deviations, at which the weights are final
+NEAR = 1e-3  # factor on a fit's steps, with which even a curved posterior is nearly straight
+AMPLE = 0.5  # part of the allowed solver error that a fit may have
+MOST_ROUNDS = 8  # largest number of rounds of fit and weighting
+SETTLED = 0.1  # change of the fit, in standard deviations, below which the weights are final
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fit of the joint with its prior and dataset, ready to be sampled."""
+    """A fit of the joint with its prior and dataset, ready for sampling."""
 
-    fit: Fit  # least squares of `jbw.observables.dataset.stacked` in the box
-    box: Box  # the prior, in the coordinates to sample in
-    data: Dataset  # with noise, effective values and run effects
-    statements: tuple[str, ...] = ()  # results of the fit, one sentence each
-    # Chi-square and degrees of freedom of the first fit, over groups whose noise repeats determine.
+    fit: Fit  # least-squares fit within the prior bounds
+    box: Box  # the prior, in the sampled coordinates
+    data: Dataset  # the data with noise, effective numbers of values and run effects
+    statements: tuple[str, ...] = ()  # sentences on the fit
+    # Chi-square and degrees of freedom of the first fit, over data groups whose noise repeats
+    # determine.
     chi_square: tuple[float, int] | None = None
-    findings: tuple[Finding, ...] = ()  # of the fit, for the verdict
+    findings: tuple[Finding, ...] = ()  # findings on the fit, for the verdict
     wall_s: float = 0.0  # time taken, including compilation
 
     @property
@@ -104,7 +105,7 @@ def weighed(
     """Fit a dataset and determine its weights, before coordinates and solver steps."""
     prior, first, data = first_fit(keys[0], data, settings, known, quick=quick)
     ready = with_effects(keys[1], data, prior, first, settings, quick=quick)
-    best = replace(ready.fit, waterfall=first.waterfall)  # later fits have one start only
+    best = replace(ready.fit, waterfall=first.waterfall)  # later fits have only one start
     return replace(ready, fit=best, chi_square=explained(first, data))
 
 
@@ -131,7 +132,7 @@ def with_effects(
     """Update noise, independent values, run effects and residual terms by repeated fits."""
     words: list[str] = []
     findings: tuple[Finding, ...] = ()
-    between = ROUGH if quick else TOLERANCE  # tolerance of intermediate fits
+    between = ROUGH if quick else TOLERANCE  # tolerance of fits between the rounds
     best, data = settled(first, prior, data, settings, tolerance=between)
     shifts = shifts_of(best, prior.names, data)
     if shifts is not None and wanted(shifts, settings):
@@ -140,7 +141,7 @@ def with_effects(
         under_way.info("offsets of the runs")
         data = with_offsets(best, shifts, data, settings.run_scatter)
         best = refit(best, prior, data, tolerance=between)
-        # Records are linearised at these offsets, which are now known.
+        # Linearise records at these offsets, which are now known.
         data = dataset.with_directions(best.theta, data, dataset.best_offsets(best.theta, data))
         best = refit(best, prior, data, tolerance=between)
         best, data = settled(best, prior, data, settings, tolerance=between)
@@ -164,13 +165,13 @@ def completed(
         best = refit(best, prior, data, theta=coordinates.from_parameters(best.theta))
         words.append(coordinates_sentence(law, coordinates))
     if settings.substeps is None and not quick:
-        # Check again at the fit with finer steps, which may lie elsewhere.
+        # Check again with finer steps: the optimum may have moved.
         for _ in range(2):
             under_way.info("steps of the solver")
             finer = refined(key, data, prior, best)
             if finer is data:
                 break
-            forget()  # frees the programs of coarser steps
+            forget()  # releases the programs of coarser steps
             data, best = finer, refit(best, prior, finer)
     best = replace(best, waterfall=weighted.fit.waterfall)
     return replace(weighted, fit=best, box=prior, data=data, statements=tuple(words))
@@ -179,7 +180,7 @@ def completed(
 def settled(
     best: Fit, prior: Box, data: Dataset, settings: Identify, *, tolerance: float = TOLERANCE
 ) -> tuple[Fit, Dataset]:
-    """Repeat fit and weighting in turn until the fit no longer moves; return fit and dataset."""
+    """Repeat fit and weighting until the fit no longer moves; return fit and dataset."""
     for count in range(1, MOST_ROUNDS + 1):
         under_way.info(messages.REWEIGHTING, count, MOST_ROUNDS)
         before = np.asarray(best.x)
@@ -219,7 +220,7 @@ def refit(
 
 
 def refined(key: Key[Array, ""], data: Dataset, prior: Box, best: Fit) -> Dataset:
-    """Return the dataset with enough solver steps that halving them would not change the fit.
+    """Return the dataset with so many solver steps that more would not change the fit.
 
     It also gets as much memory for nested loops as the motion of the fit needs.
     """

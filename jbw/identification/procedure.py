@@ -42,7 +42,7 @@ class Posteriors:
     """The drawn and checked posteriors of a campaign, before they are judged."""
 
     joint: JointPosterior
-    checks: Checks  # of the joint posterior
+    checks: Checks  # checks of the joint posterior
     free: FreeDecays = field(default_factory=FreeDecays)
     paper: PaperRoute = field(default_factory=PaperRoute)
 
@@ -51,27 +51,27 @@ class Posteriors:
 class Identification:
     """The complete result of the procedure for a campaign."""
 
-    linear: LinearStep | None = None  # Step 2; None without a noise test
-    kernel: step3.KernelFit | None = None  # None without probing tones
+    linear: LinearStep | None = None  # result of Step 2; None without a noise test
+    kernel: step3.KernelFit | None = None  # fit of the kernel; None without probing tones
     sweeps: Sweeps | None = None
     data: Dataset | None = None  # dataset of the joint posterior, as sampled
     decays: DecaySplit | None = None
-    decay_data: Decays | None = None  # their envelopes, with the noise estimated in the fit
+    decay_data: Decays | None = None  # envelopes of free decays, with noise from the fit
     steps: dict[str, Step] = field(default_factory=dict)  # posteriors; the main one is "joint"
 
     @property
     def main(self) -> Step:
-        """The posterior that the verdict refers to: the joint one if there is one."""
+        """The posterior that the verdict is about: the joint one if it exists."""
         return self.steps.get("joint") or self.steps["third_order_nuts"]
 
     @property
     def fitted(self) -> Fitted | None:
-        """The fit that the main posterior started from; None without a joint posterior."""
+        """The fit from which the main posterior started; None without a joint posterior."""
         return None if self.data is None else Fitted(self.main.fit, self.main.box, self.data)
 
     @property
     def decay(self) -> Step | None:
-        """The posterior from free decays: the joint one if there is no separate one."""
+        """The posterior of free decays; the joint one if there is no separate one."""
         if self.decays is None:
             return None
         return self.steps.get("decay") or self.main
@@ -97,23 +97,25 @@ def identified(
 
 @dataclass(frozen=True)
 class Posterior:
-    """A posterior of the procedure that can be sampled."""
+    """A posterior of the procedure, ready for sampling."""
 
     name: str  # "joint", "third_order" or "opening"
-    log_likelihood: LogLikelihood  # (theta, data) to terms [nats]
-    box: Box  # its prior
+    log_likelihood: LogLikelihood  # function of (theta, data) that returns terms [nats]
+    box: Box  # prior bounds
     data: PyTree  # argument of the likelihood
-    fit: Fit  # least squares in the box
-    stepped: bool  # whether an evaluation steps through time (slow)
+    fit: Fit  # least-squares fit within the bounds
+    stepped: bool  # whether an evaluation integrates in time, which is slow
     laws: tuple[str, ...] = DEFAULT_LAWS
 
 
 @dataclass(frozen=True)
 class Known:
-    """The prior bounds and means that a finished run states; empty if it states none."""
+    """The prior bounds and means of a finished run; empty if it states none."""
 
-    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # the joint's prior
-    means: Mapping[str, float] = field(default_factory=dict)  # Step 3's: zeta, alpha and delta
+    # prior bounds of the joint posterior
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    # means of zeta, alpha and delta of Step 3
+    means: Mapping[str, float] = field(default_factory=dict)
 
 
 def posterior_of(
@@ -124,7 +126,7 @@ def posterior_of(
     known: Known | None = None,
     report: Report = logger.info,
 ) -> Posterior:
-    """Perform the procedure up to the fit of one step; return that step's posterior undrawn.
+    """Perform the procedure up to the fit of one step; return its posterior before sampling.
 
     `step` is "joint", "third_order" or "opening". `known` contains the prior and the means of Step
     3 of a finished run.

@@ -1,4 +1,4 @@
-r"""The choice of a law from readings of frequency and damping, if a campaign states none.
+r"""The choice of a law from measured frequency and damping, if a campaign states none.
 
 The exponents with which frequency and damping depend on amplitude propose laws before anything is
 fitted. If there are several proposals, the steady loops of each, and of Bouc-Wen, are fitted to the
@@ -25,13 +25,13 @@ from jbw.oscillator.parameters import Scales
 from jbw.quantities import DEFAULT_LAWS
 from jbw.report.messages import laws as messages
 
-LEAST_DAMPING = 1e-4  # least damping ratio that scales the priors
+LEAST_DAMPING = 1e-4  # smallest damping ratio for the scale of a prior
 
 
 def proposed(
     seen: Measured, tables: Sequence[RecordTable], read: Sequence[str], seed: int, report: Report
 ) -> tuple[Measured, str]:
-    """Choose the law that fits the readings best; return tests under it, and a sentence.
+    """Choose the law that fits frequency and damping best; return tests under it, and why.
 
     Args:
         seen: Tests under the default law.
@@ -42,7 +42,7 @@ def proposed(
         report: Function that is called with one sentence at every stage.
     """
     scores: dict[str, float] = {}
-    if len(read) > 1:  # Bouc-Wen may fit as well as laws of sliders
+    if len(read) > 1:  # Bouc-Wen's law may fit as well as laws of sliders
         scores = scores_of(seen, tables, list(dict.fromkeys([*read, *DEFAULT_LAWS])), seed)
     order = sorted(scores, key=scores.__getitem__, reverse=True) or [read[0]]
     margins = [(name, scores[order[0]] - scores[name]) for name in order[1:]]
@@ -53,7 +53,7 @@ def proposed(
 def scores_of(
     seen: Measured, tables: Sequence[RecordTable], laws: Sequence[str], seed: int
 ) -> dict[str, float]:
-    """Return the score of each law that can be fitted to readings; empty with too few readings."""
+    """Return the score of each law that can be fitted to frequency and damping."""
     try:
         rows = rows_of(tables)
     except JbwError:

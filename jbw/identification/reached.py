@@ -1,4 +1,4 @@
-"""Statements on whether the measured motion reached thresholds of a law, such as macroslip."""
+"""Sentences on whether the motion reached thresholds of a law, such as macroslip."""
 
 from collections.abc import Mapping
 from typing import Any

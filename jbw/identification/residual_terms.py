@@ -1,4 +1,4 @@
-r"""Residual terms of other modes, which a campaign states or a fit shows to be needed.
+r"""Residual terms of modes outside the band, which a campaign states or a fit needs.
 
 A fit without misfit beyond noise needs no terms. Otherwise terms are kept if the fit with them has
 a clearly smaller residual,
@@ -35,17 +35,18 @@ from jbw.observables.residual_terms import (
 from jbw.quantities import BY_NAME
 from jbw.report.messages import residuals as messages
 
-GROWTH, SHARE = 25.0, 0.1  # least growth of chi-square without a term, absolute and relative
+GROWTH, SHARE = 25.0, 0.1  # smallest growth of chi-square without a term, absolute and relative
 TRIED = ((UPPER,), (UPPER, LOWER))
-ABOUT = np.linspace(0.97, 1.03, 7)  # factors on a stated frequency of `modes` that are tried
-USUAL_ZETA = 0.01  # starting damping of a neighbour without a spectrum
+# factors on a stated frequency that are tried for a neighbouring mode
+ABOUT = np.linspace(0.97, 1.03, 7)
+USUAL_ZETA = 0.01  # starting damping ratio of a neighbouring mode without a spectrum
 
 Refit = Callable[..., Fit]
 Bounds = dict[str, tuple[float, float]]
 
 
 class Taken(NamedTuple):
-    """The prior box with accepted residual terms, the fit, and sentences on them."""
+    """The prior with accepted residual terms, the fit with them, and sentences."""
 
     box: Box
     fit: Fit
@@ -72,15 +73,16 @@ def terms_of(prior: Box) -> Bounds:
 
 
 def with_terms(prior: Box, terms: Bounds) -> Box:
-    """Return a prior box with residual terms added."""
+    """Return prior bounds with residual terms added."""
     return box(bounds_by_name(prior) | terms)
 
 
 def shown_terms(
     best: Fit, prior: Box, data: Dataset, settings: Identify, refit: Refit
 ) -> Taken | None:
-    """Add the residual terms that a fit needs to the prior box, refit; None if none is needed."""
-    several = data.modes is not None and data.modes.points  # terms do not belong to a point
+    """Add the residual terms that a fit needs, and fit again; return None if none is needed."""
+    # with several points, terms would not belong to one of them
+    several = data.modes is not None and data.modes.points
     if several or "omega_n" not in data.held | best.theta:
         return None
     accepted = Taken(prior, best)
@@ -92,7 +94,7 @@ def shown_terms(
 
 
 def _with_constants(accepted: Taken, data: Dataset, refit: Refit) -> Taken:
-    """Add the constant residual terms if they improve the fit and none is stated."""
+    """Add constant residual terms if they improve the fit and the campaign states none."""
     omega_n = float({**data.held, **accepted.fit.theta}["omega_n"])
     if {UPPER, LOWER} & set(accepted.box.names) or not _misses(accepted.fit, data, ("auto",)):
         return accepted
@@ -110,7 +112,7 @@ def _with_constants(accepted: Taken, data: Dataset, refit: Refit) -> Taken:
 def _with_neighbour(
     accepted: Taken, data: Dataset, settings: Identify, refit: Refit, omega: float | None = None
 ) -> Taken:
-    """Add one neighbouring mode if it is stated or would explain most of the residual."""
+    """Add a neighbouring mode if it is stated, or would explain most of the residual."""
     neighbours = neighbours_of(accepted.fit.theta)
     takers = tuple(name for name, terms in TAKEN.items() if set(OF_MODES) & set(terms))
     if len(neighbours) == len(MODES) or not _misses(accepted.fit, data, takers):
@@ -134,7 +136,7 @@ def _with_neighbour(
 
 
 def _start(best: Fit, data: Dataset, omega: float | None) -> tuple[float, float, float] | None:
-    """Return starting frequency, damping and share of a neighbouring mode; may be None."""
+    """Return the starting frequency, damping and gain share of a neighbouring mode, or None."""
     cause = other_mode(best, data, () if omega is None else omega * ABOUT)
     if cause is None or cause.mode is None:
         return None if omega is None else (omega, USUAL_ZETA, 0.0)

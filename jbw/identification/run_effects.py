@@ -52,16 +52,17 @@ from jbw.observables.observable import OFFSETS, Observable, assemblies_of
 from jbw.quantities import BY_NAME
 from jbw.report.messages import sessions as messages
 
-MOST_ALIKE = 1e12  # largest condition number of the correlation matrix of a run's offsets
-BY_CHANCE = 1e-3  # probability below which shifts are considered real
-LEAST, MOST = (1e-7, 1e-4), (1e-2, 0.5)  # relative scatter of omega_n and zeta
-SAME_LEVEL = 1.1  # ratio of responses within which runs are repeats of one level
-NO_SCATTER = 1e-12  # scatter of a quantity that all runs share
+MOST_ALIKE = 1e12  # largest condition number of the correlations of a run's offsets
+BY_CHANCE = 1e-3  # probability below which differences between runs count as real
+# limits of the relative standard deviations of omega_n and zeta
+LEAST, MOST = (1e-7, 1e-4), (1e-2, 0.5)
+SAME_LEVEL = 1.1  # ratio of responses below which runs are repeats of one level
+NO_SCATTER = 1e-12  # standard deviation of a quantity that is equal in all runs
 NUM_DRAWS = 200
 PLURAL = {"run": "runs", "assembly": "assemblies"}
 Values = Float[np.ndarray, " run"]
-FEWEST_RUNS = 5  # runs from which a trend can be separated from scatter
-TREND_BY_CHANCE = 0.005  # p-value limit of each of two trends, frequency and damping
+FEWEST_RUNS = 5  # smallest number of runs that can show a trend
+TREND_BY_CHANCE = 0.005  # largest p-value of each of the two trends, frequency and damping
 QUANTITY_NAMES = {"omega_n": "natural frequency", "zeta": "damping ratio"}
 
 
@@ -70,7 +71,8 @@ class Shifts:
     """Offsets of the runs, estimated from the residuals of a common fit."""
 
     runs: tuple[str, ...]
-    offset: Float[np.ndarray, "run own"]  # omega_n [rad/s] and zeta [-], minus the fit's
+    # omega_n [rad/s] and zeta [-] of a run minus those of the fit
+    offset: Float[np.ndarray, "run own"]
     std: Float[np.ndarray, "run own"]  # standard errors
     p: float  # probability of such differences by chance
 
@@ -119,18 +121,18 @@ def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None
 
 
 def tells_apart(precision: Float[np.ndarray, "own own"]) -> bool:
-    """Return whether a run determines both its frequency and damping offset, in any units."""
+    """Return whether a run determines both its frequency offset and its damping offset."""
     size = np.sqrt(np.diag(precision))
     return bool(np.all(size > 0) and np.linalg.cond(precision / np.outer(size, size)) < MOST_ALIKE)
 
 
 def wanted(shifts: Shifts, settings: Identify) -> bool:
-    """Return whether runs get offsets: if the campaign says so, or the data show them."""
+    """Return whether runs get offsets, because the campaign states it or the data show it."""
     return settings.offsets == "runs" or (settings.offsets != "none" and shifts.p < BY_CHANCE)
 
 
 def are_levels(data: Dataset) -> bool:
-    """Return whether each run is a separate test of one assembly: no run or assembly was stated."""
+    """Return whether each run is one level of a single assembly, as no run is stated."""
     pairs = (
         (x, run)
         for part in data.parts
@@ -140,7 +142,7 @@ def are_levels(data: Dataset) -> bool:
 
 
 def scatter_of_repeats(shifts: Shifts, sizes: Mapping[str, float]) -> float | None:
-    r"""Return zeta's scatter between repeats of a level [-]: 0 if chance, None without repeats.
+    r"""Return how zeta varies between repeats of a level [-]: 0 by chance, None without repeats.
 
     $$Q = \sum_l \sum_{r \in l} \frac{(b_r - \bar b_l)^2}{\sigma_r^2}, \qquad
       \tau^2 = \frac{Q - \mathrm{dof}}{\sum_l (W_l - \sum_{r \in l} w_r^2 / W_l)}$$
@@ -166,7 +168,7 @@ def scatter_of_repeats(shifts: Shifts, sizes: Mapping[str, float]) -> float | No
 def moments_of(
     offset: Float[np.ndarray, " run"], std: Float[np.ndarray, " run"]
 ) -> tuple[float, float]:
-    r"""Return chi-square around the runs' mean, and its increase per variance between runs.
+    r"""Return chi-square of the runs about their mean, and its derivative by their variance.
 
     $$Q = \sum_r w_r (b_r - \bar b)^2, \qquad W - \sum_r w_r^2 / W, \quad w_r = 1 / \sigma_r^2$$
     """
@@ -176,7 +178,7 @@ def moments_of(
 
 
 def _levels_of(runs: Sequence[str], sizes: Mapping[str, float]) -> list[list[int]]:
-    """Return the indices of runs by level; runs of similar response share a level."""
+    """Return the indices of runs by level; runs of similar response have one level."""
     measured = [number for number, run in enumerate(runs) if run in sizes]
     levels: list[list[int]] = []
     for number in sorted(measured, key=lambda number: sizes[runs[number]]):
@@ -189,13 +191,13 @@ def _levels_of(runs: Sequence[str], sizes: Mapping[str, float]) -> list[list[int
 
 
 def sizes_of(data: Dataset) -> dict[str, float]:
-    """Return each run's root sum of squares of response, from the observable with the most runs."""
+    """Return the norm of each run's response, from the part of the data with the most runs."""
     sizes_of_parts = (sizes_of_runs(part) for part in data.parts if not part.own_shifts)
     return max(sizes_of_parts, key=len, default={})
 
 
 def sizes_of_runs(part: Observable) -> dict[str, float]:
-    """Return each run's root sum of squares of response in an observable, mean over groups."""
+    """Return the norm of each run's response in one part of the data."""
     runs = dict(zip(part.groups.labels, part.groups.runs, strict=True))
     sizes: dict[str, list[float]] = {}
     for label, size in sizes_of_groups(part).items():
@@ -204,7 +206,7 @@ def sizes_of_runs(part: Observable) -> dict[str, float]:
 
 
 def damping_scatter(best: Fit, shifts: Shifts, data: Dataset) -> float | None:
-    """Return zeta's relative scatter between levels, from repeats; None if runs are stated."""
+    """Return how zeta varies between levels (relative), from repeats; None if runs are stated."""
     if not are_levels(data):
         return None
     repeats = scatter_of_repeats(shifts, sizes_of(data)) or 0.0
@@ -212,13 +214,13 @@ def damping_scatter(best: Fit, shifts: Shifts, data: Dataset) -> float | None:
 
 
 def _centre(best: Fit) -> Float[np.ndarray, " own"]:
-    """Return omega_n and zeta of a fit, for the first drive if several are fitted."""
+    """Return omega_n and zeta of a fit, of the first drive if there are several."""
     theta = {plain(name): value for name, value in reversed(best.theta.items())}
     return np.array([theta[name] for name in OFFSETS])
 
 
 def with_offsets(best: Fit, shifts: Shifts, data: Dataset, median: float | None = None) -> Dataset:
-    """Return the dataset in which every run has separate offsets, free in least squares.
+    """Return the dataset with separate offsets for each run, free in least squares.
 
     In a fit without offsets, errors of omega_n hide differences of zeta, and the weights follow the
     misfit: their scatter can be estimated only if both are free (`with_scatter`). `median` is that
@@ -242,7 +244,7 @@ def with_offsets(best: Fit, shifts: Shifts, data: Dataset, median: float | None 
 
 
 def own_frequency_alone(data: Dataset) -> Dataset:
-    """Return the dataset in which runs have separate natural frequencies but common damping.
+    """Return the dataset with separate natural frequencies and common damping of the runs.
 
     It is used to score a law on a run: a separate damping ratio of the run would hide errors of the
     law.
@@ -255,20 +257,20 @@ def own_frequency_alone(data: Dataset) -> Dataset:
 
 
 def errors_with_own_frequency(fit: Fit, prior: Box, data: Dataset) -> dict[str, float]:
-    """Return each group's relative error if runs have separate frequencies, common damping."""
+    """Return each data group's relative error if each run has its own natural frequency."""
     scored = own_frequency_alone(data)
     residual = residual_by_label(residual_at(stacked, fit.x, prior, scored), scored)
     return error_by_label(residual, scored)
 
 
 def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
-    """Return the dataset with the scatter of runs that is estimated at a fit.
+    """Return the dataset with the standard deviations between runs, estimated at a fit.
 
     This is the root mean square of the scatter's density, because the likelihood integrates over
     it.
     """
     theta = {name: np.array([value]) for name, value in best.theta.items()}
-    estimate = estimates_at(theta, data)  # uses the compiled program of the draws
+    estimate = estimates_at(theta, data)  # uses the program that was compiled for the draws
     repeated = jax.tree.map(lambda x: np.repeat(x, NUM_DRAWS, axis=0), estimate)
     scatters = np.asarray(_drawn(jax.random.split(key, NUM_DRAWS), repeated, data).scatter)
     scatter = np.sqrt(np.mean(scatters[:, : len(OFFSETS)] ** 2, axis=0))
@@ -276,7 +278,7 @@ def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
 
 
 def _drawn(keys: Key[Array, " draw"], estimate: Estimate, data: Dataset) -> Spread:
-    """Draw the scatter and offsets of the runs for every random key."""
+    """Draw the standard deviations between runs, and their offsets, for every random key."""
     return _spreads(keys, jax.device_put(estimate), data.levels, data.scatters)
 
 
@@ -309,7 +311,7 @@ def _has_offsets(of_levels: float | None) -> str:
 def runs_dataset(
     key: Key[Array, ""], posterior: xr.Dataset, names: tuple[str, ...], data: Dataset
 ) -> xr.Dataset | None:
-    """Draw omega_n and zeta of every run, and their scatter over runs; None without offsets.
+    """Draw omega_n and zeta of every run, with their standard deviation; None without offsets.
 
     omega_n and zeta of the posterior are means of the population. One offset per run applies to all
     drives, each of which has separate values of a run. For each draw of the parameters, the scatter
@@ -342,7 +344,7 @@ def runs_dataset(
 
 
 def runs_summary(runs: xr.Dataset) -> dict[str, dict[str, dict[str, float]]]:
-    """Return mean, sd and 99 % interval of omega_n and zeta of each run, and of their scatter."""
+    """Return mean, sd and 99 % interval of omega_n and zeta of each run."""
     rows = {}
     for name, values in runs.data_vars.items():
         by_run = (
@@ -358,7 +360,7 @@ def _row(draws: Float[np.ndarray, " draw"]) -> dict[str, float]:
 
 
 def runs_sentence(runs: xr.Dataset) -> str:
-    """Return the sentence on the scatter of omega_n between runs."""
+    """Return the sentence on the variation of omega_n between runs."""
     scatters = []
     for over, plural in PLURAL.items():
         name = "spread_omega_n" + ("" if over == "run" else f"_{over}")
@@ -369,7 +371,7 @@ def runs_sentence(runs: xr.Dataset) -> str:
 
 
 class Slope(NamedTuple):
-    """A slope, its standard error, and the probability of one as steep by chance."""
+    """A slope with its standard error, and the probability of such a slope by chance."""
 
     value: float
     std: float
@@ -377,7 +379,7 @@ class Slope(NamedTuple):
 
 
 def slope_of(x: Values, offset: Values, std: Values) -> Slope:
-    """Fit a slope by weighted least squares to offsets that scatter beyond their errors.
+    """Fit a slope by weighted least squares to offsets that vary beyond their errors.
 
     With equal errors it is the ordinary least-squares slope.
     """
@@ -392,19 +394,20 @@ def slope_of(x: Values, offset: Values, std: Values) -> Slope:
 
 
 def _scatter_of_offsets(offset: Values, std: Values) -> float:
-    """Return the variance between runs beyond their standard errors, by moments."""
+    """Return the variance between runs beyond their standard errors."""
     chi_square, scale = moments_of(offset, std)
     return max(0.0, (chi_square - (len(offset) - 1)) / scale)
 
 
 def trend_finding(shifts: Shifts, data: Dataset) -> Finding | None:
-    """Return the finding on whether offsets depend on the amplitude; None with too few runs."""
+    """Return the finding on whether offsets depend on amplitude; None with too few runs."""
     sizes = sizes_of(data)
     indices = [i for i, name in enumerate(shifts.runs) if name in sizes]
     x = np.array([sizes[shifts.runs[i]] for i in indices])
     if len(indices) < FEWEST_RUNS or np.ptp(x) <= 0:
         return None
-    x = (x - x.min()) / np.ptp(x)  # the slope is then the change from smallest to largest
+    # the slope is then the change from the smallest to the largest amplitude
+    x = (x - x.min()) / np.ptp(x)
     slopes = {
         name: slope_of(x, shifts.offset[indices, i], shifts.std[indices, i])
         for i, name in enumerate(OFFSETS)

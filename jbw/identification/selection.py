@@ -1,4 +1,4 @@
-"""The assignment of tests to steps, and the split into fitted and held-out, before any fit."""
+"""The assignment of tests to steps, and their split into fitted and held-out tests."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,20 +12,20 @@ from jbw.errors import ConfigError
 from jbw.measurement.channels import strength_ranks
 from jbw.measurement.records import Test, drive_of, share_clock
 
-THIRD = (0.2, 0.45)  # tone over natural frequency that probes the third-order kernel
-LEVEL = attrgetter("level")  # key to sort tests
+THIRD = (0.2, 0.45)  # frequency of a probing tone over the natural frequency
+LEVEL = attrgetter("level")  # sorts tests by level
 
 
 @dataclass(frozen=True)
 class Sweeps:
-    """The sweeps of a campaign, split into fitted and held-out ones before any fit."""
+    """The fitted and the held-out sweeps of a campaign."""
 
     fitted: tuple[Test, ...]  # fitted levels, each with its fitted repeats only
     held_out: tuple[Test, ...]  # every level with the repeats that are not fitted
 
 
 def fitted(tests: Sequence[Test], settings: Identify) -> list[Test]:
-    """Return the tests that remain after `fit` and `hold_out` are applied."""
+    """Return the tests that remain after `fit` and `hold_out`."""
     names = [test.name for test in tests]
     unknown = [name for name in settings.hold_out if name not in names]
     if unknown:
@@ -38,27 +38,27 @@ def fitted(tests: Sequence[Test], settings: Identify) -> list[Test]:
 
 
 def linear_test(tests: Sequence[Test]) -> Test | None:
-    """Return the noise or multisine test of the lowest level, the most linear one, for Step 2."""
+    """Return the noise or multisine test of the lowest level, for Step 2."""
     noise = [test for test in tests if test.traits.is_broadband]
     return min(noise, key=LEVEL, default=None)
 
 
 def probing_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
-    """Return single-tone tests near a third of the natural frequency, sorted, for Step 3."""
+    """Return single-tone tests near a third of the natural frequency, for Step 3."""
     low, high = (part * natural_hz for part in THIRD)
     single = [test for test in tests if test.is_single_tone and low < test.tones_hz[0] < high]
     return tuple(sorted(single, key=lambda test: test.tones_hz[0]))
 
 
 def loop_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
-    """Return single-tone tests near the resonance, lowest level first, for validation by loops."""
+    """Return single-tone tests near the resonance, for validation by their loops."""
     probing = {test.name for test in probing_tests(tests, natural_hz)}
     single = [test for test in tests if test.is_single_tone and test.name not in probing]
     return tuple(sorted(single, key=LEVEL))
 
 
 def sweep_tests(tests: Sequence[Test], settings: Identify, *, every: bool = False) -> Sweeps | None:
-    """Split the sweeps into fitted and held-out sweeps.
+    """Divide the sweeps into fitted and held-out ones.
 
     `fit_levels` names the levels to fit. By default these are the lowest and the highest level of
     each drive if it has three or more, otherwise all. If `every`, all levels are fitted, because
@@ -94,17 +94,17 @@ def _outermost(sweeps: Sequence[Test], drive: str) -> list[float]:
 
 @dataclass(frozen=True)
 class DecaySplit:
-    """The free decays of all tests together, split into fitted and held-out ones before any fit."""
+    """The fitted and the held-out free decays of all tests together."""
 
     fitted: Test
     together: Test  # all decays, the fitted ones first
-    names: tuple[str, ...]  # test of each decay and its number there, from one
+    names: tuple[str, ...]  # test of each decay, and the number of the decay in it, from one
 
 
 def decay_tests(
     tests: Sequence[Test], settings: Identify, chosen: Sequence[Test] | None = None
 ) -> DecaySplit | None:
-    """Split the free decays into fitted and held-out decays; None without any to fit.
+    """Divide the free decays into fitted and held-out ones; return None without any to fit.
 
     `fit_repeats` decays of each of the `chosen` tests (all tests if None) are fitted, half by
     default; they span the amplitudes.
@@ -142,7 +142,7 @@ def decay_tests(
 
 
 def _fitted_places(test: Test, settings: Identify) -> tuple[int, ...]:
-    """Return the indices of the fitted repeats: from strongest to weakest in equal steps.
+    """Return the indices of the fitted repeats, evenly spaced from strong to weak.
 
     Among equally strong repeats, the first are chosen. So a law is never judged on motion larger
     than in the fitted repeats, in whatever order a structure was hit.
@@ -175,7 +175,7 @@ def _fitted_repeats(test: Test, settings: Identify) -> int:
 
 
 def fitted_for_use(tests: Sequence[Test], settings: Identify) -> Identify:
-    """Return the settings with which every test, level and repeat of the chosen kinds is fitted."""
+    """Return settings with which every test, level and repeat is fitted."""
     levels = tuple(dict.fromkeys(test.level for test in tests if test.traits.is_transient))
     return settings.model_copy(
         update={"final": False, "hold_out": (), "fit_levels": levels or None, "fit_repeats": ALL}

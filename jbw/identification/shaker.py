@@ -1,4 +1,4 @@
-"""The mass, damping and stiffness that a test's shaker adds to a structure."""
+"""Identification of the mass, damping and stiffness that a shaker adds to a structure."""
 
 from dataclasses import dataclass, replace
 
@@ -15,28 +15,29 @@ from jbw.oscillator.attachment import Attachment, attached
 from jbw.report.messages import instruments as messages
 
 ROLES = ("input", "force", "drive_point")
-WIDER = 1.5  # extension of the band over its width: separates mass, stiffness, delay and damping
+# extension of the band over its width, which separates mass, stiffness, delay and damping
+WIDER = 1.5
 OCTAVE = 2.0
-DRIVEN = 0.05  # share of the voltage's largest line below which a line is not driven
+DRIVEN = 0.05  # spectral height over the voltage's largest line, below which a line is not driven
 
 
 @dataclass(frozen=True)
 class ShakerReading:
-    """The shaker of a test, and the modes of its band without and with it."""
+    """The shaker of a test, with the modes in its band without and with it."""
 
     shaker: ShakerFit
-    modes: ModalFit  # from the force: modes of the structure alone
-    omega: Float[np.ndarray, " mode"]  # predicted with the shaker [rad/s]
+    modes: ModalFit  # modes of the structure alone, from the measured force
+    omega: Float[np.ndarray, " mode"]  # predicted frequencies with the shaker [rad/s]
     zeta: Float[np.ndarray, " mode"]
 
 
 def tells_shaker(test: Test) -> bool:
-    """Return whether a test has voltage, force and drive point, which determine its shaker."""
+    """Return whether a test has voltage, force and drive point, which identify its shaker."""
     return bool(test.records) and set(ROLES) <= set(test.records[0].channels)
 
 
 def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
-    """Identify the shaker from a test's first record, and predict the modes of its band with it.
+    """Identify the shaker from a test's first record, and predict the modes with it.
 
     The test's band contains the modes. For the attachment, the band is extended on either side by
     three halves of its width, at most an octave, where the voltage drives it. The record counts
@@ -60,7 +61,7 @@ def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
     shaker = fit_attachment(voltage, force, moved, record.fs, wide)
     size = None if periodic is None else periodic[1]
     fit = _modes(test, record, size, test.band_hz, modes)
-    squares = fit.residues[:, 0]  # the square of the shape at the drive point
+    squares = fit.residues[:, 0]  # squared mode shape at the drive point
     if np.any(squares <= 0):
         raise DataError(
             f"Test {test.name} must show a drive point that moves with the force, but at "
@@ -108,16 +109,16 @@ def _modes(
 def _driven(
     voltage: Float[np.ndarray, " time"], fs: float, band: tuple[float, float]
 ) -> tuple[float, float]:
-    """Widen the band by three halves of its width on each side, as far as the voltage drives.
+    """Return the band widened by 1.5 times its width on each side, if the voltage drives it.
 
     It is widened by at most an octave, because noise of a sensor at low frequencies is a large
     displacement.
     """
     reach = WIDER * (band[1] - band[0])
     freq = np.fft.rfftfreq(len(voltage), 1 / fs)
-    size = np.abs(np.fft.rfft(voltage - voltage.mean()))  # removes an amplifier's offset
+    size = np.abs(np.fft.rfft(voltage - voltage.mean()))  # removes the offset of an amplifier
     driven = freq[size > DRIVEN * size.max()]
-    if not len(driven):  # a dead channel, which the fit reports
+    if not len(driven):  # a constant channel, which the fit reports
         return band
     low = max(band[0] - reach, band[0] / OCTAVE, driven[0])
     high = min(band[1] + reach, band[1] * OCTAVE, driven[-1])

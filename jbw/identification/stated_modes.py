@@ -1,4 +1,4 @@
-"""Modes of a campaign's structure that the joint couples: checks, signs and statements."""
+"""Modes that the joint couples, as a campaign states them: checks, signs and statements."""
 
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -27,8 +27,8 @@ from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.parameters import own_name
 from jbw.report.messages import modes as messages
 
-BY_CHANCE = 0.01  # probability of as large an improvement for modes that do not move the joint
-BARE = ("", "none", "force", BASE)  # drives without the shaker's dynamics
+BY_CHANCE = 0.01  # probability of such an improvement by modes that do not move the joint
+BARE = ("", "none", "force", BASE)  # drives that leave out the shaker's dynamics
 ROUGH = 1e-6  # relative tolerance of cost and step of preliminary fits with another sign
 
 
@@ -47,7 +47,7 @@ def modes_of(
     stated = structure.driving_point, structure.joint_shape, structure.points
     modes = Modes(structure.modes, *stated, meet="apart" if structure.modal else "common")
     _require_own_constants(modes, tests)
-    # A measured force excites the structure without the shaker's dynamics, like no drive at all.
+    # Under a measured force the shaker's dynamics do not matter, as without a drive.
     drives = sorted({"force" if drive_of(t) in BARE else drive_of(t) for t in tests})
     if len(drives) > 1:
         raise ConfigError(
@@ -70,7 +70,7 @@ def modes_of(
 
 
 def _require_own_constants(modes: Modes, tests: Collection[Test]) -> None:
-    """Raise a ConfigError for common residual terms if responses are measured at several points."""
+    """Raise a ConfigError for common residual terms of responses at several points."""
     shared = [test for test in tests if test.residuals in ("upper", "both")]
     if modes.points and shared:
         raise ConfigError(
@@ -82,7 +82,7 @@ def _require_own_constants(modes: Modes, tests: Collection[Test]) -> None:
 
 
 def with_own_constants(modes: Modes | None, tests: Collection[Test]) -> tuple[Test, ...]:
-    """Return the tests with `residuals` "own" if each has separate residual constants."""
+    """Return tests with separate residual constants, if the campaign wants these."""
     return tuple(
         replace(test, residuals="own")
         if has_own(test.residuals, several_modes=modes is not None)
@@ -112,7 +112,7 @@ def _require_unknown(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> 
 
 
 def _require_apart(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> None:
-    """Raise a ConfigError for prior bounds within which frequencies of modes could swap."""
+    """Raise a ConfigError for prior bounds in which the frequencies of two modes could cross."""
     names = ("omega_n", *(mode_names.omega for mode_names in modes.names))
     wide = {
         n: (2 * np.pi * low, 2 * np.pi * high)
@@ -130,7 +130,7 @@ def _require_apart(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> No
 
 
 def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
-    """Raise a DataError if the tests give no starting frequency, damping and gain of a mode."""
+    """Raise a DataError if the tests give no starting values of a mode."""
     first_values = told_by(parts)
     for hz, names in zip(modes.hz, (None, *modes.names), strict=True):
         if (names.omega if names else "omega_n") not in first_values:
@@ -171,7 +171,7 @@ def unknown_signs(prior: Box, data: Dataset) -> list[str]:
 
 
 def with_signs(best: Fit, prior: Box, data: Dataset) -> tuple[Fit, Dataset]:
-    """Try the other sign of each mode in turn; return the better fit with its dataset."""
+    """Try the other sign of each mode in turn; return the better fit and its dataset."""
     growth = []
     for sign in unknown_signs(prior, data):
         other = replace(data, held={**data.held, sign: -data.held[sign]})
@@ -187,7 +187,7 @@ def with_signs(best: Fit, prior: Box, data: Dataset) -> tuple[Fit, Dataset]:
 
 
 def one_joint_sentences(best: Fit, prior: Box, data: Dataset) -> list[str]:
-    r"""Return the sentence on whether further modes meet in the joint or are linear neighbours.
+    r"""Return the sentence on whether further modes move the joint, or are linear neighbours.
 
     $$\chi^2_{linear} - \chi^2 > F^{-1}_{\chi^2_k}(0.99)$$
 
@@ -257,7 +257,7 @@ def participation_sentences(posterior: xr.Dataset, modes: Modes | None) -> list[
     """Return sentences on modes whose gain may be zero according to the posterior."""
     sentences = []
     for hz, names in zip(modes.hz[1:] if modes else (), modes.names if modes else (), strict=True):
-        if names.ratio not in posterior:  # free decays do not determine it
+        if names.ratio not in posterior:  # free decays do not determine the ratio
             continue
         low, _, high = np.quantile(posterior[names.ratio].values, QUANTILES)
         if low <= 0.0 <= high:

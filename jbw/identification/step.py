@@ -1,4 +1,4 @@
-"""The common form of every posterior of the procedure: draws, verdict, fit and statements."""
+"""The common form of the posteriors of all steps: draws, verdict, fit and sentences."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -42,15 +42,15 @@ def attrs(laws: tuple[str, ...] = ()) -> dict[str, dict[str, str]]:
 
 @dataclass(frozen=True)
 class Step:
-    """One posterior of the procedure with its verdict."""
+    """One posterior of the procedure, with its verdict."""
 
     name: str  # name in the results, such as "third_order_nuts"
     posterior: xr.DataTree  # the groups of the sampler's result
-    verdict: Verdict  # how far it can be trusted
-    fit: Fit  # the least-squares fit it started from
-    box: Box  # its prior
-    statements: tuple[str, ...]  # sentences on what it determines
-    held: dict[str, float]  # parameters that were not updated
+    verdict: Verdict  # how far the posterior can be trusted
+    fit: Fit  # the least-squares fit from which it started
+    box: Box  # its prior bounds
+    statements: tuple[str, ...]  # sentences on what the posterior determines
+    held: dict[str, float]  # parameters that were fixed
     wall_s: float  # time taken, including compilation
 
 
@@ -71,7 +71,7 @@ def finished(
     statements: Iterable[str] = (),
     held: Mapping[str, Any] | None = None,
 ) -> Step:
-    """Judge a posterior by its findings and return it as a step with its fit and prior.
+    """Judge a posterior by its findings; return it as a step with its fit and prior.
 
     `started` is the value of `perf_counter()` at the start of the step.
     """
@@ -88,7 +88,7 @@ def finished(
 
 
 def fit_sentences(fit: Fit) -> list[str]:
-    """Return sentences on a fit's undetermined direction and its parameters at bounds."""
+    """Return sentences on a fit's undetermined direction, and its parameters at bounds."""
     open_direction = [] if fit.weak is None else [messages.by_initial_fit(fit.weak.text)]
     bounds = [messages.at_bound(parameter, side) for parameter, side in fit.at_bound.items()]
     return [*open_direction, *bounds]

@@ -24,11 +24,11 @@ from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import laws_named
 
-SHARES = np.linspace(0.125, 1.0, 8)  # of the distance from a fit to a bound
+SHARES = np.linspace(0.125, 1.0, 8)  # fractions of the distance from a fit to a bound
 
 
 def other_sides(best: Fit, prior: Box, data: Dataset) -> list[dict[str, float]]:
-    """Return the likeliest start for each other combination of reached thresholds."""
+    """Return the most likely start for each other combination of reached thresholds."""
     here = reached(best.theta, best.theta, data)
     law_names = {quantity.name for law in laws_named(data.laws) for quantity in law.table} & set(
         prior.names
@@ -49,7 +49,7 @@ def other_sides(best: Fit, prior: Box, data: Dataset) -> list[dict[str, float]]:
 def reached(
     theta: Mapping[str, Any], fitted: Mapping[str, float], data: Dataset
 ) -> Bool[np.ndarray, "threshold point"]:
-    """Return whether a fit's largest motion reaches each threshold of the laws, by point."""
+    """Return which thresholds of the laws the largest motion reaches, at each point."""
     y_peak, parameters = fitted_displacement(fitted, data), {**data.held, **theta}
     laws = [law.of(parameters) for law in laws_named(data.laws)]
     y = [np.atleast_1d(threshold.y) for law in laws for threshold in law.thresholds()]
@@ -57,18 +57,18 @@ def reached(
 
 
 def fitted_displacement(theta: Mapping[str, float], data: Dataset) -> float:
-    """Return the largest measured displacement, converted by a fit's natural frequency [m]."""
+    """Return the largest measured displacement [m], converted by the fit's natural frequency."""
     omega_n = float({**data.held, **theta}.get("omega_n", 1.0))
     return dataset.largest_displacement(data, omega_n)
 
 
 def log_evidence(found: Fit) -> float:
-    """Return Laplace's log evidence without terms common to fits of equal data and box."""
+    """Return the log evidence by Laplace's approximation, without terms common to all fits."""
     return float(0.5 * np.linalg.slogdet(found.covariance)[1] - found.cost)
 
 
 def _towards_bounds(law_names: Set[str], best: Fit, prior: Box) -> dict[str, np.ndarray]:
-    """Return points with one law parameter moved from the fit towards a bound of its prior."""
+    """Return points with one parameter of the laws moved from the fit towards a bound."""
     s = to_search(best.x, prior)
     moved = [np.eye(len(s))[i] * (end - s[i]) for i, n in enumerate(prior.names) if n in law_names
              for end in (0.0, 1.0)]  # fmt: skip

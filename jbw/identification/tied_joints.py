@@ -1,4 +1,4 @@
-r"""Comparison of laws at several joints, and of shared with separate laws of joints.
+r"""Comparison of laws at several joints, shared by joints or separate.
 
 Every law is tried at all joints; joints that share a law in the campaign share it here too. The
 campaign's own laws are tried as well, also with one law for all joints of a kind. Then the law of
@@ -51,10 +51,10 @@ from jbw.report.messages import laws as messages
 
 Laws = tuple[str, ...]
 PREFIX = "tied_"  # prefix of attributes of the joints' group
-DECISIVE = 3.0  # difference of log evidence that is decisive [nats], 20 to 1
-MOST = 12  # most sets of laws; beyond, fewer changes of single joints are tried
+DECISIVE = 3.0  # difference of log evidence that decides (20 to 1) [nats]
+MOST = 12  # largest number of sets of laws; with more, fewer changes of single joints are tried
 
-# Laws that are tried if none are named: none, elastic, and hysteretic ones.
+# Laws that are tried by default: none, elastic, and hysteretic ones.
 USUAL: tuple[Laws, ...] = ((), ("cubic",), ("bouc_wen",), ("bouc_wen_nu",), ("iwan4",))
 
 
@@ -103,7 +103,7 @@ class TiedEvidence(NamedTuple):
 
 
 def tied_record(attrs: Mapping[Any, Any]) -> dict[str, Any] | None:
-    """Return the stored evidence for one law of all joints as a record; None if not stored."""
+    """Return the stored evidence for shared laws as a record; None if it was not computed."""
     facts = {
         str(name).removeprefix(PREFIX): value
         for name, value in attrs.items()
@@ -121,7 +121,7 @@ def tied_record(attrs: Mapping[Any, Any]) -> dict[str, Any] | None:
 
 
 def tied_laws(laws: Laws) -> Laws:
-    """Return laws such that joints with the same kinds of laws share them."""
+    """Return laws in which joints with laws of the same kind share them."""
     kinds = {
         joint: tuple(split(law)[0] for law in laws if joint in split(law)[1])
         for joint in joints_of(laws)
@@ -154,7 +154,7 @@ def tied_evidence(key: Key[Array, ""], own: Fitted, settings: Identify) -> TiedE
 
 
 def tied_fit(own: Fitted, laws: Laws, modes: Modes, settings: Identify) -> Fitted:
-    """Fit shared laws to the same data, starting from the fitted law of each joint in turn."""
+    """Fit shared laws to the same data, starting from the law of each joint in turn."""
     data, settings = tried_under(laws, own.data, "", settings)
     own_names = {name for law in own.data.laws for name in law_named(law).names()}
     bounds = {n: pair for n, pair in bounds_by_name(own.box).items() if n not in own_names}
@@ -179,7 +179,7 @@ def _most_joints(laws: Laws) -> int:
 
 
 def _weighed(key: Key[Array, ""], candidate: Candidate) -> WeighedPoints:
-    """Draw weighted points around a candidate's fit; if weights are poor, along its valley too."""
+    """Draw weighted points around a fit; if their weights are poor, also along its valley."""
     fitted = candidate.fitted
     best, prior, data = fitted.fit, fitted.box, fitted.data
     about_fit = weighed_in(key, prior, data, {"fit": lambda: place_of(best, candidate)})
@@ -237,7 +237,7 @@ def _with_changed(
     groups: Sequence[tuple[str, ...]],
     campaign_laws: Laws,
 ) -> tuple[str, tuple[Laws, ...]]:
-    """Add sets of laws that change one joint; return which were added, and the sets."""
+    """Add sets of laws that change one joint; return what was added, and all sets."""
     stuck = [laws for laws in plain if not laws]
     for which, tried in ((messages.EVERY, plain), (messages.NONE, stuck)):
         changed = [_with_others(laws, group, campaign_laws) for group in groups for laws in tried]
@@ -253,7 +253,7 @@ def _everywhere(laws: Laws, groups: Sequence[tuple[str, ...]]) -> Laws:
 
 
 def _with_others(laws: Laws, group: tuple[str, ...], campaign_laws: Laws) -> Laws:
-    """Return a campaign's laws with other laws at one group of tied joints."""
+    """Return a campaign's laws with other laws at one set of tied joints."""
     before = [law for law in campaign_laws if split(law)[1] != group]
     first = next(i for i, law in enumerate(campaign_laws) if split(law)[1] == group)
     return (*before[:first], *_everywhere(laws, [group]), *before[first:])

@@ -1,4 +1,4 @@
-r"""Uncertain mode shapes of a model: a factor on the motion of every joint in every mode.
+r"""Uncertain mode shapes of a model: a factor on the motion of each joint in each mode.
 
 $$H_{ji} = f_{ji}\,H_{ji}^{model}, \qquad \ln f_{ji} \sim N(0, 0.1^2)$$
 
@@ -27,18 +27,18 @@ from jbw.oscillator.modes.assembled import OMEGA, STIFFNESS, factor_name, motion
 from jbw.quantities import joints_of, motion_factors_in, name_at, split
 
 SPREAD = 0.1  # standard deviation of the logarithm of a factor
-HARDLY_MOVED = 1e-4  # energy share over the mode's largest below which a joint hardly moves
-Place = tuple[str, int]  # a joint and the number of a mode, from 1
+HARDLY_MOVED = 1e-4  # energy share over the mode's largest share, below which a joint hardly moves
+Place = tuple[str, int]  # joint, and number of a mode from 1
 
 
 @cache
 def shape_prior() -> Density:
-    """Return the prior of a shape factor that a campaign does not state."""
+    """Return the default prior of a factor on a joint's motion."""
     return Density("LogNormal", (0.0, SPREAD))
 
 
 def home_modes(modes: Modes, laws: Sequence[str]) -> dict[str, Place]:
-    """Return the joint and mode whose factor is fixed, for each law's joints, by joint name."""
+    """Return the joint and mode whose factor is fixed, for each law's joints."""
     shares = _energy_shares(modes, joints_of(laws))
     homes: dict[str, Place] = {}
     for joints in dict.fromkeys(split(law)[1] for law in laws):
@@ -49,7 +49,7 @@ def home_modes(modes: Modes, laws: Sequence[str]) -> dict[str, Place]:
 
 
 def shape_factors(modes: Modes, laws: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the inferred shape factors; empty if the model fixes the shapes."""
+    """Return the names of the factors that are inferred; empty if the model fixes the shapes."""
     if not modes.uncertain:
         return ()
     shares = _energy_shares(modes, joints_of(laws))
@@ -77,12 +77,12 @@ def _energy_shares(modes: Modes, joints: Sequence[str]) -> dict[Place, float]:
 
 
 def first_factors(data: Dataset) -> dict[str, float]:
-    """Return the starting values of shape factors: one, which is the model's shape."""
+    """Return the starting values of the factors: one, as in the model."""
     return {} if data.modes is None else dict.fromkeys(shape_factors(data.modes, data.laws), 1.0)
 
 
 def with_shape_priors(modes: Modes, laws: Sequence[str], settings: Identify) -> Identify:
-    """Return the settings with a prior for every inferred shape factor, and for no other.
+    """Return settings with a prior for each inferred factor, and for no other.
 
     A prior that the campaign states is kept.
     """
@@ -99,7 +99,7 @@ def with_stated_priors(settings: Identify, data: Dataset) -> Dataset:
 
 
 def require_inferred(modes: Modes, laws: Sequence[str], prior: Mapping[str, Any]) -> None:
-    """Raise a ConfigError for a stated prior of a shape factor that is not inferred.
+    """Raise a ConfigError for a stated prior of a factor that is not inferred.
 
     Raises:
         ConfigError: There is such a prior.

@@ -1,4 +1,4 @@
-"""The exclusion of tests that cannot be used, such as too short or too noisy ones."""
+"""Exclusion of tests that cannot be used, because they are too short or too noisy."""
 
 import warnings
 from collections.abc import Container, Iterator, Sequence
@@ -16,7 +16,7 @@ from jbw.report.messages import posterior as messages
 
 
 class UsableTests(NamedTuple):
-    """The tests that can be converted to data for a fit, and the reasons why others cannot.
+    """The tests that can be fitted, and the reasons why others cannot.
 
     Attributes:
         tests: The usable tests.
@@ -32,7 +32,7 @@ class UsableTests(NamedTuple):
 def usable(
     tests: Sequence[Test], settings: Identify, gain: Gain = None, *, several_modes: bool = False
 ) -> UsableTests:
-    """Return the tests that can be converted to data for a fit, and sentences on the others.
+    """Return the tests that can be fitted, and sentences on the others.
 
     If the settings are `strict`, or no test can be used, all tests are returned, so that the error
     that follows gives the reason. With several modes at the joint there is no Step 2.
@@ -63,14 +63,14 @@ def _linear(tests: Sequence[Test], refused: Container[str]) -> Test | None:
 
 
 def _refusal(test: Test, settings: Identify) -> str:
-    """Return the reason why a test cannot be converted to data for a fit; empty if it can."""
+    """Return the reason why a test cannot be fitted; empty if it can."""
     try:
         if test.traits.is_free:
             split = decay_tests([test], settings)
             test = test if split is None else split.together
         with _tried():
-            # Further requirements for decays of several modes concern the [structure] table and are
-            # errors there.
+            # Other requirements for decays of several modes concern [structure], and are errors
+            # there.
             for observable in taking(several=False):
                 if test.kind in observable.kinds:
                     observable.reduce([test], substeps=settings.substeps)
@@ -81,7 +81,7 @@ def _refusal(test: Test, settings: Identify) -> str:
 
 @contextmanager
 def _tried() -> Iterator[None]:
-    """Suppress warnings during a trial; the final fit gives them once."""
+    """Suppress warnings during a trial; the final fit issues them once."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield

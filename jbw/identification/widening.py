@@ -1,4 +1,4 @@
-"""Widening of default prior boxes that a fit or a posterior reaches."""
+"""Widening of default prior bounds that a fit or a posterior reaches."""
 
 from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import replace
@@ -22,15 +22,14 @@ from jbw.report.messages import posterior as messages
 
 Laws = tuple[str, ...]
 
-# A neighbour's frequency and damping would otherwise move far away to compensate for an error of
-# the law.
+# The frequency and damping of a neighbouring mode would move far away to hide an error of the law.
 PLACES = frozenset(name for omega, zeta, _ in MODES for name in (omega, zeta))
-# Further modes at the joint keep their frequencies, and their sizes have separate priors.
+# Further modes at the joint keep their frequencies; their motions have separate priors.
 KEPT = PLACES | {quantity.name for mode in BESIDE for quantity in (mode[0], *mode[3:])}
 
 
 def ending(prior: Box, laws: Laws) -> tuple[str, ...]:
-    """Return parameters that may end naturally at their upper bound: stiffness shares.
+    """Return parameters that may reach their upper bound: shares of the stiffness.
 
     A share ends where the joint provides the whole stiffness. A posterior at this end means that
     only products are determined.
@@ -46,7 +45,7 @@ def _known(laws: Laws) -> dict[str, Quantity]:
 
 
 def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted | None:
-    """Return the fit in a wider box if draws are truncated by a bound; else None.
+    """Return the fit with a wider prior if a default bound truncates draws; else None.
 
     Bounds that the campaign states are kept.
     """
@@ -55,7 +54,7 @@ def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted 
 
 
 def widened_by_fit(ready: Fitted, stated: Container[str]) -> Fitted | None:
-    """Return the fit in a wider box if it ends at a bound; else None.
+    """Return the fit with a wider prior if it ends at a default bound; else None.
 
     Bounds that the campaign states are kept, and so are lower bounds of zero, where a quantity
     ends.
@@ -108,7 +107,7 @@ def _refitted(
 
 
 def _bounds_of_weakest(ready: Fitted) -> Bounds:
-    """Return default bounds of the laws' parameters for the weakest record's displacement alone."""
+    """Return default bounds of the laws' parameters for the motion of the weakest record."""
     data = ready.data
     theta = {**data.held, **ready.fit.theta}
     if data.modes is not None or not {"omega_n", "zeta"} <= theta.keys():

@@ -1,4 +1,4 @@
-"""The effect of a window on an oscillator's FRF: its smeared mean, and the remaining errors."""
+"""The effect of a window on an oscillator's FRF: its smeared mean, and correlated errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from scipy import optimize
 from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
 
-HALF_WIDTH = 32  # bins of the window's transform that are used; it decays as bins^-3
-NEIGHBOURS = 6  # distance of lines beyond which their errors are independent
+HALF_WIDTH = 32  # number of bins of the window's transform that are used
+NEIGHBOURS = 6  # distance between lines, beyond which their errors are independent
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
-Modes = Sequence[tuple[float, float, float]]  # (omega_n, zeta, gain) of each
+Modes = Sequence[tuple[float, float, float]]  # (omega_n, zeta, gain) of each mode
 
 
 def receptance(omega: Real, omega_n: float, zeta: float, gain: float) -> Complex:
@@ -49,7 +49,7 @@ def smeared(
     s = -zeta * omega_n + 1j * omega_d
     mean = s**order * _hann_transform(s - 1j * omega, window_s)
     mean = mean - s.conjugate() ** order * _hann_transform(s.conjugate() - 1j * omega, window_s)
-    direct = gain if order == 2 else 0.0  # the direct impulse in an acceleration
+    direct = gain if order == 2 else 0.0  # direct response of an acceleration to an impulse
     return direct + gain / (2j * omega_d) * mean
 
 
@@ -123,7 +123,8 @@ def line_errors(
     (omega_n, zeta, gain) of each mode in each output.
     """
     frf = outputs[0]
-    memory = 1 / (min(zeta * omega for omega, zeta, _ in modes[0]) * frf.window_s)  # in windows
+    # memory of the slowest mode, in window lengths
+    memory = 1 / (min(zeta * omega for omega, zeta, _ in modes[0]) * frf.window_s)
     per_bin = int(np.clip(np.ceil(3 + 8 * memory), 4, 24))
     offset = np.arange(-HALF_WIDTH * per_bin, HALF_WIDTH * per_bin + 1) / per_bin
     near = frf.omega[:, None] + 2 * np.pi * offset / frf.window_s
@@ -164,7 +165,7 @@ def line_errors(
 
 
 class _Response(NamedTuple):
-    """One output's response near every line, and its windowed mean if there is leakage."""
+    """The response of one output near every line, with its windowed mean if there is leakage."""
 
     near: Complex
     mean: Complex | None
@@ -216,7 +217,7 @@ def _hann(bins: Real) -> Real:
 
 
 def _noise_levels(excess: Real, through: Real, noise_ratio: Real) -> tuple[float, float]:
-    """Fit sensor and force noise levels, relative to the input, to the power without leakage."""
+    """Fit the noise of sensor and force, relative to the input, to the power without leakage."""
     model = np.full_like(excess, max(noise_ratio.mean(), np.finfo(float).tiny))
     levels = np.zeros(2)
     for _ in range(4):

@@ -19,21 +19,21 @@ class KernelData(eqx.Module):
     """The measured third-order kernel at the probing frequencies, over repeats."""
 
     omega: Float[Array, " freq"]  # probing frequencies [rad/s]
-    mean: Complex[Array, " freq"]  # of H3 over the repeats [m^-2 s^6]
-    within: Float[Array, " freq"]  # sum of |.|^2 of the repeats' deviations from the mean
+    mean: Complex[Array, " freq"]  # mean of H3 over the repeats [m^-2 s^6]
+    within: Float[Array, " freq"]  # sum of squared deviations of the repeats from the mean
     num_repeats: Float[Array, " freq"]
-    noise_std: Float[Array, " freq"]  # of one repeat, per real component [m^-2 s^6]
+    noise_std: Float[Array, " freq"]  # noise of one repeat, per real component [m^-2 s^6]
     y_peak: Float[Array, " freq"]  # largest displacement of each test [m]
-    omega_n: Float[Array, ""]  # of Step 2 [rad/s], fixed
+    omega_n: Float[Array, ""]  # natural frequency of Step 2 [rad/s], fixed
 
     @property
     def repeats(self) -> Repeats:
-        """The sufficient statistics of the repeats."""
+        """The mean and deviations of the repeats."""
         return Repeats(self.mean, self.within, self.num_repeats)
 
 
 def reduce(kernels: Sequence[ThirdOrder], omega_n: float) -> KernelData:
-    r"""Reduce the measured kernel to sufficient statistics, one entry per probing frequency.
+    r"""Reduce the measured kernel to means and deviations, one entry per probing frequency.
 
     $$\sigma_i^2 = \frac{S_i}{2(K_i - 1)}$$
 
@@ -85,7 +85,7 @@ def predict(theta: Mapping[str, Array], data: KernelData) -> Complex[Array, " fr
 
 
 def log_likelihood(theta: Mapping[str, Array], data: KernelData) -> Float[Array, " freq"]:
-    r"""Return the log likelihood of each probing frequency over its repeats, noise integrated out.
+    r"""Return the log likelihood of each probing frequency, with its noise integrated out.
 
     $$\log p = -K \log\bigl(K\,|\bar H_3 - H_3(\theta)|^2 + S\bigr) + \mathrm{const}$$
 

@@ -1,4 +1,4 @@
-"""Comparison of the paper's sequential steps (the cut) with the joint posterior."""
+"""Comparison of the paper's sequential steps with the joint posterior."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,13 +12,13 @@ from jbw.identification.step import Step
 from jbw.report.messages import paper_steps as messages
 
 CUT = {"third_order_nuts": ("zeta", "alpha", "delta"), "opening_nuts": ("gamma",)}
-FAR = 10.0  # standard deviations beyond which the exact number does not matter
+FAR = 10.0  # difference in standard deviations beyond which its size does not matter
 PRODUCTS = {"alpha_delta": "delta", "alpha_gamma": "gamma"}
 Moments = dict[str, tuple[float, float]]
 
 
 def compare_routes(linear: LinearStep | None, posteriors: Posteriors) -> dict[str, Any]:
-    """Compare all parameters by the paper's sequential steps and by the joint posterior.
+    """Compare all parameters from the paper's sequential steps and from the joint posterior.
 
     The result contains the mean and sd by either route; `sd_ratio`, the joint posterior's sd over
     the cut's; `difference`, cut minus joint in sds of the joint; statements and wall times. It is
@@ -44,7 +44,7 @@ def compare_routes(linear: LinearStep | None, posteriors: Posteriors) -> dict[st
 
 
 def _cut(linear: LinearStep | None, steps: Mapping[str, Step]) -> Moments:
-    """Return mean and sd of every parameter from the step of the paper that identifies it."""
+    """Return mean and sd of each parameter from the paper's step that identifies it."""
     moments: Moments = {}
     if linear is not None:
         mean, variance = linear.pooled.mean, np.diag(linear.pooled.covariance)
@@ -82,7 +82,7 @@ def _row(cut: tuple[float, float], joint: tuple[float, float]) -> dict[str, Any]
 def _statements(
     rows: Mapping[str, Any], walls: Mapping[str, float], steps: Mapping[str, Step]
 ) -> list[str]:
-    """Return the sentences that compare the sequential steps (the cut) with the joint posterior."""
+    """Return the sentences that compare the sequential steps with the joint posterior."""
     sentences = []
     held = steps["opening_nuts"].held if "opening_nuts" in steps else {}
     gamma = rows.get("gamma")

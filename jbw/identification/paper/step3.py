@@ -36,7 +36,7 @@ from jbw.paper.objectives import kernel_energy
 from jbw.report.messages import paper_steps as messages
 
 NAMES = ("zeta", "alpha", "delta")
-# Half widths of the paper's boxes relative to their centres: alpha in [424.31, 589.61] is 507 +-
+# Half widths of the paper's prior ranges over their centres: alpha in [424.31, 589.61] is 507 +-
 # 16.3 %.
 PAPER_HALF_WIDTH = {"zeta": 0.20, "alpha": 0.163, "delta": 0.20, "gamma": 0.41}
 SAMPLERS = {
@@ -48,7 +48,7 @@ SAMPLERS = {
 
 @dataclass(frozen=True)
 class KernelFit:
-    """The initial fit of Step 3 in the prior box, from the kernel of each probing test."""
+    """The initial fit of Step 3 within prior bounds, and the kernel of each probing test."""
 
     kernels: tuple[ThirdOrder, ...]
     data: KernelData
@@ -57,7 +57,7 @@ class KernelFit:
 
 
 def about(centre: Mapping[str, float], half_width: Mapping[str, float]) -> Bounds:
-    """Return bounds as in the paper: a share of the initial fit to either side."""
+    """Return prior bounds as in the paper: a share of the initial fit on both sides."""
     return {
         name: bounds_about(centre[name], 1 - share, 1 + share)
         for name, share in half_width.items()
@@ -66,7 +66,7 @@ def about(centre: Mapping[str, float], half_width: Mapping[str, float]) -> Bound
 
 
 def measured_kernels(tests: Sequence[Test], linear: PooledFit) -> tuple[ThirdOrder, ...]:
-    """Return every probing test's third-order kernel, with the source's harmonic removed.
+    """Return the third-order kernel of each probing test, without the source's own harmonic.
 
     The source's harmonic excites the structure while it slides under the tone, which is softer than
     in Step 2. A first kernel by H1 shows how much softer; the second kernel uses the softer
@@ -98,7 +98,7 @@ def _product(measured: ThirdOrder, linear: PooledFit) -> float:
 
 
 def _measured_kernel(test: Test, linear: PooledFit, softer: float) -> ThirdOrder:
-    r"""Return the kernel of one test, by the receptance of the joint that slides under its tone.
+    r"""Return the kernel of one test, with the receptance of the joint that slips under its tone.
 
     $$\frac1{H(3\omega)} = \frac1{H_1(3\omega)} - \frac{2\,\alpha\delta\,|Y_1|}{\pi}$$
 
@@ -118,7 +118,7 @@ def _measured_kernel(test: Test, linear: PooledFit, softer: float) -> ThirdOrder
 
 
 def fit_kernel(key: Key, tests: Sequence[Test], linear: PooledFit, settings: Identify) -> KernelFit:
-    """Fit zeta, alpha and delta to probing tests; return the fit and the posterior's box.
+    """Fit zeta, alpha and delta to probing tests; return the fit and the prior bounds.
 
     The box is the campaign's if it states one, otherwise that of the paper's widths around a first
     fit within physical bounds. If the optimum lies at its bounds, `fit.at_bound` says so.
@@ -146,7 +146,7 @@ def third_order_steps(
     keep: Keep = no_checkpoint,
     statements: Sequence[str] = (),
 ) -> dict[str, Step]:
-    """Sample zeta, alpha and delta by (36) with NUTS, the paper's walk, and a tuned walk.
+    """Sample zeta, alpha and delta by (36) with NUTS, the paper's random walk, and a tuned one.
 
     NUTS and the tuned walk use coordinates along the ridge alpha*delta, from wall to wall of the
     box, with the noise integrated out. The paper's walk uses the box itself, with the noise as
@@ -184,7 +184,7 @@ def draw(
     request: SamplingRequest,
     supervision: Supervision = UNSUPERVISED,
 ) -> xr.DataTree:
-    """Draw Step 3's posterior along the ridge alpha*delta, with the noise integrated out."""
+    """Draw the posterior of Step 3 along the ridge alpha*delta, with noise integrated out."""
     noisy = as_noise(step.fit)
     ridge = along_ridge(noisy.theta, noisy.covariance, step.box)
     target = Target(kernel.log_likelihood, step.box, step.data)
@@ -192,7 +192,7 @@ def draw(
 
 
 def as_noise(best: Fit) -> Fit:
-    """Return a fit whose misfit counts as noise, as in a likelihood that integrates noise out."""
+    """Return a fit whose residual counts as noise."""
     chi_square, dof = best.chi_square
     return replace(best, covariance=best.covariance * max(1.0, chi_square / max(dof, 1)))
 
@@ -206,13 +206,13 @@ def _product_sentence(tree: xr.DataTree) -> str:
 
 
 def predicted(posterior: xr.Dataset, data: KernelData) -> NDArray[np.complex128]:
-    """Return each draw's kernel at the tones [m^-2 s^6], shape (draw, freq), chains joined."""
+    """Return the kernel of each draw at the tones [m^-2 s^6], shape (draw, freq)."""
     theta = {name: posterior[name].values.ravel() for name in NAMES}
     return np.asarray(jax.vmap(lambda t: kernel.predict(t, data))(theta))
 
 
 def integrals(posterior: xr.Dataset, data: KernelData) -> np.ndarray:
-    r"""Return each draw's kernel energy over the probing band, for conv(n_s), shape (chain, draw).
+    r"""Return the kernel's energy over the probing band for each draw, shape (chain, draw).
 
     $$\int_B |H_3(\omega)|^2\,\mathrm{d}\omega$$
 

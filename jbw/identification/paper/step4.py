@@ -36,7 +36,7 @@ from jbw.report.messages import paper_steps as messages
 NAMES = ("gamma",)
 NODES = 48
 REACH = 3.0  # upper bound of gamma over delta if the campaign states no prior
-WRONG = 0.05  # largest error of the series within the posterior [nats]
+WRONG = 0.05  # largest error of the Chebyshev series within the posterior [nats]
 SAMPLERS = {
     "opening_nuts": SamplingRequest("nuts", num_warmup=300, num_samples=1000),
     "opening_paper": SamplingRequest("random_walk_paper"),
@@ -51,16 +51,16 @@ class OpeningCurve(eqx.Module):
     over the bounds of gamma [1/m].
     """
 
-    coefficients: Float[Array, "level node"]  # c_k
-    within: Float[Array, " level"]  # S
+    coefficients: Float[Array, "level node"]  # coefficients c_k of the series
+    within: Float[Array, " level"]  # sum S of squared deviations between repeats
     num_values: Float[Array, " level"]  # number of values, over repeats and time
-    noise_std: Float[Array, " level"]  # of one repeat, from the scatter of the repeats
+    noise_std: Float[Array, " level"]  # noise of one repeat, from the variation between repeats
     lower: Float[Array, ""]
     upper: Float[Array, ""]
 
 
 def opening_curve(records: Records, held: Mapping[str, float], prior: Box) -> OpeningCurve:
-    """Compute the Chebyshev series of the misfit by solves at the nodes of gamma's prior."""
+    """Compute the Chebyshev series of the residual, by simulations at nodes of gamma's prior."""
     s = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
     gamma = prior.lower[0] + (s + 1) / 2 * (prior.upper[0] - prior.lower[0])
     values = misfits(gamma, dict(held), records)
@@ -82,7 +82,7 @@ def opening_curve(records: Records, held: Mapping[str, float], prior: Box) -> Op
 def misfits(
     gamma: Float[Array, " node"], held: Mapping[str, Array], records: Records
 ) -> Float[Array, "node level"]:
-    """Solve for the misfit of every level at several values of gamma [1/m]."""
+    """Return the squared residual of every level at several values of gamma [1/m]."""
 
     def misfit_at(value: Float[Array, ""]) -> Float[Array, " level"]:
         return records.squares({**held, "gamma": value}) - records.groups.within
@@ -91,7 +91,7 @@ def misfits(
 
 
 def misfit(gamma: Float[Array, ""], curve: OpeningCurve) -> Float[Array, " level"]:
-    """Evaluate the Chebyshev series of the misfit of every level by Clenshaw's recurrence."""
+    """Return the value of the Chebyshev series of every level, by Clenshaw's recurrence."""
     s = 2 * (gamma - curve.lower) / (curve.upper - curve.lower) - 1
 
     def step(carry: tuple, c: Float[Array, " level"]) -> tuple:
@@ -104,7 +104,7 @@ def misfit(gamma: Float[Array, ""], curve: OpeningCurve) -> Float[Array, " level
 
 
 def log_likelihood(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " level"]:
-    """Return the log likelihood of each level, its noise integrated out under Jeffreys' prior.
+    """Return the log likelihood of each level, with noise integrated out under 1/sigma.
 
     Reference:
         Eq. (37), on the velocity as in (41).
@@ -114,7 +114,7 @@ def log_likelihood(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Arr
 
 
 def residual(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " level"]:
-    """Return the root of each level's misfit in units of its noise; half its square is the cost.
+    """Return the root of each level's squared residual in units of its noise.
 
     Reference:
         Eqs. (41), (42).
@@ -125,7 +125,7 @@ def residual(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " 
 class OpeningFit(NamedTuple):
     """The initial fit of gamma in Step 4."""
 
-    curve: OpeningCurve  # series of the likelihood
+    curve: OpeningCurve  # series of the residual
     fit: Fit
     box: Box  # prior of gamma
     held: dict[str, float]  # fixed omega_n, zeta, alpha, delta and gain
@@ -143,7 +143,7 @@ def fit_opening(
 
 
 def with_curvature(found: Fit, prior: Box, curve: OpeningCurve) -> Fit:
-    r"""Return the fit of gamma with a covariance from the likelihood's curvature.
+    r"""Return the fit of gamma with a covariance from the curvature of the likelihood.
 
     $$\frac1{\sigma_\gamma^2} = -\frac{d^2}{d\gamma^2} \log p$$
 
@@ -157,7 +157,7 @@ def with_curvature(found: Fit, prior: Box, curve: OpeningCurve) -> Fit:
     width = float(prior.upper[0] - prior.lower[0])
     levels = len(found.residual)
     information = max(float(jax.hessian(cost)(jnp.asarray(found.theta["gamma"]))), 0.0)
-    # As in all fits, the variance is at most that of the box.
+    # As in all fits, the variance is at most that of the prior.
     covariance = np.array([[1 / max(information, 12 / width**2)]])
     return replace(
         found,
@@ -178,7 +178,7 @@ def opening_steps(
     keep: Keep = no_checkpoint,
     statements: Sequence[str] = (),
 ) -> dict[str, Step]:
-    """Sample gamma by NUTS and by the paper's walk, with Steps 2 and 3 fixed at their means.
+    """Sample gamma by NUTS and by the paper's random walk, with Steps 2 and 3 fixed.
 
     `statements` are put before those of each step.
 
@@ -209,7 +209,7 @@ def opening_steps(
 def of_draws(
     step: Step, quantity: Callable[[dict[str, NDArray[np.float64]]], NDArray[np.float64]]
 ) -> NDArray[np.float64]:
-    """Interpolate a smooth quantity to all draws of gamma by a polynomial; (chain, draw)."""
+    """Interpolate a smooth quantity to all draws of gamma, shape (chain, draw)."""
     gamma = np.asarray(step.posterior["posterior"].to_dataset()["gamma"])
     grid = np.linspace(gamma.min(), gamma.max(), 9)
     draws = {n: np.full(9, v) for n, v in step.held.items()} | {"gamma": grid}
