@@ -1,4 +1,8 @@
-r"""Joints considered possible: from ranges before any test, from the posterior after a run.
+r"""Possible joints for a plan: from ranges before any test, from the posterior after a run.
+
+The information of a test depends on the joint, which is not known yet. Therefore every number of a
+plan is computed for several possible joints, and the wanted accuracy must be reached for nine
+joints in ten.
 
 The information of a test depends on the joint, which is only guessed. So every number of a plan is
 computed for several joints; nine joints in ten must meet the wish.
@@ -21,39 +25,43 @@ from jbw.oscillator.modes.parameters import NAMES, own_quantities
 from jbw.quantities import DEFAULT_LAWS, MODAL
 from jbw.verification.predictive_basis import Draws, laws_of_run, parameter_names, thin
 
-# A single stated value is assumed known to a factor of two; the natural frequency, which a tap
-# shows, far better.
+# Factor of uncertainty of a single stated value: two; for the natural frequency, which a hammer tap
+# shows, much less.
 REACH = {"omega_n": 1.1}
 FACTOR = 2.0
 Range = tuple[float, float]
-UNBOUNDED = 10.0  # factor to either side if a posterior does not state its prior's box
+# factor to either side of the mean, where a posterior does not state the bounds of its prior
+UNBOUNDED = 10.0
 
 
 class Mode(NamedTuple):
-    """One mode of the structure, for every joint considered possible."""
+    """One mode of the structure, for every possible joint."""
 
     omega: Float[np.ndarray, " joint"]  # natural frequency [rad/s]
-    h: Float[np.ndarray, " joint"]  # joint motion over response motion; 1 for the first mode
+    # relative motion of the joint per unit response, relative to the first mode
+    h: Float[np.ndarray, " joint"]
 
 
 @dataclass(frozen=True)
 class Beliefs:
-    """The joints considered possible, and the knowledge before the test."""
+    """The possible joints of a plan, and what is known about their parameters before the test."""
 
-    joints: Draws  # all parameters and `gain`, one value per joint, in their units
-    names: tuple[str, ...]  # inferred parameters
-    scale: Float[np.ndarray, "joint parameter"]  # units of their relative changes
-    precision: Float[np.ndarray, "parameter parameter"]  # prior, of relative changes [-]
-    box: Box  # of the inferred parameters, to find undetermined ones
+    joints: Draws  # values of all parameters and of `gain` for every joint, in their units
+    names: tuple[str, ...]  # names of the inferred parameters
+    # value by which changes of each parameter are divided
+    scale: Float[np.ndarray, "joint parameter"]
+    # inverse covariance of these relative changes by the prior
+    precision: Float[np.ndarray, "parameter parameter"]
+    box: Box  # prior bounds of the inferred parameters, to find those that tests do not determine
     laws: tuple[str, ...] = DEFAULT_LAWS
 
     @property
     def num_joints(self) -> int:
-        """The number of joints considered possible."""
+        """The number of possible joints."""
         return len(self.scale)
 
     def joint_by_joint(self) -> Iterator[dict[str, Array]]:
-        """Yield the parameters of one joint after another, by name."""
+        """Yield the parameters of one possible joint after another, by name."""
         for i in range(self.num_joints):
             yield {name: jnp.asarray(values[i]) for name, values in self.joints.items()}
 
@@ -70,7 +78,7 @@ def modes_of(joints: Mapping[str, np.ndarray]) -> list[Mode]:
 
 
 def shares_of(laws: tuple[str, ...]) -> dict[str, str]:
-    """Return the names of stiffness shares of omega_n^2, and of the stiffnesses."""
+    """Return the names of stiffnesses as a share of omega_n^2, each with the stiffness itself."""
     return {
         monomial.name: name
         for law in laws_named(laws)
@@ -82,7 +90,7 @@ def shares_of(laws: tuple[str, ...]) -> dict[str, str]:
 
 
 def usual_of(laws: tuple[str, ...]) -> dict[str, tuple[str, Range]]:
-    """Return default ranges of parameters, relative to other parameters."""
+    """Return the default ranges of parameters, relative to other parameters."""
     return {name: part for law in laws_named(laws) for name, part in law.usual.items()}
 
 
@@ -114,7 +122,7 @@ def before(
     seed: int,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Beliefs:
-    r"""Return beliefs about the joint from ranges, each uniform in the logarithm.
+    r"""Return possible joints from ranges of their parameters, each uniform in the logarithm.
 
     $$\mathrm{sd}(\log\theta) = \log(\theta_{max} / \theta_{min}) / \sqrt{12}$$
 
@@ -145,7 +153,7 @@ def before(
             drawn[stiffness] = drawn.pop(share) * drawn["omega_n"] ** 2
             low, high = wide[share]
             wide[stiffness] = (low * wide["omega_n"][0] ** 2, high * wide["omega_n"][1] ** 2)
-            # log stiffness = log share + 2 log omega_n
+            # log of the stiffness = log of its share + 2 log omega_n
             to_stiffness = np.eye(len(inferred))
             to_stiffness[inferred.index(share), inferred.index("omega_n")] = 2.0
             covariance = to_stiffness @ covariance @ to_stiffness.T
@@ -164,7 +172,7 @@ def before(
 
 
 def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> Beliefs:
-    """Return beliefs about the joint from draws of a run's main posterior."""
+    """Return possible joints from the draws of a run's main posterior."""
     laws, posterior = laws_of_run(tree), tree["posterior"].to_dataset()
     names = parameter_names(laws)
     needed = [name for name in names if name != "gain"]
@@ -205,7 +213,7 @@ def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> B
 
 
 def _bounds(values: xr.DataArray, mean: float) -> Range:
-    """Return a parameter's box as the run states it, else a wide box around the mean."""
+    """Return a parameter's prior bounds as the run states them, or a wide range around the mean."""
     if "lower" in values.attrs and "upper" in values.attrs:
         return float(values.attrs["lower"]), float(values.attrs["upper"])
     return bounds_about(mean, 1 / UNBOUNDED, UNBOUNDED)

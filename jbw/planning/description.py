@@ -1,4 +1,4 @@
-"""The plan file: its typed tables, and the beliefs, wishes and limits that they state."""
+"""The plan file: its typed tables, with possible joints, wanted accuracy and limits of tests."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -60,7 +60,7 @@ def _within(quantity: Quantity, bounds: Range) -> Range:
 
 
 def _part(bounds: Range) -> Range:
-    """Return a stiffness share; raise a ValueError unless it is below one."""
+    """Return a stiffness share; raise a ValueError if it is not below one."""
     if bounds[1] >= 1:
         raise ValueError(
             f"must lie between 0 and 1, a part of the stiffness, but reaches {bounds[1]:g}."
@@ -85,7 +85,7 @@ Part = Annotated[PositiveRange, AfterValidator(_part)]
 
 
 class PlanTable(FileTable):
-    """The [plan] table without the parameters of the laws, with all its defaults."""
+    """The [plan] table of a plan file, without the parameters of the laws."""
 
     natural_hz: PositiveRange | None = key(None, "natural frequency at small amplitude [Hz]")
     omega_n: PositiveRange | None = key(None, "the same [rad/s], instead")
@@ -116,7 +116,7 @@ class PlanTable(FileTable):
 
 @cache
 def plan_table(laws: tuple[str, ...] = DEFAULT_LAWS) -> type[PlanTable]:
-    """Return the [plan] table for a joint with these laws, whose parameters are keys too."""
+    """Return the [plan] table for a joint with these laws, whose parameters are further keys."""
     fields: dict[str, Any] = {}
     for quantity in quantities_of(laws):
         kind: Any = Annotated[AnyRange, AfterValidator(partial(_within, quantity))]
@@ -135,7 +135,7 @@ TABLES: dict[str, type[FileTable]] = {"joint": JointLaws, "plan": PlanTable, **G
 
 
 def plan_file() -> type[FileTable]:
-    """Return the model of the whole plan file, for its JSON Schema in editors."""
+    """Return the model of the whole plan file, from which editors get its JSON Schema."""
     fields: dict[str, Any] = {name: (table | None, None) for name, table in TABLES.items()}
     fields["plan"] = plan_table() | None, None
     return create_model("PlanFile", __base__=FileTable, **fields)
@@ -143,14 +143,15 @@ def plan_file() -> type[FileTable]:
 
 @dataclass(frozen=True)
 class Description:
-    """A checked plan file; None for values that it does not state."""
+    """A checked plan file, with None for values that it does not state."""
 
-    ranges: Mapping[str, Range]  # of the joint's parameters, and of a gain without a single value
-    gain: float | None = None  # force per modal mass for one unit of the input, known exactly
-    input_unit: str | None = None  # V, N or N/kg
+    # ranges of the joint's parameters, and of the gain unless it has one value
+    ranges: Mapping[str, Range]
+    gain: float | None = None  # force per modal mass per unit of the input, if it is known exactly
+    input_unit: str | None = None  # unit of the input: V, N or N/kg
     noise: ResponseNoise | None = None  # noise of the response
     settings: PlanTable = field(default_factory=PlanTable)
-    grids: Mapping[str, Grid] = field(default_factory=dict)  # candidates by kind
+    grids: Mapping[str, Grid] = field(default_factory=dict)  # candidate tests by kind
     laws: tuple[str, ...] = DEFAULT_LAWS
 
 
@@ -161,7 +162,7 @@ def read_description(path: Path, *, of_run: bool = False) -> Description:
 
 
 def parse(source: str, file: str = "plan.toml", *, of_run: bool = False) -> Description:
-    """Parse and check the text of a plan file; report all faults at once."""
+    """Parse and check the text of a plan file, and report all errors at once."""
     document = document_of(source, file)
     errors = unknown_tables(document, TABLES)
     joint = checked(JointLaws, document.get("joint", {}), "[joint]", errors) or JointLaws()
@@ -214,7 +215,7 @@ def _told_by_run(plan: PlanTable | None, stated_keys: set[str], laws: tuple[str,
 
 
 def _missing(plan: PlanTable | None, stated_keys: set[str], laws: tuple[str, ...]) -> list[str]:
-    """Return faults: missing keys without default, and joint stiffnesses above the whole."""
+    """Return the errors of missing keys, and of joints stiffer than the whole structure."""
     faults, usual, fields = [], usual_of(laws), plan_table(laws).model_fields
     tells_frequency = bool({"natural_hz", "omega_n"} & stated_keys)
     if not tells_frequency:
@@ -243,7 +244,7 @@ def _omega_n(plan: PlanTable) -> Range:
 
 
 def _force(plan: PlanTable) -> tuple[float | None, str | None, dict[str, Range]]:
-    """Return the gain if it has one value, the input's unit, and the gain's range otherwise."""
+    """Return the gain if it has one value, the input's unit, and otherwise the gain's range."""
     if plan.gain is not None:
         low, high, unit = *plan.gain, "V"
     elif plan.modal_mass is not None:

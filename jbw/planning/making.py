@@ -1,5 +1,9 @@
 """Plans of tests: from ranges before any test, from the posterior after a run.
 
+Candidate tests are compared by the expected information of one repeat and by the number of repeats
+that reaches the wanted coefficient of variation (CV); then tests are combined. Parameters enter as
+relative changes, so that standard deviations are CVs.
+
 Candidate tests are judged by the expected information of repeats and by the number of repeats for
 the wished coefficient of variation (CV), and combined. Parameters enter as relative changes, so
 that standard deviations are CVs.
@@ -38,7 +42,7 @@ from jbw.planning.prospects import Prospect, prospects
 from jbw.quantities import UNIT_OF, in_dialect
 from jbw.report.messages import planning
 
-ADMITTED = ("ok", "too few")  # statuses of candidates that may be combined
+ADMITTED = ("ok", "too few")  # statuses of candidate tests that a combination may contain
 RESPONSE_OF = {unit: response for response, unit in UNIT_OF.items()}
 INPUT_UNITS = ("V", "N", "N/kg")
 STATUSES = ("ok", "too few", "not predicted", "not feasible")
@@ -128,7 +132,7 @@ def plan_tests(
 
 
 def _before(description: Description) -> tuple[Beliefs, ResponseNoise, str | None]:
-    """Return beliefs, noise and input unit from a description alone."""
+    """Return possible joints, noise and the unit of the input from a plan file."""
     if not description.ranges or description.noise is None:
         raise ConfigError(
             "A plan needs a description of the joint and its noise, or a run, but has neither.",
@@ -147,7 +151,7 @@ def _before(description: Description) -> tuple[Beliefs, ResponseNoise, str | Non
 def _after(
     description: Description, rig: "Rig", tree: xr.DataTree
 ) -> tuple[Beliefs, ResponseNoise, str | None]:
-    """Return beliefs, noise and input unit from a run and a description."""
+    """Return possible joints, noise and the unit of the input from a run and a plan file."""
     inferred = "gain" in tree["posterior"].data_vars
     if inferred and description.gain is not None:
         raise ConfigError(
@@ -191,13 +195,13 @@ def _wish(description: Description, beliefs: Beliefs, input_unit: str) -> Wish:
 
 @dataclass(frozen=True)
 class Rig:
-    """The test rig of a run; None for values that the run does not state."""
+    """The test rig of a run, with None for values that the run does not state."""
 
-    noise: ResponseNoise | None = None  # of a sample of the response
-    fs: float | None = None  # [Hz]
+    noise: ResponseNoise | None = None  # noise of the response
+    fs: float | None = None  # sampling frequency [Hz]
     input_unit: str | None = None
     y_peak: float | None = None  # largest fitted displacement [m]
-    # Parameters that were not inferred, such as a known gain.
+    # values of parameters that were not inferred, such as a known gain
     held: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -224,8 +228,8 @@ def rig_of(tree: xr.DataTree) -> Rig:
 
 
 def _noise(posterior: xr.Dataset) -> ResponseNoise | None:
-    """Return the median over levels and draws of the noise of a sample; None if unknown."""
-    # The noise of free decays, which were filtered, and that of harmonics do not apply to a sample.
+    """Return the noise of one sample, as the median over levels and draws; None if unknown."""
+    # Noise of free decays (filtered) and of harmonics is left out: it is not that of one sample.
     for name, values in posterior.data_vars.items():
         response = RESPONSE_OF.get(in_dialect(str(values.attrs.get("units", ""))))
         sampled = str(values.dims[-1]).startswith("level")
@@ -235,14 +239,16 @@ def _noise(posterior: xr.Dataset) -> ResponseNoise | None:
 
 
 class InformationModes(NamedTuple):
-    """The modes that make prior and information of one repeat diagonal."""
+    """The combinations of parameters for which prior and information of one repeat are diagonal."""
 
-    values: Float[np.ndarray, "joint mode"]  # information f_k along mode k over the prior's
-    shares: Float[np.ndarray, "joint parameter mode"]  # prior variance w_ik^2 along mode k
+    # information f_k of one repeat along mode k, relative to the prior's
+    values: Float[np.ndarray, "joint mode"]
+    # prior variance w_ik^2 of parameter i along mode k
+    shares: Float[np.ndarray, "joint parameter mode"]
 
 
 def modes(precision: Matrices, information: Matrices) -> InformationModes:
-    """Return modes F w_k = f_k P w_k, w_k^T P w_k = 1 of prior P and information F, by joint."""
+    """Solve F w_k = f_k P w_k with w_k^T P w_k = 1 for every joint (prior P, information F)."""
     values, vectors = zip(
         *(eigh(fisher_matrix, precision) for fisher_matrix in information), strict=True
     )
@@ -257,26 +263,26 @@ def spread(eigenmodes: InformationModes, repeats: float) -> Float[np.ndarray, "j
 
 
 def covariance(precision: Matrices) -> Matrices:
-    """Return the inverse of an information matrix, computed with scaled parameters."""
+    """Return the inverse of an information matrix, computed with scaled parameters for accuracy."""
     scale = 1 / np.sqrt(np.diagonal(precision, axis1=-2, axis2=-1))
     both = scale[..., :, None] * scale[..., None, :]
     return both * np.linalg.inv(both * precision)
 
 
 def worst_decile(values: Float[np.ndarray, " joint *n"]) -> Float[np.ndarray, "*n"]:
-    """Return the least value that nine joints in ten do not exceed."""
+    """Return the value that nine joints in ten do not exceed."""
     return np.quantile(values, 0.9, axis=0, method="inverted_cdf")
 
 
 def repeats_needed(
     eigenmodes: InformationModes, positions: list[int], cv: float, most: int
 ) -> int | None:
-    """Return the fewest repeats for which nine joints in ten meet the CV; None above `most`."""
+    """Return the fewest repeats that reach the CV for nine joints in ten; None if above `most`."""
 
     def enough(repeats: int) -> bool:
         return bool(np.all(worst_decile(spread(eigenmodes, repeats))[positions] <= cv))
 
-    # The spread decreases with every repeat, so bisection applies.
+    # The CV decreases with every repeat, so bisection finds the number.
     repeats = 1 + bisect_left(range(1, most + 1), True, key=enough)
     return repeats if repeats <= most else None
 
@@ -301,7 +307,7 @@ def information_gain(
 
 
 def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> CandidateRow:
-    """Return the row of a candidate test in the plan: repeats, accuracy, information."""
+    """Return a candidate test's row in the plan: repeats, accuracy, information."""
     candidate, information = prospect.candidate, prospect.information
     positions = [beliefs.names.index(name) for name in wish.wanted]
     eigenmodes = modes(beliefs.precision, information)
@@ -343,7 +349,7 @@ def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> CandidateRow:
 def expected(
     spreads: Float[np.ndarray, "joint parameter"], beliefs: Beliefs, wish: Wish
 ) -> dict[str, Expected]:
-    """Return median and worst decile over joints of the wanted parameters' accuracy."""
+    """Return the expected CV of each wanted parameter: median and ninth decile over the joints."""
     worst, middle = worst_decile(spreads), np.median(spreads, axis=0)
     return {
         name: Expected(float(middle[i]), float(worst[i]))
@@ -356,7 +362,7 @@ def _undetermined(
     beliefs: Beliefs, precision: Matrices, positions: Sequence[int]
 ) -> tuple[str, ...]:
     """Return a sentence on parameters that tests determine only in combination, if any."""
-    # Evaluate this at the joint whose accuracy of the wanted parameters is the median.
+    # This is evaluated for the joint with the median accuracy of the wanted parameters.
     remaining = covariance(precision)
     poorest = np.max(np.diagonal(remaining, axis1=1, axis2=2)[:, list(positions)], axis=1)
     i = int(np.argsort(poorest)[len(poorest) // 2])
@@ -367,7 +373,7 @@ def _undetermined(
 
 
 def ordered(rows: Sequence[CandidateRow]) -> tuple[CandidateRow, ...]:
-    """Return the rows by status, then by measuring time, then by information."""
+    """Return the rows sorted by status, then by measuring time, then by information."""
 
     def place(candidate: CandidateRow) -> tuple[int, float, float]:
         seconds = candidate.seconds_each * (candidate.repeats or 1)
@@ -377,10 +383,10 @@ def ordered(rows: Sequence[CandidateRow]) -> tuple[CandidateRow, ...]:
 
 
 def combine(prospects: Sequence[Prospect], beliefs: Beliefs, wish: Wish) -> Combination:
-    """Return a combination of tests that meets the wish, built repeat by repeat."""
+    """Return a combination of tests that reaches the wanted accuracy, built repeat by repeat."""
     # Each step adds the repeat with the largest information gain about the wanted parameters per
-    # second of measuring, averaged over the joints. Repeats that are no longer needed at the end
-    # are removed again, the longest first.
+    # second of measuring, averaged over the joints. At the end, repeats that are not needed are
+    # removed, the longest first.
     positions = [beliefs.names.index(name) for name in wish.wanted]
     seconds = np.array([prospect.candidate.seconds for prospect in prospects])
     counts = np.zeros(len(prospects), int)

@@ -1,4 +1,4 @@
-r"""The elements of a plan: candidate tests, the wish, and the expected information.
+r"""The elements of a plan: candidate tests, wanted accuracy, and expected information.
 
 The accuracy of a fleet study (several assemblies at several torques) can be computed before any
 measurement from the numbers of assemblies and torques alone. With n units at ln torques t around
@@ -17,10 +17,10 @@ from scipy.stats import t as student
 
 from jbw.errors import ConfigError
 
-FADE_PERIODS = 8  # periods of the last frequency over which a burst fades out
-MOST_FADED = 0.1  # largest faded share of a burst
+FADE_PERIODS = 8  # length of the fade-out at the end of a burst, in periods of the last frequency
+MOST_FADED = 0.1  # largest part of a burst that is faded out
 DESIGNS = ((3, 1), (3, 2), (3, 3), (4, 2), (5, 1), (5, 3))
-LEVEL = 0.995  # quantile of both ends of a 99 % interval
+LEVEL = 0.995  # quantile of the upper end of a 99 % interval
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class PlannedSweep:
     level: float  # peak of the input [V, N or N/kg]
     start_hz: float
     stop_hz: float
-    rate: float  # [Hz/s]
+    rate: float  # rate of the sweep [Hz/s]
     rest: float  # free decay after the burst, at whose end the joint is at rest [s]
     fs: float  # sampling frequency [Hz]
 
@@ -41,12 +41,12 @@ class PlannedSweep:
 
     @property
     def fade(self) -> float:
-        """The duration of the fade-out, the last part of the burst [s]."""
+        """The duration of the fade-out at the end of the burst [s]."""
         return min(FADE_PERIODS / self.stop_hz, MOST_FADED * self.burst)
 
     @property
     def highest_hz(self) -> float:
-        """The highest evaluated frequency: the last one of the sweep [Hz]."""
+        """The highest frequency that is used: the last one of the sweep [Hz]."""
         return self.stop_hz
 
     @property
@@ -65,7 +65,7 @@ class PlannedSweep:
 
 @dataclass(frozen=True)
 class PlannedTones:
-    """Steady tones, each in a separate record."""
+    """Steady tones, each in a record of its own."""
 
     level: float  # peak of the input [V, N or N/kg]
     frequencies_hz: tuple[float, ...]
@@ -75,12 +75,12 @@ class PlannedTones:
 
     @property
     def highest_hz(self) -> float:
-        """The highest evaluated frequency: the third harmonic of the highest tone [Hz]."""
+        """The highest frequency that is used: the third harmonic of the highest tone [Hz]."""
         return 3 * max(self.frequencies_hz)
 
     @property
     def num_samples(self) -> int:
-        """The number of evaluated samples of each frequency."""
+        """The number of samples of each frequency that are used."""
         return round((self.dwell - self.settle) * self.fs)
 
     @property
@@ -95,18 +95,18 @@ class PlannedTones:
 
 @dataclass(frozen=True)
 class PlannedBackbone:
-    """Points at phase resonance under amplitude control, at several amplitudes in turn."""
+    """Points at phase resonance with a controlled amplitude, for several amplitudes in turn."""
 
     level: float  # largest peak of the input, median over the joints [V, N or N/kg]
     amplitudes: tuple[float, ...]  # amplitudes of the displacement [m]
     dwell: float  # time on each step [s]
     settle: float  # first part of the dwell, in which the controller locks [s]
     fs: float  # sampling frequency [Hz]
-    natural_hz: float  # natural frequency, near all frequencies [Hz]
+    natural_hz: float  # natural frequency, to which all frequencies of the test are close [Hz]
 
     @property
     def num_samples(self) -> int:
-        """The number of evaluated samples of each point."""
+        """The number of samples of each point that are used."""
         return round((self.dwell - self.settle) * self.fs)
 
     @property
@@ -116,7 +116,7 @@ class PlannedBackbone:
 
     @property
     def highest_hz(self) -> float:
-        """The highest evaluated frequency: that of the fundamental [Hz]."""
+        """The highest frequency that is used: that of the fundamental [Hz]."""
         return self.natural_hz
 
     def __str__(self) -> str:
@@ -127,7 +127,7 @@ class PlannedBackbone:
 
 @dataclass(frozen=True)
 class PlannedSteppedSine(PlannedTones):
-    """A stepped sine: the frequencies in turn, in one record."""
+    """A stepped sine, which dwells at one frequency after another in one record."""
 
     def __str__(self) -> str:
         low, high = min(self.frequencies_hz), max(self.frequencies_hz)
@@ -150,37 +150,38 @@ class ResponseNoise:
 class Wish:
     """The wanted parameters with their accuracy, and the limits of the tests."""
 
-    wanted: tuple[str, ...]  # parameters to determine
-    cv: float  # their wished coefficient of variation [-]
-    max_repeats: int = 1000  # most repeats of one test
-    max_displacement: float = np.inf  # [m]
-    max_input: float = np.inf  # [V, N or N/kg]
-    input_unit: str = "N/kg"  # V, N or N/kg
+    wanted: tuple[str, ...]  # parameters to be determined
+    cv: float  # wanted coefficient of variation of each of them
+    max_repeats: int = 1000  # largest number of repeats of one test
+    max_displacement: float = np.inf  # largest displacement [m]
+    max_input: float = np.inf  # largest peak of the input [V, N or N/kg]
+    input_unit: str = "N/kg"  # unit of the input: V, N or N/kg
 
 
 @dataclass(frozen=True)
 class Expected:
     """The expected coefficient of variation of a parameter over the possible joints [-]."""
 
-    median: float  # not exceeded for half of the joints
-    worst_decile: float  # not exceeded for nine joints in ten; compared with the wish
+    median: float  # value that half of the joints do not exceed
+    worst_decile: float  # value that nine joints in ten do not exceed; compared with the wanted one
 
 
 @dataclass(frozen=True)
 class CandidateRow:
-    """One candidate; its status is "ok", "too few", "not feasible" or "not predicted"."""
+    """One candidate test; its status is "ok", "too few", "not feasible" or "not predicted"."""
 
     test: str  # description of the test
     level: float  # peak of the input [V, N or N/kg]
     y_peak: float  # predicted peak displacement, median over joints [m]
-    y_peak_largest: float  # the largest over joints [m]
-    repeats: int | None  # needed for the wish; None if the allowed number is too small
+    y_peak_largest: float  # predicted peak displacement, the largest over joints [m]
+    repeats: int | None  # number of repeats for the wanted accuracy; None if more than allowed
     seconds_each: float  # measuring time of one repeat [s]
     seconds: float | None  # measuring time of all repeats [s]
-    cv: dict[str, Expected]  # after these repeats, or the most allowed, by parameter
-    information_gain: float  # expectation for one repeat, mean over joints [nats]
+    cv: dict[str, Expected]  # CV of each parameter after these repeats, or after the allowed number
+    information_gain: float  # expected information gain of one repeat, mean over joints [nats]
     status: str
-    notes: tuple[str, ...] = ()  # objections to the test, and undetermined parameters
+    # reasons against the test, and parameters that it does not determine
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -194,29 +195,29 @@ class Chosen:
 
 @dataclass(frozen=True)
 class Combination:
-    """A set of tests to measure together."""
+    """A set of tests that are to be measured together."""
 
     tests: tuple[Chosen, ...]
-    seconds: float  # measuring time [s]
-    cv: dict[str, Expected]  # after all tests, by parameter
-    met: bool  # whether the wish is met
-    notes: tuple[str, ...] = ()  # undetermined parameters
+    seconds: float  # measuring time of all tests [s]
+    cv: dict[str, Expected]  # CV of each parameter after all tests
+    met: bool  # whether the wanted accuracy is reached
+    notes: tuple[str, ...] = ()  # notes on parameters that the tests do not determine
 
 
 @dataclass(frozen=True)
 class MeasurementPlan:
-    """The plan: candidate tests by measuring time, and a combination that meets the wish."""
+    """A plan: candidate tests, and a combination that reaches the wanted accuracy."""
 
     rows: tuple[CandidateRow, ...]
-    combination: Combination  # tests that meet the wish together
+    combination: Combination  # tests that reach the wanted accuracy together
     wish: Wish
-    num_joints: int  # number of joints behind every number
-    before: dict[str, Expected]  # before any of these tests, by parameter
-    notes: tuple[str, ...] = ()  # assumptions
+    num_joints: int  # number of possible joints over which all numbers are taken
+    before: dict[str, Expected]  # CV of each parameter before any of these tests
+    notes: tuple[str, ...] = ()  # assumptions of the plan
 
 
 class FleetDesign(NamedTuple):
-    """The expected accuracy of one fleet design, in units of the scatter between units.
+    """The expected accuracy of a fleet design, in units of the standard deviation between units.
 
     Attributes:
         levels: Number of torques, evenly spaced in the logarithm.
@@ -236,7 +237,7 @@ class FleetDesign(NamedTuple):
 def fleet_designs(
     torque: tuple[float, float], designs: Iterable[tuple[int, int]] = DESIGNS
 ) -> list[FleetDesign]:
-    """Return the expected accuracy of fleet designs between two torques [N m].
+    """Return the expected accuracy of fleet designs with torques between two limits [N m].
 
     Raises:
         ConfigError: The torques are no range, or a design has fewer than three units.

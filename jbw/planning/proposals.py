@@ -1,4 +1,4 @@
-"""Default candidate tests: sweeps, tones and steps that suit the joint, at useful levels."""
+"""Default candidate tests: sweeps, tones and steps at levels that make the joint slip."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,17 +26,19 @@ from jbw.planning.plan import (
 from jbw.planning.prospects import peak_displacements
 from jbw.report.messages import planning
 
-SHARES = (0.2, 0.45, 0.9)  # target displacements of levels over the largest displacement
-SPAN = (0.5, 1.5)  # frequency range of a sweep over the natural frequency
-PERIODS = (200, 800)  # average numbers of natural periods in a sweep
-THIRDS = (0.80, 0.88, 0.96, 1.04, 1.08)  # the paper's probing tones over omega_n / 3
+# target displacements of the levels, relative to the largest displacement
+SHARES = (0.2, 0.45, 0.9)
+SPAN = (0.5, 1.5)  # frequency range of a sweep, relative to the natural frequency
+PERIODS = (200, 800)  # number of periods in a sweep, at its average frequency
+THIRDS = (0.80, 0.88, 0.96, 1.04, 1.08)  # probing tones of the paper, relative to omega_n / 3
 NUM_STEPS = 15
-NUM_POINTS, LEAST_SHARE = 14, 0.03  # number of backbone points; least over largest amplitude
-BANDWIDTHS = 4  # margin of a stepped sine on either side of the resonances
-READ_PERIODS = 100  # evaluated natural periods of each tone
+# number of points of a backbone, and ratio of its smallest to its largest amplitude
+NUM_POINTS, LEAST_SHARE = 14, 0.03
+BANDWIDTHS = 4  # bandwidths that a stepped sine covers on either side of the resonances
+READ_PERIODS = 100  # number of natural periods of each tone that are used
 DECAY = np.log(1000.0)  # decay of a transient before the next measurement, in nepers
-NUM_TRIES = 3  # corrections of a sweep's level; each brings its peak several times closer
-PER_PERIOD = 40  # least number of samples per period
+NUM_TRIES = 3  # number of corrections of a sweep's level; each brings its peak several times closer
+PER_PERIOD = 40  # smallest number of samples per period
 DIGITS = 3
 
 
@@ -50,7 +52,7 @@ class SweepTable(FileTable):
 
 
 class DwellingTable(FileTable):
-    """The keys that tables of tests with several steady points share."""
+    """The keys that tables of tests with several steady points have in common."""
 
     dwell: Positive | None = key(None, "time on each point [s]")
     settle: NonNegative | None = key(None, "of that, the first part, which is discarded [s]")
@@ -90,7 +92,8 @@ READ = {
     PlannedSteppedSine: planning.THIRD_HARMONIC,
     PlannedBackbone: planning.NATURAL_FREQUENCY,
 }
-Grid = SweepTable | TonesTable | BackboneTable  # the joint determines missing values
+# Values that a table leaves out follow from the possible joints.
+Grid = SweepTable | TonesTable | BackboneTable
 GRIDS: dict[str, type[Grid]] = {
     "sweep": SweepTable,
     "tones": TonesTable,
@@ -101,7 +104,7 @@ USUAL = (
     "sweep",
     "tones",
     "stepped",
-)  # kinds if none are stated; backbones need a controller
+)  # kinds of test if none is stated; backbones are left out, since they need a controller
 
 
 @dataclass(frozen=True)
@@ -109,22 +112,22 @@ class Reach:
     """The limits of tests: sampling frequency, displacement and input."""
 
     fs: float  # sampling frequency [Hz]
-    max_displacement: float  # [m]; levels aim at fractions of it
-    max_input: float = np.inf  # [V, N or N/kg]
+    max_displacement: float  # largest displacement [m], by which levels are chosen
+    max_input: float = np.inf  # largest peak of the input [V, N or N/kg]
 
     @property
     def goals(self) -> list[float]:
-        """The target displacements of levels [m]."""
+        """The displacements that the levels of a test are to reach [m]."""
         return [share * self.max_displacement for share in SHARES]
 
 
 def sampling_for(natural_hz: float) -> float:
-    """Return a sampling frequency [Hz], a power of two, with at least forty samples per period."""
+    """Return a sampling frequency [Hz]: a power of two with at least forty samples per period."""
     return float(2 ** np.ceil(np.log2(PER_PERIOD * natural_hz)))
 
 
 def displacement_for(beliefs: Beliefs) -> float:
-    """Return the joint's sliding displacement [m]: the laws' first length, such as 1 / delta."""
+    """Return the displacement at which the joint slides [m]: a length of its laws, as 1/delta."""
     for quantity in quantities_of(beliefs.laws):
         if quantity.unit in ("m", "1/m"):
             value = float(np.abs(np.median(beliefs.joints[quantity.name])))
@@ -156,13 +159,13 @@ def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[C
 
 
 def default_grids(beliefs: Beliefs) -> dict[str, Grid]:
-    """Return the default kinds of candidate tests that support the structure's modes."""
+    """Return the default kinds of candidate tests that can be planned for the structure's modes."""
     kinds = ("sweep",) if len(modes_of(beliefs.joints)) > 1 else USUAL
     return {kind: GRIDS[kind]() for kind in kinds}
 
 
 def _require_one_mode(grids: Mapping[str, Grid], beliefs: Beliefs) -> None:
-    """Raise a ConfigError for steady tones if several modes move the joint."""
+    """Raise a ConfigError for steady tones, planned for one mode, if several move the joint."""
     others = [kind for kind in grids if kind != "sweep"]
     if others and len(modes_of(beliefs.joints)) > 1:
         raise ConfigError(
@@ -172,7 +175,7 @@ def _require_one_mode(grids: Mapping[str, Grid], beliefs: Beliefs) -> None:
 
 
 def _sweeps(grid: SweepTable, beliefs: Beliefs, reach: Reach) -> list[PlannedSweep]:
-    """Return sweeps around every mode, at levels that move the joint equally."""
+    """Return sweeps around every mode, at levels that move the joint equally far."""
     modes = modes_of(beliefs.joints)
     centres = [float(np.median(mode.omega) / (2 * np.pi)) for mode in modes]
     spans = [grid.span] if grid.span else [_span_about(centre, centres) for centre in centres]
@@ -193,7 +196,7 @@ def _sweeps(grid: SweepTable, beliefs: Beliefs, reach: Reach) -> list[PlannedSwe
 
 
 def _span_about(natural: float, every: Sequence[float]) -> tuple[float, float]:
-    """Return the frequency range [Hz] of a sweep around a mode, at most halfway to another mode."""
+    """Return the range of a sweep around a mode [Hz], at most halfway to the next mode."""
     low, high = (share * natural for share in SPAN)
     middles = [0.5 * (natural + other) for other in every if other != natural]
     low = max([low, *(x for x in middles if x < natural)])
@@ -201,7 +204,7 @@ def _span_about(natural: float, every: Sequence[float]) -> tuple[float, float]:
 
 
 def _aimed(shape: PlannedSweep, level: float, y: float, beliefs: Beliefs) -> float:
-    """Return the level at which a sweep moves the most responsive joint by y."""
+    """Return the level at which a sweep moves the most responsive of the possible joints by y."""
     for _ in range(NUM_TRIES):
         peaks = peak_displacements(replace(shape, level=level), beliefs)
         bounded = peaks[np.isfinite(peaks)]
@@ -254,7 +257,7 @@ def _backbones(grid: BackboneTable, beliefs: Beliefs, reach: Reach) -> list[Plan
 
 
 def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:
-    """Return the frequencies [Hz] of a stepped sine over all resonances of possible joints.
+    """Return the frequencies [Hz] of a stepped sine over the resonances of all possible joints.
 
     The lowest resonance is that at the largest displacement, the highest that of small motion.
     """
@@ -266,8 +269,8 @@ def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:
 
 
 def _steady_levels(beliefs: Beliefs, reach: Reach) -> list[float]:
-    """Return inputs that reach each target displacement in the most responsive joint."""
-    gain = np.abs(beliefs.joints["gain"])  # the sign does not change the motion
+    """Return inputs that bring the most responsive possible joint to the target displacements."""
+    gain = np.abs(beliefs.joints["gain"])  # The sign of the gain does not change the motion.
     return [float(np.min(_resonance(beliefs, y).amplitude / gain)) for y in reach.goals]
 
 
@@ -277,7 +280,7 @@ def _resonance(beliefs: Beliefs, y: float) -> Resonances:
 
 
 def _within(levels: Sequence[float], reach: Reach) -> tuple[float, ...]:
-    """Return rounded levels, limited to the largest input."""
+    """Return levels, rounded, and no larger than the largest input."""
     return tuple(sorted({min(_rounded(level), reach.max_input) for level in levels}))
 
 
@@ -296,7 +299,7 @@ def _times(grid: TonesTable, beliefs: Beliefs) -> tuple[float, float]:
 
 
 def _decay(beliefs: Beliefs) -> float:
-    """Return the time in which a transient of the least damped joint falls to a thousandth [s]."""
+    """Return the time in which the least damped possible joint decays to a thousandth [s]."""
     return _rounded(float(np.max(DECAY / (beliefs.joints["zeta"] * beliefs.joints["omega_n"]))))
 
 

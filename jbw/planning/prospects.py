@@ -1,4 +1,4 @@
-"""The predicted information and peak displacement of a candidate test at each joint."""
+"""The predicted information and peak displacement of a candidate test for each possible joint."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,25 +27,26 @@ from jbw.quantities import UNIT_OF, Motion
 from jbw.report.messages import planning
 from jbw.verification.in_time import responses_at
 
-# A test as the identification would reduce it, and 1 for each measured value.
+# A planned test in the form of data for the model, and 1 for each measured value.
 Design = tuple[Dataset, Float[np.ndarray, " value"]]
-SUBSTEPS = 1  # one step per sample gives derivatives to a few parts in a thousand
-RELATIVE_STEP = 1e-5  # of differences; their error is its square over the damping ratio
-NUM_PHASES = 256  # points of a period to find its peak
+SUBSTEPS = 1  # One step per sample gives derivatives accurate to a few parts in a thousand.
+RELATIVE_STEP = 1e-5  # step of finite differences; their error is its square over the damping ratio
+NUM_PHASES = 256  # number of points of a period at which its peak is searched
 
 
 @dataclass(frozen=True)
 class Prospect:
-    """The information and peak displacement of a candidate test at every possible joint."""
+    """The information and peak displacement of a candidate test for every possible joint."""
 
     candidate: Candidate
-    # Fisher information of one repeat; zero if no response was found.
+    # Fisher information of one repeat; zero if the model has no solution for that joint
     information: Float[np.ndarray, " joint parameter parameter"]
-    y_peak: Float[np.ndarray, " joint"]  # peak displacement [m]; NaN if no response was found
+    # peak displacement [m]; NaN if the model has no solution for that joint
+    y_peak: Float[np.ndarray, " joint"]
 
     @property
     def num_lost(self) -> int:
-        """The number of joints for which no response was found."""
+        """The number of possible joints for which the model has no solution."""
         return int(np.sum(~np.isfinite(self.y_peak)))
 
 
@@ -56,12 +57,14 @@ def prospects(
     report: Callable[[str], None] = lambda _: None,
     parts: Parts = unkept,
 ) -> tuple[Prospect, ...]:
-    """Return the information and peak displacement of candidate tests at every joint.
+    """Return information and peak displacement of candidate tests for every possible joint.
+
+    The results of each candidate are stored in `parts`, so that an interrupted plan can continue.
 
     `parts` stores the prospect of each candidate.
     """
-    # Records of sweeps are padded to the longest one, because each new length would be compiled
-    # again; the padding does not count.
+    # All sweeps are padded to the longest one, because each new length would be compiled again; the
+    # padding does not count as data.
     sweeps = [candidate for candidate in candidates if isinstance(candidate, PlannedSweep)]
     longest = max((candidate.num_samples for candidate in sweeps), default=0)
     report(planning.TIMING)
@@ -86,7 +89,7 @@ def prospects(
 def _timed(
     candidate: Candidate, beliefs: Beliefs, noise: ResponseNoise, longest: int
 ) -> tuple[float, Prospect]:
-    """Return a candidate's computing time once compiled [s], and its prospect."""
+    """Return the time to compute a candidate test, without compiling [s], and its results."""
     _prospect(candidate, beliefs, noise, longest)
     began = perf_counter()
     prospect = _prospect(candidate, beliefs, noise, longest)
@@ -96,7 +99,7 @@ def _timed(
 def cost_sentence(
     candidates: Sequence[Candidate], seconds_of_form: Mapping[type, float], beliefs: Beliefs
 ) -> str:
-    """Return the sentence on a plan's computing time, estimated from one candidate per kind."""
+    """Return the sentence on a plan's computing time, estimated from one candidate of each kind."""
     seconds = sum(seconds_of_form[type(candidate)] for candidate in candidates)
     return planning.cost(len(candidates), beliefs.num_joints, seconds)
 
@@ -125,7 +128,7 @@ def _found(
     information: Float[np.ndarray, "joint parameter parameter"],
     y_peak: Float[np.ndarray, " joint"],
 ) -> Prospect:
-    """Return a candidate's prospect; joints without a response get zero information."""
+    """Return a candidate's results; a joint without a solution has no information."""
     lost = ~np.isfinite(information).all(axis=(1, 2)) | ~np.isfinite(y_peak)
     information[lost], y_peak[lost] = 0.0, np.nan
     return Prospect(candidate, information, y_peak)
@@ -134,7 +137,7 @@ def _found(
 def peak_displacements(
     candidate: PlannedSweep, beliefs: Beliefs, longest: int = 0
 ) -> Float[np.ndarray, " joint"]:
-    """Return every joint's peak displacement under a sweep [m]; not finite if it diverges."""
+    """Return every joint's peak displacement in a sweep [m]; not finite if motion diverges."""
     joints = {name: np.asarray(values, float) for name, values in beliefs.joints.items()}
     data = _planned_sweep(candidate, beliefs.laws, "displacement", longest)
     return responses_at(joints, replace(data, depth=None, residuals="none"))[1]
@@ -143,12 +146,12 @@ def peak_displacements(
 def _planned_sweep(
     candidate: PlannedSweep, laws: tuple[str, ...], response: str, longest: int
 ) -> Records:
-    """Return a sweep's record with a response of zeros."""
+    """Return the record of a planned sweep, with zeros in place of the response."""
     played = sweep(
         candidate.level, candidate.start_hz, candidate.stop_hz, candidate.burst,
         fade=candidate.fade,
     )  # fmt: skip
-    # Pad with silence up to the longest sweep.
+    # Silence at the end makes all sweeps as long as the longest one.
     source = np.asarray(sampled(played, candidate.fs, max(candidate.num_samples, longest)))
     channels = {"input": source, response: np.zeros_like(source)}
     units = {"input": "V", response: UNIT_OF[response]}
@@ -159,7 +162,7 @@ def _planned_sweep(
 def _sweep_design(
     candidate: PlannedSweep, laws: tuple[str, ...], noise: ResponseNoise, longest: int
 ) -> Design:
-    """Return a planned sweep as data for the model, with the mask of its samples."""
+    """Return a planned sweep as data for the model, with a mask that leaves the padding out."""
     planned = _planned_sweep(candidate, laws, noise.response, longest)
     groups = changed(planned.groups, noise_std=np.full(1, noise.std))
     is_measured = np.arange(planned.mean.shape[1]) < candidate.num_samples
@@ -169,7 +172,7 @@ def _sweep_design(
 def _tones_designs(
     candidate: PlannedTones, beliefs: Beliefs, noise: ResponseNoise
 ) -> tuple[Float[np.ndarray, " joint"], list[Design]]:
-    """Return the peak displacement [m] and the planned harmonics of steady tones, by joint."""
+    """Return the peak displacement [m] and the harmonics to measure in steady tones, by joint."""
     omega, level = 2 * np.pi * np.array(candidate.frequencies_hz), jnp.asarray(candidate.level)
     phase = jnp.linspace(0.0, 2 * np.pi, NUM_PHASES, endpoint=False)
     y_peak, designs = [], []
@@ -188,7 +191,7 @@ def _tones_designs(
 def _backbone_designs(
     candidate: PlannedBackbone, beliefs: Beliefs, noise: ResponseNoise
 ) -> tuple[Float[np.ndarray, " joint"], list[Design]]:
-    """Return the peak displacement [m] and the planned points at phase resonance, by joint."""
+    """Return the peak displacement [m] and the points to measure at phase resonance, by joint."""
     amplitudes = np.array(candidate.amplitudes)
     designs = []
     for theta in beliefs.joint_by_joint():
@@ -207,7 +210,7 @@ def fisher(
     data: Dataset,
     is_measured: Float[np.ndarray, " value"],
 ) -> Float[np.ndarray, "joint parameter parameter"]:
-    r"""Return a test's Fisher information about relative parameter changes, at every joint.
+    r"""Return a test's Fisher information on relative changes of the parameters, for every joint.
 
     $$F = J^T J, \qquad J = \partial r / \partial x, \qquad \theta_i = \theta_{0,i} + s_i x_i$$
 

@@ -18,7 +18,7 @@ from jbw.verification.predictive_basis import NUM_DRAWS, basis_of
 
 CONSTANTS = tuple(quantity.name for quantity in CONSTANT_TERMS)
 TERMS = tuple(quantity.name for quantity in RESIDUAL_TERMS)
-TERMS_KEY = 3  # added to the seed, so that no other random number changes
+TERMS_KEY = 3  # added to the seed here, so that random numbers of other draws stay the same
 
 
 def new_terms(
@@ -71,7 +71,7 @@ def new_unit(
     seed: int = 0,
     num: int = NUM_UNITS,
 ) -> xr.DataTree:
-    """Return new units as the posterior of one run, in the form that `basis_of` reads.
+    """Return draws of new, unmeasured units in the form of a posterior of one run, for predictions.
 
     The variation between runs is that within the units, and the noise is the mean over the tests of
     all units. The fitted range ends at the smallest of the units' largest displacements. Constant
@@ -145,7 +145,7 @@ def new_prediction(
 
 
 def _facts(population: Population, fleet: xr.DataTree, torque: float | None) -> dict[str, Any]:
-    """Return the attributes of new units from which tests are predicted.
+    """Return the attributes of new units that `basis_of` reads to predict tests.
 
     `basis_of` reads them; tests are those of all measured units, not of the new unit.
     """
@@ -181,7 +181,7 @@ def torque_of(population: Population, torque: float | None) -> float | None:
 
 
 def _noise(fleet: xr.DataTree) -> tuple[list[str], np.ndarray]:
-    """Return the labels of all units' data groups, prefixed by the unit, and their noise."""
+    """Return the noise of every data group of all units, with the unit's name before its label."""
     labels, values = [], []
     for name in unit_names(fleet):
         group = fleet[name].to_dataset()

@@ -1,4 +1,4 @@
-"""The logarithmic coordinates in which a fleet is pooled, and its units' summaries in them."""
+"""The logarithmic coordinates in which a fleet is pooled, and each unit's posterior in them."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,10 +15,10 @@ from jbw.population.model import UnitPosteriors
 from jbw.population.unit import GAIN
 
 STRUCTURE = ("omega_n", "zeta")
-NUM_KEPT = 400  # draws of a unit, evenly spaced among all of its draws
-# Share of a unit's posterior beyond the bounds of its prior, above which it is not pooled.
+NUM_KEPT = 400  # number of draws per unit, evenly spaced among all of its draws
+# A unit is not pooled if more than this part of its posterior lies beyond the prior's bounds.
 CUT = 0.01
-# sd of a logarithm up to which a unit determines what the products of its law leave open
+# largest sd of a logarithm for which a unit determines a coordinate beyond its law's products
 KNOWN = 0.2
 
 Rows = Float[np.ndarray, "coordinate parameter"]
@@ -104,7 +104,7 @@ def monomials_of(laws: Sequence[str]) -> dict[str, Mapping[str, float]]:
 
 
 def rows_of(laws: Sequence[str], names: Sequence[str], parameters: Sequence[str]) -> Rows:
-    """Return the parameters' exponents in named quantities, one row per quantity."""
+    """Return the parameters' exponents in the named quantities, one row per quantity."""
     powers = monomials_of(laws)
     rows = [
         [powers.get(name, {name: 1}).get(parameter, 0) for parameter in parameters]
@@ -163,7 +163,7 @@ def _require_whole(fleet: xr.DataTree, name: str) -> None:
 
 
 def cut_of(fleet: xr.DataTree, name: str) -> tuple[Float[np.ndarray, " unit"], Any]:
-    r"""Return the part of each unit's posterior that a prior cuts, and the parameter of that prior.
+    r"""Return the part of each unit's posterior that its prior cuts off, and for which parameter.
 
     For a quantity that was not sampled itself, it is the part cut from each sampled parameter,
     times the share $\rho^2$ of the quantity's variance that this parameter explains. A product is

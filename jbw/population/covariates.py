@@ -15,9 +15,9 @@ NAMES = (*NUMBERS, "assembly")
 class Covariates(NamedTuple):
     """The covariates of a unit: torque, tightening sequence, temperature and assembly."""
 
-    torque: float = nan  # [N m]
-    sequence: float = nan  # number of the tightening
-    temperature: float = nan  # [degC]
+    torque: float = nan  # tightening torque [N m]
+    sequence: float = nan  # how often the unit had been tightened, counting this time
+    temperature: float = nan  # temperature of the unit [degC]
     assembly: str = ""
 
 

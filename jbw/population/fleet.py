@@ -77,7 +77,7 @@ from jbw.run.netcdf import read_tree, write_tree
 from jbw.study.study import Study
 
 FORMAT = 1
-FEWEST = 2  # Nothing varies between fewer units.
+FEWEST = 2  # fewest units between which a variation can be estimated
 ABOUT = {
     "torque": {"units": "N m", "long_name": "tightening torque"},
     "sequence": {"units": "1", "long_name": "number of the tightening"},
@@ -252,13 +252,13 @@ def _common(units: Sequence[Unit]) -> tuple[list[str], dict[str, list[str]]]:
 
 
 def _log_bounds(unit: Unit, name: str) -> tuple[float, float]:
-    """Return the logarithms of the prior's bounds; -inf below zero, NaN where not sampled."""
+    """Return logarithms of the prior's bounds: -inf for a bound of 0, NaN without a prior."""
     lower, upper = unit.bounds.get(name, (np.nan, np.nan))
     return float(np.log(lower)) if not lower <= 0 else -np.inf, float(np.log(upper))
 
 
 def beyond(unit: Unit, name: str) -> float:
-    """Return the probability beyond the prior's bounds, for a Gaussian of the draws' mean and sd.
+    """Return the probability beyond the prior's bounds of a Gaussian with the draws' mean and sd.
 
     A posterior that the box does not affect has next to none there; one that is cut at its mode,
     half a Gaussian, has 9 %; one that is flat up to a bound has 4 %. NaN where not sampled.

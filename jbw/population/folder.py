@@ -1,4 +1,4 @@
-"""The folder of a population: draws of new units, and the torque for which they are predicted."""
+"""The stored population in a folder: draws of new units, and the torque of the prediction."""
 
 import json
 from pathlib import Path
@@ -8,7 +8,8 @@ from jbw.report.result import require_finite
 from jbw.run.netcdf import read_tree
 from jbw.verification.predictive_basis import Basis, basis_of
 
-SAME_TORQUE = 1e-3  # relative: torques stated with three digits are equal
+# relative difference up to which two torques count as equal: they are stated with three digits
+SAME_TORQUE = 1e-3
 
 
 def holds_population(folder: Path) -> bool:

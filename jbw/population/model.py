@@ -33,10 +33,12 @@ from numpyro.infer import MCMC, NUTS
 from jbw.population.prior import ALIKE, TORQUE, CovariateDesign, Prior
 from jbw.population.trend import SPREAD, expected
 
-FULL = (500, 1000, 2)  # warm-up, draws and chains of NUTS
-ROUGH = (300, 200, 1)  # the same for a first look at the variation between units
-ACCEPTED = 0.98  # Standard deviations near zero and correlations near one curve the density.
-EVEN = 2.0  # concentration of the correlations' prior; above 1 it prefers zero correlation
+FULL = (500, 1000, 2)  # numbers of warm-up steps, draws and chains of NUTS
+ROUGH = (300, 200, 1)  # the same numbers, for a first estimate of the variation between units
+# target acceptance of NUTS: high, as the density curves near small tau and correlations near 1
+ACCEPTED = 0.98
+# concentration of the LKJ prior of the correlations; above 1 it prefers zero correlation
+EVEN = 2.0
 
 
 class UnitPosteriors(NamedTuple):
@@ -95,7 +97,7 @@ def population_of_units(
 def log_likelihoods(
     units: UnitPosteriors, means: Float[Array, "unit d"], factor: Float[Array, "d d"]
 ) -> Float[Array, " unit"]:
-    """Return the log density of each unit's records, given the population, up to a constant."""
+    """Return each unit's log likelihood under parameters of the population, up to a constant."""
     normal, weighed = np.flatnonzero(~units.weighed), np.flatnonzero(units.weighed)
     log_density = jnp.zeros(len(units.mean))
     if len(normal):
@@ -113,9 +115,9 @@ def log_weights(
     means: Float[Array, "unit d"],
     factor: Any,
 ) -> Float[Array, "which draw"]:
-    """Return the log weights of units' draws under a population with these means and root of T."""
+    """Return the log weights of a unit's draws under a population with these means and root."""
     apart = jnp.asarray(units.draws[which]) - means[which][:, None]
-    # One small inverse serves all draws; solving draw by draw takes thirty times as long.
+    # One small inverse for all draws is thirty times faster than a solution for every draw.
     root = jax.scipy.linalg.solve_triangular(factor, jnp.eye(len(factor)), lower=True)
     squares = jnp.sum((apart @ root.T) ** 2, axis=-1)
     log_det = jnp.sum(jnp.log(jnp.abs(jnp.diagonal(root))))
@@ -146,7 +148,7 @@ def sampler(
 
 
 def draws_of(mcmc: MCMC, key: Key[Array, ""], *args: Any) -> dict[str, np.ndarray]:
-    """Draw the parameters of a population by MCMC, with divergences; axes are (chain, draw)."""
+    """Draw the parameters of a population by MCMC, and divergences, with axes (chain, draw)."""
     mcmc.run(key, *args, extra_fields=("diverging",))
     sites = {name: np.asarray(v) for name, v in mcmc.get_samples(group_by_chain=True).items()}
     diverging = np.asarray(mcmc.get_extra_fields(group_by_chain=True)["diverging"])

@@ -35,7 +35,7 @@ from jbw.study.study import Study
 
 logger = logging.getLogger("jbw")
 NUM_WARMUP, NUM_SAMPLES = 500, 1000
-# Smallest lower bound relative to the upper one, since zero has no logarithm.
+# smallest lower bound relative to the upper one, where the prior's lower bound is zero
 LEAST = 1e-6
 
 

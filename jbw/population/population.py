@@ -63,22 +63,25 @@ from jbw.report.messages import population as messages
 
 logger = logging.getLogger("jbw")
 Report = Callable[[str], None]
-HEAVY = 0.7  # Pareto's k-hat above which weights are not reliable
-# Above this probability a unit belongs without doubt. A unit that is far off in one coordinate
-# enlarges T itself and lies at chi-square = d - 1 + n, a probability of 0.2 and less.
+HEAVY = 0.7  # Weights of draws are unreliable if Pareto's k-hat is larger.
+# If a unit belongs with more than this probability, it is not examined further. A unit that is far
+# off in one coordinate enlarges T itself, and so lies at chi-square = d - 1 + n, which has a
+# probability of 0.2 or less.
 BEYOND_DOUBT = 0.3
-# Below this probability the population without the unit is sampled whatever k-hat is: chains that
-# missed the tail do not show it.
+# If a unit belongs with less than this probability, the population without it is sampled again,
+# even if k-hat is small: chains that missed the tail do not show in k-hat.
 DOUBTFUL = 0.05
-LENGTHS = (500, 1000, 1)  # warm-up, draws and chains for a population without one unit
+# numbers of warm-up steps, draws and chains for a population without one unit
+LENGTHS = (500, 1000, 1)
 BATCH = 20  # number of draws that are computed at once
-FEWEST = 3  # With fewer units the variation between them is mostly that of its prior.
-# With fewer degrees of freedom the intervals of a trend are mostly those of its prior.
+FEWEST = 3  # With fewer units, the variation between them is mostly determined by its prior.
+# With fewer degrees of freedom, the interval of a trend is mostly determined by its prior.
 FEWEST_FREE = 3
 GOOD_R_HAT, FEW_DIVERGENT = 1.01, 0.002
 Draws = dict[str, np.ndarray]
-ODD = 0.01  # probability, to be divided by the number of units, below which a unit does not belong
-# A unit's own sd relative to the variation, above which its normal summary represents it.
+ODD = 0.01  # A unit does not belong if its p-value, times the number of units, is below this.
+# Ratio of a unit's own sd to the variation between units above which its posterior is replaced by a
+# Gaussian.
 OWN = 2.0
 # Correlation of torque and tightening number above which their effects cannot be separated.
 TOGETHER = 0.95
@@ -187,7 +190,7 @@ def covariates_in(fleet: xr.DataTree) -> CovariateDesign:
 
 
 def require_torque(design: CovariateDesign, torque: float | None) -> None:
-    """Raise an error if the fleet shows no trend with torque but a torque is given."""
+    """Raise an error if a torque is given but the fleet shows no trend with torque."""
     if torque is None:
         return
     if not torque > 0.0:
@@ -230,7 +233,7 @@ def belonging(
 def left_out(
     units: UnitPosteriors, design: CovariateDesign, prior: Prior, draws: dict[str, np.ndarray]
 ) -> tuple[Float[np.ndarray, "draw unit"], Float[np.ndarray, "draw unit"]]:
-    """Return each unit's log density under the other units' population, and its tail P."""
+    """Return each unit's log density and tail probability under the population of the others."""
     m, c = jnp.asarray(units.mean), jnp.asarray(units.cov)
     d = m.shape[1]
     before = jnp.asarray(precision_of(prior, design))
@@ -240,7 +243,8 @@ def left_out(
         rows = _design_rows(design, d, drawn.get("u"))
         weighed = jnp.swapaxes(rows, 1, 2) @ jnp.linalg.inv(drawn["scatter"] + c)
         tells, pull = weighed @ rows, jnp.einsum("kij,kj->ki", weighed, m)
-        # The sums over all units, minus the unit's own part, give the line without that unit.
+        # Subtracting the unit's own part from the sums over all units gives the line without that
+        # unit.
         others = jnp.linalg.inv(before + tells.sum(0) - tells)
         line = jnp.einsum("kij,kj->ki", others, at_zero + pull.sum(0) - pull)
         off = m - jnp.einsum("kij,kj->ki", rows, line)
@@ -258,7 +262,7 @@ def left_out(
 def _design_rows(
     design: CovariateDesign, d: int, u: Array | None
 ) -> Float[Array, "unit d coefficient"]:
-    """Return the matrix of every unit that turns the line's coefficients into its coordinates."""
+    """Return the matrix by which the coefficients of the line give each unit's coordinates."""
     x = jnp.repeat(jnp.asarray(design.x)[:, None], d, axis=1)
     if u is not None:
         j = design.columns.index(TORQUE)
@@ -390,7 +394,7 @@ def _correlation(design: CovariateDesign) -> float | None:
 
 
 def _no_logarithm(fleet: xr.DataTree) -> dict[str, list[str]]:
-    """Return parameters that are not positive or undetermined in some units, with these units."""
+    """Return parameters without a logarithm, or undetermined, in some units, with these units."""
     lacking = json.loads(fleet.attrs["left_out"])
     return {n: lacking[n] for n in parameters_of(fleet) if n in lacking and n != GAIN}
 
@@ -506,7 +510,7 @@ def _saturates(record: Record) -> Iterator[str]:
 
 
 def _wrench(record: Record) -> Iterator[str]:
-    """Yield the sentence on errors of a trend from the uncertainty of the set or read torque."""
+    """Yield the sentence on the error of a trend that comes from the uncertainty of the torques."""
     if TORQUE not in record["columns"]:
         return
     rows = record["parameters"].items()

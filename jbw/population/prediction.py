@@ -95,7 +95,7 @@ def new_units(
 
 
 def gains_of(fleet: xr.DataTree) -> list[Float[np.ndarray, " draw"]] | None:
-    """Return the draws of each unit's source gain, sampled or fixed; None if one unit lacks it."""
+    """Return draws of each unit's source gain, inferred or known; None if one unit has none."""
     gains = []
     for name in unit_names(fleet):
         group = fleet[name].to_dataset()
@@ -107,7 +107,7 @@ def gains_of(fleet: xr.DataTree) -> list[Float[np.ndarray, " draw"]] | None:
 
 
 def y_peak_of(fleet: xr.DataTree) -> float:
-    """Return the displacement [m] that the tests of all units reached; NaN where none states it."""
+    """Return the displacement [m] that the tests of all units reach; NaN if no unit states it."""
     peaks = np.array([fleet[name].attrs.get("y_peak", np.nan) for name in unit_names(fleet)], float)
     return float(np.min(peaks[np.isfinite(peaks)], initial=np.inf)) if np.any(peaks > 0) else np.nan
 

@@ -10,20 +10,21 @@ from jaxtyping import Bool, Float
 from jbw.errors import DataError
 
 TORQUE = "torque"
-ANYWHERE = 5.0  # sd of the mean logarithm of all units
-# Scale of the half-normal variation of a logarithm, and mean and sd of its slope on ln torque. Slip
-# limits rise with the preload, and contact stiffness with its square root or faster. The slipping
-# part and its loss therefore fall with torque to about the power 1; the frequency hardly rises.
+ANYWHERE = 5.0  # prior sd of the mean of a logarithm over all units: wide
+# Prior of a logarithm: the scale of the half-normal sd between units, and mean and sd of its slope
+# on ln torque. Slip limits rise with the preload, and contact stiffness with its square root or
+# faster. The slipping part and its loss therefore fall with torque to about the power 1; the
+# frequency hardly rises.
 SCATTER = {"omega_n": 5e-3, "zeta": 0.3}
 SLOPE = {"omega_n": (0.0, 0.05), "zeta": (0.0, 0.5)}
 JOINT_SCATTER, JOINT_SLOPE = 0.5, (-1.0, 1.0)
-# Prior slope of a law's own parameters, whose trend has either sign, depending on the load path.
+# The same for other parameters of a law, whose trend may have either sign, by the load path.
 PARAMETER_SLOPE = (0.0, 1.0)
-# sd of a slope on ln of the tightening number, relative to the variation between units
+# prior sd of a slope on ln of the tightening number, relative to the variation between units
 BEDDING = 0.3
-# sd of the difference between the slopes of two products with the same unit, such as gamma/delta
+# prior sd of the difference between the slopes of two products of the same unit (gamma/delta)
 ALIKE = 0.3
-WRENCH = 0.1  # sd of ln preload at a given torque, for tightening by torque control
+WRENCH = 0.1  # sd of ln preload at a given torque when bolts are tightened by torque control
 
 
 class Prior(NamedTuple):

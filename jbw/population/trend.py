@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float
 from jbw.errors import ConfigError, DataError, did_you_mean
 from jbw.population.prior import TORQUE, CovariateDesign
 
-# sd of ln(T_0/T_ref): over 2 to 12 N m a power is like a curve with T_0 = 3 T_ref to 3 %
+# prior sd of ln(T_0/T_ref): over 2 to 12 N m, T_0 = 3 T_ref differs from a power law by 3 %
 SPREAD = 0.7
 
 Reals = Float[Array, "..."] | Float[np.ndarray, "..."]
@@ -48,7 +48,7 @@ def expected(
 
 
 def bent(log_ratio: Reals, u: Reals) -> Float[Array, "..."]:
-    """Return the saturating curve with slope 1 minus the tangent power law, at ln(T/T_ref)."""
+    """Return the saturating curve with slope 1 minus that power law, at ln(T/T_ref)."""
     return saturating(jnp.exp(jnp.asarray(log_ratio)), u) - jnp.asarray(log_ratio)
 
 

@@ -19,11 +19,13 @@ from jbw.report.result import laws_of, read_result, unit_of
 from jbw.study.study import Study
 from jbw.verification.predicted import noise_by_label
 
-GAIN = "gain"  # a property of the source, not of the joint
+GAIN = "gain"  # name of the source's gain, which is no property of the joint
 NOISE = "noise"
-STARTS = ("tests", "substeps", "scatter")  # attributes of a run that its predictions need
-DEEPEST = 3  # most folders in the name of a unit, if the name of the run's folder is not unique
-# A group must not have the name of one of the fleet's own variables.
+# beginnings of names of the attributes that predictions by a run need
+STARTS = ("tests", "substeps", "scatter")
+# number of parent folders by which a unit is named at most, if the folder's name is not unique
+DEEPEST = 3
+# names that the variables of a fleet have themselves, so that no unit can have them
 TAKEN = set(
     "torque sequence temperature assembly verdict sampling num_draws ess mean covariance lower "
     "upper beyond run_scatter unit parameter other".split()
@@ -35,19 +37,19 @@ class Unit(NamedTuple):
 
     name: str
     laws: tuple[str, ...]
-    # Draws of each quantity in its unit, all chains in one row.
+    # draws of each quantity in its unit, all chains in one row
     draws: Mapping[str, NDArray[np.float64]]
-    quantities: Mapping[str, Quantity]  # unit, symbol and meaning of each of these names
-    # Bounds of the uniform prior of each sampled parameter.
+    quantities: Mapping[str, Quantity]  # unit, symbol and meaning of each quantity
+    # lower and upper bound of the uniform prior of each sampled parameter
     bounds: Mapping[str, tuple[float, float]]
-    scatter: Mapping[str, float]  # sd over runs within the unit, relative to the mean
-    record: Mapping[str, Any]  # its summary.json
-    # Campaign, folder, source, largest fitted displacement y_peak [m], settings of predictions.
+    scatter: Mapping[str, float]  # sd of each parameter over runs of one unit, relative to its mean
+    record: Mapping[str, Any]  # contents of the run's summary.json
+    # campaign, folder, source, largest fitted displacement y_peak [m], and settings of predictions
     origin: Mapping[str, Any]
-    # Draws of the source's gain, or its fixed value; None where unknown.
+    # draws of the source's gain, or its known value; None if unknown
     gain: NDArray[np.float64] | None
-    noise: Mapping[str, float]  # noise of every group of data, by the group's label
-    # Draws of the residual terms, which represent other modes.
+    noise: Mapping[str, float]  # noise of every data group, by the group's label
+    # draws of the residual terms, which represent other modes
     terms: Mapping[str, NDArray[np.float64]]
 
     @property
@@ -68,7 +70,7 @@ class Unit(NamedTuple):
 
     @property
     def ess(self) -> float:
-        """The smallest effective number of draws among the parameters of the main posterior."""
+        """Return the smallest effective number of draws of any parameter of the main posterior."""
         rows = self.record["steps"][self.record["main"]].get("parameters") or {}
         effective_sizes = [
             row["ess_bulk"] for row in rows.values() if row.get("ess_bulk") is not None
@@ -172,9 +174,9 @@ def _gain(
 def _quantities(
     posterior: xr.Dataset, laws: Sequence[str]
 ) -> tuple[dict[str, NDArray[np.float64]], dict[str, Quantity]]:
-    """Return draws of a run's parameters, products and other coordinates, with their units."""
+    """Return a run's draws of parameters, products and other coordinates, with their units."""
     by_name = {quantity.name: quantity for quantity in (*OSCILLATOR, *quantities_of(laws))}
-    # The gain belongs to the source, not to the joint, and comes last.
+    # The gain comes last, since it belongs to the source and not to the joint.
     by_name[GAIN] = by_name.pop(GAIN)
     present = [name for name in by_name if name in posterior]
     draws = {name: np.ravel(posterior[name].values).astype(float) for name in present}

@@ -1,1 +1,1 @@
-"""The monitoring of one joint: readings at fixed amplitudes, and tests for a change."""
+"""The monitoring of a joint: frequency and damping at fixed amplitudes, and tests for a change."""

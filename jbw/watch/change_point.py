@@ -1,4 +1,4 @@
-r"""Bayesian online change-point detection: the number of readings since the last change.
+r"""Bayesian online change-point detection: the number of records since the last change.
 
 A run is a sequence of readings without change. Within a run readings are Gaussian with unknown mean
 and covariance, under a normal-inverse-Wishart prior; after every reading a change occurs with
@@ -27,31 +27,33 @@ from scipy.special import gammaln, logsumexp
 
 from jbw.watch.hotelling import ReferenceReadings
 
-FURTHEST = 2.0  # expected size of a change, in standard deviations of a reading
+FURTHEST = 2.0  # expected size of a change, in standard deviations of one record's values
 
 
 class Belief(NamedTuple):
-    r"""The normal-inverse-Wishart belief about readings since a change: mean, $\nu$ and $\Psi$."""
+    r"""The normal-inverse-Wishart distribution of the mean and covariance since a change."""
 
     mean: Float[np.ndarray, "*batch p"]
-    kappa: Float[np.ndarray, "*runs"]  # number of readings that the knowledge of the mean equals
-    nu: Float[np.ndarray, "*runs"]  # degrees of freedom
-    psi: Float[np.ndarray, "*batch p p"]  # sum of squares
+    # number of records that would give the same knowledge of the mean
+    kappa: Float[np.ndarray, "*runs"]
+    nu: Float[np.ndarray, "*runs"]  # degrees of freedom nu
+    psi: Float[np.ndarray, "*batch p p"]  # scale matrix Psi: sum of squares
 
 
 class RunLength(NamedTuple):
-    """The posterior of the number of readings since the last change."""
+    """The posterior of the number of records since the last change."""
 
-    # Probability that the present run has r readings, r = 0..n. If a run began before the first
-    # reading, the last entry is the probability that no change occurred at all.
+    # Probability that r records were measured since the last change, r = 0..n. If the last change
+    # may precede the first record, the last entry is the probability that no change occurred.
     probability: Float[np.ndarray, "*batch length"]
-    log_evidence: Float[np.ndarray, "*batch"]  # log p of all readings [nats]
-    # Probability after each reading that no change occurred at all.
+    # log probability density of the values of all records [nats]
+    log_evidence: Float[np.ndarray, "*batch"]
+    # Probability, after each record, that no change has occurred.
     unchanged: Float[np.ndarray, "*batch n"]
 
 
 def known_from(reference: ReferenceReadings) -> Belief:
-    r"""Return the belief about an unchanged joint: a flat prior updated by reference readings.
+    r"""Return the distribution for an unchanged joint: a flat prior updated by reference records.
 
     Its predictive distribution is that of Hotelling: Student's t with $n_0 - p$ degrees of freedom.
     """
@@ -65,7 +67,7 @@ def known_from(reference: ReferenceReadings) -> Belief:
 
 
 def after_change(reference: ReferenceReadings) -> Belief:
-    """Return the prior belief about readings after a change: around the reference, but wide.
+    """Return the prior for records after a change: around the reference, but wide.
 
     Its mean has a standard deviation of `FURTHEST` times that of a reading.
     """
@@ -78,7 +80,7 @@ def run_length(
     hazard: float,
     start: Belief | None = None,
 ) -> RunLength:
-    """Return the posterior of the number of readings since the last change, after all readings.
+    """Return the posterior of the number of records since the last change, after all records.
 
     Args:
         readings: Readings in the order of measurement.
@@ -92,7 +94,7 @@ def run_length(
         first.mean[..., None, :], first.kappa[None], first.nu[None], first.psi[..., None, :, :]
     )
     log_w: np.ndarray = np.zeros((*readings.shape[:-2], 1))
-    if start is not None:  # A change may have occurred just before the first reading.
+    if start is not None:  # A change may have occurred just before the first record.
         both = np.array([np.log(hazard), np.log1p(-hazard)])
         log_w, belief = log_w + both, _with_new_run(belief, prior)
     total = np.zeros(readings.shape[:-2])
@@ -113,7 +115,7 @@ def run_length(
 def log_predictive(
     x: Float[np.ndarray, "*batch p"], belief: Belief
 ) -> Float[np.ndarray, "*batch length"]:
-    r"""Return the log predictive density of a reading under each belief: $t_{\nu - p + 1}$."""
+    r"""Return a record's log predictive density, $t_{\nu - p + 1}$, for each run length."""
     p = x.shape[-1]
     df = belief.nu - p + 1
     kappa = belief.kappa
@@ -126,7 +128,7 @@ def log_predictive(
 
 
 def updated(x: Float[np.ndarray, "*batch p"], belief: Belief) -> Belief:
-    """Update the normal-inverse-Wishart belief about each run by one more reading."""
+    """Update the normal-inverse-Wishart distributions of all run lengths by one more record."""
     kappa = belief.kappa
     away = x[..., None, :] - belief.mean
     mean = belief.mean + away / (kappa + 1)[..., None]
@@ -136,7 +138,7 @@ def updated(x: Float[np.ndarray, "*batch p"], belief: Belief) -> Belief:
 
 
 def _with_new_run(belief: Belief, prior: Belief) -> Belief:
-    """Return the beliefs about all runs of readings, after that about a run that begins now."""
+    """Return the distributions of all run lengths, after that of a run that begins now."""
     mean = np.broadcast_to(
         prior.mean[..., None, :], (*belief.mean.shape[:-2], 1, prior.mean.shape[-1])
     )

@@ -1,4 +1,4 @@
-r"""Hotelling's test of a new reading against a reference, including the reference's uncertainty.
+r"""Hotelling's test of a new record's frequency and damping against a reference.
 
 Readings without change are Gaussian with unknown mean and covariance; $n_0$ of them have the mean
 $m$ and the covariance $S$ (over $n_0 - 1$). For a new reading $t$ of dimension $p$,
@@ -25,7 +25,7 @@ Matrix = Float[np.ndarray, "p p"]
 
 
 class ReferenceReadings(NamedTuple):
-    """The number, mean and covariance (over `num` - 1) of readings without change."""
+    """The number, mean and covariance (over `num` - 1) of reference values without change."""
 
     num: int
     mean: Float[np.ndarray, "*batch p"]
@@ -33,7 +33,7 @@ class ReferenceReadings(NamedTuple):
 
 
 def reference_of(readings: Float[np.ndarray, "*batch record p"]) -> ReferenceReadings:
-    """Return the number, mean and covariance of readings without change.
+    """Return the number, mean and covariance of reference values without change.
 
     Raises:
         ConfigError: There are no more readings than values per reading: the covariance is singular.
@@ -52,7 +52,7 @@ def reference_of(readings: Float[np.ndarray, "*batch record p"]) -> ReferenceRea
 
 
 def threshold(false_alarms: float, p: int, num: int) -> float:
-    r"""Return Hotelling's $T^2$ that an unchanged reading exceeds with probability `false_alarms`.
+    r"""Return the $T^2$ that a record without change exceeds with probability `false_alarms`.
 
     Args:
         false_alarms: Rate of false alarms per reading.
@@ -67,7 +67,7 @@ def distance(
     reference: ReferenceReadings,
     excess: Matrix | None = None,
 ) -> Float[np.ndarray, "*batch"]:
-    r"""Return Hotelling's $T^2$ of a new reading against a reference.
+    r"""Return Hotelling's $T^2$ of a new record's values against the reference.
 
     Args:
         reading: Values of the new reading.
@@ -81,12 +81,12 @@ def distance(
 
 
 def tail(squared: Float[np.ndarray, "*batch"], p: int, num: int) -> Float[np.ndarray, "*batch"]:
-    r"""Return the probability that a reading without change has at least this $T^2$."""
+    r"""Return the probability that a record without change has at least this $T^2$."""
     return np.asarray(fisher.sf(np.asarray(squared) / _scale(p, num), p, num - p))
 
 
 def power(false_alarms: float, p: int, num: int, change: float) -> float:
-    r"""Return the probability that Hotelling's test detects a change by one reading.
+    r"""Return the probability that Hotelling's test detects a change from one record.
 
     With a change, $n_0 (n_0 - p) / (p (n_0 - 1)(n_0 + 1)) T^2$ is non-central F with $d^2 n_0 /
     (n_0 + 1)$.
@@ -102,7 +102,7 @@ def power(false_alarms: float, p: int, num: int, change: float) -> float:
 
 
 def excess_noise(covariance: Matrix, usual: Matrix) -> Matrix:
-    """Return the covariance by which a reading's noise exceeds the references' noise."""
+    """Return the covariance by which the noise of a record exceeds the noise of the references."""
     values, vectors = np.linalg.eigh(covariance - usual)
     return (vectors * np.maximum(values, 0.0)) @ vectors.T
 

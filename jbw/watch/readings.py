@@ -32,13 +32,13 @@ from jbw.verification.backbone import curves_of_response
 from jbw.verification.predicted import carry
 from jbw.watch.statement import Trend
 
-# Ratio of a higher amplitude to the read one; other modes are searched from there on.
+# Factor of amplitude above the measured one from which on other modes are searched.
 WIDTH = np.sqrt(1.4)
-FEWEST = 64  # fewest samples in which other modes are searched
-OTHER_MODES = 0.02  # largest accepted amplitude of other modes, relative to that of the mode
-SPARE = 1.05  # margin between the amplitudes of the records and a chosen amplitude
-PER_AMPLITUDE = 2  # values per amplitude: frequency and logarithm of the damping
-RAISED = 1.1  # ratio of the raised torque to the torque, for a slope
+FEWEST = 64  # smallest number of samples in which other modes can be searched
+OTHER_MODES = 0.02  # largest allowed amplitude of other modes, relative to that of the mode
+SPARE = 1.05  # margin that a chosen amplitude keeps from the ends of the records' amplitudes
+PER_AMPLITUDE = 2  # number of values per amplitude: frequency and logarithm of the damping ratio
+RAISED = 1.1  # factor by which the torque is raised to compute the slope with torque
 
 
 class RecordReading(NamedTuple):
@@ -56,7 +56,7 @@ class RecordReading(NamedTuple):
 
 
 def names_of(amplitudes: Sequence[float], unit: str) -> list[str]:
-    """Return the name of each value of a watch's reading, with its unit."""
+    """Return the name of each value that is compared between records, with its unit."""
     first, *rest = [f"{a:g} {unit}" for a in amplitudes]
     names = [f"f({first}) [Hz]", f"ln zeta({first})"]
     return names + [n for a in rest for n in (f"f({a}) - f({first}) [Hz]", f"ln zeta({a})")]
@@ -84,7 +84,7 @@ def common_amplitude(test: Test) -> float:
 
 
 def reading(record: Record, test: Test, amplitudes: Sequence[float]) -> RecordReading:
-    """Read frequency and damping of a free decay at given peak amplitudes of its response.
+    """Measure frequency and damping of a free decay at given peak amplitudes of its response.
 
     Raises:
         DataError: The record cannot be compared: its response is another one, it does not pass the
@@ -124,22 +124,22 @@ def reading(record: Record, test: Test, amplitudes: Sequence[float]) -> RecordRe
 
 
 def _table(record: Record, test: Test) -> ModeReading:
-    """Read frequency and damping along a record, with a test's response, band and settling."""
+    """Measure frequency and damping along a record, with a test's response, band and settling."""
     response = test.records[0].response
     if response not in record.channels:
         raise DataError(
             f"`{record.name}` has no {response}, in which test `{test.name}` is read.",
             remedy="Give a record of the same channels.",
         )
-    filter_of(test)  # It raises an error for a test without a band.
+    filter_of(test)  # An error is raised here for a test without a band.
     alone = replace(test, records=(record,), name=record.name)
-    # A record that cannot be read raises an error.
+    # An error is raised here for a record without measurable frequency and damping.
     (table,) = (read for read in read_decays(alone) if read is not None)
     return table
 
 
 def _compared(read: ModeReading) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
-    """Return a reading's values, frequencies [Hz] and ln zeta, with their covariance."""
+    """Return the compared values, from frequencies [Hz] and ln zeta, with their covariance."""
     size = len(read.hz)
     values = np.stack([read.hz, np.log(read.zeta)], axis=1).ravel()
     values[2::2] -= values[0]
@@ -151,7 +151,10 @@ def _compared(read: ModeReading) -> tuple[Float[np.ndarray, " p"], Float[np.ndar
 
 
 def _other_modes(record: Record, test: Test, amplitude: float, hz: float, zeta: float) -> float:
-    """Return the largest spectral line outside the mode's band, relative to that within it.
+    """Return the largest spectral line outside the mode's band, relative to the largest within it.
+
+    The spectrum is that of the displacement, which makes the joint slip, over the time in which it
+    falls by a sixth.
 
     It is that of the displacement, which makes the joint slip, while it falls by a sixth.
     """
@@ -165,7 +168,7 @@ def _other_modes(record: Record, test: Test, amplitude: float, hz: float, zeta: 
     spectrum[1:] /= freq[1:] ** derivative_order(record.response)
     (low, high), half = chosen.band_hz, (chosen.band_hz[1] - chosen.band_hz[0]) / 2
     within = lines_within(freq, (low, high))
-    # A Hann window spreads a line, and a removed mean, over four lines.
+    # A Hann window spreads a line over four lines, and a removed mean, too.
     smear = 4 * record.fs / len(x)
     outside = ((freq < low - half) | (freq > high + half)) & (freq > smear)
     if not (within.any() and outside.any()):
@@ -181,7 +184,7 @@ def trend_of(
     *,
     report: Callable[[str], None] = print,
 ) -> Trend:
-    """Return the trend with torque of readings at given amplitudes of a test, from a fleet.
+    """Return the trend of frequency and damping with torque at given amplitudes, from a fleet.
 
     Args:
         fleet: A fleet from `jbw.fleet_of` or `jbw.read_fleet`.
@@ -220,7 +223,7 @@ def trend_of(
 
 
 def _require_known(fleet: xr.DataTree, amplitudes: Sequence[float], test: Test) -> None:
-    """Raise an error if some units of a fleet were not driven to the watched amplitudes."""
+    """Raise an error if some units of a fleet were not tested up to the monitored amplitudes."""
     peaks = [float(fleet[name].attrs.get("y_peak", np.nan)) for name in unit_names(fleet)]
     centre, order = _response_of(test)
     highest, reached_by_all = max(amplitudes) / centre**order, np.min(peaks)
@@ -241,7 +244,7 @@ def _readings_at(
     amplitudes: Sequence[float],
     test: Test,
 ) -> Float[np.ndarray, "draw p"]:
-    """Predict readings of new units at a torque [N m], from a population."""
+    """Predict frequency and damping of new units at a torque [N m], from a population."""
     laws: Any = tuple(json.loads(fleet.attrs["laws"]))
     draws = new_units(population, fleet, torque)
     centre, order = _response_of(test)
@@ -249,7 +252,7 @@ def _readings_at(
         curves_of_response, draws, jnp.asarray(amplitudes), centre, order, laws
     )
     values = np.stack([np.asarray(frequency), np.log(np.asarray(damping))], axis=-1)
-    values[:, 1:, 0] -= values[:, :1, 0]  # The format is that of `names_of`.
+    values[:, 1:, 0] -= values[:, :1, 0]  # The order of values is that of `names_of`.
     return values.reshape(len(values), -1)
 
 

@@ -42,12 +42,13 @@ from jbw.observables.decay import Decays, counting
 from jbw.report.messages import watch
 from jbw.study.study import Study
 
-ENOUGH = 0.5  # share of particles that count, below which they are resampled and moved
-NUM_MOVES = 5  # moves of each particle after resampling
-TARGET_ACCEPT = 0.3  # accepted share of the moves to aim for
+ENOUGH = 0.5  # If a smaller part of the particles counts, they are resampled and moved.
+NUM_MOVES = 5  # number of moves of each particle after resampling
+TARGET_ACCEPT = 0.3  # part of the moves that should be accepted
 LogDensity = Callable[[Float[np.ndarray, "particle d"]], Float[np.ndarray, " particle"]]
 NUM_PARTICLES = 1000
-SAME = 0.5  # nats: largest sd of the difference between the rebuilt likelihood and the run's own
+# largest sd of the difference between the recomputed log likelihood and the run's own [nats]
+SAME = 0.5
 
 
 class Particles(NamedTuple):
@@ -65,12 +66,12 @@ class Particles(NamedTuple):
 
 
 class Update(NamedTuple):
-    """The particles of a posterior after one more record, with evidence and diagnostics."""
+    """The posterior after one more record, as particles, with its evidence and diagnostics."""
 
     particles: Particles
     log_evidence: float  # log p(y_r | y_<r) [nats]
-    kish: float  # share of particles that counted, from the record's weights
-    accepted: float | None  # accepted share of the moves; None without moves
+    kish: float  # part of the particles that count with the weights of this record (Kish)
+    accepted: float | None  # part of the moves that were accepted; None if particles were not moved
 
 
 def particles_of(x: Float[np.ndarray, "particle d"], log_density: LogDensity) -> Particles:
@@ -97,7 +98,7 @@ def take_in(rng: np.random.Generator, before: Particles, log_density: LogDensity
 
 
 def evenly(rng: np.random.Generator, particles: Particles) -> Particles:
-    """Resample particles to equal weights, systematically."""
+    """Resample particles systematically, so that all have equal weight."""
     num = len(particles.x)
     ends = np.cumsum(np.exp(particles.log_weight))
     rows = np.searchsorted(ends / ends[-1], (rng.uniform() + np.arange(num)) / num)
@@ -111,7 +112,7 @@ def moved(
     shape: Float[np.ndarray, "d d"],
     log_density: LogDensity,
 ) -> tuple[Particles, float]:
-    """Move particles by a Metropolis random walk; return them with the accepted share."""
+    """Move particles by a Metropolis random walk; return them with the part of accepted moves."""
     x, density = particles.x, particles.log_density
     root, shares = np.linalg.cholesky(shape), []
     scale = 2.38 / np.sqrt(x.shape[1])
@@ -226,7 +227,7 @@ def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
             remedy="Identify the joint again with the new records in its campaign.",
         )
     test, facts = seen.decays.fitted, json.loads(str(study.tree.attrs.get("decay", "{}")))
-    # The run may have refined its solver; it counts as many values as it found to be independent.
+    # The run may have chosen a finer time step; as many values count as it found independent.
     substeps = int(facts.get("substeps", 0)) or campaign.settings.substeps
     part = Decays.of(test, laws=data.laws, substeps=substeps)
     part = counting(part, float(facts.get("worth", 1.0)))
@@ -234,7 +235,7 @@ def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
 
 
 def _with_records(part: Decays, test: Test, records: Sequence[Record]) -> Decays:
-    """Return the decays of a run with new records of the same kind."""
+    """Return the decays of a run extended by new records of the same test."""
     response, fs = test.records[0].response, test.records[0].fs
     for record in records:
         if response not in record.channels or not share_clock(record.fs, fs):
@@ -269,7 +270,7 @@ def _density_of(
 
 
 def _require_same(strays: Float[np.ndarray, " particle"]) -> None:
-    """Raise an error if the rebuilt likelihood differs from the one that the run drew from."""
+    """Raise an error if the recomputed likelihood differs from that from which the run drew."""
     sd = float(np.std(strays))
     if not sd < SAME:
         raise DataError(
@@ -287,7 +288,7 @@ def _tree(
     updates: Sequence[Update],
     records: Sequence[Record],
 ) -> xr.DataTree:
-    """Return the result of an update: draws as one chain, and each record's evidence."""
+    """Return an updated posterior as a tree: the draws as one chain, and each record's evidence."""
     posterior = xr.Dataset(
         {n: (("chain", "draw"), x[None], sampled[n].attrs) for n, x in draws.items()}
     )

@@ -1,4 +1,4 @@
-r"""The statement on a reading: its distance from the reference, and any change of the joint.
+r"""The statement on a record: its distance from the reference, and any change of the joint.
 
 Where a population of joints provides a trend with torque, a change of readings is also stated as a
 change of torque. Readings y of joints at other torques T change by $g = dy/d\ln T$, with one g per
@@ -31,15 +31,16 @@ from jbw.watch.hotelling import (
     threshold,
 )
 
-PLACES = np.linspace(-4.0, 4.0, 8001)  # values of x, up to four standard deviations of its prior
+# values of x at which densities are computed, up to four standard deviations of its prior
+PLACES = np.linspace(-4.0, 4.0, 8001)
 QUANTILES = (0.005, 0.5, 0.995)
-# Probability of the residual at the best torque, below which no torque explains the change.
+# If the residual at the best torque is less probable than this, no torque explains the change.
 UNEXPLAINED = 0.01
 LEVEL = 0.99  # probability of intervals
 
 
 class Trend(NamedTuple):
-    """The trend of readings at fixed amplitudes with the torque of the joint.
+    """The trend of frequency and damping at fixed amplitudes with the torque of the joint.
 
     Attributes:
         torque: Torque of the monitored joint before any change [N m].
@@ -55,35 +56,37 @@ class Trend(NamedTuple):
 
 
 class TorqueChange(NamedTuple):
-    """A change of readings stated as a change of torque [N m]."""
+    """A change of frequency and damping, stated as a change of torque [N m]."""
 
     before: float
-    after: float  # median
-    low: float  # 99 % interval
+    after: float  # median of the torque after the change
+    low: float  # lower end of its 99 % interval
     high: float
     explained: bool  # whether some torque explains the change of both frequency and damping
     inside: bool  # whether the median lies between the torques of the population
 
 
 class Change(NamedTuple):
-    """The change since the reference, estimated from the readings after the change."""
+    """The change of frequency and damping since the reference, from the records after it."""
 
-    first: int  # number of the first reading after the change, counted over watched readings from 1
-    frequency: tuple[float, float, float]  # change [Hz], with its 99 % interval
-    damping: tuple[float, float, float]  # relative change, with its 99 % interval
+    first: int  # number of the first record after the change, counted from 1 without the references
+    frequency: tuple[float, float, float]  # change of the frequency [Hz], with its 99 % interval
+    # relative change of the damping ratio, with its 99 % interval
+    damping: tuple[float, float, float]
     direction: str
-    torque: TorqueChange | None = None  # equivalent change of torque, from a population
+    # the change of torque that would explain both, from a population
+    torque: TorqueChange | None = None
 
 
 class Statement(NamedTuple):
-    """The statement on the last watched reading: T^2, probabilities, alarm and change."""
+    """The statement on the last record: T^2, probabilities, alarm and change."""
 
-    squared: float  # T^2
-    threshold: float  # of T^2
+    squared: float  # Hotelling's T^2 of the record
+    threshold: float  # value of T^2 above which there is an alarm
     tail: float  # probability of so large a T^2 without a change
-    unchanged: float  # probability that no change came since the reference
-    alarm: str  # empty, "reading", "drift", or "reading and drift"
-    change: Change | None  # of an alarm
+    unchanged: float  # probability that no change occurred since the reference
+    alarm: str  # empty, "reading" (this record), "drift" (the sequence), or "reading and drift"
+    change: Change | None  # estimated change, if there is an alarm
 
 
 def state(
@@ -95,7 +98,7 @@ def state(
     reference_noise: Float[np.ndarray, "p p"] | None = None,
     trend: Trend | None = None,
 ) -> Statement:
-    """Return the statement on the last watched reading, alone and with the readings before it.
+    """Return the statement on the last record, by itself and together with the records before it.
 
     Without a change, a single reading alarms at the rate r, `false_alarms`. The sequence alarms
     among n readings with a probability of r / (1 - r)^(n + 1) at most, as the hazard is r, too.
@@ -128,8 +131,8 @@ def state(
     ]
     change = None
     if alarms:
-        # Runs of at least one reading that began after the reference; the last entry means no
-        # change. The most probable one dates a drift.
+        # These are numbers of records since a change after the reference; the last entry means no
+        # change. The most probable number dates a drift.
         length = int(np.argmax(run.probability[1:-1])) + 1
         behind = watched[-length:]
         change = change_of(reference, behind, len(watched) - length + 1)
@@ -142,7 +145,7 @@ def state(
 
 
 def change_of(reference: ReferenceReadings, behind: Float[np.ndarray, "n p"], first: int) -> Change:
-    """Return the change of frequency and damping from the reference, with Student's t intervals."""
+    """Return the change of frequency and damping since the reference, with Student's intervals."""
     away = behind.mean(axis=0) - reference.mean
     sd = np.sqrt(np.diag(reference.covariance) * (1 / len(behind) + 1 / reference.num))
     reach = student.ppf((1 + LEVEL) / 2, reference.num - 1) * sd
@@ -167,7 +170,7 @@ def _direction(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]) -> s
 
 
 def sentence(statement: Statement, names: Sequence[str], num_reference: int) -> str:
-    """Return the sentence on a watched reading: alarm, change and numbers.
+    """Return the sentence on a monitored record: alarm, change and numbers.
 
     `names` are those of the watched records.
     """
@@ -184,7 +187,7 @@ def sentence(statement: Statement, names: Sequence[str], num_reference: int) -> 
 
 
 def as_plain(statement: Statement) -> dict[str, Any]:
-    """Return the statement on a reading as plain values for the log."""
+    """Return the statement on a record as plain values for the log."""
     plain, change = statement._asdict(), statement.change
     if change is None:
         return plain
@@ -195,7 +198,7 @@ def as_plain(statement: Statement) -> dict[str, Any]:
 def torque_after(
     away: Float[np.ndarray, " p"], reference: ReferenceReadings, num: int, trend: Trend
 ) -> TorqueChange:
-    """Return the torque that explains the readings after a change, with its 99 % interval.
+    """Return the torque that explains the values after a change, with its 99 % interval.
 
     Args:
         away: Mean of the readings minus that of the references.
@@ -211,7 +214,7 @@ def torque_after(
     density = np.mean((1 + residual_square / freedom) ** (-(freedom + 1) / 2), axis=0)
     mass = np.cumsum(density * np.exp(-(PLACES**2) / 2))
     low, middle, high = trend.torque * np.exp(np.interp(QUANTILES, mass / mass[-1], PLACES))
-    # `tail` expects one new reading, whose covariance is (1 + 1/n_0) S.
+    # `tail` is for one new record, whose covariance is (1 + 1/n_0) S.
     rest = tail(residual_square.min() * (1 + 1 / reference.num), len(away), reference.num)
     return TorqueChange(
         trend.torque, float(middle), float(low), float(high),

@@ -29,21 +29,21 @@ from jbw.watch.readings import PER_AMPLITUDE, common_amplitude, names_of, readin
 from jbw.watch.statement import Trend, as_plain, sentence, state
 
 FORMAT = 1
-FALSE_ALARMS = 1e-3  # rate of false alarms, where none is stated
-SPARE = 2  # references in addition to the number of values of a reading: the fewest to wait for
-FEW = 20  # With fewer references one amplitude is better than two.
+FALSE_ALARMS = 1e-3  # default rate of false alarms
+SPARE = 2  # smallest number of references minus the number of compared values
+FEW = 20  # With fewer references, one amplitude is better than two.
 Say = Callable[[str], None]
 # A function from the torque before any change [N m] (if stated), the amplitudes and the test to the
-# trend.
+# trend of frequency and damping.
 TrendAt = Callable[[float | None, Sequence[float], Test], Trend]
 LOG_NAME = "watch.jsonl"
-TORN = "watch.torn"  # file next to the log, for lines that a crash cut
+TORN = "watch.torn"  # name of the file, next to the log, for lines that a crash cut
 Entry = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Wishes:
-    """The requested settings of a watch; None keeps the present setting, or the default."""
+    """The requested settings of a watch; None stands for the present setting, or the default."""
 
     amplitudes: tuple[float, ...] | None = None  # peak amplitudes in the unit of the response
     false_alarms: float | None = None  # rate of false alarms per record
@@ -53,7 +53,7 @@ class Wishes:
 
 @dataclass(frozen=True)
 class Watched:
-    """The state of a watch after a call: settings, all readings and this call's entries."""
+    """The state of a watch after a call: settings, all values, and the entries of this call."""
 
     settings: Entry
     readings: list[Entry]
@@ -104,7 +104,7 @@ def watch(
         keeper = _Keeper(path, settings, campaign_test, say, entries, trend)
         identities = {entry["id"] for entry in entries if entry["kind"] != "settings"}
         for identity, record in _identified(campaign_test.records):
-            # These are all records on the first call, or after it crashed.
+            # On the first call, or after a crash in it, these are all records.
             if identity not in identities:
                 keeper.take(identity, record)
         added: list[Entry] = []
@@ -114,7 +114,7 @@ def watch(
 
 
 class _Keeper:
-    """The log of a watch, which grows while a call adds records to it."""
+    """The log of a watch, to which a call appends one record after the other."""
 
     def __init__(
         self, path: Path, settings: Entry, test: Test, say: Say, entries: Sequence[Entry],
@@ -174,7 +174,7 @@ def _stated(
 def _of_file(
     file: Path, table: TestSpec, spec: CampaignSpec, place: Path, keeper: _Keeper
 ) -> list[Entry]:
-    """Read the records of a file for a watch, and return their log entries."""
+    """Read the records of a file, and return their log entries."""
     file_spec = table.model_copy(update={"files": (str(file.absolute()),), "exclude": ()})
     try:
         test = load_test(file_spec, place, per_unit=force_per_unit(spec), allow_outside=True)
@@ -193,7 +193,7 @@ def _of_file(
 
 
 def _identified(records: Sequence[Record]) -> list[tuple[str, Record]]:
-    """Return each record with an identity, the hash of its file and its place in it."""
+    """Return each record with an identity: the hash of its file and its position in the file."""
     count: dict[str, int] = {}
     identified = []
     for record in records:
@@ -232,7 +232,7 @@ def _decay_test(spec: CampaignSpec, name: str | None) -> TestSpec:
 
 
 def _begun(test: Test, name: str, wishes: Wishes) -> Entry:
-    """Return the settings of a new watch; choose unstated ones from the campaign's records."""
+    """Return the settings of a new watch, with unstated ones chosen from the campaign's records."""
     false_alarms = FALSE_ALARMS if wishes.false_alarms is None else wishes.false_alarms
     if not 0 < false_alarms < 0.5:
         raise ConfigError(
@@ -266,7 +266,7 @@ def _begun(test: Test, name: str, wishes: Wishes) -> Entry:
 
 
 def _comparable(test: Test, amplitudes: Sequence[float]) -> int:
-    """Count the campaign's records that can be read at the amplitudes of a watch."""
+    """Count the campaign's records that have frequency and damping at all amplitudes."""
     count = 0
     for record in test.records:
         try:
@@ -278,7 +278,7 @@ def _comparable(test: Test, amplitudes: Sequence[float]) -> int:
 
 
 def _require_same(settings: Entry, wishes: Wishes) -> None:
-    """Raise an error if requested settings differ from those at the beginning of a watch."""
+    """Raise an error if requested settings differ from those with which the watch began."""
     began = {
         "--amplitude": (wishes.amplitudes, tuple(settings["amplitudes"])),
         "--false-alarms": (wishes.false_alarms, settings["false_alarms"]),
