@@ -11,8 +11,8 @@ from jbw.report.messages import matrices as messages
 
 TRANSLATIONS = ("x", "y", "z")
 ROTATIONS = ("rx", "ry", "rz")
-SCALAR = "s"  # a modal coordinate of a superelement, or a scalar point
-ROW = "row"  # the number of the row, counted from 1, if there is no table
+SCALAR = "s"  # direction of a modal coordinate of a superelement, or of a scalar point
+ROW = "row"  # direction in a model without a table, whose rows are counted from 1
 # Directions as programs write them: numbers 1 to 6 as in Abaqus and Nastran, 0 for a scalar point.
 _SPELLINGS = (
     {name: name for name in (*TRANSLATIONS, *ROTATIONS, SCALAR, ROW)}
@@ -22,7 +22,7 @@ _SPELLINGS = (
     | {f"ur{name[1]}": name for name in ROTATIONS}
     | {str(i): name for i, name in enumerate((SCALAR, *TRANSLATIONS, *ROTATIONS))}
 )
-_LISTED = 5  # number of nearest nodes that a message lists
+_LISTED = 5  # number of nearest nodes that an error message lists
 
 # One term "17:rx" or "17:rx*0.0025", a sequence of terms (their sum), or factors by name.
 Place = str | Sequence[str] | Mapping[str, float]
@@ -75,7 +75,7 @@ def require_distinct(dofs: Sequence[Dof]) -> None:
 
 
 def weights_at(place: Place, dofs: Sequence[Dof], what: str) -> Weights:
-    """Return the weights w of a place in the model, whose motion is w^T q.
+    """Return the weights w of a point in the model, whose motion is w^T q.
 
     Args:
         place: Terms of the place, in a form of `Place`.
@@ -95,7 +95,7 @@ def weights_at(place: Place, dofs: Sequence[Dof], what: str) -> Weights:
 
 
 def terms_of(place: Place, what: str) -> list[tuple[Dof, float]]:
-    """Return the degrees of freedom of a place and their factors.
+    """Return the degrees of freedom of a point and their factors.
 
     Args:
         place: Terms of the place, in a form of `Place`.

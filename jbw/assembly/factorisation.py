@@ -9,10 +9,10 @@ import scipy.sparse.linalg
 
 from jbw.errors import ModelError
 
-DENSE_BELOW = 500  # degrees of freedom
-# This is a `scipy.sparse.csc_array`, whose stubs type checkers do not follow.
+DENSE_BELOW = 500  # number of degrees of freedom below which matrices are solved as dense ones
+# This is a `scipy.sparse.csc_array`, which type checkers cannot follow.
 Sparse = Any
-Solve = Callable[[np.ndarray], np.ndarray]  # of one load, or of several as columns
+Solve = Callable[[np.ndarray], np.ndarray]  # function of one load, or of several loads as columns
 
 
 def solver_of(matrix: Sparse) -> Solve:
@@ -45,7 +45,7 @@ def negative_pivots(matrix: Sparse) -> np.ndarray:
         if np.array_equal(factor.perm_r, factor.perm_c):
             pivots = factor.U.diagonal()
             return np.sort(np.argsort(factor.perm_c)[pivots < 0])
-    except RuntimeError:  # a pivot is exactly zero
+    except RuntimeError:  # raised for a pivot of exactly zero
         pass
     if matrix.shape[0] < DENSE_BELOW:
         values, vectors = np.linalg.eigh(matrix.toarray())

@@ -1,4 +1,4 @@
-"""Joints of an assembled structure: their places, stuck stiffnesses and laws."""
+"""Joints of an assembled structure: where they act, stiffness when fully stuck, and laws."""
 
 from dataclasses import dataclass
 from typing import Any

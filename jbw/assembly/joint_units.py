@@ -18,14 +18,14 @@ Terms = Sequence[tuple[Dof, float]]
 class JointUnits(NamedTuple):
     """The units of one joint's motion and force."""
 
-    motion: float  # [m, or rad]
-    force: float  # [N, or N m]
-    time: float  # [s]
-    length: float  # of the system of units [m]
-    names: tuple[str, str, str]  # of units of force, motion and time
+    motion: float  # unit of the motion [m, or rad]
+    force: float  # unit of the force [N, or N m]
+    time: float  # unit of time [s]
+    length: float  # unit of length of the system of units [m]
+    names: tuple[str, str, str]  # names of the units of force, motion and time
 
     def value(self, si: Any, unit: str, power_of_length: Any = 0.0) -> Any:
-        """Return a parameter's value in the units of this joint.
+        """Return the value of a parameter in the units of this joint.
 
         Args:
             si: Value in SI, where forces are in newtons and motions in metres.

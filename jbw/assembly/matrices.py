@@ -26,14 +26,17 @@ from jbw.assembly.units import in_si, system_named
 from jbw.errors import DataError, ModelError
 from jbw.report.messages import matrices as messages
 
-_ROUND_OFF, _ASYMMETRIC = 1e-10, 1e-6  # of sqrt(A_ii A_jj)
-# Part of the diagonal that is added before negative pivots of a mass matrix are counted.
+# asymmetry of entries, relative to sqrt(A_ii A_jj): round-off, and too large
+_ROUND_OFF, _ASYMMETRIC = 1e-10, 1e-6
+# Fraction of the diagonal that is added before negative pivots of a mass matrix are counted.
 _SEMIDEFINITE = 1e-12
 _POWER_OF_TIME = {"K": 0, "C": 1, "M": 2}
-_FORM = 1e-8  # of the norm of C, with rows over the root of K_s: largest residual of the form
-_NONE = 1e-9  # of the largest modal damping: smaller dashpots are round-off
-_COUPLED = 0.1  # off-diagonal damping above which a warning is given
-_SAID = 1e-6  # off-diagonal damping above which a note is made
+# largest residual of the damping matrix in this form, relative to the norm of C, with rows divided
+# by the root of K_s
+_FORM = 1e-8
+_NONE = 1e-9  # A dashpot smaller than this part of the largest modal damping is round-off.
+_COUPLED = 0.1  # relative off-diagonal damping above which a warning is given
+_SAID = 1e-6  # relative off-diagonal damping above which a note is made
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,7 +78,7 @@ class MatrixModel:
 
     @property
     def massless(self) -> np.ndarray:
-        """The numbers of the rows (degrees of freedom) without mass."""
+        """The numbers of the rows (degrees of freedom) that have no mass."""
         return np.flatnonzero(abs(self.mass).sum(axis=0) == 0)
 
     def __repr__(self) -> str:
@@ -189,7 +192,7 @@ def _sparse(matrix: Any) -> Sparse:
 
 
 def _symmetrised(name: str, matrix: Sparse, dofs: Sequence[Dof]) -> tuple[Sparse, str]:
-    """Return a matrix's symmetric part, and a sentence if that changed more than round-off."""
+    """Return a matrix's symmetric part, and a sentence if the matrix was clearly asymmetric."""
     size = np.sqrt(np.abs(matrix.diagonal()))
     largest = max(float(size.max()), float(np.sqrt(abs(matrix).max())) if matrix.nnz else 0.0)
     size[size == 0.0] = largest or 1.0
@@ -298,7 +301,7 @@ def modal_damping(
 def _of_form(
     damping: Sparse, mass: Sparse, stiffness: Sparse, across: np.ndarray
 ) -> np.ndarray | None:
-    """Fit a damping matrix by mass, stiffness and dashpots; None if the residual is too large."""
+    """Fit a damping matrix by mass, stiffness and dashpot terms; None if the residual is large."""
     size = np.sqrt(np.abs(stiffness.diagonal()))
     scale = sp.diags_array(1 / np.where(size > 0, size, 1.0))
     weights = sp.csc_array(across)
@@ -315,7 +318,7 @@ def _of_form(
 
 
 def _left_out(reduced: np.ndarray, diagonal: np.ndarray) -> tuple[str, ...]:
-    """Return a note on the largest off-diagonal damping, if any; warn if it is large."""
+    """Return a note on the largest omitted off-diagonal damping, if any; warn if it is large."""
     size = np.sqrt(np.where(diagonal > 0, diagonal, np.inf))
     coupling = np.abs(reduced) / np.outer(size, size)
     np.fill_diagonal(coupling, 0.0)

@@ -33,11 +33,12 @@ from jbw.assembly.stuck_modes import (
 from jbw.errors import ConfigError, ModelError
 from jbw.report.messages import matrices as messages
 
-_SLOWEST_RESIDUAL = 5.0  # largest frequency of slowed residual modes, in multiples of to_hz
-# Motion of a joint, over that of its degrees of freedom, below which a mode does not move it.
+_SLOWEST_RESIDUAL = 5.0  # highest frequency of slowed residual modes, in multiples of to_hz
+# A mode does not move a joint whose motion is smaller than this part of that of its degrees of
+# freedom.
 _STILL = 1e-9
-_PARALLEL = 1e-10  # 1 - |cos| between the weights of two joints at one place
-_ROUND_OFF = 1e-6  # tolerance of energy shares beyond 1
+_PARALLEL = 1e-10  # 1 - |cos| between the weights of two joints that act at the same point
+_ROUND_OFF = 1e-6  # amount by which a share of energy may exceed 1 through round-off
 _PLAUSIBLE_HZ = (1e-2, 1e5)
 _SHOWN = 5
 
@@ -224,7 +225,7 @@ def structure_of_joints(reduced: ReducedModel) -> Any:
 
     Dashpots act across the joints, and modes have the rest of their damping ratios.
     """
-    from jbw.oscillator.laws.dashpot import Dashpot  # load JAX
+    from jbw.oscillator.laws.dashpot import Dashpot  # This import loads JAX.
     from jbw.oscillator.modes.structure import Structure
 
     single = len(reduced.joints) == 1
@@ -346,7 +347,7 @@ def _require_names(joints: Sequence[Joint], to_hz: float) -> None:
 
 
 def _require_moving(joints: Sequence[Joint], across: np.ndarray) -> None:
-    """Raise if the weights of a joint cancel, or if two joints are at the same place."""
+    """Raise if the weights of a joint cancel, or if two joints act at the same point."""
     norms = np.linalg.norm(across, axis=0)
     for joint, norm in zip(joints, norms, strict=True):
         if norm == 0:
@@ -395,7 +396,7 @@ def _require_participation(
 
 
 def _require_shares(joints: Sequence[Joint], across: np.ndarray, modes: StuckModes) -> None:
-    r"""Raise if the joints store more than the whole strain energy of a mode."""
+    r"""Raise if joints have more than the whole strain energy of a mode."""
     springs = np.array([joint.stiffness for joint in joints])
     energy = springs @ (across.T @ modes.shapes) ** 2
     floor = modes.omega[modes.omega > 0].min(initial=np.inf) ** 2
@@ -430,7 +431,7 @@ def _require_plausible(modes: StuckModes, units: str) -> None:
 def _notes(
     model: MatrixModel, modes: StuckModes, residual: ResidualModes, limit: float
 ) -> list[str]:
-    """Return notes on steps that were taken in addition to the requested ones."""
+    """Return notes on what the reduction did in addition to the request."""
     notes = []
     if massless := model.massless.size:
         notes.append(messages.massless(massless))

@@ -21,9 +21,11 @@ from jbw.assembly.reduce import ReducedModel
 from jbw.errors import ConfigError
 from jbw.report.messages import matrices as messages
 
-INSEPARABLE_DEGREES = 5.0  # between columns of B
+# angle between columns of B [degrees] below which two joints cannot be separated
+INSEPARABLE_DEGREES = 5.0
 _SHOWN_DEGREES = 0.1
-_MOVES = 1e-9  # energy share, or square of relative motion: less is round-off
+# A joint does not move in a mode if its energy share, or squared relative motion, is smaller.
+_MOVES = 1e-9
 
 Likeness = Literal["same motion", "mirror images"]
 
@@ -187,7 +189,7 @@ def joint_separability(
 def _of_groups(
     motion: np.ndarray, participation: np.ndarray, names: tuple[str, ...], groups: Sequence[int]
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return columns of joint groups: the first joint's motion, the sum of B, and all names."""
+    """Return the columns of joint groups: the first joint's motion, the sum of B, and all names."""
     members = [[j for j, g in enumerate(groups) if g == group] for group in dict.fromkeys(groups)]
     return (
         motion[:, [joints[0] for joints in members]],
@@ -199,7 +201,7 @@ def _of_groups(
 def moving_modes(
     model: ReducedModel | Float[np.ndarray, "joint mode"],
 ) -> Bool[np.ndarray, " mode"]:
-    """Return True for kept modes that move a joint beyond round-off, by energy share or motion."""
+    """Return True for kept modes that move a joint, by energy share or motion above round-off."""
     if isinstance(model, ReducedModel):
         return energy_shares(model).max(axis=0) > _MOVES
     H = np.atleast_2d(np.asarray(model, float))
@@ -218,8 +220,8 @@ def _angles(matrix: np.ndarray) -> np.ndarray:
     """Return the angles between a matrix's columns [degrees]; 90 for a column of zeros."""
     norms = np.linalg.norm(matrix, axis=0)
     unit = matrix / np.where(norms > 0, norms, 1.0)
-    # Small angles follow from differences of unit vectors: the arc cosine would lose half of the
-    # digits.
+    # Small angles are computed from differences of unit vectors: the arc cosine would lose half of
+    # the digits.
     apart = np.linalg.norm(unit[:, :, None] - unit[:, None, :], axis=0)
     angles = np.degrees(2 * np.arcsin(np.minimum(apart / 2, 1.0)))
     return np.where(np.outer(norms > 0, norms > 0), angles, 90.0)

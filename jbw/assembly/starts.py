@@ -1,4 +1,4 @@
-r"""Estimates of joints from single-mode readings by non-negative least squares, with their test.
+r"""Estimates of joints from fits of single modes by non-negative least squares, with their test.
 
 $$\min_{S \ge 0}\ (BS - s)^T\Sigma^{-1}(BS - s)$$
 
@@ -20,12 +20,13 @@ from scipy.stats import chi2
 from jbw.assembly.separability import JointSeparability
 from jbw.errors import ConfigError
 
-BY_CHANCE = 0.01  # significance level: share of true explanations that the test rejects
+# significance level: part of correct sets of joints that the test rejects by chance
+BY_CHANCE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class JointStarts:
-    """The estimates of all joints from readings of single modes.
+    """The estimates of all joints from fits of single modes.
 
     Attributes:
         estimate: S_j or O_j of every joint, not negative.
@@ -52,7 +53,7 @@ def joint_starts(
     readings: Float[np.ndarray, " mode"],
     covariance: Float[np.ndarray, "mode mode"],
 ) -> JointStarts:
-    """Estimate non-negative S_j (or O_j) of every joint from readings of single modes.
+    """Estimate non-negative S_j (or O_j) of every joint from fits of single modes.
 
     Args:
         separability: Separability B of the modes that were read.
@@ -110,7 +111,7 @@ def joint_starts(
 
 
 def _errors(columns: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Return the standard errors of the joints that are not fixed at zero."""
+    """Return the standard errors of the joints whose estimate is above zero."""
     errors = np.full(free.size, np.nan)
     _, triangle = np.linalg.qr(columns[:, free])
     if np.all(np.abs(np.diag(triangle)) > 0):

@@ -26,14 +26,15 @@ from jaxtyping import Float
 from jbw.assembly.factorisation import DENSE_BELOW, Solve, Sparse, negative_pivots, solver_of
 from jbw.errors import ConfigError, ModelError
 
-_SHIFT = 0.05  # of to_hz
-RIGID = 1e-4  # of to_hz: slower modes are rigid-body modes
-_BEYOND = 2  # requested modes beyond to_hz, so that none below is missed
-_FIRST_GUESS = 12  # number of modes that are requested first
-_SAME_FREQUENCY = 1e-6  # relative
+_SHIFT = 0.05  # shift, relative to to_hz (as frequencies)
+RIGID = 1e-4  # Modes slower than this part of to_hz are rigid-body modes.
+_BEYOND = 2  # number of modes requested above to_hz, so that none below it is missed
+_FIRST_GUESS = 12  # number of modes that are requested at first
+_SAME_FREQUENCY = 1e-6  # relative difference up to which two frequencies count as equal
 _MOST_SWEEPS = 50
-_TOLERANCE: Any = 1e-13  # of Lanczos; the stubs require an integer
-_DEPENDENT = 1e-10  # of the largest: smaller columns and combinations are omitted
+_TOLERANCE: Any = 1e-13  # tolerance of Lanczos' method; the type stubs require an integer
+# Columns and combinations smaller than this part of the largest one are omitted.
+_DEPENDENT = 1e-10
 
 
 class StuckModes(NamedTuple):
@@ -84,7 +85,7 @@ def stuck_modes(stiffness: Sparse, mass: Sparse, to_hz: float) -> StuckModes:
 def _lowest(
     shifted: Sparse, mass: Sparse, solve: Solve, limit: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return eigenvalues of (shifted, M) up to a limit and a few beyond, with shapes."""
+    """Return the eigenvalues of (shifted, M) up to a limit and a few above it, with mode shapes."""
     size = mass.shape[0]
     if size < DENSE_BELOW:
         # M v = mu (K_s - shift M) v with mu = 1/eigenvalue; mu = 0 for massless degrees of freedom.
@@ -137,7 +138,7 @@ def _indefinite(lowest: float) -> ModelError:
 
 
 def _require_all(stiffness: Sparse, mass: Sparse, eigenvalues: np.ndarray, limit: float) -> None:
-    """Raise if Lanczos has missed a mode, by Sylvester's count of eigenvalues below a limit."""
+    """Raise if Lanczos' method missed a mode, by Sylvester's count of eigenvalues below a limit."""
     if mass.shape[0] < DENSE_BELOW:
         return
     below = int(np.sum(eigenvalues <= limit))
@@ -153,14 +154,14 @@ def _require_all(stiffness: Sparse, mass: Sparse, eigenvalues: np.ndarray, limit
 
 
 def _signed(shapes: np.ndarray) -> np.ndarray:
-    """Return shapes with a positive largest component (the first of equally large components)."""
+    """Return mode shapes with a positive largest component (the first if several are equal)."""
     sizes = np.abs(shapes)
     first = np.argmax(sizes >= (1 - _SAME_FREQUENCY) * sizes.max(axis=0), axis=0)
     return shapes * np.sign(shapes[first, np.arange(shapes.shape[1])])
 
 
 def rotated_clusters(modes: StuckModes, loads: Float[np.ndarray, "dof load"]) -> StuckModes:
-    """Return modes in which as few as possible of those with one frequency move each load in turn.
+    """Return modes where as few as possible of those with equal frequency move each load in turn.
 
     Modes of equal frequency are rotated: in a pair, only one mode moves the first load. Otherwise
     the participation factors of coincident modes are arbitrary, and change with the last digit of

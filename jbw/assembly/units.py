@@ -24,10 +24,10 @@ from jbw.units import INCH, POUND_FORCE
 class ConsistentUnits(NamedTuple):
     """A system of units in which force = mass x length / time^2 without a factor."""
 
-    length: float  # [m]
-    time: float  # [s]
-    energy: float  # force x length [J]
-    names: tuple[str, str, str]  # of force, length and time units
+    length: float  # unit of length [m]
+    time: float  # unit of time [s]
+    energy: float  # unit of energy, force x length [J]
+    names: tuple[str, str, str]  # names of the units of force, length and time
 
 
 SYSTEMS = {

@@ -15,7 +15,7 @@ from jbw.verification.bands import band, within
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Draws, Laws, count_of
 
-NUM_TRIED = 64  # draws of highest density that are tried for a backbone within its bands
+NUM_TRIED = 64  # number of draws, by density, of which one must have its backbone within the bands
 ROUNDING = 1e-12  # relative tolerance for a band of zero width
 
 Bands = Mapping[str, NDArray[np.float64]]

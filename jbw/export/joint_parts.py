@@ -16,10 +16,11 @@ from jbw.oscillator.steady.backbone import backbone
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Draws, Laws
 
-PARTS = (0.25, 0.5, 1.0)  # times the largest displacement: amplitudes of the loops
-NUM_PHASES = 100  # points of half a loop
-REACH = 2.0  # range of the sliders that represent a law, in largest displacements
-NUM_POINTS = 19  # points of a skeleton curve without its origin: Ansys takes twenty in all
+PARTS = (0.25, 0.5, 1.0)  # amplitudes of the loops, relative to the largest displacement
+NUM_PHASES = 100  # number of points of half a loop
+REACH = 2.0  # range of the sliders that represent a law, in multiples of the largest displacement
+# number of points of a skeleton curve without its origin: Ansys takes twenty in all
+NUM_POINTS = 19
 
 Table = dict[str, NDArray[np.float64]]
 
@@ -72,7 +73,8 @@ def static_loops(one: Draws, y_max: float, laws: Laws, mass: float) -> Table:
     half = peaks[:, None] * np.cos(np.linspace(0.0, np.pi, NUM_PHASES + 1)[:-1])
     down = carry(_force_unloading, one, jnp.asarray(peaks), jnp.asarray(half), laws)[0]
     even = carry(_even_force, one, jnp.asarray(half), laws)[0]
-    # Loading is unloading turned about the origin, except for even forces; its end closes the loop.
+    # For loading, the unloading curve is turned about the origin, except for even forces; its end
+    # closes the loop.
     y = np.concatenate([half, -half, half[:, :1]], axis=1)
     force = np.concatenate([down, 2.0 * even - down, down[:, :1]], axis=1)
     around = np.repeat(peaks, y.shape[1])

@@ -39,12 +39,12 @@ from jbw.verification.predictive_basis import (
     parameter_names,
 )
 
-NUM_DRAWS = 1000  # draws of the backbone
+NUM_DRAWS = 1000  # number of draws from which the bands of the backbone are computed
 NUM_AMPLITUDES = 100
 MARKS = tuple(f"q{1000 * q:03.0f}" for q in QUANTILES)
-NAMES = ("frequency", "damping", "force")  # quantities of the backbone
+NAMES = ("frequency", "damping", "force")  # quantities of which the backbone consists
 COLUMNS = ("frequency_hz", "damping_ratio", "force_n")
-# The parts of the whole joint in addition to the parameters of its laws.
+# Parameters of the whole joint in addition to those of its laws.
 LINEAR = (
     Quantity("mass", "m", "kg", "modal mass", 0.0),
     Quantity("spring", "k", "N/m", "stiffness of the spring parallel to the laws"),
@@ -59,21 +59,24 @@ class Export:
     Parameters are also stated in those other conventions that have the joint's law.
     """
 
-    about: tuple[str, ...]  # the run's verdict and the number of this draw, one line each
+    about: tuple[str, ...]  # lines on the run's verdict and on the number of the exported draw
     joint: dict[str, float]  # parameters of the exported draw
-    # Rows with convention, parameter, unit, value, sd and quantiles.
+    # rows with convention, parameter, unit, value, sd and quantiles
     parameters: list[dict[str, Any]]
-    backbone: Table  # amplitude; frequency, damping and force of this draw, with bands of all draws
-    loop: Table  # largest displacement, displacement and static force of this draw
+    # columns: amplitude; frequency, damping and force of this draw, with bands of all draws
+    backbone: Table
+    loop: Table  # columns: largest displacement, displacement and static force of this draw
     draws: Draws
     materials: tuple[Material, ...]  # OpenSees materials, in parallel; empty if a law has none
     laws: Laws
-    linear: dict[str, float]  # `LINEAR`: mass, and spring and dashpot parallel to the laws
-    skeleton: Table  # displacement; force of spring and laws, equivalent spring and dashpot
+    # `LINEAR` parameters: mass, and the spring and dashpot parallel to the laws
+    linear: dict[str, float]
+    # columns: displacement; force of spring and laws, equivalent spring and dashpot
+    skeleton: Table
     products: dict[str, float]  # products of this draw, which weak motion determines
     mass: float  # modal mass [kg]
     y_max: float  # largest displacement [m]
-    # Parameters of the whole joint; if empty, those of one mode's joint.
+    # Parameters of the whole joint, in the order of the file; if empty, those of one mode's joint.
     quantities: tuple[Quantity, ...] = ()
     force_unit: str = "N"
     motion_unit: str = "m"  # unit of the displacement across the joint
@@ -253,7 +256,7 @@ def verdict_of(summary: Mapping[str, Any]) -> Iterable[str]:
     else:
         why = findings[0]["reason"] if findings else messages.NO_VERDICT
     words = messages.verdict_of(str(summary.get("campaign", "")), status, why)
-    # Text from a file must not end this comment line.
+    # A line break in a text from a file must not end the comment.
     yield printable(" ".join(words.replace(" :", ":").split()))
 
 
@@ -304,7 +307,7 @@ def parameter_row(
 
 
 def _converted(theta: Mapping[str, float], laws: Laws, mass: float) -> Mapping[str, Conversion]:
-    """Return the exported oscillator's parameters in other conventions, for a single law."""
+    """Return the oscillator's parameters in other conventions that exist for its single law."""
     joint = oscillator_of(theta, laws)
     if len(joint.laws) != 1:
         return {}

@@ -42,13 +42,13 @@ from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, Draws, Laws, basis_of, count_of
 
 SI = "SI"
-UNIT_MASS = 1.0  # Laws of several joints are in newtons, not per modal mass.
+UNIT_MASS = 1.0  # The laws of several joints are in newtons, not divided by a modal mass.
 FACTOR = LINEAR[0]._replace(unit="1", meaning=messages.LAW_FACTOR)
-BACKBONE_NAMES = NAMES[:2]  # Force is left out, as it belongs to one place of the structure.
+BACKBONE_NAMES = NAMES[:2]  # Force is left out, since it belongs to one point of the structure.
 
 
 class JointCard(NamedTuple):
-    """One joint of one exported draw.
+    """One joint of one exported draw, with its degrees of freedom and units.
 
     Attributes:
         name: Name of the joint, as in its parameters, such as `bolt_1`.
@@ -187,7 +187,7 @@ def export_joints_draws(
 
 
 def refuse_options_of_one_joint(**options: Any) -> None:
-    """Raise an error if an option is given that applies to a single joint only.
+    """Raise an error if an option is given that applies only to a single joint.
 
     Raises:
         ConfigError: An option is given.
@@ -324,7 +324,7 @@ def _modal(theta: Mapping[str, Any]) -> tuple[Quantity, ...]:
 
 # -- words and tables ------------------------------------------------------------------------------
 def _modes(draw: Draws, tree: xr.DataTree) -> Iterable[str]:
-    """Yield sentences that compare each mode's fully stuck frequency with that of the matrices."""
+    """Yield sentences on each mode's fully stuck frequency: identified, and from the matrices."""
     model_hz = tree["joints"].to_dataset()["frequency_hz"].values
     pairs = zip(_modal(draw)[::2], _modal(draw)[1::2], model_hz, strict=True)
     for i, (omega, zeta, hz) in enumerate(pairs, start=1):
@@ -374,7 +374,7 @@ def _parameters(
 
 
 def _loops(cards: Sequence[JointCard]) -> Mapping[str, Sequence[Any]]:
-    """Return the steady loops of all joints in SI, one below the other in one table."""
+    """Return the steady loops of all joints in SI, in one table one below the other."""
     names = ("joint", "motion_peak", "motion", "force")
     columns: dict[str, list[Any]] = {name: [] for name in names}
     for card in cards:

@@ -1,4 +1,4 @@
-r"""The law without an assumed form: evidence from readings, bands, Masing's rule, least damping.
+r"""The law without an assumed form, from frequency and damping: evidence, bands, least damping.
 
 Laws without a form differ in the springs parallel to the sliders, and in whether damping is tied to
 the stiffness. Bands combine, in equal parts, all of these laws whose evidence is within 5 nats of
@@ -28,22 +28,24 @@ from jbw.freeform.tempering import PARTICLES, Tempered, temper
 from jbw.measurement.readings.statement import RecordTable
 
 QUANTILES = 0.005, 0.5, 0.995
-CALLED = 5.0  # nats of evidence required to say that Masing's rule holds, or is broken
-INSIDE = 6.63  # increase of the sum of squares: the 99 % interval of one quantity
-SPRINGS = (), ("cubic",), ("cubic", "quintic")  # in parallel to the sliders
+CALLED = 5.0  # evidence [nats] that decides for or against Masing's rule
+INSIDE = 6.63  # increase of the weighted sum of squares at the ends of one quantity's 99 % interval
+# sets of springs that act in parallel to the sliders
+SPRINGS = (), ("cubic",), ("cubic", "quintic")
 SPRINGS_OF_NAMED = (), ("cubic",)
 WITHOUT_FORM = "free", "loose"
 NAMED = "linear", "power", "iwan4"
-NAMES = {"power": "masing_power"}  # names of laws that differ from those of the prior
-PENALTY = 1e5  # weight of a bound's constraint, relative to its readings
-WIDER, HALVINGS, FIRST_TRY = 1.7, 30, 0.05  # steps that bracket a bound, and halvings between them
+NAMES = {"power": "masing_power"}  # names of laws here that differ from the names of their priors
+PENALTY = 1e5  # weight of the constraint by which a bound is computed, relative to the data
+# factor of the steps that bracket a bound, number of halvings, and size of the first step
+WIDER, HALVINGS, FIRST_TRY = 1.7, 30, 0.05
 MOST_TRIES = 60
 
 Bands = Float[np.ndarray, "quantile amplitude"]
 
 
 class FreeLawKey(NamedTuple):
-    """A law without a form: a prior of strengths with its springs."""
+    """A law without an assumed form: a prior of the sliders' strengths, and springs."""
 
     prior: str
     terms: tuple[str, ...]
@@ -56,7 +58,7 @@ class FreeLawKey(NamedTuple):
 
 @dataclass(frozen=True)
 class FreeLaw:
-    """The law of a joint from its readings alone, without an assumed form.
+    """The law of a joint from frequency and damping alone, without an assumed form.
 
     Attributes:
         rows: The readings.
@@ -72,7 +74,7 @@ class FreeLaw:
 
     @property
     def rule(self) -> str:
-        """The state of Masing's rule: "holds", "broken", or "open" if readings do not decide."""
+        """The state of Masing's rule: "holds", "broken", or "open" if the data do not decide."""
         if self.masing >= CALLED:
             return "broken"
         return "holds" if self.masing <= -CALLED else "open"
@@ -111,7 +113,7 @@ def free_law(
     seed: int = 0,
     num_particles: int = PARTICLES,
 ) -> FreeLaw:
-    """Find the law of a joint without a form from readings of frequency and damping.
+    """Find the law of a joint without an assumed form from frequency and damping.
 
     Args:
         tables: Readings, one table per record.
@@ -144,7 +146,7 @@ def free_law(
 
 
 def least_loss(rows: ReadingRows, amplitude: ArrayLike, omega_sq: Reals) -> Reals:
-    """Return the least 2 zeta omega^2, over the readings' unit, of any sliders at amplitudes [m].
+    """Return the least 2 zeta omega^2 of any sliders at amplitudes [m], in the unit of the data.
 
     Springs may act in parallel. The bound is that of a quadratic program in w >= 0, found by
     bisection of the sum of squares with the loss fixed.

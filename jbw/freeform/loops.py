@@ -27,12 +27,13 @@ from jbw.freeform.sliders import Reals
 from jbw.measurement.curves import ForcedLoop
 from jbw.measurement.readings.loop import slider_columns
 
-YIELDS, GAPS = 16, 12  # half widths and gaps of the grid, in addition to no gap
-SMALLEST = 1e-3  # half width, over the largest motion
-LARGEST = 1.0  # half width and gap, over the largest motion
-SMALLEST_GAP = 1e-2  # over the largest motion
-MOST_SAMPLES = 2000  # of all loops together: a loop is as smooth as its motion
-FEWEST = 8  # samples of a loop
+YIELDS, GAPS = 16, 12  # numbers of half widths and of gaps in the grid, not counting no gap
+SMALLEST = 1e-3  # smallest half width, relative to the largest motion
+LARGEST = 1.0  # largest half width and gap, relative to the largest motion
+SMALLEST_GAP = 1e-2  # smallest gap, relative to the largest motion
+# largest number of samples of all loops together: a loop is as smooth as its motion
+MOST_SAMPLES = 2000
+FEWEST = 8  # smallest number of samples of a loop
 
 
 @dataclass(frozen=True)

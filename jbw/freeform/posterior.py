@@ -25,21 +25,23 @@ from jbw.freeform.prior import PRIORS, Particles, SliderStrengths, StrengthPrior
 from jbw.freeform.rows import ReadingRows
 from jbw.freeform.sliders import Matrix, Reals, SliderGrid
 
-SPRINGS = {"quadratic": 1, "cubic": 2, "quintic": 4}  # powers of the amplitude in omega^2
-DAMPERS = {"quadratic_damping": 1}  # power of the amplitude in 2 zeta omega^2
-# Standard deviation of a term's effect at the largest amplitude, over the readings' change.
+# powers of the amplitude with which springs change omega^2
+SPRINGS = {"quadratic": 1, "cubic": 2, "quintic": 4}
+# power of the amplitude with which a damper changes 2 zeta omega^2
+DAMPERS = {"quadratic_damping": 1}
+# prior sd of a term's effect at the largest amplitude, relative to the change of the data
 TERM = 2.0
-# Penalty [nats] per share by which strengths exceed the stiffness.
+# penalty [nats] per share by which the sliders' strengths exceed the whole stiffness
 EXHAUSTED = 1e3
-STEP = 1e-6  # of a parameter, for slopes of priors with few parameters
+STEP = 1e-6  # step of a parameter for slopes by finite differences, if a prior has few parameters
 RowColumns = Float[np.ndarray, "_ _"]
-# Prior of ln of the relative scatter between records' frequencies: a decade.
+# prior of ln of the relative variation of frequency between records: a decade
 SCATTER = np.log(2e-5), 2.3
 
 
 @dataclass(frozen=True)
 class StrengthPosterior:
-    """The likelihood and prior of the slider strengths for given readings.
+    """The likelihood and prior of the slider strengths, given frequency and damping.
 
     The parameters are those of the strengths, followed by ln of the scatter between records.
 
@@ -76,7 +78,7 @@ class StrengthPosterior:
     constant: float
 
     def left(self, w: SliderStrengths) -> Float[np.ndarray, "particle row"]:
-        """Return the whitened residual for given strengths, with linear terms projected out."""
+        """Return the whitened residual for given strengths, with the best linear terms removed."""
         made = w.of_stiffness @ self.by_stiffness.T + w.of_loss @ self.by_loss.T
         return self.readings - made - w.viscous[:, None] * self.by_viscous
 
@@ -95,7 +97,7 @@ class StrengthPosterior:
         return self._value(theta)[0]
 
     def _value(self, theta: Particles) -> tuple[Reals, SliderStrengths, RowColumns, RowColumns]:
-        """Return log likelihood, strengths, residual over its covariance, and slopes by scatter."""
+        """Return log likelihood, strengths, residual over its covariance, and slope by ln tau."""
         w = self.prior.strengths(theta[:, :-1])
         left = self.left(w)
         variance = np.exp(2 * theta[:, -1:]) * self.own_sizes**2
@@ -103,7 +105,7 @@ class StrengthPosterior:
         solved = left - (variance / (1 + variance) * along) @ self.own.T
         excess = np.maximum(w.of_stiffness.sum(axis=1) - 1.0, 0.0)
         squares = np.sum(left * solved, axis=1) + np.log1p(variance).sum(axis=1)
-        # This is the derivative of -squares/2 by ln tau.
+        # derivative of -squares/2 by ln tau
         by_scatter = variance / (1 + variance) * (along**2 / (1 + variance) - 1)
         return self.constant - 0.5 * squares - EXHAUSTED * excess, w, solved, by_scatter
 
@@ -160,7 +162,7 @@ class StrengthPosterior:
 
     @staticmethod
     def columns(rows: ReadingRows, grid: SliderGrid) -> tuple[RowColumns, RowColumns, RowColumns]:
-        """Return the readings' columns for strengths of stiffness, of loss, and viscous damping."""
+        """Return the linear problem's columns for strengths of stiffness and loss, and damping."""
         none = np.zeros((len(rows.y), len(grid.log_d)))
         return (
             np.vstack([-grid.softening(rows.y), none]),
@@ -172,7 +174,7 @@ class StrengthPosterior:
 def posterior_of(
     rows: ReadingRows, prior: str = "free", terms: Sequence[str] = ()
 ) -> StrengthPosterior:
-    """Return the posterior of a law's slider strengths for given readings.
+    """Return the posterior of a law's slider strengths, given frequency and damping.
 
     Args:
         rows: The readings.
@@ -219,7 +221,7 @@ def posterior_of(
 
 
 def _term_columns(terms: Sequence[str], ratio: Reals) -> tuple[RowColumns, RowColumns]:
-    """Return each term's columns for omega^2 and 2 zeta, at ratios to the largest amplitude."""
+    """Return the effect of each term on omega^2 and 2 zeta, at ratios to the largest amplitude."""
     springs = [ratio ** SPRINGS[name] if name in SPRINGS else 0 * ratio for name in terms]
     dampers = [ratio ** DAMPERS[name] if name in DAMPERS else 0 * ratio for name in terms]
     shape = len(ratio), len(terms)

@@ -20,12 +20,14 @@ from jbw.freeform.sliders import ABOVE, Reals, SliderGrid
 
 LEVEL, SLOPE, VISCOUS = (np.log(3e-3), 3.0), (0.0, 1.5), (np.log(2e-3), 2.0)
 ROUGHNESS = (np.log(1.2), 0.5)
-LENGTH = 2.3  # of the correlation, in ln of the half width: one decade
-FREE_LEVEL, FREE_SHAPE = 0.5, 0.4  # spread of a loss that is not tied to the stiffness
-# Priors of ln of Iwan's largest half width (spread), and of its share (mean, spread).
+LENGTH = 2.3  # correlation length of the strengths in ln of the half width: one decade
+# prior sd of level and shape of a loss that is not tied to the stiffness
+FREE_LEVEL, FREE_SHAPE = 0.5, 0.4
+# priors of ln of Iwan's largest half width (sd), and of ln of its share (mean, sd)
 CUT, SHARE = 1.5, (0.0, 1.5)
-NUGGET = 1e-3  # added to the diagonal of the correlation
-BOUNDS = -40.0, 5.0  # of ln of a strength
+# number added to the diagonal of the correlation matrix, which keeps it positive definite
+NUGGET = 1e-3
+BOUNDS = -40.0, 5.0  # bounds of ln of a strength
 
 Particles = Float[np.ndarray, "particle parameter"]
 Strengths = Float[np.ndarray, "particle bin"]
@@ -147,7 +149,7 @@ PRIORS = {
 def _bound_slopes(
     theta: Particles, by: SliderStrengths, from_middle: Reals, root: Float[np.ndarray, "bin bin"]
 ) -> Particles:
-    """Return slopes by the parameters of a form-free law, from those by ln of its strengths."""
+    """Return slopes by parameters of a law without a form, from slopes by ln of its strengths."""
     by_log = by.of_stiffness + by.of_loss
     sigma, by_xi = np.exp(theta[:, 2:3]), by_log @ root
     by_sigma = sigma[:, 0] * np.sum(by_xi * theta[:, 4:], axis=1)

@@ -22,18 +22,19 @@ from jbw.errors import DataError
 from jbw.freeform.sliders import Reals, SliderGrid, grid_for
 from jbw.measurement.readings.statement import RecordTable
 
-ROWS = 4  # per record: its table is smooth enough
-FEWEST = 4  # amplitudes: two coefficients each of frequency and damping
-FLOOR_HZ, FLOOR_ZETA = 1e-6, 3e-3  # relative, for readings without a stated error
-# Trial values of the scatter of frequencies.
+ROWS = 4  # number of rows per record, which suffices since its table is smooth
+FEWEST = 4  # smallest number of amplitudes: frequency and damping have two coefficients each
+# relative errors of frequency and damping that are assumed if none is stated
+FLOOR_HZ, FLOOR_ZETA = 1e-6, 3e-3
+# Trial values of the relative variation of frequency between records.
 SCATTERS = np.concatenate([[0.0], np.geomspace(1e-7, 1e-2, 61)])
-ROUNDS = 4  # rounds that alternate between law and scatter
+ROUNDS = 4  # number of rounds that estimate the law and this variation in turn
 
 Square = Float[np.ndarray, "row row"]
 
 
 class ReadingRows(NamedTuple):
-    """The rows of all records, in units of the mean of omega^2.
+    """Frequency and damping of all records as rows, in units of the mean of omega^2.
 
     Attributes:
         y: Amplitude of the displacement [m].
@@ -60,12 +61,12 @@ class ReadingRows(NamedTuple):
 
     @property
     def values(self) -> Reals:
-        """The stiffness and loss of all readings as one array, stiffness first."""
+        """The stiffness and loss at all amplitudes as one array, stiffness first."""
         return np.concatenate([self.stiffness, self.loss])
 
     @property
     def with_scatter(self) -> Square:
-        """The covariance that includes the records' own frequencies."""
+        """The covariance that includes the variation of frequency between records."""
         return self.covariance + self.scatter**2 * self.own @ self.own.T
 
     @property
@@ -75,7 +76,7 @@ class ReadingRows(NamedTuple):
 
 
 def rows_of(tables: Sequence[RecordTable]) -> ReadingRows:
-    """Return the rows of reading tables; the scatter between records is in their covariance.
+    """Return the rows of measured frequency and damping, with the variation between records.
 
     Raises:
         DataError: Fewer than four amplitudes, or readings that are not finite and positive.
@@ -128,7 +129,7 @@ def _rows(tables: Sequence[RecordTable]) -> ReadingRows:
     y, hz, zeta = (np.concatenate(column) for column in zip(*columns, strict=True))
     omega = 2 * np.pi * hz
     unit = float(np.mean(omega**2))
-    by_hz = 4 * np.pi * omega / unit  # change of omega^2
+    by_hz = 4 * np.pi * omega / unit  # change of omega^2 per relative change of frequency
     jacobian = np.block([
         [np.diag(by_hz), np.zeros((len(y), len(y)))],
         [np.diag(2 * zeta * by_hz), np.diag(2 * omega**2 / unit)],
@@ -159,7 +160,7 @@ def _left_by_any_law(rows: ReadingRows) -> tuple[Reals, float]:
 
 
 def _scatter(rows: ReadingRows, residual: Reals) -> float:
-    """Return the likeliest scatter of the records' frequencies, for a residual of the law."""
+    """Return the likeliest variation of frequency between records, given the residual of a law."""
 
     def penalty(scatter: float) -> float:
         covariance = rows._replace(scatter=scatter).with_scatter

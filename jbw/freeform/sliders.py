@@ -26,12 +26,12 @@ from jaxtyping import ArrayLike, Float
 Reals = Float[np.ndarray, " _"]
 Matrix = Float[np.ndarray, "amplitude bin"]
 
-# Bins per decade: with 6, a Masing law can seem to break Masing's rule.
+# number of bins per decade: with 6, a Masing law can seem to break Masing's rule
 PER_DECADE = 16
-FINE = 8  # equal sliders in a bin, so that curves are smooth in the amplitude
-# Ends of the grid, over the smallest and the largest amplitude. Sliders below a quarter of the
-# smallest amplitude slip in every reading; without them, bands at a third of it contained 75 % of
-# the truths.
+FINE = 8  # number of equal sliders in a bin, so that curves are smooth in the amplitude
+# Ends of the grid, relative to the smallest and the largest amplitude. Sliders below a quarter of
+# the smallest amplitude slip at every measured amplitude; without them, bands at a third of it
+# contained only 75 % of true values.
 BELOW, ABOVE = 1 / 20, 6.0
 
 

@@ -23,18 +23,19 @@ from jbw.freeform.prior import Particles
 from jbw.freeform.sliders import Reals
 
 PARTICLES = 500
-KEPT = 8  # moves on the posterior after which every particle is kept as a draw
-TARGET_ESS = 0.5  # share of particles that remain effective after a step of the temperature
-MOVES = 2  # trajectories at every temperature
-STEPS = 8  # per trajectory
+KEPT = 8  # number of moves on the posterior after which every particle is stored as a draw
+TARGET_ESS = 0.5  # part of the particles that still counts after a step of the temperature
+MOVES = 2  # number of trajectories at every temperature
+STEPS = 8  # number of steps of each trajectory
 JITTER = 0.2  # relative variation of a step's size
 TARGET_ACCEPT = 0.8
-GAIN = 0.5  # gain of the step size's adaptation
-FIRST_STEP = 0.3  # in units of the particles' standard deviations
-NUGGET = 1e-6  # of the prior's variance: coinciding particles have no covariance
+GAIN = 0.5  # gain by which the step size follows the accepted part of trajectories
+FIRST_STEP = 0.3  # size of the first step, in units of the particles' standard deviations
+# part of the prior's variance that is added, since equal particles have no covariance
+NUGGET = 1e-6
 MOST_TEMPERATURES = 500
 BISECTIONS = 50
-IMPOSSIBLE = -1e30  # log likelihood of impossible parameters [nats]
+IMPOSSIBLE = -1e30  # log likelihood of parameters for which no motion can be computed [nats]
 # Limits of positions (in standard deviations of the prior) and of momenta: a diverging trajectory
 # ends there, and its energy causes its rejection.
 FARTHEST, FASTEST = 1e3, 1e6
@@ -91,7 +92,7 @@ def temper(
         slopes = np.nan_to_num(slopes * sd, posinf=0.0, neginf=0.0)
         return _Swarm(z, np.where(np.isfinite(value), value, IMPOSSIBLE), slopes)
 
-    # Far outside the prior, strengths overflow: such parameters are impossible.
+    # Far outside the prior, strengths overflow: such parameters count as impossible.
     with np.errstate(all="ignore"):
         return _tempered(density, mean, sd, rng, num_particles)
 
@@ -124,7 +125,7 @@ def _tempered(
 
 
 def _rise(log_likelihood: Reals, most: float) -> float:
-    """Return the rise of the inverse temperature that keeps enough effective particles."""
+    """Return the step of the inverse temperature after which enough particles still count."""
     above = log_likelihood - log_likelihood.max()
 
     def share(rise: float) -> float:

@@ -1,1 +1,1 @@
-"""The procedure under test: do its intervals contain the truth, and do its samplers agree?"""
+"""Tests of the procedure: do its intervals contain the truth, and do its samplers agree?"""

@@ -28,7 +28,7 @@ from jbw.run.netcdf import write_tree
 from jbw.study.store import Write, save_outputs, write_figure, write_json
 
 logger = logging.getLogger("jbw")
-OWN = "own"  # name of the step for a posterior of the user's own
+OWN = "own"  # name of the step if the posterior is the user's own
 REPLICATIONS = {"linear": 1000, "third_order": 1000, "opening": 1000, "joint": 200}
 NOISES = ("unknown", "known")
 # For each step: the rig's short tests, the tests of a campaign, and the resulting posterior.
@@ -37,7 +37,7 @@ DESIGNS = {
     "opening": (designs.opening, designs.opening_of, models.opening),
     "joint": (designs.joint, designs.joint_of, models.joint),
 }
-# Draws of chains that start near a fit, and of chains that cross the whole prior box.
+# numbers of draws, of chains that start near a fit, and of chains that cross the whole prior
 SHORT = {"num_warmup": 30, "num_samples": 125}
 LONG = {"num_warmup": 500, "num_samples": 500}
 COUNTS = {
@@ -56,7 +56,7 @@ class Sbc:
     """The result of a calibration by `sbc`."""
 
     calibration: Calibration  # ranks, coverage, failures and the verdict
-    tree: xr.DataTree  # the labelled ranks
+    tree: xr.DataTree  # the ranks, with labels
     record: dict[str, Any]  # all numbers as plain values, as in `sbc.json`
 
 
@@ -167,7 +167,7 @@ def sbc(
 def _step_of(
     step: str, campaign: Campaign | None, noise: str, report: Report
 ) -> models.CalibratedStep:
-    """Return a step of the procedure with its design, ready for calibration."""
+    """Return a step of the procedure with its simulated tests, ready for calibration."""
     of_rig, of_campaign, posterior = DESIGNS[step]
     design = of_rig() if campaign is None else of_campaign(campaign, report)
     noise_options = {"known_noise": noise == "known"} if step == "third_order" else {}
@@ -216,9 +216,9 @@ def _numbers_of(calibration: Calibration) -> dict[str, Any]:
 
 
 def suited(step: models.CalibratedStep, name: str) -> tuple[Model, Sampler, Any]:
-    """Return a sampler for one of many posteriors, with counts that suit a calibration."""
-    # If the model steps through time, or the sampler requires it, least squares find the posterior
-    # first. All other samplers cross the whole box, as they would in a campaign.
+    """Return a sampler with numbers of draws that suit a calibration by many posteriors."""
+    # If the model steps through time, or the sampler needs it, a least-squares fit finds the
+    # posterior first. All other samplers start from the whole prior, as they would in a campaign.
     sampler, model = sampler_named(name), step.model
     size = len(model.box.names)
     if sampler.needs_fit and model.search is None:
@@ -244,7 +244,7 @@ def _tree(calibration: Calibration, record: dict[str, Any]) -> xr.DataTree:
     failed = calibration.failed.astype("int8")
     variables: dict[str, Any] = {"failed": ("replication", failed, {"units": "1"})}
     for i, name in enumerate(calibration.names):
-        # In that table `h3_18Hz` is listed as the kernel h3.
+        # That table has `h3_18Hz` under the name of the kernel, h3.
         stem = "h3" if name.startswith("h3_") else name
         unit = attrs_by_name.get(stem, {"units": "1"})["units"]
         below = {"long_name": messages.rank_below(name), "units": "1", "quantity_units": unit}

@@ -1,4 +1,4 @@
-"""The designs to calibrate: a campaign's tests, noise and prior, or the virtual rig's tests.
+"""The tests that a calibration simulates: those of a campaign, or of the virtual rig.
 
 The rig's tests have a poor laser: noise of 1 mm/s, twenty times the rig's, leaves posteriors with a
 finite width, and a ridge of alpha and delta whose thickness is a hundredth of its length.
@@ -35,19 +35,21 @@ from jbw.rig.presets import PRIOR, PROBING_HZ, TRUTH
 
 GAIN = rig.LABORATORY.gain
 REPEATS = 8
-KERNEL_NOISE = 2.5e-10  # m^-2 s^6, for one repeat of 64 s with a laser noise of 1 mm/s
-Y_PEAK = (7.00e-4, 7.10e-4, 7.25e-4, 7.30e-4, 7.40e-4)  # m, at 9 N/kg
-VELOCITY_NOISE = 1e-3  # m/s
-LEVELS = (0.05, 0.20)  # V
-FS, BURST, LENGTH = 256.0, 1.75, 512  # Hz, s, samples
+# noise of the kernel for one repeat of 64 s with a laser noise of 1 mm/s [m^-2 s^6]
+KERNEL_NOISE = 2.5e-10
+Y_PEAK = (7.00e-4, 7.10e-4, 7.25e-4, 7.30e-4, 7.40e-4)  # displacements at 9 N/kg [m]
+VELOCITY_NOISE = 1e-3  # noise of the measured velocity [m/s]
+LEVELS = (0.05, 0.20)  # levels of the source [V]
+# sampling frequency [Hz], length of the sweep [s], number of samples
+FS, BURST, LENGTH = 256.0, 1.75, 512
 SWEPT_HZ = (10.0, 28.0)
-FADE = 0.25  # s at both ends: an abrupt start is not band-limited
-LINES_HZ = (16.0, 21.6, 0.05)  # first, last, spacing
-LINE_NOISE = 0.01  # noise of both components combined, over the largest line
+FADE = 0.25  # length of the fades at both ends [s]: an abrupt start is not band-limited
+LINES_HZ = (16.0, 21.6, 0.05)  # first line, last line, and spacing of lines [Hz]
+LINE_NOISE = 0.01  # noise of both components of a line combined, relative to the largest line
 
 
 class Design[Data: KernelData | Records](NamedTuple):
-    """The tests whose data are simulated; reduced data only provide the prescribed quantities."""
+    """The tests whose data are simulated; of their data only the prescribed quantities are used."""
 
     data: Data
     prior: Box  # prior of the inferred parameters
@@ -55,7 +57,7 @@ class Design[Data: KernelData | Records](NamedTuple):
 
 
 def probing(num_repeats: int = REPEATS) -> Design[KernelData]:
-    """Return the design for zeta, alpha and delta from five probing tones, in the paper's boxes."""
+    """Return tests for zeta, alpha and delta: five probing tones, with the paper's prior ranges."""
     size = len(PROBING_HZ)
     data = KernelData(
         omega=2 * np.pi * jnp.array(PROBING_HZ),
@@ -85,14 +87,16 @@ def _sweeping(noise_std: float) -> Records:
 
 
 def opening() -> Design[Records]:
-    """Return the design for gamma alone from both sweeps, in the paper's box."""
+    """Return tests for gamma alone: both sweeps, with the paper's prior range."""
     held = {name: value for name, value in truth().items() if name not in step4.NAMES}
     prior = box({name: PRIOR[name] for name in step4.NAMES})
     return Design(_sweeping(5 * VELOCITY_NOISE), prior, held)
 
 
 def joint() -> Design[Records]:
-    """Return the design for all parameters from both sweeps, in the paper's boxes.
+    """Return tests for all parameters: both sweeps, with the paper's prior ranges.
+
+    The prior ranges of omega_n extend 1 % to both sides, those of the gain 5 %.
 
     The other boxes extend 1 % about omega_n and 5 % about the gain.
     """
@@ -103,7 +107,7 @@ def joint() -> Design[Records]:
 
 
 def lines() -> tuple[FRF, Box]:
-    """Return the lines of an FRF about the resonance without leakage, and the prior of Step 2."""
+    """Return lines of an FRF about the resonance without leakage, and the prior of Step 2."""
     first, last, spacing = LINES_HZ
     freq = np.arange(first, last, spacing)
     omega_n, zeta = truth()["omega_n"], truth()["zeta"]
@@ -126,7 +130,7 @@ def truth() -> dict[str, float]:
 
 
 def probing_of(campaign: Campaign, report: Report) -> Design[KernelData]:
-    """Return the design of a campaign's Step 3: tones, displacements, noise and prior."""
+    """Return a campaign's tests for its Step 3: tones, displacements, noise and prior."""
     report(stages.design(3))
     fitted = _kernel_fit(campaign, _linear(campaign))
     counts = np.unique(np.asarray(fitted.data.num_repeats)).astype(int)
@@ -139,7 +143,7 @@ def probing_of(campaign: Campaign, report: Report) -> Design[KernelData]:
 
 
 def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
-    """Return the design of a campaign's Step 4: sweeps, noise, prior; Steps 2 and 3 are fixed."""
+    """Return a campaign's tests for its Step 4: sweeps, noise, prior; Steps 2 and 3 are fixed."""
     report(stages.design(4))
     sweeps = sweep_tests(campaign.tests, campaign.settings)
     if sweeps is None:
@@ -152,7 +156,7 @@ def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
 
 
 def joint_of(campaign: Campaign, report: Report) -> Design[Records]:
-    """Return the joint posterior's design: sweeps, noise and prior, without all other data."""
+    """Return a campaign's sweeps, noise and prior for the joint posterior, without other data."""
     seen = measured_in(campaign, report)
     posterior = posterior_of("joint", seen, report=report)
     data = posterior.data

@@ -1,5 +1,9 @@
 """The posteriors of the procedure with simulators of their data, ready for calibration.
 
+A simulator takes a random key, the true parameters and a design, and returns data in the form of
+the design. It has its own code for every law, so that a factor missing in a likelihood is not
+missing here, too.
+
 A simulator takes a key, the true parameters and a design, and returns data in the form of the
 design. The rig has its own code for every law, so that a factor missing in a likelihood is not
 missing here as well.
@@ -43,19 +47,19 @@ from jbw.quantities import DEFAULT_LAWS
 from jbw.rig.integrator import Specimen, State, doubles, runge_kutta
 from jbw.rig.law_forces import forces_of
 
-WHERE = 0.55  # share of a record after which a sweep has just passed the resonance
-LOT = 100  # replications of Step 2 between two progress messages
-DRAWS = (4, 250)  # chains and draws per chain in Step 2
+WHERE = 0.55  # part of a record after which a sweep has just passed the resonance
+LOT = 100  # number of replications of Step 2 between two progress messages
+DRAWS = (4, 250)  # numbers of chains and of draws per chain in Step 2
 NUM_RANKS = 100  # number of ranks in Step 2
-STEPS = 8  # Runge-Kutta steps between two samples
+STEPS = 8  # number of Runge-Kutta steps between two samples
 
 
 class CalibratedStep(NamedTuple):
     """A step of the procedure with everything that its calibration needs."""
 
     model: Model  # posterior, simulator, quantities, and the least-squares search for the posterior
-    batch: int  # replications that run in parallel
-    sampler: str  # the cheapest sampler that crosses this posterior
+    batch: int  # number of replications that run in parallel
+    sampler: str  # fastest sampler that finds all of this posterior from anywhere in the prior
     stepped: bool = False  # whether an evaluation steps through time, which is expensive
 
 
@@ -106,7 +110,7 @@ def _with_held(theta: Theta, design: Design[Records]) -> Theta:
 
 
 def _response(theta: Theta, data: Dataset) -> Float[Array, ""]:
-    """Return the response of the last level at one instant, shortly after the resonance."""
+    """Return the response at the last level at one time, shortly after the resonance."""
     records = cast(Records, data.parts[0])
     at = round(WHERE * records.source.shape[-1])
     return records.predict({**data.held, **theta})[-1, at]
@@ -156,14 +160,14 @@ def calibrate_linear(
 def _line_replication(
     key: Key[Array, ""], design: FRF, prior: Box
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
-    """Return the quantities at the truth and at the draws, and whether the fit succeeded."""
+    """Return the quantities at the true values and at the draws, and whether the fit succeeded."""
     rng = generator(key)
     point = from_unit(rng.uniform(size=3), prior)
     theta = np.array([float(point[name]) for name in NAMES])
-    # The formula is repeated here, since the likelihood's own formula would hide its errors.
+    # The formula is repeated, since a call of the likelihood would hide an error in its formula.
     omega_n, zeta, gain = theta
     stiffness = omega_n**2 - design.omega**2 + 2j * zeta * omega_n * design.omega
-    # Each component has half of the variance.
+    # Real and imaginary part each have half of the variance.
     noise = rng.normal(size=(2, design.freq.size)) * np.sqrt(design.variance / 2)
     measured = replace(design, h=gain / stiffness + noise[0] + 1j * noise[1])
     try:
@@ -184,7 +188,7 @@ def _line_log_likelihood(theta: Float[np.ndarray, "... 3"], measured: FRF) -> ND
 
 
 def measured_records(key: Key[Array, ""], theta: Theta, design: Records) -> Records:
-    """Simulate noisy repeats: v + sigma eta / sqrt(K), with scatter sigma^2 chi^2_(N (K - 1))."""
+    """Simulate noisy repeats: v + sigma eta / sqrt(K), and variance sigma^2 chi^2_(N (K - 1))."""
     key_mean, key_within = jax.random.split(key)
     count, size = design.groups.num_repeats, design.source.shape[-1]
     noise_std = design.groups.noise_std
@@ -209,11 +213,11 @@ def motion(
 
     The time integration uses Runge-Kutta steps.
     """
-    # The spectrum of the samples defines the force between them; the force is at rest at both ends.
+    # The force between samples follows from the spectrum of the samples; both ends are at rest.
     joint = oscillator_of(theta, laws)
     specimen = Specimen(joint.omega_n, joint.zeta, forces_of(joint.laws, jnp.asarray))  # pyright: ignore[reportArgumentType]
     h, size = 1 / (fs * STEPS), force.shape[-1]
-    # Zero padding of the spectrum gives the input at the ends and in the middle of the steps.
+    # Zeros added to the spectrum give the input at the ends and in the middle of the steps.
     fine = jnp.fft.irfft(jnp.fft.rfft(force), 2 * STEPS * size) * 2 * STEPS
     ends = jnp.concatenate([fine, fine[:1]])
     at = jnp.stack([ends[:-1:2], ends[1::2], ends[2::2]], axis=-1).reshape(size, STEPS, 3)

@@ -50,11 +50,12 @@ class Comparison:
 
 
 class Drawn(NamedTuple):
-    """The draws of a sampler's last call, and the duration of its calls."""
+    """The draws of a sampler's last call, and how long its calls took."""
 
     tree: xr.DataTree
-    cold_s: float  # including compilation
-    warm_s: float | None = None  # seconds of the second call, with another key, if there was one
+    cold_s: float  # seconds of the first call, with compilation
+    # seconds of the second call, with another random key, if there was one
+    warm_s: float | None = None
 
 
 def compare(
@@ -150,7 +151,7 @@ def suited(posterior: Posterior) -> tuple[str, ...]:
         for sampler in SAMPLERS.values()
         if sampler.suits(size) and (sampler.suits_costly or not posterior.stepped)
     ]
-    # The exact sampler comes first, because it is the reference for the others.
+    # The exact sampler comes first, because the others are compared with it.
     return tuple(
         sampler.name
         for sampler in sorted(suitable, key=lambda sampler: sampler.most_parameters is None)
@@ -169,9 +170,10 @@ def _drawn(
     num_warmup, num_samples = entry.draws if posterior.stepped else entry.cheap_draws
     best = posterior.fit
     coordinates = None
-    if posterior.stepped:  # all chains start at the fit, as the procedure's own chains do
+    if posterior.stepped:  # All chains start at the fit, as in an identification.
         coordinates = in_box(posterior.box, best.theta, best.covariance, num_chains)
-    elif not entry.from_prior:  # along the ridge of the fit; the other samplers cross the whole box
+    # These chains start along the ridge of the fit; other samplers start from the whole prior.
+    elif not entry.from_prior:
         coordinates = along_ridge(best.theta, best.covariance, posterior.box)
     parallel = "parallel" if jax.device_count() > 1 and num_chains % 2 == 0 else "sequential"
     request = SamplingRequest(
@@ -180,7 +182,8 @@ def _drawn(
     )  # fmt: skip
     target = Target(posterior.log_likelihood, posterior.box, posterior.data)
     supervision = Supervision(progress=lambda so_far: watch(sampler, so_far))
-    exact = entry.most_parameters is not None  # an exact sampler would only repeat itself
+    # A second call of an exact sampler would return the same.
+    exact = entry.most_parameters is not None
     calls, seconds = jax.random.split(key)[: 2 if twice and not exact else 1], []
     for key in calls:
         started = perf_counter()
@@ -256,10 +259,11 @@ def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:
 
     Values that cannot be computed are None. Vehtari et al. (2021), Bayesian Analysis 16, 667.
     """
-    # Takes a second to import and is needed only here.
+    # The import takes a second and is needed only here.
     from arviz_stats.base.array import array_stats
 
-    stats: Any = array_stats  # its annotations include tuples, which are never returned here
+    # The annotations of this function include tuples, which it never returns here.
+    stats: Any = array_stats
     row = {"mean": np.mean(draws), "sd": np.std(draws, ddof=1)}
     row |= {name: np.quantile(draws, probability) for name, probability in QUANTILES.items()}
     diagnostics = diagnose(draws)
@@ -294,7 +298,7 @@ def worst_ess(rows: Mapping[str, Row]) -> float | None:
 
 
 def reference_of(rows: Mapping[str, Mapping[str, Row]]) -> str:
-    """Return the sampler of the largest worst effective size, if possible with agreeing chains."""
+    """Return the sampler with the largest effective size, if possible one whose chains agree."""
 
     def agrees(sampler: str) -> bool:
         r_hats = [row["r_hat"] for row in rows[sampler].values()]
@@ -324,7 +328,7 @@ def distance(
 
 
 def furthest(rows: Sequence[Row]) -> float | None:
-    """Return the largest absolute value of all standardised distances; None without distances."""
+    """Return the largest standardised distance, by absolute value; None if there is none."""
     scores = [row.get(f"z_{name}") for row in rows for name in QUANTITIES]
     sizes = [abs(value) for value in scores if value is not None]
     return max(sizes) if sizes else None

@@ -1,4 +1,4 @@
-r"""The answers of a comparison of laws: the best law, and the laws distinguished from it.
+r"""The results of a comparison of laws: the best law, and the laws distinguished from it.
 
 $$\Delta = \sum_r (\mathrm{elpd}_r - \mathrm{elpd}^{\,0}_r), \qquad
   \mathrm{se} = \sqrt{n}\ \mathrm{sd}_r(\mathrm{elpd}_r - \mathrm{elpd}^{\,0}_r)$$
@@ -18,19 +18,24 @@ from jaxtyping import Float
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.report.messages import laws
 
-FEWEST_RUNS = 5  # runs from which the standard error of differences is reliable
-APART = 2.0  # standard errors of a difference from which laws are distinguished
-OFF = 3.0  # possible error of a rough score over its difference to the score of fits
-NATS = 5.0  # difference of log evidence that distinguishes laws if there are too few runs
-AS_GOOD = 1.1  # error over the least one up to which laws predict a target equally well
-TARGETS = (laws.OUTWARD, laws.ACROSS)  # targets with separate errors
-NEAR_FLOOR = 1.2  # error over the scatter of the repeats' mean that is close to it
+FEWEST_RUNS = 5  # number of runs from which on the standard error of differences is reliable
+APART = 2.0  # number of standard errors by which the scores of distinguished laws differ
+# A score with poor weights may be off by this multiple of its difference to the score of fits.
+OFF = 3.0
+# difference of log evidence that distinguishes laws, if there are too few runs for scores
+NATS = 5.0
+# Laws predict a target equally well if their error is at most this multiple of the least one.
+AS_GOOD = 1.1
+# targets of predictions for which laws have separate errors: stronger tests, other kinds of test
+TARGETS = (laws.OUTWARD, laws.ACROSS)
+# An error up to this multiple of the standard deviation of the repeats' mean is close to noise.
+NEAR_FLOOR = 1.2
 
 Row = Mapping[str, Any]
 
 
 def compare_rows(rows: dict[str, dict[str, Any]], scores: Mapping[str, np.ndarray]) -> None:
-    """Add differences to the best law, weight and answer to the row of each law."""
+    """Add differences to the best law, weight and result to the row of each law."""
     by_runs = bool(scores) and len(next(iter(scores.values()))) >= FEWEST_RUNS
     best = _best(rows, scores, by_runs=by_runs)
     apart = differences(scores, best) if scores else {}
@@ -64,7 +69,7 @@ def _best(rows: Mapping[str, Row], scores: Mapping[str, np.ndarray], *, by_runs:
 
 
 def _may_be_off(row: Row) -> float:
-    """Return the possible error of a score of left-out runs with poor weights [nats]."""
+    """Return the possible error of a law's score, where its importance weights are poor [nats]."""
     return OFF * row["elpd_doubt"] if _is_rough(row, by_runs=True) else 0.0
 
 
@@ -75,7 +80,10 @@ def _is_rough(row: Row, *, by_runs: bool) -> bool:
 
 
 def _answer(row: Row, best: Row, *, by_runs: bool) -> str:
-    """Return a law's answer compared with the best: worse, not told apart or not judged.
+    """Return a law's result compared with the best: worse, not told apart or not judged.
+
+    A law with poor importance weights is not judged, unless its score is lower by more than its
+    possible error, or the law does not fit at all (`hopeless`) and so is worse in any case.
 
     A law with a rough score is not judged, unless it lies farther behind than its possible error,
     or is hopeless and thus worse in any case.
@@ -122,8 +130,8 @@ def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float
 
     if len(scores) == 1:
         return dict.fromkeys(scores, 1.0)
-    # Scores are relative to the best law of each run: the weights are the same, and no exponential
-    # overflows.
+    # Scores are taken relative to the best law of each run: this leaves the weights unchanged, and
+    # no exponential overflows.
     best = np.max(list(scores.values()), axis=0)
     scores = {name: of_runs - best for name, of_runs in scores.items()}
     elpd = {
@@ -139,7 +147,7 @@ def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float
 
 
 def errors_on(rows: Mapping[str, Row], target: str) -> dict[str, float]:
-    """Return laws' known errors on the highest level, or on the worst kind of unfitted test."""
+    """Return laws' measured errors at the highest level, or on the worst kind of unfitted test."""
     if target == laws.OUTWARD:
         errors = {name: row.get("error_highest") for name, row in rows.items()}
     else:
@@ -193,7 +201,7 @@ def statements(record: Row) -> list[str]:
 
 
 def _of_answers(rows: Mapping[str, Row], best: str) -> Iterator[str]:
-    """Yield sentences on laws that data distinguish from the best, and on laws not judged."""
+    """Yield sentences on laws that are distinguished from the best, and on laws not judged."""
     if near := _names(rows, "not told apart"):
         yield laws.equivalent(near)
     if worse := _names(rows, "worse"):
@@ -217,7 +225,7 @@ def _of_targets(rows: Mapping[str, Row], best: str) -> Iterator[str]:
 
 
 def _of_errors(record: Row, best: str) -> Iterator[str]:
-    """Yield sentences on the best law's error versus repeats' scatter and linear oscillators."""
+    """Yield sentences on the best law's error, next to repeats and a linear oscillator."""
     if (floor := record["floor"]) is not None and floor > 0:
         error = record["laws"][best]["error"]
         yield laws.against_repeats(best, error, floor, near=error / floor < NEAR_FLOOR)
@@ -246,7 +254,9 @@ def _of_rough_scores(rows: Mapping[str, Row]) -> Iterator[str]:
 
 
 def _of_unseen(rows: Mapping[str, Row]) -> Iterator[str]:
-    """Yield sentences on laws that predict held-out tests best, within, beyond or across kinds.
+    """Yield sentences on which law predicts held-out tests best, by amplitude or kind of test.
+
+    Tests within the fitted amplitudes, beyond them, and of other kinds are stated separately.
 
     Within and beyond refer to the largest fitted motion.
     """
@@ -263,7 +273,7 @@ def _of_unseen(rows: Mapping[str, Row]) -> Iterator[str]:
 
 
 def _of_offsets(best: str, shared: Row | None) -> Iterator[str]:
-    """Yield the sentence on the best law if the sessions shared omega_n and zeta."""
+    """Yield the sentence on the best law's fit if all sessions had the same omega_n and zeta."""
     if shared is None:
         return
     moved = [

@@ -69,21 +69,21 @@ from jbw.verification.predictive_basis import basis_of
 
 logger = logging.getLogger("jbw")
 
-# Laws that are tried if none are named, as far as they are registered: none, elastic ones, a smooth
-# pair that loses energy, and hysteretic ones alone and with an elastic one.
+# Laws that are compared by default, if they are registered: none, elastic laws, a smooth pair that
+# dissipates energy, and hysteretic laws without and with an elastic one.
 USUAL = (
     "", "cubic", "quadratic + quadratic_damping", "bouc_wen", "bouc_wen + cubic", "bouc_wen_nu",
     "iwan4", "iwan4 + cubic", "masing_power + cubic", "jenkins_3",
 )  # fmt: skip
-OF_LOOPS = ("gap_series",)  # additional law for tests with prescribed displacement
-NUM_DRAWS = 50  # draws for the curves' bands
+OF_LOOPS = ("gap_series",)  # further law that is compared in tests with prescribed displacement
+NUM_DRAWS = 50  # number of draws from which bands of the curves are computed
 NUM_AMPLITUDES = 40
-FREE_PARTICLES = 1000  # particles of the free-form law
-# Random keys of the posterior, and of the scores of held-out runs.
+FREE_PARTICLES = 1000  # number of particles for the law without an assumed form
+# Keys of the random numbers of the posterior, and of the scores of held-out runs.
 Keys = Key[Array, " two"] | Sequence[Key[Array, ""]]
-NUM_POINTS = 101  # points of half a loop
-MOST_PARTS = 100  # most parts of a record whose rms is shown
-NUM_ERROR_DRAWS = 20  # draws whose median gives an error
+NUM_POINTS = 101  # number of points of half a loop
+MOST_PARTS = 100  # largest number of sections of a record whose rms is shown
+NUM_ERROR_DRAWS = 20  # number of draws from which the median of an error is computed
 
 
 class Weighed(NamedTuple):
@@ -91,13 +91,14 @@ class Weighed(NamedTuple):
 
     candidate: Candidate
     draws: xr.DataTree
-    left_out: LeftOut | None  # None if there is only one run
+    left_out: LeftOut | None  # scores of left-out runs; None if there is only one run
     wide: float | None  # log evidence under priors twice as wide
-    log_likelihood: float  # largest value [nats]
-    hopeless: bool = False  # if so, draws and scores come from fits alone
+    log_likelihood: float  # largest log likelihood [nats]
+    # whether the law does not fit at all, so that draws and scores come from fits alone
+    hopeless: bool = False
 
 
-# Draws, scores of left-out runs, and log evidence under wide priors, as in `Weighed`.
+# draws, scores of left-out runs, and log evidence under wide priors, as in `Weighed`
 Judged = tuple[xr.DataTree, LeftOut | None, float | None]
 
 
@@ -105,9 +106,9 @@ Judged = tuple[xr.DataTree, LeftOut | None, float | None]
 class LawComparison:
     """The result of `compare_laws`."""
 
-    candidates: dict[str, Candidate]  # by name, fitted to one dataset
-    tree: xr.DataTree  # scores by run and law, curves against amplitude
-    record: dict[str, Any]  # all numbers in plain values, as in `laws.json`
+    candidates: dict[str, Candidate]  # sets of laws by name, fitted to one dataset
+    tree: xr.DataTree  # scores by run and law, and curves against amplitude
+    record: dict[str, Any]  # all numbers as plain values, as in `laws.json`
 
     def predict(self, test: Test) -> xr.Dataset:
         """Predict bands on any test from all laws together, each with its weight.
@@ -220,7 +221,7 @@ def _tree(
     record: Mapping[str, Any],
     besides: Mapping[str, xr.Dataset | None],
 ) -> dict[str, xr.Dataset]:
-    """Return scores, curves, loops and residuals of all laws, and other groups, by path."""
+    """Return scores, curves, loops, residuals and posteriors of all laws, by path."""
     named = {name: law.candidate for name, law in weighed.items()}
     y_peak = max(law.fitted.y_peak for law in named.values())
     return {
@@ -238,13 +239,13 @@ def _left_out(weighed: Mapping[str, Weighed]) -> dict[str, LeftOut]:
 
 
 def _fitted_names(candidate: Candidate) -> tuple[str, ...]:
-    """Return the names of the runs and groups of data that a law was fitted to."""
+    """Return the names of the runs and data groups to which a law was fitted."""
     data = candidate.fitted.data
     return *data.runs, *data.labels
 
 
 def _offsets(key: Key[Array, ""], law: Weighed) -> xr.Dataset | None:
-    """Return the offsets of the runs under a law; None if it has none."""
+    """Return the run offsets of omega_n and zeta under a law; None without such offsets."""
     fitted = law.candidate.fitted
     return runs_dataset(key, law.draws["posterior"].to_dataset(), fitted.box.names, fitted.data)
 
@@ -276,7 +277,7 @@ def _usual(campaign: Campaign) -> list[tuple[str, ...]]:
 
 
 def _chosen(laws: Sequence[str | Sequence[str]]) -> list[tuple[str, ...]]:
-    """Return each named set of laws once."""
+    """Return each named set of laws once, without repeated ones."""
     parted = (_parts(names) if isinstance(names, str) else tuple(names) for names in laws)
     sets = list(dict.fromkeys(parted))
     for names in sets:
@@ -348,7 +349,7 @@ def _curves(weighed: Mapping[str, Weighed], y_peak: float) -> xr.Dataset:
 
 
 def _hopeless(rows: Mapping[str, Mapping[str, Any]]) -> tuple[str, list[bool], dict[str, str]]:
-    """Return which laws are judged by their fits alone, as a variable."""
+    """Return which laws fit so badly that only their fits are judged, as a variable."""
     attrs = {"long_name": messages.VARIABLES["hopeless"]}
     return "law", [row["hopeless"] for row in rows.values()], attrs
 
@@ -370,6 +371,8 @@ def _shared_runs(
     report: Report,
 ) -> dict[str, Any] | None:
     """Fit laws without run offsets; return the best law's parameters and all laws' errors.
+
+    The result is None if no run has offsets.
 
     The result is None if the runs have no offsets.
     """
@@ -393,6 +396,8 @@ def weigh(
     parts: Parts = unkept,
 ) -> tuple[dict[str, Weighed], dict[str, str]]:
     """Draw and score each law; also return the laws that fail, with the reason.
+
+    Laws that do not fit at all are scored by their fits alone.
 
     Hopeless laws are scored by their fits alone.
     """
@@ -433,7 +438,7 @@ def _by_draws(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
 
 
 def _by_fit(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
-    """Return a hopeless law's draws and scores from its fits alone."""
+    """Return draws and scores from the fit alone, for a law that does not fit at all."""
     held_out = left_out_of_fits(candidate) if several else None
     return evidence.about_fit(keys[0], candidate), held_out, None
 
@@ -471,7 +476,7 @@ def row_of(weighed: Weighed) -> dict[str, Any]:
 
 
 def loops(named: Mapping[str, Candidate], y_peak: float) -> xr.Dataset:
-    """Return laws' steady force loops at the largest displacement [m], less the stuck force.
+    """Return laws' steady force loops at the largest displacement [m], minus the fully stuck force.
 
     Each loop is the force minus that of the stuck spring, on the way down from y = Y and up again,
     at the fit of the law. Dampers have no effect at this slow motion.
@@ -522,7 +527,7 @@ def residuals(named: Mapping[str, Candidate], highest: str | None) -> xr.Dataset
 
 
 def unseen(tests: Sequence[Test], runs: Sequence[str]) -> list[Test]:
-    """Return the measured tests that have no fitted run."""
+    """Return the measured tests of which no run was fitted."""
     return [
         test
         for test in tests
@@ -581,7 +586,7 @@ def held_out_errors(
 
 
 def errors_apart(errors: xr.Dataset | None, law: str, best: str) -> dict[str, Any]:
-    """Return a law's rms errors on held-out tests within and beyond the fitted motion."""
+    """Return a law's rms errors on held-out tests within and above the fitted amplitudes."""
     if errors is None:
         return {"error_held_out": None, "error_beyond": None}
     law_errors = errors["error"].sel(law=law).values

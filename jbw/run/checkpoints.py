@@ -1,4 +1,4 @@
-"""The checkpoints of chains in two generations, so that a stop or a crash loses nothing."""
+"""The checkpoints of chains in two alternating files, so that a stop or a crash loses nothing."""
 
 import hashlib
 import io
@@ -21,19 +21,19 @@ from jbw.report.messages import run as messages
 from jbw.run.files import write_whole
 
 MAGIC = b"jbw-checkpoint-1"
-EVERY_S = 5.0  # shortest time between two savings [s]
-COST = 0.02  # largest share of the run time for savings
+EVERY_S = 5.0  # shortest time between two checkpoints [s]
+COST = 0.02  # largest part of the run time that writing checkpoints may take
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-INTERRUPTED = 5  # exit code
+INTERRUPTED = 5  # exit code of an interrupted command
 Watch = Callable[[str, Any], None]
 
 
 class Interruption:
-    """The state of a request to stop a run, and whether the run waits for a saving to do so."""
+    """The state of a request to stop a run, and whether the run first waits for a checkpoint."""
 
     def __init__(self) -> None:
         self.asked = False
-        self.waits = False  # Chains are growing, and the next saving will contain them.
+        self.waits = False  # Chains are being drawn, and the next checkpoint will contain them.
 
     def _ask(self, number: int, frame: FrameType | None) -> None:
         self.asked = True
@@ -42,7 +42,7 @@ class Interruption:
 
     @contextmanager
     def heard(self, farewell: Callable[[], str]) -> Iterator[None]:
-        """Handle Ctrl-C and SIGTERM; print the farewell before the process ends.
+        """Handle Ctrl-C and SIGTERM; print a last message before the process ends.
 
         Python runs a handler only between two of its own instructions, which compiled chains may
         not reach for a long time. A separate thread therefore receives the signals at once: it
@@ -79,7 +79,7 @@ class Interruption:
 
 
 class Generation(NamedTuple):
-    """The content of a checkpoint: the number of earlier ones, and its arrays."""
+    """The content of a checkpoint: how many were written before it, and its arrays."""
 
     number: int
     arrays: dict[str, np.ndarray]
@@ -94,7 +94,7 @@ def pack(number: int, arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def unpack(content: bytes) -> Generation | None:
-    """Return a checkpoint from its bytes; None where they are incomplete or changed."""
+    """Return a checkpoint from its bytes; None if they are incomplete or changed."""
     head, _, rest = content.partition(b"\n")
     if head != b"%s %s" % (MAGIC, hashlib.sha256(rest).hexdigest().encode()):
         return None
@@ -146,7 +146,7 @@ class Checkpoint:
         self._watch(self._name, so_far)
 
     def due(self) -> bool:
-        """Return whether to save a checkpoint now: on a stop request, or if it is time."""
+        """Return whether to save a checkpoint now: on a stop request, or after enough time."""
         self._interruption.waits = True
         if self._interruption.asked:
             return True

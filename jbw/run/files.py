@@ -7,8 +7,8 @@ from pathlib import Path
 
 from jbw.errors import RunError
 
-ROOM = 50 * 2**20  # bytes that a run may need for posterior, report and checkpoints
-ROOM_OF_RIG = 300 * 2**20  # the same with the records of the virtual rig
+ROOM = 50 * 2**20  # bytes that a run may need on disk for posterior, report and checkpoints
+ROOM_OF_RIG = 300 * 2**20  # the same, with the records of the virtual rig
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -68,7 +68,7 @@ def require_room(folder: Path, room: int = ROOM) -> None:
     """Raise an error before any work if a folder's disk has less free space than `room` bytes."""
     made = next(place for place in (folder, *folder.absolute().parents) if os.path.exists(place))
     total, _, free = shutil.disk_usage(made)
-    if total > 0 and free < room:  # Some file systems state no size.
+    if total > 0 and free < room:  # Some file systems do not state their size.
         raise RunError(
             f"The disk of {folder} has {free / 2**20:.0f} MB left, but a run may need "
             f"{room / 2**20:.0f} MB.",

@@ -1,4 +1,4 @@
-"""The folder of a run in progress: begun, resumed or finished by one process at a time."""
+"""The folder of an unfinished run, which one process at a time begins, resumes or finishes."""
 
 import errno
 import json
@@ -28,13 +28,13 @@ from jbw.run.manifest import (
 if TYPE_CHECKING:
     from filelock import BaseFileLock
 
-HIDDEN = ".run"  # folder next to the results, until these are complete
+HIDDEN = ".run"  # folder for unfinished work, below the results
 MANIFEST, LOCK, SPENT = "manifest.json", "lock", "spent_s"
 RESULT = {
     "posterior.nc", "summary.json", "figures", "report.html", "interactive.html", "brief.pdf"
 }  # fmt: skip
-OF_RIG = "campaign/campaign.toml"  # campaign of the virtual rig, below the run's folder
-HOLDER = ".holder"  # suffix of a file next to a lock's file, which names the process with the lock
+OF_RIG = "campaign/campaign.toml"  # campaign file of the virtual rig, below the run's folder
+HOLDER = ".holder"  # suffix of the file that states which process has the lock
 UNSUPPORTED = {errno.ENOTSUP, errno.ENOLCK, errno.ENOSYS}  # Some network folders support no locks.
 
 
@@ -45,11 +45,10 @@ def lock(file: Path, folder: Path) -> "BaseFileLock":
         RunError: Another process holds the lock; the message names it as far as known.
         OSError: The file cannot be written.
     """
-    # A command that only prints its help must not wait for the import.
+    # A command that only prints its help must not wait for this import.
     from filelock import FileLock, Timeout
 
-    # Locks by a file's existence are not used: a file that a dead process left would block the
-    # next.
+    # The lock is not the existence of a file: a file left by a dead process would block the next.
     held = FileLock(file, timeout=0, thread_local=False, fallback_to_soft=False)
     try:
         held.acquire()
@@ -62,7 +61,7 @@ def lock(file: Path, folder: Path) -> "BaseFileLock":
     except OSError as error:
         if error.errno not in UNSUPPORTED:
             raise
-    # This file is separate, since Windows lets no other process read a locked file.
+    # This is in another file, since Windows lets no other process read a locked file.
     holder = {"pid": os.getpid(), "host": platform.node()}
     file.with_suffix(HOLDER).write_text(json.dumps(holder), encoding="utf-8")
     return held
@@ -93,7 +92,7 @@ def _locked(folder: Path) -> "Iterator[BaseFileLock]":
 
 
 class Run:
-    """A run that this process may write while it has the lock; fresh if it begins in this process.
+    """A run that this process may write while it has the lock; `fresh` if it began in this process.
 
     The manifest states the request and the inputs read so far; `watch` is called with the name of a
     posterior and the progress of its chains.
@@ -120,11 +119,11 @@ class Run:
         return self.folder / self.manifest.campaign
 
     def keep(self, name: str) -> Checkpoint:
-        """Return the checkpoint that stores the chains of the posterior with this name."""
+        """Return the checkpoint in which the chains of the posterior with this name are stored."""
         return Checkpoint(self.folder / HIDDEN, name, self.interruption, self.watch)
 
     def note(self, manifest: Manifest) -> None:
-        """Replace the run's manifest by one with newly known facts."""
+        """Write the run's manifest anew, with newly known facts."""
         if manifest != self.manifest:
             write_manifest(self.folder / HIDDEN / MANIFEST, manifest)
         self.manifest = manifest
@@ -132,7 +131,7 @@ class Run:
     def finish(self) -> None:
         """Remove the files that only an unfinished run needs."""
         (self.folder / HIDDEN / MANIFEST).unlink(missing_ok=True)
-        # Windows removes no open file; a new process may not begin in a folder with results.
+        # Windows does not remove open files; no other process may begin in a folder with results.
         self._held.release()
         shutil.rmtree(self.folder / HIDDEN, ignore_errors=True)
 
@@ -146,7 +145,7 @@ class Run:
 
     @property
     def spent(self) -> float:
-        """The time that earlier processes spent on the run, as far as they recorded it [s]."""
+        """The time that earlier processes spent on the run, if they recorded it [s]."""
         try:
             return float((self.folder / HIDDEN / SPENT).read_text(encoding="utf-8"))
         except (OSError, ValueError):
@@ -161,7 +160,7 @@ class Run:
 
 
 def begin(folder: Path, manifest: Manifest) -> Run:
-    """Begin a run in a new or empty folder, or over a first answer, and lock the folder."""
+    """Begin a run in a new or empty folder, or over the result of a fit alone, and lock it."""
     unfinished = folder / HIDDEN / MANIFEST
     if not unfinished.exists():
         _require_empty(folder)
@@ -177,7 +176,7 @@ def begin(folder: Path, manifest: Manifest) -> Run:
                 why="Results of two runs must not be mixed.",
                 remedy=f"Go on with it: jbw resume {folder}. Or choose another with --out.",
             )
-        _require_empty(folder)  # Another process may have begun before this one got the lock.
+        _require_empty(folder)  # Another process may have begun a run before this one got the lock.
         write_manifest(unfinished, manifest)
     return Run(folder, manifest, held, fresh=True)
 
@@ -210,7 +209,8 @@ def reopen(folder: Path, *, allow_outside: bool = False) -> Run | None:
     """
     if not (folder / HIDDEN / MANIFEST).exists():
         if (folder / "summary.json").exists():
-            shutil.rmtree(folder / HIDDEN, ignore_errors=True)  # A kill interrupted its removal.
+            # A kill may have interrupted the removal of this folder.
+            shutil.rmtree(folder / HIDDEN, ignore_errors=True)
             return None
         raise RunError(
             f"The folder {folder} holds no run to go on with.",
@@ -233,9 +233,10 @@ def reopen(folder: Path, *, allow_outside: bool = False) -> Run | None:
 
 
 def require_same(run: Run) -> str | None:
-    """Raise an error if a run's inputs changed; return a warning if only the machine did."""
+    """Raise an error if a run's inputs changed; return a warning if only the machine changed."""
     is_whole = (run.folder / "summary.json").exists() and not is_first_answer(run.folder)
-    if not is_whole:  # A complete result needs only its report.
+    # A complete result needs only its report, which does not depend on the inputs.
+    if not is_whole:
         require_unchanged(run.manifest, run.campaign)
     was, is_ = run.manifest.machine, machine()
     if was == is_:

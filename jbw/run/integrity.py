@@ -9,8 +9,8 @@ from typing import Any
 from jbw.errors import DataError
 from jbw.run.files import hash_of
 
-SEAL = "sha256"  # field of a summary with the hashes
-MARK = "hashes"  # attribute of a posterior's file whose summary has hashes
+SEAL = "sha256"  # field of a summary that has the hashes
+MARK = "hashes"  # attribute of a posterior's file that tells that its summary has hashes
 
 
 def sealed(summary: Mapping[str, Any], posterior: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The request and the inputs of a run, which allow it to resume and show whether inputs changed."""
+"""The request and the inputs of a run, by which it can be resumed and changes are detected."""
 
 import hashlib
 import json
@@ -35,7 +35,7 @@ class Machine(TypedDict):
 
 
 def machine() -> Machine:
-    """Return facts on the machine that may affect the last bit of a draw."""
+    """Return the properties of the computer that may change the last digit of a draw."""
     return {"name": platform.node(), "processors": str(os.cpu_count())}
 
 
@@ -57,7 +57,7 @@ class Manifest:
     final: bool = False  # whether a final fit to all tests for use is requested
     figures: tuple[str, ...] = ()  # file formats of saved figures
     text: str | None = None  # content of the campaign file, once it has been read
-    # SHA-256 of every data file by its path, relative to the campaign's folder if it is below it.
+    # SHA-256 of every data file by its path, relative to the campaign's folder if inside it
     inputs: dict[str, str] | None = None
     versions: dict[str, str] = field(default_factory=versions)
     machine: Machine = field(default_factory=machine)
@@ -72,14 +72,15 @@ def write_manifest(path: Path, manifest: Manifest) -> None:
 
 def read_manifest(path: Path) -> Manifest:
     """Read an unfinished run's manifest; raise an error if it was changed or has another format."""
-    from pydantic import TypeAdapter  # The import takes a tenth of a second.
+    # The import takes a tenth of a second and is needed only here.
+    from pydantic import TypeAdapter
 
     try:
         text = path.read_text(encoding="utf-8")
         content = json.loads(text)
         intact = content.pop("sha256") == _digest(content) and content.pop("format") == FORMAT
         if intact and "\\u0000" not in text:  # No path may contain a null character.
-            Manifest(**content)  # This raises an error for unknown keys.
+            Manifest(**content)  # An error is raised here for unknown keys.
             return TypeAdapter(Manifest).validate_json(json.dumps(content), strict=True)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         pass

@@ -18,15 +18,16 @@ from xarray.conventions import encode_cf_variable, encode_dataset_coordinates
 from jbw.run.files import put_whole
 
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."
-# Prefix of a variable with the name of a dimension but other dimensions.
+# prefix of a variable that has a dimension's name but other dimensions
 RENAMED = "_nc4_non_coord_"
 OF_LAYOUT = {
     "CLASS", "NAME", "REFERENCE_LIST", "DIMENSION_LIST", "_Netcdf4Dimid", "_Netcdf4Coordinates",
     "_NCProperties", "_nc3_strict",
 }  # fmt: skip
-NO_DAMAGE = (OSError, ImportError, MemoryError)  # These errors state themselves what is wrong.
+# errors whose own message already says what is wrong
+NO_DAMAGE = (OSError, ImportError, MemoryError)
 TEXT = h5py.string_dtype()
-BLOCK = 2**22  # bytes by which the file grows in memory
+BLOCK = 2**22  # number of bytes by which the file in memory grows at a time
 
 Scales = ChainMap[str, h5py.Dataset]  # dimension scales by name; those of outer groups come last
 
@@ -39,7 +40,7 @@ def write_tree(path: Path, tree: xr.DataTree) -> None:
     """
     dimension_numbers = count()
     scales: dict[str, Scales] = {}
-    # The file is built in memory first: on a full disk HDF5 fails on closing, with an obscure
+    # The file is built in memory first: on a full disk HDF5 fails on closing, with an unclear
     # message.
     with h5py.File(
         path, "w", driver="core", backing_store=False, block_size=BLOCK, track_order=True
@@ -103,7 +104,7 @@ def _write_variable(
 
 def _write_attributes(target: h5py.Group | h5py.Dataset, attrs: Mapping[Any, Any]) -> None:
     for name, value in attrs.items():
-        # NetCDF stores a number as an array with one element.
+        # NetCDF stores a single number as an array with one element.
         target.attrs[name] = value if isinstance(value, str | list) else np.atleast_1d(value)
 
 
@@ -145,7 +146,7 @@ def _read_group(group: h5py.Group, found: Mapping[str, Any], names: dict[Any, st
     for name, item in stored.items():
         if item.is_scale and str(item.attrs.get("NAME", b""), "utf-8").startswith(NO_VARIABLE):
             continue
-        # The variable has other dimensions in addition to that of its name.
+        # This variable has further dimensions besides the one with its own name.
         if item.is_scale and item.ndim > 1:
             by_id = {scale.attrs.get("_Netcdf4Dimid"): called for scale, called in names.items()}
             dims = [by_id[one] for one in np.asarray(item.attrs["_Netcdf4Coordinates"])]

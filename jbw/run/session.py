@@ -22,10 +22,10 @@ import platformdirs
 from jbw.report.messages import stages
 
 COMPILED = "/jax/core/compile/backend_compile_duration"
-# Bytes of address space below which compilers and linear algebra may end the process; two cores
-# that compile use 0.7 to 1.5 GiB of it.
+# Limit of the address space [bytes] below which compilers and linear algebra may end the process;
+# compilation on two cores uses 0.7 to 1.5 GiB of it.
 RESERVED = 3.0 * 2**30
-# Duration of a compilation [s]; a shorter one frees less memory than a search is worth.
+# Compilations that take less than this [s] leave too little memory to be worth freeing.
 LONG_S = 0.3
 THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
@@ -43,7 +43,7 @@ def prepare_process() -> None:
         os.environ["XLA_FLAGS"] = f"{flags} --xla_force_host_platform_device_count=2".strip()
     import jax
 
-    # The objects that JAX traces live long; searching them for garbage takes 2 % of a run.
+    # Objects that JAX traces live long; garbage collection among them takes 2 % of a run.
     gc.set_threshold(100_000, 20, 20)
     jax.config.update("jax_enable_x64", True)
     keep_compiled()
@@ -101,7 +101,8 @@ def keep_compiled(purpose: str = "compiled") -> Path | None:
     """
     import jax
 
-    named = jax.config.jax_compilation_cache_dir  # set by the environment or by a program
+    # This may be set by the environment or by a program.
+    named = jax.config.jax_compilation_cache_dir
     digest = hashlib.sha256(instructions().encode()).hexdigest()[:12]
     versions = f"jax-{version('jax')}-{version('jaxlib')}"
     own = platformdirs.user_cache_path("jbw") / f"{purpose}-{digest}-{versions}"
@@ -119,9 +120,9 @@ def instructions() -> str:
     with suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             name, _, features = line.partition(":")
-            if name.strip() in ("flags", "Features"):  # names on x86 and on Arm
+            if name.strip() in ("flags", "Features"):  # names of this line on x86 and on Arm
                 return " ".join(sorted(features.split()))
-    # On Apple's processors only the version of the kernel names the chip.
+    # On Apple's processors, only the version of the kernel states the processor.
     return f"{platform.machine()} {platform.processor()} {platform.version()}"
 
 
@@ -135,7 +136,7 @@ def _require_writable(folder: Path) -> None:
             pass
     except OSError as error:
         warnings.warn(stages.unkept_code(str(folder), error.strerror or str(error)), stacklevel=3)
-        # JAX would warn for every program; it may still read the folder.
+        # JAX would warn for every program; it can still read from the folder.
         jax.config.update("jax_persistent_cache_min_compile_time_secs", math.inf)
         if not folder.is_dir():
             jax.config.update("jax_compilation_cache_dir", None)

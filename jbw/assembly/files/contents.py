@@ -13,7 +13,7 @@ from jbw.assembly.files.node_table import Position
 from jbw.memory import require_readable
 from jbw.report.messages import matrices as messages
 
-INDEX, ENTRY = 8, 16  # bytes of a column and of an entry of a sparse matrix
+INDEX, ENTRY = 8, 16  # bytes that a column and an entry of a sparse matrix need
 
 
 @dataclass(frozen=True)
@@ -31,17 +31,17 @@ class MatrixFile:
     nodes: Mapping[str, Position] | None = None
 
     def __post_init__(self) -> None:
-        # SciPy's compiled loops trust indices: a damaged index would end the process.
+        # SciPy's compiled loops do not check indices: a damaged index would end the process.
         for matrix in self.matrices.values():
             if sp.issparse(matrix) and matrix.format in ("csr", "csc", "bsr"):
                 matrix.check_format(full_check=True)
-                # SciPy does not check this if no entry is stored.
+                # SciPy does not check the shape of a matrix without stored entries.
                 if np.any(np.diff(matrix.indptr) < 0):
                     raise ValueError("the starts of its rows or columns do not rise")
 
 
 def require_sparse(name: str, shape: Sequence[int], entries: int) -> None:
-    """Raise if a sparse matrix needs more memory than is read at once; call it before reading.
+    """Raise if a sparse matrix needs more memory than allowed; call it before reading the matrix.
 
     Args:
         name: Name of the file.

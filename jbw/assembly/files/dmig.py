@@ -14,8 +14,8 @@ from jbw.assembly.dofs import Dof, dof_of
 from jbw.assembly.files.contents import MatrixFile, of_labels
 from jbw.errors import DataError
 
-_SHORT_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d+)$")  # 1.5+3 is 1.5e+3
-_COMPLEX = ("3", "4")  # types of complex entries
+_SHORT_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d+)$")  # Nastran writes 1.5e+3 as 1.5+3.
+_COMPLEX = ("3", "4")  # codes of complex types of entries
 
 
 def contents(path: Path) -> MatrixFile:
@@ -28,7 +28,7 @@ def contents(path: Path) -> MatrixFile:
     for name, *fields in _entries(path):
         if name not in entries:
             entries[name] = []
-        if fields[0] == "0":  # the header: form, type in, type out
+        if fields[0] == "0":  # This is the header: form, type of the entries, type of the output.
             if len(fields) > 2 and fields[2] in _COMPLEX:
                 raise DataError(
                     f"Matrix {name} of {path.name} must be real, but is complex.",

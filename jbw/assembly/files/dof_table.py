@@ -11,7 +11,7 @@ from jbw.assembly.dofs import Dof, dof_of
 from jbw.errors import DataError
 from jbw.report.messages.matrices import ROWS_OF_DOFS
 
-DOFS = "dofs"  # name of the table in files that hold several variables
+DOFS = "dofs"  # name of the table in files with several variables
 _SEPARATORS = re.compile(r"[,;\s]+")
 
 
@@ -89,13 +89,13 @@ def _cells_of(row: Any, name: str) -> list[str]:
 
 
 def _plain(cell: Any) -> str:
-    """Return the text of a cell, with a whole number such as 17.0 as 17."""
+    """Return the text of a cell, with a whole number such as 17.0 written as 17."""
     text = str(cell).strip()
     return text.removesuffix(".0") if text.endswith(".0") else text
 
 
 def _in_order(rows: list[list[str]], name: str) -> list[list[str]]:
-    """Return the lines sorted by their row number, without that number."""
+    """Return the lines of a table sorted by their row number, without that number."""
     try:
         numbers = [int(row[0]) for row in rows]
     except ValueError:

@@ -40,7 +40,8 @@ def _is_matrix(variable: Any) -> bool:
 def _v5(path: Path) -> dict[str, Any]:
     require_sound(path)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of SciPy's sparse matrices
+        # SciPy's sparse matrices raise this warning.
+        warnings.simplefilter("ignore", DeprecationWarning)
         loaded = scipy.io.loadmat(path, chars_as_strings=True)
     return {name: _cells(x) for name, x in loaded.items() if not name.startswith("__")}
 
@@ -67,7 +68,7 @@ def _read73(file: h5py.File, node: Any) -> Any:
         rows, starts = int(np.ravel(size)[0]), _loaded(of["jc"])
         entries = of["data"].size if "data" in of else 0
         require_sparse(Path(file.filename).name, (rows, starts.size - 1), entries)
-        if "data" not in of:  # a sparse matrix of zeros
+        if "data" not in of:  # This is a sparse matrix of zeros.
             return sp.csc_array((rows, starts.size - 1))
         parts = (_loaded(of["data"]), _loaded(of["ir"]), starts)
         return sp.csc_array(parts, shape=(rows, starts.size - 1))

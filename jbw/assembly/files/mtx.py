@@ -21,7 +21,8 @@ from jbw.errors import DataError
 from jbw.memory import require_readable
 from jbw.report.messages import matrices as messages
 
-_EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # as Fortran writes it
+# exponents as Fortran writes them, such as 1.5D+3
+_EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")
 
 
 def contents(path: Path) -> MatrixFile:
@@ -29,7 +30,7 @@ def contents(path: Path) -> MatrixFile:
     with path.open(encoding="utf-8", errors="replace") as stream:
         is_market = stream.readline().startswith("%%MatrixMarket")
     if is_market:
-        # SciPy's reader runs past the end of an incomplete last line, and ends the process.
+        # SciPy's reader reads past the end of an incomplete last line, which ends the process.
         content = path.read_bytes() + b"\n"
         rows, columns, entries, form, *_ = scipy.io.mminfo(BytesIO(content))
         if form == "array":
@@ -38,7 +39,8 @@ def contents(path: Path) -> MatrixFile:
         else:
             require_sparse(path.name, (rows, columns), entries)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # of SciPy's sparse matrices
+            # SciPy's sparse matrices raise this warning.
+            warnings.simplefilter("ignore", DeprecationWarning)
             return MatrixFile({"": scipy.io.mmread(BytesIO(content))})
     return _abaqus(path)
 

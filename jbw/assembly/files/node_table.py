@@ -9,7 +9,7 @@ import numpy as np
 
 from jbw.errors import DataError
 
-NODES = "nodes"  # name of the table in files that hold several variables
+NODES = "nodes"  # name of the table in files with several variables
 Position = tuple[float, float, float]
 _SEPARATORS = re.compile(r"[,;\s]+")
 

@@ -18,7 +18,7 @@ from jbw.assembly.matrices import MatrixModel, matrix_model
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.report.messages import matrices as messages
 
-# There is one module per format, each with `contents(path) -> MatrixFile`.
+# There is one module for each format, with a function `contents(path) -> MatrixFile`.
 READERS = {
     ".mat": "mat",
     ".npz": "npz",
@@ -29,20 +29,20 @@ READERS = {
     ".op4": "nastran",
     ".op2": "nastran",
 }
-# Names of M, K and C in files, in upper case: those of jbw, of Nastran and of other programs.
+# Usual names of M, K and C in files, in upper case: those of jbw, of Nastran and of other programs.
 _NAMES = {
     "mass": ("M", "MASS", "MAA", "MAAX", "MGG", "MXX", "M_MAT"),
     "stiffness": ("K", "STIFFNESS", "STIF", "KAA", "KAAX", "KGG", "KXX", "K_MAT"),
     "damping": ("C", "DAMPING", "D", "BAA", "BAAX", "BGG", "BXX", "C_MAT"),
 }
-# A larger entry on the diagonal of K marks a constrained degree of freedom in Abaqus (1e36).
+# In Abaqus' matrices, a larger entry (1e36) on the diagonal of K marks a fixed degree of freedom.
 _FIXED = 1e30
 
 Source = str | Path | Mapping[str, Any]
 
 
 def role_of(name: str) -> str:
-    """Return the role of a matrix by its name: mass, stiffness or damping; "" if it has none."""
+    """Return whether a matrix is mass, stiffness or damping by its name; "" if it is unknown."""
     return next((role for role, names in _NAMES.items() if name.upper() in names), "")
 
 
@@ -89,7 +89,7 @@ def read_matrices(source: Source, *, units: str, dofs: Any = None) -> MatrixMode
 
 
 class _Matrix(NamedTuple):
-    """A matrix, with the degrees of freedom of its rows if its file names them."""
+    """A matrix, with the degrees of freedom of its rows if its file has them."""
 
     matrix: Any
     dofs: Sequence[Dof] | None
@@ -128,7 +128,7 @@ def _parts(source: Source, dofs: Any) -> _Parts:
 
 
 def _in_one_order(parts: _Parts) -> _Parts:
-    """Sort matrices with named rows into the order of one table; others are already in it."""
+    """Sort matrices with named rows into the order of one table; return others unchanged."""
     rows = [matrix.dofs for matrix in parts.matrices if matrix is not None]
     if not any(row is not None for row in rows):
         return parts
@@ -182,7 +182,7 @@ def _nodes(table: Any) -> Mapping[str, Position] | None:
 
 
 def _of_source(entry: Any, role: str) -> _Matrix | None:
-    """Return the matrix of a role, from a file or in memory; None if there is none."""
+    """Return the mass, stiffness or damping matrix from a file or in memory; None without one."""
     if entry is None:
         return None
     if not isinstance(entry, str | Path):
@@ -196,7 +196,7 @@ def _of_source(entry: Any, role: str) -> _Matrix | None:
 
 
 def _named(file: MatrixFile, role: str, where: str, *, required: bool = True) -> _Matrix | None:
-    """Return the matrix of a role from a file, found by its name."""
+    """Return the mass, stiffness or damping matrix from a file, found by its name."""
     for name, matrix in file.matrices.items():
         if role_of(name) == role:
             return _Matrix(matrix, file.dofs.get(name))
@@ -225,7 +225,7 @@ def _contents(path: Path) -> MatrixFile:
 
 
 def _attempted[Read](path: Path, read: Callable[[Path], Read]) -> Read:
-    """Return a reader's result for a file; turn any library error into one sentence."""
+    """Return a reader's result for a file; report any error of a library in one sentence."""
     if not path.is_file():
         raise DataError(
             f"File `{path}` must be there, but is not.",
@@ -243,7 +243,7 @@ def _attempted[Read](path: Path, read: Callable[[Path], Read]) -> Read:
 
 
 def _placed(matrix: _Matrix, table: Sequence[Dof]) -> _Matrix:
-    """Return a labelled matrix in the order of a table, with zeros where it has no entry."""
+    """Return a matrix in the order of a table of rows, with zeros for rows that it lacks."""
     if matrix.dofs is None:
         return matrix
     number = {dof: i for i, dof in enumerate(table)}
@@ -256,7 +256,7 @@ def _placed(matrix: _Matrix, table: Sequence[Dof]) -> _Matrix:
 
 
 def _without_fixed(parts: _Parts, units: str) -> MatrixModel:
-    """Return the model without rows that an entry of 1e36 on the diagonal of K constrains."""
+    """Return the model without fixed rows, which have an entry of 1e36 on the diagonal of K."""
     matrices: list[Sparse] = [
         None if part is None else sp.csc_array(part.matrix) for part in parts.matrices
     ]

@@ -1,4 +1,4 @@
-"""The register of programs to which a joint can be exported; one module and line for each."""
+"""The list of programs to which a joint can be exported; one module and line for each."""
 
 from collections.abc import Sequence
 
@@ -20,8 +20,8 @@ PROGRAMS: dict[str, Program] = {
         code_aster.CODE_ASTER,
     )
 }
-USUAL = ("opensees", "matlab")  # programs if none is requested, as far as they take the laws
-USUAL_OF_JOINTS = ("opensees",)  # the same for several joints
+USUAL = ("opensees", "matlab")  # default programs, if they can represent the laws
+USUAL_OF_JOINTS = ("opensees",)  # default programs for several joints
 
 
 def programs_named(names: Sequence[str]) -> tuple[Program, ...]:

@@ -108,7 +108,7 @@ def _each_joint(
 
 
 def _any(result: JointsExport) -> None:
-    """Accept any joint: an FMU contains neither nodes nor other joints."""
+    """Accept any joint: an FMU contains no nodes and no other joints."""
 
 
 def _variables(parameters: Iterable[Parameter], result: Export) -> Iterable[Variable]:

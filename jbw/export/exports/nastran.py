@@ -19,7 +19,7 @@ from jbw.export.one_joint import Export
 from jbw.export.several_joints import JointsExport
 from jbw.report.messages import study as messages
 
-FORCE, DAMPING = 1, 2  # numbers of the tables of a single joint
+FORCE, DAMPING = 1, 2  # numbers of the tables of force and damping of a single joint
 
 
 class JointTables(NamedTuple):

@@ -93,7 +93,7 @@ def _line(kind: str, tag: int, arguments: Iterable[Scalar | str]) -> str:
 
 def _lacks(result: Export) -> tuple[str, ...]:
     if not result.laws:
-        return ("linear",)  # a joint without a law
+        return ("linear",)  # This joint has no law.
 
     def found(law: str) -> tuple[Material, ...]:
         return materials_of(result.joint, (law,), result.mass, result.y_max)

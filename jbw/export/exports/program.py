@@ -1,4 +1,4 @@
-"""The parts that all program exports share: register entries, joint parameters, templates."""
+"""The parts that all exports share: the description of a program, parameters, and templates."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator
@@ -17,7 +17,7 @@ from jbw.export.several_joints import JointCard, JointsExport
 from jbw.oscillator.laws import FAMILIES, law_named, quantities_of
 from jbw.oscillator.laws.stretch_path import UNIT_RULE
 
-TABLES = "nastran, ansys, code_aster"  # the programs that take any law
+TABLES = "nastran, ansys, code_aster"  # programs that can represent any law
 ENVIRONMENT = jinja2.Environment(
     loader=jinja2.PackageLoader("jbw.export.exports"),
     autoescape=jinja2.select_autoescape(("xml", "html", "ssv")),
@@ -39,7 +39,7 @@ def _any_law(result: Export) -> tuple[str, ...]:
 
 
 def no_code(folder: Path, result: JointsExport) -> Paths:
-    """Write no files: each draw changes all of the program's files."""
+    """Write no files, for a program in which all files depend on the draw."""
     return ()
 
 
@@ -217,7 +217,7 @@ def family_of(law: str) -> str:
 
 
 def forms_of(folder: str, result: Export) -> tuple[Form, ...]:
-    """Return the templates of a joint's laws in the language of a simulation program."""
+    """Return the templates of a joint's laws for a simulation program, in its language."""
     return tuple(_form(folder, law, result) for law in result.laws)
 
 
