@@ -11,7 +11,7 @@ import jax
 MAPS = Path("/proc/self/maps")
 PAGES = Path("/proc/self/statm")
 LIMIT = Path("/proc/sys/vm/max_map_count")
-# share of the memory mappings that Linux allows a process; compiled functions use some each
+# fraction of the memory mappings allowed by Linux above which compiled code is released
 PART = 0.6
 
 

@@ -19,7 +19,7 @@ COMMON = (
     "Beta", "Cauchy", "Exponential", "Gamma", "HalfCauchy", "HalfNormal", "InverseGamma", "Laplace",
     "LogNormal", "LogUniform", "Normal", "StudentT", "TruncatedNormal", "Uniform", "Weibull",
 )  # fmt: skip  # suggested in messages; all others of NumPyro can be used too
-NEAR = 1e-3  # step from the support's end towards a quantile, where a density is tested for zero
+NEAR = 1e-3  # relative step from the end of the support, at which a density is tested for zero
 
 
 class Density(tuple[float, float]):

@@ -16,11 +16,12 @@ from jaxtyping import Array, Float, PyTree
 LANES = 32  # number of parameter points in one compiled batch
 # number of points in a batch of a fit: enough for two-sided differences of seven parameters
 FIT_LANES = 16
-# An event that stops background work once its result is no longer needed.
+# This event stops background work whose result is no longer needed.
 _GIVEN_UP: ContextVar[Event | None] = ContextVar("given_up", default=None)
 
 OfTheta = Callable[[Mapping[str, Array], Any], PyTree]
-Solved = tuple[PyTree, PyTree]  # data without their precomputed part, and this part for each point
+# data without the precomputed part, and the precomputed part for each point
+Solved = tuple[PyTree, PyTree]
 Evaluate = Callable[[Float[np.ndarray, "point parameter"]], Float[np.ndarray, "point value"]]
 Solver = Callable[[Mapping[str, np.ndarray], Any, int], Solved | None]
 
@@ -94,7 +95,7 @@ def at_points(
             return jax.tree.map(np.asarray, _values(function, theta, data))
         return jax.tree.map(np.asarray, _rest(function, theta, *solved))
 
-    with ThreadPoolExecutor(cores) as threads:  # the first one compiles
+    with ThreadPoolExecutor(cores) as threads:  # The first batch compiles the program.
         lot_values = list(threads.map(values_of, lots))
     return jax.tree.map(lambda *rows: np.concatenate(rows)[:count], *lot_values)
 
@@ -108,7 +109,7 @@ def _values(function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data
 def _rest(
     function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data: PyTree, solved: PyTree
 ) -> PyTree:
-    """Return the values of a function whose costly part is precomputed."""
+    """Return the values of a function whose expensive part is computed already."""
     return jax.vmap(lambda point, motions: function(point, eqx.combine(data, motions)))(
         dict(theta), solved
     )

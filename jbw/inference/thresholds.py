@@ -4,7 +4,7 @@ from scipy.special import chdtri
 
 PROB = 0.99
 """Of the intervals."""
-THRESHOLD = float(chdtri(1, 1 - PROB))  # 6.63
+THRESHOLD = float(chdtri(1, 1 - PROB))  # 6.63, the threshold of chi-square
 """Rise of chi-square at the ends of a profile's interval."""
 BEYOND = 1.05
 """Displacement over the largest fitted one, above which a prediction is an extrapolation."""

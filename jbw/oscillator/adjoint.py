@@ -33,7 +33,7 @@ from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.solver import HysteresisExact, Pushed, Stepping
 from jbw.oscillator.step import ExactStep, Kinks, Push, State, advance, meets_kink
 
-# A `State` whose fields have time as an axis.
+# A `State` whose fields are arrays over time.
 Trajectory = tuple[Float[Array, " time"], Float[Array, " time"], Any]
 Columns = tuple[tuple[Scalar, ...], ...]
 # Number of steps differentiated at once: so the intermediate arrays fit into the cache, and the
@@ -82,7 +82,7 @@ def _unpacked(stepping: Stepping, trajectory: Trajectory) -> Trajectory:
 
 
 def unused_field(tau, state, stepping):
-    """Return the state unchanged; diffrax requires a vector field, which is not used here."""
+    """Return the state unchanged; diffrax requires this function, the exact step does not."""
     return state
 
 
@@ -134,7 +134,8 @@ def in_chunks(
 
     starts = jax.tree.map(lambda x: chunks(x[:-1]), trajectory)
     push, push_dot = (jax.tree.map(chunks, s.push) for s in (stepping, stepping_dot))
-    # There is one copy per oscillator of the batch: when transposed, they are summed only once.
+    # There is one copy of the step's constants per oscillator of the batch: when transposed, they
+    # are summed only once.
     step_dot = jax.tree.map(lambda x: jnp.broadcast_to(x, (size,)), stepping_dot.step)
 
     @jax.checkpoint
@@ -184,7 +185,7 @@ def _recurrence(x_dot: State, inputs) -> tuple[State, State]:
 
 
 class Carriers(NamedTuple):
-    """The variables whose derivatives are carried from one time step to the next.
+    """The variables whose derivatives pass from one time step to the next.
 
     Attributes:
         heads: y, v and the memories of laws without a stack.
@@ -196,7 +197,7 @@ class Carriers(NamedTuple):
 
 
 class _Steps(NamedTuple):
-    """The points at which all time steps are linearised: states, inputs and kinks."""
+    """The points about which all time steps are linearised: states, inputs and kinks."""
 
     starts: State
     push: Push
@@ -241,7 +242,8 @@ def _kinked(step: ExactStep, before: State, after: State, push: Push) -> Bool[Ar
     kinked = meets_kink(step, before, push)
     laws: Laws = step.laws
     for law, a, b in zip(laws, before[2], after[2], strict=True):
-        if law.depth:  # because of rounding, `meets_kink` may see the other side of a kink
+        # Because of rounding, `meets_kink` may see a motion just before a kink as just behind it.
+        if law.depth:
             kinked = kinked | law.turned_or_closed(a, b)
     return kinked
 
@@ -305,6 +307,9 @@ def _backward(at: tuple[ExactStep, _Steps], c: _Tangents) -> _Tangents:
 def _lanes_apart(solve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     """Return a solve that a batch runs one oscillator after another, all right-hand sides at once.
 
+    If the oscillators of a batch were solved side by side, the long derivative of a kink would be
+    computed in every step of each.
+
     Lanes side by side would always compute the long derivative of a kink.
     """
     sequential = jax.custom_batching.custom_vmap(solve)
@@ -355,7 +360,7 @@ def _stepped(kinks: Kinks, start: State, step: ExactStep, x: Carriers, push: Pus
 
 
 def _split(laws: Laws, state: State) -> Carriers:
-    """Return those variables of a state whose derivatives are carried."""
+    """Return the part of a state whose derivatives pass from step to step."""
     y, v, memory = state
     heads, columns = [jnp.asarray(y), jnp.asarray(v)], []
     for law, law_memory in zip(laws, memory, strict=True):
@@ -367,7 +372,7 @@ def _split(laws: Laws, state: State) -> Carriers:
 
 
 def _joined(laws: Laws, state: State, x: Carriers) -> State:
-    """Return a state from its carried variables, from which all others follow."""
+    """Return a state from this part, from which all its other variables follow."""
     (y, v, *heads), columns = x.heads, list(x.columns)
     memory = []
     for law, law_memory in zip(laws, state[2], strict=True):

@@ -29,11 +29,12 @@ from jbw.oscillator.residual_sums import response_of
 from jbw.oscillator.solver import Stepping
 from jbw.oscillator.step import State, advance, exact_step
 
-LANES = 32  # number of oscillators in a batch; fewer take just as long
+LANES = 32  # number of oscillators in a batch; a smaller batch takes just as long
 INTERVALS = 4096  # sample intervals per piece of a record, few enough for the cache
 # A batch fills the processor's widest registers; XLA's own choice is half as wide.
 WIDE = {"xla_cpu_prefer_vector_width": 512}
-NUM_DIRECTIONS = 2  # number of rows J; missing rows are filled with zeros
+# number of rows J on which a residual is projected; missing rows are filled with zeros
+NUM_DIRECTIONS = 2
 
 
 class MeasuredResponse(NamedTuple):
@@ -85,7 +86,8 @@ class _Piece(NamedTuple):
 
     polynomials: Float[Array, "interval power"]
     samples: Float[Array, " sample"]
-    measured: Float[Array, "sample column"]  # measured response d, then the rows J
+    # measured response d in the first column, then the rows J
+    measured: Float[Array, "sample column"]
 
 
 class _Lanes(NamedTuple):
@@ -93,18 +95,18 @@ class _Lanes(NamedTuple):
 
     joints: Oscillator
     gain: Float[Any, " lane"]  # gain of the input
-    # known multiples of the rows J, which are subtracted from the residual
+    # coefficients of the rows J that are subtracted from the residual
     parts: Float[Any, "lane direction"]
 
 
 class _Span(NamedTuple):
-    """The numbers of steps along a piece, as traced values that need no new compilation."""
+    """The numbers of steps in a piece of a record; they are traced, so others do not recompile."""
 
     fs: Any  # sampling rate [Hz]
     substeps: Any  # steps between two samples
     num_steps: Any
     first: Any  # first compared sample, counted from the start of the piece
-    begins: Any  # whether the sample before the first step is compared
+    begins: Any  # whether the sample before the first step of the piece is compared, too
 
 
 class MarchedRecord(NamedTuple):
@@ -113,7 +115,7 @@ class MarchedRecord(NamedTuple):
     pieces: tuple[_Piece, ...]
     num_intervals: int
     first: int
-    # rows with which the responses are multiplied
+    # rows with which the responses are multiplied, such as weights of spectral lines
     rows: Float[np.ndarray, "row time"] | None = None
 
 
@@ -158,8 +160,9 @@ def march(
         )  # fmt: skip
         lanes = _Lanes(joints, gain, parts)
         state, totals, written = _marched(order, lanes, piece, steps, state, totals)
-        begin = 0 if number == 0 else 1  # a piece begins with the last sample of the one before
-        if rows is not None:  # multiply while the piece is in the cache
+        # A piece begins with the last sample of the previous piece.
+        begin = 0 if number == 0 else 1
+        if rows is not None:  # Multiply now, while the piece is in the cache.
             response = np.asarray(written)[begin : size + 1]
             products += (rows[:, done + begin : done + size + 1] @ response).T[:count]
         if writes:
@@ -205,7 +208,7 @@ def filled_up(values: PyTree) -> PyTree:
 
 @jax.jit
 def _at_rest(joints: Oscillator) -> State:
-    """Return the states at rest of all oscillators, as arrays of the time loop."""
+    """Return all oscillators at rest, as arrays of states for the time loop."""
 
     def rest(joint: Oscillator) -> Any:
         memory = jax.tree.map(lambda x: jnp.asarray(x, float), joint.at_rest())

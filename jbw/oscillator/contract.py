@@ -26,7 +26,7 @@ from jbw.oscillator.steady.waveform import exponentials, synthesis
 from jbw.report.messages import joint as messages
 
 SCALES = Scales(118.0, 0.01, 5e-3)
-# Trial parameters lie at this fraction of the prior range: in its middle a force may vanish.
+# A law is tried at this fraction of its prior range: in the middle of the range a force may vanish.
 PLACE = 0.6
 # Tolerance relative to the largest value. The grids of the default methods cause errors of 1e-3
 # where a force yields between their points; a method with a wrong factor or sign is far worse.
@@ -41,8 +41,8 @@ POINTS = 256  # samples per period
 STEP = ("branch", "remainder", "bend", "glide", "turn", "shift", "missed", "packed")
 
 _TRIED: dict[type[Law], str | None] = {}
-# Name of the method, found value, meaning of the right value, right value, and a size, of which a
-# thousandth is the smallest value to which the tolerance is relative.
+# Result of one check: name of the method, found value, meaning of the right value, right value, and
+# a size; the tolerance refers to at least a thousandth of that size.
 Check = tuple[str, Any, str, Any, Any]
 
 

@@ -1,4 +1,4 @@
-"""Memory for more load reversals in Masing laws, for motions that need it."""
+"""Repeated solutions with more remembered load reversals, for motions that need them."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,8 +13,10 @@ from jbw.oscillator.laws.reversals import with_room
 from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Oscillator
 
-MOST = 160  # largest number of reversals; noise with a thousand turning points needs some twenty
-OF_SEVERAL_MODES = 24  # first number for several modes, whose loops are nested more deeply
+# largest number of remembered reversals; noise with a thousand turning points needs about twenty
+MOST = 160
+# number of remembered reversals to begin with if several modes move: loops are nested more deeply
+OF_SEVERAL_MODES = 24
 
 
 class Guessing(Protocol):
@@ -56,7 +58,7 @@ def forgot(joint: Oscillator | Structure, guesses: object) -> bool:
 def with_places[Model: Oscillator | Structure](
     joint: Model, start: Any, depth: int
 ) -> tuple[Model, Any]:
-    """Return a model and its state with room for at least `depth` load reversals in every law."""
+    """Return a model and its state with storage for `depth` load reversals in every law."""
     *motion, memory = start
 
     def short(law: Any) -> bool:

@@ -1,4 +1,4 @@
-r"""Default methods of a law, computed from its force, its rate and its move.
+r"""Default methods of a law, computed from its force and the rate of its internal state.
 
 They are exact for no law, but valid for every law with an odd force and a memory whose rate is
 proportional to the velocity.
@@ -20,11 +20,11 @@ from jbw.oscillator.steady.waveform import crest, exponentials, synthesis
 from jbw.quantities import must_be
 from jbw.report.messages import joint as messages
 
-Law = Any  # a `jbw.oscillator.law.Law`, whose methods are these functions
+Law = Any  # a `jbw.oscillator.law.Law`; the functions of this module are its methods
 Memory = Any
 
 _MOVE_STEPS = 8  # Runge-Kutta steps per monotone move
-_LOOP_POINTS = 128  # number of moves along half a loop
+_LOOP_POINTS = 128  # number of moves along half a hysteresis loop
 _PERIOD_POINTS = 512
 
 

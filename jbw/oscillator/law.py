@@ -32,8 +32,8 @@ from jbw.oscillator.parameters import Threshold as Threshold
 from jbw.oscillator.steady.waveform import orders
 from jbw.quantities import Quantity
 
-Branch = Any  # a pytree of the quantities that are constant between two kinks
-Memory = Any  # a pytree of internal states: z of Bouc-Wen, forces of sliders, () for a spring
+Branch = Any  # tree of the quantities that are constant between two kinks
+Memory = Any  # tree of internal states: z of Bouc-Wen, forces of sliders, () for a spring
 
 
 class Law(eqx.Module):
@@ -196,7 +196,7 @@ class Law(eqx.Module):
     def glide(
         self, y: Scalar, memory: Memory, dy: Scalar, branch: Branch
     ) -> tuple[Memory, Bool[Array, "..."] | bool]:
-        """Return the internal state after a step without reversal; True if it met a kink."""
+        """Return the internal state after a step without reversal; True if the law met a kink."""
         # If a kink such as yield is not reported here, the step is only accurate to first order in
         # h.
         return self.move(y, memory, dy), False

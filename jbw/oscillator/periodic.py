@@ -34,21 +34,21 @@ from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import orders
 
 MAX_ITERATIONS = 400
-# The search stops if the change per period has not fallen by a tenth in this many rounds.
+# The search stops if the change of state over a period did not fall by a tenth in so many rounds.
 _PATIENCE, _PROGRESS = 20, 0.9
-# Finite difference for the derivative, relative to the state; smaller ones are unreliable.
+# Relative step of the finite difference for the derivative; smaller steps are unreliable.
 _DIFFERENCE = 1e-7
-# Velocity [m/s] to which the finite difference refers at rest.
+# Velocity [m/s] for the size of that step if the oscillator is at rest.
 _SLOW = 1e-2
-# Changes below this part of the state's largest entry are round-off.
+# A change is round-off if it is below this part of the state's largest entry.
 _NOTHING = 1e-14
-# relative tolerance; rounding over a long period causes errors of a few parts in 1e13
+# relative tolerance of a periodic state; over a long period, rounding is a few parts in 1e13
 _TOLERANCE = 1e-12
-_NEWTON_STEPS = 4  # usual number of Newton steps to a steady state
+_NEWTON_STEPS = 4  # usual number of Newton steps to a periodic state
 _MAX_STEPS = 16384  # largest number of steps of integration over a period
 _MAX_NEWTON = 32  # largest number of iterations of the shooting method
-# This exceeds the integration's noise (1e-13), which is amplified near a fold; the last Newton step
-# gains the remaining digits.
+# This is larger than the integration's error (1e-13), which is amplified near a fold; the last
+# Newton step gives the remaining digits.
 _SHOOTING_TOLERANCE = 1e-8
 
 State = Float[Array, "3"]

@@ -26,7 +26,7 @@ from jbw.oscillator.step import State
 
 
 class Compared(eqx.Module):
-    """A measured response, with rows on which the residual is projected.
+    """A measured response, with rows on which the difference from the simulation is projected.
 
     All rows begin at the first compared sample.
 
@@ -48,7 +48,7 @@ class Compared(eqx.Module):
 
 
 class Sums(NamedTuple):
-    """Sums over the compared samples: Q, s_k, and the largest response p."""
+    """Sums over the compared samples: Q, s_k, and the largest response."""
 
     square: Float[Array, "..."]
     along: Float[Array, "... row"]

@@ -41,7 +41,7 @@ from jbw.oscillator.solver import StockScheme, sampled_input, solve_stock, stepp
 from jbw.oscillator.step import State
 
 Input = Float[Array | np.ndarray, "... time"] | HeldInput | Callable[[Array], ArrayLike]
-# an input within a simulation
+# the input in the form that a simulation uses
 _Input = Float[Array, "... time"] | HeldInput | Callable[[Array], ArrayLike]
 
 

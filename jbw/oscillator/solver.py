@@ -20,12 +20,12 @@ from jbw.oscillator.oscillator import Oscillator
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.step import ExactStep, Push, State, added, advance, exact_step
 
-# An adaptive solver fails after this number of steps per sample, on average.
+# An adaptive solver fails if it needs more steps per sample, on average.
 _MAX_STEPS_PER_SAMPLE = 64
 
 
 class Pushed(NamedTuple):
-    """The constants of the step, and the effect of the input in every substep."""
+    """The constants of a time step, and the effect of the input in every substep."""
 
     step: Any
     push: Any

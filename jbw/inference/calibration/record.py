@@ -20,12 +20,12 @@ from scipy.special import gammaln
 
 from jbw.inference.posterior.finding import Finding, Verdict, checked, judge
 
-MOST_R_HAT = 1.1  # largest R-hat of one replication, whose chains have a few hundred draws
-MOST_FAILED = 0.01  # largest share of failed replications
+MOST_R_HAT = 1.1  # limit of R-hat in one replication, whose chains have only a few hundred draws
+MOST_FAILED = 0.01  # largest allowed part of failed replications
 LEVEL = 0.99  # probability of the intervals, and of the statements on them
-LEAST_P = 0.01  # smallest allowed p-value, after correction for their number
+LEAST_P = 0.01  # smallest allowed p-value, after correction for the number of tests
 NUM_BINS = 20
-LEAST = 1e-9  # p-value below which it is replaced by an upper bound, the sum of pointwise tails
+LEAST = 1e-9  # A smaller p-value is replaced by an upper bound, the sum of pointwise tails.
 
 
 class Ranked(NamedTuple):
@@ -208,7 +208,8 @@ def _stays_inside(num_replications: int, num_ranks: int, gamma: float) -> float:
     for i in range(num_ranks):
         next_count = np.arange(lower[i], upper[i] + 1)
         step, remaining = next_count - count[:, None], (num_replications - count)[:, None]
-        share = 1 / (num_ranks + 1 - i)  # share of the remaining ranks
+        # probability that one of the remaining ranks is the next value
+        share = 1 / (num_ranks + 1 - i)
         possible = (step >= 0) & (step <= remaining)
         k = np.where(possible, step, 0)
         log_p = log_factorial[remaining] - log_factorial[k] - log_factorial[remaining - k]

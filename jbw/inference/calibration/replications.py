@@ -44,12 +44,12 @@ from jbw.inference.space.reparametrisation import in_box
 from jbw.parts import Parts, unkept
 
 LOG_LIKELIHOOD = "log_likelihood"
-TAIL = 0.005  # probability on either side of a 99 % interval
+TAIL = 0.005  # probability outside a 99 % interval on either side
 Quantity = Callable[[Theta, PyTree], Float[Array, ""]]
 Report = Callable[[int], None]
 HALVINGS = 100
-FARTHEST = 500.0  # bound of the unconstrained coordinate, beyond which the exponential overflows
-EDGE = 1e-15  # smallest distance from the ends of the unit interval
+FARTHEST = 500.0  # bound of the sampler's coordinate, beyond which the exponential overflows
+EDGE = 1e-15  # smallest distance of a quantile's probability from 0 and 1
 # errors of NumPyro for a missing quantile function or library
 WITHOUT = NotImplementedError, ImportError
 Prior = Mapping[str, dist.Distribution]

@@ -36,16 +36,19 @@ from jbw.inference.space.box import Box, named, require_float64
 from jbw.inference.space.coordinates import Composed, Logarithms, Sinh, Vector, unit
 
 Part = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
-TOLERANCE = 1e-10  # relative tolerance of the cost and of the step
+TOLERANCE = 1e-10  # relative tolerance of the sum of squares and of the step
 STEP = 1e-5  # step of a difference in the search coordinate (0 to 1): error 1e-10, rounding 1e-11
 # Widest difference at an optimum in the search coordinate; over wider ones a residual is curved.
 WIDEST = 0.02
-# allowed ratios of standard errors; largest number of rounds
+# range of standard errors' ratios at which differences are wide enough; largest number of rounds
 SAME, SETTLED, MOST_WIDENINGS = 1.2, 1.02, 12
 UNIFORM = 12.0  # precision of a uniform prior on the unit cube
-OUT_OF_REACH = 1e100  # size from which residuals are rejected, because their squares may overflow
-NEAR_ZERO = 0.01  # part of the upper bound above which the search is logarithmic
-LOPSIDED = 0.5  # size of a negative lower bound relative to the upper bound
+# A residual of this size or more is rejected, because its square may overflow.
+OUT_OF_REACH = 1e100
+# The hyperbolic sine is nearly a logarithm above this part of the upper bound.
+NEAR_ZERO = 0.01
+# It is used if a lower bound of zero or less is smaller than this part of the upper one.
+LOPSIDED = 0.5
 
 
 def costly_fit(
@@ -240,7 +243,7 @@ def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
 
 
 def part_of(evaluate: Evaluate) -> Part:
-    """Return a function of point and flag for the residual (0) or its Jacobian (1)."""
+    """Return a function of point and flag that gives the residual (0) or its Jacobian (1)."""
 
     @lru_cache(maxsize=1)  # scipy asks for the residual and then for the Jacobian at one point
     def at(s: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -284,7 +287,8 @@ def _slope(
         np.where(ok, side, here) for ok, side in zip(sides, (ahead, behind), strict=True)
     )
     steps = steps * np.maximum(np.sum(sides, axis=0), 1)
-    with np.errstate(invalid="ignore", over="ignore"):  # at a rejected point
+    # The point may be rejected: its residual is not finite.
+    with np.errstate(invalid="ignore", over="ignore"):
         return ((ahead - behind) / steps).T
 
 

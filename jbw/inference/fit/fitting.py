@@ -17,13 +17,14 @@ from jbw.inference.fit.identifiability import WeakDirection, weak_direction
 from jbw.inference.space.box import Box, from_unit, require_float64
 
 Residual = Callable[[Mapping[str, Array], Any], Float[Array, " residual"]]
-BOX_STD = 1 / np.sqrt(12)  # standard deviation of a uniform x
-TOLERANCE = 1e-9  # relative and absolute tolerance of the cost and the logit
+BOX_STD = 1 / np.sqrt(12)  # standard deviation of a normalised parameter that is uniform
+# relative and absolute tolerance of the sum of squares and of the parameters' logits
+TOLERANCE = 1e-9
 MOST_STEPS = 256
-# distance to a bound over the prior's width, where the optimum may lie beyond the bound
+# Distance to a bound, relative to the prior's width, below which the optimum may lie beyond it.
 NEAR_BOUND = 0.01
 THINNEST = 1e-14  # smallest eigenvalue of a correlation matrix
-START_MARGIN = 1e-3  # distance of starts from a bound, because the logit is infinite there
+START_MARGIN = 1e-3  # smallest distance of starts from a bound, because the logit is infinite there
 
 
 @dataclass(frozen=True)

@@ -23,14 +23,18 @@ from jbw.inference.space.box import (
 from jbw.report.messages import identified
 
 Matrix = Float[np.ndarray, "parameter parameter"]
-UNLEARNT = 0.7  # ratio of posterior to prior standard deviation, above which a direction is weak
-PRESENT = 0.3  # smallest component of a parameter in a direction, relative to the largest one
-RESOLVED = 2.0  # distance from zero in standard deviations, above which logarithms are used
-NEAR = 0.2  # distance to a multiple of 1/2, below which an exponent is rounded to it
-CUT = 0.1  # removed part of the prior range, or of the posterior's width if that is smaller
+# A direction is weak if the posterior's sd along it is more than this part of the prior's.
+UNLEARNT = 0.7
+# A parameter belongs to a direction if its component exceeds this part of the largest one.
+PRESENT = 0.3
+# Logarithms are used for a parameter that is this many standard deviations away from zero.
+RESOLVED = 2.0
+NEAR = 0.2  # An exponent closer than this to a multiple of 1/2 is rounded to it.
+# part of the prior range (or of the posterior's width, if smaller) that is cut off at an end
+CUT = 0.1
 WIDTH = 8.0  # width of a posterior in standard deviations
-FOLLOWS = 0.1  # smallest reported shift in standard deviations; a uniform posterior shifts by 0.17
-LEAST_SHARE = 0.01  # smallest share of draws that remain after a cut and still give a mean
+FOLLOWS = 0.1  # smallest reported shift of a mean, in sd; that of a uniform posterior is 0.17
+LEAST_SHARE = 0.01  # smallest part of the draws that must remain after a cut
 
 Draws = Mapping[str, Float[np.ndarray, "..."]]
 

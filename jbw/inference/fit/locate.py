@@ -25,8 +25,8 @@ from jbw.inference.space.reparametrisation import WIDER
 
 Residual = Callable[[Theta, PyTree], Float[Array, " values"]]
 PRIOR_PRECISION = 12.0  # inverse variance of a uniform distribution of width one
-BEYOND = 0.25  # distance in widths of the prior range by which the search may leave it
-# first damping of Levenberg-Marquardt; factors after failed and good steps
+BEYOND = 0.25  # distance by which the search may leave the prior range, relative to its width
+# Levenberg-Marquardt: first damping, and its factors after failed and good steps.
 FIRST, RISE, FALL = 1e-2, 8.0, 4.0
 
 

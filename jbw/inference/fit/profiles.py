@@ -32,20 +32,20 @@ from jbw.inference.thresholds import KNOWN, LEARNT, ROUGHLY, THRESHOLD
 from jbw.report.messages import identified
 from jbw.report.messages.message import listed
 
-SENSIBLE = 10.0  # larger exponents only reflect prior ranges of unequal width
-AS_WELL = 2.0  # largest standard deviation of a named combination over that of its direction
-# deviation of a product over that of its factors, below which they compensate each other
+SENSIBLE = 10.0  # Larger exponents of a combination only reflect prior ranges of unequal width.
+AS_WELL = 2.0  # largest sd of a named combination, relative to that of the direction which it names
+# Factors compensate each other if their product's sd is less than this part of theirs.
 TOLD_APART = 0.5
 logger = logging.getLogger("jbw")
-FLAT = 0.1  # change of chi-square that is too small to prefer a value
-PLACES = 4  # points on each side of the fit, within REACH
+FLAT = 0.1  # A smaller change of chi-square does not prefer a value.
+PLACES = 4  # number of points of a profile on each side of the fit, within REACH
 REACH = 3.0  # range of a profile in standard deviations, slightly beyond the 2.58 of 99 %
-MOST_FURTHER = 6  # largest number of further points, each twice as far as the one before
-MOST_EVALUATIONS = 12  # evaluations per point; the optimum of the neighbouring point is near
+MOST_FURTHER = 6  # largest number of points beyond that range, each twice as far as the one before
+MOST_EVALUATIONS = 12  # evaluations per point, since the optimum of the neighbouring point is close
 TOLERANCE = 1e-7  # relative tolerance of the cost and of the step
-ON_BOUND = 1e-6  # distance to a bound over the prior's width, below which no point fits between
-STEEP = 1.5  # largest change between two points, in standard deviations, that a line may bridge
-# largest number of halvings of the interval in which a profile crosses the threshold
+ON_BOUND = 1e-6  # A fit closer to a bound than this part of the prior's width lies on it.
+STEEP = 1.5  # largest change between two points, in sd, over which a profile is taken as a line
+# largest number of halvings of the interval in which a profile crosses its threshold
 MOST_HALVINGS = 6
 
 Point = tuple[NDArray[np.float64], float]  # coordinates and chi-square of a point

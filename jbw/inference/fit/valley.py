@@ -26,13 +26,15 @@ from jbw.inference.space.box import Box
 from jbw.inference.space.coordinates import IDENTITY, Composed, Coordinate, Vector
 from jbw.inference.space.reparametrisation import Reparametrisation
 
-WIDE = 100.0  # bound of w, in standard deviations from the bottom of the valley
+WIDE = 100.0  # bound of w, the distance from the bottom of the valley in standard deviations
 NUM_POINTS = 400  # number of points of the marginal density along the valley
-APART = 1e-9  # distance in normalised coordinates below which two support points coincide
-OFF = 1.0  # largest error of the valley's bottom, in chi-square, between two support points
-FAR = 100.0  # rise of chi-square beyond which the posterior is negligible
-STEEP = 10.0  # slope of the valley, in units of the prior range, above which it turns back
-PART = 0.3  # smallest component in the weakest direction, over the largest, of a parameter to try
+APART = 1e-9  # Support points closer than this in normalised coordinates count as one.
+OFF = 1.0  # largest error of the valley's bottom between two support points, in chi-square
+FAR = 100.0  # rise of chi-square above which the posterior is negligible
+# slope of the valley, in units of the prior range, above which it counts as turning back
+STEEP = 10.0
+# A parameter is tried if its component in the weakest direction exceeds this part of the largest.
+PART = 0.3
 
 
 class Floor(NamedTuple):

@@ -20,7 +20,7 @@ from jaxtyping import Array, Complex, Float
 
 Complexes = Complex[Array, "..."] | Complex[np.ndarray, "..."]
 Reals = Float[Array, "..."] | Float[np.ndarray, "..."] | float
-ROUNDING = 1e-14  # ratio of pivot to diagonal entry, below which a pivot counts as zero
+ROUNDING = 1e-14  # A pivot smaller than this part of its diagonal entry counts as zero.
 
 
 def complex_gaussian_log_likelihood(

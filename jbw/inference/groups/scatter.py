@@ -15,9 +15,9 @@ from scipy.special import ndtri
 
 from jbw.inference.groups.offsets import Estimate, log_determinant, members, solve
 
-NUM_SCATTERS = 17  # prior values of each standard deviation, at most half a decade apart
-NUM_ASSEMBLIES = 7  # prior values of the standard deviation between assemblies
-LOG_SD = float(np.log(2.0))  # log standard deviation of the prior around a stated median
+NUM_SCATTERS = 17  # number of prior values of each standard deviation, at most half a decade apart
+NUM_ASSEMBLIES = 7  # number of prior values of the standard deviation between assemblies
+LOG_SD = float(np.log(2.0))  # sd of the prior of a logarithm around a stated median
 
 Levels = tuple[tuple[int, ...], ...]
 """The run number of each data group and, with assemblies, the assembly number of each run."""

@@ -13,11 +13,11 @@ from jbw.report.messages.findings import FINDINGS, remedy_of, sentence_of
 from jbw.report.messages.questions import QUESTIONS
 
 Status = Literal["ok", "usable", "failed", "not assessed"]
-GRADE = "law_grade"  # code of the finding on whether the law describes the data
+GRADE = "law_grade"  # code of the finding that states whether the law describes the data
 GRADES = {"ok": "predictive", "usable": "approximate", "failed": "not predictive"}
 WORST_FIRST: tuple[Status, ...] = ("failed", "not assessed", "usable", "ok")
-# Codes of the findings that answer each question of the verdict, most important first. All other
-# findings concern sampling, or the question that they name.
+# Codes of the findings that answer each question of the verdict, most important first; all other
+# findings concern sampling, or the question that they name themselves.
 ASKED = {
     "sampling": ("ess_bulk", "r_hat"),
     "law": (
@@ -30,7 +30,7 @@ ASKED = {
 ASKED_BY = {code: name for name, codes in ASKED.items() for code in codes}
 CHARACTERS = 200  # largest number of characters of a reason or a remedy
 SIZE = 1500  # largest number of bytes of a table
-# Colours are Okabe and Ito's green and vermillion; orange stands for a doubt.
+# Colours are Okabe and Ito's green and vermillion; orange stands for a doubtful result.
 COLOURS, DOUBT = {"ok": "#009e73", "failed": "#d55e00"}, "#e69f00"
 
 
@@ -165,12 +165,12 @@ def worst_of(statuses: Collection[Status]) -> Status:
 
 
 def usable_within(codes: tuple[str, ...], limits: str) -> Amendment:
-    """Return an amendment that makes failed findings usable within stated limits."""
+    """Return an amendment by which failed findings become usable within stated limits."""
     return Amendment(codes, "failed", "usable", limits)
 
 
 def amended(finding: Finding, status: Status, sentence: str, remedy: str = "") -> Finding:
-    """Return a finding with the status, sentence and remedy of a later check.
+    """Return a finding whose status, sentence and remedy are changed by a later check.
 
     If a usable finding becomes failed, its earlier additions, the limits of its use, are removed.
     """

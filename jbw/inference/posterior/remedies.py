@@ -8,8 +8,9 @@ from jbw.report.messages.remedies import put
 
 Bounds = tuple[float, float]
 
-MOST = 20.0  # largest factor on the number of draws; beyond it another sampler is suggested
-NEARER = 0.1  # new over old distance of a bound from the parameter's least value
+# largest factor by which more draws are suggested; beyond it, another sampler is suggested
+MOST = 20.0
+NEARER = 0.1  # distance of a new bound from the smallest value, relative to that of the old bound
 NUM_WARMUP = 500  # number of warm-up steps suggested for a sampler without a stated number
 
 

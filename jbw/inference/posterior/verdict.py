@@ -28,28 +28,30 @@ R_HAT = 1.01
 ESS = 400.0
 BFMI = 0.3
 FAILED_SOLVES = 0.01
-TREE_SHARE = 0.05  # largest share of trajectories that end at the maximum tree depth
-NUM_CHAINS = 4  # suggested number of chains if there is only one
+TREE_SHARE = 0.05  # largest allowed part of NUTS trajectories that end at the maximum tree depth
+NUM_CHAINS = 4  # number of chains that is suggested if there is only one
 # Width of the edge at a prior bound over the width of a 99 % interval, and the largest number of
 # draws there over that of a uniform posterior. Half a normal distribution at its bound has 2.2, one
 # whose mean is a standard deviation away 1.0.
 EDGE, PILE = 0.01, 1.5
-CHI_SQUARE = (0.2, 5.0)  # limits of chi-square per degree of freedom
+# limits of chi-square per degree of freedom between which a fit agrees with the noise
+CHI_SQUARE = (0.2, 5.0)
 GOOD_KHAT = 0.7  # Pareto shape above which weights cannot be trusted (Vehtari et al. 2024)
 # largest change by the last refinement of a quadrature, in nats or standard deviations
 QUADRATURE = 1e-3
 
 
-SUBSTEPS = 8  # solver steps per sample, if a posterior does not state them
-# density between two peaks over that of the lower one, below which they are separate modes
+SUBSTEPS = 8  # number of solver steps per sample, if a posterior does not state it
+# Two peaks are separate modes if the density between them is below this part of the lower one.
 DEPTH = 0.5
-LEAST_SIDE = 0.02  # smallest share of draws of a mode; fewer are a tail
-SURE_SIDE = 2.0  # number of standard errors by which the share of a mode must exceed that limit
+LEAST_SIDE = 0.02  # smallest part of the draws that a mode has; fewer draws are a tail
+# number of standard errors by which a mode's part of the draws must exceed that limit
+SURE_SIDE = 2.0
 NUM_POINTS = 256
 # smallest number of draws for a density estimate, so that stuck chains do not look like modes
 FEWEST = 100
-CROSSED = 100.0  # smallest effective number of draws of a mode from which its weight is known
-AGREED = 1.05  # largest R-hat of the share of a mode
+CROSSED = 100.0  # A mode's weight is known if at least so many effective draws are in it.
+AGREED = 1.05  # limit of R-hat for the part of the draws in a mode
 
 
 def verdict(

@@ -57,16 +57,17 @@ from jbw.inference.samplers.weighed_points import (
 )
 from jbw.inference.space.problem import Problem, log_prior
 
-LEAST = 10.0  # smallest effective number of points per dimension to fit a mixture
-ENDS = 2000.0  # effective draws that the ends of 99 % intervals need: ten beyond each end
-CHEAP = 4.0  # points per effective draw, up to which sampling continues to reach `ENDS`
+LEAST = 10.0  # smallest effective number of points per dimension with which a mixture is fitted
+ENDS = 2000.0  # effective number of draws for the ends of 99 % intervals: ten lie beyond each end
+# Sampling continues up to `ENDS` if it takes at most so many points per effective draw.
+CHEAP = 4.0
 PATIENCE = 10  # number of rounds after which a k-hat just below the limit is accepted
-SMALL, SHARE = 8, 4  # number of smaller first rounds, and the divisor of their size
+SMALL, SHARE = 8, 4  # number of smaller rounds at the beginning, and the divisor of their size
 SURE_KHAT = 0.5  # k-hat below which weights have a finite variance
 
 
 class Options(NamedTuple):
-    """The options of AMIS: numbers of draws and points, and when to give up.
+    """The options of AMIS: numbers of draws and points, and when to stop without success.
 
     Attributes:
         num_samples: Number of draws of each group.

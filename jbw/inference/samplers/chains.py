@@ -18,10 +18,10 @@ from jbw.inference.samplers.register import Sampler, module_of
 from jbw.inference.space.coordinates import interval
 from jbw.inference.space.problem import Problem
 
-# number of random starts tried before a chain starts at a point of zero likelihood
+# number of random starts that are tried; then a chain starts at a point of zero likelihood
 MAX_TRIALS = 100
-TOGETHER = 64  # number of points that are evaluated in parallel
-OVERDISPERSION = 2.0  # standard deviation of starts over that of the Gaussian approximation
+TOGETHER = 64  # number of points at which a function is evaluated in parallel
+OVERDISPERSION = 2.0  # sd of starting points relative to that of the Gaussian approximation
 
 
 class Draw(NamedTuple):

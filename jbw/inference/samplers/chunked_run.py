@@ -29,7 +29,7 @@ CHUNK_S = 10.0
 # All devices wait for the slowest one at the end of each chunk, which costs less in a long chunk.
 # With slow steps, a chunk takes a share of the time spent before, up to a minute.
 CHUNK_SHARE, LONGEST_S = 0.05, 60.0
-GROWTH = 4  # largest ratio of a chunk to the one before
+GROWTH = 4  # largest ratio of the number of steps in a chunk to that in the one before
 
 Arrays = Mapping[str, np.ndarray]
 Rows = tuple[Draw, np.ndarray]
@@ -59,7 +59,7 @@ class SoFar(NamedTuple):
 
 
 class Kept(Protocol):
-    """A checkpoint of the chains of one posterior, stored outside the process."""
+    """The stored checkpoint of the chains of one posterior."""
 
     def grown(self, so_far: SoFar) -> None:
         """Report the progress of the chains; called after each chunk of steps."""
@@ -79,7 +79,7 @@ class Kept(Protocol):
 
 
 class Until(NamedTuple):
-    """The condition that ends chains, evaluated each time the number of draws has doubled.
+    """The condition that ends chains; it is evaluated each time the number of draws has doubled.
 
     Attributes:
         enough: Function that returns whether the draws by name, (chain, draw), are enough.
@@ -143,7 +143,7 @@ def grow_chains(
     """
     began, total = perf_counter(), options.num_warmup + options.num_samples
     mark = "" if checkpoint is None else fingerprint(starts, problem, make, options)
-    # these options then cause no new compilation
+    # With these options at 0, other numbers of draws and chains cause no new compilation.
     options = options._replace(num_samples=0, num_chains=0)
     before = _resumed(checkpoint, mark)
     done, rows, count = before.done, before.rows, CHUNK if checkpoint is None else 1
@@ -160,7 +160,7 @@ def grow_chains(
         total += total - options.num_warmup
     total = end(before.wall_s)
     states = _states(before, starts, problem, make, options) if done < total else None
-    # number of steps and time at which the measurement of the rate starts
+    # number of steps and time at which the measurement of the speed began
     timed: tuple[int, float] | None = None
     watching = [
         listener
@@ -186,7 +186,8 @@ def grow_chains(
             so_far = _so_far(done, total, rows, rate)
             for tell in watching:
                 tell(so_far)
-        if timed is None and rows:  # the first chunk of draws includes the compilation
+        # The first chunk of draws includes compilation and is not timed.
+        if timed is None and rows:
             timed = done, perf_counter()
     return _joined(rows)[0], before.wall_s
 

@@ -26,7 +26,8 @@ from jbw.inference.samplers.chains import Draw, Kernel
 from jbw.inference.samplers.evidence import FORBIDDEN, HEAVY, log_ratio
 from jbw.inference.space.problem import Problem
 
-MOVES = 3  # ellipses per draw; after one, w^2 has the correlation E[cos^2] = 1/2, after three 1/8
+# number of ellipses per draw; w^2 has the correlation 1/2 after one ellipse, 1/8 after three
+MOVES = 3
 COUNT = jnp.int32
 
 

@@ -22,7 +22,7 @@ from numpyro.distributions import Distribution
 from jbw.errors import ModelError
 from jbw.inference.space.problem import Problem
 
-HEAVY = 5.0  # degrees of freedom of Student's t distribution around a fit
+HEAVY = 5.0  # degrees of freedom of Student's t distribution around a fit: heavy tails
 FORBIDDEN = -1e30  # log density of impossible points; finite, so that zero times it is not NaN
 
 

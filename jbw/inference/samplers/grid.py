@@ -19,14 +19,14 @@ from jbw.inference.space.coordinates import Affine, Coordinate, Vector
 from jbw.inference.space.problem import LOGIT_PRIOR_PRECISION, Problem, log_volume
 
 REACH = 6.0  # half width of the first grids in standard deviations
-NODES = {1: 128, 2: 80, 3: 40, 4: 20}  # nodes per coordinate for each number of parameters
-SHRINK = 0.4  # effective share of the nodes after the power of the likelihood is raised
+NODES = {1: 128, 2: 80, 3: 40, 4: 20}  # number of nodes per coordinate, by number of parameters
+SHRINK = 0.4  # effective part of the nodes that remains when the power of the likelihood is raised
 MOST_ROUNDS = 120
-# largest number of rounds at full likelihood; on a thin curved posterior moments never settle
+# largest number of rounds at full likelihood: on a thin curved posterior, moments keep changing
 MOST_WHOLE = 8
-STEADY = 0.03  # change of the moments, in standard deviations, below which they are final
-HALVINGS = 50  # bisections of the logarithm of the power, from e^-60 on
-DEEP = 21.0  # depth in nats below the highest node, at which a grid may end
+STEADY = 0.03  # Moments are final if they change by less than this, in standard deviations.
+HALVINGS = 50  # number of bisections of the logarithm of the power, from e^-60 on
+DEEP = 21.0  # A grid may end where the density is so many nats below the highest node.
 WIDEST = 60.0  # largest half width of a grid in standard deviations
 WIDER = 1.2
 
@@ -34,7 +34,7 @@ Bounds = Float[Array, "side parameter"]
 
 
 class Stretch(Coordinate):
-    r"""A stretch of each coordinate by itself, $y = \sinh(\kappa x) / \kappa$ with $\kappa$ = 1/2.
+    r"""A stretched coordinate for each parameter, $y = \sinh(\kappa x) / \kappa$, $\kappa$ = 1/2.
 
     Otherwise the long tails of a poorly determined parameter would take most of the nodes.
     """

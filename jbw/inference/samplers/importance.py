@@ -35,12 +35,12 @@ from jbw.inference.samplers.evidence import (
 from jbw.inference.space.coordinates import Affine
 from jbw.inference.space.problem import Problem
 
-FEW = 0.05  # smallest effective share of draws that gives moments
-DEEPEST = 200.0  # lowest log weight relative to the highest [nats]
-HALVINGS = 30  # bisections of the power that makes weights more equal
+FEW = 0.05  # smallest effective part of the draws from which moments are computed
+DEEPEST = 200.0  # lowest log weight that is used, relative to the highest [nats]
+HALVINGS = 30  # number of bisections for the power that makes weights more equal
 SMALLEST = -700.0  # log weight that counts as zero but is finite
 NUGGET = 1e-8  # variance added to the coordinates in case draws coincide
-ENOUGH = 0.1  # smallest ratio of effective to returned draws of a successful sampler
+ENOUGH = 0.1  # Sampling succeeds if effective draws are at least this part of the returned draws.
 
 
 class Options(NamedTuple):
@@ -114,7 +114,7 @@ def smooth(raw: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     try:
         with np.errstate(over="ignore"):
             log_smoothed, khat = stats.psislw(-raw)
-    except ValueError:  # copies of one draw have no tail to fit
+    except ValueError:  # Copies of one draw have no tail that could be fitted.
         log_smoothed, khat = raw, np.inf if np.ptp(raw) > 0 else 0.0
     return np.asarray(log_smoothed), np.asarray(khat, dtype=float)
 

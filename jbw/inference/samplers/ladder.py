@@ -1,4 +1,4 @@
-"""The sampling strategy: the cheapest sampler first, the next one if it is not sufficient.
+"""The order of samplers: the fastest first, the next one if its draws are not sufficient.
 
 Importance sampling from adapted mixtures takes a few evaluations per effective draw, and gives the
 evidence. If a posterior is too far from any such mixture, chains are used: elliptical slices around
@@ -29,14 +29,16 @@ from jbw.report.messages import stages as messages
 
 under_way = logging.getLogger("jbw.progress")
 
-# Functions that create coordinates, by name; all but the first may return None.
+# Functions that create coordinates for sampling, by name; all but the first may return None.
 Places = Mapping[str, Callable[[], Reparametrisation | None]]
 
 LOOKED_AT = 256  # number of trial points to choose coordinates
-PLENTY = 1 / 2  # effective share of trial points, above which no other coordinates are tried
+# No other coordinates are tried if more than this part of the trial points is effective.
+PLENTY = 1 / 2
 TRIAL = 12  # number of rounds after which sampling ends if too few draws are effective
 ROUNDS = 3  # largest number of repetitions of slice sampling if its chains disagree
-WORTH = 20.0  # effective points per dimension, from which chains can start at their moments
+# Chains can start at the moments of points if there are so many effective points per dimension.
+WORTH = 20.0
 
 
 class Sizes(NamedTuple):

@@ -15,13 +15,15 @@ from scipy.special import gammaln, logsumexp, softmax
 from jbw.inference.samplers.evidence import HEAVY
 
 STEPS = 20  # steps of expectation-maximisation
-ENOUGH = 3000  # largest number of points used to fit a mixture
+ENOUGH = 3000  # largest number of points to which a mixture is fitted
 POINTS_A_DIMENSION = 10.0  # effective points that a component needs per dimension
-COUNTS = (1, 2, 4, 8)  # numbers of components that are tried
-PRIOR_POINTS = 0.5  # weight of the overall covariance in each component, per dimension
-BEYOND, WIDER = 0.1, 2.0  # share and relative width of a component that covers all points
-SLIGHT = 1e-4  # share of the total weight in points that are omitted
-NUGGET = 1e-10  # relative increase of variances in case points coincide
+COUNTS = (1, 2, 4, 8)  # numbers of components with which a fit is tried
+# weight of the overall covariance in that of each component, in points per dimension
+PRIOR_POINTS = 0.5
+# weight and relative width of an additional component that covers all points
+BEYOND, WIDER = 0.1, 2.0
+SLIGHT = 1e-4  # part of the total weight that is left out, in the points with the smallest weights
+NUGGET = 1e-10  # relative increase of variances, in case points coincide
 
 Points = Float[np.ndarray, "point parameter"]
 Weights = Float[np.ndarray, " point"]
@@ -88,7 +90,7 @@ def refitted(rng: np.random.Generator, x: Points, weights: Weights) -> Mixture:
     Reference:
         Cappé, Douc, Guillin, Marin and Robert (2008), Statistics and Computing 18, 447.
     """
-    if 1 / np.sum(weights**2) > ENOUGH:  # these draws determine a mixture well enough
+    if 1 / np.sum(weights**2) > ENOUGH:  # So many draws determine a mixture well enough.
         x = x[rng.choice(len(x), ENOUGH, p=weights)]
         weights = np.full(ENOUGH, 1 / ENOUGH)
     x, weights = _of_weight(x, weights)

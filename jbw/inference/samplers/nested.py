@@ -30,10 +30,11 @@ from jbw.inference.samplers.evidence import (
 )
 from jbw.inference.space.problem import Problem
 
-LEFT = 1e-3  # largest share of the evidence that remains in the live points at the end
-ROOM = 150  # largest number of dead points over live points; each multiple takes one nat
-TOGETHER = 10  # divisor of the live points that are replaced at once, in parallel
-VOLUMES = 200  # number of simulated sequences of prior volumes
+LEFT = 1e-3  # A run ends if this part of the evidence remains in the live points.
+ROOM = 150  # storage for dead points, in multiples of the live points; each multiple takes one nat
+TOGETHER = 10  # This part (1 / TOGETHER) of the live points is replaced at once, in parallel.
+# number of simulated sequences of prior volumes, from which the error of the evidence follows
+VOLUMES = 200
 
 
 class Options(NamedTuple):
@@ -84,7 +85,7 @@ def require_arrival(arrived: bool) -> None:
 
 
 class _Carry(NamedTuple):
-    """The state of a run: key, live points, evidence, dead points, counts."""
+    """The state of a run: random key, live points, evidence, dead points, counts."""
 
     key: Key[Array, ""]
     state: Any
@@ -108,7 +109,7 @@ def _run(key: Key[Array, ""], problem: Problem, num_live: int, num_draws: int) -
     room = len(points.loglikelihood) - num_live
     filled = jnp.concatenate([jnp.arange(room) < last.count, jnp.ones(num_live, bool)])
     shares, totals = _weights(key_volume, points, filled)
-    # points are in the order of increasing likelihood
+    # The points are sorted by rising likelihood.
     order = jax.random.permutation(key_order, shares.size)
     chosen = order[resampling.stratified(key_keep, shares[order], num_draws)]
     return NestedRun(

@@ -17,10 +17,10 @@ from jbw.inference.samplers.chains import Draw, Kernel
 from jbw.inference.space.box import named
 from jbw.inference.space.problem import Problem, log_density
 
-AVERAGING = 0.75  # exponent of the weights of the averaged step, as in dual averaging
-# exponent of the decaying gain, whose sum diverges while its sum of squares converges
+AVERAGING = 0.75  # exponent of the weights by which step sizes are averaged, as in dual averaging
+# exponent of the gain: its sum diverges, and its sum of squares converges
 FORGETTING = 0.6
-FIRST_STEP = (0.1, 1.0)  # first step of the tuning, without and with normalisation by a fit
+FIRST_STEP = (0.1, 1.0)  # first step size of the warm-up, without and with normalisation by a fit
 
 
 class Options(NamedTuple):

@@ -21,9 +21,11 @@ from jbw.inference.space.box import Box
 from jbw.inference.space.problem import Target
 from jbw.inference.space.reparametrisation import Reparametrisation
 
-AGREED = 1.05  # R-hat of the worst parameter, above which sampling is repeated
-WIDER = 1.3  # factor on the covariance of draws, which may not yet cover the posterior
-INSIDE = 1e-9  # smallest distance of a mean from the bounds, over the prior's width
+AGREED = 1.05  # Sampling is repeated if R-hat of the worst parameter is larger.
+# factor by which the draws' covariance is widened, since they may not cover the posterior yet
+WIDER = 1.3
+# smallest distance of the coordinates' centre from the bounds, relative to the prior's width
+INSIDE = 1e-9
 
 
 def sample_until(
@@ -70,7 +72,7 @@ def sample_until(
             break
         if not (last or agree(draws)):
             coordinates = by_moments(draws, target.box, coordinates)
-        elif until is None or "rounds" in tree.attrs:  # these draws have been extended already
+        elif until is None or "rounds" in tree.attrs:  # These draws were extended before.
             break
         elif tree.attrs.get("khat", 0.0) >= GOOD_KHAT:
             break

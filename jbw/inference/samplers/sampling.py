@@ -39,14 +39,15 @@ from jbw.inference.space.reparametrisation import Reparametrisation, in_box
 
 ChainMethod = Literal["sequential", "vectorized", "parallel"]
 VERSIONED = ("jax", "jaxlib", "numpyro", "numpy")
-LEAST = {"num_warmup": 0, "num_samples": 1, "num_chains": 1}  # smallest values of a request
-# Keywords that `sample` has in its signature, and keywords of all samplers.
+# smallest allowed numbers of warm-up steps, draws and chains
+LEAST = {"num_warmup": 0, "num_samples": 1, "num_chains": 1}
+# Keyword arguments in the signature of `sample`, and those that all samplers have.
 SIGNED = ("data", "sampler", "start", "covariance", "coordinates")
 REQUESTED = (*LEAST, "chain_method")
 SHARED = (*REQUESTED, "options", "attrs", *Supervision._fields)
 SamplerOutput = tuple[
     Draws, NDArray[np.float64], float
-]  # draws, log likelihoods, seconds spent before
+]  # returned: draws, log likelihoods, and the time spent before [s]
 _drawn = eqx.filter_jit(draws_of)
 
 
@@ -186,7 +187,8 @@ def draw_posterior(
     drawn, terms, earlier = outcome
     tree = _tree(drawn, terms, target.box, attrs or {})
     spent = {"wall_s": time.perf_counter() - clock + earlier}
-    tree["timing"] = xr.DataTree(xr.Dataset(attrs=spent))  # the time differs between equal runs
+    # The time is stored apart, since it differs between equal runs.
+    tree["timing"] = xr.DataTree(xr.Dataset(attrs=spent))
     tree.attrs |= {
         **_plain(chosen._asdict()),
         "chain_method": method,

@@ -31,10 +31,11 @@ from jbw.inference.samplers.evidence import (
 )
 from jbw.inference.space.problem import Problem
 
-TARGET_ESS = 0.6  # effective share of the particles after each change of the power
+# effective part of the particles that remains after each change of the likelihood's power
+TARGET_ESS = 0.6
 TARGET_ACCEPT = 0.3  # acceptance rate of the particles' moves
-MOST_STEPS = 500  # largest number of powers
-NUGGET = 1e-10  # relative increase of variances in case particles coincide
+MOST_STEPS = 500  # largest number of powers of the likelihood between 0 and 1
+NUGGET = 1e-10  # relative increase of variances, in case particles coincide
 
 
 class Options(NamedTuple):

@@ -10,7 +10,7 @@ from jbw.inference.samplers.chunked_run import Arrays
 from jbw.inference.samplers.importance import SMALLEST, smooth
 from jbw.inference.samplers.mixtures import Mixture, Points, Weights
 
-Pair = tuple[Mixture, Mixture]  # mixtures for points of even and of odd number
+Pair = tuple[Mixture, Mixture]  # the mixtures from which points of even and of odd number are drawn
 
 
 class Past(NamedTuple):

@@ -17,7 +17,7 @@ from jbw.inference.space.reparametrisation import Reparametrisation
 
 Theta = Mapping[str, Float[Array, "..."]]
 LogLikelihood = Callable[[Theta, Any], Float[Array, "..."]]
-# A uniform prior has a logistic logit, whose variance is pi^2 / 3.
+# variance of the logit of a uniformly distributed number: pi^2 / 3
 LOGIT_PRIOR_PRECISION = 3 / np.pi**2
 
 

@@ -15,11 +15,11 @@ from jbw.inference.space.coordinates import IDENTITY, Coordinate, Logarithms
 Theta = Mapping[str, Any]
 Covariance = Float[np.ndarray, "parameter parameter"]
 
-EDGE = 1e-6  # smallest distance of starts from a bound, where the logit would be infinite
-# distance from zero in conditional standard deviations, above which a sign is certain
+EDGE = 1e-6  # smallest distance of starting points from a bound, where the logit would be infinite
+# A sign is certain if a parameter is so many (conditional) standard deviations away from zero.
 CERTAIN = 3.0
-WIDER = 10.0  # extension of bounds on both sides, over the prior's width
-FLOOR = 1e-6  # lower bound over the optimum in place of zero
+WIDER = 10.0  # distance by which bounds are extended on both sides, in widths of the prior range
+FLOOR = 1e-6  # lower bound that replaces zero, relative to the optimum
 
 
 class Reparametrisation(NamedTuple):

@@ -31,8 +31,9 @@ from jbw.inference.space.reparametrisation import (
     never_zero,
 )
 
-PART = 0.3  # smallest component of a parameter that belongs to the ridge, over the largest
-NARROW = 1e-9  # component of the direction, below which a bound counts as parallel to it
+# A parameter belongs to the ridge if its component exceeds this part of the largest one.
+PART = 0.3
+NARROW = 1e-9  # A bound is parallel to the ridge if the component of the direction is smaller.
 MIDDLE = (0.05, 0.95)  # range of r in which chains start, even if the optimum lies at a bound
 
 Member = Float[Array, " member"]

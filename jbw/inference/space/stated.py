@@ -28,7 +28,7 @@ from jbw.inference.density import TAIL, Density
 from jbw.inference.space.box import Box, bounds_by_name, box, prior_std
 
 NUM_POINTS = 4001  # number of points of a density, which give its moments to 1e-6
-WIDEST = 20.0  # log of the ratio of a bound to the middle of the widest range
+WIDEST = 20.0  # log of the ratio of the widest range's bound to its middle
 
 
 class StatedDensities(eqx.Module):

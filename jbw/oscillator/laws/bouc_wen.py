@@ -24,12 +24,12 @@ from jbw.report.messages import joint as messages
 
 _ALPHA, _DELTA, _GAMMA = BOUC_WEN
 
-# Prior range of the joint's share of the stiffness, from almost none to nearly all.
+# Prior range of alpha as a share of the whole stiffness: from almost none to nearly all.
 SHARE = (0.0005, 0.9)
 # Under a prescribed displacement, the joint may have all of the stiffness, and a wide loop is
 # softer than small motion.
 FORCED_SHARE = (0.01, MOST_SOFTENING)
-REACH = 4.0  # upper prior bound of a product over its fitted value
+REACH = 4.0  # upper prior bound of alpha delta and alpha gamma, relative to the fitted value
 
 # Small motion determines only two products: alpha delta (softening) and alpha gamma (losses).
 _PRODUCTS = Coordinates(

@@ -34,16 +34,17 @@ from jbw.quantities import Quantity
 from jbw.report.messages.joint import SAME_EXPONENT
 
 NU = (0.1, 3.0)
-_ROUNDS = 2  # Newton steps to the end of a short move
-# Relative change of the stretch in a step, above which its power is not linear.
+_ROUNDS = 2  # number of Newton steps that solve for the stretch after a short move
+# If the stretch changes by more than this part in a step, its power is not taken as linear.
 _NEAR = 0.03
-_TINY = 1e-9  # remaining slope over the initial one that counts as none
-_PARTS = 8  # parts of a move along a record
-# Longest move in one part over the stretch at which the slope vanishes; parts of a longer move.
+_TINY = 1e-9  # slope of the force, relative to that at rest, in place of zero
+_PARTS = 8  # number of parts into which a move along a record is divided
+# Longest move in one part, relative to the stretch at which the slope vanishes, and number of parts
+# of a longer move.
 _SHORT, _MANY_PARTS = 0.05, 32
 # The search for the steady stretch begins at no more than this part of the largest stretch.
 _INSIDE = 0.9
-_PERIODS = 4  # Newton steps to the stretch of the steady loop
+_PERIODS = 4  # number of Newton steps that solve for the stretch of the steady loop
 
 
 def weak_loop(nu: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
@@ -181,12 +182,12 @@ class BoucWenNu(Law):
         return memory
 
     def _factors(self) -> tuple[Array, Array]:
-        """Return the factors c of the slope for motion towards w = 0 and away from it."""
+        """Return the factor c of the slope 1 - c |w|^nu, for motion to and away from w = 0."""
         less, more = self.nu_softening - self.nu_opening, self.nu_softening + self.nu_opening
         return jnp.asarray(less), jnp.asarray(more)
 
     def _factor(self, v: Scalar, w: Scalar) -> Scalar:
-        """Return the factor c in the lost part of the slope."""
+        """Return the factor c in f = c |w|^nu, the part of the slope that is lost."""
         return self.nu_softening + signed(signed(self.nu_opening, v), w)
 
     def _lost(self, v: Scalar, w: Scalar) -> Scalar:
@@ -194,7 +195,7 @@ class BoucWenNu(Law):
         return self._factor(v, w) * power(jnp.abs(w) / REFERENCE, self.nu)
 
     def _powers(self, v: Scalar, w: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-        """Return the lost part f of the slope and the integrals of f and f^2 from 0 to w."""
+        """Return the lost part of the slope, f, and the integrals of f and f^2 from 0 to w."""
         lost = self._lost(v, w)
         return lost, lost * w / (self.nu + 1.0), lost**2 * w / (2.0 * self.nu + 1.0)
 
@@ -244,7 +245,7 @@ class BoucWenNu(Law):
     def glide(
         self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar
     ) -> tuple[Scalar, Bool[Array, "..."] | bool]:
-        """Return the stretch after one short step; the zero of w needs no special treatment."""
+        """Return the stretch after one short step; w = 0 needs no special treatment."""
         return self._stretched(memory, dy), False
 
     def turn(
@@ -319,11 +320,13 @@ class BoucWenNu(Law):
             last, slope = jax.jvp(lambda w: _along(*fixed, w)[0], (w,), (jnp.ones_like(w),))
             return toward(w, last, slope), slope
 
-        # Start within the largest possible stretch: the search diverges from beyond it.
+        # Start within the largest possible stretch, since the search diverges from outside.
         limit = stretch_path.stretch_limit(jnp.maximum(*self._factors()), self.nu)
         w = stop_gradient(jnp.clip(0.5 * y[0], -_INSIDE * limit, _INSIDE * limit))
         w, slope = jax.lax.fori_loop(0, _PERIODS, newton, (w, jnp.zeros_like(w)))
-        for _ in range(2):  # at the root these steps change no digit, but carry two derivatives
+        # These two steps change no digit of the solution; they give it its first and second
+        # derivative.
+        for _ in range(2):
             w = toward(w, _along(self, steps, w)[0], slope)
         _, after = _along(self, steps, w)
         return self.nu_stiffness * jnp.append(w, after[:-1])  # pyright: ignore[reportReturnType]

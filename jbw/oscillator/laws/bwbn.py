@@ -42,9 +42,9 @@ from jbw.oscillator.laws.powers import REFERENCE, power
 from jbw.oscillator.parameters import SLOW, Conversion, Material, Scalar, batched, of_opensees
 from jbw.quantities import Quantity
 
-# Prior of the stiffness over that of the stiffest measured cycle, which is already worn.
+# Prior of the stiffness relative to that of the stiffest measured cycle, which is already degraded.
 WORN_SHARE = (0.01, 2.0)
-TOLERANCE = 1e-12  # relative error of z in a move, over the stretch at yield
+TOLERANCE = 1e-12  # largest error of z in a move, relative to the stretch at yield
 MOST_STEPS = 4096  # largest number of time steps in a move
 PARTS = 4  # Runge-Kutta steps in each of many moves along a record
 # Settings of OpenSees: tolerance relative to the stretch at yield, and number of iterations.
@@ -52,7 +52,7 @@ NEWTON = (1e-10, 100.0)
 
 
 class Worn(NamedTuple):
-    """The internal state: the stretch z [m] and the dissipated energy e over alpha z_y^2 [-]."""
+    """The internal state: stretch z [m], and dissipated energy e relative to alpha z_y^2 [-]."""
 
     stretch: Scalar
     energy: Scalar

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool
 from jbw.oscillator.kinks import signed
 from jbw.oscillator.parameters import Scalar
 
-Backlash = Any  # the law: a gap in series with an element
+Backlash = Any  # the law: an element behind a gap
 Memory = tuple[Scalar, Scalar]  # force Z [N/kg] and position s in the gap [m]
 _SERIES = 1e-3  # argument of log(1 + x) / x below which a series is used; its error is 2e-16
 
@@ -36,7 +36,7 @@ class Moved(NamedTuple):
 
 
 def moved(law: Backlash, memory: Memory, dy: Scalar) -> Moved:
-    """Return the internal state and the kinks of a joint with a gap, after a monotone move."""
+    """Return the state and the kinks of a joint with a gap, after a monotone move."""
     z, s = memory
     side = signed(1.0, dy)
     loaded = side * z < 0.0  # the force acts against the move

@@ -32,13 +32,14 @@ from jbw.oscillator.steady.waveform import (
 from jbw.quantities import Quantity
 from jbw.report.messages import joint as messages
 
-# Prior range of half the gap over the largest displacement: a wider gap never closes.
+# Prior range of half the gap, relative to the largest displacement: a wider gap never closes.
 WIDTH = (0.005, 0.9)
-# Largest stiffness over that at rest, or over that of a whole loop under prescribed motion.
+# Largest prior stiffness, relative to that at rest, or to that of a whole loop under prescribed
+# motion.
 STIFFEST = {False: 2.0, True: 20.0}
 _NODES, _NODES_PER_HARMONIC = 32, 4
 
-# Whether the element moves, and the constant c of its slope [1/m].
+# Whether the element moves, and the constant c in the slope of its force [1/m].
 Contact = tuple[Bool[Array, "..."], Scalar]
 
 

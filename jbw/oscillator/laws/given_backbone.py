@@ -25,8 +25,8 @@ from jbw.oscillator.parameters import Scalar
 from jbw.quantities import Quantity
 
 FEWEST_POINTS = 3
-SCALE = (0.2, 5.0)  # prior of both scales: a computed curve is right within a factor of 5
-_RISES = 1e-9  # rise of the slope that counts as rounding, over the slope at rest
+SCALE = (0.2, 5.0)  # prior range of both scales: a computed curve is right within a factor of 5
+_RISES = 1e-9  # relative rise of the curve's slope that counts as rounding
 
 
 class GivenBackbone(Masing):

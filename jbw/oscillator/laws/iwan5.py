@@ -28,9 +28,10 @@ from jbw.oscillator.parameters import SLOW, Scalar
 from jbw.quantities import Quantity
 
 COUNT = 1000
-GRADING = 2  # power of uniform numbers that gives the edges of the bins of slip limits
-_GRADED = 3  # power that concentrates a loop's nodes near 0
-# largest drop at which the angle has a derivative, relative to the largest possible
+GRADING = 2  # Edges of the bins of slip limits are uniform numbers to this power.
+# Integration points of a loop are uniform numbers to this power, which concentrates them near 0.
+_GRADED = 3
+# Drop of force, relative to the largest possible one, above which the angle has no derivative.
 _WITHIN = 1.0 - 1e-14
 
 
@@ -212,7 +213,7 @@ class Iwan5(Law):
     # -- of the density ----------------------------------------------------------------------------
     @property
     def _spread(self) -> Scalar:
-        """The total stiffness of all sliders except the last ones [1/s^2]."""
+        """The total stiffness of all sliders except those that slip last [1/s^2]."""
         return self.iwan_stiffness / (1.0 + self.iwan_beta)
 
     @property

@@ -27,9 +27,9 @@ from jbw.oscillator.steady.waveform import (
 )
 from jbw.quantities import Quantity
 
-# Prior of a stop's stiffness over the linear stiffness, from an opening interface to a pin.
+# Prior of a stop's stiffness relative to the linear stiffness, from an opening contact to a pin.
 STOP_SHARE = (-0.5, 2.0)
-# Prior of the gap over the largest displacement; without a gap it would be a linear spring.
+# Prior of the gap relative to the largest displacement; a stop without gap is a linear spring.
 STOP_GAP = (0.02, 1.0)
 _NODES, _NODES_PER_HARMONIC = 16, 4
 
@@ -49,7 +49,7 @@ class Corner(NamedTuple):
 
 
 class KinkedSpring(Spring):
-    """The base class of odd springs with corners, which a step or an integral must not cross."""
+    """The base class of odd springs with corners; steps and integrals end at each corner."""
 
     def corners(self) -> tuple[Corner, ...]:
         """Return the corners of the spring, the largest displacement first."""

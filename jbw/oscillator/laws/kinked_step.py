@@ -30,20 +30,20 @@ from jbw.oscillator.kinks import (
 from jbw.oscillator.laws.piecewise_map import MoveSlopes, TwoMoves, two_moves
 from jbw.oscillator.parameters import Scalar
 
-# Derivatives by delta, gamma, z, start slope, end slope, displacement and quartic term of the path.
+# Variables of derivatives: delta, gamma, z, slopes at start and end, displacement, quartic term.
 Slopes = tuple[Scalar, ...]
 Law = tuple[Scalar, Scalar, Scalar]
 
 
 class _Kinked(NamedTuple):
-    """The force z at the end, and the effect of kinks (times 1/h and 1/h^2), with derivatives."""
+    """The force z at the end, and the kinks' effect (times 1/h and 1/h^2), with derivatives."""
 
     values: tuple[Scalar, Scalar, Scalar]
     slopes: tuple[Slopes, Slopes, Slopes]
 
 
 class _Motion(NamedTuple):
-    """The path of a step: its turning point and curvature there, and the two moves along it."""
+    """The path of a step: turning point, curvature there, and the moves before and after it."""
 
     path: CubicPath
     turns: Bool[Array, "..."]
@@ -131,7 +131,7 @@ def _turn_slopes(
 
 
 def _along(moves: MoveSlopes, by_path: PathSlopes, by_quartic: Scalar) -> Slopes:
-    """Return derivatives by the path of a step, from those by the two moves along it."""
+    """Return derivatives by the path of a step, from those by its two moves."""
     delta, gamma, z, first, second = moves
     more = first - second
     start, end, rise = (more * x for x in by_path)

@@ -132,7 +132,7 @@ class Masing(Law):
         """Return factors of the state to velocities: 1/omega_n for forces, omega_n for lengths."""
         # Counters and dependent entries have a small weight, a power of two to avoid rounding.
         small = 2.0**-10 + 0.0 * omega_n
-        none = 0.0 * omega_n  # `missed` is a counter that only grows
+        none = 0.0 * omega_n  # `missed` only counts upwards, so it has no part in a steady state.
         stack = Stack(small, small, none, (omega_n,) * self.depth, (1.0 / omega_n,) * self.depth)
         return Branch(small, small, small, small, small, 1.0 / omega_n, small, stack)
 

@@ -21,7 +21,7 @@ from jbw.oscillator.steady.waveform import (
     synthesis,
 )
 
-Masing = Any  # a `jbw.oscillator.laws.masing.Masing`, whose methods call these functions
+Masing = Any  # a `jbw.oscillator.laws.masing.Masing`; its methods call the functions of this module
 
 # The force lost to slip begins like x^(1 + q), so near the tip the integrand is no polynomial.
 _NODES, _NODES_PER_HARMONIC = 48, 2

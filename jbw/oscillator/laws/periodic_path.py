@@ -180,7 +180,7 @@ def _turning_states(
     fixed = stop_gradient((law, y))
     z = y[0] - opening(y[0], law.delta, law.gamma)
     z = jax.lax.fori_loop(0, _NUM_PERIODICITY, lambda _, z: newton(*fixed, z), stop_gradient(z))
-    # At the root these steps change no digit, but carry two derivatives.
+    # These steps change no digit of the solution; they give it its first and second derivative.
     z = newton(law, y, newton(law, y, stop_gradient(z)))
     return law, turns, y, path(law, y, z)
 

@@ -10,7 +10,8 @@ from jbw.oscillator.power_losses import power_losses
 
 # Displacement [m] at which a power law's stiffness loss is stated; the law does not depend on it.
 REFERENCE = 1e-3
-PER_REFERENCE = 1.0 / REFERENCE  # multiplication is faster than division
+# reciprocal of that displacement, because multiplication is faster than division
+PER_REFERENCE = 1.0 / REFERENCE
 
 
 @jax.custom_jvp

@@ -27,7 +27,7 @@ def exponential_remainder(k: int, s: Float[Array, "..."]) -> Float[Array, "..."]
     """
     near = jnp.abs(s) < 1.0
     coefficients = tuple((-1) ** n / math.factorial(n + k) for n in range(_NUM_TERMS))
-    # Each side of a `where` receives a safe argument.
+    # Each branch of a `where` gets an argument for which it is finite.
     far_s = jnp.where(near, 1.0, s)
     far = -jnp.expm1(-far_s) / far_s
     for j in range(1, k):
@@ -87,9 +87,9 @@ def _horner(s: Float[Array, "..."], coefficients: tuple[float, ...]) -> Float[Ar
 _NUM_NODES = 64
 _NUM_NODES_HARMONICS = 48
 _NUM_NEWTON = 8
-# From this number of relaxation lengths on, the loop's integrals use a closed form.
+# Number of relaxation lengths in a loop from which on its integrals are taken in closed form.
 _LONG = 20.0
-# Part of the half-width that the opening must have, so that the closed form keeps its digits.
+# Least opening, relative to the half-width, for which the closed form keeps its digits.
 _OPEN = 0.01
 
 

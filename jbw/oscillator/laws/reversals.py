@@ -19,7 +19,7 @@ from jbw.oscillator.kinks import barrier
 from jbw.oscillator.parameters import Scalar
 
 SIZE = 10  # default number of load reversals that are remembered
-# A closed loop is detected up to this rounding, relative to the displacements.
+# Displacements that differ by less than this relative rounding close a loop.
 _ROUNDING = 1e-14
 
 # A tuple of scalars, or in a time loop one array, which is faster to copy.
@@ -70,7 +70,7 @@ class Branch(NamedTuple):
     stack: Stack
 
 
-_OUT_OF_REACH = 1e3  # displacement that no motion reaches [m]
+_OUT_OF_REACH = 1e3  # displacement [m] that stands for one which no motion reaches
 
 
 def nothing_remembered(size: int = SIZE) -> Branch:
@@ -80,7 +80,7 @@ def nothing_remembered(size: int = SIZE) -> Branch:
 
 
 def with_room(memory: Branch, size: int) -> Branch:
-    """Return a state with room for `size` load reversals; those dropped before stay lost."""
+    """Return a state with storage for `size` load reversals; those dropped before remain lost."""
     stack = memory.stack
     more = tuple(0.0 * stack.count for _ in range(size - len(stack.y)))
     return memory._replace(stack=stack._replace(y=(*stack.y, *more), f=(*stack.f, *more)))

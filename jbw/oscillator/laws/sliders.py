@@ -47,7 +47,8 @@ def sliders_of(law: Masing, reach: float, count: int = COUNT) -> Sliders:
     most = reach if kink is None else min(reach, float(kink.x))
     edges = most * np.linspace(0.0, 1.0, count + 1) ** GRADING
     if most < reach:
-        edges = np.append(edges[:-1], [most * (1.0 - 1e-12), most])  # the kink is a separate slider
+        # The kink has a slider of its own.
+        edges = np.append(edges[:-1], [most * (1.0 - 1e-12), most])
     lag, slope = (np.asarray(x) for x in law.lag(jnp.asarray(edges)))
     stiffness, moment = np.diff(slope), np.diff(edges * slope - lag)
     some = stiffness > 0.0

@@ -24,11 +24,11 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
 UNIT_RULE = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 _UNIT, _UNIT_WEIGHTS = UNIT_RULE
 _HALVINGS = 60  # number of bisections in the search for a stretch
-# Largest stretch of a hardening spring in a search, over the length of the move.
+# Largest stretch in a search, relative to the length of the move, for a spring that hardens.
 _FAR = 16.0
-# From this fraction of the limit on, the integral's pole is integrated analytically.
+# Part of the limit from which on the integral's pole is integrated analytically.
 _POLE = 0.5
-# Logarithmic distance to the limit beyond which the rest of an integral is negligible.
+# Logarithmic distance to the limit beyond which an integral's remaining part is negligible.
 _DEEP = 40.0
 
 

@@ -45,7 +45,7 @@ from jbw.oscillator.modes.step import (
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.step import End, shifted
 
-# A `ModalState` with the kinks' impulses of the step before, as arrays over time.
+# A `ModalState` with the kinks' effects of the previous step, as arrays over time.
 Trajectory = Any
 
 
@@ -78,7 +78,7 @@ def _march(stepping: ModalStepping, initial: ModalState) -> Trajectory:
 
 
 def _no_kicks(step: ModalStep, state: ModalState) -> tuple:
-    """Return zero impulses, for the time before the first step."""
+    """Return zero effects of kinks, for the time before the first step."""
     none = jnp.zeros_like(state[0][0])
     return tuple((none, none) for _ in step.joints)
 
@@ -282,7 +282,7 @@ def _moved_slopes(
 
 
 def _ways(at: Any) -> list[Any]:
-    """Return a unit change for each number of an argument, with all other numbers fixed."""
+    """Return unit vectors: a unit change of each number in an argument, with the others fixed."""
     leaves, tree = jax.tree.flatten(at)
     none, unit = jnp.zeros_like(leaves[0]), jnp.ones_like(leaves[0])
     size = range(len(leaves))

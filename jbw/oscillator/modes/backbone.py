@@ -44,7 +44,8 @@ _TOLERANCE = 1e-10
 _MAX_NEWTON = 12
 _MAX_STEPS = 400
 _LEAST_STEP = 1e-6
-# Largest change of a point in one step; a larger one may reach the branch of another mode.
+# Largest change of a point of the backbone in one step; a larger step may reach another mode's
+# branch.
 _MOST_CHANGE = 0.05
 
 
@@ -249,7 +250,8 @@ def _to(
         at, step, point, last_at, last, tries = state
         following = jnp.minimum(at + step, target)
         width = jnp.where(at > last_at, at - last_at, 1.0)
-        ahead = point + (following - at) / width * (point - last)  # prediction along the secant
+        # Predict the next point by the line through the last two points.
+        ahead = point + (following - at) / width * (point - last)
         tried, ok = _newton(options, mode, structure, ahead, following)
         ok = ok & (jnp.max(jnp.abs(tried - point)) < _MOST_CHANGE)
         outcomes = (following, 2.0 * step, tried, at, point), (at, 0.5 * step, point, last_at, last)

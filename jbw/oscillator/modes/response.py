@@ -193,7 +193,7 @@ def _simulate(
 
 
 class _Solved(NamedTuple):
-    """The states at the samples, with a function for the work of each joint."""
+    """The states at the samples, and a function for the work of each joint."""
 
     states: Trajectory
     work: Callable[[Structure], Array]
@@ -247,7 +247,7 @@ def oscillate_modes(structure: Structure, u: Scalar, state: Any) -> Any:
 def _stock(
     options: ModalOptions, structure: Structure, u: Callable, fs: Scalar, initial: ModalState
 ) -> _Solved:
-    """Return the motion computed by a standard solver; a periodic one includes the next start."""
+    """Return motion from a standard solver; a periodic one includes the next period's start."""
     num = (options.num_samples or 0) + options.periodic
     scheme = StockScheme(options.solver, options.controller, options.substeps)
     start = initial, tuple(jnp.zeros(()) for _ in structure.laws)

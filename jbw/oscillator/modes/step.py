@@ -39,17 +39,18 @@ from jbw.oscillator.step import (
 )
 
 Coordinates = tuple[Scalar, ...]
-ModalMotion = tuple[Coordinates, Coordinates]  # (q_i, ...), (q_i', ...), or changes of both
+# tuple of all (q_i, ...) and all (q_i', ...), or of their changes
+ModalMotion = tuple[Coordinates, Coordinates]
 # internal states: one tuple per joint, with an entry per law
 Memories = tuple[tuple[Memory, ...], ...]
-# (q_i, ...), (q_i', ...), memories
+# the state: (q_i, ...), (q_i', ...), internal states of the joints
 ModalState = tuple[Coordinates, Coordinates, Memories]
 # Contributions of the input to every q_i and q_i', and the input at the start of the step.
 ModalPush = tuple[tuple[Any, ...], tuple[Any, ...], Any]
 
 
 class ModeStep(eqx.Module):
-    """The constants of one mode's time step.
+    """The constants of one mode's time step, with weights of every joint's force.
 
     For every joint: h, p, and the weights `on_y`, `on_v` of its r, h r', change of r and h r_1'.
     """
@@ -116,7 +117,7 @@ class JointStep(eqx.Module):
 
     @property
     def by_others(self) -> tuple[Coupling, ...]:
-        """The effects of the other joints' forces on this joint."""
+        """The effects of the other joints' forces on this joint's motion."""
         return _without(self.place, self.by)
 
 
@@ -362,7 +363,7 @@ def all_bent(step: ModalStep, half_bends: tuple[Scalar, ...]) -> tuple[tuple[Sca
 
 
 def _without(place: int, values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return all values except the one at an index."""
+    """Return a tuple without the value at one index."""
     return values[:place] + values[place + 1 :]
 
 
@@ -381,7 +382,7 @@ def predicted(
 
 
 def _less(total: Scalar, *parts: Any) -> Scalar:
-    """Subtract several parts from a total, one after another."""
+    """Subtract several terms from a total, one after another."""
     return reduce(sub, (part for group in parts for part in group), total)
 
 
@@ -438,7 +439,7 @@ def _passed(at: Begun, end: End, shift: Scalar) -> tuple[Passed, End]:
 
 
 def _through_kinks(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[End, Scalar]:
-    """Return the end of a step with kinks, and the part of their effect that x already contains."""
+    """Return the end of a step with kinks, and the part of their effect that x already includes."""
     kernel, start = at.kernel, (at.state, at.branches, path.a)
     weights = kernel.bend_y, kernel.bend_v
     end, shifts = through_kinks(kernel.laws, kernel.dt, start, weights, (path.x, path.v), bends)

@@ -17,12 +17,12 @@ from jbw.oscillator.parameters import Scalar
 from jbw.report.messages import joint as messages
 
 _PER_MODE = ("omega_n", "zeta", "b")
-# Relative distance within which higher harmonics of one mode excite another mode.
+# Relative distance to a higher harmonic within which a mode is excited by a lower mode.
 _NEAR = 0.05
 _ORDERS = (3, 5)
-# Motion relative to a joint's largest: less is rounding in a mode that does not move it.
+# Relative motion of a joint in a mode below which it is rounding, and counts as none.
 _UNMOVED = 1e-8
-# Tolerance on the joints' share of the stiffness, which is 1 for a mechanism held by joints.
+# Tolerance on the joints' share of the stiffness, which may reach 1.
 _ROUND_OFF = 1e-9
 
 # The laws of one joint, or a tuple of them for every joint.

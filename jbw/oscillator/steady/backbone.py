@@ -46,7 +46,7 @@ from jbw.oscillator.steady.modal import modal_tones
 from jbw.oscillator.steady.waveform import orders
 
 NUM_HARMONICS = 4
-NUM_STEPS = 3  # Newton steps from the first harmonic alone; each one squares the error
+NUM_STEPS = 3  # number of Newton steps from the first harmonic alone; each one squares the error
 
 
 class Backbone(eqx.Module):

@@ -26,7 +26,7 @@ from jbw.oscillator.steady.balance import (
     unpack,
 )
 
-# A relative change of the frequency by this much counts as much as one of the harmonics by 1.
+# Weight: a relative change of the frequency by this much counts as a change of the harmonics by 1.
 _FREQUENCY_SCALE = 0.2
 _LEAST_STEP = 1e-6
 _GROWTH = 1.5
