@@ -23,14 +23,17 @@ from jbw.forced.equivalent import EquivalentLoops, EquivalentMotion, Values
 from jbw.forced.roots import bracketed_root
 from jbw.forced.table import LoopTable, tabulated
 
-COARSE, FINE = 16, 96  # nodes of the tables in which a peak is searched: first, and refined
-POINTS = 160  # number of points per side of a curve's peak
+# numbers of amplitudes in the tables in which a peak is searched: at first, and refined
+COARSE, FINE = 16, 96
+POINTS = 160  # number of points on each side of a curve's peak
 ROUNDS = 4  # iterations for the frequency; each reduces the error by a factor of about zeta^2
-MOST_ROUNDS = 12  # largest number of corrections with the loops instead of the table
+MOST_ROUNDS = 12  # largest number of corrections by the loops themselves in place of the table
 # smallest relative changes of level or frequency, and slope at a fold, in iterations
 CLOSE, FLAT = 1e-11, 1e-6
-MOST_EXTENSIONS = 6  # extensions of the first table to larger amplitudes, by a factor of 4 each
-HALF = np.arccosh(np.sqrt(2.0))  # parameter t of the half-power amplitude, Y_peak / cosh(t)
+# number of extensions of the first table to larger amplitudes, by a factor of 4 each
+MOST_EXTENSIONS = 6
+# parameter t at which the amplitude is that of half power, Y_peak / cosh(t)
+HALF = np.arccosh(np.sqrt(2.0))
 # Relative step of the curve parameter for the tangent at a fold.
 SURE = 1e-6
 
@@ -273,7 +276,7 @@ def resonance(motion: EquivalentMotion, level: Values) -> Resonance:
     rise = along(peak, place).rise
     folds = [_fold(motion, peak, place, rise, last=last) for last in (False, True)]
     first, last = folds
-    is_up = first.y < last.y  # the jump up starts at the smaller amplitude
+    is_up = first.y < last.y  # The jump up starts at the smaller amplitude.
     up = [np.where(is_up, *pair) for pair in ((first.omega, last.omega), (first.y, last.y))]
     down = [np.where(is_up, *pair) for pair in ((last.omega, first.omega), (last.y, first.y))]
     half = np.broadcast_to(HALF * np.array([-1.0, 1.0]), (*peak.y.shape, 2))

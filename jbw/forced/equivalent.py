@@ -29,7 +29,7 @@ from jbw.oscillator.steady.waveform import crest, orders, synthesis
 Values = NDArray[np.float64]
 LANES = 128  # number of amplitudes per compiled call, for any number of draws
 STEP = 1e-4  # relative step of amplitude or frequency, for slopes by finite differences
-# Change of a harmonic over Y that ends its iteration, and the largest number of its steps.
+# change of a harmonic, relative to Y, that ends its iteration, and largest number of iterations
 CONDENSED, MOST_STEPS = 1e-13, 60
 
 

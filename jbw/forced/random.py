@@ -23,11 +23,12 @@ from jbw.errors import ModelError
 from jbw.forced.energy import Cycles, cycles, rule
 from jbw.forced.equivalent import EquivalentMotion, Values, wide
 
-# number of amplitudes in the result, and in the search for the largest amplitude
+# numbers of amplitudes in the result, and in the search for the largest amplitude
 NODES, COARSE = 48, 24
-FARTHEST = 30.0  # negative exponent of the probability density at the largest amplitude
-LEAST = 1e-3  # smallest spectral density over that at the mode, to avoid division by zero
-# Range about the mode in half widths, and the largest factor by which the density may vary in it.
+FARTHEST = 30.0  # minus the exponent of the probability density at the largest amplitude
+LEAST = 1e-3  # smallest spectral density relative to that at the mode, to avoid division by zero
+# Range about the mode in half-power half widths, and largest factor by which the density may vary
+# in it.
 WIDTHS, UNEVEN = 4.0, 4.0
 HEAVY = 0.05  # damping ratio above which the energy changes too fast for averaging
 

@@ -44,19 +44,20 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import force_at, tone_at_phase
 from jbw.quantities import DEFAULT_LAWS, Motion, derivative_order
 
-HALF_WIDTH = 0.01  # half width of a resonance over its frequency, before a fit gives the damping
-FEW = 0.25  # fraction of points, those of smallest motion, that give the starting value of omega_n
-# smallest noise over the residual of a fit, in addition to the noise from the amplitude
+# half width of a resonance relative to its frequency, until a fit gives the damping
+HALF_WIDTH = 0.01
+FEW = 0.25  # part of the points, those of smallest motion, that gives the starting value of omega_n
+# smallest noise relative to the residual of a fit, in addition to the noise from the amplitude
 LEAST_NOISE = 1e-3
-QUARTER = -0.5 * np.pi  # phase of the displacement at phase resonance [rad]
-MOMENTS = 4  # variables whose deviations are averaged: frequency or phase, force, log Y, phase
+QUARTER = -0.5 * np.pi  # phase of the displacement against the force at phase resonance [rad]
+MOMENTS = 4  # number of averaged deviations: of frequency or phase, force, log Y, phase
 
 
 class ControlledGroup(NamedTuple):
-    """A data group of a controlled test: the number of the test, and the compared quantity."""
+    """A data group of a controlled test: number of the test, and compared quantity."""
 
     test: int
-    quantity: str  # frequency, phase or force
+    quantity: str  # compared quantity: frequency, phase or force
 
 
 class ControlledPoints(Observable):
@@ -221,8 +222,8 @@ class ControlledPoints(Observable):
             frequency_or_phase = omega / (2 * np.pi)
         else:
             held = jax.vmap(jax.vmap(partial(force_at, joint)))(self.omega, y) / gain
-            # The force's phase refers to the motion without residual terms, which leads the
-            # measured one.
+            # The phase of the force refers to the motion without residual terms, which leads the
+            # measured motion.
             frequency_or_phase, force = -jnp.angle(held) - (phi - phase), jnp.abs(gain * held)
         by_quantity = {"force": force / jnp.abs(gain)}
         return jnp.stack(
@@ -237,7 +238,7 @@ class ControlledPoints(Observable):
         if not terms or self.unit_of_source == "":
             return amplitude, phase
         motion_phase = phase
-        # without a measured phase, `phase` is that of the motion without residual terms
+        # If the phase is not measured, `phase` is that of the motion without residual terms.
         if not self.is_locked:
             hold = partial(force_at, oscillator_of(theta, self.laws))
             without = -jnp.angle(jax.vmap(jax.vmap(hold))(self.omega, amplitude) / theta["gain"])
@@ -268,7 +269,7 @@ class ControlledPoints(Observable):
         return np.array([forces.get(row.test, i) for i, row in enumerate(self.rows)])
 
     def spread(self, group: int) -> Float[np.ndarray, " value"]:
-        """Return the noise of every value, relative to the noise level of its data group."""
+        """Return the noise of every value, relative to that of its data group."""
         where, force = compared(self.groups, group), self._force_of_test[group]
         scale, mixed = (np.asarray(x)[group][where] for x in (self.scale, self.mixed))
         noise = np.asarray(self.groups.noise_std)
@@ -309,7 +310,8 @@ class ControlledPoints(Observable):
         scale, mixed = np.array(self.scale), np.zeros(self.mean.shape)
         within, force = np.asarray(self.groups.within).copy(), self._force_of_test
         variances, noisy = np.ones(scale.shape), np.asarray(self.amplitude_std)
-        for i in sorted(range(len(self.rows)), key=lambda i: i != force[i]):  # forces first
+        # Forces come first, since the other groups need them.
+        for i in sorted(range(len(self.rows)), key=lambda i: i != force[i]):
             where, test = compared(self.groups, i), self.rows[i].test
             by_amplitude = (noisy[test] * slopes[0][i][where]) ** 2
             count = float(self.groups.num_repeats[i])
@@ -549,7 +551,7 @@ def _moments(
 
 
 def _course(row: ControlledGroup, mean: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
-    """Return the relative noise of points without that of amplitude: force means, else ones."""
+    """Return points' relative noise, without that of the amplitude: mean forces, else ones."""
     return mean if row.quantity == "force" else np.ones(len(mean))
 
 

@@ -27,8 +27,8 @@ from jbw.observables.modes import Modes
 from jbw.observables.observable import OFFSETS, Observable, Theta, assemblies_of, numbers_of
 from jbw.observables.observable import unnamed as nameless
 
-# Nodes of a log-uniform prior for the standard deviation of natural frequencies between records,
-# relative to omega_n.
+# Values, with equal prior probability in the logarithm, of the standard deviation of natural
+# frequencies between records, relative to omega_n.
 SCATTERS = np.geomspace(1e-8, 1e-2, 25)
 
 Block = tuple[Float[Array, "_group _value"], Float[Array, "_group own _value"]]
@@ -149,7 +149,8 @@ def solved(
     threads: int,
     *,
     writes: bool,
-    rows: Sequence[Float[np.ndarray, "_ _ _"] | None] | None = None,  # one array per part
+    # one array of rows per part of the data
+    rows: Sequence[Float[np.ndarray, "_ _ _"] | None] | None = None,
 ) -> Solved | None:
     """Compute a dataset's costly predictions at many points in advance; None if there are none.
 
@@ -289,7 +290,7 @@ def by_label(
 
 def halved(data: Dataset) -> Dataset | None:
     """Return the dataset with twice as many solver steps; None if nothing is integrated in time."""
-    # without a joint law, any step is exact
+    # Without a joint law, a step of any length is exact.
     finer = [part.laws and part.substeps for part in data.parts]
     if not any(finer):
         return None

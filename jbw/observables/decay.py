@@ -36,9 +36,10 @@ from jbw.oscillator.response import simulate
 from jbw.quantities import LETTER_OF, derivative_order
 from jbw.report.messages import observed as messages
 
-# Length of the start of a record that determines its initial state, in units of 1 / (zeta omega_n).
+# Length of a record's first section that determines its initial state, in units of 1 / (zeta
+# omega_n).
 BEGINNING = 0.3
-LEAST_BEGUN = 8  # fewest envelope values in that start
+LEAST_BEGUN = 8  # smallest number of envelope values in that section
 
 
 class Decays(Envelopes):
@@ -51,7 +52,7 @@ class Decays(Envelopes):
     informs: ClassVar[frozenset[str]] = frozenset({"omega_n", "zeta"})
     stepped: ClassVar[bool] = True
     own_shifts: ClassVar[bool] = True
-    # a larger relative residual means a motion that the model does not contain
+    # If the relative residual is larger, the record contains motion that the model lacks.
     most_misfit: ClassVar[float | None] = 0.05
     several: ClassVar[bool | None] = False
     unread: ClassVar[Mapping[str, Any]] = {"centre_hz": 0.0, "readings": None}
@@ -103,12 +104,12 @@ class Decays(Envelopes):
 
     @property
     def _says(self) -> Bool[Array, " record"]:
-        """Whether a record has more independent values than unknowns of its own."""
+        """Whether a record has more independent values than unknowns (initial state, shift)."""
         return self.groups.num_values > self.groups.num_own
 
     @property
     def _degrees(self) -> Float[Array, " record"]:
-        """The independent values of a record minus its own unknowns, at least 1."""
+        """The independent values of a record minus its unknowns, at least 1."""
         return jnp.where(self._says, self.groups.num_values - self.groups.num_own, 1.0)
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
@@ -315,9 +316,9 @@ def begun(
         law_std: Standard deviation tau of the law's frequency error [rad/s].
     """
     best_match = match(decay, envelope, data.step_s)
-    # A short start hardly determines the noise; that of the fitted records is used.
+    # A short section hardly determines the noise; that of the fitted records is used.
     precision = best_match.precision * data.fraction / noise_std**2
-    # The prior of the shift constrains it if the record's start is too short.
+    # The prior of the shift constrains it if the section is too short.
     variance = data.shift_std**2 + law_std**2
     both = jnp.linalg.inv(precision.at[2, 2].add(1 / variance))
     total = best_match.entry.shift * (1 - both[2, 2] / variance)
@@ -335,7 +336,7 @@ def begun(
 
 
 def num_begun(theta: Mapping[str, Any], data: Decays) -> int:
-    r"""Return the number of values in a record's start: $0.3 / (\zeta \omega_n)$, at most half."""
+    """Return how many values determine a record's initial state: those of 0.3 / (zeta omega_n)."""
     rate = float(np.mean(theta["zeta"] * theta["omega_n"]))
     half = data.mean.shape[1] // 2
     num_values = BEGINNING / (rate * data.step_s) if rate > 0 else half

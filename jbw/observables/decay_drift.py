@@ -20,7 +20,7 @@ class Drift(NamedTuple):
 
     frequency: float
     rate: float
-    rest: Complex[np.ndarray, " value"]  # remaining part of the envelope's residual
+    rest: Complex[np.ndarray, " value"]  # residual of the envelope without the drift
     measured: Complex[np.ndarray, " value"]
 
 

@@ -26,16 +26,17 @@ from jbw.observables.observable import Laws, Observable
 from jbw.observables.samples import substeps_for
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
-NUM_OWN = 3  # unknowns of a record except noise: amplitude, phase, frequency shift
+NUM_OWN = 3  # number of unknowns of a record besides its noise: amplitude, phase, frequency shift
 # smallest number of values; a decay has five parameters, and three unknowns per record
 LEAST_VALUES = 16
-HEADROOM = 1.02  # start of the simulated decay over the amplitude of the strongest record
-SPARE = 1.3  # duration of the simulation over the duration that the measured decay rates require
-# smallest decay rate at either end over the mean rate, because noise may hide the true one
+HEADROOM = 1.02  # start amplitude of the simulated decay, relative to that of the strongest record
+SPARE = 1.3  # duration of the simulation, relative to that which the measured decay rates require
+# smallest decay rate at either end, relative to the mean rate, because noise may hide the true one
 LEAST_RATE = 0.1
 # Longest simulated time before the strongest decay reaches the weakest record, in record lengths.
 MOST_WAIT = 20.0
-NUM_REFINEMENTS = 3  # Gauss-Newton steps to a record's start time on the simulated decay
+# number of Gauss-Newton steps that find the start of a record on the simulated decay
+NUM_REFINEMENTS = 3
 # Lagrange's cubics through -1, 0, 1 and 2, one per column: coefficients of 1, f, f^2 and f^3.
 CUBICS = np.array([[0, 6, 0, 0], [-2, -3, 6, -1], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
 
@@ -198,7 +199,7 @@ class Entry(NamedTuple):
 
 
 class Match(NamedTuple):
-    """A record fitted to the simulated decay; misfit is the sum of squared moduli.
+    """A record fitted to the simulated decay, with the sum of squares of its residual.
 
     `precision` is the normal matrix of log amplitude, phase and shift, for noise of unit variance;
     `rate` is the change of the log amplitude by the place.
@@ -268,7 +269,7 @@ def _first_entry(
     places = jnp.interp(-jnp.log(size), -decay.real, grid) - steps
     place = jnp.average(places, weights=size**2)
     log, _ = along(decay, place + steps)
-    ratio = envelope * jnp.exp(jnp.conj(log))  # its phase is the one that the model lacks
+    ratio = envelope * jnp.exp(jnp.conj(log))  # This is the phase that the simulated decay lacks.
     turn = jnp.angle(jnp.sum(ratio[1:] * jnp.conj(ratio[:-1])))
     phase = jnp.angle(jnp.sum(ratio * jnp.exp(-1j * turn * steps)))
     return Entry(place, phase, turn / step_s)

@@ -23,7 +23,8 @@ from jbw.observables.observable import Observable, SteadyLines
 from jbw.quantities import ATTACHED, FED, LINEAR, OSCILLATOR, STUCK
 
 NAMES = tuple(quantity.name for quantity in OSCILLATOR)
-DAMPED, LEAST_DAMPED = 0.02, 1e-4  # damping ratio assumed if unknown, and the smallest one
+# damping ratio that is assumed if unknown, and smallest damping ratio
+DAMPED, LEAST_DAMPED = 0.02, 1e-4
 PLAIN = {quantity.name: plain for quantity, plain in zip(ATTACHED, NAMES * len(FED), strict=True)}
 
 
@@ -63,7 +64,8 @@ def parts_of(drive: str, parts: Sequence[Observable]) -> list[Observable]:
 
 def readings_of(parts: Sequence[Observable]) -> AmplitudeCurve | None:
     """Return all measured frequencies and damping ratios over amplitude, or None if none exist."""
-    of_one = parts_of("", parts)  # with another drive, the small-amplitude damping differs
+    # The damping at small amplitude differs between drives, so only one drive is used.
+    of_one = parts_of("", parts)
     of_parts = (part.shown().amplitude_readings() for part in of_one)
     curves = [readings for readings in of_parts if readings is not None]
     if not curves:
@@ -141,7 +143,7 @@ def _gain_of(held: Mapping[str, Any] | None, drive: str) -> float | None:
 def _first(parts: Sequence[Observable], gain: float | None) -> dict[str, float]:
     values: dict[str, float] = {}
     if any(part.modes for part in parts):
-        for part in parts:  # with several modes, each part may measure another gain
+        for part in parts:  # With several modes, each part may measure another gain.
             values = part.shown().first_values() | values
         return with_ratios(values)
     values = next((values for part in parts if (values := part.shown().first_values())), {})

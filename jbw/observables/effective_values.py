@@ -9,14 +9,17 @@ import numpy as np
 from jaxtyping import Complex, Float
 from scipy.ndimage import uniform_filter1d
 
-COLOURED = 0.2  # lag-one correlation above which intervals are noticeably too narrow
-BEYOND_CHANCE = 3.0  # multiple of the standard error 1 / sqrt(n) that a correlation must exceed
-MISFIT = 0.5  # share of a mean's variance; a larger misfit does not average out over repeats
-# smallest number of independent values in a data group, needed to integrate out noise
+COLOURED = 0.2  # Lag-one correlation of residuals above which intervals are clearly too narrow.
+# A correlation counts if it exceeds this multiple of its standard error 1 / sqrt(n).
+BEYOND_CHANCE = 3.0
+# part of a mean's variance that is misfit above which it does not average out over repeats
+MISFIT = 0.5
+# Smallest number of independent values in a data group, needed to integrate out its noise.
 LEAST_VALUES = 8
-BY_CHANCE = 0.5  # share of independent values below which white residuals hardly fall by chance
+# part of the values that counts as independent below which white residuals hardly fall by chance
+BY_CHANCE = 0.5
 MEDIAN_OF_SQUARE = 0.455  # median of the square of a standard normal variable
-SMOOTHED = 5  # neighbouring values over which squared residuals are averaged
+SMOOTHED = 5  # number of neighbouring values over which squared residuals are averaged
 
 Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
 

@@ -11,10 +11,10 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Complex, Float, Inexact
 
-SPANS = 1e-10  # smaller singular values, of columns of norm one, are only rounding
+SPANS = 1e-10  # Smaller singular values, of columns of norm one, are rounding.
 
 Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
-Rows = Mapping[str, Row]  # by the groups' labels
+Rows = Mapping[str, Row]  # rows of residuals by the label of their data group
 Covariance = Float[np.ndarray, "parameter parameter"]
 
 

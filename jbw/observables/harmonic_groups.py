@@ -14,13 +14,15 @@ from jbw.measurement.harmonics import harmonics
 from jbw.measurement.records import Test, run_of
 from jbw.quantities import UNIT_OF, derivative_order, per
 
-# odd harmonics in the harmonic balance; the neglected ones are below 1e-6 of the first
+# number of odd harmonics in the harmonic balance; neglected ones are below 1e-6 of the first
 NUM_HARMONICS = 4
-ORDERS = (1, 3)  # compared orders; other measured orders only start the harmonic balance
+# orders that are compared; other measured orders only give starting values of the harmonic balance
+ORDERS = (1, 3)
 HIGHEST = 2 * NUM_HARMONICS - 1
-BELOW_NYQUIST = 0.499  # largest harmonic frequency over the sampling frequency
-NO_AMPLITUDE = 1e-9  # smallest amplitude of a source, in its unit
-# Largest variation of a controlled response along a curve, relative to that of the source.
+# A harmonic is used if its frequency is below this part of the sampling frequency.
+BELOW_NYQUIST = 0.499
+NO_AMPLITUDE = 1e-9  # amplitude of a source, in its unit, that stands for nearly zero
+# A response counts as controlled if it varies less along a curve, relative to the source.
 CONTROLLED = 1 / 3
 
 

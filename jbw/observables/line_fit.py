@@ -28,14 +28,17 @@ from jbw.observables.samples import joints_at
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.quantities import DEFAULT_LAWS
 
-MOST = 6.0  # largest amplitude over the rms; higher ones have a probability of 1e-8
+# largest amplitude of random motion over its rms; higher ones have a probability of 1e-8
+MOST = 6.0
 NUM_NODES = 24
-# amplitude over the rms that 99 % of the peaks of narrow-band noise stay below
+# Amplitude over the rms below which 99 % of the peaks of narrow-band noise stay.
 LARGEST = float(np.sqrt(-2 * np.log(0.01)))
-MARGIN = 0.05  # standard deviation of neglected effects over the shift by the joint
+MARGIN = 0.05  # sd of neglected effects, relative to the change by the joint
 READ = ("omega_n", "zeta", "gain")
-LEAST_LINES = 2  # smallest number of lines for an oscillator: three unknowns, two numbers per line
-JUMP = 0.5  # relative change of the response between two points that shows a jump to another branch
+# smallest number of spectral lines for an oscillator: three unknowns, two numbers per line
+LEAST_LINES = 2
+# A relative change of the response between two points above this is a jump to another branch.
+JUMP = 0.5
 
 
 class LineReading(KnownReading):
@@ -64,7 +67,7 @@ class LineReading(KnownReading):
         """Build the term from Step 2's omega_n, zeta and gain at rms motion `y_rms` [m]."""
         arrays = np.asarray(mean)[None], np.asarray(covariance), float(y_rms)
         read, spread, rms = jax.device_put(arrays)
-        # The noise is known in advance, as it is from repeats.
+        # The noise is known in advance, as for data with repeats.
         groups = read_before(f"line fit of {run}", run, len(READ), num_repeats=2)
         return cls(spread, rms, mean=read, groups=groups, laws=laws)
 

@@ -18,10 +18,12 @@ from jbw.observables.observable import Laws, Observable, Shown, SteadyLines, The
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS
 
-LONG = 8192  # number of samples; in longer records, neighbours are averaged
-SOFTER = 2.0  # ratio of stiffness; above it the stiffest cycle counts instead of the whole loop
-SEEN = 0.1  # smallest force of a cycle over the largest force; less may be noise
-# largest averaged step over the largest displacement: about a thousand values per cycle
+LONG = 8192  # number of samples above which neighbouring samples are averaged
+# If the stiffest cycle is this many times as stiff as the whole loop, its stiffness is used.
+SOFTER = 2.0
+SEEN = 0.1  # smallest force of a cycle, relative to the largest force; a smaller one may be noise
+# largest step between averages, relative to the largest displacement: about a thousand values per
+# cycle
 FINEST = 6e-3
 
 

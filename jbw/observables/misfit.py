@@ -83,7 +83,7 @@ def independent_fractions(
         fraction = effective_fraction(residuals[label], slopes, covariance)
         if group.is_misfit:
             colours.append(fraction)
-        # the noise is large where the prediction is sensitive to parameters
+        # The noise is large where the prediction is sensitive to the parameters.
         elif fraction <= BY_CHANCE:
             fractions[label] = fraction
     if not colours:

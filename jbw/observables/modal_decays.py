@@ -47,8 +47,9 @@ from jbw.report.messages import observed as messages
 
 # solver steps per period of the highest mode; with fewer, reversals within a step are missed
 STEPS_A_PERIOD = 20.0
-STEP = 1e-6  # step of finite differences over a mode's amplitude; rounding is 1e-10
-# Gauss-Newton steps to a record's initial state, one simulation each, before a last step
+STEP = 1e-6  # step of finite differences, relative to a mode's amplitude; rounding is 1e-10
+# number of Gauss-Newton steps that find a record's initial state, one simulation each, before a
+# last step
 NUM_STEPS = 2
 TINY = np.finfo(float).tiny
 SHORTER = 0.25  # part of a Gauss-Newton step that is tried if the whole step increases the residual
@@ -150,7 +151,7 @@ class ModalDecays(Decays):
         return jax.lax.map(lambda seen: match(structure, seen, self), records)
 
     def only(self, record: int, size: int) -> Self:
-        """Return the first values of one record, with a simulation of the same length."""
+        """Return the data for the initial section of one record alone."""
         values = self.values_of(record, size)
         num_samples = (values["mean"].shape[1] - 1) * self.stride + len(self.taps)
         return replace(self, **values, num_samples=num_samples)
@@ -316,7 +317,7 @@ def match(structure: Structure, seen: MatchedEnvelopes, data: ModalDecays) -> Ma
     def onward(carry: tuple[Array, Array, Array], _: None) -> tuple[Any, None]:
         start, least, move = carry
         deviation = seen.envelope - modal_envelopes(still, start + scale * move, data).sum(axis=0)
-        better = _square(deviation) < least  # false if it is NaN
+        better = _square(deviation) < least  # A NaN gives False.
         start = jnp.where(better, start + scale * move, start)
         move = jnp.where(better, step(deviation), SHORTER * move)
         return (start, jnp.where(better, _square(deviation), least), move), None

@@ -11,9 +11,9 @@ from scipy.optimize import least_squares
 from jbw.measurement.channels import lines_within
 from jbw.observables.modes import FIRST, Modes, Reals
 
-DRIVEN = 0.1  # spectral height over the largest line; stronger lines give the starting values
-FEWEST = 6  # smallest number of spectral lines for a mode
-# Part of a mode's window that lines must span; a harmonic of a shaker's force spans less.
+DRIVEN = 0.1  # Spectral lines above this part of the largest one give starting values.
+FEWEST = 6  # smallest number of spectral lines from which a mode's frequency is taken
+# Part of a mode's search range that lines must span; a harmonic of a shaker's force spans less.
 SPANNED = 0.5
 # smallest, assumed and largest damping ratio of starting values
 LEAST_ZETA, USUAL_ZETA, MOST_ZETA = 1e-4, 5e-3, 0.2
@@ -22,7 +22,7 @@ LEAST_ZETA, USUAL_ZETA, MOST_ZETA = 1e-4, 5e-3, 0.2
 class MotionSpectra(NamedTuple):
     """The spectra of one test: of its source, and of the displacement at each measured point."""
 
-    omega: Float[np.ndarray, " line"]  # [rad/s]
+    omega: Float[np.ndarray, " line"]  # frequencies of the lines [rad/s]
     source: Complex[np.ndarray, " line"]
     seen: dict[str, Complex[np.ndarray, " line"]]
 

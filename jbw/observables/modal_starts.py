@@ -7,7 +7,7 @@ from jbw.measurement.envelopes import envelopes, filter_of
 from jbw.measurement.records import Test
 from jbw.quantities import derivative_order
 
-LEAST = 4  # smallest number of independent values for an initial state
+LEAST = 4  # smallest number of independent values from which an initial state is estimated
 
 
 def starts_of(test: Test) -> Complex[np.ndarray, " record"]:

@@ -26,12 +26,14 @@ from jbw.report.messages import observed as messages
 
 FIRST = tuple(quantity.name for quantity in OSCILLATOR)
 LABEL = "modes at the joint"
-SHAPE_STD, COUPLING_STD = 1.5, 2.0  # prior standard deviations of logarithms
-REACH = 3.0  # prior bounds in standard deviations
-WITHIN = 0.07  # half width of a mode's search range, over its stated frequency
-HARDLY_SEEN = 0.02  # smallest gain over the largest gain that determines a mode's frequency
+# prior sd of the logarithms of a mode's motion of the joint, and of its coupling
+SHAPE_STD, COUPLING_STD = 1.5, 2.0
+REACH = 3.0  # prior bounds of these logarithms, in standard deviations
+WITHIN = 0.07  # half width of a mode's search range, relative to its stated frequency
+# A mode's frequency is determined if its gain exceeds this part of the largest gain.
+HARDLY_SEEN = 0.02
 LEAST_ZETA = 1e-4  # smallest starting value of a damping ratio
-CLEAR = 9.0  # smallest difference of chi-square that decides between signs
+CLEAR = 9.0  # smallest difference of chi-square that decides between the signs of a mode's motion
 Bounds = dict[str, tuple[float, float]]
 Reals = NDArray[np.float64]
 
@@ -47,7 +49,7 @@ class Modes(NamedTuple):
     # Coupling of the modes: "common" by one joint; "apart" not at all, with separate laws; "first"
     # if only the first mode has the joint; "assembled" by several joints of a reduced model.
     meet: str = "common"
-    numbers: tuple[tuple[str, float], ...] = ()  # values that the reduced model determines, by name
+    numbers: tuple[tuple[str, float], ...] = ()  # fixed values from the reduced model, by name
     uncertain: bool = False  # whether the joints' motion in the model's modes is uncertain
 
     @property
@@ -166,7 +168,7 @@ def bounds_of(modes: Modes, known: Mapping[str, float], *, with_joint: bool) -> 
     for names, (low, high) in zip(modes.names, modes.windows_hz[1:], strict=True):
         bounds[names.omega] = 2 * np.pi * low, 2 * np.pi * high
         bounds[names.zeta] = 0.005 * known[names.zeta], 3.0 * known[names.zeta]
-        if names.ratio not in known:  # nothing drives the modes, or the model determines the gains
+        if names.ratio not in known:  # Nothing drives the modes, or the model gives their gains.
             continue
         ratio = known[names.ratio]
         reach = 2 * max(abs(ratio), 0.05)

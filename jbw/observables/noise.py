@@ -21,7 +21,7 @@ from jbw.observables.groups import Covariance, Rows, changed, sizes
 from jbw.observables.misfit import independent_fractions, shared_misfit
 from jbw.observables.observable import Observable, Theta, alone
 
-SILENT = 1e-12  # factor on the number of values of a data group that must not count
+SILENT = 1e-12  # factor on the number of values of a data group that is left out
 
 Draws = Float[np.ndarray, "chain draw"]
 Drawn = Mapping[str, Float[np.ndarray, "..."]]  # parameters by name, including fixed ones
@@ -104,7 +104,7 @@ def effective_fractions(
     fractions: dict[str, float] = {}
     for part in measured_parts(expected or data):
         labels = part.groups.labels
-        if part.own_shifts:  # all records of one decay test are coloured alike
+        if part.own_shifts:  # All records of one decay test have residuals of one colour.
             colour = correlated_fraction(np.stack([residuals[label] for label in labels]))
             fractions |= dict.fromkeys(labels, colour)
         else:
@@ -126,7 +126,7 @@ def with_effective_values(fractions: Mapping[str, float], data: Dataset) -> Data
 
 
 def silenced(labels: Collection[str], data: Dataset) -> Dataset:
-    """Return the dataset with some data groups excluded, without changing array shapes."""
+    """Return the dataset without some data groups in the likelihood, with arrays of equal shape."""
     return with_effective_values(fractions_counted(data) | dict.fromkeys(labels, SILENT), data)
 
 

@@ -30,12 +30,12 @@ from jbw.observables.groups import (
 from jbw.observables.spectra import Spectrum
 from jbw.quantities import DEFAULT_LAWS
 
-OFFSETS = ("omega_n", "zeta")  # parameters that may have an offset in each run
+OFFSETS = ("omega_n", "zeta")  # parameters that may differ between runs by an offset
 
 Theta = Mapping[str, Array]
 Weighted = tuple[Float[Array, "group value"], Float[Array, "group own value"]]
 Laws = tuple[str, ...]
-Names = Mapping[str, str]  # name of each data group or run in compiled programs
+Names = Mapping[str, str]  # names of data groups or runs, by their names in compiled programs
 
 
 class SteadyLines(NamedTuple):

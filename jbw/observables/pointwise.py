@@ -27,7 +27,8 @@ from jbw.observables.drives import of_part
 from jbw.observables.groups import beside_own, fractions_counted, single_records
 from jbw.observables.observable import Observable, Theta
 
-SEED = "seed of the draw"  # key of the random seed among the parameters; no parameter has this name
+# name under which the random seed is passed among the parameters; no parameter has this name
+SEED = "seed of the draw"
 
 
 class RecordRows(NamedTuple):
@@ -59,7 +60,8 @@ class OfPart(NamedTuple):
     log_likelihood: Float[np.ndarray, "draw record"]
     # Log likelihood about the mean of the repeats, without a model.
     reference: Float[np.ndarray, " record"]
-    observed: Float[np.ndarray, " record"]  # rms of a record relative to that of its group's mean
+    # rms of each record, relative to that of its group's mean
+    observed: Float[np.ndarray, " record"]
     predicted: Float[np.ndarray, "draw record"]
 
 

@@ -54,17 +54,17 @@ from jbw.oscillator.residual_sums import Compared, Sums, residual_sums
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 from jbw.report.messages import observed as messages
 
-# Starting values are read from spectral lines above this part of the peak.
+# Starting values come from spectral lines above this part of the peak.
 NEAR_PEAK = 0.3
-ABSURD = 1e6  # largest prediction over the largest measured value; more is invalid
+ABSURD = 1e6  # A prediction that exceeds the largest measured value by this factor is invalid.
 # Largest number of rows that are summed in the time loop; with more, storing the response is
 # cheaper.
 MOST_ROWS = 12
 # Relative steps of finite differences, which change the motion by about a thousandth. The error is
 # of the fourth power of the step, plus 1e-12 of rounding.
 DIFFERENCE = {"omega_n": 3e-6, "zeta": 5e-4}
-NUM_POWERS = 6  # powers of the polynomials of a band-limited input
-SUBSTEPS = 2  # smallest number of solver steps between samples, unless stated
+NUM_POWERS = 6  # number of coefficients of a band-limited input's polynomials
+SUBSTEPS = 2  # smallest default number of solver steps between samples
 
 
 class Solution(eqx.Module):
@@ -209,7 +209,8 @@ class Records(Observable):
 
         def one(level: tuple[HeldInput, Array]) -> Float[Array, "*point compared"]:
             source, origin = level
-            offsets = dict(zip(OFFSETS, origin, strict=False))  # empty if runs have no offsets
+            # This is empty if runs have no offsets.
+            offsets = dict(zip(OFFSETS, origin, strict=False))
             motion = response_to(
                 {**theta, **offsets},
                 source,
@@ -271,7 +272,8 @@ class Records(Observable):
 
         def summed(level: tuple[HeldInput, Array, tuple[Array, ...]]) -> Sums:
             source, origin, rows = level
-            place = dict(zip(OFFSETS, origin, strict=False))  # empty if runs have no offsets
+            # This is empty if runs have no offsets.
+            place = dict(zip(OFFSETS, origin, strict=False))
             joint = with_depth(oscillator_of({**theta, **place}, self.laws), self.depth)
             order = derivative_order(self.response)
             compared = Compared(*rows, order=order, first=self.skipped)
@@ -382,7 +384,7 @@ class Records(Observable):
         joints = self._joints_at(theta, number) if joints is None else joints
         if joints is None:
             raise TypeError("Records that are not `solved` are not marched.")
-        measured = None  # in a band, nothing is summed sample by sample
+        measured = None  # In a band, nothing is summed sample by sample.
         if self.lines is None:
             measured = MeasuredResponse(self.mean, self.groups.directions, self.skipped)
         record = record_of(self.held, number, measured)
@@ -415,7 +417,8 @@ class Records(Observable):
         lanes = len(every["gain"]) // count
         every |= {
             name: np.repeat(values, lanes)
-            for name, values in zip(OFFSETS, origin.T, strict=False)  # empty without run offsets
+            # This is empty without run offsets.
+            for name, values in zip(OFFSETS, origin.T, strict=False)
         }
         joints = joints_at(every, self.laws, residuals=self.residuals, depth=self.depth)
         if joints is None or (self.depth is None and any(law.depth for law in joints.laws)):
@@ -424,8 +427,8 @@ class Records(Observable):
         return [jax.tree.map(lambda x, level=level: x[level], rows) for level in range(count)]
 
     def _hidden(self, peak: Float[Array, " level"]) -> Bool[Array, " level"]:
-        """Return which levels have a prediction that is absurdly larger than the measurement."""
-        # zero for planned levels, which are not measured
+        """Return which levels have a predicted response absurdly larger than the measured one."""
+        # This is zero for planned levels, which have no measurement.
         size = jnp.max(jnp.abs(self.mean), axis=1)
         return (size > 0) & (peak > ABSURD * size)
 
@@ -467,7 +470,7 @@ class Records(Observable):
         steps = np.array([DIFFERENCE[name] * middle[name] for name in OFFSETS])
         away = np.kron(np.diag(steps), np.array([[1.0], [-1.0], [2.0], [-2.0]]))
         points = {name: np.full(len(away), value) for name, value in middle.items()}
-        # parameters of every level at every step
+        # parameters of every level at every step of the finite differences
         origin = np.asarray(self.groups.origin)[:, None] + away
         if not self.is_marched(points):
             return None
@@ -572,7 +575,7 @@ def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
 def _behind(
     rows: Float[np.ndarray, "row value"] | None, skipped: int
 ) -> Float[np.ndarray, "row time"] | None:
-    """Return rows of compared samples as rows of all samples, padded with zeros."""
+    """Return rows of compared samples as rows of all samples, padded with zeros at the start."""
     return None if rows is None else np.pad(rows, ((0, 0), (skipped, 0)))
 
 

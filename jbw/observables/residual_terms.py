@@ -34,11 +34,14 @@ TAKEN: Mapping[str, tuple[str, ...]] = {
     "none": (), "own": OF_MODES, "upper": (UPPER, *OF_MODES),
     "both": (UPPER, LOWER, *OF_MODES), "auto": (UPPER, LOWER, *OF_MODES),
 }  # fmt: skip
-DRIVEN = 0.05  # smallest driven line over the largest; below it, 1 / omega^2 would amplify noise
-LARGEST = 30.0  # bound of any residual term; the mode itself responds with 1 / (2 zeta) at its peak
-# Relative range of a neighbour's frequency; a larger one would compensate errors of the law.
+# smallest driven spectral line, relative to the largest; below it 1 / omega^2 would amplify noise
+DRIVEN = 0.05
+# bound of any residual term, relative to the mode's static response (at its peak 1 / (2 zeta))
+LARGEST = 30.0
+# Relative range of a neighbouring mode's frequency; a larger one would compensate errors of the
+# law.
 NEAR = 0.07
-DAMPED = (1e-4, 0.2)  # range of a neighbour's damping ratio
+DAMPED = (1e-4, 0.2)  # range of a neighbouring mode's damping ratio
 
 
 def has_own(residuals: str, *, several_modes: bool) -> bool:

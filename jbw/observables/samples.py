@@ -28,8 +28,10 @@ from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.response import simulate, simulate_apart
 from jbw.quantities import DEFAULT_LAWS, LETTER_OF
 
-STEPS_A_PERIOD = 50.0  # solver steps per period, until a fit shows how many the data need
-Lines = tuple[int, int]  # first compared line of a spectrum, and the line after the last
+# default number of solver steps per period, until a fit shows how many are needed
+STEPS_A_PERIOD = 50.0
+# index of the first compared line of a spectrum, and of the line after the last
+Lines = tuple[int, int]
 
 
 def lines_of(band_hz: Sequence[float], length: int, fs: float) -> Lines | None:

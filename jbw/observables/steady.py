@@ -223,7 +223,7 @@ def _spectra(data: Points, residuals: Rows) -> dict[str, Spectrum]:
         point, factor = (np.asarray(x[i])[where] for x in (data.point, data.factor))
         omega, source = (np.asarray(x)[point] for x in (data.omega, data.load))
         values = np.asarray(data.mean[i])[where]
-        # higher orders of the source come from the amplifier's distortion
+        # Higher orders of the source are distortion by the amplifier.
         driven = source[:, 0] * (order == 1)
         spectra[label] = of_lines(values, residuals[label], order * omega, driven, factor)
     return spectra
@@ -281,7 +281,8 @@ def planned_motion(
     """
     gain, joint = theta["gain"], oscillator_of(theta, laws)
     motion = steady_state(joint, omega, jnp.abs(gain) * level, NUM_HARMONICS)
-    # With a reversed channel the motion comes half a period later, so odd harmonics change sign.
+    # If a channel's sign is reversed, the motion comes half a period later: odd harmonics change
+    # sign.
     return jnp.sign(gain)[..., None] * motion
 
 

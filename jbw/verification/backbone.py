@@ -20,8 +20,8 @@ from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Draws, Laws, parameter_names
 
 NUM_AMPLITUDES = 40
-CARRIED_ON = 1.25  # largest amplitude of the curves over the largest fitted displacement
-PARTS = (0.25, 0.5, 1.0)  # amplitudes of the loops over the largest fitted displacement
+CARRIED_ON = 1.25  # largest amplitude of the curves, relative to the largest fitted displacement
+PARTS = (0.25, 0.5, 1.0)  # amplitudes of the loops, relative to the largest fitted displacement
 NUM_PHASES = 64  # number of points on half a loop
 # amplitudes of the curves for decays, up to slightly above the largest measured one
 NUM_OF_DECAYS = 60
@@ -134,6 +134,6 @@ def curves_of_response(
 ) -> tuple[Float[Array, " amplitude"], ...]:
     """Return frequency [Hz], damping and force [N/kg] at amplitudes of the measured response."""
     joint, omega = oscillator_of(theta, laws), jnp.full_like(amplitude, centre)
-    for _ in range(3):  # the displacement depends weakly on the frequency, so few rounds suffice
+    for _ in range(3):  # Displacement depends weakly on the frequency, so few rounds suffice.
         omega = backbone(joint, amplitude / omega**order).omega
     return curves(theta, amplitude / omega**order, laws)

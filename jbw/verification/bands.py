@@ -10,8 +10,9 @@ from scipy.stats import norm
 
 from jbw.inference.posterior.summary import QUANTILES
 
-LAW = "law"  # name of the law's prediction without model discrepancy, among the reference models
-# coordinate of the quantiles of every band
+# name of the law's own prediction without model discrepancy, among the reference models
+LAW = "law"
+# name of the axis of the quantiles of every band
 QUANTILE_AXIS = ("quantile", list(QUANTILES), {"units": "1"})
 
 

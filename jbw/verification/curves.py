@@ -32,8 +32,8 @@ from jbw.verification.bands import QUANTILE_AXIS, errors, gaussian_band, middle,
 from jbw.verification.predicted import Predicted, Source, carry, noise_of, of_repeats
 from jbw.verification.predictive_basis import Draws, count_of
 
-ROUNDS = 3  # rounds of Newton's method, each from the median of the draws so far
-CLOSE = 0.01  # relative distance from the solution, below which one round is exact to 1e-8
+ROUNDS = 3  # number of rounds of Newton's method, each from the median of the draws so far
+CLOSE = 0.01  # relative distance from the solution below which one more round is exact to 1e-8
 
 
 class Curve(NamedTuple):
@@ -101,7 +101,7 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
             noise = noise_of(source.basis, test, repeated, label=group.label, order=group.order)
             noises.append(noise)
             if not np.any(group.values):
-                continue  # the sampling rate is too low for this harmonic
+                continue  # The sampling rate is too low for this harmonic.
             of_others = {
                 name: values[i, :size]
                 for name, (values, _) in others.items()
@@ -130,7 +130,7 @@ def _carried(
 ) -> tuple[Complex[np.ndarray, "draw group value"], NDArray[np.float64]]:
     """Return the values of each data group for every draw, and the peak displacements [m]."""
     point, column = np.asarray(data.point), np.asarray(data.position)[:, None]
-    is_point = np.asarray(data.factor) != 0  # padding follows the last point of a group
+    is_point = np.asarray(data.factor) != 0  # After the last point of a group, there is padding.
     held = np.array(data.of_force)
     size = count_of(draws)
     values = np.zeros((size, *point.shape), complex)
@@ -159,7 +159,7 @@ def _motion(data: Points, draws: Draws) -> Complex[np.ndarray, "draw point harmo
     for _ in range(ROUNDS - 1):
         median = middle(motion)
         guess, distance = data.motion, np.abs(median - np.asarray(data.motion))[:, 0]
-        if np.all(distance < CLOSE * np.abs(median[:, 0])):  # false if a value is NaN
+        if np.all(distance < CLOSE * np.abs(median[:, 0])):  # This is False if a value is NaN.
             break
         data = replace(data, motion=jnp.where(np.isfinite(median), median, guess))
         motion = np.asarray(carry(motion_of, draws, data), complex)
@@ -207,7 +207,7 @@ def _compared(
     variables = polar("measured", measured, *how, "freq") | polar("model", model, *how)
     if noise_std is not None:
         size, turned = np.abs(model), phase_near(model, reference)
-        # Noise across a phasor turns it by the ratio of noise to amplitude.
+        # Noise at right angles to a phasor changes its phase by the ratio of noise to amplitude.
         angle = noise_std / np.abs(np.median(size, axis=0))
         dims = ("quantile", "freq")
         variables["predictive_magnitude"] = (dims, gaussian_band(size, noise_std), magnitude)

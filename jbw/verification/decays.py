@@ -37,10 +37,12 @@ from jbw.verification.predicted import (
     noise_by_label,
 )
 
-NO_SHIFT = 1e-6  # relative frequency differences of records, if no decay was fitted
-MISSED_KEY = 1  # number of the random key for the model discrepancy
-OWN_STEPS = 8  # iterations for the frequency of a record; each reduces the phase error tenfold
-SILENT = 1e-6  # small noise over the record's rms, so that the initial state follows the record
+NO_SHIFT = 1e-6  # relative frequency differences of records that are assumed if no decay was fitted
+MISSED_KEY = 1  # number by which the random key of the model discrepancy is derived
+# number of iterations for the frequency of a record; each reduces the phase error tenfold
+OWN_STEPS = 8
+# small noise relative to the record's rms, with which the initial state follows the record
+SILENT = 1e-6
 
 
 def predict_decay(source: Source, test: Test) -> Predicted:

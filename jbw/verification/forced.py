@@ -35,9 +35,9 @@ from jbw.verification.steady_motion import loop_validation
 from jbw.verification.withheld import is_withheld, without_band
 
 under_way = logging.getLogger("jbw.progress")
-NUM_FEW = 20  # number of draws for long records
+NUM_FEW = 20  # number of draws with which long records are predicted
 FRF = "frequency response of "
-Placed = Iterator[tuple[str, xr.Dataset]]  # comparisons with their paths in the result tree
+Placed = Iterator[tuple[str, xr.Dataset]]  # comparisons, each with its path in the result tree
 
 
 @dataclass(frozen=True)

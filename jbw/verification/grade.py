@@ -27,12 +27,12 @@ from jbw.report.messages import residuals as messages
 from jbw.verification.backbone import CARRIED_ON
 from jbw.verification.predicted import ALIKE
 
-WORST = 2.0  # largest error of a single test, over the limit, for a predictive law
-# largest error of an approximate law, and that over a linear oscillator's error
+WORST = 2.0  # largest error of a single test of a predictive law, relative to the limit
+# largest error of an approximate law, and largest ratio to a linear oscillator's error
 APPROXIMATE, OF_LINEAR = 0.25, 0.6
-LEAST_COVERAGE = 0.95  # smallest coverage of a 99 % band over a record
-LEAST_VALUES = 50  # smallest number of values whose coverage has a meaning
-# ratio of error to variation between repeats, up to which noise explains the error
+LEAST_COVERAGE = 0.95  # smallest coverage by a 99 % band of a record
+LEAST_VALUES = 50  # smallest number of values from which coverage is computed
+# ratio of error to variation between repeats up to which noise explains the error
 TO_SCATTER = 1.25
 Tests = Mapping[str, Mapping[str, Any]]
 

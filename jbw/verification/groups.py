@@ -26,12 +26,12 @@ class Group(NamedTuple):
     measured: Float[np.ndarray, " value"]  # mean of the repeats
     model: Float[np.ndarray, "draw value"]
     others: dict[str, Float[np.ndarray, " value"]]  # predictions of reference models
-    noise: RepeatNoise  # noise of one repeat
-    std: float | None  # standard deviation of the mean's noise, for the bands
+    noise: RepeatNoise  # noise of each repeat
+    std: float | None  # sd of the noise of the mean of the repeats, for the bands
 
 
 def _observable(test: Test) -> type[Observable] | None:
-    """Return the likelihood class of a test without a special comparison; else None."""
+    """Return the likelihood class of a test that is compared by data groups alone; else None."""
     taking = (kind for kind in OBSERVABLES if test.kind in kind.kinds and not kind.own_shifts)
     return next(taking, None) if test.traits.is_plain or test.traits.is_controlled else None
 
@@ -49,7 +49,8 @@ def predict_groups(source: Source, test: Test) -> Predicted:
     predictions = [prediction for _, prediction in predict_apart(source, test)]
     datasets = [prediction.dataset for prediction in predictions]
     sizes = np.array([dataset.sizes["value"] for dataset in datasets], float)
-    attrs = dict(datasets[-1].attrs)  # attributes of the force, for a controlled test
+    # For a controlled test, these are the attributes of the force.
+    attrs = dict(datasets[-1].attrs)
     for name in [str(name) for name in attrs if str(name).startswith("nrmse")]:
         squares = np.array([dataset.attrs[name] ** 2 for dataset in datasets])
         attrs[name] = float(np.sqrt(np.average(squares, weights=sizes)))

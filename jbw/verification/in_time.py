@@ -44,12 +44,12 @@ from jbw.verification.predicted import (
 )
 from jbw.verification.predictive_basis import Basis, Draws, count_of, natural_hz
 
-NEAR = (0.75, 1.25)  # band around a mode, over its natural frequency
-OUTSIDE = 0.005  # omitted share of the input's power, below and above its band
-# time over 1 / (zeta omega_n), after which the effect of the start is below a thousandth
+NEAR = (0.75, 1.25)  # band around a mode, relative to its natural frequency
+OUTSIDE = 0.005  # part of the input's power that is left out below and above its band
+# time, in units of 1 / (zeta omega_n), after which the effect of the start is below a thousandth
 FORGOTTEN = 7.0
-LEAST_LINES = 8  # smallest number of lines of a frequency response
-SEGMENTS = (DEFAULT_SEGMENTS + 1) / 2  # record length over segment length, with half overlap
+LEAST_LINES = 8  # smallest number of lines with which a frequency response is estimated
+SEGMENTS = (DEFAULT_SEGMENTS + 1) / 2  # ratio of record length to segment length, with half overlap
 
 
 class Motion(NamedTuple):
@@ -266,7 +266,7 @@ def _frf(
     u = record.channels[record.source][-len(y) :]
     if not whole:
         with warnings.catch_warnings():
-            # the window affects the measurement and the model in the same way
+            # The window then affects the measurement and the model in the same way.
             warnings.simplefilter("ignore")
             estimate = frf(u, y, record.fs, response=record.response, band=band_hz)
         return estimate.freq, estimate.h

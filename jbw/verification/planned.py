@@ -1,4 +1,4 @@
-"""Prediction of tests that were not measured: a sweep, a stepped sine or a tone."""
+"""Tests that were not measured: a sweep, a stepped sine or tones, and their prediction."""
 
 from collections.abc import Sequence
 
@@ -17,7 +17,7 @@ from jbw.verification.bands import QUANTILE_AXIS, gaussian_band, polar
 from jbw.verification.predicted import Predicted, Source, noise_of
 from jbw.verification.predictive_basis import Basis, Draws, Laws
 
-FADE = 0.02  # duration of the fade-out over the duration of the sweep
+FADE = 0.02  # duration of the fade-out, relative to that of the sweep
 
 
 def planned_sweep(

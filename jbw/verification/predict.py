@@ -26,8 +26,9 @@ from jbw.verification.predictive_basis import NUM_DRAWS, Basis, seen_of
 from jbw.verification.steady_motion import predict_loop, predict_periods
 from jbw.verification.withheld import OF_BAND, is_withheld, without_band
 
-HARDLY = 0.01  # share of an input's power near the mode, below which it hardly excites the mode
-MOST_SAMPLES = 8_000_000  # largest number of samples of a record, summed over draws
+# An input hardly excites the mode if less than this part of its power is near the mode.
+HARDLY = 0.01
+MOST_SAMPLES = 8_000_000  # largest number of samples that are simulated in all draws together
 FEWEST = 20  # smallest number of draws, even for long records
 ERROR_ALONE = messages.ERROR_ALONE
 ERRORS = (*OF_BAND, "nrmse", "nrmse_own_frequency")
@@ -39,8 +40,8 @@ class Request:
 
     num_draws: int = NUM_DRAWS  # largest number of posterior draws; long records use fewer
     noise: bool = True  # whether bands include known noise
-    gain: Gain = None  # as stated in the tests' campaign, or 1 / modal mass; by drive
-    seed: int = 0  # random seed
+    gain: Gain = None  # gain by drive: as stated in the tests' campaign, or 1 / modal mass
+    seed: int = 0  # seed of the random numbers
 
 
 def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Dataset:
@@ -171,7 +172,7 @@ def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
 def _reach(basis: Basis, test: Test, request: Request) -> float:
     """Return a test's largest displacement, predicted by few draws, over the largest fitted."""
     if route_of(test) is predict_decay:
-        return 1.0  # the displacement is unknown before the prediction
+        return 1.0  # Before the prediction, the displacement is unknown.
     gain = _gain_for(basis, test, request)
     extrapolation = _by_few_draws(basis, test, gain, request.seed).extrapolation(basis)
     return 1.0 if extrapolation is None else extrapolation
@@ -191,7 +192,7 @@ def missed_in(basis: Basis, test: Test, gain: float | None = None, seed: int = 0
     """
     discrepancy = basis.discrepancy
     if discrepancy is None or discrepancy.is_nothing or route_of(test) is predict_decay:
-        return NOTHING  # every decay record has its own amplitude
+        return NOTHING  # Every record of free decay has its own amplitude.
     return discrepancy.at(next(iter(_by_few_draws(basis, test, gain, seed).amplitudes), None))
 
 

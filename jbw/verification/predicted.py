@@ -40,7 +40,7 @@ LANES = 8  # number of draws that are evaluated in parallel
 class RepeatNoise(NamedTuple):
     """The noise of one repeat of a test."""
 
-    std: float | None  # in the unit of the compared values; None if unknown
+    std: float | None  # sd of the noise, in the unit of the compared values; None if unknown
     says: str  # origin of the noise level, or why it is unknown
 
 
@@ -52,7 +52,7 @@ class Predicted(NamedTuple):
 
     dataset: xr.Dataset  # measured values with bands
     peak: NDArray[np.float64] | None  # peak displacement of every draw [m]; None if unknown
-    noise: RepeatNoise  # noise of one repeat
+    noise: RepeatNoise  # noise of each repeat of the test
     begins: tuple[float, ...] = ()  # displacement at the start of every free decay [m]
 
     @property
@@ -63,7 +63,7 @@ class Predicted(NamedTuple):
         return (float(np.median(self.peak)),)
 
     def extrapolation(self, basis: Basis) -> float | None:
-        """Return the largest predicted displacement (99.5 %) over the largest fitted one."""
+        """Return the largest predicted displacement (99.5 %) relative to the largest fitted one."""
         if self.peak is None or basis.y_peak <= 0:
             return None
         return float(band(self.peak)[-1]) / basis.y_peak
@@ -78,14 +78,15 @@ class Source:
     # Parameters and laws of the reference models, which have no hysteresis.
     references: Mapping[str, tuple[Mapping[str, float], Laws]] = field(default_factory=dict)
     noise: bool = True  # whether bands include known noise
-    # With unknown noise: 0 computes the coverage of the parameters' band, None no coverage.
+    # Which coverage is computed if noise is unknown: 0 that of the parameters' band, None no
+    # coverage.
     bare: float | None = None
     seed: int = 0
     # Draws of other laws, which follow the draws of this run's law.
     beside: tuple[tuple[Draws, Laws], ...] = ()
     # The draws of all laws without the model discrepancy; empty if there is none.
     undisturbed: tuple[tuple[Draws, Laws], ...] = ()
-    # relative error of the response, in addition to errors of omega_n and zeta
+    # relative error of the response, in addition to the errors of omega_n and zeta
     model_error: float = 0.0
 
     @property
@@ -215,7 +216,7 @@ def noise_of(
         return RepeatNoise(fitted_noise[label or test.name], OWN)
     if repeated.std is not None:
         return repeated
-    if not basis.seen:  # without information on its tests, a run has only sweeps
+    if not basis.seen:  # A run without information on its tests has only sweeps.
         comparable = {
             name: (None, std) for name, std in fitted_noise.items() if test.traits.is_transient
         }

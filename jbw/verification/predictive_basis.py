@@ -33,12 +33,13 @@ from jbw.quantities import (
     motion_factors_in,
 )
 
-AS_RECORDED = "as_recorded"  # draws without the stated instrument errors
-# All groups of a result tree that `basis_of` reads.
+# name of the draws before stated clock and calibration errors were added
+AS_RECORDED = "as_recorded"
+# Names of all groups of a result tree that `basis_of` reads.
 GROUPS_OF_BASIS = ("posterior", AS_RECORDED, "runs", "discrepancy", "steps")
-NUM_DRAWS = 100  # number of draws that the ends of 99 % bands need
-SUBSTEPS = 2  # solver steps per sample for a run that does not state them
-SCATTER_KEY = 200  # number of the random key for the variation between runs
+NUM_DRAWS = 100  # number of draws from which the ends of 99 % bands are computed
+SUBSTEPS = 2  # solver steps per sample, for a run that does not state them
+SCATTER_KEY = 200  # number by which the random key of the variation between runs is derived
 Draws = dict[str, NDArray[np.float64]]
 Laws = tuple[str, ...]
 
@@ -284,7 +285,8 @@ def basis_of(tree: xr.DataTree) -> Basis:
     """Return what a run predicts from, read from its result."""
     laws, attrs = laws_of_run(tree), tree.attrs
     posterior = tree["posterior"].to_dataset()
-    if AS_RECORDED in tree.children:  # predictions are for measurements with the same instruments
+    # Predicted measurements have the same instrument errors, so no uncertainty is added for them.
+    if AS_RECORDED in tree.children:
         posterior = posterior.assign(tree[AS_RECORDED].to_dataset().data_vars)
     tests = json.loads(str(attrs.get("tests", "{}")))
     return Basis(
@@ -343,6 +345,6 @@ def seen_of(test: Test) -> CampaignTest:
             response = source
     # A free decay has no source, even if its record includes an input.
     unit = "" if test.traits.is_free else record.units.get(source, "")
-    # The text after the unit is on its conversion to SI.
+    # After the unit, the text is on its conversion to SI.
     stated_unit = record.provenance.get(f"unit of {response}", "").partition(",")[0]
     return CampaignTest(test.kind, unit, response, *place, stated_unit)

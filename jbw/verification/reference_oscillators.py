@@ -26,8 +26,8 @@ from jbw.observables.residual_terms import bounds, neighbours_of
 from jbw.oscillator.modes.assembled import is_assembled
 
 LAWS: dict[str, tuple[str, ...]] = {"linear": (), "cubic": ("cubic",)}
-FREELY = 1e3  # factor on the variation between runs, because relative errors have a small weight
-STIFFEST = 10.0  # largest cubic stiffness over omega_n^2 at the largest displacement
+FREELY = 1e3  # factor on the allowed variation between runs, so that it hardly limits the fit
+STIFFEST = 10.0  # largest cubic stiffness, relative to omega_n^2, at the largest displacement
 
 
 class Reference(NamedTuple):
@@ -118,7 +118,7 @@ def _fitted(
         most = STIFFEST * estimates["omega_n"] ** 2 / y_peak**2
         within["cubic"], start["cubic"] = (-most, most), 0.0
     data = Dataset.of([replace(part, laws=LAWS[kind]) for part in parts], held)
-    # An error that is quoted to two digits needs no closer optimum.
+    # The error is quoted to two digits, so a closer optimum is not needed.
     close = {"max_evaluations": 40, "tolerance": 1e-6}
     theta = start
     if not before.runs:
@@ -130,7 +130,7 @@ def _fitted(
         data, scatters=joint.scatters, scatter=jax.device_put(FREELY * np.asarray(joint.scatter))
     )
     offsets = before.runs
-    for _ in range(2):  # the second round is linearised at the offsets of the first
+    for _ in range(2):  # The second round is linearised at the offsets of the first.
         data = with_directions(theta, data, offsets)
         theta = costly_fit(stacked, box(within), data, starts=theta, **close).theta
         offsets = best_offsets(theta, data)

@@ -24,9 +24,9 @@ from jbw.verification.in_time import compare_in_time, followed, reduced
 from jbw.verification.predicted import Predicted, Source, carry
 from jbw.verification.predictive_basis import Draws, Laws, count_of
 
-MOST_POINTS = 2048  # largest number of points of a stored loop
+MOST_POINTS = 2048  # largest number of points of a loop that is stored
 NUM_POINTS = 512  # number of points in a cycle
-BAND = (0.5, 20.0)  # band for integration and differentiation over the tone's frequency
+BAND = (0.5, 20.0)  # band for integration and differentiation, relative to the tone's frequency
 FORCE, LENGTH = {"units": "N/kg"}, {"units": "m"}
 
 

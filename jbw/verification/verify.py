@@ -37,11 +37,12 @@ from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 from jbw.verification.reference_oscillators import Reference, of_run, references
 from jbw.verification.withheld import is_withheld, without_band
 
-BETTER = 1.1  # ratio of errors from which a simpler oscillator is the better model
+# A simpler oscillator is the better model if the law's error is this many times its error.
+BETTER = 1.1
 # The root of 2: if a linear oscillator's error equals the joint's, noise may explain all of it, and
 # the band includes as much noise.
 NOISE_BESIDE = 2**0.5
-REACH = float(norm.ppf(QUANTILES[-1]))  # half width of a 99 % band in standard deviations
+REACH = float(norm.ppf(QUANTILES[-1]))  # half width of a 99 % band, in standard deviations
 SIMPLER = ("linear", "cubic")
 Groups = dict[str, xr.Dataset]
 
