@@ -35,7 +35,7 @@ Ask = Callable[[str], str]
 Tell = Callable[[str], Any]
 # A function of a file and its channel names, which returns the channels named by the user.
 Named = Callable[[Path, Collection[str]], Mapping[str, str]]
-MOST_LISTED = 12  # largest number of channels listed in a question
+MOST_LISTED = 12  # largest number of channels that a question lists
 
 
 def channels_named_by(ask: Ask, tell: Tell) -> Named:

@@ -50,10 +50,10 @@ from jbw.report.messages import campaign_faults as messages
 from jbw.report.messages.message import FaultText
 from jbw.report.messages.remedies import EXCLUDE, OF_ONE_ROLE, exclude
 
-# largest motion of a joint [m]; joints on benches and in machines move by centimetres
+# Largest plausible motion of a joint [m]; joints on benches and in machines move by centimetres.
 LARGEST_MOTION = 1.0
-FEWEST_SAMPLES = 32  # fewest samples from which a motion is judged
-OF_ONE_MODE = 0.3  # relative residual of a one-mode fit, above which the fitted gain is meaningless
+FEWEST_SAMPLES = 32  # smallest number of samples from which a motion is judged
+OF_ONE_MODE = 0.3  # If a one-mode fit has a larger relative residual, its gain is meaningless.
 # Settings that only some kinds of test use, and the properties of these kinds.
 READ_BY: dict[str, Callable[[Kind], bool]] = {
     "fit_levels": lambda kind: kind.is_transient,
@@ -143,21 +143,21 @@ class _CheckedTest:
     """Results for the repeats of a test, which are read one by one to save memory."""
 
     rows: list[Row] = field(default_factory=list)
-    codes: set[int] = field(default_factory=set)  # exit codes of the test's findings
-    # Findings, each with the name of its repeat.
+    codes: set[int] = field(default_factory=set)  # exit codes of all findings of the test
+    # findings, each with the name of its repeat
     named: list[tuple[str, Fault]] = field(default_factory=list)
-    # Errors of unreadable repeats.
+    # errors of repeats that cannot be read
     failures: dict[tuple[str, ...], JbwError] = field(default_factory=dict)
     first: list[Record] = field(default_factory=list)  # the first repeat, without its samples
     # all repeats, if they are small enough for the memory
     small_records: list[Record] = field(default_factory=list)
     repeats: int = 0
-    held: int = 0  # number of samples of all repeats together
+    held: int = 0  # number of samples of all stored repeats together
     sources: list[ResponseOrigin] = field(default_factory=list)
     levels: list[Level] = field(default_factory=list)
-    # name and fitted gain of each repeat
+    # name of each repeat, and the gain fitted to it
     gains: list[tuple[str, float]] = field(default_factory=list)
-    # origin and processing of the samples of all repeats
+    # for each repeat, where its samples come from and how they were processed
     provenances: list[Mapping[str, str]] = field(default_factory=list)
     proposed: list[str] = field(default_factory=list)
     seen: list[str] = field(default_factory=list)
@@ -299,7 +299,7 @@ def unread(spec: CampaignSpec) -> Iterator[Fault]:
     if settings.num_warmup and sampler and not sampler.draws[0]:
         yield _unread("num_warmup", messages.nothing_to_adapt(sampler.name))
     if settings.coordinates != "auto":
-        from jbw.oscillator.laws import laws_named  # loads JAX
+        from jbw.oscillator.laws import laws_named  # This import loads JAX.
 
         others = {name for law in laws_named(spec.laws) for name in law.coordinates}
         # To choose the paper's coordinates has an effect only if the laws offer others.

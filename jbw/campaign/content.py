@@ -12,19 +12,20 @@ from jbw.measurement.checks.responses import LOCKED
 from jbw.measurement.files.tree import Leaf, load
 from jbw.measurement.records import INPUTS, RESPONSES, si_of
 
-PARTS = 16  # number of parts into which a record is divided, each with its own spectrum
-LEAST = 64  # smallest number of samples in a part
-ONE_LINE = 0.9  # share of a part's power near its strongest line, above which the part is a tone
-NO_LINE = 0.35  # share of a part's power near its strongest line, below which the part is noise
-# largest ratio of amplitudes between parts of a steady tone, without the first quarter
+PARTS = 16  # number of sections of a record, each with a spectrum
+LEAST = 64  # smallest number of samples in a section
+# A section is a tone if more than this part of its power is near its strongest line.
+ONE_LINE = 0.9
+NO_LINE = 0.35  # A section is noise if less than this part of its power is near its strongest line.
+# largest ratio of amplitudes between sections of a steady tone, without the first quarter
 STEADY = 1.2
 FALLS = 0.5  # largest rms of a decay's last quarter, relative to its strongest quarter
 MOVES = 3  # smallest shift of the strongest line during a sweep, in spectral lines
-FEWEST = 4  # smallest number of points in a table
+FEWEST = 4  # smallest number of points of a curve in a table
 FOLLOWS = 0.9  # smallest rank correlation between amplitude and frequency or force along a backbone
-GROWS = 2.0  # smallest ratio of the largest to the smallest amplitude or force
+GROWS = 2.0  # smallest ratio of the largest to the smallest amplitude or force along a backbone
 SHIFTS = 0.3  # largest relative range of frequency along a backbone
-SAME = 1e-6  # largest relative change of a constant frequency
+SAME = 1e-6  # largest relative change of a frequency that counts as constant
 
 
 def course_of(x: Reals) -> Literal["tones", "noise", "sweep"] | None:

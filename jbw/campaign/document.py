@@ -119,7 +119,8 @@ def document_of(source: str, file: str) -> dict[str, Any]:
     """
     try:
         return tomllib.loads(source)
-    except (ValueError, RecursionError) as error:  # not TOML, or a number with thousands of digits
+    # The text is not TOML, or has a number with thousands of digits.
+    except (ValueError, RecursionError) as error:
         if isinstance(error, RecursionError):
             reason, remedy = "nested too deeply", SEE_TOML
         else:
@@ -213,7 +214,7 @@ def _plain(node: Any) -> Any:
     if isinstance(plain.get("title"), str):
         del plain["title"]
     default = plain.get("default", 0)
-    if default in (None, {}, []) or default != default:  # NaN means that nothing is stated
+    if default in (None, {}, []) or default != default:  # NaN means that nothing is stated.
         del plain["default"]
     # TOML has no null, so an optional key is simply absent.
     options = [option for option in plain.pop("anyOf", []) if option != {"type": "null"}]
@@ -327,7 +328,7 @@ def _stated_twice(number: int, lines: list[str]) -> tuple[str, str] | None:
     other, first = same[-1]
     if first[2] == last[2]:
         return messages.key_again(number, last[1], other)
-    if first[2] and last[2]:  # the key names two quantities, one on each line
+    if first[2] and last[2]:  # The key names two quantities, one on each line.
         return None
     role, item, table = (last[2], last[3], first[3]) if last[2] else (first[2], first[3], last[3])
     return _in_one_table(last[1], role, item, table, (other, number))
@@ -356,7 +357,7 @@ def _is_toml_to(number: int, lines: list[str]) -> bool:
     source = "\n".join(lines)
     try:
         tomllib.loads(source)
-    except RecursionError:  # nested too deeply further down
+    except RecursionError:  # The table is nested too deeply further down.
         return False
     except ValueError as error:
         return _line_number(error, source) > number

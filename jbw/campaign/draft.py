@@ -53,9 +53,9 @@ from jbw.report.messages import draft as messages
 from jbw.report.messages.reading import EXPORTS
 from jbw.units import decibels, plain
 
-LISTED = 12  # largest number of channels listed in a comment
-MOST_GROUPS = 500  # with more groups of repeats than this, file names are not grouped
-# bytes at the start of a file, which show whether it may contain a response curve
+LISTED = 12  # largest number of channels that a comment lists
+MOST_GROUPS = 500  # With more groups of repeats, files are not grouped by name.
+# number of bytes at the start of a file, which show whether it may contain a response curve
 BEGINNING = 1 << 14
 BAND = "\nband = ["
 CHANNELS = "\nchannels = "
@@ -67,14 +67,15 @@ NEWTON_METRES = {
     "k": 0.0980665,
     "f": 1.3558179,
     "i": 0.1129848,
-}  # keyed by the first letter of the unit
+}  # units by their first letter
 SENSORS = "# sensitivity = "
-SAME_LINE = 1.25  # largest ratio of the centres of two bands about the same spectral line
-# Height over a decay's strongest line, below which a line cannot be seen in the decay.
+# If the centres of two bands have a smaller ratio, they are about the same spectral line.
+SAME_LINE = 1.25
+# Smallest height of a line that can be seen in a decay, relative to the strongest line.
 LEAST_HEIGHT = 0.02
-FOLLOWING = 0.7  # correlation of force and displacement, above which they form a loop
+FOLLOWING = 0.7  # If their correlation is larger, force and displacement form a loop.
 MOST_LEVELLED = 100  # largest number of files whose source levels are read
-FILES = "# files"  # placeholder for the line of files, which depends on their levels
+FILES = "# files"  # placeholder for the line of files, which depends on the levels in them
 MOST_BLOCKS = 40  # largest number of tests drafted from a single file
 # Keys of a test that a draft offers in a comment.
 OPTIONAL = ("level", "band", "delay", "assembly", "run", "exclude", "span")
@@ -84,15 +85,15 @@ KIND_HINTS = dict(step="stepped", tone="tones", hammer="decay", impact="decay", 
 Assume = Callable[[str], None]
 NOBODY = Channel("...", "", "")
 Reach = tuple[float, float]  # lowest and highest frequency [Hz] of response curves
-FEW_COLUMNS = 16  # a table with more columns does not contain a few channels
+FEW_COLUMNS = 16  # A table with more columns does not contain just a few channels.
 
 
 @dataclass(frozen=True)
 class Looked:
     """The content of a measurement file, as seen when it is opened."""
 
-    leaves: Leaves  # all arrays
-    series: Leaves  # arrays that may be channels
+    leaves: Leaves  # all arrays of the file
+    series: Leaves  # arrays of the file that may be channels
     fs: float | None  # sampling frequency of the whole file [Hz]; None if not stated
     recorder: str
     doubts: tuple[str, ...] = ()  # statements of the file that the reader cannot use
@@ -139,7 +140,7 @@ def start_campaign(
     if model and not visible:
         what, why, remedy = messages.matrices_alone(str(folder), [p.name for p in model.paths])
         raise DataError(what, why=why, remedy=remedy)
-    # Pairs of a file and an assumption about it.
+    # pairs of a file and what the draft assumes about it
     assumed = [(path.name, messages.to_export(EXPORTS[path.suffix.lower()]))
                for path in there if path.suffix.lower() in EXPORTS]  # fmt: skip
     groups = [sorted(repeats) for _, repeats in groupby(visible, key=_stem)]
@@ -345,7 +346,7 @@ def write_campaign(draft: Draft, folder: str | Path, name: str = NAMED) -> Path:
     except FileExistsError:
         raise already_written(path) from None
     except OSError as error:
-        path.unlink(missing_ok=True)  # remove the part written before the disk was full
+        path.unlink(missing_ok=True)  # This part was written before the disk was full.
         raise RunError(
             f"`{path}` cannot be written: {error.strerror or error}.",
             remedy="Free some space, or make the folder writable; or keep the draft elsewhere: "
@@ -511,7 +512,8 @@ def _levels(
     if not source or len(files) > MOST_LEVELLED:
         return []
     peaks: dict[Path, float] = {}
-    spread: dict[Path, float] = {}  # spread of the source per file; a constant source has no level
+    # standard deviation of the source in each file; a constant source has no level
+    spread: dict[Path, float] = {}
     with suppress(JbwError, ValueError, IndexError):
         for path in files:
             u = _first_record(path, roles, lines).channels[source]
@@ -559,14 +561,14 @@ def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Dra
         clock = looked.series[channel.path]
         unit, fs = _of_times(channel, looked)
         if traits.is_prescribed and np.any(np.diff(np.ravel(load(clock))) <= 0):
-            return DraftedClock(True, ("time",), (), tuple(lines), ())  # a loop needs no clock
-        if not unit:  # times without a unit count samples
+            return DraftedClock(True, ("time",), (), tuple(lines), ())  # A loop needs no clock.
+        if not unit:  # Times without a unit count samples.
             return DraftedClock(looked.fs is not None, ("time",), (channel.path,), tuple(lines), ())
         if fs and not rates:
             lines.append(messages.mean_rate(toml(fs)))
             assumed.append(messages.coarse_times(channel.path, fs))
             return DraftedClock(True, ("time",), (channel.path,), tuple(lines), tuple(assumed))
-        if rates:  # channels with slower rates than the table's times
+        if rates:  # These channels have slower rates than the table's times.
             lines.append(messages.slowest(toml(_round(min(rates)))))
         elif proposal := _uneven(clock, unit):
             lines.append(messages.resampled(toml(proposal)))
@@ -663,7 +665,7 @@ def _band(
     """
     try:
         low, high = band_about_peak(_first_record(path, roles, lines), within=curves)
-    except (JbwError, ValueError, IndexError):  # `jbw check` reports the cause
+    except (JbwError, ValueError, IndexError):  # `jbw check` reports the cause.
         assume(messages.NO_BAND)
         return messages.EXAMPLE_BAND
     assume(messages.about_strongest(low, high))

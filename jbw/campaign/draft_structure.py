@@ -17,9 +17,9 @@ from jbw.report.messages import draft as messages
 HELD_TOGETHER = (".pch", ".dmig", ".op4")
 HELD_WITH_NAMES = (".mat", ".npz")  # suffixes of files that contain either all matrices or records
 TEXTS = (".csv", ".txt", ".dat")
-# Column names of tables of degrees of freedom and nodes; a table has one of each set.
+# Column names in tables of degrees of freedom and of nodes; a table has one of these sets.
 TABLES = {"dofs": ({"node"}, {"direction", "dof", "dir"}), "nodes": ({"node"}, {"x"}, {"y"}, {"z"})}
-BEGINNING = 256  # characters at the start of a text that contain its header
+BEGINNING = 256  # number of characters at the start of a text that contain its header
 
 
 class ModelFiles(NamedTuple):
@@ -52,7 +52,7 @@ def structure_lines(model: ModelFiles, folder: Path) -> Iterator[str]:
     else:
         source = {role: folder / name for role, name in stated.items()}
     places: list[str] = []
-    with suppress(JbwError):  # `jbw check` reports the cause
+    with suppress(JbwError):  # `jbw check` reports the cause.
         places = [str(dof) for dof in read_matrices(source, units="SI").dofs]
     first = places[0] if places else messages.EXAMPLE_PLACES[0]
     others = (place for place in reversed(places) if place.endswith(first[first.index(":") :]))

@@ -18,8 +18,8 @@ from jbw.measurement.spans import LEAST, exclude_line, is_by_file, of_all, put_l
 from jbw.report.messages import campaign_faults as messages
 from jbw.report.messages.remedies import LEAVE_OUT_BY_NUMBER
 
-# Common share of two records. A fifth makes intervals too narrow by a tenth; above one half the
-# records count as the same.
+# Part of two records that is equal: a fifth makes intervals too narrow by a tenth; above one half
+# the records count as the same.
 DOUBTED, MOST_SHARED = 0.2, 0.5
 FORCES = ("restoring_force", "force")
 
@@ -31,8 +31,9 @@ class ResponseOrigin(NamedTuple):
     record: str
     role: str  # measured quantity: the response, or the force under a prescribed displacement
     digest: str  # digest of the samples
-    channel: tuple[str, str, str]  # checksum of the file, channel in it, repeat in it
-    span_s: tuple[float, float]  # first and last second that is used
+    # checksum of the file, name of the channel in it, number of the repeat in it
+    channel: tuple[str, str, str]
+    span_s: tuple[float, float]  # first and last second of the samples that are used
     band_hz: tuple[float, float]
     tones_hz: tuple[float, ...]
     leaving_out: str = LEAVE_OUT_BY_NUMBER
@@ -49,7 +50,7 @@ def source_of(record: Record, test: TestSpec) -> ResponseOrigin:
     samples = [np.ascontiguousarray(record.channels[name]) for name in roles]
     digest = hashlib.sha256()
     is_dead = not any(part.size and np.ptp(part) for part in samples)
-    if is_dead:  # constant channels are equal, but each of them is rejected anyway
+    if is_dead:  # Constant channels are equal, but each of them is rejected anyway.
         digest.update(f"{test.name}/{record.name}".encode())
     for part in samples:
         digest.update(part.data)
@@ -114,7 +115,7 @@ def _remedy(repetitions: Sequence[Repetition], of_test: Sequence[ResponseOrigin]
     by_file = Counter(source.leaving_out for source in of_test)
     if any(is_by_file(x.source.leaving_out) and by_file[x.source.leaving_out] > 1
            for x in repetitions):  # fmt: skip
-        # both records come from files of one name, which `exclude` cannot separate
+        # Both records come from files of one name, which `exclude` cannot separate.
         return messages.FILES_ONCE
     return of_all([_of_one(repetition) for repetition in repetitions], len(of_test))
 

@@ -21,7 +21,7 @@ from jbw.memory import Admit, admit_alone
 from jbw.quantities import natural
 
 DATA_FOLDER = "$JBW_DATA"
-Part = tuple[Path, Wanted]  # a file, and what to read from it
+Part = tuple[Path, Wanted]  # a file, and what is read from it
 
 
 def repeats_of(
@@ -44,7 +44,7 @@ def repeats_of(
         files = [file.name for file, _ in parts]
         dropped = {x for x in test.exclude if isinstance(x, str) and fnmatch.filter(files, x)}
         unused -= dropped
-        if dropped:  # perhaps excluded because it cannot be read
+        if dropped:  # The file may have been excluded because it cannot be read.
             number += 1
             continue
         read: Sequence[Record | JbwError]

@@ -61,7 +61,7 @@ def _of_folder(folder: Path, tell: Tell, mass: float | None) -> Path:
     if (campaign := campaign_in(folder)) is not None:
         return _there(campaign, mass)
     if any(folder.glob("*.toml")) or not measurement_files(folder):
-        # Raises an error that names one of several, or the command that drafts.
+        # This raises an error that names one of several, or the command that drafts.
         require_file(folder, *CAMPAIGN)
     return _written(start_campaign(folder, mass=mass), folder / NAMED, tell)
 
@@ -90,7 +90,7 @@ def _files_of(text: str) -> list[object]:
         tests = tomllib.loads(text).get("test", [])
         return sorted((test.get("files") for test in tests), key=str)
     except (tomllib.TOMLDecodeError, AttributeError, TypeError):
-        return []  # the file is invalid, and differs from any draft, which always has tests
+        return []  # The file is invalid, and so differs from any draft, which always has tests.
 
 
 def _written(draft: Draft, path: Path, tell: Tell) -> Path:

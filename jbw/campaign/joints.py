@@ -38,7 +38,7 @@ from jbw.report.messages import campaign_faults as messages
 
 STRUCTURE = "[structure]"
 MATRICES = "matrices"
-# A joint whose motion is below this share of the largest one adds a millionth to B at most.
+# A joint whose motion is smaller than this part of the largest one adds at most a millionth to B.
 _UNMOVED = 1e-2
 
 
@@ -135,7 +135,7 @@ class _Modes(NamedTuple):
     """The modes of a structure, and the motion of its joints in them if it is known."""
 
     frequencies_hz: np.ndarray
-    # A model, or a matrix of motions, as `joint_separability` takes them.
+    # a reduced model or a matrix of motions, as `joint_separability` takes them
     motion: ReducedModel | np.ndarray | None = None
     shares: np.ndarray | None = None
     notes: tuple[str, ...] = ()

@@ -25,7 +25,7 @@ from jbw.measurement.records import BASE, Record, Test
 from jbw.memory import NO_RECORDS, HeldRecords, require_memory
 from jbw.quantities import DEFAULT_LAWS
 
-# Keys of a test's table that its `Test` takes unchanged.
+# Keys of a test's table that the `Test` has under the same name.
 SAME = (
     "name",
     "level",
@@ -42,7 +42,8 @@ SAME = (
 )
 
 
-SHOWN, LINE = 10, 100  # largest number of tests, and of characters per test, in a notebook cell
+# largest number of tests, and of characters per test, that a notebook cell shows
+SHOWN, LINE = 10, 100
 
 
 @dataclass(frozen=True, repr=False)
@@ -67,11 +68,11 @@ class Campaign:
     folder: Path | None  # folder of the campaign file; None for a campaign in memory
     tests: tuple[Test, ...]  # tests in the order of the file
     gain: float | None = None  # force per modal mass for one volt [N/kg/V], if known
-    modal_mass: float | None = None  # [kg], if known
+    modal_mass: float | None = None  # modal mass [kg], if known
     settings: Identify = field(default_factory=Identify)  # a mapping of its keys is also accepted
     path: Path = Path()  # path of the campaign file
     laws: tuple[str, ...] = DEFAULT_LAWS  # laws that act in parallel across the joint
-    # Torque and similar facts, as far as stated.
+    # Torque and further facts on the assembly, if stated.
     assembly: Assembly = field(default_factory=Assembly)
     # Modes that move the joint; None for one mode. A mapping of its keys is also accepted.
     structure: Structured | None = None

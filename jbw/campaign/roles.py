@@ -31,12 +31,12 @@ HINTS = (
 )
 # Parts of the time of day: they are no record's clock, and `m` means minutes.
 OF_THE_DAY = r"\b(?:minutes?|hours?|seconds?|days?|minuten?|stunden?|sekunden?)\b"
-# Words in names of times that are no date.
+# Words in names of times that are not a date.
 ELAPSED = r"elapsed|relative|since|verstrichen|vergangen"
 AXES = re.compile(r"(?:^|(?<=[\W_\d])|(?<=[a-z](?=[XYZ])))[xyzXYZ](?![^\W_])")
 AXES_IN_SPACE = 3
 TURNED = r"angle|rotation|twist|torque|moment"  # words in names of quantities of torsion
-# a channel of the same quantity is preferred to the first if this many times stronger
+# A channel is preferred to an earlier one of the same quantity if it is so many times stronger.
 STRONGER = 3.0
 MOST_SAMPLES = 4_000_000  # largest number of samples of a channel whose values are examined
 MOST_RADIANS = 7.0
@@ -52,7 +52,7 @@ class Channel(NamedTuple):
     """The assumed quantity and unit of one channel of a file."""
 
     path: str
-    unit: str  # as stated by the file or by the channel's name
+    unit: str  # unit that the file or the channel's name states
     default: str  # SI unit of the quantity, if no unit is stated
     guessed: bool = False  # whether only the unit suggests the quantity
     axes: tuple[str, ...] = ()  # the channels of all axes, if there are several
@@ -96,9 +96,9 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
         for role, many in named.items()
     }
     if BASE in roles and roles.keys().isdisjoint(RESPONSES):
-        roles["acceleration"] = roles.pop(BASE)  # the only acceleration is the response
+        roles["acceleration"] = roles.pop(BASE)  # The only acceleration is the response.
     elif not roles.keys().isdisjoint(INPUTS):
-        roles.pop(BASE, None)  # the structure is moved by a force, not by its base
+        roles.pop(BASE, None)  # The structure is moved by a force, not by its base.
     roles = _of_a_curve(roles, series)
     if "phase" in roles and not roles["phase"].unit:
         turned = _in_degrees(series[roles["phase"].path])
@@ -146,7 +146,7 @@ def _of_amplitudes(roles: dict[str, Channel]) -> dict[str, Channel]:
 
 def _by_text(path: str, text: str, unit: str) -> tuple[str, Channel] | None:
     """Return the quantity that a name or label indicates, with its channel; None if unknown."""
-    if plain(text) in ("ms", "us", "ns"):  # the name of the column is its unit
+    if plain(text) in ("ms", "us", "ns"):  # The name of the column is its unit.
         return "time", Channel(path, plain(text), "s")
     by_name = [text] if text in ROLES else []
     by_name += [role for pattern, role in HINTS if re.search(pattern, text)]

@@ -27,7 +27,7 @@ from jbw.quantities import (
     must_be,
 )
 
-LIMIT = 0.05  # largest error of held-out tests with which a law is predictive
+LIMIT = 0.05  # largest relative error of held-out tests with which a law counts as predictive
 MOST_MODES = 1 + len(MODES)  # largest number of modes that a structure may have
 MOST_POINTS = len(POINTS)  # largest number of response points in addition to the first
 SPRING = "cubic"  # law that is added if only a prior on its parameter is stated

@@ -13,8 +13,9 @@ from jbw.measurement.kinds import Kind as Traits
 from jbw.measurement.records import BASE, BY_UNIT, INPUTS, RESPONSES, SOURCES, si_of
 from jbw.quantities import FED
 
-MOST_PPM = 1e4  # largest relative error of a clock in ppm; more means another sampling rate
-NAN = float("nan")  # default of a number that is not stated
+# largest relative error of a clock [ppm]; a larger one would be another sampling rate
+MOST_PPM = 1e4
+NAN = float("nan")  # default of numbers that are not stated
 
 
 class Instruments(NamedTuple):
@@ -300,7 +301,7 @@ def _needs(test: TestSpec) -> Iterator[str]:
         yield f"tones: missing; kind `{test.kind}` needs the frequencies [Hz]."
     if traits.is_stepped and not test.dwell > 0:
         yield "dwell: missing; kind `stepped` needs the duration of each step [s]."
-    if test.settle >= test.dwell:  # false if dwell is not given, because it is NaN then
+    if test.settle >= test.dwell:  # This is False if dwell is not given, because it is NaN then.
         yield f"settle: must be shorter than dwell ({test.dwell:g} s), but is {test.settle:g}."
 
 

@@ -12,7 +12,7 @@ from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.records import BASE, INPUTS, RESPONSES, Record
 from jbw.report.messages import campaign_faults as messages
 
-# smallest ratio of two levels, and of two records, that imprecise control does not explain
+# smallest ratio of two levels, and of two records, that is too large for imprecise control
 APART = 1.5
 
 
@@ -79,7 +79,7 @@ class Level(NamedTuple):
     """The level of a test, and the rms values of its first record."""
 
     test: str
-    alike: tuple[str, ...]  # kind and channels; only levels with the same ones are compared
+    alike: tuple[str, ...]  # kind and channels of the test; only tests with equal ones are compared
     role: str  # quantity that drives the test
     level: float
     source_rms: float

@@ -28,7 +28,7 @@ from jbw.report.messages import remedies
 LINE = re.compile(r"`((\w+) = [^`]+)`")
 # Keys that are part of the examination and leave the samples unchanged.
 STATED = {"settle", "band", "delay", "load_cell"}
-OR = ", or "  # separates the parts of a remedy
+OR = ", or "  # text that separates the alternatives of a remedy
 # Largest difference of two modes: of damping, relative; of frequency, over the half-power width.
 # Correct remedies of simulated faults leave less than 0.13, wrong ones 0.18 or more.
 ALIKE = 0.15
@@ -160,7 +160,7 @@ def _scaled(record: Record, factors: Mapping[str, float]) -> Record:
     return replace(record, channels=channels)
 
 
-# The effect of each key of a campaign file on a record that was read without it.
+# Change that each key of a campaign file makes to a record which was read without it.
 CHANGES: Mapping[str, Change] = {
     "span": _cut,
     "window_s": _without_window,

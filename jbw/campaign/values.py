@@ -25,7 +25,7 @@ from jbw.measurement.kinds import KINDS
 from jbw.measurement.records import ROLES, SENSITIVITIES, sensitivity_of, si_of
 from jbw.report.messages.campaign_faults import decimal_points
 
-ALL = "all"  # the word for all repeats
+ALL = "all"  # the word that stands for all repeats
 # Escapes such as \t that TOML reads in a Windows path, and the path that was meant.
 ESCAPES = {"\a": "/a", "\b": "/b", "\t": "/t", "\n": "/n", "\f": "/f", "\r": "/r", "\x1b": "/e"}
 Role = Literal[*ROLES]  # pyright: ignore[reportInvalidTypeForm]
@@ -68,7 +68,7 @@ def number(value: Any) -> int | float:
         raise ValueError(f"must be a number, but is {value!r}.")
     try:
         finite = isfinite(value)
-    except OverflowError:  # a whole number of hundreds of digits
+    except OverflowError:  # The text is a whole number of hundreds of digits.
         finite = False
     if not finite:
         raise ValueError(f"must be finite, but is {value}.")

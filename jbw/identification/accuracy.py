@@ -20,12 +20,13 @@ from jbw.observables.noise import num_known, repeatability
 from jbw.report.messages import residuals as messages
 from jbw.report.messages.remedies import OTHER_LAWS, beside_other_laws
 
-SHIFT = 0.1  # largest shift of a posterior mean by solver error, in posterior standard deviations
+# largest shift of a posterior mean by the solver's error, in posterior standard deviations
+SHIFT = 0.1
 NUM_DRAWS = 32
-CLOSE = 0.05  # largest relative error of any test at which a law is still rated usable
+CLOSE = 0.05  # A law is still rated usable if no test has a larger relative error.
 # findings whose status is amended if the error is below CLOSE
 OF_MISFIT = ("coloured_residual", "repeatability", "chi_square")
-MOST_BEYOND = 1.5  # largest error of tests that were not fitted, over that of fitted ones
+MOST_BEYOND = 1.5  # largest error of tests that were not fitted, relative to that of fitted ones
 TINY = np.finfo(float).tiny
 
 
@@ -123,7 +124,7 @@ def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
 def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
     """Return chi-square and degrees of freedom of a fit, over data groups of known noise."""
     sizes = num_known(data)
-    if sum(sizes.values()) <= len(first.x):  # with so many parameters, the fit explains any data
+    if sum(sizes.values()) <= len(first.x):  # With so many parameters, the fit explains any data.
         return None
     rows = by_label(first.residual, data)
     total = sum(float(np.sum(rows[label] ** 2)) for label in sizes)

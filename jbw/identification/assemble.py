@@ -39,7 +39,7 @@ class Measured:
     """The fitted and held-out tests of a campaign, with the result of Step 2."""
 
     tests: tuple[Test, ...]
-    chosen: tuple[Test, ...]  # tests that remain after `fit` and `hold_out`
+    chosen: tuple[Test, ...]  # tests that remain after the choice by `fit` and `hold_out`
     settings: Identify
     laws: tuple[str, ...]
     gain: Gain  # gains stated in the campaign [N/kg per unit of the input]
@@ -105,7 +105,7 @@ def measured(
     chosen = selection.fitted(tests, settings)
     require_one_unit(chosen)
     noise, linear = selection.linear_test(tests), None
-    if noise is not None and modes is None:  # several modes are fitted over time, not by Step 2
+    if noise is not None and modes is None:  # Several modes are fitted over time and not by Step 2.
         report(messages.line_fit(noise.name))
         if line_fit is not None and line_fit.step.test.name == noise.name:
             linear = line_fit.taken_up()
@@ -146,7 +146,8 @@ def assemble(seen: Measured) -> Dataset:
     linear, gain = seen.linear, seen.gain
     parts: list[Observable] = []
     if linear is not None and linear.test.name in _names(seen.chosen):
-        if not linear.test.traits.is_periodic:  # a noise test enters by its line fit
+        # A noise test enters the likelihood by its line fit.
+        if not linear.test.traits.is_periodic:
             linear_gain = gain_of(gain, drive_of(linear.test))
             parts.append(reading_of(linear, linear_gain, seen.laws))
     parts += _reduced(_reducible(seen), seen)
@@ -162,7 +163,8 @@ def assemble(seen: Measured) -> Dataset:
     held = _held(parts, gain, seen.chosen)
     if seen.modes is not None:
         require_driven(seen.modes, parts)
-        if all("gain" not in part.informs for part in parts):  # free decays do not depend on a gain
+        # Free decays do not depend on a gain.
+        if all("gain" not in part.informs for part in parts):
             held |= dict.fromkeys(seen.modes.ratios, 1.0)
         held |= seen.modes.held
         if seen.modes.free:
@@ -179,9 +181,9 @@ def _held(parts: Sequence[Observable], gain: Gain, tests: Sequence[Test]) -> dic
     first = next((part.drive for part in first_parts if part.drive), "")
     stated_gain = gain_of(gain, "force" if others and first not in FED else first)
     held = {} if stated_gain is None else {"gain": stated_gain}
-    if "gain" not in informed:  # no test determines the modal mass
+    if "gain" not in informed:  # No test determines the modal mass.
         held = {"gain": stated_gain or 1.0}
-    if "zeta" not in informed:  # no test determines the damping
+    if "zeta" not in informed:  # No test determines the damping.
         held["zeta"] = 0.0
     stated = {named("gain", drive): gain_of(gain, drive) for drive in others}
     loops = any(test.traits.is_prescribed for test in tests)

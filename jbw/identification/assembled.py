@@ -23,7 +23,7 @@ from jbw.oscillator.modes.assembled import STIFFNESS, held_numbers, motion_name,
 from jbw.quantities import FED, label, name_at, split
 
 ASSEMBLED = "assembled"
-FEWEST = 3  # smallest number of strong spectral lines near a mode that a source drives (within 7 %)
+FEWEST = 3  # smallest number of strong spectral lines within 7 % of a mode that a source drives
 
 
 def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Identify) -> Modes:

@@ -25,11 +25,11 @@ from jbw.quantities import FED
 from jbw.report.messages import instruments as messages
 
 Own = Float[np.ndarray, " own"]
-# standard deviation over the predicted change, in general and at the fitted response
+# sd of the predicted change by a shaker, relative to it: in general, and at the fitted response
 SHARE, SHARE_OF_RESPONSE = 0.3, 0.6
-LEAST_OMEGA, LEAST_ZETA = 2e-4, 0.02  # smallest relative standard deviations of omega_n and zeta
-MOST_MODES = (1, 2, 3)  # numbers of modes in the band that are tried, in this order
-# ratio of armature to modal mass, above which the joint's share of the stiffness changes
+LEAST_OMEGA, LEAST_ZETA = 2e-4, 0.02  # smallest relative sd of the predicted omega_n and zeta
+MOST_MODES = (1, 2, 3)  # numbers of modes in the band with which a fit is tried, in this order
+# If the ratio of armature to modal mass is larger, the joint's share of the stiffness changes.
 HEAVY = 0.03
 
 

@@ -178,7 +178,7 @@ def linear_bounds(scales: Scales, gain: tuple[float, float] | None, *, linear: b
     if scales.forced:
         bounds["omega_n"] = (0.2 * omega_n, MOST_SOFTENING**0.5 * omega_n)
     if gain is not None:
-        size = abs(gain[0])  # a channel's sign may be reversed
+        size = abs(gain[0])  # The sign of a channel may be reversed.
         reach = max(0.1 * size, 8 * gain[1]) if np.isfinite(gain[1]) else 0.5 * size
         bounds["gain"] = (gain[0] - reach, gain[0] + reach)
     return bounds

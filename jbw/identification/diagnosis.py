@@ -22,17 +22,19 @@ from jbw.measurement.resonances import AmplitudeCurve
 from jbw.oscillator.power_losses import power_losses
 from jbw.report.messages import effects as messages
 
-FEWEST = 5  # smallest number of measured values for an exponent
+FEWEST = 5  # smallest number of measured values from which an exponent is estimated
 EXPONENTS = (0.1, 4.0)
-DRAWN = 400  # number of random variations of the measured values, for bands
+DRAWN = 400  # number of random variations of the measured values, from which bands are computed
 SEED = 0
-TURNS = 3.5  # change of frequency on both sides of a turning point, in standard deviations
+# change of frequency on both sides of a turning point, in standard deviations, that proves it
+TURNS = 3.5
 LEAST_TURN = 1e-4  # smallest relative change of frequency on both sides of a turning point
-CURVES = 15  # largest number of values that are not averaged in groups
-# number of groups; smallest number of measured values for a turning point
+CURVES = 15  # With more values than this, neighbouring ones are averaged.
+# number of averages; smallest number of measured values from which a turning point is searched
 GROUPS, FEWEST_TURNING = 8, 6
 Values = Float[np.ndarray, " point"]
-CLOSE = 0.1  # relative error of the ratio due to higher orders in amplitude
+# relative error of the ratio of damping to frequency change, by higher orders in amplitude
+CLOSE = 0.1
 
 
 class Diagnosis(NamedTuple):
@@ -117,7 +119,7 @@ def _read(y: Values, omega: Values, zeta: Values) -> Sequence[float]:
     """Return the numbers of a `Diagnosis` from one set of frequencies and damping ratios."""
     y_max = float(y.max())
     x = y / y_max
-    share = x**2 / np.sum(x**2)  # values are weighted by their amplitude
+    share = x**2 / np.sum(x**2)  # Values are weighted by their amplitude.
 
     def line(values: Values, exponent: float) -> tuple[np.ndarray, float]:
         """Fit the value at rest and the change at the largest amplitude, with the residual."""

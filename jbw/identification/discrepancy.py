@@ -42,11 +42,13 @@ from jbw.inference.posterior.finding import Finding
 from jbw.observables.observable import OFFSETS
 from jbw.report.messages import discrepancy as messages
 
-LEAST_RANGE = float(np.log(2.0))  # smallest range of log amplitude that gives a slope
-POWERS = (0, 1, 2)  # exponents of amplitude: a change of stiffness, friction, a cubic spring
-MOST_GROWN = 3.0  # largest growth of a standard deviation, at a distance of the whole range
+# smallest range of log amplitude from which the slope of an error is estimated
+LEAST_RANGE = float(np.log(2.0))
+POWERS = (0, 1, 2)  # tried exponents of amplitude: a change of stiffness, friction, a cubic spring
+# largest factor by which a standard deviation grows, at a distance of the whole range
+MOST_GROWN = 3.0
 COUNTS = 1e-3  # smallest relative error that counts, such as the nonlinearity of a good sensor
-ONE_LEVEL = 1.1  # ratio of amplitudes below which runs are repeats of one level
+ONE_LEVEL = 1.1  # Runs whose amplitudes have a smaller ratio are repeats of one level.
 
 
 class Scatter(NamedTuple):
@@ -67,17 +69,17 @@ NO_SCATTER = Scatter(0.0)
 class Missed(NamedTuple):
     """The error of a law in frequency and damping, within the fitted amplitudes."""
 
-    frequency: Scatter  # relative standard deviation of the natural frequency [-]
-    damping: Scatter  # standard deviation of the damping ratio [-]
+    frequency: Scatter  # error of the law in natural frequency: relative standard deviation [-]
+    damping: Scatter  # error of the law in damping ratio: standard deviation [-]
 
 
 class AtAmplitude(NamedTuple):
     """The standard deviations of a law's errors at one amplitude."""
 
-    frequency: float  # standard deviation of the natural frequency, relative [-]
-    damping: float  # standard deviation of the damping ratio [-]
+    frequency: float  # error of the law in natural frequency: relative standard deviation [-]
+    damping: float  # error of the law in damping ratio: standard deviation [-]
     share: float  # factor on the remaining error of the response
-    beyond: float = 0.0  # factor on the part of that error that grows beyond the fitted amplitudes
+    beyond: float = 0.0  # factor on the part of that error which grows beyond the fitted amplitudes
 
 
 NOTHING = AtAmplitude(0.0, 0.0, 0.0)
@@ -88,8 +90,9 @@ class Discrepancy:
     """The error of a law beyond noise, on tests that were not fitted."""
 
     forced: Missed
-    decays: Missed  # errors of a decay, relative to its start
-    share: Mapping[str, Scatter]  # remaining error over the rms of the response, by kind of test
+    decays: Missed  # errors in predictions of a decay from its start
+    # remaining error relative to the rms of the response, by kind of test
+    share: Mapping[str, Scatter]
     y_low: float  # smallest and largest fitted amplitude [m]; 0 if unknown
     y_high: float
     in_noise: bool = False  # whether the noise of the tests may hide a part of the error

@@ -23,9 +23,9 @@ from jbw.quantities import DEFAULT_LAWS, OSCILLATOR, are_at_joints
 from jbw.report.messages import effects as messages
 
 NUM_DRAWS = 200
-DAMPING = "quadratic_damping"  # a law with damping and without hysteresis
-KNOWN = 0.2  # relative half width of an interval, below which an effect is determined
-# amplitudes for which the response is checked, over the largest fitted one
+DAMPING = "quadratic_damping"  # law with damping and without hysteresis
+KNOWN = 0.2  # An effect is determined if its interval has a smaller relative half width.
+# amplitudes at which the response is checked, relative to the largest fitted one
 SHARES = (0.1, 0.3, 1.0)
 
 
@@ -122,7 +122,7 @@ def _joint_draws(
     theta = {**held, **sampled}
     if not set(names) <= set(theta):
         return None
-    if are_at_joints(laws):  # these draws belong to a structure with a fixed model
+    if are_at_joints(laws):  # These draws belong to a structure with a fixed model.
         names += [name for name in held if name not in names]
     return dict(zip(names, np.broadcast_arrays(*(theta[name] for name in names)), strict=True))
 

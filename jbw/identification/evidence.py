@@ -56,18 +56,20 @@ from jbw.report.messages.laws import IN_FIRST_MODE, OF_EACH_MODE
 Laws = tuple[str, ...]
 
 NUM_SAMPLES = 250  # number of draws per group; there are four groups
-MOST_ROUNDS = 24  # largest number of rounds of points for the evidence, for laws that fit badly
-# distance to a bound over the width of the prior, below which a parameter is at the bound
+# largest number of rounds of points by which the evidence of badly fitting laws is estimated
+MOST_ROUNDS = 24
+# A parameter is at a bound if it is closer to it than this part of the prior's width.
 AT_BOUND = 1e-3
 RUN_SCATTER = 5e-4  # relative standard deviation of omega_n between runs, typical of different days
 # Ways in which several modes may have separate joints, in words.
 MEET = {"apart": OF_EACH_MODE, "first": IN_FIRST_MODE}
 OF_JOINT = frozenset(name for names in NAMES for name in (names.sign, names.shape, names.coupling))
-MOST_TURNS = 2  # largest number of rounds of weighting by the best law and fitting all laws
-# A law is hopeless if its largest likelihood is this many nats below that of the best law, and its
-# error this many times as large.
+# largest number of rounds, in which errors are weighted by the best law and all laws are fitted
+MOST_TURNS = 2
+# A law does not fit at all (is hopeless) if its largest likelihood is this many nats below that of
+# the best law, and its error this many times as large.
 FAR_BELOW, FAR_OFF = 100.0, 2.0
-FEW_DRAWS = 50  # draws per group, for a law that is judged only by its fit
+FEW_DRAWS = 50  # number of draws per group for a law that is judged only by its fit
 
 
 @dataclass(frozen=True)
@@ -348,7 +350,7 @@ def without_offsets(
     settings = alike(seen.settings).model_copy(update={"offsets": "none"})
     fitted = best.fitted
     data = under(best.laws, assemble(seen), best.meet)
-    data = replace(data, held=fitted.data.held)  # keeps the signs of the modes
+    data = replace(data, held=fitted.data.held)  # The signs of the modes are kept.
     ready = reweight(key, data, fitted.box, fitted.fit, settings)
     keys = jax.random.split(key, len(found))
     return [again(k, candidate, ready) for k, candidate in zip(keys, found, strict=True)]

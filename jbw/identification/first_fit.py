@@ -31,15 +31,18 @@ from jbw.quantities import MODAL, STUCK, motion_factors_in
 from jbw.report.messages import stages as messages
 
 under_way = logging.getLogger("jbw.progress")
-ROUGH = 1e-6  # relative tolerance of cost and step of preliminary fits
-SAME_COST = 10 * ROUGH  # relative difference of cost below which two fits ended at one minimum
-NUM_SCREENED = 255  # random points of the prior that are evaluated in addition to the start
+ROUGH = 1e-6  # relative tolerance of the sum of squares and of the step in preliminary fits
+# Two fits ended at one minimum if their sums of squares differ by a smaller part.
+SAME_COST = 10 * ROUGH
+# number of random points of the prior that are evaluated in addition to the start
+NUM_SCREENED = 255
 # Rounds of further starts if the best point does not explain the data: number of starts, and
 # evaluations of each. The best ones of a round continue in the next.
 ROUNDS = ((11, 8), (4, 12), (2, 60))
-EXPLAINED = 1.2  # chi-square per degree of freedom below which residuals are mainly noise
+EXPLAINED = 1.2  # If chi-square per degree of freedom is smaller, the residuals are mainly noise.
 CLOSE = (
-    # relative error of each data group, below which a quick result is accepted (no run offsets)
+    # Relative error of each data group below which a quick result is accepted (without run
+    # offsets).
     0.15
 )
 # parameters that frequency and damping against amplitude do not determine
@@ -82,7 +85,7 @@ def from_amplitude_curve(
     """Fit the laws' parameters to frequency and damping against amplitude, if measured."""
     curves = ((part, part.shown().amplitude_curve()) for part in data.parts)
     part, curve = next(((p, c) for p, c in curves if c is not None), (None, None))
-    of_model = is_assembled(data.held)  # one mode determines only a sum over joints
+    of_model = is_assembled(data.held)  # One mode determines only a sum over the joints.
     if part is None or curve is None or "zeta" not in prior.names or of_model:
         return {}
     part_bounds = of_part(bounds_by_name(prior), part)

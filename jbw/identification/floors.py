@@ -17,13 +17,14 @@ from jbw.observables.drives import plain, used_by
 from jbw.oscillator.modes.assembled import is_assembled
 from jbw.quantities import LINEAR, STUCK
 
-# prior bounds of omega_n, zeta and gain, over the joint's values
+# prior bounds of a linear oscillator's omega_n, zeta and gain, relative to those of the joint
 PLAIN = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}
-# prior bounds of further modes, which stay near their frequencies
+# prior bounds of further modes, relative to their frequencies, which change little
 APART = ((0.95, 1.05), *list(PLAIN.values())[1:])
 REACH = {quantity.name: PLAIN[plain(quantity.name)] for quantity in LINEAR}
 REACH |= {quantity.name: APART[i % 3] for i, quantity in enumerate(STUCK[len(LINEAR) :])}
-CLOSE = {"max_evaluations": 40, "tolerance": 1e-6}  # enough for an error with two digits
+# settings of a fit whose error is needed to two digits
+CLOSE = {"max_evaluations": 40, "tolerance": 1e-6}
 
 
 def scatter_of_means(data: Dataset) -> float | None:

@@ -16,7 +16,7 @@ from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
 from jbw.report.messages import stages
 
-DECAY_KEY = 100  # keeps the random numbers of other steps unchanged
+DECAY_KEY = 100  # number by which the random key of this step is derived
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class FreeDecays:
 
     data: Decays | None = None  # the envelopes, with the noise estimated in the fit
     step: Step | None = None  # the separate posterior; None if it was not drawn
-    findings: tuple[Finding, ...] = ()  # findings on a missing separate posterior
+    findings: tuple[Finding, ...] = ()  # findings that explain why a separate posterior is missing
 
 
 def free_decays(

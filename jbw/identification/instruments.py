@@ -35,7 +35,7 @@ from jbw.report.messages import instruments as messages
 
 # powers of length and time in each unit
 POWER = {"m": (1, 0), "s": (0, 1), "rad": (0, 0), "1": (0, 0)}
-STEP = 1e-4  # relative step of a stated gain for a finite difference
+STEP = 1e-4  # relative step of a stated gain in a finite difference
 
 
 class Factors(NamedTuple):

@@ -53,7 +53,7 @@ from jbw.quantities import BY_NAME
 from jbw.report.messages import posterior as messages
 from jbw.report.messages import stages
 
-READINGS_KEY = 200  # random key for the fits of single modes (several joints)
+READINGS_KEY = 200  # number by which the random key of the fits of single modes is derived
 
 
 @dataclass(frozen=True)
@@ -309,7 +309,7 @@ def draw_noise_std(
 def _attrs(part: Observable, name: str) -> dict[str, Any]:
     attrs = BY_NAME["noise_std"].attrs
     attrs["symbol"] += name.removeprefix("noise_std").replace("_", ", ", 1)
-    if not part.groups.unit:  # data groups in different units (V, N, m) share no variable
+    if not part.groups.unit:  # Data groups in different units (V, N, m) cannot be one variable.
         del attrs["units"]
         group_units = {"group_units": list(part.groups.units)} if all(part.groups.units) else {}
         return {

@@ -29,10 +29,12 @@ from jbw.quantities import joints_of, motion_factors_in, name_at, split
 from jbw.report.messages import modes as messages
 
 JOINTS = "joints"
-SPREAD = 2.0  # ratio of the ends of a 99 % interval, below which a joint is identified
-NO_LOSS = 1e-9  # ratio of a mode's losses to its stiffness loss, below which a joint is a spring
-MAIN = 0.5  # share of a mode's losses, from which a joint is said to damp the mode
-NUM_PHASES = 64  # number of points of a stored loop
+SPREAD = 2.0  # A joint is identified if the ends of a 99 % interval have a smaller ratio.
+# If the ratio of losses to stiffness loss in a mode is smaller, the joint is a spring.
+NO_LOSS = 1e-9
+# A sentence says that a joint damps a mode if it has more than this part of the mode's losses.
+MAIN = 0.5
+NUM_PHASES = 64  # number of points of a loop that is stored
 BACKBONES = "backbones"
 
 

@@ -40,12 +40,14 @@ from jbw.oscillator.modes.parameters import DRIVEN, structure_of
 from jbw.oscillator.steady.waveform import orders
 from jbw.quantities import joints_of, motion_factors_in, name_at
 
-LEVELS = np.linspace(0.0, 1.0, 9)[1:]  # amplitudes of a mode over its largest measured amplitude
+# amplitudes of a mode, relative to its largest measured amplitude
+LEVELS = np.linspace(0.0, 1.0, 9)[1:]
 NUM_HARMONICS = 3  # number of odd harmonics: frequencies to 1e-6, damping to 1e-4 in small slip
 MAX_TURNS = 2  # largest number of turning points of a joint in a period
-NUM_FREE = 48  # smallest number of posterior draws with an amplitude-dependent shape
+NUM_FREE = 48  # smallest number of posterior draws for which mode shapes depend on amplitude
 SPARE = 3  # smallest number of such draws per parameter
-STUCK_NAMES = frozenset(name for pair in DRIVEN for name in pair)  # parameters of modes
+# names of the parameters of fully stuck modes
+STUCK_NAMES = frozenset(name for pair in DRIVEN for name in pair)
 
 
 class ModeNumbers(NamedTuple):
@@ -261,7 +263,7 @@ class _DrivenJoints(eqx.Module):
     """The laws of the joints, the model's numbers, and the largest amplitudes of its modes."""
 
     laws: tuple[str, ...] = eqx.field(static=True)
-    names: tuple[str, ...] = eqx.field(static=True)  # of the joints
+    names: tuple[str, ...] = eqx.field(static=True)  # names of the joints
     numbers: dict[str, Float[Array, ""]]
     amplitude: Float[Array, "mode level"]
 

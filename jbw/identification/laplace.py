@@ -51,10 +51,10 @@ from jbw.observables.observable import OFFSETS
 from jbw.report.messages import posterior as messages
 from jbw.report.messages import stages
 
-NUM_CHAINS, NUM_DRAWS = 4, 1000  # numbers of chains and draws, as in a sampled posterior
+NUM_CHAINS, NUM_DRAWS = 4, 1000  # numbers of chains and of draws, as in a sampled posterior
 Points = Float[np.ndarray, "draw parameter"]
 SPARE = 8  # factor on the number of points, so that enough of them lie within the prior bounds
-NOTHING = 1e-9  # factor on the standard deviation between runs, which suppresses offsets
+NOTHING = 1e-9  # factor on the standard deviation between runs, with which there are no offsets
 LEAST = 12.0  # inverse variance of the prior, in units of its squared width
 
 
@@ -164,7 +164,7 @@ class Gaussian(NamedTuple):
     """One Gaussian component near a fit, with its share of the posterior."""
 
     share: float
-    mean: Float[np.ndarray, " parameter"]  # mean relative to the fit
+    mean: Float[np.ndarray, " parameter"]  # mean, relative to the fit
     covariance: Float[np.ndarray, "parameter parameter"]
 
 
@@ -208,7 +208,7 @@ def laplace_draws(
         apart[0] = white[0] = 0.0
         chosen = np.arange(count)
         theta = parameters(apart[chosen])
-    inside = np.clip(theta[chosen], lower, upper)  # rounding may put the fit outside the bounds
+    inside = np.clip(theta[chosen], lower, upper)  # By rounding, the fit may be outside the bounds.
     log_density = -0.5 * np.sum(white[chosen] ** 2, axis=1)
     return log_density, {name: inside[:, i] for i, name in enumerate(prior.names)}
 

@@ -38,8 +38,8 @@ from jbw.observables import dataset, noise
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import quantities_of
 
-# Points for a fit without a run: number per round, required effective number, and largest number of
-# rounds, with and without integration in time.
+# Numbers for a fit without one run: points per round, required effective points, and most rounds;
+# with and without integration in time.
 SIZE, WORTH, ROUNDS = 256, 200.0, {True: 8, False: 24}
 
 

@@ -66,15 +66,18 @@ from jbw.report.messages import modes, stages
 from jbw.report.messages import residuals as messages
 
 FitsWithout = Mapping[tuple[str, ...], HeldOut]  # fits, by the runs that were left out
-MOVES = 4.0  # change in standard deviations, from which runs contradict each other
+# Runs contradict each other if leaving one out changes a parameter by so many standard deviations.
+MOVES = 4.0
 # Ratio of standard deviations without and with a test, above which a parameter depends on the test.
 WIDER = 5.0
 LEAST_GAIN = 0.01  # smallest relative gain of variance by a run, for which its change is tested
 FEWEST = 3  # smallest number of records for which their variation is computed
-BY_CHANCE = 0.01  # probability of such a variation if records agree
-MATTERS = 1.2  # factor on the interval, below which the variation is not reported
+BY_CHANCE = 0.01  # probability by chance of such a variation, if records agree
+MATTERS = 1.2  # The variation is not reported if it widens the interval by less than this factor.
 REACH = float(stats.norm.isf(0.005))  # half-width of a 99 % interval in standard deviations
-CLEARLY = 1.25  # ratio of a mode's errors with a common and with a separate joint
+# Separate joints are clearly better if a common joint makes a mode's error this many times as
+# large.
+CLEARLY = 1.25
 
 
 def fits_without_each_run(best: Fit, prior: Box, data: Dataset) -> FitsWithout:
@@ -290,7 +293,7 @@ def _scatter(
         mean = np.sum(weight * estimate) / np.sum(weight)
         return float(np.sum(weight * (estimate - mean) ** 2)) - degrees
 
-    # A standard deviation of twice the range explains any difference.
+    # A standard deviation of twice the range makes any difference possible.
     most = 4 * float(np.ptp(estimate)) ** 2
     variance = 0.0
     if beyond(0.0) > 0:
@@ -326,7 +329,7 @@ def between_finding(between: xr.Dataset) -> Finding:
 
 def own_joint_sentences(key: Key[Array, ""], best: Fit, data: Dataset) -> list[str]:
     """Return sentences on whether the free decays of several modes reject a common joint."""
-    # with several joints this question does not arise
+    # For several joints, this comparison has no meaning.
     if not data.laws or are_at_joints(data.laws):
         return []
     parts = [part for part in data.parts if part.several]

@@ -11,7 +11,7 @@ from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
 
 PER_LINE = ("freq", "h", "coherence", "variance", "input_spectrum", "output_spectrum")
-NEAR_PEAK = 0.2  # half width of the default band over the peak frequency
+NEAR_PEAK = 0.2  # half width of the default band, relative to the peak frequency
 
 
 @dataclass(frozen=True)

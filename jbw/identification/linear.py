@@ -17,7 +17,7 @@ from jbw.measurement.spectra import FRF
 Residuals = Literal["none", "upper", "both"]
 
 NUM_RESIDUALS = {"none": 0, "upper": 1, "both": 2}
-SCATTER_P = 0.01  # p-value below which repeats vary more than their errors explain
+SCATTER_P = 0.01  # If this probability is larger, errors explain the variation between repeats.
 
 
 @dataclass(frozen=True)

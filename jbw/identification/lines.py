@@ -29,7 +29,7 @@ from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
 
 LEAST_ZETA = 1e-6  # smallest damping ratio; without damping there is no steady response
-ONE_RECORD = 1.5  # number of averages, below which the noise of the lines is unknown
+ONE_RECORD = 1.5  # With fewer averages, the noise of the lines is unknown.
 NOISE_ROUNDS = 4
 
 
@@ -120,7 +120,8 @@ def _floored(variance: Real, data: Complex, num_outputs: int) -> Real:
 def _left_over(lines: FRFLines, residual: Complex, variance: Real) -> Real:
     """Return the residual power of each output over its variance, to scale unknown noise."""
     num = len(lines.outputs)
-    free = 1 - lines.num_parameters / (2 * len(residual))  # share of degrees of freedom
+    # part of the values that are degrees of freedom
+    free = 1 - lines.num_parameters / (2 * len(residual))
     share = np.abs(np.split(residual, num)) ** 2 / np.split(variance, num)
     return np.repeat(share.mean(axis=-1) / free, residual.size // num)
 

@@ -47,24 +47,26 @@ from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
 from jbw.report.messages import modes as messages
 
-# largest relative change of a stable pole from one order to the next
+# Largest relative change of a stable pole from one order to the next: frequency, damping.
 SAME_OMEGA, SAME_ZETA = 0.01, 0.05
 MOST_STABLE_ZETA = 0.2  # largest damping ratio of a mode
-SPAN = 0.75 * 2 * np.pi  # angle of the unit circle onto which the band is mapped
-FIRST, LAST = 2, 8  # lowest and highest order per expected mode
+SPAN = 0.75 * 2 * np.pi  # angle of the unit circle onto which the band is mapped [rad]
+FIRST, LAST = 2, 8  # lowest and highest order, per expected mode
 MOST_ORDERS = 24  # largest number of orders that are tried
 EXPECTED = 4  # smallest number of expected modes, because noise hides modes at low orders
-BEYOND = 0.02  # distance outside the band, over its width, that a requested mode may have
-UNSAID_ZETA = 0.01  # first damping ratio of a requested mode that the diagram does not show
-NEAR = 0.02  # relative distance in frequency, within which a pole is that of a requested mode
-LEAST_SHARE = 0.5  # smallest share of orders in which a mode must be stable
+BEYOND = 0.02  # distance outside the band, relative to its width, that a requested mode may have
+# starting damping ratio of a requested mode that the stabilisation diagram does not show
+UNSAID_ZETA = 0.01
+# A pole is that of a requested mode if their frequencies differ by a smaller relative amount.
+NEAR = 0.02
+LEAST_SHARE = 0.5  # smallest part of the orders in which a mode must be stable
 SAME_LINES = ("window", "estimator", "nperseg", "noverlap", "num_segments", "num_repeats", "fs")
 LEAST_ZETA, MOST_ZETA = 1e-5, 0.5  # limits of damping ratios during the fit
-OUTSIDE = 0.25  # distance outside the band, over its width, that a fitted mode may have
+OUTSIDE = 0.25  # distance outside the band, relative to its width, that a fitted mode may have
 MOST_TRIALS = 60  # largest number of iterations for the poles; a good fit takes ten
-MOST_MISFIT = 0.5  # relative residual of an output, from which the modes must be wrong
-BEYOND_NOISE = 10.0  # chi-square per degree of freedom that noise never causes
-APART = 0.1  # distance of two modes over the larger half width, below which they are one mode
+MOST_MISFIT = 0.5  # If an output has a larger relative residual, the modes must be wrong.
+BEYOND_NOISE = 10.0  # chi-square per degree of freedom that noise alone never reaches
+APART = 0.1  # Two modes closer than this part of the larger half width count as one mode.
 
 
 @dataclass(frozen=True)
@@ -76,8 +78,8 @@ class Stabilisation:
     zeta: Real
     # whether the pole exists at the previous order, within 1 % (omega) and 5 % (zeta)
     is_stable: NDArray[np.bool_]
-    groups: Real  # (omega, zeta) of stable poles, most frequent ones first
-    share: Real  # share of orders in which each pole is stable
+    groups: Real  # (omega, zeta) of groups of stable poles, most frequent ones first
+    share: Real  # part of the orders in which each pole is stable
 
     @property
     def modes(self) -> Real:

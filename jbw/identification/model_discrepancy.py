@@ -89,13 +89,15 @@ from jbw.observables.observable import OFFSETS
 from jbw.observables.spectra import real_rows
 from jbw.report.messages import discrepancy as messages
 
-BY_CHANCE = 0.01  # probability below which frequency shifts and residuals are attributed to the law
-NO_OFFSET = 1e-9  # factor on the standard deviation between runs, which suppresses offsets
+# If chance has a smaller probability, frequency shifts and residuals are errors of the law.
+BY_CHANCE = 0.01
+NO_OFFSET = 1e-9  # factor on the standard deviation between runs, with which there are no offsets
 # Smallest number of fits without single runs: with fewer, each fit has only one or two levels, and
 # its derivatives do not give the errors of its parameters.
 FEWEST_FITS = 3
-FEWEST_DEGREES = 3  # smallest number of degrees of freedom for a variance between runs
-UPPER = 0.995  # probability below the upper end of a 99 % band
+# smallest number of degrees of freedom from which a variance between runs is estimated
+FEWEST_DEGREES = 3
+UPPER = 0.995  # probability of the upper end of a 99 % band
 
 
 class NoiseSquares(NamedTuple):
@@ -111,7 +113,7 @@ class Rest(NamedTuple):
     square: float
     mean: float
     variance: float
-    noise: float = 0.0  # part of the mean due to noise
+    noise: float = 0.0  # part of the mean that noise causes
 
     @property
     def is_by_chance(self) -> bool:
@@ -130,7 +132,7 @@ class LeftOutRun(NamedTuple):
     rests: Mapping[str, Rest]  # squared residuals relative to the squared response, by kind of test
     is_decay: bool = False
     amplitude: float = np.nan  # amplitude over the largest fitted one; NaN if unknown
-    grown: float = 1.0  # growth of standard deviations at this amplitude
+    grown: float = 1.0  # factor by which standard deviations have grown at this amplitude
     noise_std: Float[np.ndarray, " own"] = np.zeros(0)  # part of `std` that noise causes
     # $P C$ of the fit without the run, by which runs share noise; None if there is no such fit.
     by_parameters: Float[np.ndarray, "own parameter"] | None = None
@@ -235,7 +237,7 @@ def scatter_about_zero(
     by_chance = judged and Rest(chi_square, count, of_chance).is_by_chance
     if chi_square <= count or by_chance:
         return 0.0
-    most = float(np.sum(b / g))  # at which the sum is at most n
+    most = float(np.sum(b / g))  # At this value the sum is at most n.
     solution = root_scalar(
         lambda square: float(np.sum(b / (variance + square * g))) - count,
         bracket=(0.0, most),
@@ -295,7 +297,7 @@ def root_of(
 class Slopes(NamedTuple):
     """Derivatives of predictions without run offsets, and the scatter of these offsets."""
 
-    data: Dataset  # the dataset with suppressed run offsets
+    data: Dataset  # the dataset without run offsets
     jacobian: Float[np.ndarray, "value parameter"]  # derivatives of the predictions
     # standard deviations of omega_n [rad/s] and zeta between runs
     scatter: Float[np.ndarray, " own"]
@@ -389,7 +391,8 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
     residuals, slopes = residual_by_label(best.residual, data), slopes_of(best, prior, data)
     noise = _noise_alike(residuals, data) | repeated
     stay_in = _decays(data) - {run for group in fits for run in group}
-    fits_with_decays = {tuple(sorted(stay_in)): best} if stay_in else {}  # fitted decays
+    # These decays were fitted.
+    fits_with_decays = {tuple(sorted(stay_in)): best} if stay_in else {}
     shown = {
         run: _placed(_shown_by(run, fit, slopes, prior, noise, natural), run, group, amplitudes)
         for group, fit in (fits_with_decays | {g: x.fit for g, x in fits.items()}).items()
@@ -399,7 +402,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
     in_noise = bool(fits) and _hides_in_noise(residuals, repeated)
     of_all = FitOfAll(len(fits), natural, best.covariance, slopes.scatter)
     learned = _learned(list(shown.values()), as_fitted, of_all, judged=not in_noise)
-    if not learned.is_nothing:  # chance does not explain all errors
+    if not learned.is_nothing:  # Chance alone does not explain all errors.
         learned = _learned(list(shown.values()), as_fitted, of_all, judged=False)
     sizes = size_by_label(data)
     sized_runs = {run for label, run in zip(data.labels, data.runs, strict=True) if label in sizes}
@@ -487,9 +490,9 @@ def _as_arrays_of_runs(
 class Learned(NamedTuple):
     """The combined discrepancy of all left-out runs."""
 
-    forced: Missed | None  # errors of frequency and damping; None without such runs
+    forced: Missed | None  # errors of frequency and damping in driven tests; None without such runs
     decays: Missed | None
-    shares: Mapping[str, Scatter]  # remaining errors by kind of test
+    shares: Mapping[str, Scatter]  # remaining errors of the response, by kind of test
 
     @property
     def is_nothing(self) -> bool:

@@ -31,14 +31,14 @@ from jbw.oscillator.law import feels_rate
 from jbw.oscillator.laws import laws_named
 from jbw.quantities import RESIDUAL_TERMS, STUCK
 
-# distance from zero in standard deviations, above which a joint is detected without a fit
+# A joint is detected without a fit if its effect is so many standard deviations away from zero.
 FAR = 5.0
 NUM_DRAWS = 256
-BY_CHANCE = 0.01  # probability of such an improvement for a structure without a joint
+BY_CHANCE = 0.01  # probability of such an improvement by chance, for a structure without a joint
 # Ratio of relative frequency change to added damping, below which drag is fitted too. It is 1 for
 # gamma = delta, and 3 pi / 4 for Masing's loops of a quadratic backbone.
 SOFTENS = 0.5
-ROOM = 8.0  # upper bound of drag over its starting value
+ROOM = 8.0  # upper bound of the drag coefficient, relative to its starting value
 
 
 class Nested(NamedTuple):

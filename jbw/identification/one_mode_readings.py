@@ -36,7 +36,7 @@ from jbw.quantities import FED, name_at, split
 from jbw.report.messages import joint as messages
 
 LAW = BoucWenLaw.name
-HALF = 0.5  # starting value of a law's stiffness over that of the fully stuck joint
+HALF = 0.5  # starting value of a law's stiffness, relative to that of the fully stuck joint
 WEAK = 0.3  # slip above which modes do not determine sums over joints, so that nothing is tested
 
 under_way = logging.getLogger("jbw.progress")
@@ -79,7 +79,7 @@ def joint_readings(key: Key[Array, ""], seen: Measured) -> Readings:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 read[i] = _reading(jax.random.fold_in(key, i), i, test, seen, modes)
-        except JbwError:  # skip modes that cannot be fitted alone
+        except JbwError:  # Modes that cannot be fitted alone are left out.
             continue
     if len(read) < len(seen.laws):
         return NOTHING

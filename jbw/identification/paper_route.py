@@ -26,7 +26,7 @@ class PaperRoute:
 
     kernel: step3.KernelFit | None = None  # fit of the kernel; None without probing tones
     steps: Mapping[str, Step] = field(default_factory=dict)  # posteriors, by name
-    statements: tuple[str, ...] = ()  # sentences on how the steps relate to other laws
+    statements: tuple[str, ...] = ()  # sentences on what these steps say about other laws
 
     @property
     def means(self) -> dict[str, float]:

@@ -45,10 +45,11 @@ from jbw.report.messages import stages as messages
 
 under_way = logging.getLogger("jbw.progress")
 MOST_SUBSTEPS = 64
-NEAR = 1e-3  # factor on a fit's steps, with which even a curved posterior is nearly straight
-AMPLE = 0.5  # part of the allowed solver error that a fit may have
+NEAR = 1e-3  # factor on the steps of a fit, for which even a curved posterior is nearly straight
+# If the solver's error is below this part of the allowed one, the steps are short enough.
+AMPLE = 0.5
 MOST_ROUNDS = 8  # largest number of rounds of fit and weighting
-SETTLED = 0.1  # change of the fit, in standard deviations, below which the weights are final
+SETTLED = 0.1  # Weights are final if the fit changes by fewer standard deviations.
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ def weighed(
     """Fit a dataset and determine its weights, before coordinates and solver steps."""
     prior, first, data = first_fit(keys[0], data, settings, known, quick=quick)
     ready = with_effects(keys[1], data, prior, first, settings, quick=quick)
-    best = replace(ready.fit, waterfall=first.waterfall)  # later fits have only one start
+    best = replace(ready.fit, waterfall=first.waterfall)  # Later fits have only one start.
     return replace(ready, fit=best, chi_square=explained(first, data))
 
 
@@ -132,7 +133,7 @@ def with_effects(
     """Update noise, independent values, run effects and residual terms by repeated fits."""
     words: list[str] = []
     findings: tuple[Finding, ...] = ()
-    between = ROUGH if quick else TOLERANCE  # tolerance of fits between the rounds
+    between = ROUGH if quick else TOLERANCE  # tolerance of the fits between the rounds
     best, data = settled(first, prior, data, settings, tolerance=between)
     shifts = shifts_of(best, prior.names, data)
     if shifts is not None and wanted(shifts, settings):
@@ -171,7 +172,7 @@ def completed(
             finer = refined(key, data, prior, best)
             if finer is data:
                 break
-            forget()  # releases the programs of coarser steps
+            forget()  # This releases the programs of coarser steps.
             data, best = finer, refit(best, prior, finer)
     best = replace(best, waterfall=weighted.fit.waterfall)
     return replace(weighted, fit=best, box=prior, data=data, statements=tuple(words))

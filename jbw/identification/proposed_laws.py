@@ -19,7 +19,8 @@ from jbw.identification.prepare import Fitted
 from jbw.observables import dataset, noise
 from jbw.report.messages import laws as messages
 
-AS_GOOD = 1.05  # times the least error: an error up to which an earlier proposal is preferred
+# An earlier proposal is preferred if its error is at most this multiple of the least error.
+AS_GOOD = 1.05
 
 
 class ChosenLaw(NamedTuple):
@@ -46,7 +47,7 @@ def chosen(seen: Measured, laws: Sequence[str], seed: int, report: Report) -> Ch
         report(messages.trying(law))
         try:
             fits[law] = fit_quickly(replace(seen, laws=(law,)), seed=seed, report=report)
-        except JbwError:  # the law cannot be solved for these tests
+        except JbwError:  # The law cannot be solved for these tests.
             continue
         errors[law], is_white = remains_of(fits[law])
         if is_white:

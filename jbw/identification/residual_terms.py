@@ -35,9 +35,10 @@ from jbw.observables.residual_terms import (
 from jbw.quantities import BY_NAME
 from jbw.report.messages import residuals as messages
 
-GROWTH, SHARE = 25.0, 0.1  # smallest growth of chi-square without a term, absolute and relative
+# smallest increase of chi-square without a term, absolute and relative, for which the term is kept
+GROWTH, SHARE = 25.0, 0.1
 TRIED = ((UPPER,), (UPPER, LOWER))
-# factors on a stated frequency that are tried for a neighbouring mode
+# factors on the stated frequency of a neighbouring mode with which fits are tried
 ABOUT = np.linspace(0.97, 1.03, 7)
 USUAL_ZETA = 0.01  # starting damping ratio of a neighbouring mode without a spectrum
 
@@ -81,7 +82,7 @@ def shown_terms(
     best: Fit, prior: Box, data: Dataset, settings: Identify, refit: Refit
 ) -> Taken | None:
     """Add the residual terms that a fit needs, and fit again; return None if none is needed."""
-    # with several points, terms would not belong to one of them
+    # With several points, a term would belong to none of them.
     several = data.modes is not None and data.modes.points
     if several or "omega_n" not in data.held | best.theta:
         return None

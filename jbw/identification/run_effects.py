@@ -54,10 +54,10 @@ from jbw.report.messages import sessions as messages
 
 MOST_ALIKE = 1e12  # largest condition number of the correlations of a run's offsets
 BY_CHANCE = 1e-3  # probability below which differences between runs count as real
-# limits of the relative standard deviations of omega_n and zeta
+# Limits of the relative standard deviations of omega_n and of zeta.
 LEAST, MOST = (1e-7, 1e-4), (1e-2, 0.5)
-SAME_LEVEL = 1.1  # ratio of responses below which runs are repeats of one level
-NO_SCATTER = 1e-12  # standard deviation of a quantity that is equal in all runs
+SAME_LEVEL = 1.1  # Runs whose responses have a smaller ratio are repeats of one level.
+NO_SCATTER = 1e-12  # standard deviation for a quantity that is equal in all runs
 NUM_DRAWS = 200
 PLURAL = {"run": "runs", "assembly": "assemblies"}
 Values = Float[np.ndarray, " run"]
@@ -73,7 +73,7 @@ class Shifts:
     runs: tuple[str, ...]
     # omega_n [rad/s] and zeta [-] of a run minus those of the fit
     offset: Float[np.ndarray, "run own"]
-    std: Float[np.ndarray, "run own"]  # standard errors
+    std: Float[np.ndarray, "run own"]  # standard errors of these differences
     p: float  # probability of such differences by chance
 
 
@@ -270,7 +270,7 @@ def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
     it.
     """
     theta = {name: np.array([value]) for name, value in best.theta.items()}
-    estimate = estimates_at(theta, data)  # uses the program that was compiled for the draws
+    estimate = estimates_at(theta, data)  # This uses the program that was compiled for the draws.
     repeated = jax.tree.map(lambda x: np.repeat(x, NUM_DRAWS, axis=0), estimate)
     scatters = np.asarray(_drawn(jax.random.split(key, NUM_DRAWS), repeated, data).scatter)
     scatter = np.sqrt(np.mean(scatters[:, : len(OFFSETS)] ** 2, axis=0))

@@ -12,8 +12,8 @@ from jbw.errors import ConfigError
 from jbw.measurement.channels import strength_ranks
 from jbw.measurement.records import Test, drive_of, share_clock
 
-THIRD = (0.2, 0.45)  # frequency of a probing tone over the natural frequency
-LEVEL = attrgetter("level")  # sorts tests by level
+THIRD = (0.2, 0.45)  # range of a probing tone's frequency, relative to the natural frequency
+LEVEL = attrgetter("level")  # key by which tests are sorted: their level
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,10 @@ from jbw.oscillator.attachment import Attachment, attached
 from jbw.report.messages import instruments as messages
 
 ROLES = ("input", "force", "drive_point")
-# extension of the band over its width, which separates mass, stiffness, delay and damping
+# Extension of the band, relative to its width, which separates mass, stiffness, delay and damping.
 WIDER = 1.5
 OCTAVE = 2.0
-DRIVEN = 0.05  # spectral height over the voltage's largest line, below which a line is not driven
+DRIVEN = 0.05  # A line is not driven if it is below this part of the voltage's largest line.
 
 
 @dataclass(frozen=True)
@@ -116,9 +116,9 @@ def _driven(
     """
     reach = WIDER * (band[1] - band[0])
     freq = np.fft.rfftfreq(len(voltage), 1 / fs)
-    size = np.abs(np.fft.rfft(voltage - voltage.mean()))  # removes the offset of an amplifier
+    size = np.abs(np.fft.rfft(voltage - voltage.mean()))  # This removes the offset of an amplifier.
     driven = freq[size > DRIVEN * size.max()]
-    if not len(driven):  # a constant channel, which the fit reports
+    if not len(driven):  # The channel is constant, which the fit reports.
         return band
     low = max(band[0] - reach, band[0] / OCTAVE, driven[0])
     high = min(band[1] + reach, band[1] * OCTAVE, driven[-1])

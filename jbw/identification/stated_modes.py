@@ -27,9 +27,10 @@ from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.parameters import own_name
 from jbw.report.messages import modes as messages
 
-BY_CHANCE = 0.01  # probability of such an improvement by modes that do not move the joint
-BARE = ("", "none", "force", BASE)  # drives that leave out the shaker's dynamics
-ROUGH = 1e-6  # relative tolerance of cost and step of preliminary fits with another sign
+# probability of such an improvement by chance, with modes that do not move the joint
+BY_CHANCE = 0.01
+BARE = ("", "none", "force", BASE)  # drives with which the shaker's dynamics do not matter
+ROUGH = 1e-6  # relative tolerance of the sum of squares and of the step, in fits with another sign
 
 
 def modes_of(
@@ -257,7 +258,8 @@ def participation_sentences(posterior: xr.Dataset, modes: Modes | None) -> list[
     """Return sentences on modes whose gain may be zero according to the posterior."""
     sentences = []
     for hz, names in zip(modes.hz[1:] if modes else (), modes.names if modes else (), strict=True):
-        if names.ratio not in posterior:  # free decays do not determine the ratio
+        # Free decays do not determine the gain of this mode relative to the first.
+        if names.ratio not in posterior:
             continue
         low, _, high = np.quantile(posterior[names.ratio].values, QUANTILES)
         if low <= 0.0 <= high:

@@ -46,7 +46,7 @@ class Step:
 
     name: str  # name in the results, such as "third_order_nuts"
     posterior: xr.DataTree  # the groups of the sampler's result
-    verdict: Verdict  # how far the posterior can be trusted
+    verdict: Verdict  # result of the checks: whether the posterior can be trusted
     fit: Fit  # the least-squares fit from which it started
     box: Box  # its prior bounds
     statements: tuple[str, ...]  # sentences on what the posterior determines

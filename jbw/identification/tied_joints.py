@@ -50,9 +50,9 @@ from jbw.quantities import are_at_joints, joints_of, law_name, name_at, split
 from jbw.report.messages import laws as messages
 
 Laws = tuple[str, ...]
-PREFIX = "tied_"  # prefix of attributes of the joints' group
-DECISIVE = 3.0  # difference of log evidence that decides (20 to 1) [nats]
-MOST = 12  # largest number of sets of laws; with more, fewer changes of single joints are tried
+PREFIX = "tied_"  # prefix of the attributes that store this comparison
+DECISIVE = 3.0  # difference of log evidence that decides, 20 to 1 [nats]
+MOST = 12  # largest number of sets of laws; otherwise, fewer changes of single joints are tried
 
 # Laws that are tried by default: none, elastic, and hysteretic ones.
 USUAL: tuple[Laws, ...] = ((), ("cubic",), ("bouc_wen",), ("bouc_wen_nu",), ("iwan4",))

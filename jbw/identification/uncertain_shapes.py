@@ -26,9 +26,10 @@ from jbw.observables.modes import Modes
 from jbw.oscillator.modes.assembled import OMEGA, STIFFNESS, factor_name, motion_name, numbered
 from jbw.quantities import joints_of, motion_factors_in, name_at, split
 
-SPREAD = 0.1  # standard deviation of the logarithm of a factor
-HARDLY_MOVED = 1e-4  # energy share over the mode's largest share, below which a joint hardly moves
-Place = tuple[str, int]  # joint, and number of a mode from 1
+SPREAD = 0.1  # prior sd of the logarithm of a factor on a joint's motion in a mode
+# A joint hardly moves if its energy share is below this part of the mode's largest share.
+HARDLY_MOVED = 1e-4
+Place = tuple[str, int]  # joint, and number of the mode from 1
 
 
 @cache

@@ -13,7 +13,7 @@ from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
 
 HALF_WIDTH = 32  # number of bins of the window's transform that are used
-NEIGHBOURS = 6  # distance between lines, beyond which their errors are independent
+NEIGHBOURS = 6  # Errors of lines that are farther apart are independent.
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
@@ -49,7 +49,7 @@ def smeared(
     s = -zeta * omega_n + 1j * omega_d
     mean = s**order * _hann_transform(s - 1j * omega, window_s)
     mean = mean - s.conjugate() ** order * _hann_transform(s.conjugate() - 1j * omega, window_s)
-    direct = gain if order == 2 else 0.0  # direct response of an acceleration to an impulse
+    direct = gain if order == 2 else 0.0  # immediate response of an acceleration to an impulse
     return direct + gain / (2j * omega_d) * mean
 
 
@@ -123,7 +123,7 @@ def line_errors(
     (omega_n, zeta, gain) of each mode in each output.
     """
     frf = outputs[0]
-    # memory of the slowest mode, in window lengths
+    # decay time of the slowest mode, in window lengths
     memory = 1 / (min(zeta * omega for omega, zeta, _ in modes[0]) * frf.window_s)
     per_bin = int(np.clip(np.ceil(3 + 8 * memory), 4, 24))
     offset = np.arange(-HALF_WIDTH * per_bin, HALF_WIDTH * per_bin + 1) / per_bin

@@ -17,7 +17,7 @@ from jbw.report.messages import study as messages
 
 GROUP = "assembly"
 SI = "SI"
-SAME_PLACE = 1e-9  # distance over the structure's largest extent, below which two nodes coincide
+SAME_PLACE = 1e-9  # Nodes closer than this part of the structure's largest extent coincide.
 MOST_LINKS = 12  # links per node; a matrix with more links is not that of a mesh
 
 

@@ -47,7 +47,7 @@ def _picture(tree: xr.DataTree) -> str:
     if name is None:
         return ""
     try:
-        from jbw.report.plots import draw  # this import loads matplotlib
+        from jbw.report.plots import draw  # This import loads matplotlib.
 
         picture = io.BytesIO()
         draw(tree, name).savefig(picture, format="png", dpi=DPI, facecolor="white")

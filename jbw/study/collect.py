@@ -52,12 +52,12 @@ from jbw.verification.verify import Groups, verify
 
 TIED_KEY = 300  # added to the seed, for the evidence that several joints share one law
 SPECTRUM = 4.2  # highest frequency of the displayed spectrum, as a multiple of the tone's frequency
-NUM_PRIOR = 500  # draws from the prior
+NUM_PRIOR = 500  # number of draws from the prior
 NUM_PREDICTED = 100  # prior draws that are propagated through the model
 SAMPLES = ("chain", "draw")
 # Prior predictions get this noise: nothing can be drawn from 1/sigma, which is improper.
 SILENCE = 1e-12
-KEY = 200  # added to the seed, so that all other random numbers stay as they were
+KEY = 200  # added to the seed, so that random numbers of other purposes do not change
 RESPONSE = {
     "units": "1",
     "long_name": messages.VARIABLES["response"],

@@ -58,15 +58,16 @@ from jbw.verification.backbone import curves
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
 
-NUM_DRAWS = 1000  # of each run, which makes a million pairs
-NUM_CARRIED = 200  # draws of each run for which the backbone is computed
-GRID = np.linspace(0.05, 1.0, 20)  # times the largest displacement that both runs fitted
+NUM_DRAWS = 1000  # number of draws of each run, which make a million pairs
+NUM_CARRIED = 200  # number of draws of each run for which the backbone is computed
+# amplitudes of comparison, relative to the largest displacement that both runs fitted
+GRID = np.linspace(0.05, 1.0, 20)
 # Indices into GRID: 10 %, 25 %, 50 %, 75 % and 100 % of its largest displacement.
 TOLD = (1, 4, 9, 14, 19)
-SURE = 0.995  # one-sided probability, so that 0 is outside the 99 % interval of the difference
-INPUT = "gain"  # a parameter of the source and its unit, not of the joint
+SURE = 0.995  # one-sided probability at which 0 is outside the 99 % interval of the difference
+INPUT = "gain"  # parameter of the source, not of the joint
 BY_CHANCE = 0.01  # probability of reporting a changed joint when no joint has changed
-APART = 1.1  # ratio of natural frequencies above which two runs concern different modes
+APART = 1.1  # If natural frequencies have a larger ratio, two runs concern different modes.
 
 Draws = Mapping[str, Float[np.ndarray, " draw"]]
 

@@ -34,7 +34,7 @@ from jbw.study.summary import record_of, steps_group, verdict_record, widened_by
 from jbw.verification.predictive_basis import AS_RECORDED
 
 Once = Callable[[Campaign, Keep], Study]
-HELD_OUT = "held_out_answer"  # a key of summary.json
+HELD_OUT = "held_out_answer"  # key of the held-out tests' result in summary.json
 
 
 def finished_study(

@@ -24,9 +24,8 @@ PARTICLES = 400  # With so many particles the evidence is accurate to one nat.
 NUM_AMPLITUDES = 48
 # Bands extend from the smallest amplitude divided by this to the largest one times this.
 REACH = 3.0
-BEYOND = 1.25  # times the largest amplitude, where a sentence states the bands
-# Factor on variances, above which frequency and damping vary 1.4 times as much as their errors
-# state.
+BEYOND = 1.25  # amplitude, relative to the largest one, at which a sentence states the bands
+# Factor on variances above which frequency and damping clearly vary more than their errors state.
 SCATTERED = 2.0
 
 
@@ -58,7 +57,7 @@ def free_law_of(
     try:
         tables = fitted_tables(looked, seen)
         return free_law(tables, named=named, seed=seed, num_particles=particles)
-    except JbwError:  # There are too few measured values.
+    except JbwError:  # There are too few measured values for a law without a form.
         return None
 
 

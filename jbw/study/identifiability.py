@@ -40,8 +40,9 @@ from jbw.report.messages import identified
 logger = logging.getLogger("jbw")
 # A start whose final cost exceeds the lowest one by less than this fraction found the optimum.
 REACHED = 0.01
-NOTHING = 0.05  # cost difference (0.1 in chi-square) too small to prefer one of two optima
-# dimensions, values, unit of a column of the result
+# A smaller difference of cost (0.1 in chi-square) does not prefer one of two optima.
+NOTHING = 0.05
+# column of the result: dimensions, values, unit
 Column = tuple[str | tuple[str, str], Any, str]
 
 
@@ -52,8 +53,9 @@ class Identifiability:
     fitted: Fitted  # the fit and the data to which it was fitted
     # Products of parameters, examined like the parameters themselves.
     products: tuple[Product, ...]
-    information: Information  # the spectrum of the information before sampling
-    profiles: dict[str, Profile]  # the profile of every parameter, where profiles were requested
+    # what the data determine before sampling, by direction, parameter and product
+    information: Information
+    profiles: dict[str, Profile]  # profile of every parameter, if profiles were requested
     # Only after sampling: 1 minus posterior over prior variance, and the change of each mean when
     # the prior range shrinks by a tenth.
     contraction: dict[str, float] = field(default_factory=dict)

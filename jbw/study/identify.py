@@ -83,22 +83,28 @@ def identify(
         return for_use(lambda part, kept: again(part, keep=kept), campaign, keep, report)
     seed = campaign.settings.seed if seed is None else seed
     order = Order(campaign, seed, truth, command, perf_counter())
-    prepared = prepare_tests(campaign, report, seed)  # usable, fitted and held-out tests; Step 2
+    # These are the usable, fitted and held-out tests, and the result of Step 2.
+    prepared = prepare_tests(campaign, report, seed)
     order = order.under(prepared.measured.laws)
     if quick:
         return first_answer(order, prepared, report)
     measured = prepared.measured
     keys = iter(parts_of(jax.random.key(seed), NUM_KEYS))
-    paper = paper_route(measured, keys, report, keep)  # Steps 3 and 4 as the paper separates them
+    # These are Steps 3 and 4 as the paper separates them.
+    paper = paper_route(measured, keys, report, keep)
     problem = joint_problem(measured, paper.means, seed=seed, report=report)
     key = parts_of(next(keys), NUM_PARTS)
-    fit = fit_problem(key[:2], problem)  # starts, noise, run effects, coordinates, solver steps
+    # The fit determines starts, noise, run effects, coordinates and solver steps.
+    fit = fit_problem(key[:2], problem)
     report_fit(measured, fit, seed, report)
-    posterior = draw_joint(key[2:4], problem, fit, keep=keep)  # Eq. (37), all parameters
-    checks = check_joint(key[4], posterior)  # findings of the chains, the fit and the posterior
+    # The posterior of all parameters is drawn, by Eq. (37).
+    posterior = draw_joint(key[2:4], problem, fit, keep=keep)
+    # The checks are those of the chains, the fit and the posterior.
+    checks = check_joint(key[4], posterior)
     free = free_decays(measured, posterior, checks, seed=seed, report=report, keep=keep)
     posteriors = Posteriors(posterior, checks, free, paper)
-    comparisons = compare(order, prepared, posteriors, report)  # predictions of every test
+    # Every test is compared with its prediction.
+    comparisons = compare(order, prepared, posteriors, report)
     findings = *checks.findings, *free.findings, *prediction_findings(comparisons.tree)
     tests, limit = predicted_tests(comparisons.tree), campaign.settings.predictive
     verdict = judged(findings, checks.amendments, tests, posterior.fitted.data.laws, limit)

@@ -30,10 +30,10 @@ from jbw.verification.bands import QUANTILE_AXIS, QUANTILES
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 from jbw.verification.withheld import is_withheld
 
-FEW = 4  # draws from which the amplitude under a load is found first
+FEW = 4  # number of draws with which the amplitude under a load is found first
 # Up to this ratio of the third harmonic to the first, one harmonic is accurate to 1e-5.
 ONE_HARMONIC = 1e-3
-MANY = 8  # number of odd harmonics above that ratio
+MANY = 8  # number of odd harmonics if the third harmonic is larger
 TAU = 2.0 * np.pi
 Complexes = NDArray[np.complex128]
 

@@ -26,8 +26,8 @@ from jbw.study.loads import (
 )
 from jbw.verification.predictive_basis import Basis
 
-FEW = 240  # frequencies on each side of the resonance, spaced more widely with distance
-MOST_TIMES = 2000  # approximate number of stored times of a response
+FEW = 240  # number of frequencies on each side of the resonance, spaced more widely with distance
+MOST_TIMES = 2000  # approximate number of times at which a response is stored
 
 
 def random_of(basis: Basis, profile: RandomProfile, duration: float, load: Load) -> xr.Dataset:

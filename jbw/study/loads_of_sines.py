@@ -27,8 +27,8 @@ from jbw.study.loads import (
 )
 from jbw.verification.predictive_basis import Basis
 
-NUM_FREQ = 241  # frequencies of a curve
-# rounds, and relative error, of the search for the displacement at the limit
+NUM_FREQ = 241  # number of frequencies of a curve
+# number of rounds, and relative error, of the search for the displacement at the limit
 MOST_ROUNDS, CLOSE = 8, 1e-6
 
 

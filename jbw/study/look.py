@@ -198,7 +198,7 @@ def look_groups(looked: Look, fitted: Mapping[str, bool] | None = None) -> "dict
         columns_read = {
             key: row[key] for key in ("test", "kind", "level", "drive") if row[key] is not None
         }
-        if row["test"] in fitted:  # A test made of several tones has no entry.
+        if row["test"] in fitted:  # A test that joins several tones has no entry here.
             columns_read["fitted"] = int(fitted[row["test"]])
         groups[place("look", row["test"])] = xr.Dataset(variables, attrs=columns_read)
     return groups

@@ -31,7 +31,8 @@ from jbw.study.resumable import carried_out, digest_of
 from jbw.study.workers import Executor, in_processes, submitted
 
 logger = logging.getLogger("jbw")
-PLAIN = "campaign"  # a file name without information; the run is then named after the folder
+# name of a campaign file after which a run is not named; its folder gives the name
+PLAIN = "campaign"
 
 
 @dataclass(frozen=True)

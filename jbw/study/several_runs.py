@@ -30,12 +30,14 @@ from jbw.verification.backbone import curves
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
 
-NUM_DRAWS = 200  # of each run
-GRID = np.linspace(0.05, 1.0, 20)  # times the largest displacement that all runs fitted
-TOLD = (1, 19)  # indices into GRID of the reported amplitudes: 10 % and 100 % of the largest
+NUM_DRAWS = 200  # number of draws of each run
+# amplitudes of comparison, relative to the largest displacement that all runs fitted
+GRID = np.linspace(0.05, 1.0, 20)
+# indices into GRID of the amplitudes that are reported: 10 % and 100 % of the largest
+TOLD = (1, 19)
 QUANTITIES = (("frequency", "Hz", 1.0), ("damping ratio", "%", 100.0))
-BY_CHANCE = 0.01  # probability of the variation about a trend, below which it is reported
-NUISANCE = {"gain"}  # a property of the source, which frequency and damping do not need
+BY_CHANCE = 0.01  # The variation about a trend is reported if chance has a smaller probability.
+NUISANCE = {"gain"}  # parameters of the source, on which frequency and damping do not depend
 
 
 @dataclass(frozen=True)

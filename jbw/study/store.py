@@ -227,7 +227,7 @@ def _save(folder: Path, outputs: Mapping[str, Write]) -> None:
 @contextmanager
 def writing(folder: Path, *names: str) -> Iterator[Path]:
     """Yield a hidden folder for the files `names`; at the end move the files to their place."""
-    left = list(folder.glob(f"{PART}-*"))  # left by a process that was killed
+    left = list(folder.glob(f"{PART}-*"))  # These folders were left by a process that was killed.
     with tempfile.TemporaryDirectory(dir=folder, prefix=f"{PART}-") as name:
         yield Path(name)
         for path in left:

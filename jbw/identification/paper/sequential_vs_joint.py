@@ -12,7 +12,7 @@ from jbw.identification.step import Step
 from jbw.report.messages import paper_steps as messages
 
 CUT = {"third_order_nuts": ("zeta", "alpha", "delta"), "opening_nuts": ("gamma",)}
-FAR = 10.0  # difference in standard deviations beyond which its size does not matter
+FAR = 10.0  # A difference of more standard deviations is not stated by its size.
 PRODUCTS = {"alpha_delta": "delta", "alpha_gamma": "gamma"}
 Moments = dict[str, tuple[float, float]]
 

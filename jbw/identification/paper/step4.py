@@ -35,7 +35,7 @@ from jbw.report.messages import paper_steps as messages
 
 NAMES = ("gamma",)
 NODES = 48
-REACH = 3.0  # upper bound of gamma over delta if the campaign states no prior
+REACH = 3.0  # upper bound of gamma relative to delta, if the campaign states no prior
 WRONG = 0.05  # largest error of the Chebyshev series within the posterior [nats]
 SAMPLERS = {
     "opening_nuts": SamplingRequest("nuts", num_warmup=300, num_samples=1000),
@@ -125,7 +125,7 @@ def residual(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " 
 class OpeningFit(NamedTuple):
     """The initial fit of gamma in Step 4."""
 
-    curve: OpeningCurve  # series of the residual
+    curve: OpeningCurve  # Chebyshev series of the residual as a function of gamma
     fit: Fit
     box: Box  # prior of gamma
     held: dict[str, float]  # fixed omega_n, zeta, alpha, delta and gain
