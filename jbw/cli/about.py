@@ -71,10 +71,10 @@ def at_joint(name: str) -> str | None:
 )  # fmt: skip
 @json_option
 def explain(code: str | None, json_: bool) -> None:
-    """Say what a finding, a parameter, a column of a table or a word means.
+    """Explain a finding, a parameter, a table column or a word of the results.
 
-    Of a finding of the verdict: what it looks at, and what to do. Without NAME, all findings with a
-    line each.
+    For a finding of the verdict: what the check examines, and what to do if it fails. Without NAME,
+    all findings, one per line.
     """
     if code is None:
         lines = {name: in_one_line(page) for name, page in explanations().items()}
@@ -118,9 +118,9 @@ def more(json_: bool) -> None:
 def schema(file: str) -> None:
     """Print the JSON Schema of a campaign file, or of a plan file.
 
-    An editor that knows JSON Schema for TOML then completes keys, shows what they mean and marks
-    what is wrong: write `jbw schema > campaign.schema.json`, and as the file's first line
-    `#:schema campaign.schema.json` (Even Better TOML, taplo, tombi).
+    With it, an editor that supports JSON Schema for TOML completes keys, shows their meaning and
+    marks errors: write `jbw schema > campaign.schema.json`, and as the file's first line `#:schema
+    campaign.schema.json` (Even Better TOML, taplo, tombi).
     """
     from jbw.campaign.document import json_schema
     from jbw.campaign.schema import CampaignFile
@@ -133,10 +133,10 @@ def schema(file: str) -> None:
 @click.command()
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def completion(shell: str) -> None:
-    """Print what makes SHELL complete the commands and options of jbw.
+    """Print the script by which SHELL completes the commands and options of jbw.
 
-    Put `eval "$(jbw completion bash)"` into ~/.bashrc, the same with zsh into ~/.zshrc, or write
-    what it prints for fish to ~/.config/fish/completions/jbw.fish.
+    For bash, put `eval "$(jbw completion bash)"` into ~/.bashrc; for zsh, the same with zsh into
+    ~/.zshrc; for fish, write the output to ~/.config/fish/completions/jbw.fish.
     """
     from jbw.cli import cli
 
@@ -166,9 +166,9 @@ def first_page(package: Path) -> Path:
 @click.command()
 @json_option
 def docs(json_: bool) -> None:
-    """Say where the documentation lies, and open it in a browser where stdout is a terminal.
+    """Print the path of the documentation, and open it in a browser on a terminal.
 
-    It is read from files, without a network.
+    It is read from files and needs no network.
     """
     page = first_page(PACKAGE).resolve()
     answer(json_, {"page": str(page)}, saved=str(page))

@@ -35,9 +35,10 @@ MARKS = {"ok": "good", "warning": "doubt", "error": "bad"}
 )
 @json_option
 def init(folder: Path, print_: bool, ask: bool, json_: bool) -> None:
-    """Look at the records in FOLDER and write FOLDER/campaign.toml.
+    """Read the records in FOLDER and write FOLDER/campaign.toml.
 
-    An existing campaign file is never overwritten. What the records do not say is marked CHECK.
+    An existing campaign file is never overwritten. Facts that the records do not state are marked
+    CHECK.
     """
     from jbw.campaign.draft import start_campaign, write_campaign
 
@@ -96,9 +97,10 @@ def asked_about(folder: Path) -> "Draft":
 @json_option
 @outside_option
 def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool) -> int:
-    """Check a CAMPAIGN, a file or the folder of one, and all of its channels.
+    """Check a CAMPAIGN (a campaign file or its folder) and all of its channels.
 
-    Ends with 0 when it can be identified, 2 when the campaign file must change, 3 when data must.
+    Exit code: 0 if the campaign can be identified, 2 if the campaign file must change, 3 if the
+    data must change.
     """
     from jbw.campaign.check import as_json, check_campaign
 

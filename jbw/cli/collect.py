@@ -45,11 +45,12 @@ from jbw.report.text import NOTHING
 def collect(
     runs: Sequence[Path], out: Path, table_file: Path | None, mixed_versions: bool, json_: bool
 ) -> None:
-    """Gather the draws of the finished RUNS and their covariates into one file.
+    """Collect the draws of the finished RUNS and their covariates in one file.
 
-    RUNS are folders of runs, or folders that hold such, as `jbw identify A.toml B.toml --out DIR`
-    leaves them. Each is a unit of the fleet. Their laws, units and versions must be the same; the
-    torque of all or of none must be stated, in [assembly] of the campaigns or with --covariates.
+    RUNS are folders of runs, or folders that contain several, as `jbw identify A.toml B.toml --out
+    DIR` writes them. Each run is one unit of the fleet. All must have the same laws, units and
+    versions; either all or none must state a torque, in [assembly] of the campaigns or by
+    --covariates.
     """
     with computing() as say:
         from jbw.population.covariates import read_covariates

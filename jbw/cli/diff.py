@@ -21,13 +21,14 @@ finished_run = click.Path(exists=True, file_okay=False, path_type=Path)
 def diff(
     first: Path, second: Path, further: tuple[Path, ...], figure: Path | None, json_: bool
 ) -> None:
-    """Say what differs between the finished runs in A and B: assemblies, torques or days.
+    """Compare two or more finished runs: A and B after other assemblies, torques or days.
 
-    For every parameter and product that both know, and for frequency and damping at amplitudes that
-    both fitted: both 99 % intervals, the difference, and the probability that A's is the larger.
+    The comparison includes every parameter and product that both runs have, and frequency and
+    damping at amplitudes that both runs fitted: both 99 % intervals, the difference, and the
+    probability that A's value is larger.
 
-    Of three and more runs, of any laws: frequency and damping at amplitudes that all fitted, in the
-    order of the torques that their campaigns state, and how they go with torque.
+    For three or more runs, with any laws, it consists of frequency and damping at amplitudes that
+    all runs fitted, in the order of the torques in their campaigns, and of the trend with torque.
     """
     if further:
         _side_by_side((first, second, *further), figure, json_=json_)

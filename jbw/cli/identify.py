@@ -55,11 +55,12 @@ Say = Callable[[str], None]
 def identifiability(
     campaign: Path, profiles: bool, seed: int | None, json_: bool, allow_outside: bool
 ) -> None:
-    """Say which parameters the data of the campaign file CAMPAIGN know.
+    """State which parameters the data of the campaign file CAMPAIGN determine.
 
-    Fits the joint by least squares and draws nothing: the directions of the parameters in which the
-    data say more than the prior, how well each parameter and product is known, and with --profiles
-    how far each could move while the others make up for it.
+    The joint is fitted by least squares, without drawing from the posterior. The result gives the
+    combinations of parameters that the data determine better than the prior, how well each
+    parameter and product is determined, and with --profiles the profile likelihoods: how far each
+    parameter can move while the others compensate for it.
     """
     with computing() as say:
         from jbw.campaign.load import load_campaign
@@ -103,10 +104,11 @@ def demo(
 ) -> int:  # fmt: skip
     """Measure the paper's cantilever on the virtual rig and identify it.
 
-    Three assemblies on three days, with noise as a laboratory has it. Writes the records with their
-    campaign file to OUT/campaign, and the results beside them. With --paper the paper's programme,
-    and its route step by step, its Table 1 with the truth beside it; that its own Step 3 fails is
-    expected, and the report says why. The exit code is about the joint posterior.
+    The measurement has three assemblies on three days, with the noise of a laboratory. The records
+    and their campaign file are written to OUT/campaign, the results to OUT. With --paper the
+    paper's tests are measured and evaluated step by step, and its Table 1 is printed next to the
+    true values; its Step 3 is expected to fail, and the report explains why. The exit code refers
+    to the joint posterior.
     """
     manifest = Manifest(command_line(), OF_RIG, seed=seed, preset=preset, figures=figures)
     programme = preset != "everyday"
@@ -152,25 +154,24 @@ def identify(
     mass: float | None, workers: int | None, seed: int | None, figures: tuple[str, ...],
     strict: bool, json_: bool, verbose: bool, allow_outside: bool,
 ) -> int:  # fmt: skip
-    """Identify the joint from a CAMPAIGN, or from each of several.
+    """Identify the joint from one CAMPAIGN, or from each of several.
 
-    CAMPAIGN is a campaign file or the folder of one. Of RECORDs, or of a folder of records, a
-    campaign file is drafted first, as by `jbw init`.
+    CAMPAIGN is a campaign file or its folder. From RECORDs, or from a folder of records, a campaign
+    file is drafted first, as by `jbw init`.
 
-    Ends with 0 when the verdict of the main posterior is ok or usable, with 4 when it is neither,
-    and with 5 when it was interrupted: `jbw resume` then goes on with it, as it does after a crash.
-    With --strict it ends with 4 for a usable verdict too.
+    Exit code: 0 if the verdict on the main posterior is ok or usable, otherwise 4 (with --strict
+    also if it is usable), and 5 after an interruption. `jbw resume` continues an interrupted run,
+    and also one that crashed.
 
-    With --quick it ends with what the fit says by itself: the verdict is then "not assessed" and
-    the exit code 0. The same command without --quick, or `jbw resume`, takes its place.
+    With --quick the result is that of the fit alone: the verdict is "not assessed" and the exit
+    code 0. The same command without --quick, or `jbw resume`, replaces it by a full identification.
 
-    With --final the tests that were held out are fitted as well in the end. The verdict stays that
-    of the fit before, which they tested.
+    With --final the held-out tests are fitted, too, at the end. The verdict remains that of the fit
+    before, which they tested.
 
-    Several campaigns run side by side, each in a folder of its own in --out; one that fails stops
-    no other, and the same command again goes on: with what was broken off, and not again with what
-    is finished. It ends as the first that failed, else with 4 where a verdict is neither ok nor
-    usable.
+    Several campaigns run in parallel, each with its own folder in --out; if one fails, the others
+    continue. The same command again continues interrupted runs and does not repeat finished ones.
+    The exit code is that of the first failure; otherwise 4 if a verdict is neither ok nor usable.
     """
     campaigns = campaigns_given(given, mass)
     campaign, *others = campaigns
@@ -245,10 +246,9 @@ def several_table(rows: Sequence[Mapping[str, Any]]) -> Table:
 def resume(folder: Path, strict: bool, json_: bool, verbose: bool, allow_outside: bool) -> int:
     """Continue the run in the folder DIR; its draws equal those of an uninterrupted run.
 
-    Takes everything from DIR but --allow-outside, and refuses where the campaign, its data, the
-    versions of what it computes with or the sources of jbw are no longer those that the run began
-    with. Of a first answer, of `jbw identify --quick`, it draws the posterior. Ends as
-    `jbw identify`.
+    All settings except --allow-outside come from DIR. The run is not continued if the campaign, its
+    data, the sources of jbw or the versions of numerical packages have changed since it began.
+    After `jbw identify --quick` the posterior is drawn. The exit codes are those of `jbw identify`.
     """
     run = reopen(folder, allow_outside=allow_outside)
     if run is None:

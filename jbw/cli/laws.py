@@ -18,20 +18,20 @@ from jbw.report.law_table import free_law_table, laws_table
                    "usual laws.",
 )  # fmt: skip
 @seed_option("campaign")
-@out_option("laws beside CAMPAIGN")
+@out_option("laws next to CAMPAIGN")
 @json_option
 @outside_option
 def laws(
     source: Path, laws: str | None, out: Path | None, json_: bool, allow_outside: bool, seed: Any
 ) -> None:
-    """Try laws of the joint on CAMPAIGN, a campaign file or a run's folder.
+    """Compare laws of the joint on CAMPAIGN, a campaign file or a run's folder.
 
-    All are fitted to the same data with the same weights. Each run is left out in turn and
-    predicted from the others; the differences of the log scores, with their standard errors, say
-    which laws are told apart, and which are not. laws.json has all numbers, laws.nc the posteriors
-    and curves, laws.html the measured points on every law's backbone with this table, laws.png what
-    each law makes of amplitude, its loop and its residual. `jbw predict` on the folder predicts
-    tests with all of them, each by its weight.
+    All laws are fitted to the same data with the same weights. Each run is left out in turn and
+    predicted from the others; the differences of the log scores, with their standard errors, show
+    which laws the data distinguish. laws.json contains all numbers, laws.nc the posteriors and
+    curves, laws.html this table and the measured points on every law's backbone, laws.png each
+    law's frequency and damping against amplitude, loop and residual. `jbw predict` on the folder
+    predicts tests by all laws, each with its weight.
     """
     with computing() as say:
         from jbw.campaign.load import load_campaign

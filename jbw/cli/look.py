@@ -34,21 +34,21 @@ def look(
     given: tuple[Path, ...], figure: Path | None, html: Path | None, json_: bool,
     allow_outside: bool,
 ) -> None:  # fmt: skip
-    """Say what the records of a CAMPAIGN show, without any model of the joint.
+    """Show what the records of a CAMPAIGN contain, without a model of the joint.
 
-    CAMPAIGN is a campaign file or the folder of one. Of RECORDs, or of a folder of records, a
-    campaign file is drafted first, as by `jbw init`.
+    CAMPAIGN is a campaign file or its folder. From RECORDs, or from a folder of records, a campaign
+    file is drafted first, as by `jbw init`.
 
-    Frequency, damping, scatter of repeats, third harmonic and what a linear oscillator leaves, test
-    by test in the order of the motion; then whether frequency and damping change with amplitude, by
-    how much and by which power, and what harmonics, distortion and coherence say. What is doubtful
-    about the records is said first, as `jbw check` says it: it changes the numbers. `jbw identify`
-    fits a joint.
+    For each test, in the order of its amplitude, the table gives frequency, damping, variation
+    between repeats, third harmonic and the residual of a linear oscillator. Then follows whether
+    frequency and damping change with amplitude, by how much and by which power, with harmonics,
+    distortion and coherence. Faults of the records, as `jbw check` reports them, are printed first,
+    since they change the numbers. `jbw identify` fits a joint.
     """
     if html is not None and html.suffix.lower() not in (".html", ".htm"):
         raise ConfigError(
             f"Option --html must end in .html, but is {html}.",
-            remedy="Name it so, for example look.html.",
+            remedy="Use such a name, for example look.html.",
         )
     campaign = one_campaign(given)
     with telling(STARTING) as say:  # this command does not need JAX

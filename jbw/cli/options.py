@@ -93,7 +93,7 @@ def figure_option(what: str, example: str) -> Option:
         if path is not None and path.suffix not in PICTURES:
             raise ConfigError(
                 f"Option --figure must end in one of {', '.join(PICTURES)}, but is {path}.",
-                remedy=f"Name it so, for example {example}.",
+                remedy=f"Use such a name, for example {example}.",
             )
         return path
 
@@ -110,14 +110,14 @@ def out_option(where: str) -> Option:
     return click.option(
         "--out",
         type=click.Path(file_okay=False, path_type=Path),
-        help=f"New or empty folder to write to; {where} when left out.",
+        help=f"New or empty folder to write to; by default {where}.",
     )
 
 
 def seed_option(otherwise: str = "", default: int | None = None) -> Option:
     """Return the option `--seed N`, with the origin of its default in the help."""
-    default_words = f"; the {otherwise}'s when left out" if otherwise else ""
+    default_words = f"; by default that of the {otherwise}" if otherwise else ""
     return click.option(
         "--seed", type=int, default=default, show_default=default is not None,
-        help=f"Seed of everything random{default_words}.",
+        help=f"Seed of all random numbers{default_words}.",
     )  # fmt: skip

@@ -58,11 +58,11 @@ def plan(
     torques: str,
     scatter: float,
 ) -> None:
-    """Say which tests make the joint known to a wished CV, before anything is mounted.
+    """Plan tests that determine the joint with a wanted coefficient of variation (CV).
 
-    PLAN.toml tells what is guessed of the joint, what is wanted and what could be measured; DIR is
-    a finished run, for which the next tests are planned. Without either an example is printed.
-    With --out plan.json has all numbers, and a plan that was stopped goes on.
+    PLAN.toml states ranges for the joint, the wanted accuracy and the possible tests; DIR is a
+    finished run, after which the next tests are planned. Without either, an example is printed.
+    With --out, plan.json contains all numbers, and an interrupted plan continues.
     """
     if fleet:
         _plan_fleet(torques, scatter, json_)

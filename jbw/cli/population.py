@@ -29,22 +29,24 @@ NUM_PLACES = 25  # torques in the band of the figure
 @click.option("--parameters", help="Quantities to pool, separated by commas; by default products.")
 @click.option("--saturating", help="Parameters that saturate with torque, such as omega_n.")
 @click.option("--all-verdicts", is_flag=True, help="Pool the units even if most runs failed.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the sampler.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the sampler.")
 @click.option(
-    "--out", type=click.Path(file_okay=False, path_type=Path), help="Folder; FLEET-population."
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder; by default FLEET-population.",
 )
 @json_option
 def population(
     fleet: Path, torque: float | None, parameters: str | None, saturating: str | None,
     all_verdicts: bool, seed: int, out: Path | None, json_: bool,
 ) -> int:  # fmt: skip
-    """Say how the units of FLEET scatter, and how they go with torque.
+    """Estimate how the units of FLEET vary, and how they depend on torque.
 
-    FLEET is what `jbw collect` wrote. Of every coordinate: its mean at the middle torque, its
-    scatter between units, its power of torque, and where a unit lies that nobody measured. Writes
-    population.json, population.nc with draws of a new unit, its frequency and damping,
-    population.png, and population.html with the units side by side. `jbw predict` takes the folder
-    and predicts tests of that unit.
+    FLEET is the file that `jbw collect` wrote. The result gives for every pooled quantity its mean
+    at the middle torque, its variation between units, its exponent of torque, and the interval for
+    a unit that was not measured. The command writes population.json; population.nc with draws of a
+    new unit, its frequency and damping; population.png; and population.html with all units side by
+    side. `jbw predict` on the folder predicts tests of a new unit.
     """
     with computing() as say:
         from jbw.inference.posterior.summary import QUANTILES

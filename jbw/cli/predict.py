@@ -85,31 +85,36 @@ class FromTo(click.ParamType):
     show_default=True,
     help="Duration of the sweep or of the random motion [s].",
 )
-@click.option("--fs", type=float, default=1024.0, show_default=True, help="Of the sweep [Hz].")
+@click.option(
+    "--fs", type=float, default=1024.0, show_default=True, help="Sampling rate of the sweep [Hz]."
+)
 @click.option(
     "--without-noise",
     is_flag=True,
     help="Include only the uncertainty of the parameters in the bands.",
 )
-@click.option("--draws", type=int, default=100, show_default=True, help="Draws carried along.")
+@click.option(
+    "--draws", type=int, default=100, show_default=True, help="Number of draws in the bands."
+)
 @out_option("DIR/predictions")
 @json_option
 @outside_option
 def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
     """Predict tests from the finished run in DIR: 99 % bands, coverage, error.
 
-    DIR may be that of a comparison by `jbw laws`: then all laws predict, each by its weight. Or
-    that of `jbw population`: then further units do, which nobody measured, at its torque.
+    DIR may also be the folder of `jbw laws`: then all laws predict, each with its weight. Or it may
+    be the folder of `jbw population`: then the tests of new, unmeasured units are predicted, at the
+    torque of the population.
 
-    The tests are those of a campaign, which the run need never have seen, or planned ones that
-    nobody measured: a linear sweep from rest, which fades out over its last 2 %, a stepped sine or
-    a tone. predictions.nc has the bands by test, predictions.json the table, figures/ a figure of
-    each. A test beyond the displacements that were fitted is said to be.
+    The tests are those of a campaign, which the run need not contain, or tests that were not
+    measured: a linear sweep from rest that fades out over its last 2 %, a stepped sine, or a tone.
+    predictions.nc contains the bands by test, predictions.json the table, and figures/ one figure
+    per test. The output says if a test exceeds the fitted displacements.
 
-    Other loads are predicted from the joint alone: --response draws response curves with their
-    jumps, --psd random vibration, --shock a shock, each as a force or as an acceleration of the
-    base, and --notch the level that keeps a response within a limit. loads.nc has their bands,
-    loads.json the answers; each has a CSV file and a figure.
+    Other loads need only the joint: --response computes response curves with their jumps, --psd
+    random vibration, --shock a shock, each as a force or as an acceleration of the base, and
+    --notch the level that keeps a response within a limit. loads.nc contains their bands,
+    loads.json the results; each load has a CSV file and a figure.
     """
     loads = any(options[name] is not None for name in LOADS)
     require_alike(options, loads=loads, campaign=campaign)

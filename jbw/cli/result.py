@@ -35,9 +35,9 @@ def report(
     folder: Path, out: Path | None, interactive: bool, brief: bool, figures: tuple[str, ...],
     json_: bool,
 ) -> None:  # fmt: skip
-    """Write the one-file report of the finished run in DIR.
+    """Write the report of the finished run in DIR, in one file.
 
-    With --figures pdf its figures go to DIR/figures too, for a paper.
+    With --figures pdf, its figures are also written to DIR/figures, for use in a paper.
     """
     if figures and (brief or out is not None):
         raise click.UsageError(
@@ -82,7 +82,7 @@ def _write_brief(folder: Path, out: Path | None, json_: bool, *, interactive: bo
     if out is not None and out.suffix.lower() != ".pdf":
         raise ConfigError(
             f"Option --out must end in .pdf with --brief, but is {out}.",
-            remedy="Name it so, for example --out brief.pdf.",
+            remedy="Use such a name, for example --out brief.pdf.",
         )
     page = save_brief(folder, out)
     answer(json_, {"brief": str(page)}, saved=str(page))
@@ -128,17 +128,17 @@ def export(
 ) -> None:  # fmt: skip
     """Write the joint of the finished run in DIR for other programs.
 
-    The joint is the draw of highest posterior density, or the one that --draw names; never the
-    means, which along a ridge are no joint of the posterior. parameters.csv has it in three
-    conventions with 99 % intervals, backbone.csv its frequency and damping against amplitude with
-    99 % bands, loop.csv its static loops, and jbw.mat all of them beside the draws. --to and --fmu
-    write it in the form of other programs: the law in closed code where they take it, tables where
-    not. --draws writes what to simulate over the posterior with: a folder a draw and manifest.json.
-    All begin with the verdict of the run.
+    The joint is the posterior draw of highest density, or the one that --draw states. It is not the
+    mean of the draws, which along a ridge of the posterior is no possible joint. parameters.csv
+    contains its parameters in three conventions with 99 % intervals, backbone.csv frequency and
+    damping against amplitude with 99 % bands, loop.csv static loops, and jbw.mat all of these and
+    the draws. --to and --fmu write the joint in the form of other programs: the law as code if the
+    program supports that, otherwise as tables. --draws writes many draws, for simulations over the
+    posterior: one folder per draw, and manifest.json. All files begin with the verdict on the run.
 
-    Of several joints beside matrices, each is written at its degrees of freedom, in the units of
-    the matrices: opensees, abaqus and nastran have all joints in one file, fmi2 and fmi3 one in a
-    folder each.
+    Several joints of a structure with matrices are written at their degrees of freedom, in the
+    units of the matrices: opensees, abaqus and nastran have all joints in one file, fmi2 and fmi3
+    one folder per joint.
     """
     from jbw.cli.progress import computing
 

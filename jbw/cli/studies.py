@@ -38,9 +38,10 @@ def compare(
 ) -> None:
     """Compare samplers on one posterior of the finished run in DIR, or of the campaign file DIR.
 
-    For every parameter mean, standard deviation, quantiles and their distance in Monte Carlo
-    standard errors from a quadrature, or from the sampler with the most effective draws; effective
-    draws a second, compiled and cold; evaluations; evidence. compare.json has all numbers,
+    The result gives for every parameter the mean, standard deviation and quantiles, with their
+    distance from a reference in Monte Carlo standard errors (the reference is a quadrature, or the
+    sampler with the most effective draws); effective draws per second, with and without
+    compilation; numbers of evaluations; and the evidence. compare.json contains all numbers,
     compare.png the means and rates.
     """
     with computing() as say:
@@ -161,12 +162,13 @@ def _distance(key: str, row: Mapping[str, Any]) -> str:
 def sbc(
     source: Path | None, out: Path | None, json_: bool, allow_outside: bool, **options: Any
 ) -> int:
-    """Calibrate a step by simulation: does it hold the truth as often as it says?
+    """Calibrate a step by simulation: do its intervals contain the true values as often as stated?
 
-    Truths are drawn from the prior, data simulated from them and identified; the ranks of the
-    truths among the posterior draws must be uniform. Tests, noise and prior are those of CAMPAIGN,
-    a campaign file or the folder of a finished run, or short tests of the virtual rig. Failed
-    replications are counted, never dropped. Exit code 4 when the step is not calibrated.
+    True values are drawn from the prior, and data simulated from them are identified; the ranks of
+    the true values among the posterior draws must be uniform. Tests, noise and prior are those of
+    CAMPAIGN (a campaign file or the folder of a finished run), or of short tests of the virtual
+    rig. Failed replications are counted and not left out. The exit code is 4 if the step is not
+    calibrated.
     """
     with computing() as say:
         from jbw.campaign.load import load_campaign

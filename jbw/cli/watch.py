@@ -65,13 +65,14 @@ def watch(
     folder: Path, files: tuple[Path, ...], campaign: Path | None, fleet: Path | None, json_: bool,
     **wished: Any,
 ) -> int:  # fmt: skip
-    """Watch the joint of the run in DIR: has it changed since?
+    """Monitor the joint of the run in DIR: has it changed since the run?
 
-    Reads frequency and damping of free decays at a fixed amplitude, whatever the hammer. The
-    records of the run's campaign are the reference; each one of --add is tested against them with a
-    stated rate of false alarms, alone and together with those before it. Appends a line a record to
-    DIR/watch.jsonl, and draws DIR/watch.png and the page DIR/watch.html. Ends with 6 on an alarm,
-    else with 3 where a record cannot be compared. Options other than --add are for the first call.
+    Frequency and damping of free decays are measured at a fixed amplitude, so that the force of the
+    hammer has no effect. The records of the run's campaign are the reference. Each record of --add
+    is tested against them with a stated rate of false alarms, by itself and together with the
+    records before it. The command appends one line per record to DIR/watch.jsonl, and draws
+    DIR/watch.png and the page DIR/watch.html. Exit code: 6 after an alarm, otherwise 3 if a record
+    cannot be compared. Options other than --add are for the first call.
     """
     with computing() as say:
         from jbw.report.changes import watch_figure, watch_sheet, watch_table

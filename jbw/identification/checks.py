@@ -143,7 +143,7 @@ class CheckedPosterior:
 
     @cached_property
     def without_each_run(self) -> Any:
-        """The fits without each run, one run at a time."""
+        """The fits to all runs but one, for every run."""
         return fits_without_each_run(self.fitted.fit, self.fitted.box, self.data)
 
 

@@ -104,7 +104,7 @@ class JointModes(NamedTuple):
 def joint_modes(
     posterior: xr.Dataset, data: Dataset, about: Mapping[str, float] | None = None
 ) -> JointModes | None:
-    """Return the driven modes up to their largest measured amplitude; None for one joint.
+    """Return the modes that tests drive, against amplitude; None for a single joint.
 
     Draws of a Gaussian approximation at a fit (`about`) are propagated by first order. Where the
     tests determine only a sum of joints, such draws leave the narrow curved valley along which the

@@ -634,7 +634,7 @@ def _noise_alike(residuals: Mapping[str, Row], data: Dataset) -> dict[str, Noise
 
 
 def _hides_in_noise(residuals: Mapping[str, Row], repeated: NoiseOf) -> bool:
-    """Return whether an unrepeated residual is correlated, so that noise includes model error."""
+    """Return whether residuals of tests without repeats are correlated: noise hides model error."""
     return any(is_coloured(row) for label, row in residuals.items() if label not in repeated)
 
 

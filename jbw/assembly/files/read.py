@@ -206,7 +206,7 @@ def _named(file: MatrixFile, role: str, where: str, *, required: bool = True) ->
     raise DataError(
         f"{where} must hold the {role} matrix as {_NAMES[role][0]}, but holds "
         f"{names or 'a matrix without a name' if file.matrices else 'no matrix'}.",
-        remedy='Name it so, or give a file each: { mass = "M.mtx", stiffness = "K.mtx" }.',
+        remedy='Use such a name, or one file each: { mass = "M.mtx", stiffness = "K.mtx" }.',
     )
 
 

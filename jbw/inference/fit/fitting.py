@@ -131,7 +131,8 @@ def describe_optimum(
 ) -> Fit:
     """Return the record of a fit from its optimum, residual and Jacobian."""
     values, rows = svd_of_all(jacobian)
-    root = rows.T / np.maximum(values, 1 / BOX_STD)  # no direction is wider than the prior's bounds
+    # Along no direction is the Gaussian wider than the prior.
+    root = rows.T / np.maximum(values, 1 / BOX_STD)
     width = np.asarray(box.upper) - np.asarray(box.lower)
     covariance = _definite(root @ root.T * np.outer(width, width))
     theta = {name: float(value) for name, value in from_unit(np.asarray(x), box).items()}

@@ -274,7 +274,7 @@ def _newton(
 
 
 class Units(NamedTuple):
-    """The units of q_m1 and of each joint's displacement, relative to the amplitude."""
+    """The units of the mode's coordinate and of each joint's displacement, over the amplitude."""
 
     q: Scalar
     x: Array
