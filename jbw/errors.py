@@ -111,7 +111,7 @@ class RunError(JbwError, RuntimeError):
         >>> jbw.rig.write(campaign, "beam")
         Traceback (most recent call last):
             ...
-        jbw.errors.RunError: Folder beam must be new or empty, but holds a campaign.
+        jbw.errors.RunError: Folder beam must be new or empty, but contains a campaign.
         Choose another folder, or remove this one.
     """
 

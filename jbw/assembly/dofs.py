@@ -139,7 +139,7 @@ def _absent(dof: Dof, dofs: Sequence[Dof], what: str) -> ConfigError:
     else:
         missing, remedy = messages.no_node(dof.node, _nearest(dof.node, dofs))
     return ConfigError(
-        f"{what} must lie at degrees of freedom of the model, but {missing}.",
+        f"{what} must be at degrees of freedom of the model, but {missing}.",
         why="A degree of freedom that is constrained or dependent has no row in the matrices.",
         remedy=remedy,
     )

@@ -67,14 +67,15 @@ class Joint:
             raise ModelError(
                 f"The stiffness of joint `{name}` must be positive and finite, but is "
                 f"{stiffness!r}.",
-                remedy="State the stiffness in full stick [N/m], or leave the joint out.",
+                remedy="State the stiffness of the fully stuck joint [N/m], or leave the joint "
+                "out.",
             )
         laws = tuple(laws) if isinstance(laws, tuple | list) else (laws,)
         taken_by_laws = float(sum(law.stiffness() for law in laws))
         if taken_by_laws > stiffness * (1 + _ROUND_OFF):
             raise ModelError(
-                f"The laws of joint `{name}` must have no more stiffness at rest than the joint in "
-                f"full stick, {stiffness:g}, but have {taken_by_laws:g}.",
+                f"The laws of joint `{name}` must have no more stiffness at rest than the fully "
+                f"stuck joint, {stiffness:g}, but have {taken_by_laws:g}.",
                 remedy="Raise `stiffness`, or lower that of the laws.",
             )
         for field, entry in (
@@ -89,15 +90,15 @@ class Joint:
 def _difference(name: str, across: tuple[str, str]) -> dict[str, float]:
     if isinstance(across, str) or len(across) != 2:
         raise ConfigError(
-            f"`across` of joint `{name}` must hold two degrees of freedom, but is {across!r}.",
+            f"`across` of joint `{name}` must be two degrees of freedom, but is {across!r}.",
             remedy='Give across=("17:x", "112:x"); a joint to ground has weights={"17:x": 1.0}.',
         )
     first, second = across
     if first == second:
         raise ConfigError(
-            f"`across` of joint `{name}` must hold two different degrees of freedom, but is "
+            f"`across` of joint `{name}` must be two different degrees of freedom, but is "
             f"`{first}` twice.",
             why="The joint would never move.",
-            remedy="Name the degrees of freedom on either side of the joint.",
+            remedy="Give the degrees of freedom on both sides of the joint.",
         )
     return {first: -1.0, second: 1.0}

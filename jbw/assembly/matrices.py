@@ -136,8 +136,8 @@ def matrix_model(
             )
     if len(rows) != size:
         raise DataError(
-            f"The table of degrees of freedom must have a line for each of the {size} rows of the "
-            f"matrices, but has {len(rows)}.",
+            f"The table of degrees of freedom must have a line for each of the {size} rows of "
+            f"the matrices, but has {len(rows)}.",
             remedy="Export the table together with the matrices.",
         )
     require_distinct(rows)
@@ -169,7 +169,7 @@ def _square(name: str, matrix: Any) -> Sparse:
     if np.iscomplexobj(stored.data):
         raise DataError(
             f"Matrix {name} must be real, but is complex.",
-            remedy="State structural damping as a damping ratio of every mode.",
+            remedy="Give structural damping as a damping ratio of every mode instead.",
         )
     if stored.ndim != 2 or stored.shape[0] != stored.shape[1] or stored.shape[0] == 0:
         raise DataError(
@@ -179,7 +179,7 @@ def _square(name: str, matrix: Any) -> Sparse:
     stored = _sparse(stored.astype(float))
     if not np.isfinite(stored.data).all():
         raise DataError(
-            f"Matrix {name} must hold finite numbers, but holds one that is not.",
+            f"All numbers of matrix {name} must be finite, but one is not.",
             remedy="Export the matrix again.",
         )
     stored.sum_duplicates()
@@ -208,7 +208,8 @@ def _symmetrised(name: str, matrix: Sparse, dofs: Sequence[Dof]) -> tuple[Sparse
             f"Matrix {name} must be symmetric, but {name}[{dofs[i]}, {dofs[j]}] is "
             f"{matrix[i, j]:.9g} and {name}[{dofs[j]}, {dofs[i]}] is {matrix[j, i]:.9g}.",
             why="Modes of an unsymmetric matrix do not uncouple the structure.",
-            remedy=f"Only a triangle was exported: mirror it as {name} + {name}.T - diag({name})."
+            remedy=f"If only a triangle was exported, mirror it as {name} + {name}.T - "
+            f"diag({name})."
             if triangle
             else "Export the linear model without friction, follower loads and gyroscopic terms.",
         )
@@ -227,7 +228,7 @@ def _require_semidefinite_mass(mass: Sparse, dofs: Sequence[Dof]) -> None:
     diagonal = mass.diagonal()
     carries = np.flatnonzero(abs(mass).sum(axis=0) > 0)
     if carries.size == 0:
-        raise DataError("Matrix M must hold a mass, but all of its entries are zero.")
+        raise DataError("All entries of matrix M are zero, but the structure must have mass.")
     negative = carries[diagonal[carries] <= 0]
     if negative.size == 0:
         massive = sp.csc_array(mass[carries][:, carries])

@@ -285,9 +285,9 @@ def _damping(
     if zeta is None:
         if model.damping is None:
             raise ConfigError(
-                "Damping ratios must be stated where the model has no damping matrix, but are not.",
-                remedy="Give one ratio such as zeta=0.004, in a campaign file `damping = 0.004` "
-                "under [structure], or one a kept mode.",
+                "The model has no damping matrix, so damping ratios must be stated.",
+                remedy="Give one ratio such as zeta=0.004 (in a campaign file `damping = "
+                "0.004` under [structure]), or one per kept mode.",
             )
         names = [joint.name for joint in joints]
         return modal_damping(model.damping, model.mass, stiffness, across, modes, names)
@@ -304,7 +304,7 @@ def _damping(
     if not (np.isfinite(ratios) & (ratios >= 0)).all():
         raise ModelError(
             f"Damping ratios must be finite and not negative, but are {ratios.tolist()}.",
-            remedy="Give ratios such as 0.004, not per cent.",
+            remedy="Give ratios such as 0.004, not percentages.",
         )
     ratios = np.where(modes.omega > 0, ratios, 0.0)
     return ModalDamping(ratios, None, 0.0, np.zeros(len(joints)), ())
@@ -330,7 +330,7 @@ def _require_names(joints: Sequence[Joint], to_hz: float) -> None:
     if not joints:
         raise ConfigError(
             "At least one joint must be stated, but there is none.",
-            remedy="Give a `jbw.Joint` for every place where the structure may slip.",
+            remedy="Give a `jbw.Joint` for every contact at which the structure may slip.",
         )
     names = [joint.name for joint in joints]
     if len(set(names)) < len(names):
@@ -342,7 +342,7 @@ def _require_names(joints: Sequence[Joint], to_hz: float) -> None:
     if not 0 < to_hz < float("inf"):
         raise ConfigError(
             f"`to_hz` must be positive and finite, but is {to_hz!r}.",
-            remedy="Give the highest frequency of the tests, and some more [Hz].",
+            remedy="Give a frequency slightly above the highest frequency of the tests [Hz].",
         )
 
 
@@ -357,10 +357,10 @@ def _require_moving(joints: Sequence[Joint], across: np.ndarray) -> None:
         for i in range(j):
             if 1 - cosines[i, j] < _PARALLEL:
                 raise ConfigError(
-                    f"Joints `{joints[i].name}` and `{joints[j].name}` must lie at different "
-                    "places, but their weights are the same up to a factor.",
+                    f"Joints `{joints[i].name}` and `{joints[j].name}` must act at different "
+                    "points, but their weights are the same up to a factor.",
                     why="They have the same relative motion, so that no test distinguishes them.",
-                    remedy="Make one joint with two laws of them.",
+                    remedy="Make one joint with two laws from them.",
                 )
 
 
@@ -368,8 +368,8 @@ def _immovable(joint: Joint, reason: str) -> ConfigError:
     return ConfigError(
         f"Joint `{joint.name}` must move, but {reason}.",
         why="Its law would never act, and no test could determine its parameters.",
-        remedy="Name the degrees of freedom on either side of the joint, not those that a "
-        "constraint ties, or raise `to_hz`.",
+        remedy="Give the degrees of freedom on both sides of the joint, not those that a "
+        "constraint ties together, or raise `to_hz`.",
     )
 
 
@@ -405,7 +405,7 @@ def _require_shares(joints: Sequence[Joint], across: np.ndarray, modes: StuckMod
         i = int(np.argmax(excess))
         ratio = f"{energy[i] / modes.omega[i] ** 2:.3g}" if modes.omega[i] > 0 else "infinity"
         raise ModelError(
-            f"Joints must store at most all of a mode's strain energy, but their shares of mode "
+            "Joints can store at most all of a mode's strain energy, but their shares of mode "
             f"{i + 1} add up to {ratio}.",
             why="K does not contain the stiffness of the joints, but `holds_joints` states it.",
             remedy="Set `holds_joints = false`, or correct the joints' stiffness.",

@@ -81,13 +81,14 @@ def joint_starts(
     readings, covariance = np.asarray(readings, float), np.asarray(covariance, float)
     if readings.shape != (num_modes,) or covariance.shape != (num_modes, num_modes):
         raise ConfigError(
-            f"Readings must be {num_modes} numbers, one a mode, with a covariance of {num_modes} x "
-            f"{num_modes}, but have the shapes {readings.shape} and {covariance.shape}.",
-            remedy="Give a reading for every mode of the separability.",
+            f"`readings` must be {num_modes} numbers, one per mode, with a covariance of "
+            f"{num_modes} x {num_modes}, but the shapes are {readings.shape} and "
+            f"{covariance.shape}.",
+            remedy="Give one value for every mode of the separability.",
         )
     if num_modes < num_joints:
         raise ConfigError(
-            f"Readings of at least {num_joints} modes must be given for {num_joints} joints, but "
+            f"Values of at least {num_joints} modes must be given for {num_joints} joints, but "
             f"there are {num_modes}.",
             remedy="Sweep more modes, or tie joints.",
         )
@@ -95,8 +96,8 @@ def joint_starts(
         lower = np.linalg.cholesky(covariance)
     except np.linalg.LinAlgError:
         raise ConfigError(
-            "The covariance of the readings must be positive definite, but is not.",
-            remedy="Give the variances of independent readings on its diagonal.",
+            "The covariance of `readings` must be positive definite, but is not.",
+            remedy="Give the variances of independent values on its diagonal.",
         ) from None
     scale = B.max(axis=0)
     scale = np.where(scale > 0, scale, 1.0)

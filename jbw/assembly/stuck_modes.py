@@ -119,8 +119,8 @@ def _require_positive(shifted: Sparse, stiffness: Sparse, mass: Sparse, shift: f
         shift *= 4
         if not np.isfinite(shift):
             raise ModelError(
-                "Matrix K with the joints in full stick must be positive semidefinite, but is not "
-                "where the structure has no mass.",
+                "Matrix K with fully stuck joints must be positive semidefinite, but is not at "
+                "degrees of freedom without mass.",
                 remedy="Check the stiffness of massless degrees of freedom.",
             )
     bracket = sp.csc_array(stiffness - shift * mass)
@@ -130,10 +130,11 @@ def _require_positive(shifted: Sparse, stiffness: Sparse, mass: Sparse, shift: f
 
 def _indefinite(lowest: float) -> ModelError:
     return ModelError(
-        "Matrix K with the joints in full stick must be positive semidefinite, but its lowest "
+        "Matrix K with fully stuck joints must be positive semidefinite, but its lowest "
         f"eigenvalue is {lowest:.4g} rad^2/s^2.",
         why="The structure would not return from a small motion.",
-        remedy="Is it a preloaded, buckled state, or are the units of M and K different?",
+        remedy="Is it the matrix of a preloaded, buckled structure, or are the units of M and K "
+        "different?",
     )
 
 
@@ -149,7 +150,7 @@ def _require_all(stiffness: Sparse, mass: Sparse, eigenvalues: np.ndarray, limit
         raise ModelError(
             f"{count} modes must lie below {np.sqrt(between) / (2 * np.pi):.4g} Hz, but {below} "
             "were found.",
-            remedy="Change `to_hz` by some per cent, so that it does not lie within a cluster.",
+            remedy="Change `to_hz` by a few per cent, so that it is not within a cluster of modes.",
         )
 
 

@@ -48,7 +48,8 @@ def system_named(units: str) -> ConsistentUnits:
         raise ConfigError(
             f"`units` of matrices must be one of {', '.join(SYSTEMS)}, but is {units!r}.",
             why="Matrix files do not state their units.",
-            remedy="Name the system in which force = mass x length / time^2: N-mm-t-s has tonnes.",
+            remedy="Give the system in which force = mass x length / time^2: for N and mm this "
+            "is N-mm-t-s, with tonnes.",
         )
     return SYSTEMS[units]
 
@@ -67,7 +68,7 @@ def in_si(
         raise ConfigError(
             "Matrices in units other than SI must have a table of degrees of freedom, but there "
             "is none.",
-            why="Rows of rotations have other factors than rows of translations.",
+            why="Rows of rotations are converted by other factors than rows of translations.",
             remedy="Give the table as `dofs`, or the matrices in SI.",
         )
     length = np.array([system.length if d.direction in TRANSLATIONS else 1.0 for d in dofs])

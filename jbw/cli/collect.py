@@ -87,7 +87,7 @@ def _runs_of(folder: Path, say: Any) -> list[Path]:
             say(f"warning: {messages.unfinished(str(path))}")
     if not finished:
         raise DataError(
-            f"The folder {folder} holds no finished run.",
+            f"The folder {folder} contains no finished run.",
             remedy="Give folders of runs, or finish them: jbw resume DIR.",
         )
     return finished

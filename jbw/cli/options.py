@@ -101,7 +101,7 @@ def figure_option(what: str, example: str) -> Option:
         "--figure",
         type=click.Path(dir_okay=False, writable=True, path_type=Path),
         callback=picture,
-        help=f"Draw {what} by amplitude; .png, .svg or .pdf.",
+        help=f"Draw {what} against amplitude into this file (.png, .svg or .pdf).",
     )
 
 

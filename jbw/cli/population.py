@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from jbw.report.style import Panels
     from jbw.report.table import Table
 
-NUM_PLACES = 25  # torques in the band of the figure
+NUM_PLACES = 25  # number of torques in the band of the figure
 
 
 @click.command()

@@ -13,7 +13,7 @@ from rich.text import Text
 from jbw.errors import printable
 from jbw.report.table import MARKS, Table, print_table
 
-PIPE_WIDTH = 160  # columns if stdout is no terminal and so has no width
+PIPE_WIDTH = 160  # number of columns if stdout is no terminal and so has no width
 NOT_TRUSTED = 4  # exit code of a run whose verdict is not trusted
 MINUTE, HOUR = 60, 3600
 STATUS = {"ok": MARKS["good"], "failed": MARKS["bad"]}

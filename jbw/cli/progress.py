@@ -30,11 +30,12 @@ from jbw.run.session import prepare_process as prepare_process
 if TYPE_CHECKING:
     from jbw.study.store import Job
 
-RESULT_ONLY = ("out", "json_")  # options that affect no number
-LOOK_S = 1.0  # shortest time between two updates of the chains on a terminal
-PLAIN_S = 10.0  # time between two lines on chains without a terminal
-SILENT_S = 4.0  # longest silence, less the time to the next check of it
-BEAT_S = 0.5  # time between two checks for silence
+RESULT_ONLY = ("out", "json_")  # options that do not change any number
+LOOK_S = 1.0  # shortest time between two updates of the chains on a terminal [s]
+PLAIN_S = 10.0  # time between two lines on the chains, without a terminal [s]
+# If nothing was printed for this time (and one BEAT_S), the current stage is printed [s].
+SILENT_S = 4.0
+BEAT_S = 0.5  # time between two checks for silence [s]
 STARTING = "Loading numerical libraries"
 STEPS = {
     "joint_": "joint posterior", "decay_": "posterior of free decays", "third_order_": "Step 3",
@@ -43,7 +44,7 @@ STEPS = {
 WAYS = {"amis": "weighed points", "ridge": "along the ridge,", "valley": "along the valley,",
         "wide": "wider prior bounds,"}  # fmt: skip
 ESS = 400.0  # effective draws that a verdict requires, as in jbw.inference.posterior.verdict
-FEWEST = 8  # draws of a chain from which their effective number is estimated
+FEWEST = 8  # smallest number of draws of a chain from which their effective number is estimated
 
 
 class Teller:

@@ -41,7 +41,7 @@ def report(
     """
     if figures and (brief or out is not None):
         raise click.UsageError(
-            f"Option {'--brief' if brief else '--out'} writes one file alone: leave it out with "
+            f"Option {'--brief' if brief else '--out'} writes only one file: leave it out with "
             "--figures."
         )
     if brief:

@@ -53,8 +53,8 @@ def density_of(tree: xr.DataTree) -> NDArray[np.float64]:
     stats = tree.children.get("sample_stats")
     if stats is None or "lp" not in stats.data_vars:
         raise DataError(
-            "The result holds no density of its draws, `lp` in /sample_stats.",
-            why="Without it the best draw cannot be determined.",
+            "The result has no density of its draws, `lp` in /sample_stats.",
+            why="Without it, the most probable draw cannot be determined.",
             remedy="Choose one: --draw N.",
         )
     return np.ravel(stats["lp"].transpose("chain", "draw").values)

@@ -111,9 +111,8 @@ def export(
     draws = every_draw(basis)
     if are_at_joints(laws):
         raise DataError(
-            "A run must be of one joint for `export`, but this has joints "
-            f"{', '.join(joints_of(laws))}.",
-            remedy="Call `export_joints`, which takes them all.",
+            f"`export` is for one joint, but this run has the joints {', '.join(joints_of(laws))}.",
+            remedy="Call `export_joints`, which exports all of them.",
         )
     if has_further_modes(posterior):
         warnings.warn(
@@ -229,9 +228,8 @@ def require_all(draws: Draws, laws: Laws) -> None:
     missing = [name for name in needed if name not in draws]
     if missing:
         raise DataError(
-            f"The main posterior must hold all of {', '.join(needed)}, but lacks "
-            f"{', '.join(missing)}.",
-            why="Without them there is no oscillator to hand on.",
+            f"The main posterior must contain {', '.join(needed)}, but lacks {', '.join(missing)}.",
+            why="Without these parameters there is no oscillator to export.",
             remedy="Identify from tests that move the mass, such as noise, sweeps or tones.",
         )
 

@@ -84,15 +84,15 @@ def rows_of(tables: Sequence[RecordTable]) -> ReadingRows:
     count = sum(len(_picked(table)) for table in tables)
     if count < FEWEST:
         raise DataError(
-            f"A law without a form needs readings at {FEWEST} amplitudes or more, but there are "
-            f"{count}.",
+            f"A law without a form needs frequency and damping at {FEWEST} amplitudes or more, "
+            f"but there are {count}.",
             remedy="Add records of other levels, or a free decay.",
         )
     if not all(_is_whole(table) for table in tables):
         raise DataError(
             "A law without a form needs positive amplitudes and frequencies and finite damping "
-            "ratios, but a reading is not.",
-            remedy="Leave out the record that `jbw look` shows without a number.",
+            "ratios, but one value is not.",
+            remedy="Leave out the record for which `jbw look` shows no number.",
         )
     rows, found = _rows(tables), np.nan
     for _ in range(ROUNDS if len(tables) > 1 else 0):

@@ -181,7 +181,7 @@ class _Response(NamedTuple):
 def _by_neighbour(
     mine: _Response, theirs: _Response, kernels: Complex
 ) -> tuple[Complex, Complex, Complex]:
-    """Return leakage and force noise of the errors of lines i and i + q, for all q and lags.
+    """Return the covariance of the errors of lines i and i + q, from leakage and force noise.
 
     The results are leakage and force noise of E[R conj R], and leakage of E[R U*] E[R U*]. The axes
     are q, line and lag; the first of two outputs is that of line i.

@@ -137,7 +137,7 @@ def probing_of(campaign: Campaign, report: Report) -> Design[KernelData]:
     if len(counts) > 1:
         raise DataError(
             f"Step 3 is calibrated with one number of repeats, but the tones have {counts}.",
-            remedy="Exclude repeats until all tones have as many.",
+            remedy="Exclude repeats until all tones have the same number.",
         )
     return Design(fitted.data, fitted.box)
 
@@ -163,8 +163,9 @@ def joint_of(campaign: Campaign, report: Report) -> Design[Records]:
     parts = [p for p in data.parts if isinstance(p, Records)] if isinstance(data, Dataset) else []
     if len(parts) != 1:
         raise DataError(
-            f"The joint posterior is calibrated on sweeps of one form, but there are {len(parts)}.",
-            remedy="Leave one form of sweeps, or calibrate without a campaign.",
+            "Calibration of the joint posterior needs sweeps with the same channels and "
+            f"length, but there are {len(parts)} forms.",
+            remedy="Leave only one form of sweeps, or calibrate without a campaign.",
         )
     held = {name: float(value) for name, value in data.held.items()}
     return Design(_timed(parts[0]), posterior.box, held)

@@ -425,7 +425,7 @@ def weigh(
                 candidate, *judged, likelihoods[name], hopeless=name in hopeless
             )
     if not weighed:
-        raise DataError(f"No law can be weighed by these data: {next(iter(refused.values()))}")
+        raise DataError(f"No law can be compared on these data: {next(iter(refused.values()))}")
     return weighed, refused
 
 

@@ -98,5 +98,5 @@ def basis_of_laws(folder: Path) -> Basis:
     except (OSError, KeyError, TypeError, ValueError) as cause:
         raise DataError(
             f"The comparison of laws in {folder} cannot be read: {type(cause).__name__} {cause}",
-            remedy="Compare again: jbw laws CAMPAIGN.toml.",
+            remedy="Repeat the comparison: jbw laws CAMPAIGN.toml.",
         ) from cause

@@ -157,7 +157,7 @@ def _damped(system: PolynomialOscillator) -> Scalar:
             raise ModelError(
                 "The kernels in time need damping above zero and below critical, but damping = "
                 f"{system.damping} 1/s with stiffness = {system.stiffness} 1/s^2.",
-                remedy="Use `volterra_response`, which holds for every damping.",
+                remedy="Use `volterra_response`, which is valid for any damping.",
             )
     return jnp.sqrt(system.stiffness - jnp.square(system.damping / 2.0))
 

@@ -137,7 +137,7 @@ def before(
             raise ConfigError(
                 f"Range `{name}` must be [lower, upper] of one sign, but is [{low:g}, {high:g}].",
                 why="A coefficient of variation needs a value that cannot be zero.",
-                remedy="Bound it away from zero.",
+                remedy="Choose bounds on one side of zero.",
             )
         factor = REACH.get(name, FACTOR) if low == high else 1.0
         wide[name] = low / factor, high * factor
@@ -179,14 +179,13 @@ def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> B
     missing = [name for name in needed if name not in posterior and name not in held]
     if missing:
         raise DataError(
-            f"The main posterior must hold all of {', '.join(needed)}, but lacks "
-            f"{', '.join(missing)}.",
+            f"The main posterior must contain {', '.join(needed)}, but lacks {', '.join(missing)}.",
             why="Without them no new test can be predicted.",
             remedy="Plan from ranges: jbw plan PLAN.toml.",
         )
     if held.get("zeta") == 0.0:
         raise DataError(
-            "Damping `zeta` must be positive to plan from a run, but this one holds it at 0.",
+            "To plan from a run, `zeta` must be positive, but this run fixes it at 0.",
             why="Loops under prescribed displacement do not determine the joint's free motion.",
             remedy="Plan from ranges: jbw plan PLAN.toml.",
         )

@@ -135,7 +135,8 @@ def _before(description: Description) -> tuple[Beliefs, ResponseNoise, str | Non
     """Return possible joints, noise and the unit of the input from a plan file."""
     if not description.ranges or description.noise is None:
         raise ConfigError(
-            "A plan needs a description of the joint and its noise, or a run, but has neither.",
+            "A plan needs a description of the joint and its noise, or a run, but neither is "
+            "given.",
             remedy=planning.WRITE_PLAN,
         )
     beliefs = before(
@@ -155,17 +156,16 @@ def _after(
     inferred = "gain" in tree["posterior"].data_vars
     if inferred and description.gain is not None:
         raise ConfigError(
-            "Keys `gain` and `modal_mass` must be left out beside this run, which inferred the "
-            f"gain, but one gives {description.gain:g}.",
+            "Keys `gain` and `modal_mass` must be left out for this run, which inferred the "
+            f"gain, but one of them gives {description.gain:g}.",
             remedy="Leave it out; levels are in the unit of the run's input.",
         )
     noise = description.noise or rig.noise
     if noise is None:
         raise ConfigError(
-            "Key `noise` must be given beside this run, which fitted no record in time, "
-            "but it is not.",
-            why="Without the noise of a sample a new record cannot be predicted.",
-            remedy="Write [plan] with noise and noise_unit into a file and add: --limits FILE",
+            "Key `noise` must be given for this run, which fitted no record over time.",
+            why="Without the noise of a sample, a new record cannot be predicted.",
+            remedy="Write a file with [plan], noise and noise_unit, and add: --limits FILE",
         )
     held = {**rig.held, **({} if description.gain is None else {"gain": description.gain})}
     beliefs = after(tree, held={"gain": 1.0, **held}, num_joints=description.settings.joints)

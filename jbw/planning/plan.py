@@ -245,7 +245,7 @@ def fleet_designs(
     low, high = torque
     if not 0.0 < low < high < np.inf:
         raise ConfigError(
-            f"Torques must go from one above zero to a larger one, but are {low:g} to {high:g} N m."
+            f"The torques must be positive and rise, but are {low:g} to {high:g} N m."
         )
     return [_design(np.log(low), np.log(high), *size) for size in designs]
 
@@ -254,7 +254,7 @@ def _design(low: float, high: float, levels: int, assemblies: int) -> FleetDesig
     num = levels * assemblies
     if levels < 2 or num < 3:
         raise ConfigError(
-            f"A design needs two torques and three units, but {levels} x {assemblies} was asked."
+            f"A design needs at least two torques and three units, but has {levels} x {assemblies}."
         )
     at = np.repeat(np.linspace(low, high, levels), assemblies)
     slope_sd = float(1.0 / np.sqrt(np.sum((at - at.mean()) ** 2)))

@@ -54,8 +54,8 @@ class SweepTable(FileTable):
 class DwellingTable(FileTable):
     """The keys that tables of tests with several steady points have in common."""
 
-    dwell: Positive | None = key(None, "time on each point [s]")
-    settle: NonNegative | None = key(None, "of that, the first part, which is discarded [s]")
+    dwell: Positive | None = key(None, "time on each step [s]")
+    settle: NonNegative | None = key(None, "first part of that time, which is discarded [s]")
 
     @model_validator(mode="after")
     def _settles(self) -> Self:
@@ -83,7 +83,7 @@ class SteppedTable(TonesTable):
 class BackboneTable(DwellingTable):
     """The [backbone] table of a plan file."""
 
-    amplitudes: Numbers | None = key(None, "peaks of the displacement, held in turn [m]")
+    amplitudes: Numbers | None = key(None, "peaks of the displacement, one after the other [m]")
 
 
 READ = {

@@ -139,12 +139,12 @@ def _require_held(fleet: xr.DataTree, name: str) -> None:
     held = [str(parameter) for parameter in fleet.coords["parameter"].values]
     if lacking := json.loads(fleet.attrs["left_out"]).get(name):
         raise DataError(
-            f"{name} has no logarithm in {', '.join(lacking)}: not known, or not positive.",
-            remedy="Pool others with --parameters, or leave these units out.",
+            f"{name} has no logarithm in {', '.join(lacking)}: it is unknown or not positive.",
+            remedy="Pool other quantities with --parameters, or leave these units out.",
         )
     if name not in held:
         raise ConfigError(
-            f"The fleet holds no {name}.",
+            f"The fleet has no {name}.",
             remedy=f"{did_you_mean(name, held)}It holds {', '.join(held)}.",
         )
 

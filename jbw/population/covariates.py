@@ -98,8 +98,8 @@ def read_covariates(path: Path) -> dict[str, dict[str, str]]:
         run = (row.pop("run", None) or "").strip()
         if not run or run in covariates or None in row:
             raise ConfigError(
-                f"{path.name}, line {number}: needs a different run, and as many values as the "
-                "head has columns.",
+                f"{path.name}, line {number}: needs another run, and as many values as the "
+                "header has columns.",
                 remedy=f"Begin it with the line: run,{','.join(NAMES)}.",
             )
         covariates[run] = {name.strip(): (value or "").strip() for name, value in row.items()}

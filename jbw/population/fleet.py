@@ -152,7 +152,7 @@ def read_fleet(path: str | Path) -> xr.DataTree:
     except OSError as cause:
         raise DataError(f"The fleet {path} cannot be read: {cause}", remedy=remedy) from cause
     if tree.attrs.get("format") != FORMAT or "unit" not in tree.coords:
-        raise DataError(f"{path} holds no fleet of format {FORMAT}.", remedy=remedy)
+        raise DataError(f"{path} contains no fleet of format {FORMAT}.", remedy=remedy)
     return tree
 
 

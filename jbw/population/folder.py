@@ -30,7 +30,7 @@ def basis_of_population(folder: Path) -> Basis:
     except (OSError, KeyError, TypeError, ValueError, DataError) as cause:
         raise DataError(
             f"The population in {folder} cannot be read: {type(cause).__name__} {cause}",
-            remedy="Make it again: jbw population FLEET.",
+            remedy="Repeat: jbw population FLEET.",
         ) from cause
 
 
@@ -44,9 +44,9 @@ def require_same_torque(folder: Path, torque: float | None) -> float | None:
     at = json.loads((folder / "population.json").read_text())["new_unit"]["torque"]
     if torque is not None and at is not None and abs(torque / at - 1.0) > SAME_TORQUE:
         raise DataError(
-            f"The tests are of a joint tightened to {torque:g} N m, but the population in {folder} "
-            f"predicts units at {at:g} N m.",
-            remedy=f"Make it at that torque: jbw population FLEET --torque {torque:g} --out DIR, "
-            "then jbw predict DIR.",
+            f"The tests are of a joint tightened to {torque:g} N m, but the population in "
+            f"{folder} predicts units at {at:g} N m.",
+            remedy=f"Compute it for that torque: jbw population FLEET --torque {torque:g} --out "
+            "DIR, then jbw predict DIR.",
         )
     return at

@@ -112,9 +112,10 @@ def measured_units(studies: Sequence[Study], population: Population) -> list[Mea
     """Return every unit of a fleet with its records and the scale of its posterior."""
     if len(studies) != len(population.record["units"]):
         raise ConfigError(
-            f"Argument `studies` must hold the {len(population.record['units'])} units of the "
-            f"population, but holds {len(studies)}.",
-            remedy="Give what `jbw.identify` returned of each, in the order of the fleet.",
+            "Argument `studies` must have one result for each of the "
+            f"{len(population.record['units'])} units of the population, but has "
+            f"{len(studies)}.",
+            remedy="Give the results of `jbw.identify`, in the order of the fleet.",
         )
     return [_measured_unit(study, population) for study in studies]
 
@@ -143,7 +144,7 @@ def _measured_unit(study: Study, population: Population) -> MeasuredUnit:
     identification = study.identification
     if identification is None or identification.data is None:
         raise DataError(
-            f"{study.record['campaign']} has no joint posterior at hand.",
+            f"{study.record['campaign']} has no joint posterior in memory.",
             why="A saved run contains draws, but not the likelihood of its records.",
             remedy="Give what `jbw.identify` returned.",
         )
@@ -177,8 +178,8 @@ def _powers(
     powers = pooled.powers @ np.linalg.pinv(sampled)
     if not np.allclose(powers @ sampled, pooled.powers, atol=1e-9):
         raise DataError(
-            f"What was sampled, {', '.join(names)}, does not determine all of "
+            f"The sampled parameters, {', '.join(names)}, do not determine all of "
             f"{', '.join(pooled.names)}.",
-            remedy="Pool what every unit sampled.",
+            remedy="Pool quantities that follow from the sampled parameters of every unit.",
         )
     return powers

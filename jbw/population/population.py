@@ -155,14 +155,16 @@ def population_of(
     require_float64()
     num = fleet.sizes["unit"]
     if num < 2:
-        raise DataError("One unit makes no population.", remedy="Collect the runs of several.")
+        raise DataError(
+            "One unit makes no population.", remedy="Collect the runs of several units."
+        )
     root = fleet.to_dataset()
     failed = [str(name) for name in root["unit"].values[root["verdict"].values == "failed"]]
     if len(failed) > num / 2 and not all_verdicts:
         raise DataError(
             f"{len(failed)} of {num} runs failed: {', '.join(failed)}.",
             why="The result of a failed run must not be used.",
-            remedy="Repair them first (jbw explain), or pool them anyway with --all-verdicts.",
+            remedy="Correct them first (jbw explain), or pool them anyway with --all-verdicts.",
         )
     coordinates = pooled(fleet, parameters)
     design = covariates_in(fleet)

@@ -59,7 +59,7 @@ def mask_of(
     for name in saturating:
         if name not in names:
             raise ConfigError(
-                f"Nothing called {name} is pooled that could saturate.",
+                f"No pooled quantity has the name {name}, so that it cannot saturate.",
                 remedy=f"{did_you_mean(name, names)}Pooled are {', '.join(names)}.",
             )
     if len(saturating) and TORQUE not in columns:

@@ -107,7 +107,7 @@ def _names(folders: Sequence[Path | None], campaigns: Sequence[str]) -> list[str
     for name, count in Counter(names).items():
         if count > 1:
             raise DataError(
-                f"{count} runs are called `{name}`.",
+                f"{count} runs have the name `{name}`.",
                 why="A unit is identified by the name of its run.",
                 remedy="Give the folders, or the campaigns of runs in memory, different names.",
             )
@@ -139,7 +139,7 @@ def _unit(name: str, folder: Path | None, record: Mapping[str, Any], tree: xr.Da
     for quantity, meaning in attrs.items():
         if "prior" in meaning:
             raise DataError(
-                f"The run {name} took {meaning['prior']} for the prior of {quantity}.",
+                f"The run {name} has the prior {meaning['prior']} of {quantity}.",
                 why="A population removes the priors of its runs, which is possible only for "
                 "uniform priors.",
                 remedy=f"Identify its campaign with bounds for `{quantity}` in [identify.prior].",
@@ -203,15 +203,16 @@ def require_alike(units: Sequence[Unit], *, mixed_versions: bool) -> None:
             raise DataError(
                 f"{pair} have different laws of the joint: {_laws(first)}, and {_laws(second)}.",
                 why="Their parameters are not the same quantities.",
-                remedy="Identify all with the same [joint] laws, or collect them apart.",
+                remedy="Identify all with the same [joint] laws, or collect them separately.",
             )
         for name in first.quantities.keys() & second.quantities.keys():
             was, is_ = first.quantities[name].unit, second.quantities[name].unit
             if was != is_:
                 raise DataError(
-                    f"{pair} hold {name} in different units: {was}, and {is_}.",
+                    f"{pair} have {name} in different units: {was}, and {is_}.",
                     why="Values in different units cannot be compared.",
-                    remedy="Drive all units in the same unit of the source, or collect them apart.",
+                    remedy="Use the same unit of the source for all units, or collect them "
+                    "separately.",
                 )
         packages = first.versions.keys() | second.versions.keys()
         for name in () if mixed_versions else sorted(packages):

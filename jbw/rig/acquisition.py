@@ -157,7 +157,8 @@ def _settings(
     sweeps = [plan for plan in plans if kind_named(plan.kind).is_transient]
     fitted = [kind for kind in rig.fit if kind in {plan.kind for plan in plans}]
     settings: dict[str, Any] = {"fit": fitted} if fitted else {}
-    if len(sweeps) >= 3 and rig.shapes is None:  # with an armature, levels have two different units
+    # With an armature, levels have two different units.
+    if len(sweeps) >= 3 and rig.shapes is None:
         levels = [plan.excitation.level for plan in sweeps]
         settings["fit_levels"] = [min(levels), max(levels)]
     fewest = min((plan.repeats for plan in sweeps), default=0)
@@ -189,7 +190,8 @@ def write(campaign: RigCampaign, folder: str | Path) -> Path:
             demands = campaign.demands.get(test.name, (None,) * len(test.records))
             for record, demand in zip(test.records, demands, strict=True):
                 filed = record
-                if demand is not None:  # the demand is written in addition to the measured source
+                # The demanded signal is written in addition to the measured source.
+                if demand is not None:
                     channels = {"demand": demand, **record.channels}
                     units = {"demand": record.units[record.source], **record.units}
                     filed = replace(record, channels=channels, units=units)
@@ -210,15 +212,15 @@ def _check_folder(campaign: RigCampaign, folder: Path) -> None:
     """Raise an error if the folder contains a finished campaign or unrelated HDF5 files."""
     if (folder / "campaign.toml").exists():
         raise RunError(
-            f"Folder {folder} must be new or empty, but holds a campaign.",
+            f"Folder {folder} must be new or empty, but contains a campaign.",
             remedy="Choose another folder, or remove this one.",
         )
     planned = {f"{record.name}.h5" for test in campaign.tests for record in test.records}
     strangers = sorted(path.name for path in folder.glob("*.h5") if path.name not in planned)
     if strangers:
         raise RunError(
-            f"Folder {folder} must hold no other data, but holds {strangers[0]}.",
-            why="The campaign file's patterns would take it for a repeat.",
+            f"Folder {folder} must contain no other data, but contains {strangers[0]}.",
+            why="The patterns in the campaign file would include it as a repeat.",
             remedy="Choose an empty folder.",
         )
 

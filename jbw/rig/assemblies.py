@@ -29,10 +29,10 @@ from jbw.assembly.reduce import ReducedModel, reduce
 class BeamSection(NamedTuple):
     """A rectangular section of a beam; the bending axis is parallel to the width."""
 
-    width: float  # [m]
-    thickness: float  # [m]
+    width: float  # width of the section [m]
+    thickness: float  # thickness of the section [m]
     modulus: float = 70e9  # Young's modulus of aluminium [N/m^2]
-    density: float = 2700.0  # [kg/m^3]
+    density: float = 2700.0  # density of aluminium [kg/m^3]
 
     @property
     def bending(self) -> float:
@@ -206,7 +206,8 @@ def plate_chain(
         nodes: list[Any] = [base * j + i for i in range(elements + 1)]
         deflections = nodes.copy()
         if j > 1:
-            deflections[0] = base * (j - 1) + elements  # shared with the previous plate
+            # This deflection is shared with the previous plate.
+            deflections[0] = base * (j - 1) + elements
         mesh.add_beam(nodes, [length / elements] * elements, section, deflections)
         names.append((nodes[0], nodes[-1]))
         at |= {n: (start + length * i / elements, 0.0, 0.0) for i, n in enumerate(nodes)}

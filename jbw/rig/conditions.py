@@ -95,7 +95,7 @@ def digitise(
     if peak > full_scale - step:
         raise ConfigError(
             f"Channel {channel} must stay within +-{full_scale:g}, but reaches {peak:.4g}.",
-            why="A converter out of its range clips, and a clipped record is worthless.",
+            why="A converter clips outside its range, and a clipped record is useless.",
             remedy="Lower the level or the gain, or give the preset a larger range.",
         )
     return digital

@@ -145,8 +145,8 @@ class WornForce(Force):
 class SliderForces(Force):
     """The force of parallel springs, each slipping at a limit, from the end of each step."""
 
-    springs: Float[Array, " slider"]  # [1/s^2]
-    slips: Float[Array, " slider"]  # stretch at which each slips [m]
+    springs: Float[Array, " slider"]  # stiffness of every slider [1/s^2]
+    slips: Float[Array, " slider"]  # stretch at which each slider slips [m]
 
     @property
     def stiffness(self) -> Scalar:

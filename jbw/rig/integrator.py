@@ -25,13 +25,13 @@ from jbw.oscillator.oscillator import Joint
 from jbw.rig.forces import Force, Scalar
 from jbw.rig.law_forces import forces_of
 
-SUBSTEPS = 16  # Runge-Kutta steps per sample
-GRID = 2 * SUBSTEPS  # force values per sample: at the ends and in the middle of each step
+SUBSTEPS = 16  # number of Runge-Kutta steps per sample
+GRID = 2 * SUBSTEPS  # number of force values per sample: at the ends and in the middle of each step
 # Samples per compiled call: limits the memory of the force and needs only one compilation.
 BLOCK = 16_384
 
 Parts = tuple[Any, ...]  # internal states of the rig's forces, which form the joint's memory
-State = Any  # a tuple (y, ..., v, parts)
+State = Any  # a tuple (y, ..., v, internal states of the forces)
 Seen = tuple[Array, ...]
 
 

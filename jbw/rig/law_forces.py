@@ -32,8 +32,8 @@ from jbw.rig.forces import (
 
 # For a continuous density of sliders; the width of the last is a hundredth of the largest slip.
 BINS = 300
-GRADING = 3  # power of evenly spaced values that gives the edges of bins
-FARTHEST = 0.1  # slip of the last slider of a density without end [m]
+GRADING = 3  # Edges of the bins of slip limits are evenly spaced values to this power.
+FARTHEST = 0.1  # slip limit of the last slider, for a density without an end [m]
 
 
 def jenkins(theta: Mapping[str, Scalar]) -> list[Force]:
@@ -85,7 +85,7 @@ def masing_power(theta: Mapping[str, Scalar]) -> list[Force]:
 def masing_exponential(theta: Mapping[str, Scalar]) -> list[Force]:
     r"""Return sliders with the density $\alpha b\,e^{-b\varphi}$."""
     alpha, b = theta["exponential_alpha"], theta["exponential_b"]
-    x = _slips(40.0 / b)  # only 4e-18 of the sliders slip beyond
+    x = _slips(40.0 / b)  # Only 4e-18 of the sliders slip beyond this.
     passed = jnp.exp(-b * x)
     return [_binned(-alpha * passed, -alpha * passed * (x + 1 / b))]
 
@@ -118,12 +118,12 @@ def forces_of(laws: Iterable[Law], number: Callable[[Any], Scalar] = float) -> t
         if law.name == "bouc_wen" and (nu := getattr(law, "nu", 1.0)) != 1.0:
             raise ModelError(
                 f"Parameter `joint.nu` of the rig must be 1, but is {nu}.",
-                remedy="The law `bouc_wen_nu` takes any: BoucWenNu.of_bouc_wen(...).",
+                remedy="For any nu, use the law `bouc_wen_nu`: BoucWenNu.of_bouc_wen(...).",
             )
         kind = law.name.rstrip("_0123456789")
         if kind not in FORCES:
             raise ModelError(
-                f"The law `{law.name}` of the joint is none of the rig's: {', '.join(FORCES)}.",
+                f"The rig does not have the law `{law.name}`, but only {', '.join(FORCES)}.",
                 why="The rig integrates every law by separate code.",
                 remedy="Make records with `simulate`, which accepts every law.",
             )

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from jbw.oscillator.oscillator import Joint
 from jbw.rig.integrator import Specimen, State, doubles, runge_kutta, specimen_of
 
-STEPS = 16  # Runge-Kutta steps per sample of a loop
-POINTS = 512  # steps per period of a controlled response
-PERIODS = 40  # periods until the hysteretic force has forgotten its start
-RISE = 30  # periods in which the motion grows: a sudden start would leave an offset
+STEPS = 16  # number of Runge-Kutta steps per sample of a loop
+POINTS = 512  # number of steps per period of a controlled response
+PERIODS = 40  # number of periods until the hysteretic force no longer depends on its start
+RISE = 30  # number of periods in which the motion grows: a sudden start would leave an offset
 ORDERS = np.array([1, 3, 5, 7])
 ROUNDS = 6  # iterations of the higher harmonics, each a hundredth of the previous change
 

@@ -67,7 +67,7 @@ PRIOR: Mapping[str, tuple[float, float]] = {
 }
 """Bounds of the paper's uniform priors: zeta, alpha and delta of Step 3, gamma of Step 4 [SI]."""
 
-PROBING_HZ = (5.0, 5.5, 6.0, 6.5, 6.75)  # around omega_n / 3
+PROBING_HZ = (5.0, 5.5, 6.0, 6.5, 6.75)  # frequencies of the probing tones, around omega_n / 3 [Hz]
 LOOP_HZ = 18.5  # resonance with the joint sliding, just below the resonance with the joint stuck
 # Frequencies of the stepped sine, dense at the resonance; each dwell has whole periods.
 STEPPED_HZ: tuple[float, ...] = tuple(
@@ -75,8 +75,9 @@ STEPPED_HZ: tuple[float, ...] = tuple(
         [np.arange(3.0, 18.0, 2.0), np.arange(17.5, 19.5, 0.0625), np.arange(20.0, 24.0)]
     ).tolist()
 )
-RESONANCE_HZ = (17.5, 18.0, 18.25, 18.5, 18.625, 18.75, 18.875, 19.0, 19.5)  # a short stepped sine
-BURST_HZ = 18.6  # tone before a free decay
+# frequencies of a short stepped sine [Hz]
+RESONANCE_HZ = (17.5, 18.0, 18.25, 18.5, 18.625, 18.75, 18.875, 19.0, 19.5)
+BURST_HZ = 18.6  # frequency of the tone before a free decay [Hz]
 MODAL_MASS = 1.93  # modal mass of the cantilever's first mode, at the point of the shaker [kg]
 
 
@@ -324,7 +325,7 @@ def plans_named(preset: Preset, names: Iterable[str] | None) -> list[Plan]:
     for name in requested:
         if name not in planned:
             raise ConfigError(
-                f'Argument `tests` must name planned tests, but holds "{name}".',
+                f'Argument `tests` must name planned tests, but "{name}" is none.',
                 remedy=did_you_mean(name, planned) + f"Known: {', '.join(planned)}.",
             )
     return [plan for plan in preset.plans if plan.name in requested]

@@ -40,18 +40,19 @@ class Shapes(NamedTuple):
 
     omega: Modal  # natural frequencies [rad/s]
     zeta: Modal  # damping ratios [-]
-    drive: Modal  # motion where the shaker pushes
-    joint: Modal  # relative displacement of the joint
-    output: Modal  # motion where the response is measured
+    drive: Modal  # motion of the point where the shaker pushes, by mode
+    joint: Modal  # relative displacement of the joint, by mode
+    output: Modal  # motion of the point where the response is measured, by mode
 
 
 class Armature(NamedTuple):
     """A shaker: its gain, and the impedance that it adds to the structure where it pushes."""
 
-    gain: float = 1.0  # force with the armature blocked [N/V]; 1 if the source is the force
-    mass: float = 0.0  # [kg]
-    damping: float = 0.0  # including back-EMF [N s/m]
-    stiffness: float = 0.0  # [N/m]
+    # force per volt with the armature blocked [N/V]; 1 if the source is the force
+    gain: float = 1.0
+    mass: float = 0.0  # mass of the armature [kg]
+    damping: float = 0.0  # damping of the armature, including back-EMF [N s/m]
+    stiffness: float = 0.0  # stiffness of the armature's suspension [N/m]
 
 
 class Assembled(NamedTuple):
@@ -96,7 +97,7 @@ class RigMotion(NamedTuple):
     velocity: Float[np.ndarray, " time"]  # velocity of the output [m/s]
     acceleration: Float[np.ndarray, " time"]  # acceleration of the output [m/s^2]
     drive_point: Float[np.ndarray, " time"]  # acceleration where the shaker pushes [m/s^2]
-    force: Float[np.ndarray, " time"]  # between shaker and structure [N]
+    force: Float[np.ndarray, " time"]  # force between shaker and structure [N]
     joint: Float[np.ndarray, " time"]  # relative displacement of the joint [m]
 
 

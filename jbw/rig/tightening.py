@@ -155,7 +155,7 @@ def measure_fleet(
         ModelError: As for `tightened` and `jbw.rig.measure`.
     """
     if assemblies < 1 or not len(torques):
-        raise ConfigError("A fleet needs one torque and one assembly at least.")
+        raise ConfigError("A fleet needs at least one torque and one assembly.")
     if order not in ("shuffled", "given"):
         raise ConfigError(f'Argument `order` must be "shuffled" or "given", but is "{order}".')
     campaigns = []
@@ -200,9 +200,9 @@ def _power(name: str, unit: str) -> Float[np.ndarray, " 2"]:
     metres = exponents.pop("m", 0)
     if seconds > 0 or seconds % 2 or exponents:
         raise ModelError(
-            f"Parameter {name} must be a power of a stiffness per mass and of a displacement, but "
-            f"its unit is {unit}.",
-            remedy="Let laws without viscous parts follow the torque.",
+            f"Parameter {name} must be a power of a stiffness per mass and of a displacement, "
+            f"but its unit is {unit}.",
+            remedy="Use laws without viscous parts if the joint depends on the torque.",
         )
     return np.array([-seconds / 2, metres])
 
@@ -220,7 +220,8 @@ def _check(how: Tightening, torque: float, sequence: int) -> None:
     for name in how.scatter:
         if name not in SCATTERING:
             raise ConfigError(
-                f'Argument `scatter` must name {", ".join(SCATTERING)}, but holds "{name}".'
+                f'Argument `scatter` must name {", ".join(SCATTERING)}, but "{name}" is none of '
+                "them."
             )
     for name, value in (*how.scatter.items(), ("wrench", how.wrench)):
         if not 0.0 <= value < np.inf:

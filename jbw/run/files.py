@@ -22,15 +22,15 @@ def write_whole(path: Path, content: bytes) -> None:
         kind = "folder" if path.is_dir() else "device"
         raise RunError(
             f"{path} must be a file or a new name, but is a {kind}.",
-            remedy="Name a file, for example result.html.",
+            remedy="Give the name of a file, for example result.html.",
         )
     try:
         put_whole(path, content)
     except OSError as error:
         raise RunError(
             f"{path} cannot be written: {error.strerror or error}.",
-            why="What was saved before is whole.",
-            remedy="Free some space, or make the folder writable, and go on: jbw resume DIR.",
+            why="What was saved before is complete.",
+            remedy="Free some space, or make the folder writable, and continue: jbw resume DIR.",
         ) from error
 
 

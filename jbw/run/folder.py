@@ -172,9 +172,9 @@ def begin(folder: Path, manifest: Manifest) -> Run:
             return Run(folder, manifest, held, fresh=False)
         if unfinished.exists():
             raise RunError(
-                f"The folder {folder} holds a run that was interrupted.",
+                f"The folder {folder} contains a run that was interrupted.",
                 why="Results of two runs must not be mixed.",
-                remedy=f"Go on with it: jbw resume {folder}. Or choose another with --out.",
+                remedy=f"Continue it: jbw resume {folder}. Or choose another folder with --out.",
             )
         _require_empty(folder)  # Another process may have begun a run before this one got the lock.
         write_manifest(unfinished, manifest)
@@ -213,7 +213,7 @@ def reopen(folder: Path, *, allow_outside: bool = False) -> Run | None:
             shutil.rmtree(folder / HIDDEN, ignore_errors=True)
             return None
         raise RunError(
-            f"The folder {folder} holds no run to go on with.",
+            f"The folder {folder} contains no run that could be continued.",
             remedy=f"Begin one: jbw identify CAMPAIGN --out {folder}.",
         )
     _require_inside(folder)
@@ -221,8 +221,8 @@ def reopen(folder: Path, *, allow_outside: bool = False) -> Run | None:
         manifest = replace(read_manifest(folder / HIDDEN / MANIFEST), allow_outside=allow_outside)
         if manifest.preset is not None and manifest.campaign != OF_RIG:
             raise RunError(
-                f"The run in {folder} must have the campaign of its virtual rig at {OF_RIG}, but "
-                f"names {manifest.campaign}.",
+                f"The campaign of the run in {folder} must be that of its virtual rig, "
+                f"{OF_RIG}, but is {manifest.campaign}.",
                 why="The rig's records are written there.",
                 remedy="Begin a run of your own: jbw demo --out DIR.",
             )
@@ -250,10 +250,10 @@ def _require_inside(folder: Path) -> None:
     for path in folder.rglob("*"):
         if path.is_symlink() and not path.resolve().is_relative_to(inside):
             raise RunError(
-                f"The run's folder {folder} must hold its own files, but {path.name} is a link to "
-                f"{path.resolve()}.",
-                why="Going on with the run would write there.",
-                remedy="Put a copy in the place of the link.",
+                f"The run's folder {folder} must contain its own files, but {path.name} is a "
+                f"link to {path.resolve()}.",
+                why="If the run continued, it would write there.",
+                remedy="Replace the link by a copy of the file.",
             )
 
 
@@ -265,14 +265,14 @@ def _require_empty(folder: Path) -> None:
         raise _unwritable(folder, error) from error
     if others := [name for name in names if name != HIDDEN]:
         raise RunError(
-            f"The output folder {folder} must be new or empty, but it holds {others[0]}.",
+            f"The output folder {folder} must be new or empty, but it contains {others[0]}.",
             why="Results of two runs must not be mixed.",
-            remedy="Choose another with --out, or empty it.",
+            remedy="Choose another folder with --out, or empty this one.",
         )
 
 
 def _unwritable(folder: Path, error: OSError) -> RunError:
     return RunError(
         f"The output folder {folder} cannot be written: {error.strerror or error}.",
-        remedy="Choose another with --out, or make it writable.",
+        remedy="Choose another folder with --out, or make this one writable.",
     )

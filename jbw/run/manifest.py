@@ -111,7 +111,7 @@ def with_inputs(manifest: Manifest, campaign: Path, inputs: Mapping[str, str]) -
         if name not in recorded:
             raise _other_data(f"{name} is among the campaign's files, but was not before.")
         if name not in digests:
-            raise _other_data(f"{name} is no more among the campaign's files.")
+            raise _other_data(f"{name} is no longer among the campaign's files.")
         _require_same(name, recorded[name], digests[name])
     return replace(manifest, inputs=digests)
 
@@ -138,8 +138,9 @@ def require_unchanged(manifest: Manifest, campaign: Path) -> None:
     if other:
         raise RunError(
             f"The run was begun with {'; '.join(other)}.",
-            why="Its draws would not be those of an uninterrupted run.",
-            remedy="Install the versions that it began with, or begin a new run in another folder.",
+            why="Its draws would differ from those of an uninterrupted run.",
+            remedy="Install the versions with which it began, or begin a new run in another "
+            "folder.",
         )
     if manifest.text is not None:
         _require_same_text(manifest.text, campaign)
@@ -147,8 +148,8 @@ def require_unchanged(manifest: Manifest, campaign: Path) -> None:
     for name, digest in (manifest.inputs or {}).items():
         if not (manifest.allow_outside or (folder / name).resolve().is_relative_to(folder)):
             raise ConfigError(
-                f"The data file {name} must lie in the campaign's folder {folder}, but does not.",
-                why="A run's manifest may come from elsewhere.",
+                f"The data file {name} must be in the campaign's folder {folder}, but is not.",
+                why="The manifest of a run may come from another person.",
                 remedy="If you trust these files, allow them: jbw resume DIR --allow-outside.",
             )
         try:
@@ -171,6 +172,6 @@ def _require_same_text(text: str, campaign: Path) -> None:
             raise ConfigError(
                 f"The campaign file {campaign} changed since the run began: line {number} was "
                 f"{was.strip()!r} and is {is_.strip()!r}.",
-                why="Its chains would go on with another configuration.",
+                why="Its chains would continue with another configuration.",
                 remedy=RESTORE,
             )

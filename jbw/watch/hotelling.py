@@ -41,9 +41,9 @@ def reference_of(readings: Float[np.ndarray, "*batch record p"]) -> ReferenceRea
     num, p = readings.shape[-2:]
     if num <= p:
         raise ConfigError(
-            f"A reference of readings of {p} values needs at least {p + 1} records, but has {num}.",
-            why="With fewer, their scatter is not known in every direction.",
-            remedy="Add records without change, or read at one amplitude alone.",
+            f"A reference for {p} values needs at least {p + 1} records, but has {num}.",
+            why="With fewer records, their variation is not known in every direction.",
+            remedy="Add records without change, or use only one amplitude.",
         )
     mean = readings.mean(axis=-2)
     away = readings - mean[..., None, :]

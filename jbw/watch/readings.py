@@ -74,9 +74,9 @@ def common_amplitude(test: Test) -> float:
     amplitude = SPARE * WIDTH * lowest
     if SPARE * amplitude * WIDTH > highest:
         raise DataError(
-            f"The records of test `{test.name}` pass no common amplitude: one ends at "
+            f"The records of test `{test.name}` have no common amplitude: one ends at "
             f"{lowest:.3g}, another begins at {highest:.3g}.",
-            why="Readings can be compared at one and the same amplitude only.",
+            why="Frequency and damping can only be compared at the same amplitude.",
             remedy="Leave the weakest hit or the shortest record out with `exclude`, or record "
             "longer.",
         )
@@ -94,17 +94,17 @@ def reading(record: Record, test: Test, amplitudes: Sequence[float]) -> RecordRe
         raise DataError(
             f"`{record.name}` belongs to test `{test.name}` of kind `{test.kind}`, which is no "
             "free decay.",
-            why="Frequency and damping are read at fixed amplitudes along a decay.",
-            remedy="Watch a run of kind `decay`.",
+            why="Frequency and damping are measured at fixed amplitudes along a decay.",
+            remedy="Monitor a run with tests of kind `decay`.",
         )
     table, unit = _table(record, test), record.units.get(record.response, "")
     highest, lowest = table.amplitude[[0, -1]]
     for amplitude in amplitudes:
         if not lowest <= amplitude <= highest:
             raise DataError(
-                f"`{record.name}` is read from {highest:.3g} to {lowest:.3g} {unit}, but not at "
-                f"{amplitude:g} {unit}.",
-                why="Readings can be compared at one and the same amplitude only.",
+                f"`{record.name}` has frequency and damping from {highest:.3g} to {lowest:.3g} "
+                f"{unit}, but not at {amplitude:g} {unit}.",
+                why="Frequency and damping can only be compared at the same amplitude.",
                 remedy="Hit harder, shorten `settle` or record longer, or begin a watch at another "
                 "--amplitude.",
             )
@@ -116,9 +116,9 @@ def reading(record: Record, test: Test, amplitudes: Sequence[float]) -> RecordRe
         if share > OTHER_MODES:
             raise DataError(
                 f"`{record.name}` has other modes of {share:.1%} of its displacement at "
-                f"{amplitude:g} {unit}; at most {OTHER_MODES:.0%} are admitted.",
+                f"{amplitude:g} {unit}; at most {OTHER_MODES:.0%} are allowed.",
                 why="The joint then moves by more than its own mode, and dissipates more.",
-                remedy="Read at a lower amplitude, where other modes have died.",
+                remedy="Use a lower amplitude, at which other modes have decayed.",
             )
     return RecordReading(*_compared(read), max(other_modes))
 
@@ -128,8 +128,8 @@ def _table(record: Record, test: Test) -> ModeReading:
     response = test.records[0].response
     if response not in record.channels:
         raise DataError(
-            f"`{record.name}` has no {response}, in which test `{test.name}` is read.",
-            remedy="Give a record of the same channels.",
+            f"`{record.name}` has no {response}, which is the response of test `{test.name}`.",
+            remedy="Give a record with the same channels.",
         )
     filter_of(test)  # An error is raised here for a test without a band.
     alone = replace(test, records=(record,), name=record.name)
@@ -208,8 +208,8 @@ def trend_of(
     if population.record["status"] != "ok":
         raise DataError(
             f"The status of the population is {population.record['status']}.",
-            why="A change of torque would be stated with more confidence than there is.",
-            remedy="Collect more units, look with jbw population, or leave --population out.",
+            why="A change of torque would seem more certain than it is.",
+            remedy="Collect more units, look at `jbw population`, or leave --population out.",
         )
     before, raised = (
         _readings_at(tightening, population, fleet, amplitudes, test)
@@ -230,9 +230,9 @@ def _require_known(fleet: xr.DataTree, amplitudes: Sequence[float], test: Test) 
     if not highest <= reached_by_all:
         says = watch.furthest(None if np.isnan(reached_by_all) else float(reached_by_all))
         raise DataError(
-            f"Read is at a displacement of {highest:.3g} m, but all units of the fleet were driven "
-            f"to no more than: {says}.",
-            why="The effect of torque on a joint is known only where its units moved.",
+            f"The watch uses a displacement of {highest:.3g} m, but not all units of the fleet "
+            f"were tested up to it: {says}.",
+            why="The effect of torque on a joint is known only at tested displacements.",
             remedy="Begin a watch at a lower --amplitude, or leave --population out.",
         )
 

@@ -181,8 +181,9 @@ def updated(
     require_float64()
     if study.campaign is None or not records:
         raise ConfigError(
-            "There must be a record to add, and the run's campaign.",
-            remedy="Give records of a campaign's test, and the campaign to jbw.load_study.",
+            "A new record and the run's campaign are needed.",
+            remedy="Give records of a test in the campaign, and pass the campaign to "
+            "jbw.load_study.",
         )
     posterior = study.posterior["posterior"].to_dataset()
     sampled = {str(n): v for n, v in posterior.data_vars.items() if "lower" in v.attrs}
@@ -217,13 +218,13 @@ def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
     data = assemble(seen)
     if campaign.structure is not None and len(campaign.structure.modes) > 1:
         raise DataError(
-            "The run has several modes, whose decays are not carried from record to record.",
+            "The run has several modes; their decays cannot be added record by record.",
             remedy="Identify the joint again with the new records in its campaign.",
         )
     if seen.decays is None or [part.kinds for part in data.parts] != [Decays.kinds]:
         raise DataError(
-            "The run was fitted to other tests than free decays.",
-            why="Their part of the posterior is not carried from record to record.",
+            "The run was also fitted to tests other than free decays.",
+            why="Their part of the posterior cannot be updated record by record.",
             remedy="Identify the joint again with the new records in its campaign.",
         )
     test, facts = seen.decays.fitted, json.loads(str(study.tree.attrs.get("decay", "{}")))
@@ -240,17 +241,17 @@ def _with_records(part: Decays, test: Test, records: Sequence[Record]) -> Decays
     for record in records:
         if response not in record.channels or not share_clock(record.fs, fs):
             raise DataError(
-                f"`{record.name}` has not the channel or the rate of the run's records: "
+                f"`{record.name}` lacks the channel or the sampling rate of the run's records: "
                 f"{response} at {fs:g} Hz.",
-                remedy="Give records that were measured as those of the run were.",
+                remedy="Give records that were measured in the same way as those of the run.",
             )
     every = replace(test, records=(*test.records, *records))
     longer = Decays.of(every, laws=part.laws, substeps=part.substeps)
     if longer.mean.shape[1] < part.mean.shape[1]:
         raise DataError(
             f"`{records[-1].name}` is shorter than the records of the run.",
-            why="All of them are compared over one duration.",
-            remedy="Record as long, or identify the joint again.",
+            why="All records are compared over the same duration.",
+            remedy="Record as long as before, or identify the joint again.",
         )
     return counting(longer, float(part.fraction))
 
@@ -274,9 +275,9 @@ def _require_same(strays: Float[np.ndarray, " particle"]) -> None:
     sd = float(np.std(strays))
     if not sd < SAME:
         raise DataError(
-            f"The likelihood of the run's draws cannot be had again: it strays by {sd:.2g} nats.",
-            why="The run is a quick one, whose draws are those of a Gaussian, or drew by other "
-            "weights or solver steps than its campaign asks for now.",
+            f"The likelihood of the run's draws cannot be reproduced: it differs by {sd:.2g} nats.",
+            why="The run is a quick one, whose draws are those of a Gaussian, or its weights "
+            "or solver steps differ from those that its campaign states now.",
             remedy="Identify the joint again with the new records in its campaign.",
         )
 

@@ -214,8 +214,9 @@ def _decay_test(spec: CampaignSpec, name: str | None) -> TestSpec:
     if not decays:
         raise DataError(
             "The run's campaign has no free decays.",
-            why="Frequency and damping are read at fixed amplitudes along a decay.",
-            remedy="Hit the structure with a hammer and identify that: a test of kind `decay`.",
+            why="Frequency and damping are measured at fixed amplitudes along a decay.",
+            remedy="Hit the structure with a hammer and identify these records: a test of kind "
+            "`decay`.",
         )
     if name is None and len(decays) > 1:
         raise ConfigError(
@@ -225,7 +226,7 @@ def _decay_test(spec: CampaignSpec, name: str | None) -> TestSpec:
     chosen = decays[name or next(iter(decays))]
     if not isinstance(chosen.files, tuple):
         raise ConfigError(
-            f"Test `{chosen.name}` has a file for each channel, which a watch does not read.",
+            f"Test `{chosen.name}` has one file per channel, which `jbw watch` cannot read.",
             remedy="Put the channels of a record into one file.",
         )
     return chosen
@@ -237,14 +238,14 @@ def _begun(test: Test, name: str, wishes: Wishes) -> Entry:
     if not 0 < false_alarms < 0.5:
         raise ConfigError(
             f"`--false-alarms` must lie between 0 and 0.5, but is {false_alarms:g}.",
-            remedy="It is the rate of false alarms a record, such as 1e-3.",
+            remedy="It is the rate of false alarms per record, such as 1e-3.",
         )
     amplitudes = wishes.amplitudes or (common_amplitude(test),)
     if not all(0 < amplitude < np.inf for amplitude in amplitudes) or len(set(amplitudes)) < len(
         amplitudes
     ):
         raise ConfigError(
-            "`--amplitude` must be positive numbers, each once, but is "
+            "`--amplitude` must be different positive numbers, but is "
             f"{','.join(f'{amplitude:g}' for amplitude in amplitudes)}.",
             remedy="Give peak amplitudes of the response, in its SI unit.",
         )
@@ -254,8 +255,9 @@ def _begun(test: Test, name: str, wishes: Wishes) -> Entry:
         raise ConfigError(
             f"`--reference` must be at least {least} for {len(amplitudes)} amplitudes, but is "
             f"{number}.",
-            why="With fewer records the variation is hardly known, and no change would be found.",
-            remedy="Begin with more records without change, or read at one amplitude.",
+            why="With fewer records their variation is hardly known, and no change would be "
+            "detected.",
+            remedy="Begin with more records without change, or use only one amplitude.",
         )
     unit = test.records[0].units.get(test.records[0].response, "")
     return {
@@ -289,7 +291,7 @@ def _require_same(settings: Entry, wishes: Wishes) -> None:
         if wished is not None and wished != has:
             raise ConfigError(
                 f"`{option}` is {wished}, but the watch began with {has}.",
-                why="Its readings and rates would not be comparable.",
+                why="Its values and rates of false alarms would not be comparable.",
                 remedy="Leave the option out, or move watch.jsonl away and begin a new watch.",
             )
 
@@ -330,8 +332,8 @@ def read_log(path: Path) -> list[Entry]:
             kind = None
         if not isinstance(kind, str):
             raise RunError(
-                f"Line {number} of {path} is no entry of a watch.",
-                why="What is stated of later records depends on it.",
+                f"Line {number} of {path} is not valid in the log of a watch.",
+                why="The statements on later records depend on it.",
                 remedy="Restore the file from a copy, or move it away and begin a new watch.",
             )
         entries.append(entry)
@@ -381,6 +383,6 @@ def _append_bytes(path: Path, content: bytes) -> None:
 def _unwritable(path: Path, error: OSError) -> RunError:
     return RunError(
         f"{path} cannot be written: {error.strerror or error}.",
-        why="What was written before is whole.",
+        why="What was written before is complete.",
         remedy="Free some space, or make the folder writable, and add the record again.",
     )

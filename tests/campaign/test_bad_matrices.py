@@ -136,7 +136,7 @@ stiffness = 1.5e7
     model = lapped_beams().model
     scipy.io.savemat(folder / "rows.mat", {"M": model.mass, "K": model.stiffness})
     (fault,) = errors_of(check_campaign(written(folder, text + TESTS)))
-    assert "Output `tip` must lie at degrees of freedom of the model" in fault.what
+    assert "Output `tip` must be at degrees of freedom of the model" in fault.what
     assert "there is no node 40" in fault.what
     assert "The nearest nodes are 18" in fault.remedy
     cured = text.replace("40:row", "18:row")
@@ -159,7 +159,7 @@ def test_a_joint_whose_ends_are_tied_would_not_move(folder):
 def test_joints_at_one_place_are_one_joint_with_two_laws(folder):
     twice = BOLTS.replace(SECOND, SLIP.replace("0.0025", "-0.005"))
     fault = refusal_of(folder, STRUCTURE + twice + TESTS)
-    assert "`bolt 1` and `bolt 2` must lie at different places" in fault.what
+    assert "`bolt 1` and `bolt 2` must act at different points" in fault.what
     assert "one joint with two laws" in fault.remedy
 
 

@@ -36,7 +36,7 @@ def test_the_slopes_interval_is_that_of_regressions():
 
 @pytest.mark.parametrize("torques", [(0.0, 12.0), (12.0, 2.0), (2.0, np.inf)])
 def test_torques_are_a_range(torques):
-    with pytest.raises(ConfigError, match="above zero to a larger one"):
+    with pytest.raises(ConfigError, match="must be positive and rise"):
         fleet_designs(torques)
 
 

@@ -120,7 +120,7 @@ def test_what_has_no_logarithm_in_one_unit_is_named_and_left_out(tmp_path):
     ("second", "message", "remedy"),
     [
         ({"laws": ("bouc_wen", "cubic")}, "different laws", "same \\[joint\\] laws"),
-        ({"units": {**UNITS, "zeta": "%"}}, "hold zeta in different units: 1, and %", "same unit"),
+        ({"units": {**UNITS, "zeta": "%"}}, "have zeta in different units: 1, and %", "same unit"),
         ({"versions": {**VERSIONS, "jax": "0.1"}}, "versions of jax: 0.12.0, and 0.1", "--mixed"),
         ({"inputs": {"x": "hash of A"}}, "A and B are of the same records", "Give one of them"),
         ({"assembly": {"torque": 3.0}}, "`torque` is stated for 1 of 2 runs.* A\\.", "all of them"),
@@ -168,7 +168,7 @@ def test_a_file_that_is_no_fleet_is_refused(tmp_path):
         read_fleet(tmp_path / "none.nc")
     with h5py.File(tmp_path / "other.nc", "w") as file:
         file.attrs["format"] = 1
-    with pytest.raises(jbw.DataError, match="holds no fleet of format 1"):
+    with pytest.raises(jbw.DataError, match="contains no fleet of format 1"):
         read_fleet(tmp_path / "other.nc")
 
 
@@ -191,6 +191,6 @@ def test_the_command_says_what_is_wrong_with_a_table_of_covariates(tmp_path, cap
     table = tmp_path / "units.csv"
     table.write_text("unit,torque\nA,8\n")
     assert run(["collect", *runs, "--covariates", str(table)]) == 2
-    assert "units.csv, line 2: needs a different run" in capsys.readouterr().err
+    assert "units.csv, line 2: needs another run" in capsys.readouterr().err
     assert run(["collect", str(tmp_path)]) == 3
-    assert "holds no finished run" in capsys.readouterr().err
+    assert "contains no finished run" in capsys.readouterr().err

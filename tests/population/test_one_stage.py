@@ -100,11 +100,11 @@ def test_its_population_is_that_of_the_quadrature(units):
 
 def test_units_that_it_cannot_take_are_named(units):
     studies, population = units
-    with pytest.raises(ConfigError, match=r"must hold the 5 units.*but holds 4"):
+    with pytest.raises(ConfigError, match=r"must have .* the 5 units.*but has 4"):
         jbw.one_stage(studies[:4], population)
     saved = SimpleNamespace(identification=None, record={"campaign": "beam"})
-    with pytest.raises(DataError, match="beam has no joint posterior at hand"):
+    with pytest.raises(DataError, match="beam has no joint posterior in memory"):
         jbw.one_stage([saved, *studies[1:]], population)
     more = population._replace(pooled=population.pooled._replace(powers=np.array([[1.0, 1.0]])))
-    with pytest.raises(DataError, match="does not determine all of zeta"):
+    with pytest.raises(DataError, match="do not determine all of zeta"):
         jbw.one_stage(studies, more)

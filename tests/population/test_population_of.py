@@ -306,7 +306,7 @@ def test_what_cannot_be_pooled_is_named(tmp_path, plain, without_nuts):
     fleet, pooled = plain
     with pytest.raises(ConfigError, match="holds no softenin"):
         jbw.population_of(fleet, parameters=["softenin"])
-    with pytest.raises(ConfigError, match="Nothing called omega is pooled that could saturate"):
+    with pytest.raises(ConfigError, match="No pooled quantity has the name omega"):
         jbw.population_of(fleet, saturating=["omega"])
     with pytest.raises(ConfigError, match="above zero"):
         new_units(pooled, fleet, -1.0)

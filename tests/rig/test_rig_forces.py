@@ -77,7 +77,7 @@ def test_a_law_without_a_force_is_refused():
     class Unknown(Law):
         name = "unknown"
 
-    with pytest.raises(ModelError, match="law `unknown` of the joint is none of the rig's"):
+    with pytest.raises(ModelError, match="rig does not have the law `unknown`"):
         respond(Oscillator(118.0, 0.004, (Unknown(),)), lambda i, j: np.ones(j - i), 8, FS)
 
 

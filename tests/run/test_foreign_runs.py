@@ -60,7 +60,7 @@ def test_a_stranger_s_manifest_writes_nowhere_else(tmp_path, capsys, place):
     begin(tmp_path / "a" / "run", Manifest("jbw demo", place, seed=0, preset="everyday")).close()
     before = tree(tmp_path)
     assert run(["resume", str(tmp_path / "a" / "run")]) == 1
-    assert f"must have the campaign of its virtual rig at {OF_RIG}" in capsys.readouterr().err
+    assert f"must be that of its virtual rig, {OF_RIG}" in capsys.readouterr().err
     assert tree(tmp_path).keys() == before.keys()
 
 
@@ -93,7 +93,7 @@ def test_files_outside_are_allowed_by_the_command_and_not_by_the_manifest(tmp_pa
     assert begun.to_resume == f"{tmp_path / 'run'} --allow-outside"
     assert run(["resume", str(tmp_path / "run")]) == 2
     said = capsys.readouterr().err
-    assert f"The data file {outside} must lie in the campaign's folder" in said
+    assert f"The data file {outside} must be in the campaign's folder" in said
     assert "jbw resume DIR --allow-outside" in said
     assert run(["resume", str(tmp_path / "run"), "--allow-outside"]) == 3
     assert "private.h5 changed" in capsys.readouterr().err

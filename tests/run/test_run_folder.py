@@ -62,7 +62,7 @@ def test_an_interrupted_run_is_not_begun_again(tmp_path):
 
 
 def test_a_folder_without_a_run_is_not_gone_on_with(tmp_path):
-    with pytest.raises(RunError, match="no run to go on with") as caught:
+    with pytest.raises(RunError, match="no run that could be continued") as caught:
         reopen(tmp_path)
     assert "jbw identify" in caught.value.remedy
 
@@ -180,7 +180,7 @@ def test_changed_data_are_refused_with_their_file(read):
         require_unchanged(manifest, campaign)
     for digests, says in (
         ({str(data): manifest.inputs["sweep.h5"], "/new.h5": "1"}, "new.h5 is among"),
-        ({}, "sweep.h5 is no more among"),
+        ({}, "sweep.h5 is no longer among"),
         ({str(data): "1"}, "sweep.h5 changed"),
     ):
         with pytest.raises(DataError, match=says):

@@ -89,7 +89,7 @@ def test_the_simulated_motion_asks_the_rig_for_the_law():
     own = models.motion(theta, force, designs.FS, [law.name for law in SLIDERS.laws])
     np.testing.assert_allclose(own[:, 1], solved.v, atol=1e-4 * np.max(np.abs(solved.v)))
     theta |= {"bilinear_k": jnp.asarray(600.0), "bilinear_yield": jnp.asarray(2e-3)}
-    with pytest.raises(ModelError, match="law `bilinear` of the joint is none of the rig's"):
+    with pytest.raises(ModelError, match="rig does not have the law `bilinear`"):
         models.motion(theta, force, designs.FS, [Bilinear])  # pyright: ignore[reportArgumentType]
 
 

@@ -394,7 +394,7 @@ def test_where_the_matrices_hold_the_joints_the_spring_is_to_be_replaced(tmp_pat
 def test_what_joints_cannot_be_given_to_is_refused_with_what_can():
     joints = export_joints(frame(), draw=0)
     with pytest.raises(
-        ConfigError, match="Ansys must be given one joint, but the run has 2"
+        ConfigError, match="Ansys supports only one joint, but the run has 2"
     ) as caught:
         chosen_programs_of_joints(["ansys"], joints)
     assert "--to opensees,fmi2,fmi3,abaqus,nastran" in caught.value.remedy

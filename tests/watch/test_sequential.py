@@ -188,7 +188,7 @@ def test_a_run_that_was_written_and_loaded_takes_one_record_more(tmp_path):
     ("record", "message"),
     [
         (hit(3, 0.4, 0.0, seconds=3.2), "`hit 3` is shorter than the records of the run"),
-        (replace(hit(3, 0.4, 0.0), fs=500.0), "has not the channel or the rate"),
+        (replace(hit(3, 0.4, 0.0), fs=500.0), "lacks the channel or the sampling rate"),
     ],
 )
 @pytest.mark.slow
@@ -202,11 +202,11 @@ def test_a_run_whose_likelihood_cannot_be_had_again_is_refused(run):
     study, _ = run
     other = study.tree.copy(deep=True)
     other["sample_stats"]["lp"] *= 0.5
-    with pytest.raises(jbw.DataError, match=r"cannot be had again: it strays by .* nats"):
+    with pytest.raises(jbw.DataError, match=r"cannot be reproduced: it differs by .* nats"):
         updated(replace(study, tree=other), HITS[-1:])
 
 
 def test_what_cannot_be_meant_is_refused():
     study = Study(xr.DataTree(), {}, None)
-    with pytest.raises(jbw.ConfigError, match="a record to add"):
+    with pytest.raises(jbw.ConfigError, match="new record and the run"):
         updated(study, HITS)

@@ -213,7 +213,7 @@ def test_a_watch_keeps_what_it_began_with(call, options, message):
     ("options", "code", "message"),
     [
         (("--false-alarms", "0.7"), 2, "`--false-alarms` must lie between 0 and 0.5, but is 0.7"),
-        (("--amplitude", "0.3,0.3"), 2, "must be positive numbers, each once"),
+        (("--amplitude", "0.3,0.3"), 2, "must be different positive numbers"),
         (("--reference", "3"), 2, "`--reference` must be at least 4 for 1 amplitudes, but is 3"),
         (("--test", "noise"), 2, "`--test` must name a test of free decays, but is 'noise'"),
     ],

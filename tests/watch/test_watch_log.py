@@ -52,7 +52,7 @@ def test_several_torn_lines_are_all_kept(path):
 def test_a_damaged_line_before_the_last_is_refused(path, line):
     first, rest = path.read_bytes().split(b"\n", 1)
     path.write_bytes(first + b"\n" + line + b"\n" + rest)
-    with pytest.raises(jbw.RunError, match=r"Line 2 of .* is no entry of a watch"):
+    with pytest.raises(jbw.RunError, match=r"Line 2 of .* is not valid in the log of a watch"):
         read_log(path)
 
 

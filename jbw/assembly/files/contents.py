@@ -37,7 +37,7 @@ class MatrixFile:
                 matrix.check_format(full_check=True)
                 # SciPy does not check the shape of a matrix without stored entries.
                 if np.any(np.diff(matrix.indptr) < 0):
-                    raise ValueError("the starts of its rows or columns do not rise")
+                    raise ValueError("the row or column pointers do not rise")
 
 
 def require_sparse(name: str, shape: Sequence[int], entries: int) -> None:

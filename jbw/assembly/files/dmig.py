@@ -44,12 +44,12 @@ def contents(path: Path) -> MatrixFile:
                     entries[name].append((row, column, _number(rest[i + 2])))
         except (ValueError, IndexError):
             raise DataError(
-                f"An entry of DMIG {name} in {path.name} must hold numbers, but is {fields}.",
+                f"An entry of DMIG {name} in {path.name} must consist of numbers, but is {fields}.",
                 remedy="Export the punch file again.",
             ) from None
     if not entries:
         raise DataError(
-            f"{path.name} must hold DMIG entries, but holds none.",
+            f"{path.name} must contain DMIG entries, but contains none.",
             remedy="Export with PARAM,EXTOUT,DMIGPCH.",
         )
     matrices, dofs = {}, {}

@@ -52,13 +52,13 @@ def _abaqus(path: Path) -> MatrixFile:
         table = np.loadtxt((_EXPONENT.sub("e", line).replace(",", " ") for line in lines), ndmin=2)
     except ValueError as error:
         raise DataError(
-            f"{path.name} must hold numbers, node, dof, node, dof and entry, or row, column and "
-            f"entry, but does not: {error}.",
+            f"{path.name} must contain numbers (node, dof, node, dof and entry, or row, column "
+            f"and entry), but does not: {error}.",
             remedy="Export it by *MATRIX OUTPUT, FORMAT=MATRIX INPUT, or as Matrix Market.",
         ) from None
     if table.shape[0] == 0 or table.shape[1] not in (3, 5):
         raise DataError(
-            f"{path.name} must have 3 or 5 numbers a line, but has {table.shape[1]}.",
+            f"{path.name} must have 3 or 5 numbers per line, but has {table.shape[1]}.",
             remedy="Export it by *MATRIX OUTPUT, FORMAT=MATRIX INPUT, or as Matrix Market.",
         )
     if table.shape[1] == 5:

@@ -134,7 +134,7 @@ def _in_one_order(parts: _Parts) -> _Parts:
         return parts
     if parts.table is None and any(row is None for row in rows):
         raise DataError(
-            "Either all matrices must name their degrees of freedom, or none, but some do.",
+            "Either all matrices or none must state their degrees of freedom, but only some do.",
             remedy="Export all of them in one format, or give the table as `dofs`.",
         )
     named = dict.fromkeys(dof for row in rows for dof in row or ())
@@ -142,9 +142,9 @@ def _in_one_order(parts: _Parts) -> _Parts:
     absent = [dof for dof in named if dof not in set(table)]
     if absent:
         raise DataError(
-            f"The table of degrees of freedom must name those of the matrices, but lacks "
+            "The table of degrees of freedom must contain those of the matrices, but lacks "
             f"`{absent[0]}` and {len(absent) - 1} more.",
-            remedy="Leave the table out: the matrices name their rows.",
+            remedy="Leave the table out, since the matrices state their degrees of freedom.",
         )
     mass, stiffness, damping = parts.matrices
     return _Parts(
@@ -218,7 +218,7 @@ def _contents(path: Path) -> MatrixFile:
     suffix = path.suffix.lower()
     if suffix not in READERS:
         raise DataError(
-            f"Matrices must be in a file of {', '.join(READERS)}, but `{path.name}` is none.",
+            f"Matrices must be in a file of type {', '.join(READERS)}, but `{path.name}` is not.",
             remedy="Export them as Matrix Market (.mtx): Ansys by *EXPORT, ..., MMF.",
         )
     return _attempted(path, import_module(f"jbw.assembly.files.{READERS[suffix]}").contents)
@@ -228,7 +228,7 @@ def _attempted[Read](path: Path, read: Callable[[Path], Read]) -> Read:
     """Return a reader's result for a file; report any error of a library in one sentence."""
     if not path.is_file():
         raise DataError(
-            f"File `{path}` must be there, but is not.",
+            f"File `{path}` does not exist.",
             remedy="Check the path; those in a campaign file are relative to its folder.",
         )
     try:

@@ -33,7 +33,7 @@ def programs_named(names: Sequence[str]) -> tuple[Program, ...]:
     for name in names:
         if name not in PROGRAMS:
             raise ConfigError(
-                f"Argument `to` must name programs, but `{name}` is none.",
+                f"Argument `to` must consist of names of programs, but `{name}` is none.",
                 remedy=f"{did_you_mean(name, PROGRAMS)}Known: {', '.join(PROGRAMS)}.",
             )
     return tuple(PROGRAMS[name] for name in dict.fromkeys(names))

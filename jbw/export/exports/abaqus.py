@@ -67,7 +67,7 @@ def _require_one_element(result: JointsExport) -> None:
                 f"Abaqus must be given joints with the same laws, but `{first.name}` has "
                 f"{', '.join(first.joint.laws)} and `{card.name}` {', '.join(card.joint.laws)}.",
                 why="A job has one user subroutine, which is written for one set of laws.",
-                remedy="Take another program: --to opensees,nastran,fmi3.",
+                remedy="Choose another program: --to opensees,nastran,fmi3.",
             )
 
 

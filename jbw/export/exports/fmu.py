@@ -171,9 +171,10 @@ def compile_shared(source: Path, target: Path) -> bool:
     done = subprocess.run(command_line, capture_output=True, text=True, check=False)
     if done.returncode:
         raise RunError(
-            f"The compiler `{' '.join(command)}` must compile the FMU, but ends with "
-            f"{done.returncode}: {done.stderr[-500:]}",
-            remedy="Name another one in the environment, CC=gcc, or CC=none for sources alone.",
+            f"The compiler `{' '.join(command)}` failed with code {done.returncode}: "
+            f"{done.stderr[-500:]}",
+            remedy="Choose another one in the environment, CC=gcc, or CC=none to write only "
+            "sources.",
         )
     return True
 

@@ -113,8 +113,8 @@ def require_law(program: Program, result: Export) -> None:
     if lacking := program.lacks(result):
         names = ", ".join(f"`{name}`" for name in lacking)
         raise ConfigError(
-            f"{program.title} has no form of the joint's law {names}, so it cannot take this run.",
-            remedy=f"Take tables instead: --to {TABLES.replace(', ', ',')}.",
+            f"{program.title} cannot represent the joint's law {names}.",
+            remedy=f"Export tables instead: --to {TABLES.replace(', ', ',')}.",
         )
 
 
@@ -164,7 +164,7 @@ def _numbered(card: JointCard) -> Iterator[tuple[int, int, float]]:
             raise ConfigError(
                 f"Joint `{card.name}` must be at numbered nodes in the directions "
                 f"{', '.join(DIRECTIONS)} for this program, but is at `{dof}`.",
-                remedy="Write units for co-simulation instead, which have no nodes: --to fmi3.",
+                remedy="Export FMUs instead, which contain no nodes: --to fmi3.",
             )
         yield int(dof.node), DIRECTIONS[dof.direction], weight
 
@@ -191,9 +191,9 @@ def require_joints(program: Program, result: JointsExport, takers: Iterable[str]
     """
     if program.joints is None:
         raise ConfigError(
-            f"{program.title} must be given one joint, but the run has {len(result.cards)}.",
-            why="Its file names neither the joint nor its degrees of freedom.",
-            remedy=f"Take another program: --to {','.join(takers)}.",
+            f"{program.title} supports only one joint, but the run has {len(result.cards)}.",
+            why="Its file states neither the joint nor its degrees of freedom.",
+            remedy=f"Choose another program: --to {','.join(takers)}.",
         )
     for card in result.cards:
         require_law(program, card.joint)

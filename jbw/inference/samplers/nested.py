@@ -31,7 +31,7 @@ from jbw.inference.samplers.evidence import (
 from jbw.inference.space.problem import Problem
 
 LEFT = 1e-3  # A run ends if this part of the evidence remains in the live points.
-ROOM = 150  # storage for dead points, in multiples of the live points; each multiple takes one nat
+ROOM = 150  # storage for dead points, in multiples of the live points; each multiple covers one nat
 TOGETHER = 10  # This part (1 / TOGETHER) of the live points is replaced at once, in parallel.
 # number of simulated sequences of prior volumes, from which the error of the evidence follows
 VOLUMES = 200

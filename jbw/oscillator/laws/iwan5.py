@@ -1,4 +1,4 @@
-r"""Iwan's array with sliders that slide at a lower force than they stick.
+r"""Iwan's array with sliders whose sliding force is lower than the force at which they let go.
 
 A slider sticks up to its limit and slides at a lower force. Its force drops when it begins to
 slide, and must rise to the limit again before it slides the next time. Therefore a closed inner

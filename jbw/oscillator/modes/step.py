@@ -68,7 +68,7 @@ class ModeStep(eqx.Module):
 
 
 class Coupling(eqx.Module):
-    """The effect of one joint's force on the motion of another joint, summed over modes.
+    """The effect of one joint's force on another joint's motion in a step, summed over modes.
 
     `bend_*` are the effects of half of h^2 r'', a - b of the corrector's constants.
     """
