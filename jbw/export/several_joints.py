@@ -195,8 +195,8 @@ def refuse_options_of_one_joint(**options: Any) -> None:
     for name, value in options.items():
         if value is not None:
             raise ConfigError(
-                f"Option `--{name.replace('_', '-')}` is not for a run with several joints, but "
-                f"it is {value:g}.",
+                f"Option `--{name.replace('_', '-')}` must be left out for a run with several "
+                f"joints, but it is {value:g}.",
                 why="Their laws are in newtons and metres, and the tables of each joint reach to "
                 "its largest measured motion.",
                 remedy="Leave it out.",

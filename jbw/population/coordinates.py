@@ -145,7 +145,7 @@ def _require_held(fleet: xr.DataTree, name: str) -> None:
     if name not in held:
         raise ConfigError(
             f"The fleet has no {name}.",
-            remedy=f"{did_you_mean(name, held)}It holds {', '.join(held)}.",
+            remedy=f"{did_you_mean(name, held)}It has {', '.join(held)}.",
         )
 
 

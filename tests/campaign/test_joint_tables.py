@@ -313,7 +313,7 @@ def test_what_the_model_refuses_is_an_error_of_the_structure(folder):
     text = STRUCTURE + BOLTS.replace('"4:ry" =', '"99:ry" =') + TESTS
     check = check_campaign(written(folder, text))
     (fault,) = errors_of(check)
-    assert "Joint `bolt 2` must lie at degrees of freedom of the model" in fault.what
+    assert "Joint `bolt 2` must be at degrees of freedom of the model" in fault.what
     assert "The nearest nodes are 101" in fault.remedy
     assert check.exit_code == 2
 

@@ -258,5 +258,5 @@ def test_counts_that_cannot_be_meant(options, says):
 
 def test_a_quantity_needs_a_name_of_its_own():
     model = Model(simulate, log_likelihood, BOX, {"a": lambda theta, data: theta["a"]})
-    with pytest.raises(ConfigError, match="'a' is named like"):
+    with pytest.raises(ConfigError, match="'a' has the name of"):
         run(EXACT, model=model)

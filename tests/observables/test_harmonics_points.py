@@ -134,7 +134,7 @@ def test_stepped_sines_are_cut_into_their_steps():
     left = np.abs(np.asarray(data.predict(theta()) - data.mean))
     assert np.all(left.max(axis=1) < 1e-5 * np.abs(data.mean).max(axis=1))
     short = Test("stepped", (record,), "short", 0.3, (5.0, 6.0, 7.0), dwell=8.0)
-    with pytest.raises(DataError, match="must hold 3 steps of 8 s, but lasts 16 s"):
+    with pytest.raises(DataError, match="must contain 3 steps of 8 s, but lasts 16 s"):
         stepped_groups(short)
 
 

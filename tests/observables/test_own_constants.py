@@ -94,5 +94,5 @@ def test_a_held_response_has_none():
     force = 1e-3 * record.channels["force"] / record.channels["displacement"]
     channels = {**record.channels, "force": force, "displacement": np.full(len(freq), 1e-3)}
     test = replace(test, records=(replace(record, channels=channels),))
-    with pytest.raises(DataError, match=r"that of curve.* was held"):
+    with pytest.raises(DataError, match=r"the response of curve .*was controlled"):
         Points.reduce([test], laws=())

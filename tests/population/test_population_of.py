@@ -304,7 +304,7 @@ def test_two_units_are_not_assessed(tmp_path, without_nuts):
 
 def test_what_cannot_be_pooled_is_named(tmp_path, plain, without_nuts):
     fleet, pooled = plain
-    with pytest.raises(ConfigError, match="holds no softenin"):
+    with pytest.raises(ConfigError, match="has no softenin"):
         jbw.population_of(fleet, parameters=["softenin"])
     with pytest.raises(ConfigError, match="No pooled quantity has the name omega"):
         jbw.population_of(fleet, saturating=["omega"])

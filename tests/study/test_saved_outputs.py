@@ -47,7 +47,7 @@ def test_a_figure_that_fails_costs_no_number(tmp_path):
     numbers = {"laws.json": lambda path: path.write_text("{}")}
     with pytest.raises(RunError, match=r"The figures in .* failed: ZeroDivisionError") as caught:
         save_outputs(tmp_path, numbers, {"laws.png": lambda _: 1 / 0})
-    assert "laws.json are saved and whole" in caught.value.why
+    assert "laws.json are saved completely" in caught.value.why
     assert [path.name for path in tmp_path.iterdir()] == ["laws.json"]
 
 
