@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.remedies import put
+from jbw.measurement.residual_spectra import Row, Spectrum, real_rows
+from jbw.measurement.resonances import oscillator_through
 from jbw.observables.dataset import Dataset, by_label, residual_by_label
 from jbw.observables.drives import plain
 from jbw.observables.effective_values import LEAST_VALUES, is_coloured
-from jbw.observables.line_fit import oscillator_through
 from jbw.observables.noise import repeatability
 from jbw.observables.observable import OFFSETS
 from jbw.observables.records import NEAR_PEAK
-from jbw.observables.spectra import Row, Spectrum, real_rows
 from jbw.report.messages import causes as messages
 from jbw.report.messages.causes import Words
 
