@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from jbw.measurement.channels import Reals, noise_of
 from jbw.measurement.checks.faults import Fault, doubt, refusal
 from jbw.measurement.checks.samples import drop_outs, held_for
+from jbw.measurement.hypotheses.clipping import LEVELS_FROM, clipped
 from jbw.measurement.records import RESPONSES, Record
 from jbw.measurement.spans import exclude_line, kept_part, span_line, start_of
 from jbw.report.messages import record_faults as messages
@@ -15,23 +15,12 @@ from jbw.report.messages import record_faults as messages
 # Beyond any SI value of a vibration test: a flipped bit in a float makes such values.
 LARGEST = 1e12
 FOLDS = 4  # turns of the frequency along a curve; more turns mean that lines are out of order
-CLIP_RUN = 3  # consecutive equal samples at the extreme
-BEYOND_NOISE = 4.0  # standard deviations of the noise that a flat peak does not fall by chance
-FLATTENED = 2.0  # standard deviations of the noise by which a flattened crest may be higher
-NO_CHANCE = 6  # equal samples of a flat peak that noise does not produce
-# Converter steps below an extreme, where peaks of an unclipped signal would also lie.
-NEAR_TOP = 8.0
-SAME = 1e-9  # relative to the range: closer values differ only by round-off
-MORE_OFTEN = 2.0  # number of samples at both extremes over the number at any two levels
-PILED = 3  # samples at the extremes, beyond one each and beyond the number of samples near them
 HELD_RUN = 4  # consecutive equal samples in a changing signal: the recorder filled them in
 CHANCE = 1e-6  # probability of mistaking equal samples of a coarse converter for filled ones
 FALL = 8.0  # converter steps to a neighbouring sample, more than a slow signal makes
 FAR = 10.0  # ranges of all other samples: a logger's code for a lost sample lies that far away
-CLIPPED_SHARE = 1e-3  # largest share of clipped samples with which a sweep can be fitted
 FEWEST_LEVELS = 256  # distinct values: 8 bits
 FEW_SOURCE_LEVELS = 16  # a source of fewer levels is a pulse train, not a clipped signal
-LEVELS_FROM = 2**20  # samples used to count levels, because sorting a huge record is slow
 PLAUSIBLE = {"displacement": 0.5, "velocity": 20.0, "acceleration": 2e4}  # [m], [m/s], [m/s^2]
 GUESS = {"displacement": "mm or um", "velocity": "mm/s or um/s", "acceleration": "mm/s^2"}
 
@@ -116,7 +105,7 @@ def _signal(record: Record, role: str) -> Iterator[Fault]:
     if is_measured:
         yield from _filled(record, role, float(np.diff(levels).min()))
     if role in RESPONSES or len(levels) > FEW_SOURCE_LEVELS:
-        yield from _clipped(record, role, levels)
+        yield from clipped(record, role, levels)
     if len(levels) < FEWEST_LEVELS and len(x) >= 4 * FEWEST_LEVELS and role in RESPONSES:
         yield doubt(role, *messages.few_levels(len(levels), FEWEST_LEVELS))
     if largest > PLAUSIBLE.get(role, np.inf):
@@ -138,73 +127,6 @@ def _lost(record: Record, role: str) -> Iterator[Fault]:
             first, remedy = at[0] / record.fs, kept_part(record, x == end)
             fault_text = messages.lost_samples(len(at), len(x), end, first, (low, high), remedy)
             yield refusal(role, *fault_text)
-
-
-def _clipped(record: Record, role: str, levels: Reals) -> Iterator[Fault]:
-    """Report samples clipped at an extreme: runs of three or more, or peaks that pile up there."""
-    x, fs = record.channels[role], record.fs
-    step, noise, runs = float(np.diff(levels).min()), noise_of(x), []
-    shortest = 1 if role in RESPONSES and _piles_up(x, step) else CLIP_RUN
-    for extreme in (x.max(), x.min()):
-        at = np.flatnonzero(x == extreme)
-        for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1):
-            start, stop = int(run[0]), int(run[-1]) + 1
-            if stop - start >= shortest and _is_no_crest(x, start, stop, step, noise):
-                runs.append((start, stop))
-    if not runs:
-        return
-    share = sum(stop - start for start, stop in runs) / len(x)
-    listed = ", ".join(f"{start / fs:.3f}-{stop / fs:.3f} s" for start, stop in sorted(runs)[:4])
-    more = f" and {len(runs) - 4} more" if len(runs) > 4 else ""
-    clipped = np.zeros(len(x), bool)
-    for start, stop in runs:
-        clipped[start:stop] = True
-    yield Fault(
-        "error" if share > CLIPPED_SHARE else "warning",
-        role,
-        *messages.clipped(share, listed, more, kept_part(record, clipped)),
-    )
-
-
-def _is_no_crest(x: Reals, start: int, stop: int, step: float, noise: float) -> bool:
-    r"""Return whether a flat peak is too flat to be the crest of a smooth, rounded, noisy signal.
-
-    A parabola that stays within one converter step for n samples is lower, n samples further, by at
-    most $((3n - 1) / (n - 1))^2$ steps; rounding adds one step, and noise flattens a sharper crest.
-    Noise larger than a step makes no six samples equal. A peak of fewer than three samples, of
-    those that pile up, always counts.
-    """
-    size = stop - start
-    by = size if size >= CLIP_RUN else 1
-    outside = [x[i] for i in (start - by, stop - 1 + by) if 0 <= i < len(x)]
-    fall = max((float(abs(value - x[start])) for value in outside), default=0.0)
-    if size < CLIP_RUN:
-        return fall > 2 * step
-    if size >= NO_CHANCE and noise > step:
-        return True
-    of_parabola = ((3 * size - 1) / (size - 1)) ** 2
-    return fall > (1 + of_parabola) * (step + FLATTENED * noise) + BEYOND_NOISE * noise
-
-
-def _piles_up(x: Reals, step: float) -> bool:
-    """Return whether single peaks end at the same extreme value more often than by chance.
-
-    A steady sine has more samples near its crest than on it, and a record that repeats itself has
-    equal samples at every level.
-    """
-    ends = beyond = 0
-    for depth in (x.max() - x, x - x.min()):
-        count = np.count_nonzero(depth == 0)
-        near = np.count_nonzero(depth < NEAR_TOP * step) - count
-        ends, beyond = ends + count, beyond + max(count - 1 - near, 0)
-    if beyond < PILED:
-        return False
-    span, middle = np.ptp(x), (x.max() + x.min()) / 2
-    # Without the quiet end of a record, which has few levels.
-    some = x[np.abs(x - middle) > span / 4][:LEVELS_FROM]
-    # Values that differ only by round-off count as one level.
-    levels = np.unique(np.round(some / (SAME * span)))
-    return bool(ends > 2 * MORE_OFTEN * len(some) / len(levels))
 
 
 def _filled(record: Record, role: str, step: float) -> Iterator[Fault]:

@@ -4,22 +4,19 @@ import warnings
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jbw.errors import DataError
 from jbw.measurement.channels import Complexes, Reals, lines_within
 from jbw.measurement.checks.faults import Fault, doubt
+from jbw.measurement.hypotheses.swapped_channels import SEGMENTS, carried, peaked_input
 from jbw.measurement.hypotheses.unlike_gains import turned_over
 from jbw.measurement.records import INPUTS, Record
 from jbw.measurement.spectra import FRF, frf, half_power_bandwidth, stands_out
 from jbw.report.messages import record_faults as messages
 
 LOOKED_AT = 2**21  # samples used; a stationary record shows its faults in them
-SEGMENTS = 8  # number of segments: few, but a resonance still stands out of the spectra
 LONGEST = 4  # segments at the finest resolution of the resonance
-FLOOR = 1e-4  # share of the largest density below which lines are outside the excitation
 CLEAR = 4.0  # times the median of the band: a peak above it is a resonance in the band
-PEAKED = 10.0  # times more peaked than the response: such an input looks like a response
 RESOLVED = 1.5  # window widths; a narrower peak shows the window itself, T 2 zeta f_n < 2
 LOW_COHERENCE = 0.5  # median over the lines that carry the response
 MASS_FACTOR = 3.0  # between estimated and stated modal mass; more means a wrong unit
@@ -38,12 +35,12 @@ def doubts(
         yield doubt(record.response, error.what, error.why, error.remedy)
         return
     # After each of these two faults the size and the width of the FRF mean nothing.
-    broken = [*_swapped(record.source, coarse), *_incoherent(record.response, coarse)]
+    broken = [*peaked_input(record.source, coarse), *_incoherent(record.response, coarse)]
     if broken:
         yield broken[0]
         return
     yield from _outside_band(record.response, coarse, band_hz)
-    lines = _carried(fine) & lines_within(fine.freq, band_hz or (0.0, np.inf))
+    lines = carried(fine) & lines_within(fine.freq, band_hz or (0.0, np.inf))
     freq, h = fine.freq[lines], fine.h[lines]
     if len(freq) >= SEGMENTS and stands_out(h):
         yield from _unresolved(record, fine.resolution_hz, freq, h)
@@ -56,7 +53,7 @@ def swapped(record: Record) -> Iterator[Fault]:
         estimate = _frf(record, SEGMENTS, 0.0)
     except DataError:  # too short, or no input at some frequencies: nothing to compare
         return
-    yield from _swapped(record.source, estimate)
+    yield from peaked_input(record.source, estimate)
 
 
 def _frf(record: Record, segments: int, delay: float) -> FRF:
@@ -67,24 +64,8 @@ def _frf(record: Record, segments: int, delay: float) -> FRF:
         return frf(u, y, record.fs, response=record.response, nperseg=nperseg, delay=delay)
 
 
-def _carried(estimate: FRF) -> NDArray[np.bool_]:
-    """Return a mask of the lines at which both input and response have power."""
-    force, response = estimate.input_spectrum, estimate.output_spectrum
-    return (force > FLOOR * force.max()) & (response > FLOOR * response.max())
-
-
-def _swapped(source: str, estimate: FRF) -> Iterator[Fault]:
-    lines = _carried(estimate)
-    if lines.sum() < SEGMENTS:
-        return
-    spectra = (estimate.input_spectrum[lines], estimate.output_spectrum[lines])
-    of_input, of_response = (float(x.max() / np.median(x)) for x in spectra)
-    if of_input >= PEAKED * of_response:
-        yield doubt(source, *messages.swapped(of_input / of_response))
-
-
 def _incoherent(role: str, estimate: FRF) -> Iterator[Fault]:
-    lines = _carried(estimate)
+    lines = carried(estimate)
     coherence = float(np.median(estimate.coherence[lines])) if lines.any() else 1.0
     if coherence < LOW_COHERENCE:
         yield doubt(role, *messages.incoherent(coherence))

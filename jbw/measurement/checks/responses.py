@@ -12,6 +12,7 @@ from jbw.measurement.checks.faults import Fault, doubt, refusal
 from jbw.measurement.curves import ForcedLoop, MeasuredCurve, displacement_of
 from jbw.measurement.demodulation import band_filter
 from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
+from jbw.measurement.hypotheses.offset import offset
 from jbw.measurement.records import INPUTS, Record
 from jbw.measurement.resonances import driven_lines, read_lines
 from jbw.quantities import derivative_order
@@ -25,7 +26,6 @@ DEGREES = 20.0  # [rad]; a phase beyond three turns was probably written in degr
 FEWEST_LINES = 4
 MOVING = 0.3  # share of the usual amplitude below which a record from rest begins
 LOCKED = 0.2  # [rad]; a phase that a controller holds varies by less
-OFFSET = 1.0  # mean of a response over its standard deviation: more is an offset of the channel
 COHERENT = 0.8  # power of a first period that one tone explains; wide-band noise explains less
 LIKE = 2.0  # factor to peak or rms of a channel: a level further away belongs to no channel
 NO_LEVEL = ("frequency", "phase", "time")
@@ -147,8 +147,8 @@ def undecaying(record: Record, settle: float) -> Iterator[Fault]:
 def already_moving(record: Record, band: Sequence[float] | None, settle: float) -> Iterator[Fault]:
     """Yield a warning if a record that should start from rest moves in its first period."""
     x, fs = record.channels[record.response], record.fs
-    if abs(np.mean(x)) > OFFSET * np.std(x):
-        yield doubt(record.response, *messages.offset(abs(np.mean(x)) / np.std(x)))
+    if constant := list(offset(record)):
+        yield from constant
         return
     # Zeros keep the filter from wrapping the end to the start.
     x = np.concatenate([x, np.zeros_like(x)])

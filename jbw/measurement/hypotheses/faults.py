@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from jbw.measurement.checks.faults import Fault, doubt
+from jbw.measurement.hypotheses.clipping import Clipping
 from jbw.measurement.hypotheses.drop_off import drop_off
 from jbw.measurement.hypotheses.hypothesis import (
     UNEXPLAINED,
@@ -15,16 +16,22 @@ from jbw.measurement.hypotheses.hypothesis import (
     remainder,
 )
 from jbw.measurement.hypotheses.lag import ClocksApart, Delay, LostBlock
+from jbw.measurement.hypotheses.offset import Offset
+from jbw.measurement.hypotheses.outside_modes import OutsideModes
+from jbw.measurement.hypotheses.own_frequencies import OwnFrequencies
 from jbw.measurement.hypotheses.second_blow import SecondBlow
 from jbw.measurement.hypotheses.second_mode import SecondMode
 from jbw.measurement.hypotheses.steady_line import UndecayingLine
+from jbw.measurement.hypotheses.swapped_channels import SwappedChannels
+from jbw.measurement.hypotheses.unlike_gains import UnlikeGain
 from jbw.measurement.readings.sweep import SweepFits
 from jbw.report.messages import clock_faults as clocks
 from jbw.report.messages import decay_faults as messages
 
-# The hypotheses are ordered by their number of parameters.
+# Hypotheses that are fitted together with a mode are ordered by their number of parameters.
 HYPOTHESES: tuple[Hypothesis, ...] = (
     Delay(), ClocksApart(), UndecayingLine(), SecondBlow(), LostBlock(), SecondMode(),
+    UnlikeGain(), Offset(), Clipping(), SwappedChannels(), OutsideModes(), OwnFrequencies(),
 )  # fmt: skip
 
 

@@ -15,13 +15,14 @@ Among causes within 20 of the best, the one with the fewest parameters is named.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.ndimage import median_filter
 
 from jbw.measurement.channels import Reals
 from jbw.measurement.checks.faults import Fault
+from jbw.measurement.hypotheses.suspect import Cause, Misfit, Suspect
 from jbw.measurement.readings.decay import DecayCause, DecayFits, fit_decay
 from jbw.measurement.readings.slow_flow import ModeFit, filtered_share, independent_share
 from jbw.measurement.readings.sweep import SweepCause, SweepFits, fit_sweep
@@ -56,25 +57,26 @@ class Named(NamedTuple):
     mode: tuple[float, float]
 
 
-class Hypothesis(Protocol):
-    """A kind of fault that a record's residual may have."""
+class Hypothesis:
+    """A kind of fault; a member offers the tests that can show it, and inherits none for others."""
 
-    @property
-    def name(self) -> str:
-        """The name of the fault in a table."""
-        ...
+    name: ClassVar[str]  # the name of the fault in a table
 
     def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
         """Yield the cause with starting values for a joint fit with a mode, if it is applicable."""
-        ...
+        yield from ()
 
     def matters(self, values: Reals, fits: Fits) -> bool:
         """Return whether a cause with these values is physical and large enough to matter."""
-        ...
+        raise NotImplementedError
 
     def fault(self, values: Reals, fits: Fits, facts: "Facts") -> Fault:
         """Return the fault to report: finding, reason and remedy."""
-        ...
+        raise NotImplementedError
+
+    def suspects(self, misfit: Misfit) -> Iterator[Suspect | Cause]:
+        """Yield what the fault would explain of the residual of an identification's fit."""
+        yield from ()
 
 
 class Facts(NamedTuple):

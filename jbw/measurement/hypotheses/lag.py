@@ -17,7 +17,8 @@ from scipy.optimize import minimize_scalar
 
 from jbw.measurement.channels import Complexes, Reals
 from jbw.measurement.checks.faults import Fault, doubt
-from jbw.measurement.hypotheses.hypothesis import Facts, joint_fit
+from jbw.measurement.hypotheses.hypothesis import Facts, Hypothesis, joint_fit
+from jbw.measurement.hypotheses.suspect import Misfit, Suspect, as_columns
 from jbw.measurement.readings.sweep import SweepCause, SweepFits, SweepSignal, late
 from jbw.measurement.spans import kept_before
 from jbw.report.messages import clock_faults as messages
@@ -31,7 +32,6 @@ SCANNED = 12  # scanned places between two of these
 QUIET = 0.4  # share of the largest motion below which the lag is determined without the joint
 FEWEST, FAINT = 24, 1e-6  # smallest number of values of that part; weight of the others
 ALIKE = 0.5  # relative difference between the delay of that part and of the record; 0.06 if true
-MILLION = 1e6
 
 
 def _courses(signal: SweepSignal) -> tuple[float, Reals]:
@@ -40,10 +40,9 @@ def _courses(signal: SweepSignal) -> tuple[float, Reals]:
     return signal.mean_period_s, (time - time.mean()) / np.ptp(time)
 
 
-class _Lag:
+class _Lag(Hypothesis):
     """A lag that varies over the record by a given function."""
 
-    name: str
     starts: tuple[tuple[float, ...], ...]
 
     def course(self, signal: SweepSignal, values: Reals) -> Reals:
@@ -91,11 +90,13 @@ class Delay(_Lag):
     def fault(self, values: Reals, fits: Any, facts: Facts) -> Fault:
         """Return the fault: how much the response lags, against the stated delay."""
         seconds = facts.delay_s + float(values[0]) * fits.signal.mean_period_s
-        way = "lags behind" if seconds > 0 else "leads"
-        return doubt(
-            facts.record.response,
-            *messages.another_delay(way, abs(seconds), facts.delay_s, seconds),
-        )
+        return doubt(facts.record.response, *messages.another_delay(seconds, facts.delay_s))
+
+    def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
+        r"""Yield the columns of a delay tau of all responses: $-j\omega X$."""
+        spectra = misfit.spectra.items()
+        columns = {n: as_columns(s.row(-1j * s.omega * s.predicted)) for n, s in spectra}
+        yield Suspect(columns, lambda tau: messages.another_delay(tau[0]))
 
 
 class ClocksApart(_Lag):
@@ -116,11 +117,14 @@ class ClocksApart(_Lag):
         """Return the fault: by how much the clocks differ."""
         change = float(values[1]) * fits.signal.mean_period_s
         slope = change / float(np.ptp(fits.signal.time))
-        fast = "fast" if slope > 0 else "slow"
-        ppm = MILLION * slope
-        return doubt(
-            facts.record.response, *messages.another_clock(abs(ppm), fast, abs(change), ppm)
-        )
+        return doubt(facts.record.response, *messages.another_clock(slope, abs(change)))
+
+    def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
+        r"""Yield the columns of a fast response clock: $-t\,\dot x$ per relative rate."""
+        courses = {n: s.stretched for n, s in misfit.spectra.items() if s.stretched is not None}
+        if courses:
+            columns = {name: as_columns(-course) for name, course in courses.items()}
+            yield Suspect(columns, lambda fast: messages.another_clock(fast[0]))
 
 
 class LostBlock(_Lag):
@@ -167,11 +171,7 @@ class LostBlock(_Lag):
         at = float(values[1]) * float(np.ptp(signal.time))
         jump = float(values[0]) * signal.mean_period_s
         keep = kept_before(facts.record, at - signal.mean_period_s)
-        ahead = "ahead of" if jump < 0 else "behind"
-        return doubt(
-            facts.record.response,
-            *messages.lost_block(at, messages.response_jumps(abs(jump), ahead), keep),
-        )
+        return doubt(facts.record.response, *messages.lost_block(at, jump, keep))
 
 
 def _stepped(at_s: float | None) -> Callable[[SweepSignal, Complexes, Reals], Complexes]:

@@ -64,14 +64,12 @@ def untimely(record: Record, delay: float) -> Iterator[Fault]:
     length = record.num_samples / record.fs
     if lag.step is not None and abs(lag.step[2]) > least:
         before, after, jump = lag.step
-        what = messages.response_jumps(abs(jump), "ahead of" if jump < 0 else "behind")
-        text = messages.lost_block(0.5 * (before + after), what, kept_before(record, before))
+        text = messages.lost_block(0.5 * (before + after), jump, kept_before(record, before))
         yield doubt(record.response, *text)
     elif abs(lag.slope[0]) * length > least:
         # A fast clock samples early: each sample shows an earlier instant, and the lag grows.
-        slope, fast = lag.slope[0], "fast" if lag.slope[0] > 0 else "slow"
-        text = messages.another_clock(1e6 * abs(slope), fast, abs(slope) * length, 1e6 * slope)
-        yield doubt(record.response, *text)
+        slope = lag.slope[0]
+        yield doubt(record.response, *messages.another_clock(slope, abs(slope) * length))
     elif (constant := _constant_of_noise(record)) is not None:
         yield from _delayed(record, constant, delay, least)
 
@@ -82,8 +80,7 @@ def _delayed(record: Record, lag: Lag, delay: float, least: float) -> Iterator[F
     # A voltage input is held from sample to sample, which is half a sample of lag.
     held = 1 / record.fs if record.source == "input" else 0.0
     if abs(seconds - delay) > max(least, CERTAIN * error, held):
-        way = "lags behind" if seconds > 0 else "leads"
-        yield doubt(record.response, *messages.another_delay(way, abs(seconds), delay, seconds))
+        yield doubt(record.response, *messages.another_delay(seconds, delay))
 
 
 def _away(

@@ -7,7 +7,7 @@ import numpy as np
 
 from jbw.measurement.channels import Reals
 from jbw.measurement.checks.faults import Fault, doubt
-from jbw.measurement.hypotheses.hypothesis import Facts
+from jbw.measurement.hypotheses.hypothesis import Facts, Hypothesis
 from jbw.measurement.readings.decay import DecayCause, DecayFits
 from jbw.measurement.spans import left_out_from
 from jbw.report.messages import decay_faults as messages
@@ -22,7 +22,7 @@ GROWTH = (-1.5, 8.0)  # range of plausible jumps of ln a
 ENDS = 0.02  # share of the record at either end where a jump cannot be seen
 
 
-class SecondBlow:
+class SecondBlow(Hypothesis):
     """A jump along the same decay: its time, and the jumps of ln a and of the phase."""
 
     name = "second blow"

@@ -1,12 +1,19 @@
 """A second mode within the band, which beats with the first mode."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from jbw.measurement.channels import Complexes, Reals
 from jbw.measurement.checks.faults import Fault, doubt
-from jbw.measurement.hypotheses.hypothesis import Facts, Fits
+from jbw.measurement.hypotheses.hypothesis import Facts, Fits, Hypothesis
+from jbw.measurement.hypotheses.suspect import (
+    Misfit,
+    Suspect,
+    as_columns,
+    driven_lines,
+    stiffness,
+)
 from jbw.measurement.readings.decay import DecayCause, DecayFits, DecaySignal
 from jbw.measurement.readings.read import decay_fits
 from jbw.measurement.readings.slow_flow import strongest_line
@@ -18,6 +25,7 @@ from jbw.measurement.readings.sweep import (
     sweep_columns,
 )
 from jbw.report.messages import decay_faults as messages
+from jbw.report.messages.message import FaultText
 
 LEAST = 0.02  # smallest amplitude over that of the first mode at the start
 DAMPINGS = (0.2, 6.0)  # range of a mode's damping, over the damping of the first mode
@@ -26,9 +34,11 @@ NEAREST = 2.0  # smallest distance to the first mode in a sweep, in damping rate
 BEAT = 4.0
 # Largest change of the first mode's frequency and damping, over its damping, by a narrower band.
 MOVED = 0.1
+NUM_PLACES, TRIED_DAMPINGS = 96, (0.003, 0.01, 0.03)  # modes that are tried near a fit
+APART = 0.05  # relative distance in frequency from which a mode is not the joint's own
 
 
-class SecondMode:
+class SecondMode(Hypothesis):
     """A second mode: amplitude, phase, distance and damping, the last two in damping rates."""
 
     name = "second mode"
@@ -66,15 +76,51 @@ class SecondMode:
         first = _first_hz(fits)
         away = values[2] if isinstance(fits, DecayFits) else values[1]
         second = first + float(away) * _rate(fits) / (2 * np.pi)
-        low, high = facts.band_hz
-        middle = 0.5 * (first + second)
-        ends = (low, middle) if second > first else (middle, high)
-        band = _three(ends[0]), _three(ends[1])
-        separates = not isinstance(fits, DecayFits) or _keeps_mode(band, facts)
-        return doubt(
-            facts.record.response,
-            *messages.second_mode(first, second, band if separates else None),
-        )
+        band = _beside(first, second, facts.band_hz)
+        driven = not isinstance(fits, DecayFits)
+        narrower = band if driven or _keeps_mode(band, facts) else None
+        text = messages.second_mode(first, second, narrower, driven=driven)
+        return doubt(facts.record.response, *text)
+
+    def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
+        """Yield modes at all driven frequencies away from the joint's mode."""
+        driven = _driven(misfit)
+        if len(driven):
+            places = np.geomspace(driven.min(), driven.max(), NUM_PLACES)
+            is_apart = np.abs(places / misfit.theta["omega_n"] - 1) > APART
+            yield from modes_at(misfit, places[is_apart])
+
+
+def modes_at(misfit: Misfit, places: Iterable[float]) -> Iterator[Suspect]:
+    """Yield suspected further modes at given frequencies [rad/s], each with usual dampings."""
+    first, driven = misfit.theta["omega_n"] / (2 * np.pi), _driven(misfit) / (2 * np.pi)
+    for omega in map(float, places):
+        second = omega / (2 * np.pi)
+        band = _beside(first, second, (driven.min(), driven.max())) if len(driven) else None
+        text = messages.second_mode(first, second, band, driven=True)
+        yield from (_near_fit(misfit, omega, zeta, text) for zeta in TRIED_DAMPINGS)
+
+
+def _driven(misfit: Misfit) -> Reals:
+    """Return the driven frequencies [rad/s] of all groups."""
+    lines = [s.omega[driven_lines(s)] for s in misfit.spectra.values()]
+    return np.concatenate([line[line > 0] for line in lines])
+
+
+def _near_fit(misfit: Misfit, omega: float, zeta: float, text: FaultText) -> Suspect:
+    r"""Return a suspected mode: $X = a\,U / (\omega_2^2 - \omega^2 + 2j\zeta_2\omega_2\omega)$."""
+    columns = {}
+    for label, spectrum in misfit.spectra.items():
+        below = stiffness({"omega_n": omega, "zeta": zeta}, spectrum.omega)
+        columns[label] = as_columns(spectrum.row(spectrum.factor * spectrum.source / below))
+    return Suspect(columns, lambda _: text, mode=(omega, zeta))
+
+
+def _beside(first: float, second: float, band: tuple[float, float]) -> tuple[float, float]:
+    """Return the part of a band [Hz] about the first mode that ends midway to the second."""
+    middle = 0.5 * (first + second)
+    low, high = (band[0], middle) if second > first else (middle, band[1])
+    return float(f"{low:.4g}"), float(f"{high:.4g}")
 
 
 def _keeps_mode(band_hz: tuple[float, float], facts: Facts) -> bool:
@@ -86,10 +132,6 @@ def _keeps_mode(band_hz: tuple[float, float], facts: Facts) -> bool:
     first_hz, first_zeta = facts.mode
     moved = abs(hz / first_hz - 1) / first_zeta, abs(zeta / first_zeta - 1)
     return max(moved) < MOVED
-
-
-def _three(hz: float) -> float:
-    return float(f"{hz:.4g}")
 
 
 def _rate(fits: Fits) -> float:

@@ -9,6 +9,7 @@ from jbw.measurement.checks.faults import Fault, doubt, refusal
 from jbw.measurement.hypotheses.hypothesis import (
     Facts,
     Fits,
+    Hypothesis,
     remainder,
 )
 from jbw.measurement.readings.decay import DecayCause, DecayFits, DecaySignal
@@ -21,7 +22,7 @@ SPOILS = 0.01  # share of the initial amplitude; readings a decade below have an
 STANDS_OUT = 60.0  # times the local median of a sweep's residual
 
 
-class UndecayingLine:
+class UndecayingLine(Hypothesis):
     """A steady line: amplitude, phase and frequency."""
 
     name = "steady line"

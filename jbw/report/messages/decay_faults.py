@@ -93,9 +93,11 @@ def line_in_sweep(hz: str) -> FaultText:
     )
 
 
-def second_mode(first_hz: float, second_hz: float, band: tuple[float, float] | None) -> FaultText:
+def second_mode(
+    first_hz: float, second_hz: float, band: tuple[float, float] | None, *, driven: bool
+) -> FaultText:
     """Return the message for two modes in one band [Hz], and a band with the first mode only."""
-    structure = "tate both modes by [structure]."
+    structure = f"tate both modes by [structure]{' or by `modes` in [identify]' if driven else ''}."
     narrower = None if band is None else f"Put under [[test]]: `band = [{band[0]:g}, {band[1]:g}]`"
     return FaultText(
         f"`band` contains two modes, at {first_hz:.4g} and {second_hz:.4g} Hz.",

@@ -116,10 +116,10 @@ def lost_samples(
     )
 
 
-def clipped(share: float, stretches: str, more: str, remedy: str) -> FaultText:
+def clipped(share: float, where: str, remedy: str = "Leave the clipped part out.") -> FaultText:
     """Return the message on the share of samples that are cut off, and where."""
     return FaultText(
-        f"{100 * share:.2g} % of the samples are clipped, at {stretches}{more}.",
+        f"{100 * share:.2g} % of the samples are clipped, {where}.",
         "A fit takes clipped peaks for softening and for harmonics.",
         f"{remedy} Otherwise measure with a larger range.",
     )
@@ -144,11 +144,13 @@ def gaps(stretches: str, more: str, count: int, remedy: str) -> FaultText:
     )
 
 
-def swapped(ratio: float) -> FaultText:
-    """Return the message that the input looks like the response of the other."""
+def swapped(of: str = "", ratio: float | None = None) -> FaultText:
+    """Return the message that the input looks like a response to the other channel."""
+    peaked = "" if ratio is None else f": the spectrum of the input is {ratio:.3g} times more "
+    than = "" if ratio is None else "peaked than that of the response"
     return FaultText(
-        f"The spectrum of the input is {ratio:.3g} times more peaked than that of the response.",
-        "The FRF looks like this when input and response are swapped.",
+        f"Input and response{of} seem to be swapped{peaked}{than}.",
+        "A resonance belongs to the response, not to the input.",
         "Check which channel is which.",
     )
 
