@@ -1,15 +1,31 @@
 """A drive that drops to its own noise at the resonance, where the structure moves most easily."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from jbw.measurement.channels import Reals
-from jbw.measurement.readings.sweep import SweepSignal
+from jbw.measurement.checks.faults import Fault, doubt
+from jbw.measurement.hypotheses.hypothesis import Facts, Fits, Hypothesis
+from jbw.measurement.readings.sweep import SweepFits, SweepSignal
+from jbw.report.messages import clock_faults as messages
 
 FALLS = 0.5  # share of its median to which a drive must fall to count as dropping off
 NOISY = 0.05  # noise over the smallest drive; more makes an error of percents in the damping
 RANDOM = 0.3  # roughness over the median: a sweep's is 0.01 between moments, that of noise 0.5
 SMOOTHED = 0.02  # share of the values over which the drive is smoothed
+
+
+class DropOff(Hypothesis):
+    """The noise of a drive that is left where it falls at the resonance."""
+
+    name = "drop-off of the drive"
+
+    def seen(self, fits: Fits, facts: Facts) -> Iterator[Fault]:
+        """Yield a warning if the drive of a sweep falls to its noise."""
+        if isinstance(fits, SweepFits) and (dropped := drop_off(fits.signal)) is not None:
+            yield doubt(facts.record.source, *messages.drop_off(*dropped))
 
 
 def drop_off(signal: SweepSignal) -> tuple[float, float] | None:

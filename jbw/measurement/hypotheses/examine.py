@@ -15,18 +15,16 @@ import numpy as np
 import platformdirs
 
 from jbw.errors import DataError, JbwError
-from jbw.measurement.checks.faults import Fault, doubt
+from jbw.measurement.checks.faults import Fault
 from jbw.measurement.checks.responses import about_peak, undecaying
 from jbw.measurement.hypotheses.begins_late import begins_late
 from jbw.measurement.hypotheses.drop_off import RANDOM, drive_course
 from jbw.measurement.hypotheses.faults import explained
 from jbw.measurement.hypotheses.hypothesis import Facts, Fits
-from jbw.measurement.hypotheses.window import window_constant
 from jbw.measurement.readings.read import decay_fits, sweep_fits, swept_signal
 from jbw.measurement.readings.table import MeasuredChange, ModeReading, read_fits
 from jbw.measurement.records import Record, Test
 from jbw.measurement.spans import start_of
-from jbw.report.messages import decay_faults as messages
 from jbw.report.messages.reading import none_decays
 from jbw.sources import sources_of
 
@@ -109,7 +107,6 @@ def _read_or(band: Band, make: Callable[[], Examined]) -> Examined:
 
 
 def _decay(record: Record, band: Band, settle_s: float) -> Examined:
-    role = record.response
     if late := list(begins_late(record, band, settle_s)):
         return Examined(None, tuple(late), band)
     if undying := list(undecaying(record, settle_s)):
@@ -117,16 +114,8 @@ def _decay(record: Record, band: Band, settle_s: float) -> Examined:
     fits = decay_fits(record, band, settle_s)
     if fits is None:
         return Examined(None, (), band)
-    reading, signal = _read_fits(fits), fits.signal
-    low, high = band
-    outside = 1.5 * low - 0.5 * high, 1.5 * high - 0.5 * low
-    rate = float(fits.fits["linear"].theta[2]) * fits.scale
-    x = record.channels[role][round((settle_s + signal.begins) * record.fs) :]
-    window = window_constant(x, record.fs, outside, rate, signal.quantum)
-    faults = [] if window is None else [doubt(role, *messages.windowed(*window))]
-    facts = Facts(record, settle_s, 0.0, band)
-    faults += [fault for _, fault in explained(fits, facts)]
-    return Examined(reading, tuple(faults), band)
+    faults = tuple(explained(fits, Facts(record, settle_s, 0.0, band)))
+    return Examined(_read_fits(fits), faults, band)
 
 
 def _sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
@@ -137,8 +126,7 @@ def _sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
     _, varies = drive_course(signal)
     if varies > RANDOM or (fits := sweep_fits(signal)) is None:
         return Examined(None, (), band)
-    facts = Facts(record, 0.0, delay_s, band)
-    faults = tuple(fault for _, fault in explained(fits, facts))
+    faults = tuple(explained(fits, Facts(record, 0.0, delay_s, band)))
     return Examined(_read_fits(fits), faults, band)
 
 

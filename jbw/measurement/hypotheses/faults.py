@@ -5,7 +5,8 @@ from dataclasses import replace
 
 from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.hypotheses.clipping import Clipping
-from jbw.measurement.hypotheses.drop_off import drop_off
+from jbw.measurement.hypotheses.drop_off import DropOff
+from jbw.measurement.hypotheses.high_pass import HighPass
 from jbw.measurement.hypotheses.hypothesis import (
     UNEXPLAINED,
     UNEXPLAINED_SHARE,
@@ -16,30 +17,34 @@ from jbw.measurement.hypotheses.hypothesis import (
     remainder,
 )
 from jbw.measurement.hypotheses.lag import ClocksApart, Delay, LostBlock
+from jbw.measurement.hypotheses.load_cell import ZeroOfLoadCell
 from jbw.measurement.hypotheses.offset import Offset
 from jbw.measurement.hypotheses.outside_modes import OutsideModes
 from jbw.measurement.hypotheses.own_frequencies import OwnFrequencies
 from jbw.measurement.hypotheses.second_blow import SecondBlow
 from jbw.measurement.hypotheses.second_mode import SecondMode
+from jbw.measurement.hypotheses.slip import Slip
 from jbw.measurement.hypotheses.steady_line import UndecayingLine
 from jbw.measurement.hypotheses.swapped_channels import SwappedChannels
 from jbw.measurement.hypotheses.unlike_gains import UnlikeGain
+from jbw.measurement.hypotheses.wear import Wear
+from jbw.measurement.hypotheses.window import Window
 from jbw.measurement.readings.sweep import SweepFits
-from jbw.report.messages import clock_faults as clocks
 from jbw.report.messages import decay_faults as messages
 
 # Hypotheses that are fitted together with a mode are ordered by their number of parameters.
 HYPOTHESES: tuple[Hypothesis, ...] = (
     Delay(), ClocksApart(), UndecayingLine(), SecondBlow(), LostBlock(), SecondMode(),
+    Window(), DropOff(), HighPass(), Wear(), Slip(), ZeroOfLoadCell(),
     UnlikeGain(), Offset(), Clipping(), SwappedChannels(), OutsideModes(), OwnFrequencies(),
 )  # fmt: skip
 
 
-def explained(fits: Fits, facts: Facts) -> Iterator[tuple[str, Fault]]:
-    """Yield name and fault of the one cause that explains the residual of a fitted mode."""
-    # Noise of the drive biases the damping and leaves no residual, so check it first.
-    if isinstance(fits, SweepFits) and (dropped := drop_off(fits.signal)) is not None:
-        yield "drop-off of the drive", doubt(facts.record.source, *clocks.drop_off(*dropped))
+def explained(fits: Fits, facts: Facts) -> Iterator[Fault]:
+    """Yield the faults that a fitted mode shows, and the one cause that explains its residual."""
+    yield from (seen := [fault for one in HYPOTHESES for fault in one.seen(fits, facts)])
+    # Noise of the drive biases the damping and leaves no residual to explain.
+    if isinstance(fits, SweepFits) and seen:
         return
     left = remainder(fits)
     if left.is_noise and not left.has_line:
@@ -47,6 +52,6 @@ def explained(fits: Fits, facts: Facts) -> Iterator[tuple[str, Fault]]:
     named = named_cause(fits, (UndecayingLine(),) if left.is_noise else HYPOTHESES)
     if named is not None:
         fault = named.hypothesis.fault(named.values, fits, facts._replace(mode=named.mode))
-        yield named.hypothesis.name, replace(fault, leaves=named.mode)
+        yield replace(fault, leaves=named.mode)
     elif left.rms > UNEXPLAINED and left.share > UNEXPLAINED_SHARE:
-        yield "unexplained", doubt(facts.record.response, *messages.unexplained(left.share))
+        yield doubt(facts.record.response, *messages.unexplained(left.share))

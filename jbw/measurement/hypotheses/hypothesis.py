@@ -22,6 +22,7 @@ from scipy.ndimage import median_filter
 
 from jbw.measurement.channels import Reals
 from jbw.measurement.checks.faults import Fault
+from jbw.measurement.hypotheses.loop_residual import LoopCause, LoopResidual
 from jbw.measurement.hypotheses.suspect import Cause, Misfit, Suspect
 from jbw.measurement.readings.decay import DecayCause, DecayFits, fit_decay
 from jbw.measurement.readings.slow_flow import ModeFit, filtered_share, independent_share
@@ -62,6 +63,10 @@ class Hypothesis:
 
     name: ClassVar[str]  # the name of the fault in a table
 
+    def seen(self, fits: Fits, facts: "Facts") -> Iterator[Fault]:
+        """Yield the fault if the record of a fitted mode shows it without a joint fit."""
+        yield from ()
+
     def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
         """Yield the cause with starting values for a joint fit with a mode, if it is applicable."""
         yield from ()
@@ -73,6 +78,10 @@ class Hypothesis:
     def fault(self, values: Reals, fits: Fits, facts: "Facts") -> Fault:
         """Return the fault to report: finding, reason and remedy."""
         raise NotImplementedError
+
+    def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
+        """Yield what the fault leaves of the force of a loop, fitted together with sliders."""
+        yield from ()
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect | Cause]:
         """Yield what the fault would explain of the residual of an identification's fit."""

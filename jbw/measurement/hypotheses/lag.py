@@ -18,10 +18,14 @@ from scipy.optimize import minimize_scalar
 from jbw.measurement.channels import Complexes, Reals
 from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.hypotheses.hypothesis import Facts, Hypothesis, joint_fit
+from jbw.measurement.hypotheses.loop_residual import LoopCause, LoopResidual, cause
 from jbw.measurement.hypotheses.suspect import Misfit, Suspect, as_columns
+from jbw.measurement.loops import cycles_of
+from jbw.measurement.readings.loop import LoopBasis, fit_loop
 from jbw.measurement.readings.sweep import SweepCause, SweepFits, SweepSignal, late
 from jbw.measurement.spans import kept_before
 from jbw.report.messages import clock_faults as messages
+from jbw.report.messages import loop_faults as loop_messages
 
 OTHER_SIGN = 0.45  # lag, in periods, from which the sign of a channel is wrong instead
 # Smallest lags in periods; the drift is over the whole record.
@@ -31,6 +35,7 @@ PLACES = np.linspace(0.03, 0.97, 16)  # shares of the response's weighted size b
 SCANNED = 12  # scanned places between two of these
 QUIET = 0.4  # share of the largest motion below which the lag is determined without the joint
 FEWEST, FAINT = 24, 1e-6  # smallest number of values of that part; weight of the others
+OF_CYCLE = 0.125  # largest lag of a loop that is tried, of a cycle
 ALIKE = 0.5  # relative difference between the delay of that part and of the record; 0.06 if true
 
 
@@ -91,6 +96,26 @@ class Delay(_Lag):
         """Return the fault: how much the response lags, against the stated delay."""
         seconds = facts.delay_s + float(values[0]) * fits.signal.mean_period_s
         return doubt(facts.record.response, *messages.another_delay(seconds, facts.delay_s))
+
+    def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
+        """Yield a force that lags the displacement, by the lag that fits best."""
+        loop, whole = residual.loop, residual.basis
+        if not (cycles := cycles_of(loop)):
+            return
+        longest = OF_CYCLE * float(np.median([one.num_samples for one in cycles]))
+        # Samples whose force at the longest lag is in the record.
+        known = slice(0, len(loop.force) - int(np.ceil(longest)))
+        # With a lag, a dashpot is redundant: a lagging spring acts as a negative dashpot.
+        basis = LoopBasis(whole.losses[known, :-1], whole.springs[known])
+        samples = np.arange(len(loop.force))
+
+        def square(lag: float) -> float:
+            return fit_loop(basis, np.interp(samples[known] + lag, samples, loop.force)).square
+
+        found: Any = minimize_scalar(square, bounds=(0.0, longest), method="bounded")
+        lag, share = float(found.x) / loop.fs, len(samples) / len(samples[known])
+        text = loop_messages.late(lag, residual.delay_s + lag)
+        yield cause(share * found.fun, text)
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
         r"""Yield the columns of a delay tau of all responses: $-j\omega X$."""

@@ -39,20 +39,6 @@ ODDS = 1e-6  # probability of calling a chance result a lag
 TURNED = 0.05  # [rad] at the end of the record: a smaller error does not affect the damping
 
 
-class Lag(NamedTuple):
-    """The lag of a response behind its drive along a record.
-
-    Attributes:
-        constant_s: Lag at the start of the record [s], and its standard error.
-        slope: Growth of the lag along the record [s/s], and its standard error.
-        step: Times between which the lag jumps, and size of the jump [s]; None without a jump.
-    """
-
-    constant_s: tuple[float, float]
-    slope: tuple[float, float] = (0.0, np.inf)
-    step: tuple[float, float, float] | None = None
-
-
 def untimely(record: Record, delay: float) -> Iterator[Fault]:
     """Yield a warning if drive and response of a noise record differ by a lag, drift or gap."""
     u, x = (record.channels[role] for role in (record.source, record.response))
@@ -60,27 +46,24 @@ def untimely(record: Record, delay: float) -> Iterator[Fault]:
     if parts is None:
         return
     time, lags, hz = parts
-    lag, least = _course(time, lags), TURNED / (2 * np.pi * hz)
+    (slope, step), least = _course(time, lags), TURNED / (2 * np.pi * hz)
     length = record.num_samples / record.fs
-    if lag.step is not None and abs(lag.step[2]) > least:
-        before, after, jump = lag.step
+    if step is not None and abs(step[2]) > least:
+        before, after, jump = step
         text = messages.lost_block(0.5 * (before + after), jump, kept_before(record, before))
-        yield doubt(record.response, *text)
-    elif abs(lag.slope[0]) * length > least:
+    elif abs(slope) * length > least:
         # A fast clock samples early: each sample shows an earlier instant, and the lag grows.
-        slope = lag.slope[0]
-        yield doubt(record.response, *messages.another_clock(slope, abs(slope) * length))
+        text = messages.another_clock(slope, abs(slope) * length)
     elif (constant := _constant_of_noise(record)) is not None:
-        yield from _delayed(record, constant, delay, least)
-
-
-def _delayed(record: Record, lag: Lag, delay: float, least: float) -> Iterator[Fault]:
-    """Yield a warning if the lag along the whole record differs from the stated delay."""
-    seconds, error = lag.constant_s
-    # A voltage input is held from sample to sample, which is half a sample of lag.
-    held = 1 / record.fs if record.source == "input" else 0.0
-    if abs(seconds - delay) > max(least, CERTAIN * error, held):
-        yield doubt(record.response, *messages.another_delay(seconds, delay))
+        seconds, error = constant
+        # A voltage input is held from sample to sample, which is half a sample of lag.
+        held = 1 / record.fs if record.source == "input" else 0.0
+        if abs(seconds - delay) <= max(least, CERTAIN * error, held):
+            return
+        text = messages.another_delay(seconds, delay)
+    else:
+        return
+    yield doubt(record.response, *text)
 
 
 def _away(
@@ -100,8 +83,8 @@ def _away(
     return lines_away, phase, 2 * r / (1 - r**2)
 
 
-def _constant_of_noise(record: Record) -> Lag | None:
-    """Return the lag of a whole record of noise, from its averaged FRF away from the resonance."""
+def _constant_of_noise(record: Record) -> tuple[float, float] | None:
+    """Return lag and standard error [s] of a record of noise, from its FRF off the resonance."""
     u, x = (record.channels[role] for role in (record.source, record.response))
     short = 2 * len(u) // (PARTS * (AVERAGES + 1))
     freq, power, response, cross = averaged(
@@ -126,8 +109,7 @@ def _constant_of_noise(record: Record) -> Lag | None:
     scatter = float(np.sqrt(fitted.squares / (len(lines_away) - 2)))
     if scatter > ROUGH:
         return None
-    constant = (float(fitted.values[0]), float(fitted.errors[0]) * scatter)
-    return Lag(constant)
+    return float(fitted.values[0]), float(fitted.errors[0]) * scatter
 
 
 class _Fit(NamedTuple):
@@ -199,8 +181,11 @@ def _jump_within(at: int, lags: Reals) -> _Fit:
     return _squares(np.column_stack([np.ones_like(lags), part > at, part == at]), lags)
 
 
-def _course(time: Reals, lags: Reals) -> Lag:
-    """Return a constant, a slope or a step, whichever describes the lags of noise over time."""
+def _course(time: Reals, lags: Reals) -> tuple[float, tuple[float, float, float] | None]:
+    """Return what describes the lags of noise over time best: a slope [s/s], a step, or neither.
+
+    A step has the times [s] between which the lag jumps, and its size [s].
+    """
     constant = np.ones_like(time)
     plain = _squares(constant[:, None], lags)
     growing = _squares(np.column_stack([constant, time - time[0]]), lags)
@@ -221,9 +206,6 @@ def _course(time: Reals, lags: Reals) -> Lag:
         chosen = growing
     if jump.squares < chosen.squares and _better(plain, jump, 2 * len(time), unknowns):
         chosen = jump
-    scatter = float(np.sqrt(chosen.squares / (len(time) - 2)))
-    zero = (0.0, np.inf)
-    slope = (float(chosen.values[1]), scatter) if chosen is growing else zero
-    between = float(time[before]), float(time[after])
-    step = (*between, float(chosen.values[1])) if chosen is jump else None
-    return Lag((float(chosen.values[0]), scatter), slope, step)
+    slope = float(growing.values[1]) if chosen is growing else 0.0
+    step = float(time[before]), float(time[after]), float(jump.values[1])
+    return slope, step if chosen is jump else None

@@ -5,6 +5,7 @@ $$\log P(t, f) = c(f) - 2 t / \tau$$
 for the noise outside the band, equally at all frequencies and up to the end of the record.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,10 @@ from scipy.signal.windows import blackmanharris
 from scipy.special import chdtrc
 
 from jbw.measurement.channels import Reals
+from jbw.measurement.checks.faults import Fault, doubt
+from jbw.measurement.hypotheses.hypothesis import Facts, Fits, Hypothesis
+from jbw.measurement.readings.decay import DecayFits
+from jbw.report.messages import decay_faults as messages
 
 SURE = 8.0  # standard errors by which the fall must differ from zero
 # Smallest number of frames in time and of lines in frequency for the course of noise.
@@ -27,6 +32,24 @@ ALIKE = 1e-3  # smallest probability of the variation between groups and along t
 OF_MODE = 0.95
 # Smallest rms of noise in converter steps; with less noise, samples show only the steps.
 CONVERTED = 0.35
+
+
+class Window(Hypothesis):
+    """The time constant of an exponential window, from the noise outside the band."""
+
+    name = "exponential window"
+
+    def seen(self, fits: Fits, facts: Facts) -> Iterator[Fault]:
+        """Yield a warning if the noise of a decay falls too."""
+        if not isinstance(fits, DecayFits):
+            return
+        (low, high), record, signal = facts.band_hz, facts.record, fits.signal
+        outside = 1.5 * low - 0.5 * high, 1.5 * high - 0.5 * low
+        rate = float(fits.fits["linear"].theta[2]) * fits.scale
+        x = record.channels[record.response][round((facts.settle_s + signal.begins) * record.fs) :]
+        window = window_constant(x, record.fs, outside, rate, signal.quantum)
+        if window is not None:
+            yield doubt(record.response, *messages.windowed(*window))
 
 
 def window_constant(
