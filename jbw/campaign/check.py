@@ -27,7 +27,7 @@ from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement.base_motion import MINUS_BASE
 from jbw.measurement.checks import responses
 from jbw.measurement.checks.channels import inspect
-from jbw.measurement.checks.controlled import Control, uncontrolled
+from jbw.measurement.checks.controlled import uncontrolled
 from jbw.measurement.checks.drive_noise import noisy_drive
 from jbw.measurement.checks.faults import Fault, doubt, gathered, refusal, worst
 from jbw.measurement.checks.long_records import DRIFTS, long_records
@@ -514,14 +514,8 @@ def _believable(
             # A phase in a wrong unit says nothing about signs or a backbone.
             yield from in_degrees
         elif traits.is_controlled:
-            yield from uncontrolled(
-                record,
-                Control(
-                    test.locked_phase if traits.is_locked else None,
-                    test.phase_tolerance,
-                    names_jumps=test.jumps == "doubt",
-                ),
-            )
+            held, tolerance = test.locked_phase if traits.is_locked else None, test.phase_tolerance
+            yield from uncontrolled(record, held, tolerance, names_jumps=test.jumps == "doubt")
         else:
             yield from responses.impassive(response_curve(record))
     elif traits.is_prescribed:

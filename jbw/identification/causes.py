@@ -127,23 +127,22 @@ def _linearised(best: Fit, data: Dataset, misfit: Misfit) -> Linearised:
     """Linearise the residuals of all groups near the optimum; groups without spectrum come last."""
     slopes = [residual_by_label(column, data) for column in best.jacobian.T]
     fitted, slope = by_label(best.residual, data), by_label(best.jacobian, data)
-    slices, weight, rows, columns, counted, end = {}, {}, [], [], [], 0
+    places, weight, rows, columns, counted, end = {}, {}, [], [], [], 0
     for label, spectrum in misfit.spectra.items():
-        group_residual = as_columns(spectrum.residual)[:, 0]
-        weight[label] = 1 / np.sqrt(np.mean(group_residual**2))
-        rows.append(weight[label] * group_residual)
+        residual = as_columns(spectrum.residual)[:, 0]
+        weight[label] = 1 / np.sqrt(np.mean(residual**2))
+        rows.append(weight[label] * residual)
         columns.append(weight[label] * as_columns(*(derivative[label] for derivative in slopes)))
         size = np.linalg.norm(spectrum.values) if label in misfit.missed else np.inf
-        counted.append(np.full(len(group_residual), 1 / (weight[label] * size)))
-        slices[label] = slice(end, end + len(group_residual))
-        end += len(group_residual)
-    for label in (other for other in data.layout if other not in misfit.spectra):
-        rows.append(fitted[label])
-        columns.append(slope[label])
-        counted.append(np.zeros(len(fitted[label])))
+        counted.append(np.full(len(residual), 1 / (weight[label] * size)))
+        places[label] = slice(end, end := end + len(residual))
+    others = [label for label in data.layout if label not in misfit.spectra]
+    rows += [fitted[label] for label in others]
+    columns += [slope[label] for label in others]
+    counted += [np.zeros(len(fitted[label])) for label in others]
     basis, residual = np.linalg.qr(np.concatenate(columns))[0], np.concatenate(rows)
     residual -= basis @ (basis.T @ residual)
-    return Linearised(slices, weight, residual, basis, np.concatenate(counted))
+    return Linearised(places, weight, residual, basis, np.concatenate(counted))
 
 
 def tried(suspect: Suspect | Cause, linearised: Linearised) -> Cause:

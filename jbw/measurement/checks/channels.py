@@ -11,6 +11,7 @@ from jbw.measurement.hypotheses.clipping import LEVELS_FROM, clipped
 from jbw.measurement.records import RESPONSES, Record
 from jbw.measurement.spans import exclude_line, kept_part, span_line, start_of
 from jbw.report.messages import record_faults as messages
+from jbw.report.messages.message import first_of
 
 # Beyond any SI value of a vibration test: a flipped bit in a float makes such values.
 LARGEST = 1e12
@@ -164,6 +165,5 @@ def _filled(record: Record, role: str, step: float) -> Iterator[Fault]:
         standing = np.zeros(len(x), bool)
         for start, stop in gaps:
             standing[start:stop] = True
-        listed = ", ".join(f"{start / fs:.4g}-{stop / fs:.4g} s" for start, stop in gaps[:4])
-        more = f" and {len(gaps) - 4} more" if len(gaps) > 4 else ""
-        yield refusal(role, *messages.gaps(listed, more, len(gaps), kept_part(record, standing)))
+        listed = first_of([f"{start / fs:.4g}-{stop / fs:.4g} s" for start, stop in gaps])
+        yield refusal(role, *messages.gaps(listed, len(gaps), kept_part(record, standing)))

@@ -1,7 +1,6 @@
 """Checks of the points of a controlled test: sign of the phase, held phase and branch jumps."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from jbw.measurement.checks.faults import Fault, doubt, refusal
 from jbw.measurement.curves import ControlledCurve, controlled_curve
 from jbw.measurement.records import INPUTS, Record
 from jbw.report.messages import controlled_faults as messages
+from jbw.report.messages.message import first_of
 
 FEWEST_POINTS = 3
 LISTED = 8  # points named in a message
@@ -22,17 +22,18 @@ TURN = np.radians(20.0)
 SAME = 1e-6  # relative difference of frequency below which points belong to one S-curve
 
 
-class Control(NamedTuple):
-    """The settings of the check of a controller: phase to hold, tolerance, reports of jumps."""
+def uncontrolled(
+    record: Record, locked_phase: float | None, tolerance: float, *, names_jumps: bool
+) -> Iterator[Fault]:
+    """Report too few points, values that are not positive, and doubtful phases or branches.
 
-    # Phase of the displacement relative to the force to hold [deg]; None if no phase is held.
-    locked_phase: float | None
-    tolerance: float = 5.0  # largest deviation of a measured phase from `locked_phase` [deg]
-    names_jumps: bool = True
-
-
-def uncontrolled(record: Record, control: Control) -> Iterator[Fault]:
-    """Report too few points, values that are not positive, and doubtful phases or branches."""
+    Args:
+        record: A record of a controlled test.
+        locked_phase: Phase of the displacement relative to the force to hold [deg]; None if no
+            phase is held.
+        tolerance: Largest deviation of a measured phase from `locked_phase` [deg].
+        names_jumps: Whether to report jumps.
+    """
     role, lines = record.response, record.valid
     channels = {name: samples[lines] for name, samples in record.channels.items()}
     for name in ("frequency", *INPUTS):
@@ -49,10 +50,10 @@ def uncontrolled(record: Record, control: Control) -> Iterator[Fault]:
     if curve.phase is not None and np.median(np.sin(curve.phase)) > 0:
         yield _turned(role, curve)
         return
-    if curve.phase is not None and control.locked_phase is not None:
-        yield from _off_phase(role, curve.phase, numbers, control)
-    if control.names_jumps:
-        yield from _jumps(role, curve, numbers, is_locked=control.locked_phase is not None)
+    if curve.phase is not None and locked_phase is not None:
+        yield from _off_phase(role, curve.phase, numbers, locked_phase, tolerance)
+    if names_jumps:
+        yield from _jumps(role, curve, numbers, is_locked=locked_phase is not None)
 
 
 def _turned(role: str, curve: ControlledCurve) -> Fault:
@@ -68,16 +69,15 @@ def _turned(role: str, curve: ControlledCurve) -> Fault:
 
 
 def _off_phase(
-    role: str, phase: Reals, numbers: NDArray[np.intp], control: Control
+    role: str, phase: Reals, numbers: NDArray[np.intp], held: float, tolerance: float
 ) -> Iterator[Fault]:
     """Yield a warning if a controller missed the phase that it was to hold."""
-    held = control.locked_phase or 0.0
     error = np.degrees(np.angle(np.exp(1j * (phase - np.radians(held)))))
-    off = np.abs(error) > control.tolerance
+    off = np.abs(error) > tolerance
     if not off.any():
         return
     middle = float(np.median(error))
-    if abs(middle) > control.tolerance and np.all(np.abs(error - middle) <= control.tolerance):
+    if abs(middle) > tolerance and np.all(np.abs(error - middle) <= tolerance):
         remedy = messages.put_locked_phase(round(held + middle))
     else:
         most = float(np.ceil(np.abs(error).max()))
@@ -120,6 +120,4 @@ def _steps_apart(curve: ControlledCurve, *, is_locked: bool) -> np.ndarray:
 
 
 def _named(numbers: NDArray[np.intp]) -> str:
-    shown = ", ".join(str(number) for number in numbers[:LISTED])
-    more = f" and {len(numbers) - LISTED} more" if len(numbers) > LISTED else ""
-    return f"point {shown}" if len(numbers) == 1 else f"points {shown}{more}"
+    return f"point{'' if len(numbers) == 1 else 's'} {first_of([*map(str, numbers)], LISTED)}"

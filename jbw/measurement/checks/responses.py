@@ -18,6 +18,7 @@ from jbw.measurement.resonances import driven_lines, read_lines
 from jbw.quantities import derivative_order
 from jbw.report.messages import decay_faults as decay_messages
 from jbw.report.messages import response_faults as messages
+from jbw.report.messages.message import first_of
 
 THIRD = 3  # highest harmonic order that is checked
 LISTED = 6  # tones named in a message
@@ -78,9 +79,7 @@ def unsteady(
 
 
 def _named(fitted: Sequence[Harmonics]) -> str:
-    tones = ", ".join(f"{fit.omega / (2 * np.pi):.4g}" for fit in fitted[:LISTED])
-    more = f" and {len(fitted) - LISTED} more" if len(fitted) > LISTED else ""
-    return f"Tone {tones} Hz{more}"
+    return f"Tone {first_of([f'{fit.omega / (2 * np.pi):.4g} Hz' for fit in fitted], LISTED)}"
 
 
 def impassive(curve: MeasuredCurve) -> Iterator[Fault]:

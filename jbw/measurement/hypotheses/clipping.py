@@ -11,6 +11,7 @@ from jbw.measurement.hypotheses.suspect import Misfit, Suspect, as_columns, in_t
 from jbw.measurement.records import RESPONSES, Record
 from jbw.measurement.spans import kept_part
 from jbw.report.messages import record_faults as messages
+from jbw.report.messages.message import first_of
 
 CLIP_RUN = 3  # consecutive equal samples at the extreme
 BEYOND_NOISE = 4.0  # standard deviations of the noise that a flat peak does not fall by chance
@@ -58,12 +59,11 @@ def clipped(record: Record, role: str, levels: Reals) -> Iterator[Fault]:
     if not runs:
         return
     share = sum(stop - start for start, stop in runs) / len(x)
-    listed = ", ".join(f"{start / fs:.3f}-{stop / fs:.3f} s" for start, stop in sorted(runs)[:4])
-    more = f" and {len(runs) - 4} more" if len(runs) > 4 else ""
+    listed = first_of([f"{start / fs:.3f}-{stop / fs:.3f} s" for start, stop in sorted(runs)])
     spoilt = np.zeros(len(x), bool)
     for start, stop in runs:
         spoilt[start:stop] = True
-    text = messages.clipped(share, f"at {listed}{more}", kept_part(record, spoilt))
+    text = messages.clipped(share, f"at {listed}", kept_part(record, spoilt))
     yield Fault("error" if share > CLIPPED_SHARE else "warning", role, *text)
 
 

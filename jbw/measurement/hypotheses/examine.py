@@ -63,8 +63,7 @@ def examined_decay(record: Record, band_hz: Band | None, settle_s: float) -> Exa
     """
     band = band_hz or about_peak(record, settle_s)
     key = _key(record, "decay", (*band, settle_s))
-    with np.errstate(all="ignore"):  # searches may diverge
-        return _kept(key, lambda: _read_or(band, lambda: _decay(record, band, settle_s)))
+    return _kept(key, band, lambda: _decay(record, band, settle_s))
 
 
 def read_decays(test: Test) -> list[ModeReading | None]:
@@ -93,24 +92,14 @@ def examined_sweep(record: Record, band_hz: Band | None, delay_s: float) -> Exam
         delay_s: Stated lag of the response [s].
     """
     key = _key(record, "sweep", (*(band_hz or ()), delay_s))
-    with np.errstate(all="ignore"):
-        swept = band_hz or (0.0, record.fs / 2)
-        return _kept(key, lambda: _read_or(swept, lambda: _sweep(record, band_hz, delay_s)))
-
-
-def _read_or(band: Band, make: Callable[[], Examined]) -> Examined:
-    """Return the result of an examination; empty if its numerics fail on an unusual record."""
-    try:
-        return make()
-    except UNREADABLE:
-        return Examined(None, (), band)
+    swept = band_hz or (0.0, record.fs / 2)
+    return _kept(key, swept, lambda: _sweep(record, band_hz, delay_s))
 
 
 def _decay(record: Record, band: Band, settle_s: float) -> Examined:
-    if late := list(begins_late(record, band, settle_s)):
-        return Examined(None, tuple(late), band)
-    if undying := list(undecaying(record, settle_s)):
-        return Examined(None, tuple(undying), band)
+    late = tuple(begins_late(record, band, settle_s)) or tuple(undecaying(record, settle_s))
+    if late:
+        return Examined(None, late, band)
     fits = decay_fits(record, band, settle_s)
     if fits is None:
         return Examined(None, (), band)
@@ -149,17 +138,21 @@ def _key(record: Record, kind: str, numbers: Sequence[float]) -> str:
     return digest.hexdigest()
 
 
-def _kept(key: str, make: Callable[[], Examined]) -> Examined:
+def _kept(key: str, band: Band, make: Callable[[], Examined]) -> Examined:
     """Return the stored result of this process or an earlier command, else compute and store it.
 
     If the folder cannot be written or a file cannot be read, the only cost is a new computation.
+    The result is empty if the numerics fail on an unusual record.
     """
     if key not in _read:
         path = platformdirs.user_cache_path("jbw") / "readings" / f"{key}.json"
-        kept = _opened(path)
-        _read[key] = make() if kept is None else kept
-        if kept is None:
-            _write(path, _read[key])
+        if (kept := _opened(path)) is None:
+            kept = Examined(None, (), band)
+            # Searches may diverge.
+            with suppress(*UNREADABLE), np.errstate(all="ignore"):
+                kept = make()
+            _write(path, kept)
+        _read[key] = kept
     return _read[key]
 
 

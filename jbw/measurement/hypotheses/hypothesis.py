@@ -48,13 +48,11 @@ class Named(NamedTuple):
     Attributes:
         hypothesis: Kind of the cause.
         values: Parameters of the cause.
-        odds: 2 ln of the likelihood ratio.
         mode: Frequency [Hz] and damping ratio of the linear mode fitted with it, as after a remedy.
     """
 
     hypothesis: "Hypothesis"
     values: Reals
-    odds: float
     mode: tuple[float, float]
 
 
@@ -187,7 +185,7 @@ def named_cause(fits: Fits, hypotheses: Sequence[Hypothesis]) -> Named | None:
     chosen = min(alike, key=lambda i: (len(tried[i][1]), -odds[i]))
     hypothesis, values, fitted = tried[chosen]
     if odds[chosen] > ODDS and fitted.squares < EXPLAINS * nothing.squares:
-        return Named(hypothesis, values, odds[chosen], modes[hypothesis.name])
+        return Named(hypothesis, values, modes[hypothesis.name])
     return None
 
 

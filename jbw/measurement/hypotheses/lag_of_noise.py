@@ -175,36 +175,29 @@ def _cross(u: Reals, x: Reals, short: int) -> Complex[np.ndarray, "two line"]:
     return np.stack([cross, np.abs(cross) ** 2 / np.maximum(np.prod(power, axis=0), 1e-300)])
 
 
-def _jump_within(at: int, lags: Reals) -> _Fit:
-    """Fit lags of parts that jump within one of the parts."""
-    part = np.arange(len(lags))
-    return _squares(np.column_stack([np.ones_like(lags), part > at, part == at]), lags)
-
-
 def _course(time: Reals, lags: Reals) -> tuple[float, tuple[float, float, float] | None]:
     """Return what describes the lags of noise over time best: a slope [s/s], a step, or neither.
 
     A step has the times [s] between which the lag jumps, and its size [s].
     """
-    constant = np.ones_like(time)
-    plain = _squares(constant[:, None], lags)
-    growing = _squares(np.column_stack([constant, time - time[0]]), lags)
-    stepped = [
-        (at, _squares(np.column_stack([constant, np.arange(len(time)) >= at]), lags))
-        for at in range(1, len(time))
-    ]
+    count, part = len(time), np.arange(len(time))
+
+    def fitted(*columns: np.ndarray) -> _Fit:
+        return _squares(np.column_stack([np.ones_like(time), *columns]), lags)
+
+    plain, growing = fitted(), fitted(time - time[0])
+    steps = [(3, at - 1, at, fitted(part >= at)) for at in range(1, count)]
     # A part within which the lag jumps has an intermediate lag.
-    within = [(at, _jump_within(at, lags)) for at in range(LEAST_PARTS, len(time) - LEAST_PARTS)]
-    unknowns, before, after, jump = min(
-        *((3, at - 1, at, fit) for at, fit in stepped),
-        *((4, at - 1, at + 1, fit) for at, fit in within if _better(plain, fit, 2 * len(time), 4)),
-        key=lambda candidate: candidate[-1].squares,
-    )
+    for at in range(LEAST_PARTS, count - LEAST_PARTS):
+        within = fitted(part > at, part == at)
+        if _better(plain, within, 2 * count, 4):
+            steps.append((4, at - 1, at + 1, within))
+    unknowns, before, after, jump = min(steps, key=lambda candidate: candidate[-1].squares)
     chosen = plain
     # Only a few of eight parts remain to estimate the variation; the odds account for this.
-    if _better(plain, growing, 2 * len(time), 2):
+    if _better(plain, growing, 2 * count, 2):
         chosen = growing
-    if jump.squares < chosen.squares and _better(plain, jump, 2 * len(time), unknowns):
+    if jump.squares < chosen.squares and _better(plain, jump, 2 * count, unknowns):
         chosen = jump
     slope = float(growing.values[1]) if chosen is growing else 0.0
     step = float(time[before]), float(time[after]), float(jump.values[1])

@@ -16,7 +16,6 @@ PLACES = 60  # candidate places of a jump
 APART = 0.1  # smallest distance of the two places that are tried, over the record's length
 LOUD = 6.0  # noise amplitudes; a quieter envelope is not searched
 LEAST = 0.05  # smallest jump of ln a and the phase [rad] combined
-LOST = 0.08  # jump of ln a below which only the phase jumps
 GREW = 0.2  # jump of ln a above which missing samples cannot be the cause
 GROWTH = (-1.5, 8.0)  # range of plausible jumps of ln a
 ENDS = 0.02  # share of the record at either end where a jump cannot be seen
@@ -45,12 +44,8 @@ class SecondBlow(Hypothesis):
         at = facts.settle_s + signal.begins + float(place) * float(signal.time[-1])
         remedy = left_out_from(facts.record, at)
         jump = float(abs(np.exp(growth + 1j * turn) - 1))
-        if abs(growth) < LOST:
-            return doubt(facts.record.response, *messages.interrupted(at, remedy))
-        return doubt(
-            facts.record.response,
-            *messages.second_blow(at, jump, remedy, grows=bool(growth > GREW)),
-        )
+        text = messages.second_blow(at, jump, remedy, grows=bool(growth > GREW))
+        return doubt(facts.record.response, *text)
 
 
 def _places(fits: DecayFits) -> list[Reals]:

@@ -65,16 +65,6 @@ def second_blow(at_s: float, size: float, remedy: str, *, grows: bool) -> FaultT
     )
 
 
-def interrupted(at_s: float, remedy: str) -> FaultText:
-    """Return the message that samples are missing in a decay at a time [s], and its remedy."""
-    return FaultText(
-        f"At {at_s:.3g} s the motion does not continue: samples are missing, or there was a second "
-        "blow.",
-        "A decay has one initial state; this record has two.",
-        remedy,
-    )
-
-
 def steady_line(hz: str, share: float) -> FaultText:
     """Return the message on a line that does not decay [Hz], over the largest response."""
     return FaultText(

@@ -134,10 +134,10 @@ def stopped(end: float, keep: str) -> FaultText:
     )
 
 
-def gaps(stretches: str, more: str, count: int, remedy: str) -> FaultText:
+def gaps(stretches: str, count: int, remedy: str) -> FaultText:
     """Return the message for gaps that a recorder filled with its last value."""
     return FaultText(
-        f"The response is constant at {stretches}{more}, with motion before and after: "
+        f"The response is constant at {stretches}, with motion before and after: "
         f"{'1 gap' if count == 1 else f'{count} gaps'}.",
         "A recorder that lost samples fills the gaps in this way.",
         remedy,
