@@ -58,12 +58,27 @@ NOTHING = 1e-9  # factor of the scatter of runs that suppresses offsets
 LEAST = 12.0  # precision of the prior alone, times the squared width of its box
 
 
-def fit_alone(seen: Measured, *, seed: int, report: Report) -> Posteriors:
+def fit_alone(
+    seen: Measured, *, seed: int, report: Report, ready: Fitted | None = None
+) -> Posteriors:
     """Fit all tests of a campaign and return the Gaussian approximation in place of draws.
+
+    Args:
+        seen: The tests of the campaign.
+        seed: Random seed.
+        report: Function that is called with one sentence before the fit.
+        ready: The quick fit of these tests where there is one already.
 
     Raises:
         DataError: If no test is left to fit the joint to.
     """
+    if ready is None:
+        ready = fit_quickly(seen, seed=seed, report=report)
+    return about_fit(jax.random.key(seed), seen, ready)
+
+
+def fit_quickly(seen: Measured, *, seed: int, report: Report) -> Fitted:
+    """Fit all tests of a campaign, from one start if its fit is close to the data."""
     started, key = perf_counter(), jax.random.key(seed)
     data = assemble(seen)
     report(stages.least_squares(len(data.labels)))
@@ -71,7 +86,7 @@ def fit_alone(seen: Measured, *, seed: int, report: Report) -> Posteriors:
     ready = prepare(parts_of(key, 2), data, seen.settings, readings.known, quick=True)
     ready = with_readings(ready, readings)
     ready = widened_by_fit(ready, seen.settings.prior) or ready
-    return about_fit(key, seen, replace(ready, wall_s=perf_counter() - started))
+    return replace(ready, wall_s=perf_counter() - started)
 
 
 def about_fit(key: Key[Array, ""], seen: Measured, ready: Fitted) -> Posteriors:
