@@ -122,7 +122,7 @@ PASTED = {
     + "test_a_repeat_that_was_turned_over_is_cured_in_a_test_of_its_own",
     ("report/messages/reading.py", "units_are"): FILES + "test_a_pasted_word_on_units_cures",
     ("measurement/resampled.py", "resample"): FILES + "test_a_rate_beyond_what_was_measured",
-    ("measurement/checks/responses.py", "conjugate"): CURVES,
+    ("measurement/faults/responses.py", "conjugate"): CURVES,
     ("report/messages/response_faults.py", "kind"): POINTS,
     ("report/messages/response_faults.py", "level"): DRIVEN,
     ("report/messages/response_faults.py", "remove_mean"): DRIVEN,

@@ -14,7 +14,7 @@ from jbw.cli import COMMANDS, cli
 from jbw.identification.accuracy import another_law
 from jbw.inference.posterior.remedies import more_draws
 from jbw.inference.posterior.verdict import modes_findings
-from jbw.measurement.hypotheses.unlike_gains import unlike
+from jbw.measurement.faults.unlike_gains import unlike
 from jbw.report.messages.findings import explanations
 from jbw.report.messages.remedies import draw_more, put
 from jbw.report.messages.words import words

@@ -25,20 +25,20 @@ from jbw.campaign.trial import tried
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement.base_motion import MINUS_BASE
-from jbw.measurement.checks import responses
-from jbw.measurement.checks.channels import inspect
-from jbw.measurement.checks.controlled import uncontrolled
-from jbw.measurement.checks.drive_noise import noisy_drive
-from jbw.measurement.checks.faults import Fault, doubt, gathered, refusal, worst
-from jbw.measurement.checks.long_records import DRIFTS, long_records
-from jbw.measurement.checks.loops import one_sided, travels_freely
-from jbw.measurement.checks.plausibility import doubts, swapped
 from jbw.measurement.curves import forced_loop, response_curve
-from jbw.measurement.hypotheses.begins_late import begins_late, blows_seen
-from jbw.measurement.hypotheses.examine import Examined, examined_decay, examined_sweep
-from jbw.measurement.hypotheses.lag_of_noise import untimely
-from jbw.measurement.hypotheses.loop_causes import loop_causes
-from jbw.measurement.hypotheses.unlike_gains import unlike_gains
+from jbw.measurement.faults import responses
+from jbw.measurement.faults.begins_late import begins_late, blows_seen
+from jbw.measurement.faults.channels import inspect
+from jbw.measurement.faults.controlled import uncontrolled
+from jbw.measurement.faults.drive_noise import noisy_drive
+from jbw.measurement.faults.examine import Examined, examined_decay, examined_sweep
+from jbw.measurement.faults.fault import Fault, doubt, gathered, refusal, worst
+from jbw.measurement.faults.lag_of_noise import untimely
+from jbw.measurement.faults.long_records import DRIFTS, long_records
+from jbw.measurement.faults.loop_causes import loop_causes
+from jbw.measurement.faults.loops import one_sided, travels_freely
+from jbw.measurement.faults.plausibility import doubts, swapped
+from jbw.measurement.faults.unlike_gains import unlike_gains
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.measurement.readings.table import ModeReading

@@ -29,7 +29,7 @@ from jbw.campaign.tables import Head, TestSpec
 from jbw.campaign.written import NAMED
 from jbw.errors import ConfigError, DataError, JbwError, RunError
 from jbw.measurement.channels import strength_ranks
-from jbw.measurement.checks.responses import band_about_peak, height_within
+from jbw.measurement.faults.responses import band_about_peak, height_within
 from jbw.measurement.files.assemble import Wanted
 from jbw.measurement.files.clocks import SECONDS, coarse_rate, sampling_frequency, time_unit
 from jbw.measurement.files.paths import select

@@ -1,6 +1,6 @@
 r"""Causes of misfit: which faults of records would explain the residual of a fit.
 
-Every hypothesis of `measurement/hypotheses` says by which columns D it changes the data near the
+Every hypothesis of `measurement/faults` says by which columns D it changes the data near the
 fit, in addition to the parameters' own J. One Gauss-Newton step with D, and one without, show how
 much of the misfit it would explain.
 """
@@ -13,9 +13,9 @@ import numpy as np
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding
 from jbw.measurement.channels import Reals
-from jbw.measurement.hypotheses.faults import HYPOTHESES
-from jbw.measurement.hypotheses.second_mode import SecondMode, modes_at
-from jbw.measurement.hypotheses.suspect import Cause, Misfit, Suspect, as_columns
+from jbw.measurement.faults.hypotheses import HYPOTHESES
+from jbw.measurement.faults.second_mode import SecondMode, modes_at
+from jbw.measurement.faults.suspect import Cause, Misfit, Suspect, as_columns
 from jbw.observables.dataset import Dataset, by_label, residual_by_label
 from jbw.observables.drives import plain
 from jbw.observables.effective_values import LEAST_VALUES, is_coloured

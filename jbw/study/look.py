@@ -25,8 +25,8 @@ from jbw.measurement.channels import rms
 from jbw.measurement.curves import ForcedLoop, forced_loop
 from jbw.measurement.delays import on_time
 from jbw.measurement.envelopes import bands_of
-from jbw.measurement.hypotheses.begins_late import blows_seen
-from jbw.measurement.hypotheses.examine import examined_sweep, read_decays
+from jbw.measurement.faults.begins_late import blows_seen
+from jbw.measurement.faults.examine import examined_sweep, read_decays
 from jbw.measurement.loops import readings_of_cycles
 from jbw.measurement.nonlinearity import coherence_at_resonance, seen_in
 from jbw.measurement.readings.statement import (

@@ -19,7 +19,7 @@ from jbw.errors import DataError
 from jbw.measurement.channels import lines_within
 from jbw.measurement.demodulation import band_filter, demodulate
 from jbw.measurement.envelopes import filter_of
-from jbw.measurement.hypotheses.examine import read_decays
+from jbw.measurement.faults.examine import read_decays
 from jbw.measurement.readings.table import ModeReading
 from jbw.measurement.records import Record, Test
 from jbw.population.coordinates import unit_names

@@ -264,7 +264,7 @@ def test_table_1_loses_columns_on_a_narrow_screen_but_no_digits(monkeypatch, cap
 def test_a_warning_of_several_tests_is_told_once(capsys):
     from jbw.campaign.check import Check, Row
     from jbw.cli.check import _lines
-    from jbw.measurement.checks.faults import doubt
+    from jbw.measurement.faults.fault import doubt
 
     sign = doubt("velocity", "The sign may be turned.", "It adds pi.", "Set turn.")
     other = doubt("velocity", "It lags by 2 ms.", "It adds phase.", "Set delay.")

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from jbw.measurement.hypotheses.faults import HYPOTHESES
-from jbw.measurement.hypotheses.hypothesis import Hypothesis
+from jbw.measurement.faults.hypotheses import HYPOTHESES
+from jbw.measurement.faults.hypothesis import Hypothesis
 
 PAGE = Path(__file__).parents[2] / "docs" / "theory" / "readings.md"
 # What a table calls the record of a test that a hypothesis offers.

@@ -6,8 +6,8 @@ from scipy.integrate import odeint
 from scipy.optimize import least_squares
 from scipy.signal import chirp, lfilter
 
-from jbw.measurement.hypotheses.faults import HYPOTHESES
-from jbw.measurement.hypotheses.hypothesis import Hypothesis
+from jbw.measurement.faults.hypotheses import HYPOTHESES
+from jbw.measurement.faults.hypothesis import Hypothesis
 from jbw.measurement.readings import decay, sweep
 from jbw.measurement.readings.decay import fit_decay
 from jbw.measurement.readings.slow_flow import BASES
