@@ -115,10 +115,8 @@ PASTED = {
     "test_the_line_about_volts_cures",
     ("report/messages/laws.py", "laws"): "study/test_proposed_laws.py::"
     "test_the_law_of_the_readings_is_taken_where_none_is_stated",
-    ("report/messages/record_faults.py", "scale"): CHECKS
-    + "test_a_pasted_sign_of_all_repeats_cures",
     ("campaign/trial.py", "exclude"): DECAYS,
-    ("report/messages/clock_faults.py", "scale"): CHECKS
+    ("report/messages/gain_faults.py", "scale"): CHECKS
     + "test_a_repeat_that_was_turned_over_is_cured_in_a_test_of_its_own",
     ("report/messages/reading.py", "units_are"): FILES + "test_a_pasted_word_on_units_cures",
     ("measurement/resampled.py", "resample"): FILES + "test_a_rate_beyond_what_was_measured",

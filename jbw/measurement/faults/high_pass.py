@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from jbw.measurement.faults.hypothesis import Hypothesis
-from jbw.measurement.faults.loop_residual import LoopCause, LoopResidual, cause
+from jbw.measurement.faults.loop_residual import LoopCause, LoopResidual
 from jbw.report.messages import loop_faults as messages
 
 
@@ -21,4 +21,4 @@ class HighPass(Hypothesis):
         found = residual.fit(-integral)
         rate = float(found.beside[0])
         if rate > 0:
-            yield cause(found.square, messages.high_passed(1 / rate))
+            yield LoopCause(found.square, messages.high_passed(1 / rate))

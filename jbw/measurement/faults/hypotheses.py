@@ -1,11 +1,10 @@
 """The list of all hypotheses, and the faults of one record that they explain."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 from jbw.measurement.faults.clipping import Clipping
 from jbw.measurement.faults.drop_off import DropOff
-from jbw.measurement.faults.fault import Fault, doubt
+from jbw.measurement.faults.fault import Fault, doubt, refusal
 from jbw.measurement.faults.high_pass import HighPass
 from jbw.measurement.faults.hypothesis import (
     UNEXPLAINED,
@@ -51,7 +50,8 @@ def explained(fits: Fits, facts: Facts) -> Iterator[Fault]:
         return
     named = named_cause(fits, (UndecayingLine(),) if left.is_noise else HYPOTHESES)
     if named is not None:
-        fault = named.hypothesis.fault(named.values, fits, facts._replace(mode=named.mode))
-        yield replace(fault, leaves=named.mode)
+        text = named.hypothesis.fault(named.values, fits, facts._replace(mode=named.mode))
+        severity = refusal if named.hypothesis.spoils(named.values, fits) else doubt
+        yield severity(facts.record.response, *text, leaves=named.mode)
     elif left.rms > UNEXPLAINED and left.share > UNEXPLAINED_SHARE:
         yield doubt(facts.record.response, *messages.unexplained(left.share))

@@ -28,6 +28,7 @@ from jbw.measurement.readings.decay import DecayCause, DecayFits, fit_decay
 from jbw.measurement.readings.slow_flow import ModeFit, filtered_share, independent_share
 from jbw.measurement.readings.sweep import SweepCause, SweepFits, fit_sweep
 from jbw.measurement.records import Record
+from jbw.report.messages.message import FaultText
 
 LEFT, LINE, LINE_SIZE, LEFT_SHARE = 1.2, 30.0, 5e-4, 0.06  # limits of condition 1
 EXPLAINS = 0.6  # largest share of the residual squares that a cause may leave: condition 2
@@ -73,9 +74,13 @@ class Hypothesis:
         """Return whether a cause with these values is physical and large enough to matter."""
         raise NotImplementedError
 
-    def fault(self, values: Reals, fits: Fits, facts: "Facts") -> Fault:
-        """Return the fault to report: finding, reason and remedy."""
+    def fault(self, values: Reals, fits: Fits, facts: "Facts") -> FaultText:
+        """Return the text of the fault to report: finding, reason and remedy."""
         raise NotImplementedError
+
+    def spoils(self, values: Reals, fits: Fits) -> bool:
+        """Return whether a cause with these values makes the record useless."""
+        return False
 
     def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
         """Yield what the fault leaves of the force of a loop, fitted together with sliders."""

@@ -16,9 +16,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from jbw.measurement.channels import Complexes, Reals
-from jbw.measurement.faults.fault import Fault, doubt
 from jbw.measurement.faults.hypothesis import Facts, Hypothesis, joint_fit
-from jbw.measurement.faults.loop_residual import LoopCause, LoopResidual, cause
+from jbw.measurement.faults.loop_residual import LoopCause, LoopResidual
 from jbw.measurement.faults.suspect import Misfit, Suspect, as_columns
 from jbw.measurement.loops import cycles_of
 from jbw.measurement.readings.loop import LoopBasis, fit_loop
@@ -26,6 +25,7 @@ from jbw.measurement.readings.sweep import SweepCause, SweepFits, SweepSignal, l
 from jbw.measurement.spans import kept_before
 from jbw.report.messages import clock_faults as messages
 from jbw.report.messages import loop_faults as loop_messages
+from jbw.report.messages.message import FaultText
 
 OTHER_SIGN = 0.45  # lag, in periods, from which the sign of a channel is wrong instead
 # Smallest lags in periods; the drift is over the whole record.
@@ -92,10 +92,10 @@ class Delay(_Lag):
         own = min(ends, key=lambda end: end.squares).theta[-1] if ends else values[0]
         return bool(abs(own - values[0]) <= ALIKE * abs(values[0]))
 
-    def fault(self, values: Reals, fits: Any, facts: Facts) -> Fault:
+    def fault(self, values: Reals, fits: Any, facts: Facts) -> FaultText:
         """Return the fault: how much the response lags, against the stated delay."""
         seconds = facts.delay_s + float(values[0]) * fits.signal.mean_period_s
-        return doubt(facts.record.response, *messages.another_delay(seconds, facts.delay_s))
+        return messages.another_delay(seconds, facts.delay_s)
 
     def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
         """Yield a force that lags the displacement, by the lag that fits best."""
@@ -114,8 +114,7 @@ class Delay(_Lag):
 
         found: Any = minimize_scalar(square, bounds=(0.0, longest), method="bounded")
         lag, share = float(found.x) / loop.fs, len(samples) / len(samples[known])
-        text = loop_messages.late(lag, residual.delay_s + lag)
-        yield cause(share * found.fun, text)
+        yield LoopCause(share * found.fun, loop_messages.late(lag, residual.delay_s + lag))
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
         r"""Yield the columns of a delay tau of all responses: $-j\omega X$."""
@@ -138,11 +137,11 @@ class ClocksApart(_Lag):
         """Return whether the lag changes by at least 4 % of a period along the record."""
         return abs(values[0]) <= OTHER_SIGN and abs(values[1]) >= LEAST_DRIFT
 
-    def fault(self, values: Reals, fits: Any, facts: Facts) -> Fault:
+    def fault(self, values: Reals, fits: Any, facts: Facts) -> FaultText:
         """Return the fault: by how much the clocks differ."""
         change = float(values[1]) * fits.signal.mean_period_s
         slope = change / float(np.ptp(fits.signal.time))
-        return doubt(facts.record.response, *messages.another_clock(slope, abs(change)))
+        return messages.another_clock(slope, abs(change))
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
         r"""Yield the columns of a fast response clock: $-t\,\dot x$ per relative rate."""
@@ -190,13 +189,13 @@ class LostBlock(_Lag):
         is_inside = signal.time[0] < at < signal.time[-1]
         return is_inside and samples >= LEAST_LOST and abs(values[0]) >= LEAST_STEP
 
-    def fault(self, values: Reals, fits: Any, facts: Facts) -> Fault:
+    def fault(self, values: Reals, fits: Any, facts: Facts) -> FaultText:
         """Return the fault: time and length of the lost block; its remedy keeps the time before."""
         signal = fits.signal
         at = float(values[1]) * float(np.ptp(signal.time))
         jump = float(values[0]) * signal.mean_period_s
         keep = kept_before(facts.record, at - signal.mean_period_s)
-        return doubt(facts.record.response, *messages.lost_block(at, jump, keep))
+        return messages.lost_block(at, jump, keep)
 
 
 def _stepped(at_s: float | None) -> Callable[[SweepSignal, Complexes, Reals], Complexes]:

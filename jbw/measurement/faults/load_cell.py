@@ -7,7 +7,7 @@ import numpy as np
 from jbw.measurement.channels import Reals
 from jbw.measurement.curves import ForcedLoop
 from jbw.measurement.faults.hypothesis import Hypothesis
-from jbw.measurement.faults.loop_residual import LoopCause, LoopResidual, cause
+from jbw.measurement.faults.loop_residual import LoopCause, LoopResidual
 from jbw.measurement.loops import begins_unmoved
 from jbw.report.messages import loop_faults as messages
 
@@ -25,7 +25,7 @@ class ZeroOfLoadCell(Hypothesis):
             return
         found, half_range = residual.fit(*residual.zero.T), 0.5 * np.ptp(residual.loop.force)
         offset, drift = np.pad(found.beside, (2 - len(found.beside), 0)) / half_range
-        yield cause(found.square, messages.off_centre(float(offset), float(drift)))
+        yield LoopCause(found.square, messages.off_centre(float(offset), float(drift)))
 
 
 def at_rest(loop: ForcedLoop) -> Reals:
@@ -39,4 +39,4 @@ def at_rest(loop: ForcedLoop) -> Reals:
 def loaded(rest: Reals, force: Reals) -> Iterator[LoopCause]:
     """Yield the cause of a zero offset, from the force before the motion."""
     text = messages.off_centre(float(np.mean(rest) / (0.5 * np.ptp(force))), 0.0)
-    yield cause(len(rest) * float(np.var(rest)), text)
+    yield LoopCause(len(rest) * float(np.var(rest)), text)

@@ -11,7 +11,7 @@ import numpy as np
 
 from jbw.measurement.channels import Reals, noise_of
 from jbw.measurement.curves import ForcedLoop, forced_loop
-from jbw.measurement.faults.fault import Fault
+from jbw.measurement.faults.fault import Fault, doubt
 from jbw.measurement.faults.hypotheses import HYPOTHESES
 from jbw.measurement.faults.load_cell import ZeroOfLoadCell, at_rest, loaded
 from jbw.measurement.faults.loop_residual import LoopCause, LoopResidual, path_of
@@ -69,7 +69,8 @@ def _named(
     most = noise + (1 - EXPLAINS) * (square - noise)
     causes = [cause for cause in tried if cause.square < most]
     if causes:
-        yield min(causes, key=lambda cause: cause.square).fault
+        best = min(causes, key=lambda cause: cause.square)
+        yield doubt(best.role, *best.text)
 
 
 def _bases(loop: ForcedLoop, load_cell: str, laws: Sequence[str]) -> tuple[LoopBasis, Columns]:

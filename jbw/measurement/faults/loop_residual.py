@@ -6,7 +6,6 @@ import numpy as np
 
 from jbw.measurement.channels import Reals
 from jbw.measurement.curves import ForcedLoop
-from jbw.measurement.faults.fault import Fault, doubt
 from jbw.measurement.readings.loop import Columns, LoopBasis, LoopFit, fit_loop
 from jbw.measurement.records import Record
 from jbw.report.messages.message import FaultText
@@ -42,15 +41,11 @@ class LoopResidual(NamedTuple):
 
 
 class LoopCause(NamedTuple):
-    """The sum of squares of a force that a cause does not explain, and the fault to report."""
+    """The sum of squares of a force that a cause leaves, and its text about a channel."""
 
     square: float
-    fault: Fault
-
-
-def cause(square: float, text: FaultText, role: str = "restoring_force") -> LoopCause:
-    """Return the cause of a doubt about a channel, by default about the force."""
-    return LoopCause(square, doubt(role, *text))
+    text: FaultText
+    role: str = "restoring_force"
 
 
 def path_of(loop: ForcedLoop) -> Columns:

@@ -12,6 +12,7 @@ from jbw.measurement.faults.swapped_channels import SEGMENTS, carried, peaked_in
 from jbw.measurement.faults.unlike_gains import turned_over
 from jbw.measurement.records import INPUTS, Record
 from jbw.measurement.spectra import FRF, frf, half_power_bandwidth, stands_out
+from jbw.report.messages import gain_faults as gain_messages
 from jbw.report.messages import record_faults as messages
 
 LOOKED_AT = 2**21  # samples used; a stationary record shows its faults in them
@@ -105,4 +106,4 @@ def _missized(
     if seen < 0 and in_band:  # without a band another mode may have the other sign
         yield turned_over(role, seen)
     elif not 1 / MASS_FACTOR < ratio < MASS_FACTOR:
-        yield doubt(role, *messages.other_size(ratio))
+        yield doubt(role, *gain_messages.other_size(ratio))

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from jbw.measurement.channels import Reals
-from jbw.measurement.faults.fault import Fault, doubt
 from jbw.measurement.faults.hypothesis import Facts, Hypothesis
 from jbw.measurement.readings.decay import DecayCause, DecayFits
 from jbw.measurement.spans import left_out_from
 from jbw.report.messages import decay_faults as messages
+from jbw.report.messages.message import FaultText
 
 PLACES = 60  # candidate places of a jump
 APART = 0.1  # smallest distance of the two places that are tried, over the record's length
@@ -37,15 +37,14 @@ class SecondBlow(Hypothesis):
         size = np.hypot(growth, np.angle(np.exp(1j * turn)))
         return ENDS < place < 1 - ENDS and GROWTH[0] < growth < GROWTH[1] and size > LEAST
 
-    def fault(self, values: Reals, fits: Any, facts: Facts) -> Fault:
+    def fault(self, values: Reals, fits: Any, facts: Facts) -> FaultText:
         """Return the fault: time and size of the jump, and a remedy that excludes what follows."""
         place, growth, turn = values
         signal = fits.signal
         at = facts.settle_s + signal.begins + float(place) * float(signal.time[-1])
         remedy = left_out_from(facts.record, at)
         jump = float(abs(np.exp(growth + 1j * turn) - 1))
-        text = messages.second_blow(at, jump, remedy, grows=bool(growth > GREW))
-        return doubt(facts.record.response, *text)
+        return messages.second_blow(at, jump, remedy, grows=bool(growth > GREW))
 
 
 def _places(fits: DecayFits) -> list[Reals]:

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from jbw.measurement.channels import Complexes, Reals
-from jbw.measurement.faults.fault import Fault, doubt
 from jbw.measurement.faults.hypothesis import Facts, Fits, Hypothesis
 from jbw.measurement.faults.suspect import (
     Misfit,
@@ -67,7 +66,7 @@ class SecondMode(Hypothesis):
         beats = abs(float(values[2])) > 1.0 + abs(float(values[3]))
         return beats and low < abs(values[3]) < high and float(np.hypot(*values[:2])) > LEAST
 
-    def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
+    def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
         """Return the fault: both frequencies, and a band without the second mode if there is one.
 
         That band is tried on a decay: what it leaves of the second mode, or eats of the record,
@@ -79,8 +78,7 @@ class SecondMode(Hypothesis):
         band = _beside(first, second, facts.band_hz)
         driven = not isinstance(fits, DecayFits)
         narrower = band if driven or _keeps_mode(band, facts) else None
-        text = messages.second_mode(first, second, narrower, driven=driven)
-        return doubt(facts.record.response, *text)
+        return messages.second_mode(first, second, narrower, driven=driven)
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
         """Yield modes at all driven frequencies away from the joint's mode."""

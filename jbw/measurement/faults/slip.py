@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from jbw.measurement.faults.hypothesis import Hypothesis
-from jbw.measurement.faults.loop_residual import LoopCause, LoopResidual, cause
+from jbw.measurement.faults.loop_residual import LoopCause, LoopResidual
 from jbw.measurement.readings.loop import basis_of, fit_loop
 from jbw.measurement.spans import kept_part, start_of
 from jbw.report.messages import loop_faults as messages
@@ -37,4 +37,4 @@ class Slip(Hypothesis):
             spoilt[last - every + 1 : last + 1] = True
             at, keep = before + first / loop.fs, kept_part(record, spoilt)
             text = messages.slipped(float(unlike[place]), at, keep)
-            yield cause(found.square, text, "displacement")
+            yield LoopCause(found.square, text, "displacement")

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from jbw.measurement.channels import Complexes, Reals
-from jbw.measurement.faults.fault import Fault, doubt, refusal
 from jbw.measurement.faults.hypothesis import (
     Facts,
     Fits,
@@ -16,6 +15,7 @@ from jbw.measurement.readings.decay import DecayCause, DecayFits, DecaySignal
 from jbw.measurement.readings.slow_flow import strongest_line
 from jbw.measurement.readings.sweep import SweepCause, SweepFits, SweepSignal
 from jbw.report.messages import decay_faults as messages
+from jbw.report.messages.message import FaultText
 
 LEAST = 2e-3  # share of the initial amplitude below which a line affects no reading
 SPOILS = 0.01  # share of the initial amplitude; readings a decade below have an error of 10 %
@@ -42,7 +42,7 @@ class UndecayingLine(Hypothesis):
             return remainder(fits).line > STANDS_OUT
         return self.share(values, fits) > LEAST
 
-    def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
+    def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
         """Return the fault to report: frequency and size of the steady line."""
         hz = fits.signal.centre_hz + self.turn(values, fits) / (2 * np.pi)
         # Use enough digits to distinguish neighbouring lines of the record's spectrum.
@@ -51,10 +51,12 @@ class UndecayingLine(Hypothesis):
         )
         named = f"{hz:.{digits}g}"
         if isinstance(fits, SweepFits):
-            return doubt(facts.record.response, *messages.line_in_sweep(named))
-        share = self.share(values, fits)
-        severity = refusal if share > SPOILS else doubt
-        return severity(facts.record.response, *messages.steady_line(named, share))
+            return messages.line_in_sweep(named)
+        return messages.steady_line(named, self.share(values, fits))
+
+    def spoils(self, values: Reals, fits: Fits) -> bool:
+        """Return whether the line exceeds 1 % of a decay."""
+        return isinstance(fits, DecayFits) and self.share(values, fits) > SPOILS
 
     def share(self, values: Reals, fits: DecayFits) -> float:
         """Return the line's amplitude before the filter over the decay's amplitude at its start."""

@@ -16,9 +16,8 @@ from jbw.measurement.faults.suspect import (
 )
 from jbw.measurement.residual_spectra import Spectrum
 from jbw.measurement.resonances import oscillator_through
-from jbw.report.messages import clock_faults as messages
+from jbw.report.messages import gain_faults as messages
 from jbw.report.messages.message import FaultText
-from jbw.report.messages.record_faults import base_motion, negative_gain
 
 # Distance from -1, the gain of a base's acceleration for one mode, read to 4 % or better.
 BASE = 0.1
@@ -60,8 +59,7 @@ def unlike(factor: float, source: str, test: str = "") -> FaultText:
     """Return the text on a test, or a repeat, whose gain is `factor` times that of the others."""
     if abs(factor + 1) < TURNED:
         return messages.other_sign(source, test)
-    size = abs(factor)
-    unit = next((name for f, name in UNITS.items() if abs(size / f - 1) < CLOSE), "")
+    unit = next((name for f, name in UNITS.items() if abs(abs(factor) / f - 1) < CLOSE), "")
     return messages.other_gain(factor, source, unit, test)
 
 
@@ -133,4 +131,4 @@ def unlike_gains(
 def turned_over(role: str, gain: float) -> Fault:
     """Return a warning that the response moves against its drive, from its gain [1/kg]."""
     is_base = role == "acceleration" and abs(gain + 1) < BASE
-    return doubt(role, *(base_motion(gain) if is_base else negative_gain(role)))
+    return doubt(role, *(messages.base_motion(gain) if is_base else messages.negative_gain(role)))

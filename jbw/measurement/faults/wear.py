@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from jbw.measurement.faults.hypothesis import Hypothesis
-from jbw.measurement.faults.loop_residual import LoopCause, LoopResidual, cause, path_of
+from jbw.measurement.faults.loop_residual import LoopCause, LoopResidual, path_of
 from jbw.measurement.loops import cycles_of, of_one_amplitude
 from jbw.measurement.spans import span_line
 from jbw.report.messages import loop_faults as messages
@@ -32,4 +32,4 @@ class Wear(Hypothesis):
         ends = cycles[-2].samples.start / loop.fs, cycles[-1].samples.stop / loop.fs
         keep, amplitude = span_line(*ends, loop.begins), 0.5 * cycles[-1].stroke
         text = messages.degrading(amplitude, len(cycles), abs(change), keep, falls=change < 0)
-        yield cause(found.square, text)
+        yield LoopCause(found.square, text)

@@ -47,34 +47,3 @@ def drop_off(share: float, noise: float) -> FaultText:
         "A fit takes this noise for a part of the drive, and finds too much damping.",
         "Measure the drive with a more sensitive sensor, or hold its level through the resonance.",
     )
-
-
-def other_sign(source: str, test: str = "") -> FaultText:
-    """Return the message for a repeat or a test whose response over drive has the wrong sign."""
-    where, others, apart = _compared(test)
-    return FaultText(
-        f"The ratio of response to drive{where} has the opposite sign to that of {others}.",
-        "The polarity of a channel was reversed: the mean over all cancels, and a fit follows none "
-        "of them.",
-        f"{apart}Put under [[test]]: `scale = {{ {source} = -1.0 }}`.",
-    )
-
-
-def other_gain(ratio: float, source: str, unit: str, test: str = "") -> FaultText:
-    """Return the message for a repeat or a test of another gain, and the unit that explains it."""
-    where, others, apart = _compared(test)
-    sign = ", with the opposite sign" if ratio < 0 else ""
-    hint = f" (the factor of a wrong unit: {unit})" if unit else ""
-    return FaultText(
-        f"The ratio of response to drive{where} is {abs(ratio):.4g} times that of {others}"
-        f"{sign}{hint}.",
-        "A channel has another unit or gain.",
-        f"{apart}Put under [[test]]: `scale = {{ {source} = {ratio:.4g} }}`.",
-    )
-
-
-def _compared(test: str) -> tuple[str, str, str]:
-    """Return where a ratio differs, from which others, and the remedy to set a repeat apart."""
-    if test:
-        return f" in {test}", "the other tests", ""
-    return "", "most repeats", "Give this record a separate [[test]]. "

@@ -185,38 +185,6 @@ def unresolved(peak: float, width: float, duration_s: float, resolution_hz: floa
     )
 
 
-def negative_gain(role: str) -> FaultText:
-    """Return the message that the gain is negative."""
-    return FaultText(
-        "At its resonance the response moves against the input: the gain is negative.",
-        "The polarity of one channel is reversed, or the response was measured in the opposite "
-        "direction.",
-        f"Put under [[test]]: `scale = {{ {role} = -1.0 }}`.",
-    )
-
-
-def base_motion(gain: float) -> FaultText:
-    """Return the message that a drive is the acceleration of a base, and the response absolute."""
-    return FaultText(
-        "At its resonance the response moves against the input, as a structure on a moving base "
-        f"does: the gain is {gain:.3g} /kg.",
-        "`force` may contain the acceleration of a base, and the response may be absolute. "
-        "Otherwise one channel has a reversed sign, and the modal mass is about 1 kg.",
-        "If a base moves, subtract the drive from the response in the file. Then reverse its sign, "
-        "with `scale = { acceleration = -1.0 }` under [[test]].",
-    )
-
-
-def other_size(ratio: float) -> FaultText:
-    """Return the message that a response differs in size from the input times the stated gain."""
-    return FaultText(
-        f"At its resonance the response is {number(ratio)} times the value that the campaign's "
-        "gain or modal mass predicts from the input.",
-        "A factor of 1000 means metre for millimetre, 9.81 g for m/s^2, 4.45 lbf for N.",
-        "Check both units, and gain or modal_mass.",
-    )
-
-
 def noisy_drive(source: str, ratio: float, response: str) -> FaultText:
     """Return the message on the error by noise of the drive over that by noise of the response."""
     return FaultText(
