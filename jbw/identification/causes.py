@@ -5,14 +5,13 @@ fit, in addition to the parameters' own J. One Gauss-Newton step with D, and one
 much of the misfit it would explain.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding
-from jbw.measurement.channels import Reals
 from jbw.measurement.faults.hypotheses import HYPOTHESES
 from jbw.measurement.faults.second_mode import SecondMode, modes_at
 from jbw.measurement.faults.suspect import Cause, Misfit, Suspect, as_columns
@@ -29,23 +28,8 @@ MOST_SAID = 3
 BY_CHANCE = 2.0  # largest error of a short group that noise explains, in sd of its repeats
 
 
-class Linearised(NamedTuple):
-    """The residual of a fit near its optimum, each group scaled by its rms residual.
-
-    Attributes:
-        places: Rows of each tried group, by label.
-        weight: Inverse rms residual of each tried group, by label.
-        residual: Residual of all groups, without its part along `basis`.
-        basis: Orthonormal directions of the parameters.
-        counted: Factor of each row that makes its residual relative to the size of its group; zero
-            for groups without misfit.
-    """
-
-    places: Mapping[str, slice]
-    weight: Mapping[str, float]
-    residual: Reals
-    basis: Reals
-    counted: Reals
+Try = Callable[[Suspect | Cause], Cause]
+"""Function from a suspected error to a cause, with the share of the misfit that it explains."""
 
 
 def causes(best: Fit, data: Dataset) -> list[Cause]:
@@ -53,12 +37,12 @@ def causes(best: Fit, data: Dataset) -> list[Cause]:
     misfit = _misfit(best, data)
     if not misfit.missed:
         return []
-    linearised = _linearised(best, data, misfit)
+    tried = _near_optimum(best, data, misfit)
     # Only the best cause of each kind and test is kept, such as the best frequency of another mode.
     best_of_kind: dict[tuple[str, str], Cause] = {}
     for hypothesis in HYPOTHESES:
         for suspect in hypothesis.suspects(misfit):
-            cause = tried(suspect, linearised)
+            cause = tried(suspect)
             kind = hypothesis.name, cause.label
             least = best_of_kind[kind].explained if kind in best_of_kind else WORTH_SAYING
             if cause.explained > least:
@@ -76,10 +60,9 @@ def other_mode(best: Fit, data: Dataset, places: Iterable[float] = ()) -> Cause 
     misfit = _misfit(best, data)
     if not misfit.missed:
         return None
-    linearised = _linearised(best, data, misfit)
-    suspects = [*modes_at(misfit, places)] or [*SecondMode().suspects(misfit)]
-    tried_causes = [tried(suspect, linearised) for suspect in suspects]
-    return max(tried_causes, key=lambda cause: cause.explained, default=None)
+    suspects = [*modes_at(misfit, places)] or SecondMode().suspects(misfit)
+    found = map(_near_optimum(best, data, misfit), suspects)
+    return max(found, key=lambda cause: cause.explained, default=None)
 
 
 def _misfit(best: Fit, data: Dataset) -> Misfit:
@@ -123,44 +106,50 @@ def causes_sentence(found: Sequence[Cause]) -> str:
     return messages.causes([(cause.explained, cause.text.what) for cause in found[:MOST_SAID]])
 
 
-def _linearised(best: Fit, data: Dataset, misfit: Misfit) -> Linearised:
-    """Linearise the residuals of all groups near the optimum; groups without spectrum come last."""
+def _near_optimum(best: Fit, data: Dataset, misfit: Misfit) -> Try:
+    """Return the function that tries a suspected error near the optimum.
+
+    The residuals of each group are scaled by their rms. Groups without a spectrum come last.
+    """
     slopes = [residual_by_label(column, data) for column in best.jacobian.T]
     fitted, slope = by_label(best.residual, data), by_label(best.jacobian, data)
-    places, weight, rows, columns, counted, end = {}, {}, [], [], [], 0
+    places, weight, rows, directions, counted, end = {}, {}, [], [], [], 0
     for label, spectrum in misfit.spectra.items():
-        residual = as_columns(spectrum.residual)[:, 0]
-        weight[label] = 1 / np.sqrt(np.mean(residual**2))
-        rows.append(weight[label] * residual)
-        columns.append(weight[label] * as_columns(*(derivative[label] for derivative in slopes)))
+        group = as_columns(spectrum.residual)[:, 0]
+        weight[label] = 1 / np.sqrt(np.mean(group**2))
+        rows.append(weight[label] * group)
+        directions.append(weight[label] * as_columns(*(column[label] for column in slopes)))
+        # Misfits count relative to the size of their groups; groups without misfit do not count.
         size = np.linalg.norm(spectrum.values) if label in misfit.missed else np.inf
-        counted.append(np.full(len(residual), 1 / (weight[label] * size)))
-        places[label] = slice(end, end := end + len(residual))
+        counted.append(np.full(len(group), 1 / (weight[label] * size)))
+        places[label] = slice(end, end := end + len(group))
     others = [label for label in data.layout if label not in misfit.spectra]
     rows += [fitted[label] for label in others]
-    columns += [slope[label] for label in others]
+    directions += [slope[label] for label in others]
     counted += [np.zeros(len(fitted[label])) for label in others]
-    basis, residual = np.linalg.qr(np.concatenate(columns))[0], np.concatenate(rows)
-    residual -= basis @ (basis.T @ residual)
-    return Linearised(places, weight, residual, basis, np.concatenate(counted))
+    basis, factor = np.linalg.qr(np.concatenate(directions))[0], np.concatenate(counted)
 
+    def beyond(x: Any) -> Any:
+        """Return columns without their part along the parameters."""
+        return x - basis @ (basis.T @ x)
 
-def tried(suspect: Suspect | Cause, linearised: Linearised) -> Cause:
-    """Return a suspected error as a cause, with the share of the misfit that it explains."""
-    if isinstance(suspect, Cause):
-        return suspect
-    wide = next(iter(suspect.columns.values())).shape[1]
-    columns = np.zeros((len(linearised.residual), wide))
-    for label, group_columns in suspect.columns.items():
-        columns[linearised.places[label]] = linearised.weight[label] * group_columns
-    columns -= linearised.basis @ (linearised.basis.T @ columns)
-    scale = np.linalg.norm(columns, axis=0)
-    scale[scale == 0] = 1.0
-    coefficients = np.linalg.lstsq(columns / scale, linearised.residual)[0] / scale
-    before, after = (
-        np.sum((linearised.counted * residual) ** 2)
-        for residual in (linearised.residual, linearised.residual - columns @ coefficients)
-    )
-    mode = None if suspect.mode is None else (*suspect.mode, float(coefficients[0]))
-    explained = float(1 - after / before)
-    return Cause(suspect.text(coefficients), explained, suspect.label, mode)
+    residual = beyond(np.concatenate(rows))
+    before = np.sum((factor * residual) ** 2)
+
+    def tried(suspect: Suspect | Cause) -> Cause:
+        if isinstance(suspect, Cause):
+            return suspect
+        wide = next(iter(suspect.columns.values())).shape[1]
+        columns = np.zeros((len(residual), wide))
+        for label, group_columns in suspect.columns.items():
+            columns[places[label]] = weight[label] * group_columns
+        columns = beyond(columns)
+        scale = np.linalg.norm(columns, axis=0)
+        scale[scale == 0] = 1.0
+        coefficients = np.linalg.lstsq(columns / scale, residual)[0] / scale
+        after = np.sum((factor * (residual - columns @ coefficients)) ** 2)
+        mode = None if suspect.mode is None else (*suspect.mode, float(coefficients[0]))
+        text = suspect.text(coefficients)
+        return Cause(text, float(1 - after / before), suspect.label, mode)
+
+    return tried

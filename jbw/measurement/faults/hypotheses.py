@@ -50,8 +50,9 @@ def explained(fits: Fits, facts: Facts) -> Iterator[Fault]:
         return
     named = named_cause(fits, (UndecayingLine(),) if left.is_noise else HYPOTHESES)
     if named is not None:
-        text = named.hypothesis.fault(named.values, fits, facts._replace(mode=named.mode))
-        severity = refusal if named.hypothesis.spoils(named.values, fits) else doubt
-        yield severity(facts.record.response, *text, leaves=named.mode)
+        hypothesis, values, mode = named
+        severity = refusal if hypothesis.spoils(values, fits) else doubt
+        text = hypothesis.fault(values, fits, facts._replace(mode=mode))
+        yield severity(facts.record.response, *text, leaves=mode)
     elif left.rms > UNEXPLAINED and left.share > UNEXPLAINED_SHARE:
         yield doubt(facts.record.response, *messages.unexplained(left.share))

@@ -43,20 +43,6 @@ AROUND = 61  # lines of a residual's spectrum whose median is compared with a li
 Fits = DecayFits | SweepFits
 
 
-class Named(NamedTuple):
-    """A named cause of a record's residual.
-
-    Attributes:
-        hypothesis: Kind of the cause.
-        values: Parameters of the cause.
-        mode: Frequency [Hz] and damping ratio of the linear mode fitted with it, as after a remedy.
-    """
-
-    hypothesis: "Hypothesis"
-    values: Reals
-    mode: tuple[float, float]
-
-
 class Hypothesis:
     """A kind of fault; a member offers the tests that can show it, and inherits none for others."""
 
@@ -157,8 +143,14 @@ def remainder(fits: Fits) -> LeftOver:
     return LeftOver(rms, float(over[at]), float(size), share)
 
 
-def named_cause(fits: Fits, hypotheses: Sequence[Hypothesis]) -> Named | None:
-    """Return the hypothesis that explains the residual of a fitted mode; None if there is none."""
+def named_cause(
+    fits: Fits, hypotheses: Sequence[Hypothesis]
+) -> tuple[Hypothesis, Reals, tuple[float, float]] | None:
+    """Return the hypothesis that explains the residual of a fitted mode; None if there is none.
+
+    Its parameters follow, and frequency [Hz] and damping ratio of the linear mode that is fitted
+    with it, as after a remedy.
+    """
     nothing = best_of(fits)
     enough = min(LEFT**2 * len(fits.signal.z), ENOUGH * nothing.squares)
     tried, rivals = [], 0
@@ -190,7 +182,7 @@ def named_cause(fits: Fits, hypotheses: Sequence[Hypothesis]) -> Named | None:
     chosen = min(alike, key=lambda i: (len(tried[i][1]), -odds[i]))
     hypothesis, values, fitted = tried[chosen]
     if odds[chosen] > ODDS and fitted.squares < EXPLAINS * nothing.squares:
-        return Named(hypothesis, values, modes[hypothesis.name])
+        return hypothesis, values, modes[hypothesis.name]
     return None
 
 

@@ -39,12 +39,6 @@ OF_CYCLE = 0.125  # largest lag of a loop that is tried, of a cycle
 ALIKE = 0.5  # relative difference between the delay of that part and of the record; 0.06 if true
 
 
-def _courses(signal: SweepSignal) -> tuple[float, Reals]:
-    """Return a drive's mean period [s], and time from the middle of the record over its length."""
-    time = signal.time
-    return signal.mean_period_s, (time - time.mean()) / np.ptp(time)
-
-
 class _Lag(Hypothesis):
     """A lag that varies over the record by a given function."""
 
@@ -131,7 +125,8 @@ class ClocksApart(_Lag):
 
     def course(self, signal: SweepSignal, values: Reals) -> Reals:
         """Return the lag as a straight line in time, in mean periods of the drive."""
-        return values[0] + values[1] * _courses(signal)[1]
+        time = signal.time
+        return values[0] + values[1] * (time - time.mean()) / np.ptp(time)
 
     def matters(self, values: Reals, fits: Any) -> bool:
         """Return whether the lag changes by at least 4 % of a period along the record."""

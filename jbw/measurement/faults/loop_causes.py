@@ -47,12 +47,10 @@ def loop_causes(
     if len(force) < FEWEST or not np.ptp(loop.displacement) or not np.ptp(force):
         return
     residual = LoopResidual(loop, *_bases(loop, load_cell, laws), record, delay, every)
-    of_zero = ZeroOfLoadCell()
-    found = [*_named(force, force, residual.fit().square, of_zero.in_loop(residual))]
+    found = [*_named(force, force, residual.fit().square, ZeroOfLoadCell().in_loop(residual))]
     if not found and load_cell == "exact":
         rest = at_rest(whole)
-        of_rest = loaded(rest, whole.force)
-        found = [*_named(whole.force, rest, float(rest @ rest), of_rest, OFF)]
+        found = [*_named(whole.force, rest, float(rest @ rest), loaded(rest, whole.force), OFF)]
     yield from found
     residual = residual.with_zero()
     others = (cause for one in HYPOTHESES for cause in one.in_loop(residual))

@@ -65,22 +65,21 @@ def unlike(factor: float, source: str, test: str = "") -> FaultText:
 
 def _apart(misfit: Misfit) -> Iterator[Cause]:
     """Yield the cause that one group's separate gain differs in sign or size from the others'."""
-    fits = {label: _alone(spectrum) for label, spectrum in misfit.spectra.items()}
-    single_fits = {label: pair for label, pair in fits.items() if pair is not None}
-    missed = [label for label in misfit.missed if label in single_fits]
-    if len(single_fits) < 2 or not missed:
+    fits = {n: pair for n, s in misfit.spectra.items() if (pair := _alone(s)) is not None}
+    missed = [label for label in misfit.missed if label in fits]
+    if len(fits) < 2 or not missed:
         return
     # Compare each gain with the median of the others, by sign and size. If there are only two, it
     # cannot be determined which is wrong.
     ratios = {
-        label: gain / np.median([other for n, (other, _) in single_fits.items() if n != label])
-        for label, (gain, _) in single_fits.items()
+        label: gain / np.median([other for n, (other, _) in fits.items() if n != label])
+        for label, (gain, _) in fits.items()
     }
     label = max(ratios, key=lambda n: abs(np.log(abs(ratios[n]))) + FAR_OFF * (ratios[n] < 0))
     if 1 / FAR_OFF < ratios[label] < FAR_OFF:
         return
     errors = sum(misfit.error(n) ** 2 for n in missed)
-    explained = 1 - sum(single_fits[n][1] ** 2 for n in missed) / errors
+    explained = 1 - sum(fits[n][1] ** 2 for n in missed) / errors
     text = unlike(float(ratios[label]), misfit.spectra[label].source_role, label)
     yield Cause(text, float(explained), label)
 
