@@ -197,7 +197,9 @@ def _checked_test(
             checked.failures.setdefault(item.args, item)
         else:
             raise item
-    checked.named += unlike_gains(checked.gains, *_roles(checked.first))
+    if checked.gains:
+        (first,) = checked.first
+        checked.named += unlike_gains(checked.gains, first.response, first.source)
     named = gathered(checked.named, checked.repeats)
     faults = [beside_stated(fault, test) for fault in named]
     failures = checked.failures.values()
@@ -231,12 +233,6 @@ def gain_read(record: Record, test: TestSpec) -> list[tuple[str, float]]:
     if reading is None or reading.residual > OF_ONE_MODE:
         return []
     return [(record.name, reading.gain)]
-
-
-def _roles(first: Sequence[Record]) -> tuple[str, str]:
-    """Return the roles of response and drive of a test with a driven record; else empty texts."""
-    driven = [one for one in first if any(role in one.channels for role in INPUTS)]
-    return (driven[0].response, driven[0].source) if driven else ("", "")
 
 
 def beside_stated(fault: Fault, test: TestSpec) -> Fault:

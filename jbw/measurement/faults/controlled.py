@@ -48,7 +48,7 @@ def uncontrolled(
         return
     numbers = 1 + np.flatnonzero(lines)
     if curve.phase is not None and np.median(np.sin(curve.phase)) > 0:
-        yield _turned(role, curve)
+        yield _turned(role, curve.freq_hz, curve.phase)
         return
     if curve.phase is not None and locked_phase is not None:
         yield from _off_phase(role, curve.phase, numbers, locked_phase, tolerance)
@@ -56,15 +56,12 @@ def uncontrolled(
         yield from _jumps(role, curve, numbers, is_locked=locked_phase is not None)
 
 
-def _turned(role: str, curve: ControlledCurve) -> Fault:
+def _turned(role: str, freq_hz: Reals, phase: Reals) -> Fault:
     """Return a warning that the displacement leads the force, which would then extract energy."""
-    phase = np.zeros(1) if curve.phase is None else curve.phase
-    lowest = np.argsort(curve.freq_hz)[: max(1, len(curve.freq_hz) // 4)]
+    lowest = np.argsort(freq_hz)[: max(1, len(freq_hz) // 4)]
     # Far below the resonance a displacement is in phase with its force; a sign error inverts it.
     over = np.mean(np.cos(phase[lowest])) < -0.5
-    remedy = messages.PUT_CONJUGATE
-    if over:
-        remedy = messages.put_scale(role)
+    remedy = messages.put_scale(role) if over else messages.PUT_CONJUGATE
     return doubt(role, *messages.leading(np.degrees(np.median(phase)), remedy))
 
 
