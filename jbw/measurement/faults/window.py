@@ -6,7 +6,6 @@ for the noise outside the band, equally at all frequencies and up to the end of 
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -92,31 +91,28 @@ def window_constant(
         return None
     # Frames overlap by half, so that every second one is independent.
     logs, time = logs[:, ::2], time[::2]
-    fall = _fall_of(logs, time, variance)
-    if fall.unlike < ALIKE:
+    rate, error, chance = _fall_of(logs, time, variance)
+    if chance < ALIKE:
         # With few lines, other modes take up more of them than a median tolerates.
         modal = int(np.argmax([group.max() for group in groups]))
-        fall = _fall_of(np.delete(logs, modal, axis=0), time, variance)
-    is_sure = SURE * fall.error <= fall.rate <= OF_MODE * 2 * decay_rate
-    if fall.unlike < ALIKE or not is_sure:
+        rate, error, chance = _fall_of(np.delete(logs, modal, axis=0), time, variance)
+    is_sure = SURE * error <= rate <= OF_MODE * 2 * decay_rate
+    if chance < ALIKE or not is_sure:
         return None
-    return 2 / fall.rate, 2 * fall.error / fall.rate**2
+    return 2 / rate, 2 * error / rate**2
 
 
-class _Fall(NamedTuple):
-    """The rate of fall of log P [1/s], its standard error, and the probability of its misfit."""
+def _fall_of(
+    logs: Float[np.ndarray, "group frame"], time: Reals, variance: float
+) -> tuple[float, float, float]:
+    """Return the common rate of fall of log noise power in all groups of frequencies [1/s].
 
-    rate: float
-    error: float
-    unlike: float
-
-
-def _fall_of(logs: Float[np.ndarray, "group frame"], time: Reals, variance: float) -> _Fall:
-    """Return the common rate of fall of the log noise power in all groups of frequencies."""
+    Its standard error and the probability of its misfit follow.
+    """
     centred = time - time.mean()
     spread = float(np.sum(centred**2))
     rate = -float(np.mean(logs @ centred)) / spread
     misfit = logs - logs.mean(axis=1, keepdims=True) + rate * centred
     degrees = misfit.size - len(logs) - 1
-    unlike = float(chdtrc(degrees, float(np.sum(misfit**2)) / variance))
-    return _Fall(rate, float(np.sqrt(variance / spread / len(logs))), unlike)
+    chance = float(chdtrc(degrees, float(np.sum(misfit**2)) / variance))
+    return rate, float(np.sqrt(variance / spread / len(logs))), chance
