@@ -38,9 +38,8 @@ def uncontrolled(
     channels = {name: samples[lines] for name, samples in record.channels.items()}
     for name in ("frequency", *INPUTS):
         if name in channels and not np.all(channels[name] > 0):
-            yield refusal(
-                name, *messages.not_positive(name, 1 + int(np.argmin(record.channels[name] > 0)))
-            )
+            place = 1 + int(np.argmin(record.channels[name] > 0))
+            yield refusal(name, *messages.not_positive(name, place))
             return
     curve = controlled_curve(record).at(lines)
     if len(curve.freq_hz) < FEWEST_POINTS or not np.all(curve.amplitude > 0):

@@ -39,9 +39,8 @@ def drop_off(signal: SweepSignal) -> tuple[float, float] | None:
 def drive_course(signal: SweepSignal) -> tuple[Reals, float]:
     """Return the smoothed size of a drive over its median, and the rms of the rest around it."""
     size = np.abs(signal.u)
-    width = max(
-        min(max(int(SMOOTHED * len(size)), 5), len(size) // 4), 1
-    )  # a quarter of few values
+    # Of few values, a quarter.
+    width = max(min(max(int(SMOOTHED * len(size)), 5), len(size) // 4), 1)
     smooth = uniform_filter1d(size, width, mode="nearest")
     inner = slice(width, -width) if len(size) > 2 * width else slice(None)
     usual = float(np.median(smooth[inner]))

@@ -47,14 +47,10 @@ def long_records(name: str, traits: Kind, record: Record) -> Iterator[str]:
         part = min(1.0, (ends[1] - ends[0]) * record.fs / total)
         line = span_line(*ends, start_of(record))
         proposals.append(messages.rests(ends[0], ends[1], part, line))
-    strongest = strongest_line(response, record.fs, lowest=DRIFTS)
-    every = int(record.fs / (PER_CYCLE * strongest))
+    fs, hz = record.fs, strongest_line(response, record.fs, lowest=DRIFTS)
+    every = int(fs / (PER_CYCLE * hz))
     if every > 1:
-        proposals.append(
-            messages.oversampled(
-                record.fs / strongest, strongest, _ordinal(every), record.fs / every, every
-            )
-        )
+        proposals.append(messages.oversampled(fs / hz, hz, _ordinal(every), fs / every, every))
     if proposals:
         yield messages.long_record(name, total, proposals)
 

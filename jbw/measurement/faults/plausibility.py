@@ -83,9 +83,7 @@ def _outside_band(role: str, estimate: FRF, band_hz: tuple[float, float] | None)
         CLEAR * np.median(inside), *inside[[0, -1]]
     ):
         return
-    yield doubt(
-        role, *messages.outside_band(peak, band_hz[0], band_hz[1], peak / (sum(band_hz) / 2))
-    )
+    yield doubt(role, *messages.outside_band(peak, *band_hz, 2 * peak / sum(band_hz)))
 
 
 def _unresolved(record: Record, resolution_hz: float, freq: Reals, h: Complexes) -> Iterator[Fault]:

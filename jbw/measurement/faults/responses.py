@@ -293,13 +293,8 @@ def _around(freq: Reals, size: Reals) -> Reals:
     """Return the median of the lines around each frequency, in bands of a frequency ratio 1.5."""
     edges = np.geomspace(freq[0], freq[-1], 2 + int(np.log(freq[-1] / freq[0]) / np.log(1.5)))
     parts = np.searchsorted(edges, freq, side="right")
-    middles, medians = zip(
-        *(
-            (float(np.mean(freq[parts == part])), float(np.median(size[parts == part])))
-            for part in np.unique(parts)
-        ),
-        strict=True,
-    )
+    masks = [parts == part for part in np.unique(parts)]
+    middles, medians = [np.mean(freq[x]) for x in masks], [np.median(size[x]) for x in masks]
     return np.interp(freq, middles, medians)
 
 

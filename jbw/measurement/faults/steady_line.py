@@ -46,9 +46,8 @@ class UndecayingLine(Hypothesis):
         """Return the fault to report: frequency and size of the steady line."""
         hz = fits.signal.centre_hz + self.turn(values, fits) / (2 * np.pi)
         # Use enough digits to distinguish neighbouring lines of the record's spectrum.
-        digits = max(
-            4, 1 + int(np.ceil(np.log10(abs(hz) * facts.record.num_samples / facts.record.fs)))
-        )
+        periods = abs(hz) * facts.record.num_samples / facts.record.fs
+        digits = max(4, 1 + int(np.ceil(np.log10(periods))))
         named = f"{hz:.{digits}g}"
         if isinstance(fits, SweepFits):
             return messages.line_in_sweep(named)
