@@ -1,12 +1,13 @@
 """The tests of a campaign before any fit: checked, read without a model, split."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 from jbw.campaign.gains import force_per_unit
 from jbw.campaign.load import Campaign
 from jbw.identification.assemble import Measured, Report, measured_in
-from jbw.identification.prepare import Fitted
 from jbw.identification.proposed_laws import chosen
 from jbw.identification.usable import usable
 from jbw.observables.records import compile_beside
@@ -23,13 +24,13 @@ class PreparedTests(NamedTuple):
             model.
         look: Readings of the records without a model.
         sentences: Sentences on tests that cannot be used, and on the choice of the law.
-        fitted: The quick fit by which the law was chosen.
+        known: Parameters of the fit by which the law was chosen.
     """
 
     measured: Measured
     look: Look
     sentences: tuple[str, ...]
-    fitted: Fitted | None = None
+    known: Mapping[str, float] = MappingProxyType({})
 
 
 def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTests:
@@ -52,6 +53,6 @@ def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTest
     read = look.record["laws"]
     if campaign.states_laws or several or not read:
         return PreparedTests(measured, look, accepted.left_out)
-    found = chosen(measured, list(dict.fromkeys([*read, *DEFAULT_LAWS])), seed, report)
+    found = chosen(measured, dict.fromkeys([*read, *DEFAULT_LAWS]), seed, report)
     sentences = *accepted.left_out, found.sentence
-    return PreparedTests(found.measured, look, sentences, found.fitted)
+    return PreparedTests(found.measured, look, sentences, found.theta)

@@ -37,6 +37,7 @@ from jbw.report.messages import (
 )  # fmt: skip
 from jbw.report.messages.findings import FINDINGS, remedy_of, sentence_of
 from jbw.report.messages.message import FaultText
+from jbw.report.messages.posterior import intervals_of_fit
 
 SNAPSHOT = Path(__file__).with_name("messages.txt")
 
@@ -52,7 +53,7 @@ DRAG = {
 OTHER_LAW = {"another_law": "Try other laws: jbw laws."}
 # Values of the sentence, then of the remedy.
 OF_FINDINGS = {
-    "not_sampled": ({}, {}),
+    "not_sampled": ({"intervals": intervals_of_fit(None)}, {}),
     "second_posterior": ({"reason": "The posterior could not be made."}, {}),
     "incomplete_checks": ({"sentences": ["The check of one could not be made."]}, {}),
     "solver_error": ({"shift": 0.23, "limit": 0.1}, {"substeps": 8}),
