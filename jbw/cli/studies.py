@@ -47,9 +47,10 @@ def compare(
         from jbw.campaign.load import load_campaign
         from jbw.lab.samplers import compare as compare_samplers
         from jbw.lab.samplers import save_comparison
+        from jbw.results import RunSummary
         from jbw.study.study import campaign_of, inputs_of, known_of, require_same_inputs
 
-        path, summary, run_knowledge = source, {}, None
+        path, summary, run_knowledge = source, RunSummary(), None
         campaign, once = options.pop("campaign"), options.pop("once")
         if source.is_dir():
             path, summary, run_knowledge = campaign_of(source, campaign), *known_of(source)
@@ -57,7 +58,7 @@ def compare(
         with working(say, out or place / f"compare-{options['step']}") as job:
             folder = job.folder
             if options["seed"] is None:
-                options["seed"] = summary.get("seed")
+                options["seed"] = summary.seed
             say(f"Reading {path}")
             loaded = load_campaign(path, allow_outside=allow_outside)
             require_same_inputs(loaded, summary)
@@ -182,10 +183,10 @@ def sbc(
             parts = job.parts({} if campaign is None else inputs_of(campaign), say)
             calibrated = calibration.sbc(campaign, report=say, parts=parts, **options)
             calibration.save_sbc(folder, calibrated)
-    verdict = calibrated.record["verdict"]
+    verdict = calibrated.calibration.verdict.stored().changed(answers={})
     shown = calibration_table(calibrated.record), *verdict_lines(verdict, passed=True)
     answer(json_, calibrated.record, *shown, saved=f"Calibration: {folder / 'sbc.json'}")
-    return 0 if verdict["status"] == "ok" else NOT_TRUSTED
+    return 0 if verdict.status == "ok" else NOT_TRUSTED
 
 
 def calibration_table(record: Mapping[str, Any]) -> Table:

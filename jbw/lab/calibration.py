@@ -210,7 +210,7 @@ def _numbers_of(calibration: Calibration) -> dict[str, Any]:
         "quantities": quantities,
         "verdict": {
             "status": calibration.verdict.status,
-            "findings": [finding.record() for finding in calibration.verdict.findings],
+            "findings": [row.stored().plain() for row in calibration.verdict.findings],
         },
     }
 

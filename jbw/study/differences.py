@@ -38,7 +38,6 @@ from scipy import stats
 from jbw.errors import ConfigError
 from jbw.identification.joint_answers import JOINTS
 from jbw.inference.posterior.summary import QUANTILES, evenly_spaced, scalars
-from jbw.inference.thresholds import LEARNT
 from jbw.oscillator.laws import laws_named, quantities_of
 from jbw.oscillator.parameters import Monomial
 from jbw.quantities import (
@@ -53,7 +52,8 @@ from jbw.quantities import (
 from jbw.report.messages import differences as messages
 from jbw.report.result import read_result, unit_of
 from jbw.report.text import interval, number, typed
-from jbw.report.words import UNCOUNTED
+from jbw.report.words import UNCOUNTED, is_of_prior
+from jbw.results import RunSummary
 from jbw.verification.backbone import curves
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
@@ -76,7 +76,7 @@ class FinishedRun(NamedTuple):
 
     name: str
     folder: Path
-    summary: Mapping[str, Any]
+    summary: RunSummary
     tree: xr.DataTree
     basis: Basis
 
@@ -104,9 +104,9 @@ def differences(first: Path, second: Path) -> Difference:
         "runs": {
             run.name: {
                 "folder": str(run.folder),
-                "campaign": str(run.summary.get("campaign", "")),
-                "verdict": (run.summary.get("verdict") or {}).get("status", ""),
-                "model_adequacy": _model_adequacy(run.summary),
+                "campaign": run.summary.campaign,
+                "verdict": run.summary.verdict.status,
+                "model_adequacy": run.summary.verdict.answer("law"),
                 "largest_displacement": run.basis.y_peak,
             }
             for run in (first_run, second_run)
@@ -118,12 +118,6 @@ def differences(first: Path, second: Path) -> Difference:
     }
     sentences = _statements(record, first_run, second_run, apart)
     return Difference(record | {"statements": sentences}, backbones)
-
-
-def _model_adequacy(summary: Mapping[str, Any]) -> str:
-    """Return the verdict's status on whether the model fits the data; empty if not assessed."""
-    answers = (summary.get("verdict") or {}).get("answers") or {}
-    return str((answers.get("law") or {}).get("status", ""))
 
 
 def compared(a: Float[np.ndarray, " draw"], b: Float[np.ndarray, " other"]) -> dict[str, Any]:
@@ -177,7 +171,8 @@ def _parameters(first: FinishedRun, second: FinishedRun) -> tuple[list[dict[str,
     rows: list[dict[str, Any]] = []
     for name in _shared(first, second):
         a, b = (draws[name] for draws in drawn)
-        of_prior = [run.name for run in (first, second) if _is_of_prior(run, name)]
+        both = [(run.name, run.summary.parameters.get(name)) for run in (first, second)]
+        of_prior = [run for run, row in both if row is not None and is_of_prior(row)]
         unit = unit_of(first.basis.posterior[name])
         rows.append({"name": name, "unit": unit, **compared(a, b), "of_prior": of_prior})
     for ratio in ratios(first.basis.laws):
@@ -216,13 +211,6 @@ def _between_words(runs: Sequence[FinishedRun]) -> list[str]:
     """Return a sentence on the variation between each run's records, which P includes."""
     spreads = {run.name: std for run in runs if (std := _std_between(run))}
     return [messages.records_scatter(spreads)] if spreads else []
-
-
-def _is_of_prior(run: FinishedRun, name: str) -> bool:
-    """Return whether the prior alone determines a parameter: the data add almost nothing."""
-    main = (run.summary.get("steps") or {}).get(run.summary.get("main")) or {}
-    kl = ((main.get("parameters") or {}).get(name) or {}).get("kl")
-    return kl is not None and kl < LEARNT
 
 
 def _along_amplitude(

@@ -48,7 +48,7 @@ def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTest
     report(stages.READING_RECORDS)
     look = look_quietly(replace(campaign, tests=accepted.tests))
     measured = measured_in(campaign, report, accepted.tests, accepted.line_fit)
-    read = look.record["laws"]
+    read = look.record.laws
     if campaign.states_laws or several or not read or read[0] in DEFAULT_LAWS:
         return PreparedTests(measured, look, accepted.left_out)
     measured, sentence = proposed(measured, fitted_tables(look, measured), read, seed, report)

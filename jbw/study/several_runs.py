@@ -60,7 +60,7 @@ def side_by_side(folders: Sequence[Path]) -> SideBySide:
         ConfigError: A run has no frequency and damping against amplitude.
     """
     opened = [read_result(folder) for folder in folders]
-    torques: list[Any] = [(summary.get("assembly") or {}).get("torque") for summary, _ in opened]
+    torques: list[Any] = [summary.assembly.get("torque") for summary, _ in opened]
     order = list(range(len(folders)))
     if all(torque is not None for torque in torques):
         order.sort(key=lambda i: torques[i])
@@ -73,8 +73,8 @@ def side_by_side(folders: Sequence[Path]) -> SideBySide:
         {
             "name": name,
             "folder": str(folders[i]),
-            "campaign": str(opened[i][0].get("campaign", "")),
-            "verdict": (opened[i][0].get("verdict") or {}).get("status", ""),
+            "campaign": opened[i][0].campaign,
+            "verdict": opened[i][0].verdict.status,
             "laws": list(basis.laws),
             "torque": torques[i],
         }

@@ -76,7 +76,7 @@ def test_an_old_run_with_a_cubic_spring_still_has_it(tmp_path):
 def test_an_old_run_is_still_reported_and_exported(tmp_path):
     draws = {name: np.full(4, value) for name, value in {**JOINT, "gain": GAIN}.items()}
     study = load_study(old_run(tmp_path, draws))
-    save_report(tmp_path, study.tree, study.summary())
+    save_report(tmp_path, study.tree, study.result)
     assert "old" in (tmp_path / "report.html").read_text(encoding="utf-8")
     with pytest.raises(DataError, match="no density of its draws") as caught:
         export(study.tree)
