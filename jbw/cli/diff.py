@@ -50,7 +50,7 @@ def diff(
         say("Done")
     tables = parameters_table(compared.record), backbone_table(compared.record)
     saved = "" if figure is None else f"Figure: {figure}"
-    answer(json_, compared.record, *tables, *compared.record["statements"], saved=saved)
+    answer(json_, compared.record.plain(), *tables, *compared.record.statements, saved=saved)
 
 
 def _side_by_side(folders: tuple[Path, ...], figure: Path | None, *, json_: bool) -> None:
@@ -66,4 +66,4 @@ def _side_by_side(folders: tuple[Path, ...], figure: Path | None, *, json_: bool
         say("Done")
     record = compared.record
     saved = "" if figure is None else f"Figure: {figure}"
-    answer(json_, record, side_by_side_table(record), *record["statements"], saved=saved)
+    answer(json_, record.plain(), side_by_side_table(record), *record.statements, saved=saved)

@@ -44,7 +44,7 @@ from jbw.run.folder import OF_RIG, Run, begin, reopen, require_same
 from jbw.run.manifest import Manifest, command_line
 
 if TYPE_CHECKING:
-    from jbw.results import RunSummary, StoredVerdict  # loads pydantic
+    from jbw.results.run import RunSummary, StoredVerdict  # loads pydantic
 
 Say = Callable[[str], None]
 

@@ -17,7 +17,7 @@ from jbw.report.table import Column, Table, table, words
 from jbw.report.text import NOTHING, length_unit, number
 
 if TYPE_CHECKING:
-    from jbw.results import StoredLook  # loads pydantic
+    from jbw.results.run import StoredLook  # loads pydantic
 
 
 @click.command()

@@ -14,7 +14,7 @@ from jbw.errors import printable
 from jbw.report.table import MARKS, Table, print_table
 
 if TYPE_CHECKING:
-    from jbw.results import StoredVerdict  # loads pydantic
+    from jbw.results.run import StoredVerdict  # loads pydantic
 
 PIPE_WIDTH = 160  # columns if stdout is no terminal and so has no width
 NOT_TRUSTED = 4  # exit code of a run whose verdict is not trusted

@@ -47,7 +47,7 @@ def compare(
         from jbw.campaign.load import load_campaign
         from jbw.lab.samplers import compare as compare_samplers
         from jbw.lab.samplers import save_comparison
-        from jbw.results import RunSummary
+        from jbw.results.run import RunSummary
         from jbw.study.study import campaign_of, inputs_of, known_of, require_same_inputs
 
         path, summary, run_knowledge = source, RunSummary(), None
@@ -183,7 +183,7 @@ def sbc(
             parts = job.parts({} if campaign is None else inputs_of(campaign), say)
             calibrated = calibration.sbc(campaign, report=say, parts=parts, **options)
             calibration.save_sbc(folder, calibrated)
-    verdict = calibrated.calibration.verdict.stored().changed(answers={})
+    verdict = calibrated.calibration.verdict.stored().replaced(answers={})
     shown = calibration_table(calibrated.record), *verdict_lines(verdict, passed=True)
     answer(json_, calibrated.record, *shown, saved=f"Calibration: {folder / 'sbc.json'}")
     return 0 if verdict.status == "ok" else NOT_TRUSTED

@@ -27,7 +27,7 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.parameters import Material
 from jbw.quantities import OSCILLATOR, Quantity, are_at_joints, joints_of
 from jbw.report.messages import study as messages
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 from jbw.verification.backbone import curves
 from jbw.verification.bands import QUANTILES, band
 from jbw.verification.predicted import carry

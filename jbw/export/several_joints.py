@@ -35,7 +35,7 @@ from jbw.oscillator.laws import laws_named
 from jbw.oscillator.modes.assembled import laws_at, motion_in
 from jbw.quantities import MODES, OSCILLATOR, Quantity, motion_factors_in, split
 from jbw.report.messages import study as messages
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 from jbw.study.assembly_group import ModelJoint, ModelJoints, assembly_of
 from jbw.verification.backbone import curves
 from jbw.verification.bands import band

@@ -16,7 +16,7 @@ from jbw.observables.observable import OFFSETS
 from jbw.oscillator.laws import laws_named, quantities_of
 from jbw.quantities import OSCILLATOR, RESIDUAL_TERMS, Quantity, are_at_joints
 from jbw.report.result import laws_of, read_result, unit_of
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 from jbw.study.study import Study
 from jbw.verification.predicted import noise_by_label
 

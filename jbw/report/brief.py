@@ -30,7 +30,7 @@ from jbw.report.style import GREEN, INK, ORANGE, RC, SOFT, VERMILLION
 from jbw.report.tables import every_test, tests_of_records
 from jbw.report.text import NOTHING, interval, length_unit, number, percent, unit_text
 from jbw.report.words import badge, in_symbols, law_words
-from jbw.results import RunSummary, StoredTest
+from jbw.results.run import RunSummary, StoredTest
 
 WIDTH, HEIGHT = 8.27, 11.69  # A4 [in]
 MARGIN = 0.7  # on every side [in]
@@ -233,7 +233,7 @@ def _measured(summary: RunSummary, tree: xr.DataTree) -> Cells:
         if row.test in records:
             continue
         key = row.kind, np.nan if row.level is None else row.level, bool(row.fitted)
-        with_worst = row.changed(nrmse=worst.get(row.test, row.nrmse))
+        with_worst = row.replaced(nrmse=worst.get(row.test, row.nrmse))
         families.setdefault(key, []).append(with_worst)
     rows = []
     for (kind, level, is_fitted), tests in sorted(

@@ -10,7 +10,7 @@ from jbw.report.table import Column, Table, table, words
 from jbw.report.text import NOTHING, length_unit, number, percent
 
 if TYPE_CHECKING:
-    from jbw.results import StoredCycle, StoredLoop  # loads pydantic
+    from jbw.results.run import StoredCycle, StoredLoop  # loads pydantic
 
 MOST_CYCLES = 12  # of a test in a table
 ANGLES = ((1.0, "rad"), (1e3, "mrad"), (1e6, "µrad"))  # factor and unit
@@ -72,4 +72,4 @@ def _shown(loop: "StoredLoop") -> Iterator["StoredCycle"]:
     count = len(loop.cycles)
     chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_CYCLES)).round())
     for i in chosen.astype(int):
-        yield loop.cycles[i].changed(test=loop.test, cycle=int(i) + 1)
+        yield loop.cycles[i].replaced(test=loop.test, cycle=int(i) + 1)

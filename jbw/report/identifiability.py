@@ -19,7 +19,7 @@ from jbw.report.style import Panels, finish, panels, plain, stacks, title
 from jbw.report.table import Cell, Column, Table, by_sd, digits, named, shares, table
 from jbw.report.text import NOTHING, Names, axis_label, number, percent, quantity, symbol
 from jbw.report.words import combination
-from jbw.results import StoredDirection, StoredIdentifiability, StoredProfile, StoredShift
+from jbw.results.run import StoredDirection, StoredIdentifiability, StoredProfile, StoredShift
 
 GROUP = "identifiability"
 LEAST = 1e-6  # relative to the prior's standard deviation; shorter bars would compress the others

@@ -18,7 +18,7 @@ from jbw.report.messages import opening as messages
 from jbw.report.messages.discrepancy import not_scored
 from jbw.report.result import BACKBONE, laws_of, node
 from jbw.report.words import TRUNCATED, grades, unseen_hysteresis
-from jbw.results import (
+from jbw.results.run import (
     RunSummary,
     StoredBand,
     StoredJoints,

@@ -33,7 +33,7 @@ from jbw.report.words import (
     in_symbols,
     law_words,
 )
-from jbw.results import RunSummary, StoredStep, StoredVerdict
+from jbw.results.run import RunSummary, StoredStep, StoredVerdict
 from jbw.run.files import write_whole
 
 under_way = logging.getLogger("jbw.progress")

@@ -42,7 +42,7 @@ from jbw.report.text import (
     unit_text,
 )
 from jbw.report.words import badge
-from jbw.results import RunSummary, StoredParameter, StoredStep, StoredTest
+from jbw.results.run import RunSummary, StoredParameter, StoredStep, StoredTest
 
 ROUTE = ("third_order_", "opening_")  # steps 3 and 4 of the paper, with any sampler
 GOOD_R_HAT, FAR = 1.01, 2.576
@@ -100,7 +100,7 @@ def _as_shown(row: StoredParameter) -> StoredParameter:
     shown = shown_as(row.name, row.unit)
     numbers = {key: getattr(row, key) for key in IN_UNIT}
     scaled = {key: shown.factor * value for key, value in numbers.items() if value is not None}
-    return row.changed(**scaled, unit=shown.unit, suffix=shown.suffix)
+    return row.replaced(**scaled, unit=shown.unit, suffix=shown.suffix)
 
 
 def _unit(row: StoredParameter) -> str:
@@ -153,7 +153,7 @@ def table_of_tests(summary: RunSummary, tree: xr.DataTree | None = None) -> Tabl
     errors.
     """
     rows = sorted(with_records(every_test(summary, tree)), key=_in_order)
-    before = [row.changed(test=name) for name, row in summary.held_out_answer.predictions.items()]
+    before = [row.replaced(test=name) for name, row in summary.held_out_answer.predictions.items()]
     of_kinds = [
         StoredTest(test=f"all {kind}", nrmse=row.error, rests_on=row.rests_on)
         for kind, row in summary.across_kinds.items()
@@ -195,8 +195,8 @@ def every_test(summary: RunSummary, tree: xr.DataTree | None = None) -> list[Sto
         groups = () if read is None else read.children.values()
         every: list[Any] = [test.attrs for test in groups if "fitted" in test.attrs]
         listed = [StoredTest.read({**row, "fitted": int(row["fitted"])}) for row in every]
-    rows = [predicted.pop(row.test, row).changed(**row.stated) for row in listed]
-    return [*rows, *(row.changed(test=name) for name, row in predicted.items())]
+    rows = [predicted.pop(row.test, row).replaced(**row.stated) for row in listed]
+    return [*rows, *(row.replaced(test=name) for name, row in predicted.items())]
 
 
 def tests_of_records(rows: Sequence[StoredTest]) -> dict[str, StoredTest]:
@@ -219,7 +219,7 @@ def with_records(rows: Sequence[StoredTest]) -> list[StoredTest]:
         for name, test in tests.items()
     }
     return [
-        row.changed(**{**of_test.get(row.test, {}), **row.stated})
+        row.replaced(**{**of_test.get(row.test, {}), **row.stated})
         for row in rows
         if row.test not in replaced
     ]

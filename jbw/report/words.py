@@ -9,7 +9,7 @@ from jbw.inference.thresholds import KNOWN, LEARNT, ROUGHLY
 from jbw.quantities import RESIDUAL_TERMS, STUCK, split
 from jbw.report.messages import opening
 from jbw.report.text import NOTHING, Names, number, percent, quantity, raised, symbol
-from jbw.results import RunSummary, StoredParameter, StoredVerdict
+from jbw.results.run import RunSummary, StoredParameter, StoredVerdict
 
 KINDS = {"ok": "good", "failed": "bad"}
 # Names in sentences that belong to no parameter.

@@ -12,7 +12,7 @@ from jbw.report.messages.opening import BACKBONE_PICTURE, GRADES
 from jbw.report.opening import MOST_SHOWN, with_interval
 from jbw.report.result import BACKBONE, node
 from jbw.report.words import grades
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 
 HEADINGS = ("parameter", "mean", "99 % interval", "unit", "")
 DPI = 80  # The bytes of the picture are stored in the notebook.

@@ -21,7 +21,7 @@ from jbw.inference.samplers.chunked_run import Keep
 from jbw.report.messages import stages as messages
 from jbw.report.messages.instruments import BESIDE_MATRICES
 from jbw.report.opening import opening
-from jbw.results import HeldOutAnswer, RunSummary, StoredTest
+from jbw.results.run import HeldOutAnswer, RunSummary, StoredTest
 from jbw.study.assembly_group import GROUP as ASSEMBLY
 from jbw.study.assembly_group import assembly_group
 from jbw.study.comparisons import Comparisons
@@ -64,7 +64,7 @@ def finished_study(
     if (known := comparisons.identifiability) is not None:
         groups["/identifiability"] = as_group(known)
         more["identifiability"] = known.stored()
-    record = summary.changed(**more, wall_time_s=round(perf_counter() - order.started, 2)).plain()
+    record = summary.replaced(**more, wall_time_s=round(perf_counter() - order.started, 2)).plain()
     return Study(xr.DataTree.from_dict(groups), record, order.campaign, identification)
 
 
@@ -131,7 +131,7 @@ def with_held_out(final: Study, held: Study) -> Study:
     before = HeldOutAnswer(
         verdict=first.verdict.status, predictions=held_out(first), parameters=first.parameters
     )
-    summary = last.changed(
+    summary = last.replaced(
         verdict=adequate_as(held.verdict, final.verdict).stored(),
         held_out_answer=before,
         wall_time_s=round((first.wall_time_s or 0.0) + (last.wall_time_s or 0.0), 2),

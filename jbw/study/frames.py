@@ -9,7 +9,8 @@ import xarray as xr
 from jbw.errors import ConfigError, DataError, did_you_mean
 from jbw.identification.joint_answers import BACKBONES
 from jbw.report.result import BACKBONE, FREE_LAW, branch, node
-from jbw.results import RunSummary, Stored
+from jbw.results.run import RunSummary
+from jbw.results.stored import Stored
 
 if TYPE_CHECKING:  # The import takes half a second.
     from pandas import DataFrame

@@ -36,7 +36,7 @@ from jbw.inference.space.box import Product, alone, require_float64, value_of
 from jbw.inference.space.stated import as_wide
 from jbw.observables.dataset import stacked
 from jbw.report.messages import identified
-from jbw.results import StoredIdentifiability
+from jbw.results.run import StoredIdentifiability
 
 logger = logging.getLogger("jbw")
 # Relative to the best cost: a start that ends within this distance found the optimum.

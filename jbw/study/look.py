@@ -54,7 +54,7 @@ from jbw.quantities import UNIT_OF, per
 from jbw.report.messages import look as messages
 from jbw.report.messages.look import NO_OSCILLATOR
 from jbw.report.messages.study import no_shaker
-from jbw.results import StoredCycle, StoredLook, StoredLoop, StoredReading
+from jbw.results.run import StoredCycle, StoredLook, StoredLoop, StoredReading
 from jbw.verification.places import place
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
         seen=[sentence for test in campaign.tests for sentence in _seen(test)],
     )
     found = statements(record, tables_of, _modes_hz(campaign))
-    record = record.changed(statements=found.sentences, laws=list(found.laws))
+    record = record.replaced(statements=found.sentences, laws=list(found.laws))
     return Look(record, readings_of, tables_of, responses)
 
 

@@ -23,7 +23,7 @@ from jbw.report.formats import formats_of
 from jbw.report.messages import stages
 from jbw.report.messages import study as messages
 from jbw.report.result import read_result
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 from jbw.run.files import hash_of
 from jbw.run.folder import HIDDEN, MANIFEST, begin, reopen, require_same
 from jbw.run.manifest import Manifest

@@ -14,7 +14,7 @@ from jbw.observables import dataset
 from jbw.report.messages import stages
 from jbw.report.messages.opening import by_the_fit
 from jbw.report.opening import effect_sentence, fit_sentence, known_parameters
-from jbw.results import RunSummary, StoredTest
+from jbw.results.run import RunSummary, StoredTest
 from jbw.study.collect import groups_in, run_attrs
 from jbw.study.comparisons import Comparisons
 from jbw.study.finishing import about_instruments, finished_study

@@ -15,7 +15,7 @@ from jbw.report.figures import Beside
 from jbw.report.formats import formats_of
 from jbw.report.opening import opening
 from jbw.report.result import read_result
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 from jbw.run.folder import Run, is_first_answer
 from jbw.run.manifest import with_inputs
 from jbw.study.identify import identify
@@ -73,13 +73,13 @@ def identified(run: Run, say: Say) -> tuple[xr.DataTree, RunSummary]:
         loaded, seed=request.seed, truth=truth, report=say, keep=run.keep, command=request.command,
         quick=request.quick,
     )  # fmt: skip
-    summary = study.result.changed(
+    summary = study.result.replaced(
         doubts=list(dict.fromkeys(str(doubt.message) for doubt in doubts)),
         wall_time_s=round(run.spent + (study.result.wall_time_s or 0.0), 2),
         campaign_file=str(path.resolve()),
         campaign_sha256=digest_of(text),
     )
-    return study.tree, summary.changed(opening=opening(summary, study.tree))
+    return study.tree, summary.replaced(opening=opening(summary, study.tree))
 
 
 def digest_of(text: str) -> str:

@@ -21,7 +21,7 @@ from jbw.report.messages.run import REPEAT, going_on
 from jbw.report.page import write_page
 from jbw.report.prediction import prediction
 from jbw.report.style import Panels
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 from jbw.run.files import put_whole, require_room
 from jbw.run.folder import lock
 from jbw.run.integrity import MARK, sealed

@@ -24,7 +24,7 @@ from jbw.oscillator.oscillator import Oscillator
 from jbw.report.formats import formats_of
 from jbw.report.opening import known_parameters
 from jbw.report.result import node, of_another_version, read_result
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 from jbw.run.files import hash_of
 from jbw.study.cell import page_of
 from jbw.study.frames import backbone_frame, parameter_frame, prediction_frame

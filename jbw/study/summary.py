@@ -27,7 +27,7 @@ from jbw.measurement.records import INPUTS, Test
 from jbw.observables.dataset import Dataset
 from jbw.report.messages import study as messages
 from jbw.report.result import node, verified
-from jbw.results import RunSummary, StoredParameter, StoredStep
+from jbw.results.run import RunSummary, StoredParameter, StoredStep
 from jbw.sources import sources_of
 from jbw.study.identifiability import plain
 from jbw.study.order import Order
@@ -251,7 +251,7 @@ def _parameter(row: dict[str, Any], unit: str, truth: float | None) -> StoredPar
     mean, sd = parameter.mean, parameter.sd
     if truth is None or mean is None or not sd:
         return parameter
-    return parameter.changed(z=(mean - truth) / sd)
+    return parameter.replaced(z=(mean - truth) / sd)
 
 
 def _predictions(tree: xr.DataTree) -> dict[str, Any]:

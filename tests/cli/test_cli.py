@@ -16,7 +16,7 @@ from jbw.cli.printing import show
 from jbw.errors import ModelError, RunError
 from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.records import Record
-from jbw.results import RunSummary, StoredVerdict
+from jbw.results.run import RunSummary, StoredVerdict
 
 UNITS = {"input": "V", "velocity": "m/s"}
 

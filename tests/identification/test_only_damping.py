@@ -11,7 +11,7 @@ from jbw.identification.no_joint import Nested, drag_finding, may_be_drag
 from jbw.measurement.records import Record, Test
 from jbw.report.opening import known_parameters
 from jbw.report.words import grades
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 
 RNG = np.random.default_rng(0)
 NOTHING = 1e-4 * RNG.standard_normal(500)

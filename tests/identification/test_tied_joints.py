@@ -18,7 +18,7 @@ from jbw.identification.uncertain_shapes import first_factors
 from jbw.inference.generator import parts_of
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.report.opening import tied_sentences
-from jbw.results import StoredJoints
+from jbw.results.run import StoredJoints
 
 BOLT = (7e6, 2.5e5, 5e4)  # alpha [N/m], delta and gamma [1/m]
 TIED = ("bouc_wen@bolt_1=bolt_2",)

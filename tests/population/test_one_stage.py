@@ -18,7 +18,7 @@ from jbw.population.coordinates import Pooled
 from jbw.population.one_stage import joint_model, measured_units, one_stage
 from jbw.population.population import Population
 from jbw.population.prior import CovariateDesign, Prior
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 
 S = np.array([0.05, 0.1, 0.1, 0.2, 0.15])  # each unit's own error of ln zeta
 Y = np.log(0.01) + np.array([-0.3, 0.1, 0.25, 0.0, -0.1])

@@ -13,7 +13,7 @@ from jbw.cli.result import report
 from jbw.errors import ConfigError
 from jbw.report.brief import HEIGHT, WIDTH, draw_brief, write_brief
 from jbw.report.messages.brief import USE
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 
 DAY = datetime.date(2026, 11, 26)
 LONG = '$x_{ & </b> "quoted" 試験 \u202e' + 40 * "bolt" + " " + 30 * "a word "

@@ -12,7 +12,7 @@ import subprocess
 import pytest
 
 from jbw.report.page import write_page
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 CHROMIUM = next((path for name in NAMES if (path := shutil.which(name))), None)

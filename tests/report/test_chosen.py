@@ -9,7 +9,7 @@ from jbw.report.chosen import chosen_names, selected
 from jbw.report.figures import FIGURES
 from jbw.report.responses import softening
 from jbw.report.tables import every_test, table_of_tests, with_records
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 
 
 def campaign(*tests):

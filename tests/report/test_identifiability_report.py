@@ -15,7 +15,7 @@ from jbw.report.identifiability import (
 from jbw.report.page import render_page
 from jbw.report.text import quantity
 from jbw.report.words import combination
-from jbw.results import RunSummary, StoredIdentifiability
+from jbw.results.run import RunSummary, StoredIdentifiability
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from jbw.report.charts import charts_of
 from jbw.report.loops import backbone
 from jbw.report.measured_points import measured_points
 from jbw.report.opening import lead
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 
 AMPLITUDE = np.linspace(1e-4, 4e-3, 40)
 CURVE = xr.Dataset(

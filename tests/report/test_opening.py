@@ -22,7 +22,7 @@ from jbw.report.opening import (
     opening,
     split_sentence,
 )
-from jbw.results import RunSummary, StoredJoints
+from jbw.results.run import RunSummary, StoredJoints
 from jbw.study import resumable, store
 from jbw.study.summary import _turning
 

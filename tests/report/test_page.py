@@ -15,7 +15,7 @@ from jbw.errors import RunError
 from jbw.report.figures import FIGURE_LIST, GROUPS
 from jbw.report.page import render_page, write_page
 from jbw.report.tables import loops_table
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 from jbw.run import files
 
 HOSTILE = '<script>alert(1)<script> $x_{ & "q"'

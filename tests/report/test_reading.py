@@ -14,7 +14,7 @@ from jbw.report.responses import relative_to_median, resonance_window
 from jbw.report.result import parameters, read_result, wrap_band, wrap_degrees
 from jbw.report.tables import table_of_tests
 from jbw.report.text import number, percent, seconds, step_name, symbol, unit_text
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 from jbw.verification.predict import warnings_of
 
 

@@ -6,7 +6,7 @@ import pytest
 from jbw.report.messages.opening import GRADES
 from jbw.report.text import quantity, shown_as, spread_text
 from jbw.report.words import identified_words, in_symbols
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 
 PARAMETERS = ("omega_n", "zeta", "alpha", "delta", "gamma", "gain", "cubic", "share")
 KNOWN = {name: quantity(name) for name in (*PARAMETERS, "alpha_delta", "alpha_gamma")}

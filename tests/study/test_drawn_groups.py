@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 from jbw.study.summary import steps_group
 from jbw.verification.backbone import NUM_AMPLITUDES, backbone_group
 

@@ -5,7 +5,7 @@ import json
 import jbw
 from jbw.report.result import fitted_text
 from jbw.report.tables import every_test
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 
 
 def test_the_list_says_of_every_test_how_many_repeats_were_fitted(toy):

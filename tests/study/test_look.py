@@ -18,7 +18,7 @@ from jbw.measurement.records import Record, Test
 from jbw.measurement.resonances import Reading, driven_lines, read_curve, read_lines
 from jbw.report.looking import look_figure
 from jbw.report.messages import look as texts
-from jbw.results import StoredLook, StoredReading
+from jbw.results.run import StoredLook, StoredReading
 from jbw.study.identify import identify
 from jbw.study.look import days, look, look_groups, nonlinear, statements
 

@@ -10,7 +10,7 @@ import xarray as xr
 
 from jbw.cli import run as command
 from jbw.errors import ConfigError, RunError
-from jbw.results import RunSummary
+from jbw.results.run import RunSummary
 from jbw.run.manifest import Manifest, read_manifest, write_manifest
 from jbw.study import store as storage
 from jbw.study.study import Study

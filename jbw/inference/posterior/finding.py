@@ -11,7 +11,7 @@ import numpy as np
 
 from jbw.report.messages.findings import FINDINGS, remedy_of, sentence_of
 from jbw.report.messages.questions import QUESTIONS
-from jbw.results import StoredFinding, StoredVerdict
+from jbw.results.run import StoredFinding, StoredVerdict
 
 Status = Literal["ok", "usable", "failed", "not assessed"]
 GRADE = "law_grade"  # code of the finding on whether the law describes the data
