@@ -35,7 +35,7 @@ from jbw.identification.law_scores import (
 )
 from jbw.identification.reached import threshold_sentences
 from jbw.identification.run_effects import runs_dataset, runs_sentence
-from jbw.identification.tied_joints import Trials, trials_at_joints
+from jbw.identification.tied_joints import trials_at_joints
 from jbw.inference.compiled import forget_when_many
 from jbw.inference.posterior.summary import evenly_spaced, scalars
 from jbw.inference.space.box import require_float64
@@ -165,11 +165,11 @@ def compare_laws(
         Laws that are significantly worse than the best law: linear.
     """
     require_float64()
-    trials = _trials(campaign, laws)
+    sets, tried = _trials(campaign, laws)
     seed = campaign.settings.seed if seed is None else seed
     seen = measured_in(campaign, report)
     keys = jax.random.split(jax.random.key(seed), 3)
-    candidates, unfitted = evidence.candidates(keys[0], seen, trials.sets, report, parts)
+    candidates, unfitted = evidence.candidates(keys[0], seen, sets, report, parts)
     weighed, unweighed = weigh(keys[1:], candidates, report, parts)
     first = candidates[0].fitted
     highest = _highest(campaign, list(runs_of(first.data)))
@@ -211,7 +211,7 @@ def compare_laws(
         }
     )
     sentences = [
-        *([trials.sentence] if trials.sentence else []),
+        *([tried] if tried else []),
         *([] if diagnosis is None else diagnosis_sentences(diagnosis)),
         *statements(record),
         *free_law_sentences(without_form),
@@ -271,12 +271,14 @@ def _rows(weighed: Mapping[str, Weighed], highest: str | None) -> dict[str, Stor
     return compared
 
 
-def _trials(campaign: Campaign, laws: Sequence[str | Sequence[str]] | None) -> Trials:
-    """Return sets of laws to try; the usual sets if none are named."""
+def _trials(
+    campaign: Campaign, laws: Sequence[str | Sequence[str]] | None
+) -> tuple[tuple[tuple[str, ...], ...], str]:
+    """Return sets of laws to try with a sentence on them; the usual sets if none are named."""
     chosen = None if laws is None else _chosen(laws)
     if campaign.joints is not None:
         return trials_at_joints(campaign.laws, chosen)
-    return Trials(tuple(_usual(campaign) if chosen is None else chosen), "")
+    return tuple(_usual(campaign) if chosen is None else chosen), ""
 
 
 def _usual(campaign: Campaign) -> list[tuple[str, ...]]:

@@ -33,7 +33,11 @@ class StoredFinding(Stored):
 
 
 class StoredAnswer(Stored):
-    """The answer of the findings to one question of the verdict."""
+    """The answer of the findings to one question of the verdict.
+
+    `word` is the status, or the grade of a graded law; `because` are facts of the findings that are
+    not ok, or of the first one if all are ok, then the additions of later checks, each once.
+    """
 
     question: str = ""
     status: str = ""
@@ -289,6 +293,7 @@ class StoredDirection(Stored):
 class StoredPrecision(StoredRow):
     """The precision of a parameter or combination by the fit."""
 
+    text: str = ""
     value: Number = None
     sd: Number = None
     relative: Number = None

@@ -25,7 +25,6 @@ so that it must agree between modes that share one joint.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -82,16 +81,10 @@ class FinishedRun(NamedTuple):
     basis: Basis
 
 
-@dataclass(frozen=True)
-class Difference:
-    """The result of `differences`: what is stored in `record`, and both runs' `backbones`."""
-
-    record: RunDifference
-    backbones: xr.Dataset | None
-
-
-def differences(first: Path, second: Path) -> Difference:
+def differences(first: Path, second: Path) -> tuple[RunDifference, xr.Dataset | None]:
     """Compare the parameters, frequencies and damping of two finished runs.
+
+    The second value contains both runs' backbones; None where a run has none.
 
     Raises:
         ConfigError: The runs have different laws, or quantities in different units.
@@ -116,7 +109,7 @@ def differences(first: Path, second: Path) -> Difference:
     )
     record = record.replaced(joints=joints) if joints else record
     sentences = _statements(record, first_run, second_run, apart)
-    return Difference(record.replaced(statements=sentences), backbones)
+    return record.replaced(statements=sentences), backbones
 
 
 def compared(

@@ -145,8 +145,8 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
         unread=unread,
         seen=[sentence for test in campaign.tests for sentence in _seen(test)],
     )
-    found = statements(record, tables_of, _modes_hz(campaign))
-    record = record.replaced(statements=found.sentences, laws=list(found.laws))
+    sentences, laws = statements(record, tables_of, _modes_hz(campaign))
+    record = record.replaced(statements=sentences, laws=list(laws))
     return Look(record, readings_of, tables_of, responses)
 
 
@@ -445,20 +445,14 @@ def read_of_shaker(spec: TestSpec, record: Record) -> str:
         return no_shaker(spec.name, " ".join(str(error).split()))
 
 
-class Statements(NamedTuple):
-    """The sentences on a structure, and the laws that its readings propose, simplest first."""
-
-    sentences: list[str]
-    laws: tuple[str, ...]
-
-
 def statements(
     record: StoredLook,
     by_test: Mapping[str, list[RecordTable]],
     modes_hz: Sequence[float] = (),
-) -> Statements:
-    """Report whether records differ, and whether and how frequency and damping depend on amplitude.
+) -> tuple[list[str], tuple[str, ...]]:
+    """Return sentences on the readings, and the laws that they propose, simplest first.
 
+    The sentences state whether records differ, and how frequency and damping depend on amplitude.
     Several modes are reported separately, each from the readings nearest to its frequency.
     """
     sentences, laws = [], ()
@@ -489,7 +483,7 @@ def statements(
     for name, why in record.unread.items():
         reasons.setdefault(why, []).append(name)
     unread = [messages.not_read(names, why) for why, names in reasons.items()]
-    return Statements([*sentences, *unread], laws)
+    return [*sentences, *unread], laws
 
 
 def _by_mode(

@@ -11,7 +11,6 @@ interval of the slope is widened, in quadrature, by Student's interval from that
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -39,23 +38,12 @@ BY_CHANCE = 0.01  # a smaller probability of the variation about a trend is repo
 NUISANCE = {"gain"}  # a property of the source, which frequency and damping do not need
 
 
-@dataclass(frozen=True)
-class SideBySide:
-    """The result of `side_by_side`: a record in plain values and the backbones of all runs.
-
-    Attributes:
-        record: Runs, readings, trends and statements.
-        backbones: 99 % bands of frequency [Hz] and damping ratio, by run, quantile and amplitude.
-    """
-
-    record: RunsSideBySide
-    backbones: xr.Dataset
-
-
-def side_by_side(folders: Sequence[Path]) -> SideBySide:
+def side_by_side(folders: Sequence[Path]) -> tuple[RunsSideBySide, xr.Dataset]:
     """Compare frequency and damping against amplitude of several finished runs, of any laws.
 
-    Runs are ordered by the torques of their campaigns where all state one, otherwise as given.
+    The second value contains their 99 % bands of frequency [Hz] and damping ratio, by run, quantile
+    and amplitude. Runs are ordered by the torques of their campaigns where all state one, otherwise
+    as given.
 
     Raises:
         ConfigError: A run has no frequency and damping against amplitude.
@@ -97,7 +85,7 @@ def side_by_side(folders: Sequence[Path]) -> SideBySide:
         for place in TOLD
     ]
     record = RunsSideBySide(runs=runs, readings=readings, trends=_trends(runs, draws, amplitude))
-    return SideBySide(record.replaced(statements=_statements(record)), backbones)
+    return record.replaced(statements=_statements(record)), backbones
 
 
 def _require_backbone(folder: Path, basis: Basis) -> None:

@@ -440,13 +440,13 @@ def test_each_of_several_modes_is_told_by_itself():
         "second": [a_table(y, 90.0, 0.01)],
     }
     record = StoredLook()
-    told = statements(record, readings, (30.5, 91.0)).sentences
+    told = statements(record, readings, (30.5, 91.0))[0]
     first = [sentence for sentence in told if sentence.startswith("Mode near 30.5 Hz: ")]
     (second,) = [sentence for sentence in told if sentence.startswith("Mode near 91 Hz: ")]
     assert first[0].startswith("Mode near 30.5 Hz: Nonlinear: yes")
     assert second.startswith("Mode near 91 Hz: Nonlinear: not detected")
     # A mode that no test reads says nothing; one mode alone is not named.
     alone = {"first": readings["first"]}
-    assert statements(record, alone, (30.5, 91.0)).sentences == first
-    unnamed = statements(record, alone).sentences
+    assert statements(record, alone, (30.5, 91.0))[0] == first
+    unnamed = statements(record, alone)[0]
     assert [texts.of_mode(30.5, sentence) for sentence in unnamed] == first

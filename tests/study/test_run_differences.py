@@ -115,7 +115,7 @@ def test_factors_on_the_motion_of_joints_are_compared_one_by_one_and_that_is_sai
         runs.append(
             write_run(tmp_path / folder, (126.0, 0.1), laws="bouc_wen@bolt_1", held=held, **draws)
         )
-    record = differences(*runs).record
+    record = differences(*runs)[0]
     assert [row.degrees_of_freedom for row in record.joints] == [3]
     assert not record.joints[0].changed
     row = next(row for row in record.parameters if row.name == factor)
@@ -141,14 +141,14 @@ def test_laws_in_metres_of_other_motions_are_told(tmp_path):
         joints.to_netcdf(run_folder / "posterior.nc", mode="a", group="joints", engine="h5netcdf")
         runs.append(run_folder)
     said = texts.homes_differ("bolt_1", "bolt_1 in mode 1", "bolt_1 in mode 2")
-    assert said in differences(*runs[:2]).record.statements
-    alike = differences(runs[0], runs[2]).record.statements
+    assert said in differences(*runs[:2])[0].statements
+    alike = differences(runs[0], runs[2])[0].statements
     assert not any("the model's motion of" in sentence for sentence in alike)
 
 
 def test_of_one_joint_no_joint_is_named(tmp_path):
     first, second = (write_run(tmp_path / name, (126.0, 0.1)) for name in ("first", "second"))
-    assert differences(first, second).record.joints == []
+    assert differences(first, second)[0].joints == []
     assert joint_statements([]) == []
 
 
@@ -162,7 +162,7 @@ def test_frequencies_differ_by_what_the_oscillators_do(tmp_path):
     one = write_run(tmp_path / "first", (126.0, 0.1))
     other = write_run(tmp_path / "second", (125.0, 0.1))
     found = differences(one, other)
-    rows = {(row.name, round(1e3 * row.amplitude, 6)): row for row in found.record.backbone}
+    rows = {(row.name, round(1e3 * row.amplitude, 6)): row for row in found[0].backbone}
     assert {y for _, y in rows} == {0.2, 0.5, 1.0, 1.5, 2.0}
     low, middle, high = rows["frequency", 2.0].difference
     # Of 200 draws carried the tails end at 2.8 standard deviations.
@@ -171,7 +171,7 @@ def test_frequencies_differ_by_what_the_oscillators_do(tmp_path):
     assert (high - low) / 2 == pytest.approx(half, rel=0.1)
     assert rows["frequency", 2.0].probability > 0.999
     np.testing.assert_allclose(rows["damping", 1.0].a, 0.01, rtol=1e-6)
-    said = found.record.statements
+    said = found[0].statements
     assert texts.differs("omega_n", "1.00 [0.64, 1.36] rad/s", sure=True) in said
     assert texts.may_be_same(["zeta", "alpha", "delta", "gamma", "gamma/delta"]) in said
     assert texts.ONE_ASSEMBLY in said
@@ -186,7 +186,7 @@ def with_ratio(mean, sd, seed):
 def test_two_modes_of_one_joint_have_one_ratio(tmp_path):
     one = write_run(tmp_path / "first", (126.0, 0.1), **with_ratio(0.27, 0.02, 1))
     other = write_run(tmp_path / "second", (252.0, 0.1), **with_ratio(0.50, 0.03, 4))
-    found = differences(one, other).record
+    found = differences(one, other)[0]
     row = found.parameters[-1]
     assert (row.name, row.unit) == ("gamma/delta", "1")
     # The outermost of 1,000 draws cut the tails, as above.
@@ -196,22 +196,22 @@ def test_two_modes_of_one_joint_have_one_ratio(tmp_path):
     assert "same gamma/delta in both. A: 0.270 [0.2" in said
     assert texts.SHARES[True] in said
     same = write_run(tmp_path / "same", (252.0, 0.1), **with_ratio(0.29, 0.03, 4))
-    said = " ".join(differences(one, same).record.statements)
+    said = " ".join(differences(one, same)[0].statements)
     assert texts.SHARES[True] not in said
     assert texts.SHARES[False] in said
     # Of one mode on two days nothing is said of modes; a softening that may be none has no ratio.
     again = write_run(tmp_path / "again", (127.0, 0.1), **with_ratio(0.50, 0.03, 4))
-    said = " ".join(differences(one, again).record.statements)
+    said = " ".join(differences(one, again)[0].statements)
     assert not any(answer in said for answer in texts.SHARES.values())
     weak = write_run(tmp_path / "weak", (252.0, 0.1), delta=gaussian(1.0, 1.0))
-    names = [row.name for row in differences(one, weak).record.parameters]
+    names = [row.name for row in differences(one, weak)[0].parameters]
     assert "gamma/delta" not in names
 
 
 def test_equal_runs_do_not_differ_and_their_scatter_is_told(tmp_path):
     one = write_run(tmp_path / "first", (126.0, 0.1), scatter=(0.5, 1e-4))
     other = write_run(tmp_path / "second", (126.0, 0.1))
-    said = differences(one, other).record.statements
+    said = differences(one, other)[0].statements
     assert said[0] == texts.NONE_DIFFERS
     assert texts.sessions_scatter({"A": ("0.5 rad/s", "0.0001")}) in said
 
@@ -219,7 +219,7 @@ def test_equal_runs_do_not_differ_and_their_scatter_is_told(tmp_path):
 def test_what_the_data_do_not_know_is_not_compared(tmp_path):
     one = write_run(tmp_path / "first", (126.0, 0.1))
     other = write_run(tmp_path / "second", (125.0, 0.1), kl=0.1)
-    found = differences(one, other).record
+    found = differences(one, other)[0]
     row = next(row for row in found.parameters if row.name == "omega_n")
     assert probability_text(row) == "prior"
     assert texts.of_prior({"omega_n": ["B"]}) in found.statements
@@ -237,7 +237,7 @@ def test_laws_and_units_must_agree_and_a_gain_of_another_source_is_left_out(tmp_
     gain = {"gain": np.ones(COUNT)}
     newtons = write_run(tmp_path / "n", (126.0, 0.1), units=UNITS | {"gain": "1/kg"}, **gain)
     driven = write_run(tmp_path / "v", (126.0, 0.1), units=UNITS | {"gain": "N/kg/V"}, **gain)
-    names = [row.name for row in differences(newtons, driven).record.parameters]
+    names = [row.name for row in differences(newtons, driven)[0].parameters]
     assert names == ["omega_n", *LINEAR, "gamma/delta"]
 
 
@@ -279,13 +279,13 @@ def test_records_that_scatter_widen_what_a_run_says(tmp_path):
     runs = [
         write_run(tmp_path / name, (126.0, 0.1), zeta=x) for name, x in zip("ab", zeta, strict=True)
     ]
-    told = differences(*runs).record
+    told = differences(*runs)[0]
     (plain,) = [row for row in told.parameters if row.name == "zeta"]
     assert plain.probability == 0.0
     assert not [line for line in told.statements if line.startswith("The records of a run")]
     for folder in runs:
         with_scattered_records(folder, 0.06, 9)
-    told = differences(*runs).record
+    told = differences(*runs)[0]
     (row,) = [row for row in told.parameters if row.name == "zeta"]
     std = np.sqrt(2e-10 + (0.06 / 3) ** 2 * (0.01**2 + 0.0105**2))
     # A million pairs of 1,000 random draws each: 5 % of a standard deviation.
@@ -307,6 +307,6 @@ def adequacy(folder, status):
 def test_a_sure_difference_under_a_law_that_leaves_more_than_noise_may_be_of_the_records(tmp_path):
     first = adequacy(write_run(tmp_path / "one", (118.0, 0.01)), "usable")
     second = adequacy(write_run(tmp_path / "other", (119.0, 0.01)), "ok")
-    assert texts.inadequate(["A"]) in differences(first, second).record.statements
+    assert texts.inadequate(["A"]) in differences(first, second)[0].statements
     adequacy(first, "ok")
-    assert texts.inadequate(["A"]) not in differences(first, second).record.statements
+    assert texts.inadequate(["A"]) not in differences(first, second)[0].statements

@@ -1,7 +1,7 @@
 """Findings about a posterior, and the verdict that follows from them."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from html import escape
 from textwrap import shorten
@@ -11,7 +11,7 @@ import numpy as np
 
 from jbw.report.messages.findings import FINDINGS, remedy_of, sentence_of
 from jbw.report.messages.questions import QUESTIONS
-from jbw.results.run import StoredFinding, StoredVerdict
+from jbw.results.run import StoredAnswer, StoredFinding, StoredVerdict
 
 Status = Literal["ok", "usable", "failed", "not assessed"]
 GRADE = "law_grade"  # code of the finding on whether the law describes the data
@@ -108,7 +108,7 @@ class Verdict:
 
     def stored(self) -> StoredVerdict:
         """Return the verdict as a run's summary stores it: status, answers and findings."""
-        answered = {name: asdict(answer) for name, answer in answers(self.findings)}
+        answered = dict(answers(self.findings))
         findings = [finding.stored() for finding in self.findings]
         return StoredVerdict.read(
             {"status": self.status, "answers": answered, "findings": findings}
@@ -212,24 +212,6 @@ def checked(
     return Finding(code, "ok" if ok else "failed", values, float(number), needed, entry=entry)
 
 
-@dataclass(frozen=True)
-class Answer:
-    """The answer of the findings to one question of the verdict.
-
-    Attributes:
-        question: Text of the question.
-        status: The verdict of its findings.
-        word: The status; for a graded law, its grade.
-        because: Facts of the findings that are not ok, or of the first one if all are ok; then the
-            additions of later checks, each sentence once.
-    """
-
-    question: str
-    status: Status
-    word: str
-    because: str
-
-
 def question_of(code: str) -> str:
     """Return the question of the verdict that findings of a code answer."""
     if code in ASKED_BY:
@@ -237,7 +219,7 @@ def question_of(code: str) -> str:
     return FINDINGS[code].question if code in FINDINGS else "sampling"
 
 
-def answers(findings: Iterable[Finding]) -> Iterator[tuple[str, Answer]]:
+def answers(findings: Iterable[Finding]) -> Iterator[tuple[str, StoredAnswer]]:
     """Yield the three answers of a verdict by name; none without findings."""
     looked = tuple(findings)
     for name, question in QUESTIONS.items():
@@ -254,7 +236,7 @@ def answers(findings: Iterable[Finding]) -> Iterator[tuple[str, Answer]]:
             status = answered(relevant)
             is_graded = any(finding.code == GRADE for finding in relevant)
             word = GRADES.get(status, status) if is_graded else status
-            yield name, Answer(question, status, word, because)
+            yield name, StoredAnswer(question=question, status=status, word=word, because=because)
 
 
 def first_line(status: str, answers: Iterable[tuple[str, str]] = ()) -> str:
