@@ -110,9 +110,9 @@ def one_stage(
 
 def measured_units(studies: Sequence[Study], population: Population) -> list[MeasuredUnit]:
     """Return every unit of a fleet with its records and the scale of its posterior."""
-    if len(studies) != len(population.record["units"]):
+    if len(studies) != (num_units := len(population.result.units)):
         raise ConfigError(
-            f"Argument `studies` must hold the {len(population.record['units'])} units of the "
+            f"Argument `studies` must hold the {num_units} units of the "
             f"population, but holds {len(studies)}.",
             remedy="Give what `jbw.identify` returned of each, in the order of the fleet.",
         )
