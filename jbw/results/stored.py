@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 Number = float | None  # None where the number is unknown or infinite
 
@@ -12,6 +12,15 @@ class Stored(BaseModel):
     """A value that is stored as a JSON object."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_null(cls, record: Any) -> Any:
+        """Leave out a null, as earlier versions wrote it, where the field has another default."""
+        if not isinstance(record, Mapping):
+            return record
+        filled = {name for name, field in cls.model_fields.items() if field.default is not None}
+        return {key: x for key, x in record.items() if x is not None or key not in filled}
 
     @classmethod
     def read(cls, record: Mapping[str, Any]) -> Self:
