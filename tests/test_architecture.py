@@ -39,7 +39,7 @@ SEES = {
     "rig": {"assembly", "campaign", "measurement", "oscillator"},
     "report": {"inference", "measurement", "oscillator", "run"},
     "observables": LEAVES,
-    "identification": MODEL | {"freeform", "paper"},
+    "identification": MODEL | {"paper"},
     "verification": MODEL | {"identification"},
     "planning": MODEL | {"verification"},
     "study": MODEL

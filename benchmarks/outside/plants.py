@@ -12,7 +12,7 @@ from .simulator import Array, Plant, force_along, free_decay, substeps_of
 
 Rng = np.random.Generator
 MOST_STIFFNESS = 0.3  # of omega_n^2 that a joint carries
-NUM_SLIDERS = 60
+NUM_SLIDERS = 240
 STEADY_RANGE, STEADY_POINTS = 100.0, 40  # of amplitudes of steady loops
 PER_PERIOD = 64.0  # samples of a free decay that the truth is read from
 

@@ -48,7 +48,10 @@ Coordinates = Annotated[str, values.OneOf(_coordinates)]
 Reference = Literal["linear", "cubic"]
 References = Annotated[
     tuple[Reference, ...],
-    BeforeValidator(values.strings, json_schema_input_type=Reference | list[Reference]),
+    BeforeValidator(
+        lambda value: () if value == [] else values.strings(value),
+        json_schema_input_type=Reference | list[Reference],
+    ),
 ]
 
 
@@ -90,7 +93,7 @@ class Identify(FileTable):
     )
     compare_with: References = key(
         ("linear",),
-        "oscillators without hysteresis to compare with; linear by default",
+        "oscillators without hysteresis to compare with; linear by default, none if empty",
         ["linear", "cubic"],
     )
     offsets: Literal["auto", "runs", "none"] = key(

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 
-from jbw.freeform.rows import ReadingRows
 from jbw.inference.fit.costly_fit import costly_fit, parameters_at
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.generator import generator
@@ -36,13 +35,6 @@ class WhiteRows(NamedTuple):
     values: Float[Array, " row"]
     white: Float[Array, "row row"]
     unit: float
-
-
-def rows_with_errors(rows: ReadingRows) -> WhiteRows:
-    """Return stiffness and loss readings with the matrix that whitens their covariance."""
-    white = np.linalg.inv(np.linalg.cholesky(rows.with_scatter))
-    y, values, white = jax.device_put((rows.y, rows.values, white))
-    return WhiteRows(y, values, white, rows.unit)
 
 
 def rows_of_curve(curve: AmplitudeCurve) -> WhiteRows:

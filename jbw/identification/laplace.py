@@ -5,12 +5,14 @@ $$w \sim N(0, I), \qquad \theta = T(\hat u + L w), \qquad L L^T = \Sigma$$
 T is the coordinate system of the posterior: logarithms for parameters that cannot be zero. Sigma is
 the fit's covariance there; there is one for every possible scatter of runs if that is unknown.
 Points outside the prior box are omitted, as in the posterior; if few lie inside, the Gaussian is
-drawn within the box. A curved posterior differs from this approximation, so no verdict follows.
+drawn within the box. A curved posterior differs from this approximation: weighted points replace
+the Gaussian there (`curved.py`). No verdict follows in either case.
 
 Reference:
     Tierney and Kadane (1986), J. Am. Stat. Assoc. 81, 82.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
 from typing import NamedTuple
@@ -25,6 +27,7 @@ from scipy.special import softmax
 from jbw.identification.accuracy import residual_finding
 from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.checks import Checks, seen_hysteresis
+from jbw.identification.curved import WeightedDraws, is_curved, weighted_draws
 from jbw.identification.equivalent import effects
 from jbw.identification.free_decays import FreeDecays, decays_in
 from jbw.identification.gain_units import with_gain_units
@@ -58,8 +61,16 @@ NOTHING = 1e-9  # factor of the scatter of runs that suppresses offsets
 LEAST = 12.0  # precision of the prior alone, times the squared width of its box
 
 
-def fit_alone(seen: Measured, *, seed: int, report: Report) -> Posteriors:
+def fit_alone(
+    seen: Measured, *, seed: int, report: Report, known: Mapping[str, float] | None = None
+) -> Posteriors:
     """Fit all tests of a campaign and return the Gaussian approximation in place of draws.
+
+    Args:
+        seen: The tests of the campaign.
+        seed: Random seed.
+        report: Function that is called with one sentence before the fit.
+        known: Values from which the fit starts.
 
     Raises:
         DataError: If no test is left to fit the joint to.
@@ -68,24 +79,35 @@ def fit_alone(seen: Measured, *, seed: int, report: Report) -> Posteriors:
     data = assemble(seen)
     report(stages.least_squares(len(data.labels)))
     readings = joint_readings(key, seen)
-    ready = prepare(parts_of(key, 2), data, seen.settings, readings.known, quick=True)
+    values = {**(known or {}), **readings.known}
+    ready = prepare(parts_of(key, 2), data, seen.settings, values, quick=True)
     ready = with_readings(ready, readings)
     ready = widened_by_fit(ready, seen.settings.prior) or ready
-    return about_fit(key, seen, replace(ready, wall_s=perf_counter() - started))
+    ready = replace(ready, wall_s=perf_counter() - started)
+    return about_fit(key, seen, ready, weighs=True)
 
 
-def about_fit(key: Key[Array, ""], seen: Measured, ready: Fitted) -> Posteriors:
-    """Return a fit's Gaussian approximation in the form of sampled posteriors."""
+def about_fit(
+    key: Key[Array, ""], seen: Measured, ready: Fitted, *, weighs: bool = False
+) -> Posteriors:
+    """Return a fit's Gaussian approximation in the form of sampled posteriors.
+
+    If `weighs`, weighted points replace the Gaussian where the posterior is curved.
+    """
     started = perf_counter()
-    tree = with_gain_units(laplace_tree(key, ready), seen.tests)
+    weighted = None
+    if weighs and is_curved(ready):
+        weighted = weighted_draws(key, ready, NUM_CHAINS, NUM_DRAWS)
+    tree = with_gain_units(laplace_tree(key, ready, weighted), seen.tests)
     joint = JointPosterior("joint", tree, ready, ready.wall_s + perf_counter() - started)
     in_fit = None if seen.decays is None else decays_in(ready.data)
-    return Posteriors(joint, checks_of_fit(joint), FreeDecays(in_fit))
+    return Posteriors(joint, checks_of_fit(joint, weighted), FreeDecays(in_fit))
 
 
-def laplace_tree(key: Key[Array, ""], ready: Fitted) -> xr.DataTree:
-    """Return draws of a fit's Gaussian approximation in the groups of a sampler's result."""
-    lp, theta = laplace_draws(key, ready)
+def laplace_tree(key: Key[Array, ""], ready: Fitted, weighted: WeightedDraws | None) -> xr.DataTree:
+    """Return weighted or Gaussian draws about a fit in the groups of a sampler's result."""
+    lp, theta = laplace_draws(key, ready) if weighted is None else weighted.draws
+    meant = messages.LOG_DENSITY if weighted is None else messages.LOG_LIKELIHOOD
     low_high, meaning = bounds_by_name(ready.box), attrs(ready.data.laws)
     dims, shape = ("chain", "draw"), (NUM_CHAINS, NUM_DRAWS)
     posterior = xr.Dataset(
@@ -99,7 +121,7 @@ def laplace_tree(key: Key[Array, ""], ready: Fitted) -> xr.DataTree:
         },
         {dim: np.arange(size) for dim, size in zip(dims, shape, strict=True)},
     )
-    words = {"units": "1", "long_name": messages.LOG_DENSITY}
+    words = {"units": "1", "long_name": meant}
     tree = xr.DataTree.from_dict(
         {
             "/posterior": posterior.assign(law_variables(posterior, ready.data)),
@@ -110,7 +132,7 @@ def laplace_tree(key: Key[Array, ""], ready: Fitted) -> xr.DataTree:
     return tree
 
 
-def checks_of_fit(joint: JointPosterior) -> Checks:
+def checks_of_fit(joint: JointPosterior, weighted: WeightedDraws | None) -> Checks:
     """Return the checks of a fit that has no posterior draws: its findings and statements."""
     started, ready = perf_counter(), joint.fitted
     modes = joint_modes(joint.draws, ready.data, ready.fit.theta)
@@ -121,7 +143,7 @@ def checks_of_fit(joint: JointPosterior) -> Checks:
         messages.at_bound(parameter, side) for parameter, side in ready.fit.at_bound.items()
     ]
     findings = [
-        not_sampled(),
+        not_sampled(weighted),
         *([] if of_joints is None else [of_joints]),
         *doubts_of_fit(joint.draws, ready),
     ]
@@ -275,6 +297,8 @@ def _covariance_of_offsets(
     )
 
 
-def not_sampled() -> Finding:
-    """Return the finding that a fit's Gaussian was not compared with the posterior."""
-    return Finding("not_sampled", "not assessed", {}, float("nan"))
+def not_sampled(weighted: WeightedDraws | None) -> Finding:
+    """Return the finding that a first answer's posterior was not sampled, and what it is."""
+    effective = None if weighted is None else weighted.effective
+    values = {"intervals": messages.intervals_of_fit(effective)}
+    return Finding("not_sampled", "not assessed", values, float("nan"))

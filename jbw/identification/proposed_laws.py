@@ -1,72 +1,73 @@
-r"""The choice of a law from readings of frequency and damping, if a campaign states none.
+"""The choice of a law from quick fits, if a campaign states none.
 
 The exponents with which frequency and damping depend on amplitude propose laws before anything is
-fitted. If there are several proposals, the steady loops of each, and of Bouc-Wen, are fitted to the
-readings, with the covariance C of their errors. The chosen law has the largest score
-
-$$-r^T C^{-1} r - k \ln n$$
-
-with residual r, k parameters and n readings.
+fitted. The proposals are fitted in turn, those with the fewest parameters first, until one leaves
+white residuals. If none does, the law with the smallest error is chosen.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import jax
 import numpy as np
 
 from jbw.errors import JbwError
-from jbw.freeform.rows import rows_of
-from jbw.identification.assemble import Measured, Report
-from jbw.identification.coordinates import joint_box
-from jbw.identification.curve_fit import fit_curve, rows_with_errors
-from jbw.measurement.readings.statement import RecordTable, trend
-from jbw.oscillator.parameters import Scales
-from jbw.quantities import DEFAULT_LAWS
+from jbw.identification.accuracy import residual_finding
+from jbw.identification.assemble import Measured, Report, assemble
+from jbw.identification.first_fit import first_fit
+from jbw.inference.fit.fitting import Fit
+from jbw.observables import dataset, noise
+from jbw.observables.dataset import Dataset
+from jbw.oscillator.laws import law_named
 from jbw.report.messages import laws as messages
 
-LEAST_DAMPING = 1e-4  # least damping ratio that scales the priors
+AS_GOOD = 1.05  # times the least error: an error up to which an earlier proposal is preferred
 
 
-def proposed(
-    seen: Measured, tables: Sequence[RecordTable], read: Sequence[str], seed: int, report: Report
-) -> tuple[Measured, str]:
-    """Choose the law that fits the readings best; return tests under it, and a sentence.
+class ChosenLaw(NamedTuple):
+    """The tests under the chosen law, its fitted parameters (empty without a fit), a sentence."""
+
+    measured: Measured
+    theta: dict[str, float]
+    sentence: str
+
+
+def chosen(seen: Measured, laws: Iterable[str], seed: int, report: Report) -> ChosenLaw:
+    """Fit laws in turn until one leaves white residuals; choose it, or the one that fits best.
 
     Args:
-        seen: Tests under the default law.
-        tables: Readings of the fitted records.
-        read: Laws that the readings propose, the simplest first. The simplest is chosen if there
-            are too few readings to compare.
+        seen: Tests under any law.
+        laws: Proposed laws; of those with equally many parameters the first is tried first.
         seed: Random seed.
         report: Function that is called with one sentence at every stage.
     """
-    scores: dict[str, float] = {}
-    if len(read) > 1:  # Bouc-Wen may fit as well as laws of sliders
-        scores = scores_of(seen, tables, list(dict.fromkeys([*read, *DEFAULT_LAWS])), seed)
-    order = sorted(scores, key=scores.__getitem__, reverse=True) or [read[0]]
-    margins = [(name, scores[order[0]] - scores[name]) for name in order[1:]]
-    report(sentence := messages.chosen_by_reading(order[0], margins))
-    return replace(seen, laws=(order[0],)), sentence
-
-
-def scores_of(
-    seen: Measured, tables: Sequence[RecordTable], laws: Sequence[str], seed: int
-) -> dict[str, float]:
-    """Return the score of each law that can be fitted to readings; empty with too few readings."""
-    try:
-        rows = rows_of(tables)
-    except JbwError:
-        return {}
-    omega_n, zeta = 2 * np.pi * trend(tables, "hz").at_rest, trend(tables, "zeta").at_rest
-    scales = Scales(omega_n, max(zeta, LEAST_DAMPING), float(rows.y.max()))
-    white, scores = rows_with_errors(rows), dict[str, float]()
-    for law in laws:
-        prior = joint_box(seen.settings, scales, None, (law,), linear=False)
+    fits: dict[str, dict[str, float]] = {}
+    errors: dict[str, float] = {}
+    is_white = False
+    for law in sorted(laws, key=lambda law: len(law_named(law).table)):
+        report(messages.trying(law))
+        tried = assemble(replace(seen, laws=(law,)))
         try:
-            best = fit_curve(jax.random.key(seed), (law,), prior, white)
-        except JbwError:  # the law has no steady loop at any start
+            _, best, data = first_fit(jax.random.key(seed), tried, seen.settings, quick=True)
+        except JbwError:  # the law cannot be solved for these tests
             continue
-        chi_square, _ = best.chi_square
-        scores[law] = -chi_square - len(best.x) * float(np.log(len(best.residual)))
-    return scores
+        fits[law] = best.theta
+        errors[law], is_white = remains_of(best, data)
+        if is_white:
+            break
+    if not errors:
+        return ChosenLaw(seen, {}, "")
+    enough = AS_GOOD * min(errors.values())
+    best_law = law if is_white else next(name for name in errors if errors[name] <= enough)
+    report(sentence := messages.chosen_by_fits(best_law, errors, is_white=is_white))
+    return ChosenLaw(replace(seen, laws=(best_law,)), fits[best_law], sentence)
+
+
+def remains_of(best: Fit, data: Dataset) -> tuple[float, bool]:
+    """Return the rms of the groups' relative errors, and whether their residuals are white."""
+    residuals = dataset.residual_by_label(best.residual, data)
+    error: Mapping[str, float] = dataset.error_by_label(residuals, data)
+    found = residual_finding(residuals, noise.fractions_counted(data), error)
+    mean_square = np.mean(np.square([*error.values()]))
+    return float(np.sqrt(mean_square)), found is None or found.status == "ok"

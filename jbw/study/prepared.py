@@ -1,17 +1,18 @@
 """The tests of a campaign before any fit: checked, read without a model, split."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 from jbw.campaign.gains import force_per_unit
 from jbw.campaign.load import Campaign
 from jbw.identification.assemble import Measured, Report, measured_in
-from jbw.identification.proposed_laws import proposed
+from jbw.identification.proposed_laws import chosen
 from jbw.identification.usable import usable
 from jbw.observables.records import compile_beside
 from jbw.quantities import DEFAULT_LAWS
 from jbw.report.messages import stages
-from jbw.study.free_group import fitted_tables
 from jbw.study.look import Look, look_quietly
 
 
@@ -22,20 +23,21 @@ class PreparedTests(NamedTuple):
         measured: Fitted and held-out tests, the linear regime (Step 2), and the ingredients of the
             model.
         look: Readings of the records without a model.
-        sentences: Sentences on tests that cannot be used, and on laws that the readings propose.
+        sentences: Sentences on tests that cannot be used, and on the choice of the law.
+        known: Parameters of the fit by which the law was chosen.
     """
 
     measured: Measured
     look: Look
     sentences: tuple[str, ...]
+    known: Mapping[str, float] = MappingProxyType({})
 
 
 def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTests:
     """Return the usable tests, their readings without a model, and the data of each later step.
 
-    This precedes all sampling, so that an error in a record costs no result. If a
-    campaign states no law, and its readings propose another law before the default, it gets the
-    best one of those that they propose.
+    This precedes all sampling, so that an error in a record costs no result. If a campaign states
+    no law and its readings propose several, it gets the one that fits best.
     """
     gain = force_per_unit(campaign)
     several = campaign.joints is not None
@@ -49,7 +51,8 @@ def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTest
     look = look_quietly(replace(campaign, tests=accepted.tests))
     measured = measured_in(campaign, report, accepted.tests, accepted.line_fit)
     read = look.record.laws
-    if campaign.states_laws or several or not read or read[0] in DEFAULT_LAWS:
+    if campaign.states_laws or several or not read:
         return PreparedTests(measured, look, accepted.left_out)
-    measured, sentence = proposed(measured, fitted_tables(look, measured), read, seed, report)
-    return PreparedTests(measured, look, (*accepted.left_out, sentence))
+    found = chosen(measured, dict.fromkeys([*read, *DEFAULT_LAWS]), seed, report)
+    sentences = *accepted.left_out, found.sentence
+    return PreparedTests(found.measured, look, sentences, found.theta)

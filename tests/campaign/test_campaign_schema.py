@@ -2,6 +2,7 @@
 
 import re
 import time
+import tomllib
 
 import pytest
 from hypothesis import given, settings
@@ -353,3 +354,11 @@ def test_a_campaign_file_that_holds_samples_is_refused_by_its_size(tmp_path):
     with pytest.raises(ConfigError, match="must be of 1 MiB at most"):
         read_spec(path)
     assert time.process_time() - begin < 1.0
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [("", ("linear",)), ("compare_with = []", ()), ('compare_with = "cubic"', ("cubic",))],
+)
+def test_references_are_one_several_or_none(line, expected):
+    assert Identify.of(tomllib.loads(line)).compare_with == expected

@@ -37,6 +37,7 @@ from jbw.report.messages import (
 )  # fmt: skip
 from jbw.report.messages.findings import FINDINGS, remedy_of, sentence_of
 from jbw.report.messages.message import FaultText
+from jbw.report.messages.posterior import intervals_of_fit
 
 SNAPSHOT = Path(__file__).with_name("messages.txt")
 
@@ -52,7 +53,7 @@ DRAG = {
 OTHER_LAW = {"another_law": "Try other laws: jbw laws."}
 # Values of the sentence, then of the remedy.
 OF_FINDINGS = {
-    "not_sampled": ({}, {}),
+    "not_sampled": ({"intervals": intervals_of_fit(None)}, {}),
     "second_posterior": ({"reason": "The posterior could not be made."}, {}),
     "incomplete_checks": ({"sentences": ["The check of one could not be made."]}, {}),
     "solver_error": ({"shift": 0.23, "limit": 0.1}, {"substeps": 8}),
@@ -211,8 +212,11 @@ OF_TOPICS = {
         free_law.least_damping(1.25, 1.4e-3), free_law.scattered(1.51),
         free_law.gap_sliders(11, 0.104, 2.6e-3),
         free_law.held_out_loop("1.5 in", 0.151, 0.124),
-        laws.chosen_by_reading("cubic", []),
-        laws.chosen_by_reading("iwan4", [("masing_power", 81.2)]),
+        laws.trying("cubic"),
+        laws.chosen_by_fits("cubic", {"cubic": 0.0041}, is_white=True),
+        laws.chosen_by_fits(
+            "iwan4", {"bouc_wen": 0.0068, "iwan4": 0.0021, "masing_power": 0.0025}, is_white=False
+        ),
         laws.OF_EACH_MODE, laws.IN_FIRST_MODE,
         *(
             laws.tried_at_joints(["linear", "bouc_wen"], ["bouc_wen@bolt_1"], 4, which, 12)

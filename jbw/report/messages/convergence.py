@@ -9,8 +9,7 @@ SIZE = "{size:.4g}; " + RANGE
 MESSAGES = (
     Message(
         "not_sampled",
-        "The posterior was not sampled: the intervals are those of a Gaussian approximation at "
-        "the optimum of the fit.",
+        "The posterior was not sampled: {intervals}.",
         """
         Check: whether the posterior was sampled. `jbw identify --quick` samples no posterior.
         Its draws come from a Gaussian approximation at the optimum, which has the covariance of
@@ -18,8 +17,9 @@ MESSAGES = (
         are drawn from one Gaussian for each standard deviation that they may have.
 
         Where the data identify every parameter, these intervals are close to those of the
-        posterior. Where parameters trade off or lie at a bound, the posterior is curved, and no
-        check here detects that.
+        posterior. Where parameters trade off or lie near a threshold, the posterior is curved. The
+        likelihood two standard deviations from the optimum, along each principal axis, shows that.
+        A few thousand points that are weighted by the likelihood then replace the Gaussian.
 
         Remedy: `jbw resume DIR`, or the same command without --quick, samples the posterior.
         """,

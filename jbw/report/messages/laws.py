@@ -2,23 +2,32 @@
 
 from collections.abc import Mapping, Sequence
 
-from jbw.report.messages.message import listed, number, percent
+from jbw.report.messages.message import listed, percent
 
 # How several modes may be that share no joint, behind the names of the laws.
 OF_EACH_MODE = " of each mode"
 IN_FIRST_MODE = " in the first mode"
 
 
-def chosen_by_reading(law: str, margins: Sequence[tuple[str, float]]) -> str:
-    """Return the message on the law that is chosen if the campaign states none, with margins."""
-    others = ", ".join(f"{name} by {number(margin, '.2g')}" for name, margin in margins)
-    reason = (
-        f"it fits the readings best, better than {others} (in 2 ln L - k ln n)"
-        if others
-        else "it suits how the readings change with amplitude"
-    )
+def trying(law: str) -> str:
+    """Return the message on the law that is fitted next, of those that the readings propose."""
+    return f"Trying {law}, which suits how frequency and damping change with amplitude"
+
+
+def chosen_by_fits(law: str, errors: Mapping[str, float], *, is_white: bool) -> str:
+    """Return the message on the law that is chosen if the campaign states none.
+
+    Args:
+        law: The chosen law.
+        errors: Errors of the fitted laws relative to the rms of the records, in order of the fits.
+        is_white: Whether the residuals of the chosen law are white.
+    """
+    fitted = f"its error is {percent(errors[law])} of the records' rms"
+    others = [f"{name} {percent(error)}" for name, error in errors.items() if name != law]
+    reason = "only noise remains" if is_white else "no tried law leaves only noise"
+    than = f", that of {' and that of '.join(others)}" if others else ""
     return (
-        f"The campaign states no law; {law} is chosen, because {reason}. "
+        f"The campaign states no law; {law} is chosen: {fitted}{than}; {reason}. "
         f'Put under [joint]: `laws = ["{law}"]` to state it.'
     )
 

@@ -33,6 +33,7 @@ EACH_RECORD = "the fit to each record alone"
 JOINT_SEEN = "whether a joint is detected"
 
 LOG_DENSITY = "log density of the Gaussian approximation, minus that at its optimum"
+LOG_LIKELIHOOD = "log likelihood"
 
 
 def check_of(topic: str) -> str:
@@ -66,6 +67,20 @@ def in_group_unit(name: str) -> str:
 def at_bound(name: str, side: str) -> str:
     """Return the message that the fit lies at a bound of the prior."""
     return f"The best fit of {name} lies at the {side} bound of its prior."
+
+
+def intervals_of_fit(effective: float | None) -> str:
+    """Return the clause on where a first answer's intervals come from.
+
+    Args:
+        effective: Effective number of weighted points; None if the intervals are Gaussian.
+    """
+    if effective is None:
+        return "the intervals are those of a Gaussian approximation at the optimum of the fit"
+    return (
+        "the intervals come from points about the fit that are weighted by the likelihood "
+        f"(as good as {effective:.0f} independent draws), because the posterior is not Gaussian"
+    )
 
 
 def by_fit(combinations: str) -> str:

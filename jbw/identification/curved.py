@@ -1,0 +1,105 @@
+r"""First answers whose posterior is curved: weighted points in place of the fit's Gaussian.
+
+Two standard deviations from the fit, along each principal axis of its covariance, a Gaussian
+posterior has
+
+$$\tfrac12 \left(|r(\theta)|^2 - |\hat r|^2\right) = 2$$
+
+Where parameters trade off or a threshold is near, the left side is many times larger or smaller.
+Then the intervals of a Gaussian are too wide or too narrow, and points are weighted by the
+posterior instead.
+"""
+
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float, Key
+
+from jbw.identification.prepare import Fitted
+from jbw.inference.fit.costly_fit import rows_of, to_search
+from jbw.inference.fit.valley import about_valley
+from jbw.inference.generator import generator
+from jbw.inference.posterior.verdict import GOOD_KHAT
+from jbw.inference.samplers.amis import WeighedPoints, points
+from jbw.inference.space.problem import problem_of
+from jbw.inference.space.reparametrisation import along_logarithms, in_logarithms, never_zero
+from jbw.observables import dataset
+
+Chains = Float[np.ndarray, "chain draw"]
+DISTANCE = 2.0  # standard deviations from the fit to the tested points
+LEAST, MOST = 1.0, 4.0  # the tested difference, 2 for a Gaussian posterior
+SIZE, MOST_ROUNDS = 256, 12  # points of a round of weighting, and rounds
+ENOUGH = 200.0  # effective points after which no further round begins
+MOST_KHAT = 1.0  # k-hat above which weights have no finite mean
+
+
+class WeightedDraws(NamedTuple):
+    """Draws of equal weight that represent weighted points.
+
+    Attributes:
+        draws: Log likelihood [nats] and parameters by name, (chain, draw).
+        effective: Effective number of points.
+    """
+
+    draws: tuple[Chains, dict[str, Chains]]
+    effective: float
+
+
+def is_curved(ready: Fitted) -> bool:
+    """Return whether the posterior departs from the fit's Gaussian along any principal axis.
+
+    Points outside the prior box are left out. A point at which the model cannot be solved departs.
+    """
+    best, prior = ready.fit, ready.box
+    place = in_logarithms(
+        best.theta, best.covariance, prior, never_zero(best.theta, best.covariance, prior)
+    )
+    covariance = np.asarray(place.covariance)
+    std = np.sqrt(np.diag(covariance))
+    variances, directions = np.linalg.eigh(covariance / np.outer(std, std))
+    axes = DISTANCE * (std[:, None] * directions * np.sqrt(np.maximum(variances, 0.0))).T
+    steps = np.concatenate([np.zeros((1, len(std))), axes, -axes])
+    forward = jax.vmap(place.outer.forward)
+    theta = np.asarray(forward(jax.device_put(np.asarray(place.start) + steps)))
+    lower, upper = np.asarray(prior.lower), np.asarray(prior.upper)
+    is_inside = np.all((theta >= lower) & (theta <= upper), axis=1)
+    is_inside[0] = True
+    unit = np.clip((theta[is_inside] - lower) / (upper - lower), 0.0, 1.0)
+    rows = rows_of(dataset.stacked, prior, ready.data)(
+        np.stack([np.asarray(to_search(point, prior)) for point in unit])
+    )
+    half = 0.5 * np.sum(rows**2, axis=1)
+    differences = half[1:] - half[0]
+    return not bool(np.all((differences > LEAST) & (differences < MOST)))
+
+
+def weighted_draws(
+    key: Key[Array, ""], ready: Fitted, num_chains: int, num_draws: int
+) -> WeightedDraws | None:
+    """Return draws from weighted points; None if the mean weight is not finite in any coordinates.
+
+    Logarithms are the first coordinates. If their weights are poor, those along the valley of the
+    least determined parameter are tried too, and the better are taken.
+    """
+    best, prior, data = ready.fit, ready.box, ready.data
+    optimum = best.theta, best.covariance
+    tried: list[WeighedPoints] = []
+    for coordinates in (
+        lambda: along_logarithms(*optimum, prior, never_zero(*optimum, prior)),
+        lambda: about_valley(dataset.stacked, prior, data, best),
+    ):
+        if (place := coordinates()) is None:
+            continue
+        problem = problem_of(dataset.log_likelihood, prior, data, place)
+        tried.append(points(key, problem, size=SIZE, least=ENOUGH, most_rounds=MOST_ROUNDS))
+        if tried[-1].khat < GOOD_KHAT:
+            break
+    found = min(tried, key=lambda points: points.khat)
+    if found.khat > MOST_KHAT:
+        return None
+    rng, shape = generator(key), (num_chains, num_draws)
+    rows = rng.choice(len(found.weights), shape, p=found.weights / found.weights.sum())
+    theta = {name: np.asarray(found.theta[name])[rows] for name in prior.names}
+    density = found.terms.sum(axis=1)[rows]
+    return WeightedDraws((density, theta), float(1 / np.sum(found.weights**2)))
