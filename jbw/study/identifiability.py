@@ -36,6 +36,7 @@ from jbw.inference.space.box import Product, alone, require_float64, value_of
 from jbw.inference.space.stated import as_wide
 from jbw.observables.dataset import stacked
 from jbw.report.messages import identified
+from jbw.results.run import StoredIdentifiability
 
 logger = logging.getLogger("jbw")
 # Relative to the best cost: a start that ends within this distance found the optimum.
@@ -61,6 +62,10 @@ class Identifiability:
 
     def summary(self) -> dict[str, Any]:
         """Return plain values for `identifiability` in summary.json; None for an unknown number."""
+        return self.stored().plain()
+
+    def stored(self) -> StoredIdentifiability:
+        """Return the result as a run's summary stores it."""
         costs, names = self.fitted.fit.waterfall, self.information.names
         facts = ("value", "sd", "relative", "ratio")
         rows = {
@@ -82,7 +87,7 @@ class Identifiability:
             name: {part: np.asarray(getattr(profile, part)).tolist() for part in parts}
             for name, profile in self.profiles.items()
         }
-        return {
+        record = {
             "statements": list(self.statements),
             "spectrum": spectrum,
             "parameters": {name: rows[name] for name in names},
@@ -95,6 +100,7 @@ class Identifiability:
             "profiles": followed,
             "waterfall": {"costs": [plain(cost) for cost in costs], "reached": reached(costs)},
         }
+        return StoredIdentifiability.read(record)
 
 
 def plain(value: float) -> float | None:

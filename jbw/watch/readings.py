@@ -202,9 +202,9 @@ def trend_of(
     _require_known(fleet, amplitudes, test)
     population = population_of(fleet, report=report)
     require_torque(population.design, torque)
-    if population.record["status"] != "ok":
+    if (status := population.result.status) != "ok":
         raise DataError(
-            f"The status of the population is {population.record['status']}.",
+            f"The status of the population is {status}.",
             why="A change of torque would be stated with more confidence than there is.",
             remedy="Collect more units, look with jbw population, or leave --population out.",
         )
@@ -212,7 +212,7 @@ def trend_of(
         _readings_at(tightening, population, fleet, amplitudes, test)
         for tightening in (torque, RAISED * torque)
     )
-    torques = np.array(population.record["torque"])
+    torques = np.array(population.result.torque, float)
     part = WRENCH**2 / (np.var(np.log(torques)) + WRENCH**2)
     report(watch.attenuated(WRENCH, part))
     slopes = (raised - before) / np.log(RAISED)
