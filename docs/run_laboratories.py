@@ -106,10 +106,10 @@ def with_outputs(page: Path, text: str) -> str:
 def first_figure(run: Path) -> Path:
     """The figure that stands first in a run's report."""
     from jbw.report.opening import lead
+    from jbw.report.result import read_result
 
     figures = {path.stem.removeprefix("extra_"): path for path in run.glob("figures/*.png")}
-    summary = json.loads((run / "summary.json").read_text(encoding="utf-8"))
-    name = lead(summary, list(figures))
+    name = lead(read_result(run)[0], list(figures))
     if name is None:
         raise SystemExit(f"The run in {run} has no first figure.")
     return figures[name]

@@ -71,7 +71,7 @@ class KeptParts:
                     f"{path} cannot be written: {error.strerror or error}.", remedy=REPEAT
                 ) from error
             kept = unpack(content)
-        return from_arrays(kept.arrays if kept else {}, *kinds)
+        return from_arrays(kept[1] if kept else {}, *kinds)
 
 
 def digest_of(text: str) -> str:

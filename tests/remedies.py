@@ -73,13 +73,8 @@ PASTED = {
     ("report/messages/residuals.py", "residuals"): OF_A_RUN,
     ("identification/selection.py", "fit_repeats"): "identification/test_selection.py::"
     "test_the_remedy_of_too_many_repeats_is_taken",
-    ("identification/causes.py", "band"): CAUSES,
-    ("identification/causes.py", "clock_ppm"): CAUSES,
-    ("identification/causes.py", "delay"): CAUSES,
-    ("identification/causes.py", "remove_mean"): CAUSES,
-    ("identification/causes.py", "residuals"): CAUSES,
-    ("identification/causes.py", "run"): CAUSES,
-    ("identification/causes.py", "scale.{}"): "test_remedies.py::test_a_factor_is_pasted",
+    ("report/messages/causes.py", "residuals"): CAUSES,
+    ("report/messages/causes.py", "run"): CAUSES,
     ("inference/posterior/remedies.py", "{}"): BOUNDS,
     ("inference/posterior/verdict.py", "prior"): VERDICT + "test_the_bound_is_named_with_its_side",
     ("report/messages/clock_faults.py", "clock_ppm"): CHECKS + "test_a_pasted_clock_cures",
@@ -120,14 +115,12 @@ PASTED = {
     "test_the_line_about_volts_cures",
     ("report/messages/laws.py", "laws"): "study/test_proposed_laws.py::"
     "test_the_law_of_the_readings_is_taken_where_none_is_stated",
-    ("report/messages/record_faults.py", "scale"): CHECKS
-    + "test_a_pasted_sign_of_all_repeats_cures",
     ("campaign/trial.py", "exclude"): DECAYS,
-    ("report/messages/clock_faults.py", "scale"): CHECKS
+    ("report/messages/gain_faults.py", "scale"): CHECKS
     + "test_a_repeat_that_was_turned_over_is_cured_in_a_test_of_its_own",
     ("report/messages/reading.py", "units_are"): FILES + "test_a_pasted_word_on_units_cures",
     ("measurement/resampled.py", "resample"): FILES + "test_a_rate_beyond_what_was_measured",
-    ("measurement/checks/responses.py", "conjugate"): CURVES,
+    ("measurement/faults/responses.py", "conjugate"): CURVES,
     ("report/messages/response_faults.py", "kind"): POINTS,
     ("report/messages/response_faults.py", "level"): DRIVEN,
     ("report/messages/response_faults.py", "remove_mean"): DRIVEN,

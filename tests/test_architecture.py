@@ -13,7 +13,7 @@ import jbw
 
 ROOT = Path(jbw.__file__).parent
 FILES = sorted(ROOT.rglob("*.py"))
-ANYWHERE = {"errors", "memory", "parts", "quantities", "sources", "units", "messages"}
+ANYWHERE = {"errors", "memory", "parts", "quantities", "results", "sources", "units", "messages"}
 LEAVES = {"oscillator", "measurement", "inference"}
 MODEL = LEAVES | {"campaign", "observables"}
 # Every room, to the rooms that it may see beside itself and those that may be seen from anywhere.
@@ -24,6 +24,7 @@ SEES = {
     "sources": set(),
     "units": set(),
     "quantities": set(),
+    "results": set(),
     "messages": set(),  # the catalogue, report/messages: seen from anywhere, sees no room
     "run": set(),
     "parts": {"run"},

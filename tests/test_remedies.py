@@ -12,9 +12,9 @@ from remedies import PASTED, bare_lines, commands, lines
 from jbw.campaign.schema import parse
 from jbw.cli import COMMANDS, cli
 from jbw.identification.accuracy import another_law
-from jbw.identification.causes import factor_words
 from jbw.inference.posterior.remedies import more_draws
 from jbw.inference.posterior.verdict import modes_findings
+from jbw.measurement.faults.unlike_gains import unlike
 from jbw.report.messages.findings import explanations
 from jbw.report.messages.remedies import draw_more, put
 from jbw.report.messages.words import words
@@ -85,10 +85,9 @@ def test_every_command_that_is_named_is_one(where, command, words):
 def test_a_factor_is_pasted():
     """Of the channel that drives the test: another role would be refused."""
     for factor in (-1.0, 9.80665):
-        _, action = factor_words("sweep", factor, "input")
-        (test,) = pasted(action).tests
-        assert test.scale["input"] == pytest.approx(factor, rel=1e-3)
-        assert lines_of(factor_words("sweep", factor, "force")[1])[0][1].startswith("scale.force")
+        (test,) = pasted(unlike(factor, "input", "sweep").remedy).tests
+        assert test.scale == pytest.approx({"input": factor}, rel=1e-3)
+        assert "scale = { force" in lines_of(unlike(factor, "force", "sweep").remedy)[0][1]
 
 
 def crossing():

@@ -81,10 +81,10 @@ def ask(path: Path) -> Said:
     loaded = _through(said, "load", lambda: load_campaign(path))
     looked = loaded and _through(said, "look", lambda: look(loaded, report=lambda _: None))
     if looked is not None:
-        cut = [sentence for sentence in looked.record["seen"] if CUT in sentence]
-        said.statements = [*looked.record["statements"], *cut]
+        cut = [sentence for sentence in looked.record.seen if CUT in sentence]
+        said.statements = [*looked.record.statements, *cut]
         said.rows = list(_rows(looked.readings))
-        said.loops = looked.record["loops"]
+        said.loops = [loop.plain() for loop in looked.record.loops]
     return said
 
 

@@ -25,20 +25,20 @@ from jbw.campaign.trial import tried
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement.base_motion import MINUS_BASE
-from jbw.measurement.checks import responses
-from jbw.measurement.checks.channels import inspect
-from jbw.measurement.checks.controlled import Control, uncontrolled
-from jbw.measurement.checks.drive_noise import noisy_drive
-from jbw.measurement.checks.faults import Fault, doubt, gathered, refusal, worst
-from jbw.measurement.checks.long_records import DRIFTS, long_records
-from jbw.measurement.checks.loops import one_sided, travels_freely
-from jbw.measurement.checks.plausibility import doubts, swapped
 from jbw.measurement.curves import forced_loop, response_curve
-from jbw.measurement.hypotheses.begins_late import begins_late, blows_seen
-from jbw.measurement.hypotheses.examine import Examined, examined_decay, examined_sweep
-from jbw.measurement.hypotheses.lag_of_noise import untimely
-from jbw.measurement.hypotheses.loop_causes import loop_causes
-from jbw.measurement.hypotheses.unlike_gains import unlike_gains
+from jbw.measurement.faults import responses
+from jbw.measurement.faults.begins_late import begins_late, blows_seen
+from jbw.measurement.faults.channels import inspect
+from jbw.measurement.faults.controlled import uncontrolled
+from jbw.measurement.faults.drive_noise import noisy_drive
+from jbw.measurement.faults.examine import Examined, examined_decay, examined_sweep
+from jbw.measurement.faults.fault import Fault, doubt, gathered, refusal, worst
+from jbw.measurement.faults.lag_of_noise import untimely
+from jbw.measurement.faults.long_records import DRIFTS, long_records
+from jbw.measurement.faults.loop_causes import loop_causes
+from jbw.measurement.faults.loops import one_sided, travels_freely
+from jbw.measurement.faults.plausibility import doubts, swapped
+from jbw.measurement.faults.unlike_gains import unlike_gains
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.measurement.readings.table import ModeReading
@@ -201,7 +201,9 @@ def _checked_test(
             checked.failures.setdefault(item.args, item)
         else:
             raise item
-    checked.named += unlike_gains(checked.gains, *_roles(checked.first))
+    if checked.gains:
+        (first,) = checked.first
+        checked.named += unlike_gains(checked.gains, first.response, first.source)
     named = gathered(checked.named, checked.repeats)
     faults = [beside_stated(fault, test) for fault in named]
     failures = checked.failures.values()
@@ -235,12 +237,6 @@ def gain_read(record: Record, test: TestSpec) -> list[tuple[str, float]]:
     if reading is None or reading.residual > OF_ONE_MODE:
         return []
     return [(record.name, reading.gain)]
-
-
-def _roles(first: Sequence[Record]) -> tuple[str, str]:
-    """Return which quantities drive a test and are its response; empty texts without a drive."""
-    driven = [one for one in first if any(role in one.channels for role in INPUTS)]
-    return (driven[0].response, driven[0].source) if driven else ("", "")
 
 
 def beside_stated(fault: Fault, test: TestSpec) -> Fault:
@@ -518,14 +514,8 @@ def _believable(
             # A phase in a wrong unit shows neither a wrong sign nor a backbone.
             yield from in_degrees
         elif traits.is_controlled:
-            yield from uncontrolled(
-                record,
-                Control(
-                    test.locked_phase if traits.is_locked else None,
-                    test.phase_tolerance,
-                    names_jumps=test.jumps == "doubt",
-                ),
-            )
+            held, tolerance = test.locked_phase if traits.is_locked else None, test.phase_tolerance
+            yield from uncontrolled(record, held, tolerance, names_jumps=test.jumps == "doubt")
         else:
             yield from responses.impassive(response_curve(record))
     elif traits.is_prescribed:

@@ -8,7 +8,7 @@ from scipy.stats import spearmanr
 
 from jbw.campaign.roles import MOST_SAMPLES, Channel
 from jbw.measurement.channels import Reals
-from jbw.measurement.checks.responses import LOCKED
+from jbw.measurement.faults.responses import LOCKED
 from jbw.measurement.files.tree import Leaf, load
 from jbw.measurement.records import INPUTS, RESPONSES, si_of
 

@@ -29,7 +29,7 @@ from jbw.campaign.tables import Head, TestSpec
 from jbw.campaign.written import NAMED
 from jbw.errors import ConfigError, DataError, JbwError, RunError
 from jbw.measurement.channels import strength_ranks
-from jbw.measurement.checks.responses import band_about_peak, height_within
+from jbw.measurement.faults.responses import band_about_peak, height_within
 from jbw.measurement.files.assemble import Wanted
 from jbw.measurement.files.clocks import SECONDS, coarse_rate, sampling_frequency, time_unit
 from jbw.measurement.files.paths import select
@@ -135,10 +135,11 @@ def start_campaign(
         raise DataError(f"Folder `{folder}` does not exist.", remedy="Name the folder of records.")
     records_of = set(measurement_files(folder) if files is None else files)
     there = sorted(folder.iterdir() if files is None else files)
-    model = model_files(there)
-    visible = sorted(records_of - set(model.paths if model else ()), key=_stem)
-    if model and not visible:
-        what, why, remedy = messages.matrices_alone(str(folder), [p.name for p in model.paths])
+    matrices, of_model = model_files(there) or ("", ())
+    names_of_model = [path.name for path in of_model]
+    visible = sorted(records_of - set(of_model), key=_stem)
+    if of_model and not visible:
+        what, why, remedy = messages.matrices_alone(str(folder), names_of_model)
         raise DataError(what, why=why, remedy=remedy)
     # pairs of a file and what the draft assumes about it
     assumed = [(path.name, messages.to_export(EXPORTS[path.suffix.lower()]))
@@ -154,9 +155,9 @@ def start_campaign(
         )
     torques = {_torque_of(repeats[0]) for repeats in groups}
     blocks = _tests(groups, folder, torques, assumed, named)
-    if model:
-        assumed.append(("", messages.matrices([path.name for path in model.paths])))
-        blocks.append("\n".join([*structure_lines(model, folder), ""]))
+    if of_model:
+        assumed.append(("", messages.matrices(names_of_model)))
+        blocks.append("\n".join([*structure_lines(matrices, folder), ""]))
     if not any("[[test]]" in block for block in blocks):
         raise DataError(
             f"Folder `{folder}` has no measurement file that can be read.",

@@ -4,7 +4,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
 
 from jbw.assembly.files.read import READERS, read_matrices, role_of
 from jbw.campaign.document import toml
@@ -22,30 +21,25 @@ TABLES = {"dofs": ({"node"}, {"direction", "dof", "dir"}), "nodes": ({"node"}, {
 BEGINNING = 256  # number of characters at the start of a text that contain its header
 
 
-class ModelFiles(NamedTuple):
-    """The files of a structure's model."""
-
-    matrices: str | dict[str, str]  # file or files in the form that [structure] uses
-    paths: Sequence[Path]
+MatrixFiles = str | dict[str, str]  # file or files in the form that [structure] uses
 
 
-def model_files(files: Sequence[Path]) -> ModelFiles | None:
+def model_files(files: Sequence[Path]) -> tuple[MatrixFiles, Sequence[Path]] | None:
     """Return the files of one model, with mass and stiffness in one file or separate; else None.
 
     Matrices in separate files are recognised by the names of the files, and the tables of degrees
     of freedom and of nodes next to them by their columns.
     """
     if (whole := next(filter(_holds_model, files), None)) is not None:
-        return ModelFiles(whole.name, (whole,))
+        return whole.name, (whole,)
     parts = {role: path for path in files if (role := _role_of_file(path))}
     if not {"mass", "stiffness"} <= set(parts):
         return None
-    return ModelFiles({role: path.name for role, path in parts.items()}, tuple(parts.values()))
+    return {role: path.name for role, path in parts.items()}, tuple(parts.values())
 
 
-def structure_lines(model: ModelFiles, folder: Path) -> Iterator[str]:
-    """Yield the tables [structure] and [[joint]] as comments, without the joints' positions."""
-    stated = model.matrices
+def structure_lines(stated: MatrixFiles, folder: Path) -> Iterator[str]:
+    """Yield the commented tables [structure] and [[joint]]; only the joints' places remain open."""
     source: str | Path | Mapping[str, Path]
     if isinstance(stated, str):
         source = folder / stated

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jbw.campaign.tables import TestSpec
-from jbw.measurement.checks.faults import Fault, doubt, refusal
+from jbw.measurement.faults.fault import Fault, doubt, refusal
 from jbw.measurement.records import Record
 from jbw.measurement.spans import LEAST, exclude_line, is_by_file, of_all, put_line, span_line
 from jbw.report.messages import campaign_faults as messages

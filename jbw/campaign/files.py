@@ -10,11 +10,11 @@ from pathlib import Path
 from jbw.campaign.tables import TestSpec
 from jbw.errors import ConfigError, DataError, JbwError, did_you_mean
 from jbw.measurement.base_motion import beside_base
+from jbw.measurement.faults.begins_late import after_its_blow
 from jbw.measurement.files.assemble import joined
 from jbw.measurement.files.clocks import REGULARITY
 from jbw.measurement.files.read import records
 from jbw.measurement.files.sampling import Wanted
-from jbw.measurement.hypotheses.begins_late import after_its_blow
 from jbw.measurement.records import BASE, Record
 from jbw.measurement.resampled import on_one_clock
 from jbw.memory import Admit, admit_alone

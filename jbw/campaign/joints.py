@@ -32,7 +32,7 @@ from jbw.campaign.document import toml
 from jbw.campaign.files import found_files
 from jbw.campaign.schema import CampaignSpec
 from jbw.errors import ConfigError
-from jbw.measurement.checks.faults import Fault, doubt, refusal
+from jbw.measurement.faults.fault import Fault, doubt, refusal
 from jbw.quantities import label, split
 from jbw.report.messages import campaign_faults as messages
 

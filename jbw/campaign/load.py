@@ -17,9 +17,9 @@ from jbw.campaign.schema import CampaignSpec, read_spec
 from jbw.campaign.settings import Identify, Structured, laws_of
 from jbw.campaign.tables import NOT_STATED, Assembly, Instruments, TestSpec
 from jbw.errors import DataError, JbwError
-from jbw.measurement.checks.faults import Fault, gathered
+from jbw.measurement.faults.fault import Fault, gathered
+from jbw.measurement.faults.unlike_gains import unlike_gains
 from jbw.measurement.files.read import report
-from jbw.measurement.hypotheses.unlike_gains import unlike_gains
 from jbw.measurement.kinds import kind_named
 from jbw.measurement.records import BASE, Record, Test
 from jbw.memory import NO_RECORDS, HeldRecords, require_memory

@@ -8,7 +8,7 @@ import numpy as np
 
 from jbw.campaign.settings import Identify
 from jbw.campaign.tables import Assembly, TestSpec
-from jbw.measurement.checks.faults import Fault, doubt
+from jbw.measurement.faults.fault import Fault, doubt
 from jbw.measurement.records import BASE, INPUTS, RESPONSES, Record
 from jbw.report.messages import campaign_faults as messages
 

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from jbw.campaign.tables import TestSpec
 from jbw.errors import JbwError
-from jbw.measurement.checks.faults import NUMBER, Fault
+from jbw.measurement.faults.fault import NUMBER, Fault
 from jbw.measurement.files.assemble import unwindowed
 from jbw.measurement.readings.table import ModeReading
 from jbw.measurement.records import RESPONSES, Record

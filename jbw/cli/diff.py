@@ -39,19 +39,19 @@ def diff(
         from jbw.study.store import write_figure
 
         say(f"Reading {first} (A) and {second} (B)")
-        compared = differences(first, second)
+        record, backbones = differences(first, second)
         if figure is not None:
-            if compared.backbones is None:
+            if backbones is None:
                 raise ConfigError(
                     "Option --figure needs frequency and damping of both runs, but a run lacks the "
                     "parameters or the largest displacement for them.",
                     remedy="Leave --figure out.",
                 )
-            write_figure(figure, backbones_figure(compared.backbones))
+            write_figure(figure, backbones_figure(backbones))
         say("Done")
-    tables = parameters_table(compared.record), backbone_table(compared.record)
+    tables = parameters_table(record), backbone_table(record)
     saved = "" if figure is None else f"Figure: {figure}"
-    answer(json_, compared.record, *tables, *compared.record["statements"], saved=saved)
+    answer(json_, record.plain(), *tables, *record.statements, saved=saved)
 
 
 def _side_by_side(folders: tuple[Path, ...], figure: Path | None, *, json_: bool) -> None:
@@ -61,10 +61,9 @@ def _side_by_side(folders: tuple[Path, ...], figure: Path | None, *, json_: bool
         from jbw.study.store import write_figure
 
         say(f"Reading {len(folders)} runs")
-        compared = side_by_side(folders)
+        record, backbones = side_by_side(folders)
         if figure is not None:
-            write_figure(figure, side_by_side_figure(compared.record, compared.backbones))
+            write_figure(figure, side_by_side_figure(record, backbones))
         say("Done")
-    record = compared.record
     saved = "" if figure is None else f"Figure: {figure}"
-    answer(json_, record, side_by_side_table(record), *record["statements"], saved=saved)
+    answer(json_, record.plain(), side_by_side_table(record), *record.statements, saved=saved)

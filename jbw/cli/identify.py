@@ -4,7 +4,7 @@ import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.text import Text
@@ -43,6 +43,9 @@ from jbw.run.checkpoints import INTERRUPTED
 from jbw.run.folder import OF_RIG, Run, begin, reopen, require_same
 from jbw.run.manifest import Manifest, command_line
 
+if TYPE_CHECKING:
+    from jbw.results.run import RunSummary, StoredVerdict  # loads pydantic
+
 Say = Callable[[str], None]
 
 
@@ -69,10 +72,10 @@ def identifiability(
 
         say(f"Reading {campaign}")
         loaded = load_campaign(campaign, allow_outside=allow_outside)
-        summary = study.identifiability(loaded, profiles=profiles, seed=seed, report=say).summary()
+        found = study.identifiability(loaded, profiles=profiles, seed=seed, report=say).stored()
         say("Done")
-    tables = directions_table(summary, {}), quantities_table(summary, {})
-    answer(json_, summary, *tables, *summary["statements"])
+    tables = directions_table(found, {}), quantities_table(found, {})
+    answer(json_, found.plain(), *tables, *found.statements)
 
 
 @click.command()
@@ -310,60 +313,58 @@ def run_to_end(
         from jbw.report.tables import parameters_table
 
         shown = (parameters_table(summary, {}), *shown)
-    if "quick" in summary:
-        answer(json_, summary, *shown, saved=f"First answer: {run.folder}{pages}")
+    if summary.quick is not None:
+        answer(json_, summary.plain(), *shown, saved=f"First answer: {run.folder}{pages}")
         quoted = shlex.quote(str(run.folder))
         following(f"resume {run.to_resume}", None, messages.draw_posterior(quoted))
         return NOT_TRUSTED if strict else 0
-    answer(json_, summary, *shown, saved=f"Report: {run.folder / 'report.html'}{pages}")
-    return ended(summary["verdict"], run.folder, strict=strict)
+    answer(json_, summary.plain(), *shown, saved=f"Report: {run.folder / 'report.html'}{pages}")
+    return ended(summary.verdict, run.folder, strict=strict)
 
 
-def ended(verdict: Mapping[str, Any], folder: Path, *, strict: bool = False) -> int:
+def ended(verdict: "StoredVerdict", folder: Path, *, strict: bool = False) -> int:
     """Print the command to type after a run with this verdict; return the exit code, 0 or 4."""
     quoted = shlex.quote(str(folder))
-    code = exit_code_of(verdict["status"], strict=strict)
+    code = exit_code_of(verdict.status, strict=strict)
     if code == 0:
         following("predict", folder, messages.or_export(quoted))
         return code
-    reason = next(
-        (finding["code"] for finding in verdict["findings"] if finding["status"] != "ok"), ""
-    )
-    following("explain", reason or None, messages.or_plan(quoted))
+    reason = next((finding.code for finding in verdict.against), None)
+    following("explain", reason, messages.or_plan(quoted))
     return code
 
 
-def _all_of(summary: Mapping[str, Any]) -> Iterator[Table | Text | str]:
+def _all_of(summary: "RunSummary") -> Iterator[Table | Text | str]:
     """Yield all tables and sentences on a run (the verbose output)."""
     yield from summary_lines(summary)
-    yield from verdict_lines(summary["verdict"])
+    yield from verdict_lines(summary.verdict)
 
 
-def short_lines(summary: Mapping[str, Any], tree: Any) -> Iterator[Text | str]:
+def short_lines(summary: "RunSummary", tree: Any) -> Iterator[Text | str]:
     """Yield the law, the verdict, the determined parameters, and the five sentences on a run."""
     from jbw.report.opening import known_parameters, opening, split_sentence
     from jbw.report.result import laws_of
     from jbw.report.words import law_words
 
-    took = duration(summary.get("wall_time_s") or 0.0)
-    done = "a first answer" if "quick" in summary else "identified"
-    yield f"{summary['campaign']}: {law_words(laws_of(tree))}, {done} in {took}"
-    yield verdict_line(summary["verdict"])
+    took, is_quick = duration(summary.wall_time_s or 0.0), summary.quick is not None
+    done = "a first answer" if is_quick else "identified"
+    yield f"{summary.campaign}: {law_words(laws_of(tree))}, {done} in {took}"
+    yield verdict_line(summary.verdict)
     if (split := split_sentence(summary)) is not None:
         yield split
-    yield headline(known_parameters(summary), quick="quick" in summary)
+    yield headline(known_parameters(summary), quick=is_quick)
     yield from opening(summary, tree)
 
 
-def summary_lines(summary: Mapping[str, Any]) -> Iterator[Table | str]:
+def summary_lines(summary: "RunSummary") -> Iterator[Table | str]:
     """Yield the paper's Table 1, the statements and the prediction errors of a run."""
     from jbw.report.tables import parameters_table, table_of_tests
 
     yield parameters_table(summary, {})
     for part, facts in (
-        *summary["steps"].items(),
-        ("identifiability", summary.get("identifiability") or {}),
-        ("routes", summary["comparison"]),
+        *summary.steps.items(),
+        ("identifiability", summary.identifiability),
+        ("routes", summary.comparison),
     ):
-        yield from (f"{part}: {statement}" for statement in facts.get("statements", ()))
+        yield from (f"{part}: {statement}" for statement in facts.statements)
     yield table_of_tests(summary)

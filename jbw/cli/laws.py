@@ -47,9 +47,9 @@ def laws(
             chosen = None if laws is None else [name.strip() for name in laws.split(",")]
             parts = job.parts(inputs_of(loaded), say)
             compared = compare_laws(loaded, chosen, seed=seed, report=say, parts=parts)
-            save_laws(folder, compared.tree, compared.record)
-    record = compared.record
+            save_laws(folder, compared.tree, compared.result)
+    record = compared.result
     tables = [table for table in (laws_table(record), free_law_table(record)) if table is not None]
-    lines = *tables, *record["statements"]
-    refused = (f"{name}: {reason}" for name, reason in record["refused"].items())
-    answer(json_, record, *lines, *refused, saved=f"Laws: {folder / 'laws.html'}")
+    lines = *tables, *record.statements
+    refused = (f"{name}: {reason}" for name, reason in record.refused.items())
+    answer(json_, compared.record, *lines, *refused, saved=f"Laws: {folder / 'laws.html'}")

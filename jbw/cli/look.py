@@ -1,9 +1,8 @@
 """The command that reads records without a joint model: `jbw look CAMPAIGN`."""
 
 import warnings
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -17,7 +16,8 @@ from jbw.report.messages.commands import without_model
 from jbw.report.table import Column, Table, table, words
 from jbw.report.text import NOTHING, length_unit, number
 
-Row = Mapping[str, Any]
+if TYPE_CHECKING:
+    from jbw.results.run import StoredLook  # loads pydantic
 
 
 @click.command()
@@ -79,47 +79,44 @@ def look(
 
             write_whole(html, render_picker(loaded.name, loaded.tests).encode())
         say("Done")
-    loops = readings.record["loops"]
-    tables = tests_table(readings.record), loops_table(loops), cycles_table(loops)
+    found = readings.record
+    tables = tests_table(found), loops_table(found.loops), cycles_table(found.loops)
     outputs = (("Figure", figure), ("Choose the band", html))
     saved = "\n".join(f"{what}: {path}" for what, path in outputs if path is not None)
-    record = readings.record | {"doubts": [str(doubt.message) for doubt in doubts]}
+    record = {**found.plain(), "doubts": [str(doubt.message) for doubt in doubts]}
     # Faults of the records change the numbers below, so they are printed first.
     doubted = finding_lines(checked.rows)
-    answer(json_, record, *doubted, *tables, *record["statements"], *record["seen"], saved=saved)
+    answer(json_, record, *doubted, *tables, *found.statements, *found.seen, saved=saved)
     # If no record could be read, a fit would say no more than a check.
-    following("identify" if record["tests"] or loops else "check", campaign)
+    following("identify" if found.tests or found.loops else "check", campaign)
 
 
-def tests_table(record: Row) -> Table:
+def tests_table(found: "StoredLook") -> Table:
     """Return the table of readings with one row per test, in order of the motion's amplitude."""
-    factor, unit = length_unit(max((row["y"] for row in record["tests"]), default=1.0))
+    factor, unit = length_unit(max((row.y for row in found.tests), default=1.0))
     return table(
-        without_model(record["campaign"]),
-        record["tests"],
+        without_model(found.campaign),
+        found.tests,
         words("test", "test"),
-        Column("level", lambda row: NOTHING if row["level"] is None else f"{row['level']:g}"),
+        Column("level", lambda row: NOTHING if row.level is None else f"{row.level:g}"),
         words("records", "records", "right"),
-        Column(f"motion [{unit}]", lambda row: number(factor * row["y"])),
-        Column("frequency [Hz]", lambda row: _with_scatter(row, "frequency", "frequency_hz", 1.0)),
-        Column("damping [%]", lambda row: _with_scatter(row, "damping", "damping", 100.0)),
-        _part("scatter of\nrepeats", "noise"),
-        _part("third\nharmonic", "third"),
-        _part("coherence", "coherence"),
-        _part("residual of a\nlinear fit", "left"),
+        Column(f"motion [{unit}]", lambda row: number(factor * row.y)),
+        Column("frequency [Hz]", lambda row: _with_scatter(row.frequency_hz, row.frequency_sd, 5)),
+        Column(
+            "damping [%]",
+            lambda row: _with_scatter(100 * row.damping, row.damping_sd and 100 * row.damping_sd),
+        ),
+        Column("scatter of\nrepeats", lambda row: _part(row.noise)),
+        Column("third\nharmonic", lambda row: _part(row.third)),
+        Column("coherence", lambda row: _part(row.coherence)),
+        Column("residual of a\nlinear fit", lambda row: _part(row.left)),
     )
 
 
-def _with_scatter(row: Row, name: str, key: str, scale: float) -> str:
+def _with_scatter(mean: float, sd: float | None, digits: int = 3) -> str:
     """Return a mean as text, with the standard deviation over records if there are several."""
-    sd = row[f"{name}_sd"]
-    if not sd:
-        return number(scale * row[key], digits=5 if name == "frequency" else 3)
-    return f"{number(scale * row[key], scale * sd)} ± {number(scale * sd, digits=2)}"
+    return f"{number(mean, sd)} ± {number(sd, digits=2)}" if sd else number(mean, digits=digits)
 
 
-def _part(heading: str, key: str) -> Column:
-    def shown(row: Row) -> str:
-        return NOTHING if row[key] is None else f"{number(100 * row[key], digits=2)} %"
-
-    return Column(heading, shown)
+def _part(ratio: float | None) -> str:
+    return NOTHING if ratio is None else f"{number(100 * ratio, digits=2)} %"

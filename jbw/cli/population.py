@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from jbw.population.population import Population
     from jbw.report.style import Panels
     from jbw.report.table import Table
+    from jbw.results.population import StoredPopulation
 
 NUM_PLACES = 25  # number of torques in the band of the figure
 
@@ -83,21 +84,21 @@ def population(
                 for name, row in zip(pooling.pooled.names, np.exp(new(torque)).T, strict=True)
             }
             about_new = {"torque": torque_of(pooling, torque), **ahead}
-            record: dict[str, Any] = {**pooling.record, "new_unit": about_new}
-            shown = population_table(record)
-            _write(folder, record, tree, lambda: _drawn(
-                fleet.stem, pooling, record, _bands(pooling, torque, new), shown
+            found = pooling.result.replaced(new_unit=about_new)
+            shown = population_table(found)
+            _write(folder, found.plain(), tree, lambda: _drawn(
+                fleet.stem, pooling, found, _bands(pooling, torque, new), shown
             ))  # fmt: skip
-    status = f"Status: {record['status']}"
+    status = f"Status: {found.status}"
     saved = f"Population: {folder / 'population.html'}"
-    answer(json_, record, shown, status, *record["statements"], saved=saved)
-    return 0 if record["status"] == "ok" else NOT_TRUSTED
+    answer(json_, found.plain(), shown, status, *found.statements, saved=saved)
+    return 0 if found.status == "ok" else NOT_TRUSTED
 
 
 def _drawn(
     name: str,
     pooling: "Population",
-    record: Mapping[str, Any],
+    found: "StoredPopulation",
     bands: tuple[np.ndarray, np.ndarray],
     shown: "Table",
 ) -> tuple[str, "Panels"]:
@@ -108,7 +109,7 @@ def _drawn(
     mean, cov = pooling.pooled.mean, pooling.pooled.cov
     sd = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
     figure = population_figure(pooling.record, mean, sd, *bands)
-    return render_sheet(population_sheet(name, record, mean, sd, shown), figure), figure
+    return render_sheet(population_sheet(name, found, mean, sd, shown), figure), figure
 
 
 def _write(
@@ -139,7 +140,7 @@ def _bands(
     pooling: "Population", torque: float | None, new: Callable[[float | None], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return torques (or the ends of the row of units if no trend is known) and new units there."""
-    torques = np.array(pooling.record["torque"], float)
+    torques = np.array(pooling.result.torque, float)
     if "torque" not in pooling.design.columns:
         return np.array([0.5, len(torques) + 0.5]), np.stack([new(None)] * 2, axis=1)
     grid = np.geomspace(torques.min(), torques.max(), NUM_PLACES)

@@ -4,7 +4,7 @@ import json
 import math
 import shlex
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
@@ -13,7 +13,10 @@ from rich.text import Text
 from jbw.errors import printable
 from jbw.report.table import MARKS, Table, print_table
 
-PIPE_WIDTH = 160  # number of columns if stdout is no terminal and so has no width
+if TYPE_CHECKING:
+    from jbw.results.run import StoredVerdict  # loads pydantic
+
+PIPE_WIDTH = 160  # columns if stdout is no terminal and so has no width
 NOT_TRUSTED = 4  # exit code of a run whose verdict is not trusted
 MINUTE, HOUR = 60, 3600
 STATUS = {"ok": MARKS["good"], "failed": MARKS["bad"]}
@@ -67,26 +70,24 @@ def plain_values(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def verdict_line(verdict: Mapping[str, Any]) -> Text:
+def verdict_line(verdict: "StoredVerdict") -> Text:
     """Return a verdict in one line, with the status of each of its three answers."""
-    parts: list[Any] = ["Verdict: ", _status(verdict["status"])]
-    for i, (name, answered) in enumerate(verdict.get("answers", {}).items()):
-        word = answered.get("word")
-        parts += [", " if i else " (", f"{name} ", _status(answered["status"], word)]
+    parts: list[Any] = ["Verdict: ", _status(verdict.status)]
+    for i, (name, answered) in enumerate(verdict.answers.items()):
+        parts += [", " if i else " (", f"{name} ", _status(answered.status, answered.word)]
     return Text.assemble(*parts, ")" if len(parts) > 2 else "")
 
 
-def verdict_lines(verdict: Mapping[str, Any], *, passed: bool = False) -> Iterator[Text | str]:
+def verdict_lines(verdict: "StoredVerdict", *, passed: bool = False) -> Iterator[Text | str]:
     """Yield a verdict's lines: status, answers, failed findings; with `passed`, all findings."""
-    status = verdict["status"]
-    yield Text.assemble("Verdict: ", _status(status))
-    for name, answered in verdict.get("answers", {}).items():
-        status = _status(answered["status"], answered.get("word"))
-        yield Text.assemble(f"  {name}: ", status, f". {answered['question']}")
-    for finding in verdict["findings"]:
-        sentence = f"  {finding['reason']} {finding['action']}".rstrip()
-        if finding["status"] != "ok":
-            yield f"{sentence} (jbw explain {finding['code']})"
+    yield Text.assemble("Verdict: ", _status(verdict.status))
+    for name, answered in verdict.answers.items():
+        status = _status(answered.status, answered.word)
+        yield Text.assemble(f"  {name}: ", status, f". {answered.question}")
+    for finding in verdict.findings:
+        sentence = f"  {finding.reason} {finding.action}".rstrip()
+        if finding.status != "ok":
+            yield f"{sentence} (jbw explain {finding.code})"
         elif passed:
             yield sentence
 
@@ -96,7 +97,7 @@ def exit_code_of(status: str, *, strict: bool = False) -> int:
     return 0 if status == "ok" or (status == "usable" and not strict) else NOT_TRUSTED
 
 
-def _status(status: str, word: str | None = None) -> tuple[str, str]:
+def _status(status: str, word: str = "") -> tuple[str, str]:
     return word or status, STATUS.get(status, MARKS["doubt"])
 
 

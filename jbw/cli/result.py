@@ -51,7 +51,7 @@ def report(
 
     with DrawingProcess(wanted=out is None) as beside, telling(f"Reading {folder}") as say:
         from jbw.report.load_section import load_section
-        from jbw.report.page import campaign_name, write_interactive, write_page
+        from jbw.report.page import write_interactive, write_page
         from jbw.report.result import read_result
         from jbw.study.store import save_report
 
@@ -68,7 +68,7 @@ def report(
         if interactive:
             page_with_zoom = page.with_name("interactive.html")
             say(f"Writing {page_with_zoom}")
-            write_interactive(tree, page_with_zoom, campaign_name(summary))
+            write_interactive(tree, page_with_zoom, summary.campaign)
             written["interactive"] = str(page_with_zoom)
     answer(json_, written, saved="\n".join(written.values()))
 

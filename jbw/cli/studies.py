@@ -1,9 +1,8 @@
 """The commands that study samplers: `jbw compare DIR` and `jbw sbc`."""
 
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -11,8 +10,16 @@ from jbw.cli.options import json_option, out_option, outside_option, seed_option
 from jbw.cli.printing import NOT_TRUSTED, answer, verdict_lines
 from jbw.cli.progress import computing, working
 from jbw.report.messages.commands import sampler_distances
-from jbw.report.table import Column, Table, table, words
+from jbw.report.table import Column, Table, field, table, words
 from jbw.report.text import NOTHING
+
+if TYPE_CHECKING:  # they load pydantic
+    from jbw.results.studies import (
+        SampledParameter,
+        StoredCalibration,
+        StoredSampler,
+        StoredSamplers,
+    )
 
 
 @click.command()
@@ -48,9 +55,10 @@ def compare(
         from jbw.campaign.load import load_campaign
         from jbw.lab.samplers import compare as compare_samplers
         from jbw.lab.samplers import save_comparison
+        from jbw.results.run import RunSummary
         from jbw.study.study import campaign_of, inputs_of, known_of, require_same_inputs
 
-        path, summary, run_knowledge = source, {}, None
+        path, summary, run_knowledge = source, RunSummary(), None
         campaign, once = options.pop("campaign"), options.pop("once")
         if source.is_dir():
             path, summary, run_knowledge = campaign_of(source, campaign), *known_of(source)
@@ -58,7 +66,7 @@ def compare(
         with working(say, out or place / f"compare-{options['step']}") as job:
             folder = job.folder
             if options["seed"] is None:
-                options["seed"] = summary.get("seed")
+                options["seed"] = summary.seed
             say(f"Reading {path}")
             loaded = load_campaign(path, allow_outside=allow_outside)
             require_same_inputs(loaded, summary)
@@ -68,23 +76,23 @@ def compare(
                 loaded, twice=not once, known=run_knowledge, parts=parts, **reports, **options
             )
             save_comparison(folder, comparison)
-    reports = comparison_lines(comparison.record)
+    reports = comparison_lines(comparison.result)
     answer(json_, comparison.record, *reports, saved=f"Comparison: {folder / 'compare.json'}")
 
 
-def comparison_lines(record: Mapping[str, Any]) -> tuple[Table | str, ...]:
+def comparison_lines(record: "StoredSamplers") -> tuple[Table | str, ...]:
     """Return two tables, per sampler and per parameter and sampler, and the refused samplers."""
-    samplers = record["samplers"].items()
+    samplers = record.samplers.values()
     rows = [
-        {"parameter": parameter, "name": name, **row["parameters"][parameter]}
-        for parameter in record["parameters"]
-        for name, row in samplers
+        row.parameters[parameter].replaced(parameter=parameter, sampler=row.name)
+        for parameter in record.parameters
+        for row in samplers
     ]
     quantities = {"mean": "mean", "sd": "sd", "1 %": "q010", "50 %": "q500", "99 %": "q990"}
     return (
         table(
-            f"{record['posterior']} posterior of {record['campaign']}",
-            [{"name": name, **row} for name, row in samplers],
+            f"{record.posterior} posterior of {record.campaign}",
+            samplers,
             words("sampler", "name"),
             words("draws", "draws", "right"),
             _number("ESS", "ess"),
@@ -98,23 +106,23 @@ def comparison_lines(record: Mapping[str, Any]) -> tuple[Table | str, ...]:
             Column("verdict", _verdict, align="left"),
         ),
         table(
-            sampler_distances(record["reference"]),
+            sampler_distances(record.reference or ""),
             rows,
             words("parameter", "parameter"),
-            words("sampler", "name"),
+            words("sampler", "sampler"),
             *(Column(heading, partial(_distance, key)) for heading, key in quantities.items()),
             _number("ESS bulk", "ess_bulk"),
             _number("ESS tail", "ess_tail"),
         ),
-        *(f"{name}: {reason}" for name, reason in record["refused"].items()),
+        *(f"{name}: {reason}" for name, reason in record.refused.items()),
     )
 
 
 def _number(heading: str, key: str, digits: int = 3) -> Column:
     """Return a column of numbers with the given number of digits; large ones as whole numbers."""
 
-    def shown(row: Mapping[str, Any]) -> str:
-        value = row.get(key)
+    def shown(row: Any) -> str:
+        value = field(row, key)
         if value is None:
             return NOTHING
         return f"{value:.0f}" if abs(value) >= 10 ** (digits - 1) else f"{value:.{digits}g}"
@@ -122,21 +130,21 @@ def _number(heading: str, key: str, digits: int = 3) -> Column:
     return Column(heading, shown)
 
 
-def _evidence(row: Mapping[str, Any]) -> str:
-    if row["log_evidence"] is None:
+def _evidence(row: "StoredSampler") -> str:
+    if row.log_evidence is None:
         return NOTHING
-    return f"{row['log_evidence']:.3f} +- {row['log_evidence_error']:.2g}"
+    return f"{row.log_evidence:.3f} +- {row.log_evidence_error:.2g}"
 
 
-def _verdict(row: Mapping[str, Any]) -> str:
-    failed = ", ".join(dict.fromkeys(row["failed"]))
-    return f"{row['verdict']} ({failed})" if failed else row["verdict"]
+def _verdict(row: "StoredSampler") -> str:
+    failed = ", ".join(dict.fromkeys(row.failed))
+    return f"{row.verdict} ({failed})" if failed else row.verdict
 
 
-def _distance(key: str, row: Mapping[str, Any]) -> str:
+def _distance(key: str, row: "SampledParameter") -> str:
     """Return a value as text, with its distance from the reference in standard errors."""
-    shown = NOTHING if row[key] is None else f"{row[key]:.6g}"
-    z = row.get(f"z_{key}")
+    value, z = field(row, key), field(row, f"z_{key}")
+    shown = NOTHING if value is None else f"{value:.6g}"
     return shown if z is None else f"{shown} ({z:+.1f})"
 
 
@@ -184,16 +192,16 @@ def sbc(
             parts = job.parts({} if campaign is None else inputs_of(campaign), say)
             calibrated = calibration.sbc(campaign, report=say, parts=parts, **options)
             calibration.save_sbc(folder, calibrated)
-    verdict = calibrated.record["verdict"]
-    shown = calibration_table(calibrated.record), *verdict_lines(verdict, passed=True)
+    verdict = calibrated.calibration.verdict.stored().replaced(answers={})
+    shown = calibration_table(calibrated.result), *verdict_lines(verdict, passed=True)
     answer(json_, calibrated.record, *shown, saved=f"Calibration: {folder / 'sbc.json'}")
-    return 0 if verdict["status"] == "ok" else NOT_TRUSTED
+    return 0 if verdict.status == "ok" else NOT_TRUSTED
 
 
-def calibration_table(record: Mapping[str, Any]) -> Table:
+def calibration_table(record: "StoredCalibration") -> Table:
     """Return the table of a calibration with one line per quantity."""
     columns = [
-        Column(heading, lambda row, key=key, form=form: format(row[key], form))
+        Column(heading, lambda row, key=key, form=form: format(field(row, key), form))
         for heading, key, form in (
             ("p (ECDF)", "p_ecdf", ".2g"),
             ("p (chi2)", "p_chi_square", ".2g"),
@@ -203,9 +211,9 @@ def calibration_table(record: Mapping[str, Any]) -> Table:
         )
     ]
     return table(
-        f"{record['step']}: {record['replications']} replications by {record['sampler']}, "
-        f"{record['failed']} failed",
-        [{"quantity": name, **row} for name, row in record["quantities"].items()],
-        words("quantity", "quantity"),
+        f"{record.step}: {record.replications} replications by {record.sampler}, "
+        f"{record.failed} failed",
+        record.quantities.values(),
+        words("quantity", "name"),
         *columns,
     )

@@ -32,6 +32,7 @@ from jbw.export.several_joints import (
 )
 from jbw.quantities import AT, are_at_joints
 from jbw.report.messages import study as messages
+from jbw.results.run import RunSummary
 from jbw.verification.predictive_basis import laws_of_run
 
 FMUS = ("fmi2", "fmi3")
@@ -272,7 +273,7 @@ class RunExport(NamedTuple):
 
 def export_of_run(
     tree: xr.DataTree,
-    summary: Mapping[str, Any],
+    summary: RunSummary,
     names: Sequence[str] = (),
     *,
     fmu: bool = False,

@@ -27,6 +27,7 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.parameters import Material
 from jbw.quantities import OSCILLATOR, Quantity, are_at_joints, joints_of
 from jbw.report.messages import study as messages
+from jbw.results.run import RunSummary
 from jbw.verification.backbone import curves
 from jbw.verification.bands import QUANTILES, band
 from jbw.verification.predicted import carry
@@ -88,7 +89,7 @@ def export(
     y_max: float | None = None,
     *,
     draw: int | None = None,
-    summary: Mapping[str, Any] | None = None,
+    summary: RunSummary | None = None,
 ) -> Export:
     """Return one joint of a run in several conventions, with its backbone and its static loops.
 
@@ -135,7 +136,7 @@ def export(
     theta = {name: float(values[0]) for name, values in exported.items()}
     return Export(
         (
-            *verdict_of(summary or {}),
+            *verdict_of(summary or RunSummary()),
             messages.exported_draw(
                 number,
                 count_of(draws),
@@ -244,17 +245,16 @@ def _require_positive(**arguments: float) -> None:
 
 
 # -- what it is ------------------------------------------------------------------------------------
-def verdict_of(summary: Mapping[str, Any]) -> Iterable[str]:
+def verdict_of(summary: RunSummary) -> Iterable[str]:
     """Yield the line on the run's verdict and the first reason for it."""
-    verdict = summary.get("verdict") or {}
-    status = verdict.get("status", "not assessed")
-    findings = [row for row in verdict.get("findings", ()) if row["status"] == status]
+    status = summary.verdict.status or "not assessed"
+    findings = [row for row in summary.verdict.findings if row.status == status]
     if status == "ok":
         why = f"all {len(findings)} findings are ok"
     else:
-        why = findings[0]["reason"] if findings else messages.NO_VERDICT
-    words = messages.verdict_of(str(summary.get("campaign", "")), status, why)
-    # A line break in a text from a file must not end the comment.
+        why = findings[0].reason if findings else messages.NO_VERDICT
+    words = messages.verdict_of(summary.campaign, status, why)
+    # Text from a file must not end this comment line.
     yield printable(" ".join(words.replace(" :", ":").split()))
 
 

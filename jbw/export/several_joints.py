@@ -35,6 +35,7 @@ from jbw.oscillator.laws import laws_named
 from jbw.oscillator.modes.assembled import laws_at, motion_in
 from jbw.quantities import MODES, OSCILLATOR, Quantity, motion_factors_in, split
 from jbw.report.messages import study as messages
+from jbw.results.run import RunSummary
 from jbw.study.assembly_group import ModelJoint, ModelJoints, assembly_of
 from jbw.verification.backbone import curves
 from jbw.verification.bands import band
@@ -96,7 +97,7 @@ class JointsExport:
 
 
 def export_joints(
-    tree: xr.DataTree, *, draw: int | None = None, summary: Mapping[str, Any] | None = None
+    tree: xr.DataTree, *, draw: int | None = None, summary: RunSummary | None = None
 ) -> JointsExport:
     """Export all joints of a run at the draw of highest posterior density, or a given draw.
 
@@ -129,7 +130,7 @@ def export_joints(
         assembly.units,
     )
     about = (
-        *verdict_of(summary or {}),
+        *verdict_of(summary or RunSummary()),
         which,
         *_modes(chosen, tree),
         *origin(draws, number, chosen, amplitude, bands, laws),

@@ -12,8 +12,8 @@ import xarray as xr
 from jbw.identification.linear import LineFit, PooledFit, Residuals, line_fit, pool
 from jbw.identification.modal import ModalFit, fit_modes, in_order, line_of, model_lines
 from jbw.measurement.channels import lines_within
-from jbw.measurement.checks.faults import told_together
 from jbw.measurement.delays import on_time
+from jbw.measurement.faults.fault import told_together
 from jbw.measurement.records import Test, steady
 from jbw.measurement.resonances import driven_band
 from jbw.measurement.spectra import FRF, frf

@@ -71,6 +71,7 @@ from jbw.identification.run_effects import (
 from jbw.inference.fit.costly_fit import evaluator, from_search, residual_at, to_search
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import Box
+from jbw.measurement.residual_spectra import real_rows
 from jbw.observables.dataset import (
     Dataset,
     as_arrays,
@@ -86,7 +87,6 @@ from jbw.observables.effective_values import is_coloured, white_square
 from jbw.observables.groups import Row
 from jbw.observables.noise import fractions_counted, num_known, repeatability
 from jbw.observables.observable import OFFSETS
-from jbw.observables.spectra import real_rows
 from jbw.report.messages import discrepancy as messages
 
 # If chance has a smaller probability, frequency shifts and residuals are errors of the law.

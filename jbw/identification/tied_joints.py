@@ -192,15 +192,10 @@ def _weighed(key: Key[Array, ""], candidate: Candidate) -> WeighedPoints:
     return min(about_fit, along, key=lambda points: points.khat)
 
 
-class Trials(NamedTuple):
-    """Sets of laws to try, and a sentence that names them."""
-
-    sets: tuple[Laws, ...]
-    sentence: str
-
-
-def trials_at_joints(campaign_laws: Laws, stated: Sequence[Laws] | None) -> Trials:
-    """Return the sets of laws to try at a campaign's joints.
+def trials_at_joints(
+    campaign_laws: Laws, stated: Sequence[Laws] | None
+) -> tuple[tuple[Laws, ...], str]:
+    """Return the sets of laws to try at a campaign's joints, and a sentence that names them.
 
     Args:
         campaign_laws: The campaign's laws, with the joints that share each.
@@ -228,7 +223,7 @@ def trials_at_joints(campaign_laws: Laws, stated: Sequence[Laws] | None) -> Tria
     words = messages.tried_at_joints(
         [name_of(laws) for laws in plain], own, num_changed, which, MOST
     )
-    return Trials(sets, words)
+    return sets, words
 
 
 def _with_changed(

@@ -24,6 +24,7 @@ from jbw.parts import Parts, unkept
 from jbw.quantities import BY_NAME, attrs_of
 from jbw.report.messages import study as messages
 from jbw.report.studies import rank_ecdfs
+from jbw.results.studies import StoredCalibration
 from jbw.run.netcdf import write_tree
 from jbw.study.store import Write, save_outputs, write_figure, write_json
 
@@ -58,6 +59,11 @@ class Sbc:
     calibration: Calibration  # ranks, coverage, failures and the verdict
     tree: xr.DataTree  # the ranks, with labels
     record: dict[str, Any]  # all numbers as plain values, as in `sbc.json`
+
+    @property
+    def result(self) -> StoredCalibration:
+        """The content of `record` in types."""
+        return StoredCalibration.read(self.record)
 
 
 def sbc(
@@ -210,7 +216,7 @@ def _numbers_of(calibration: Calibration) -> dict[str, Any]:
         "quantities": quantities,
         "verdict": {
             "status": calibration.verdict.status,
-            "findings": [finding.record() for finding in calibration.verdict.findings],
+            "findings": [row.stored().plain() for row in calibration.verdict.findings],
         },
     }
 

@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -29,6 +29,7 @@ from jbw.inference.space.reparametrisation import in_box
 from jbw.inference.space.ridge import along_ridge
 from jbw.parts import Parts, unkept
 from jbw.report.studies import comparison
+from jbw.results.studies import StoredSamplers
 from jbw.study.store import save_outputs, write_figure, write_json
 
 QUANTILES = {"q010": 0.01, "q500": 0.5, "q990": 0.99}
@@ -47,6 +48,11 @@ class Comparison:
     posterior: Posterior  # posterior from which the samplers drew
     trees: dict[str, xr.DataTree]  # the draws of every sampler
     record: dict[str, Any]  # all numbers as plain values, as in `compare.json`
+
+    @cached_property
+    def result(self) -> StoredSamplers:
+        """The content of `record` in types."""
+        return StoredSamplers.read(self.record)
 
 
 class Drawn(NamedTuple):
@@ -249,7 +255,7 @@ def _row(
 
 def save_comparison(folder: Path, found: Comparison) -> None:
     """Write the files of a comparison of samplers: compare.json, then compare.png."""
-    figure = {"compare.png": lambda path: write_figure(path, comparison(found.record))}
+    figure = {"compare.png": lambda path: write_figure(path, comparison(found.result))}
     numbers = {"compare.json": lambda path: write_json(path, found.record)}
     save_outputs(folder, numbers, figure if found.trees else {})
 

@@ -9,7 +9,6 @@ Reference:
 """
 
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -17,6 +16,7 @@ from jaxtyping import Float
 
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.report.messages import laws
+from jbw.results.laws import StoredLaw, StoredLaws, StoredSharedRuns
 
 FEWEST_RUNS = 5  # number of runs from which on the standard error of differences is reliable
 APART = 2.0  # number of standard errors by which the scores of distinguished laws differ
@@ -31,26 +31,34 @@ TARGETS = (laws.OUTWARD, laws.ACROSS)
 # An error up to this multiple of the standard deviation of the repeats' mean is close to noise.
 NEAR_FLOOR = 1.2
 
-Row = Mapping[str, Any]
+Rows = Mapping[str, StoredLaw]
 
 
-def compare_rows(rows: dict[str, dict[str, Any]], scores: Mapping[str, np.ndarray]) -> None:
-    """Add differences to the best law, weight and result to the row of each law."""
+def compared_rows(rows: Rows, scores: Mapping[str, np.ndarray]) -> dict[str, StoredLaw]:
+    """Return the row of each law with differences to the best law, weight and answer."""
     by_runs = bool(scores) and len(next(iter(scores.values()))) >= FEWEST_RUNS
     best = _best(rows, scores, by_runs=by_runs)
     apart = differences(scores, best) if scores else {}
     weights = stacking(scores) if by_runs else {}
+    compared = {}
     for name, row in rows.items():
         difference, error = apart.get(name, (None, None))
-        row["elpd_difference"] = difference
-        row["elpd_difference_se"] = error if error is not None and np.isfinite(error) else None
-        row["weight"] = weights.get(name)
-        pair = row["log_evidence"], rows[best]["log_evidence"]
-        row["log_evidence_difference"] = None if None in pair else pair[0] - pair[1]
-        row["answer"] = "best" if name == best else _answer(row, rows[best], by_runs=by_runs)
+        row = row.replaced(
+            elpd_difference=difference,
+            elpd_difference_se=error if error is not None and np.isfinite(error) else None,
+            weight=weights.get(name),
+            log_evidence_difference=_less(row.log_evidence, rows[best].log_evidence),
+        )
+        answer = "best" if name == best else _answer(row, rows[best], by_runs=by_runs)
+        compared[name] = row.replaced(answer=answer)
+    return compared
 
 
-def _best(rows: Mapping[str, Row], scores: Mapping[str, np.ndarray], *, by_runs: bool) -> str:
+def _less(number: float | None, other: float | None) -> float | None:
+    return None if number is None or other is None else number - other
+
+
+def _best(rows: Rows, scores: Mapping[str, np.ndarray], *, by_runs: bool) -> str:
     """Return the name of the best law: by score, by evidence, or by error.
 
     A law with good importance weights is preferred, unless another law's score is higher by more
@@ -59,57 +67,60 @@ def _best(rows: Mapping[str, Row], scores: Mapping[str, np.ndarray], *, by_runs:
     if by_runs:
         scored = {name: float(np.sum(x)) - _may_be_off(rows[name]) for name, x in scores.items()}
     else:
-        evidence = {name: row["log_evidence"] for name, row in rows.items()}
+        evidence = {name: row.log_evidence for name, row in rows.items()}
         scored = {name: value for name, value in evidence.items() if value is not None}
-    scored = {name: score for name, score in scored.items() if not rows[name]["hopeless"]}
+    scored = {name: score for name, score in scored.items() if not rows[name].hopeless}
     if not scored:
-        return min(rows, key=lambda name: rows[name]["error"])
+        return min(rows, key=lambda name: rows[name].error)
     sure = [name for name in scored if not _is_rough(rows[name], by_runs=by_runs)]
     return max(scored if by_runs else sure or scored, key=lambda name: scored[name])
 
 
-def _may_be_off(row: Row) -> float:
-    """Return the possible error of a law's score, where its importance weights are poor [nats]."""
-    return OFF * row["elpd_doubt"] if _is_rough(row, by_runs=True) else 0.0
+def _may_be_off(row: StoredLaw) -> float:
+    """Return the possible error of a score of left-out runs with poor weights [nats]."""
+    return OFF * (row.elpd_doubt or 0.0) if _is_rough(row, by_runs=True) else 0.0
 
 
-def _is_rough(row: Row, *, by_runs: bool) -> bool:
+def _is_rough(row: StoredLaw, *, by_runs: bool) -> bool:
     """Return whether the importance weights behind a law's score are poor."""
-    khat = row["khat" if by_runs else "khat_evidence"]
+    khat = row.khat if by_runs else row.khat_evidence
     return khat is not None and not khat <= GOOD_KHAT
 
 
-def _answer(row: Row, best: Row, *, by_runs: bool) -> str:
-    """Return a law's result compared with the best: worse, not told apart or not judged.
-
-    A law with poor importance weights is not judged, unless its score is lower by more than its
-    possible error, or the law does not fit at all (`hopeless`) and so is worse in any case.
+def _answer(row: StoredLaw, best: StoredLaw, *, by_runs: bool) -> str:
+    """Return a law's answer compared with the best: worse, not told apart or not judged.
 
     A law with a rough score is not judged, unless it lies farther behind than its possible error,
     or is hopeless and thus worse in any case.
     """
     behind = _behind_by_runs if by_runs else _behind_by_evidence
-    if row["hopeless"] or behind(row, best):
+    if row.hopeless or behind(row, best):
         return "worse"
     rough = any(_is_rough(law, by_runs=by_runs) for law in (row, best))
     return "not judged" if rough else "not told apart"
 
 
-def _behind_by_runs(row: Row, best: Row) -> bool:
+def _behind_by_runs(row: StoredLaw, best: StoredLaw) -> bool:
     """Return whether a law's score is lower by more than its standard and possible errors."""
     off = _may_be_off(row) + _may_be_off(best)
-    return -row["elpd_difference"] - off > APART * (row["elpd_difference_se"] or 0.0)
+    behind = -(row.elpd_difference or 0.0)
+    return behind - off > APART * (row.elpd_difference_se or 0.0)
 
 
-def _behind_by_evidence(row: Row, best: Row) -> bool:
+def _behind_by_evidence(row: StoredLaw, best: StoredLaw) -> bool:
     """Return whether a law's evidence is clearly lower for both widths of the priors."""
     if any(_is_rough(law, by_runs=False) for law in (row, best)):
         return False
-    pairs = [(row[key], best[key]) for key in ("log_evidence", "log_evidence_wide")]
-    return all(None not in pair and pair[0] < pair[1] - NATS for pair in pairs)
+    differences = (
+        _less(row.log_evidence, best.log_evidence),
+        _less(row.log_evidence_wide, best.log_evidence_wide),
+    )
+    return all(difference is not None and difference < -NATS for difference in differences)
 
 
-def differences(scores: Mapping[str, Float[np.ndarray, " run"]], reference: str) -> dict[str, Any]:
+def differences(
+    scores: Mapping[str, Float[np.ndarray, " run"]], reference: str
+) -> dict[str, tuple[float, float]]:
     """Return the sum of each law's score differences to a reference, and its standard error."""
     sums = {}
     for name, of_runs in scores.items():
@@ -146,17 +157,16 @@ def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float
     return {str(name): float(weight) for name, weight in weights.items()}
 
 
-def errors_on(rows: Mapping[str, Row], target: str) -> dict[str, float]:
-    """Return laws' measured errors at the highest level, or on the worst kind of unfitted test."""
-    if target == laws.OUTWARD:
-        errors = {name: row.get("error_highest") for name, row in rows.items()}
-    else:
-        across = {name: row.get("error_across") or {} for name, row in rows.items()}
-        errors = {name: max(kinds.values(), default=None) for name, kinds in across.items()}
+def errors_on(rows: Rows, target: str) -> dict[str, float]:
+    """Return laws' known errors on the highest level, or on the worst kind of unfitted test."""
+    errors = {
+        name: row.error_highest if target == laws.OUTWARD else row.error_of_worst_kind
+        for name, row in rows.items()
+    }
     return {name: error for name, error in errors.items() if error is not None}
 
 
-def weights_for(rows: Mapping[str, Row], target: str) -> dict[str, float]:
+def weights_for(rows: Rows, target: str) -> dict[str, float]:
     """Return each law's share in predictions of a target, largest first; empty if unknown.
 
     Within the fitted amplitudes, the shares are the weights of the comparison. Outward and across
@@ -164,13 +174,13 @@ def weights_for(rows: Mapping[str, Row], target: str) -> dict[str, float]:
     none of these has a weight, the law with the least error predicts alone.
     """
     if target == laws.WITHIN:
-        return {name: row["weight"] for name, row in rows.items() if row["weight"]}
+        return {name: row.weight for name, row in rows.items() if row.weight}
     known = errors_on(rows, target)
     if len(known) < 2:
         return {}
     least = min(known, key=lambda name: known[name])
     close = {
-        name: rows[name]["weight"] or 0.0
+        name: rows[name].weight or 0.0
         for name, error in known.items()
         if error <= AS_GOOD * known[least]
     }
@@ -181,40 +191,41 @@ def weights_for(rows: Mapping[str, Row], target: str) -> dict[str, float]:
     return dict(sorted(shares.items(), key=lambda share: -share[1]))
 
 
-def statements(record: Row) -> list[str]:
+def statements(record: StoredLaws) -> list[str]:
     """Return the sentences on a comparison of laws."""
-    rows, count = record["laws"], len(record["runs"])
-    best = _names(rows, "best")[0]
+    rows, count = record.laws, len(record.runs)
+    (best,) = record.answered("best")
     return [
         laws.best_by_predictions(best, count)
-        if rows[best]["weight"] is not None
+        if rows[best].weight is not None
         else laws.best_by_evidence(best, count, FEWEST_RUNS),
-        *_of_answers(rows, best),
+        *_of_answers(record, best),
         *_of_errors(record, best),
         *_of_targets(rows, best),
         *_of_parameters(rows),
         *_of_rough_scores(rows),
         *_of_unseen(rows),
-        *_of_offsets(best, record["shared_runs"]),
+        *_of_offsets(best, record.shared_runs),
         *_of_widths(rows),
     ]
 
 
-def _of_answers(rows: Mapping[str, Row], best: str) -> Iterator[str]:
-    """Yield sentences on laws that are distinguished from the best, and on laws not judged."""
-    if near := _names(rows, "not told apart"):
+def _of_answers(record: StoredLaws, best: str) -> Iterator[str]:
+    """Yield sentences on laws that data distinguish from the best, and on laws not judged."""
+    if near := record.answered("not told apart"):
         yield laws.equivalent(near)
-    if worse := _names(rows, "worse"):
+    if worse := record.answered("worse"):
         yield laws.worse(worse)
-    for name, row in rows.items():
-        if row["hopeless"] and name != best:
-            behind = rows[best]["log_likelihood"] - row["log_likelihood"]
-            yield laws.by_fit_alone(name, row["error"], best, rows[best]["error"], behind)
-    if rough := _names(rows, "not judged"):
+    best_row = record.laws[best]
+    for name, row in record.laws.items():
+        if row.hopeless and name != best:
+            behind = best_row.log_likelihood - row.log_likelihood
+            yield laws.by_fit_alone(name, row.error, best, best_row.error, behind)
+    if rough := record.answered("not judged"):
         yield laws.not_judged(rough, best, GOOD_KHAT)
 
 
-def _of_targets(rows: Mapping[str, Row], best: str) -> Iterator[str]:
+def _of_targets(rows: Rows, best: str) -> Iterator[str]:
     """Yield sentences on laws that predict stronger or other tests better than the best law."""
     for target in TARGETS:
         shares = weights_for(rows, target)
@@ -224,76 +235,72 @@ def _of_targets(rows: Mapping[str, Row], best: str) -> Iterator[str]:
             yield laws.predicted_by(target, list(shares), least, best, errors.get(best))
 
 
-def _of_errors(record: Row, best: str) -> Iterator[str]:
-    """Yield sentences on the best law's error, next to repeats and a linear oscillator."""
-    if (floor := record["floor"]) is not None and floor > 0:
-        error = record["laws"][best]["error"]
-        yield laws.against_repeats(best, error, floor, near=error / floor < NEAR_FLOOR)
-    if lines := list(record["lines"].values()):
-        yield laws.linear_by_session(record["line"], min(lines), max(lines))
+def _of_errors(record: StoredLaws, best: str) -> Iterator[str]:
+    """Yield sentences on the best law's error versus repeats' scatter and linear oscillators."""
+    if record.floor is not None and record.floor > 0:
+        error = record.laws[best].error
+        near = error / record.floor < NEAR_FLOOR
+        yield laws.against_repeats(best, error, record.floor, near=near)
+    if record.line is not None and (lines := record.lines.values()):
+        yield laws.linear_by_session(record.line, min(lines), max(lines))
 
 
-def _of_parameters(rows: Mapping[str, Row]) -> Iterator[str]:
+def _of_parameters(rows: Rows) -> Iterator[str]:
     """Yield sentences on parameters at bounds and reached thresholds, except of worse laws."""
     for name, row in rows.items():
-        if row["answer"] == "worse":
+        if row.answer == "worse":
             continue
-        yield from (laws.of_law(name, sentence) for sentence in row.get("widened", ()))
-        if row["at_bound"]:
-            yield laws.at_bound(name, row["at_bound"])
-        several = len(row["laws"]) > 1
-        yield from (f"{name}: {text}" if several else text for text in row["reached"])
+        yield from (laws.of_law(name, sentence) for sentence in row.widened)
+        if row.at_bound:
+            yield laws.at_bound(name, row.at_bound)
+        several = len(row.laws) > 1
+        yield from (f"{name}: {text}" if several else text for text in row.reached)
 
 
-def _of_rough_scores(rows: Mapping[str, Row]) -> Iterator[str]:
+def _of_rough_scores(rows: Rows) -> Iterator[str]:
     """Yield sentences on laws whose scores or evidence depend on few draws."""
     sentences = {"khat": laws.unreliable_scores, "khat_evidence": laws.unreliable_evidence}
     for key, sentence in sentences.items():
-        if rough := [name for name, row in rows.items() if (row[key] or 0.0) > GOOD_KHAT]:
+        if rough := [n for n, row in rows.items() if (getattr(row, key) or 0.0) > GOOD_KHAT]:
             yield sentence(rough, GOOD_KHAT)
 
 
-def _of_unseen(rows: Mapping[str, Row]) -> Iterator[str]:
-    """Yield sentences on which law predicts held-out tests best, by amplitude or kind of test.
-
-    Tests within the fitted amplitudes, beyond them, and of other kinds are stated separately.
+def _of_unseen(rows: Rows) -> Iterator[str]:
+    """Yield sentences on laws that predict held-out tests best, within, beyond or across kinds.
 
     Within and beyond refer to the largest fitted motion.
     """
     sentences = {"error_held_out": laws.best_within, "error_beyond": laws.best_beyond}
     for key, sentence in sentences.items():
-        errors = {name: row[key] for name, row in rows.items() if row.get(key) is not None}
+        every = {name: getattr(row, key) for name, row in rows.items()}
+        errors = {name: error for name, error in every.items() if error is not None}
         if errors:
             least = min(errors, key=lambda name: errors[name])
             yield sentence(least, errors[least])
-    across = {name: row["error_across"] for name, row in rows.items() if row.get("error_across")}
+    across = {name: row.error_across for name, row in rows.items() if row.error_across}
     for kind in next(iter(across.values()), {}):
         least = min(across, key=lambda name: across[name][kind])
         yield laws.best_across(least, kind, across[least][kind])
 
 
-def _of_offsets(best: str, shared: Row | None) -> Iterator[str]:
-    """Yield the sentence on the best law's fit if all sessions had the same omega_n and zeta."""
+def _of_offsets(best: str, shared: StoredSharedRuns | None) -> Iterator[str]:
+    """Yield the sentence on the best law if the sessions shared omega_n and zeta."""
     if shared is None:
         return
     moved = [
-        laws.moved(name, (row["without"], row["without_sd"]), (row["with"], row["with_sd"]))
-        for name, row in shared["parameters"].items()
+        laws.moved(name, (row.without, row.without_sd), (row.with_offsets, row.with_sd))
+        for name, row in shared.parameters.items()
     ]
-    errors = shared["errors"]
-    least = min(errors, key=lambda name: errors[name])
-    with_offsets, without = shared["error"]
-    yield laws.without_offsets(best, without, with_offsets, moved, least, errors[least])
+    least = min(shared.errors, key=shared.errors.__getitem__)
+    with_offsets, without = shared.error
+    yield laws.without_offsets(best, without, with_offsets, moved, least, shared.errors[least])
 
 
-def _of_widths(rows: Mapping[str, Row]) -> Iterator[str]:
+def _of_widths(rows: Rows) -> Iterator[str]:
     """Yield sentences on how much the evidence depends on the priors."""
-    pairs = {name: (row["log_evidence"], row["log_evidence_wide"]) for name, row in rows.items()}
-    if changes := {name: pair[1] - pair[0] for name, pair in pairs.items() if None not in pair}:
+    widened = {name: _less(row.log_evidence_wide, row.log_evidence) for name, row in rows.items()}
+    if changes := {name: change for name, change in widened.items() if change is not None}:
         yield laws.wider_priors(changes)
-    if lacking := [name for name, pair in pairs.items() if pair[1] is None is not pair[0]]:
+    judged = (name for name, row in rows.items() if row.log_evidence is not None)
+    if lacking := [name for name in judged if rows[name].log_evidence_wide is None]:
         yield laws.no_wider_evidence(lacking)
-
-
-def _names(rows: Mapping[str, Row], answer: str) -> list[str]:
-    return [name for name, row in rows.items() if row["answer"] == answer]

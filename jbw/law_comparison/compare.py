@@ -8,7 +8,7 @@ and above them, and a laboratory that plans the next level needs the second.
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import jax
@@ -35,12 +35,12 @@ from jbw.identification.law_scores import (
 )
 from jbw.identification.reached import threshold_sentences
 from jbw.identification.run_effects import runs_dataset, runs_sentence
-from jbw.identification.tied_joints import Trials, trials_at_joints
+from jbw.identification.tied_joints import trials_at_joints
 from jbw.inference.compiled import forget_when_many
 from jbw.inference.posterior.summary import evenly_spaced, scalars
 from jbw.inference.space.box import require_float64
 from jbw.inference.thresholds import BEYOND
-from jbw.law_comparison.answers import compare_rows, statements
+from jbw.law_comparison.answers import compared_rows, statements
 from jbw.law_comparison.stack import law_groups, stack_of
 from jbw.measurement.channels import rms
 from jbw.measurement.records import Test, belongs_to
@@ -52,6 +52,7 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.parts import Parts, unkept
 from jbw.report.messages import stages
 from jbw.report.messages import study as messages
+from jbw.results.laws import StoredLaw, StoredLaws
 from jbw.study.free_group import (
     free_law_groups,
     free_law_of,
@@ -116,7 +117,12 @@ class LawComparison:
         Raises:
             DataError: If the test's source is in another unit than the campaign's.
         """
-        return predict(stack_of(self.tree, self.record), test)
+        return predict(stack_of(self.tree, self.result), test)
+
+    @cached_property
+    def result(self) -> StoredLaws:
+        """The content of `record` in types."""
+        return StoredLaws.read(self.record)
 
 
 def compare_laws(
@@ -160,23 +166,22 @@ def compare_laws(
         Laws that are significantly worse than the best law: linear.
     """
     require_float64()
-    trials = _trials(campaign, laws)
+    sets, tried = _trials(campaign, laws)
     seed = campaign.settings.seed if seed is None else seed
     seen = measured_in(campaign, report)
     keys = jax.random.split(jax.random.key(seed), 3)
-    candidates, unfitted = evidence.candidates(keys[0], seen, trials.sets, report, parts)
+    candidates, unfitted = evidence.candidates(keys[0], seen, sets, report, parts)
     weighed, unweighed = weigh(keys[1:], candidates, report, parts)
     first = candidates[0].fitted
     highest = _highest(campaign, list(runs_of(first.data)))
     rows = _rows(weighed, highest)
-    (best,) = (name for name, row in rows.items() if row["answer"] == "best")
+    (best,) = (name for name, row in rows.items() if row.answer == "best")
     named = {name: law.candidate for name, law in weighed.items()}
     groups = law_groups(campaign.tests, named, {name: law.draws for name, law in weighed.items()})
     tests = unseen(campaign.tests, _fitted_names(named[best]))
     errors = partial(held_out_errors, tests, groups, list(named), campaign.settings.seed)
     held_out = parts("errors of held-out tests", errors)
-    for name, row in rows.items():
-        row |= errors_apart(held_out, name, best)
+    rows = {name: row.replaced(**errors_apart(held_out, name, best)) for name, row in rows.items()}
     shared = partial(_shared_runs, keys[0], seen, named, best, report)
     shared_runs = parts("laws without offsets", shared)
     offsets = _offsets(keys[0], weighed[best])
@@ -189,46 +194,50 @@ def compare_laws(
         None,
     )
     lines = own_lines(first.data, {**_held(first.data), **first.fit.theta})
-    record: dict[str, Any] = {
-        "campaign": campaign.name,
-        "diagnosis": None if diagnosis is None else diagnosis._asdict(),
-        "runs": list(runs_of(first.data)),
-        "highest": highest,
-        "floor": scatter_of_means(first.data),
-        "line": rms(list(lines.values())) if lines else None,
-        "lines": lines,
-        "laws": rows,
-        "refused": unfitted | unweighed,
-        "shared_runs": shared_runs,
-        "free_law": free_law_record(without_form),
-        "gap_sliders": gap_record(campaign.tests, seen),
-    }
-    record["statements"] = [
-        *([trials.sentence] if trials.sentence else []),
+    gaps = gap_record(campaign.tests, seen)
+    record = StoredLaws.read(
+        {
+            "campaign": campaign.name,
+            "diagnosis": None if diagnosis is None else diagnosis._asdict(),
+            "runs": list(runs_of(first.data)),
+            "highest": highest,
+            "floor": scatter_of_means(first.data),
+            "line": rms(list(lines.values())) if lines else None,
+            "lines": lines,
+            "laws": rows,
+            "refused": unfitted | unweighed,
+            "shared_runs": shared_runs,
+            "free_law": free_law_record(without_form),
+            "gap_sliders": gaps,
+        }
+    )
+    sentences = [
+        *([tried] if tried else []),
         *([] if diagnosis is None else diagnosis_sentences(diagnosis)),
         *statements(record),
         *free_law_sentences(without_form),
-        *gap_sentences(record["gap_sliders"]),
+        *gap_sentences(gaps),
         *([] if offsets is None else [f"Under {best}: {runs_sentence(offsets)}"]),
     ]
     tree = _tree(weighed, record, {"/offsets": offsets, "/held_out": held_out})
     beside = look_groups(looked, entered(seen)) | free_law_groups(without_form)
-    return LawComparison(named, xr.DataTree.from_dict({**tree, **beside, **groups}), record)
+    whole = xr.DataTree.from_dict({**tree, **beside, **groups})
+    return LawComparison(named, whole, record.replaced(statements=sentences).plain())
 
 
 def _tree(
     weighed: Mapping[str, Weighed],
-    record: Mapping[str, Any],
+    record: StoredLaws,
     besides: Mapping[str, xr.Dataset | None],
 ) -> dict[str, xr.Dataset]:
     """Return scores, curves, loops, residuals and posteriors of all laws, by path."""
     named = {name: law.candidate for name, law in weighed.items()}
     y_peak = max(law.fitted.y_peak for law in named.values())
     return {
-        "/scores": _scores(_left_out(weighed), record["runs"], record["lines"]),
-        "/curves": _curves(weighed, y_peak).assign(hopeless=_hopeless(record["laws"])),
+        "/scores": _scores(_left_out(weighed), record.runs, record.lines),
+        "/curves": _curves(weighed, y_peak).assign(hopeless=_hopeless(record.laws)),
         "/loops": loops(named, y_peak),
-        "/residuals": residuals(named, record["highest"]),
+        "/residuals": residuals(named, record.highest),
         **{path: group for path, group in besides.items() if group is not None},
     }
 
@@ -250,22 +259,27 @@ def _offsets(key: Key[Array, ""], law: Weighed) -> xr.Dataset | None:
     return runs_dataset(key, law.draws["posterior"].to_dataset(), fitted.box.names, fitted.data)
 
 
-def _rows(weighed: Mapping[str, Weighed], highest: str | None) -> dict[str, dict[str, Any]]:
+def _rows(weighed: Mapping[str, Weighed], highest: str | None) -> dict[str, StoredLaw]:
     """Return a row of numbers for each law, compared by scores of left-out runs."""
     rows, scores = {name: row_of(law) for name, law in weighed.items()}, _left_out(weighed)
-    compare_rows(rows, {name: np.array(list(law.elpd.values())) for name, law in scores.items()})
+    elpd = {name: np.array(list(law.elpd.values())) for name, law in scores.items()}
+    compared = compared_rows(rows, elpd)
     for name, law in scores.items():
-        rows[name]["error_highest"] = law.error.get(highest) if highest else None
-        rows[name]["error_across"] = errors_across_kinds(weighed[name].candidate)
-    return rows
+        compared[name] = compared[name].replaced(
+            error_highest=law.error.get(highest) if highest else None,
+            error_across=errors_across_kinds(weighed[name].candidate),
+        )
+    return compared
 
 
-def _trials(campaign: Campaign, laws: Sequence[str | Sequence[str]] | None) -> Trials:
-    """Return sets of laws to try; the usual sets if none are named."""
+def _trials(
+    campaign: Campaign, laws: Sequence[str | Sequence[str]] | None
+) -> tuple[tuple[tuple[str, ...], ...], str]:
+    """Return sets of laws to try with a sentence on them; the usual sets if none are named."""
     chosen = None if laws is None else _chosen(laws)
     if campaign.joints is not None:
         return trials_at_joints(campaign.laws, chosen)
-    return Trials(tuple(_usual(campaign) if chosen is None else chosen), "")
+    return tuple(_usual(campaign) if chosen is None else chosen), ""
 
 
 def _usual(campaign: Campaign) -> list[tuple[str, ...]]:
@@ -348,10 +362,10 @@ def _curves(weighed: Mapping[str, Weighed], y_peak: float) -> xr.Dataset:
     )  # fmt: skip
 
 
-def _hopeless(rows: Mapping[str, Mapping[str, Any]]) -> tuple[str, list[bool], dict[str, str]]:
-    """Return which laws fit so badly that only their fits are judged, as a variable."""
+def _hopeless(rows: Mapping[str, StoredLaw]) -> tuple[str, list[bool], dict[str, str]]:
+    """Return which laws are judged by their fits alone, as a variable."""
     attrs = {"long_name": messages.VARIABLES["hopeless"]}
-    return "law", [row["hopeless"] for row in rows.values()], attrs
+    return "law", [row.hopeless for row in rows.values()], attrs
 
 
 def _some(tree: xr.DataTree, data: Dataset) -> dict[str, np.ndarray]:
@@ -443,12 +457,12 @@ def _by_fit(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
     return evidence.about_fit(keys[0], candidate), held_out, None
 
 
-def row_of(weighed: Weighed) -> dict[str, Any]:
-    """Return the numbers of one law as plain values."""
+def row_of(weighed: Weighed) -> StoredLaw:
+    """Return the numbers of one law."""
     candidate, tree, held_out = weighed.candidate, weighed.draws, weighed.left_out
     names, posterior = candidate.fitted.box.names, tree["posterior"].to_dataset()
     every = every_parameter(posterior, candidate.fitted.data)
-    return {
+    row = {
         "laws": list(candidate.laws),
         "meet": candidate.meet,
         "num_parameters": len(names),
@@ -473,6 +487,7 @@ def row_of(weighed: Weighed) -> dict[str, Any]:
             for name in names
         },
     }
+    return StoredLaw.read(row)
 
 
 def loops(named: Mapping[str, Candidate], y_peak: float) -> xr.Dataset:

@@ -25,6 +25,7 @@ from jbw.measurement.records import Test
 from jbw.report.laws import laws_figure, render_laws
 from jbw.report.messages.laws import ACROSS, OUTWARD, WITHIN
 from jbw.report.result import require_finite
+from jbw.results.laws import StoredLaws
 from jbw.run.netcdf import read_tree, write_tree
 from jbw.study.store import Write, save_outputs, write_figure, write_json
 from jbw.verification.predictive_basis import Basis, basis_attrs, basis_of
@@ -44,11 +45,11 @@ def law_groups(
     return groups
 
 
-def save_laws(folder: Path, tree: xr.DataTree, record: Mapping) -> None:
+def save_laws(folder: Path, tree: xr.DataTree, record: StoredLaws) -> None:
     """Write laws.nc and laws.json, then laws.png and laws.html."""
     numbers: dict[str, Write] = {
         "laws.nc": lambda path: write_tree(path, tree),
-        "laws.json": lambda path: write_json(path, record),
+        "laws.json": lambda path: write_json(path, record.plain()),
     }
     pictures: dict[str, Write] = {
         "laws.png": lambda path: write_figure(path, laws_figure(tree)),
@@ -62,10 +63,10 @@ def holds_laws(folder: Path) -> bool:
     return (folder / "laws.json").is_file()
 
 
-def stack_of(tree: xr.DataTree, record: Mapping) -> Basis:
+def stack_of(tree: xr.DataTree, record: StoredLaws) -> Basis:
     """Return the predictive basis of compared laws, the best first, each with its weight."""
-    rows, laws = record["laws"], tree.children["laws"].children
-    (best,) = (name for name, row in rows.items() if row["answer"] == "best")
+    rows, laws = record.laws, tree.children["laws"].children
+    (best,) = record.answered("best")
     within = {best: 0.0} | weights_for(rows, WITHIN)
     of_target = {
         target: _mixture(laws, shares)
@@ -89,7 +90,7 @@ def basis_of_laws(folder: Path) -> Basis:
         DataError: The folder contains no complete comparison.
     """
     try:
-        record = json.loads((folder / "laws.json").read_text())
+        record = StoredLaws.read(json.loads((folder / "laws.json").read_text()))
         tree = read_tree(folder / "laws.nc")
         require_finite(tree, folder / "laws.nc")
         return stack_of(tree, record)

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from jbw.errors import DataError
-from jbw.measurement.checks.responses import bandless
 from jbw.measurement.demodulation import BandFilter, band_filter, demodulate
+from jbw.measurement.faults.responses import bandless
 from jbw.measurement.records import Test
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
 from jbw.errors import DataError
-from jbw.measurement.channels import OF_NORMAL, lines_within
+from jbw.measurement.channels import OF_NORMAL, Complexes, Reals, lines_within
 from jbw.measurement.curves import ControlledCurve, controlled_curve
 from jbw.measurement.records import Record, Test
 from jbw.quantities import derivative_order
@@ -221,6 +221,24 @@ def _through(
     sds = np.sqrt(spread[:2]) / (2 * omega_n)
     damping = float(coefficients[1] / (2 * omega_n))
     return omega_n, damping, float(residual), float(sds[0]), float(sds[1])
+
+
+def oscillator_through(omega: Reals, u: Complexes, y: Complexes) -> dict[str, float]:
+    r"""Return omega_n [rad/s], zeta and gain of an oscillator by linear least squares, y in m.
+
+    $$(\omega_n^2 + 2j\zeta\omega_n\omega)\,Y - g\,U = \omega^2\,Y$$
+    """
+    columns = np.column_stack([y, 1j * omega * y, -u])
+    scale = np.linalg.norm(columns, axis=0)
+    target = omega**2 * y
+    stacked = np.concatenate([(columns / scale).real, (columns / scale).imag])
+    coefficients = np.linalg.lstsq(stacked, np.concatenate([target.real, target.imag]))[0] / scale
+    omega_n = float(np.sqrt(max(coefficients[0], np.min(omega) ** 2)))
+    return {
+        "omega_n": omega_n,
+        "zeta": float(max(coefficients[1] / (2 * omega_n), 1e-4)),
+        "gain": float(coefficients[2]),
+    }
 
 
 def _weighed(envelope: Complex[np.ndarray, " value"]) -> float:

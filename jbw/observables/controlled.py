@@ -28,6 +28,7 @@ from scipy.optimize import minimize_scalar
 from jbw.errors import DataError
 from jbw.measurement.curves import ControlledCurve, controlled_curve
 from jbw.measurement.records import Record, Test, run_of
+from jbw.measurement.resonances import oscillator_through
 from jbw.observables.groups import (
     Groups,
     Rows,
@@ -37,7 +38,7 @@ from jbw.observables.groups import (
     repeated,
     with_fitted_noise,
 )
-from jbw.observables.line_fit import LEAST_LINES, oscillator_through
+from jbw.observables.line_fit import LEAST_LINES
 from jbw.observables.observable import Laws, Observable, Shown, SteadyLines, Theta, alone
 from jbw.observables.residual_terms import receptance, taken
 from jbw.oscillator.oscillator import oscillator_of

@@ -18,7 +18,7 @@ from jaxtyping import Array, Complex, Float
 from jbw.errors import DataError
 from jbw.measurement.demodulation import BandFilter
 from jbw.measurement.envelopes import envelopes, filter_of
-from jbw.measurement.hypotheses.examine import read_decays
+from jbw.measurement.faults.examine import read_decays
 from jbw.measurement.readings.table import ModeReading
 from jbw.measurement.records import Test
 from jbw.observables.groups import Groups, repeated

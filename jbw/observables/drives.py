@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from jbw.measurement.resonances import AmplitudeCurve
-from jbw.observables.line_fit import LEAST_LINES, oscillator_through
+from jbw.measurement.resonances import AmplitudeCurve, oscillator_through
+from jbw.observables.line_fit import LEAST_LINES
 from jbw.observables.modes import with_ratios
 from jbw.observables.observable import Observable, SteadyLines
 from jbw.quantities import ATTACHED, FED, LINEAR, OSCILLATOR, STUCK

@@ -146,26 +146,6 @@ def _equivalents(
     return jax.vmap(_equivalent, (0, None))(joints, y_rms)
 
 
-def oscillator_through(
-    omega: NDArray[np.float64], u: NDArray[np.complex128], y: NDArray[np.complex128]
-) -> dict[str, float]:
-    r"""Fit omega_n [rad/s], zeta and gain of an oscillator to spectral lines, by least squares.
-
-    $$(\omega_n^2 + 2j\zeta\omega_n\omega)\,Y - g\,U = \omega^2\,Y$$
-    """
-    columns = np.column_stack([y, 1j * omega * y, -u])
-    scale = np.linalg.norm(columns, axis=0)
-    target = omega**2 * y
-    stacked = np.concatenate([(columns / scale).real, (columns / scale).imag])
-    coefficients = np.linalg.lstsq(stacked, np.concatenate([target.real, target.imag]))[0] / scale
-    omega_n = float(np.sqrt(max(coefficients[0], np.min(omega) ** 2)))
-    return {
-        "omega_n": omega_n,
-        "zeta": float(max(coefficients[1] / (2 * omega_n), 1e-4)),
-        "gain": float(coefficients[2]),
-    }
-
-
 def at_quadrature(
     omega: NDArray[np.float64], u: NDArray[np.complex128], y: NDArray[np.complex128], gain: float
 ) -> tuple[float, float, float] | None:

@@ -17,6 +17,7 @@ from jaxtyping import Array, Complex, Float
 
 from jbw.inference.groups.offsets import Estimate, estimate, known_estimate
 from jbw.measurement.records import OF, Test
+from jbw.measurement.residual_spectra import Spectrum
 from jbw.measurement.resonances import AmplitudeCurve
 from jbw.observables.groups import (
     Groups,
@@ -27,7 +28,6 @@ from jbw.observables.groups import (
     with_fitted_noise,
     with_slope,
 )
-from jbw.observables.spectra import Spectrum
 from jbw.quantities import DEFAULT_LAWS
 
 OFFSETS = ("omega_n", "zeta")  # parameters that may differ between runs by an offset

@@ -16,10 +16,11 @@ from jaxtyping import Array, Bool, Float
 
 from jbw.measurement.delays import on_time
 from jbw.measurement.records import Test, periods, run_of
+from jbw.measurement.residual_spectra import Spectrum, of_lines, of_samples
+from jbw.measurement.resonances import oscillator_through
 from jbw.observables import remembered
 from jbw.observables.forms import by_form, common_form, first_alike
 from jbw.observables.groups import Rows, changed, repeated, with_slope
-from jbw.observables.line_fit import oscillator_through
 from jbw.observables.modal_readings import band_peak, lines_of_motions, read_modes
 from jbw.observables.modes import by_model
 from jbw.observables.observable import OFFSETS, Laws, Observable, Shown, Theta, alone
@@ -35,7 +36,6 @@ from jbw.observables.samples import (
     substeps_for,
     values_of,
 )
-from jbw.observables.spectra import Spectrum, of_lines, of_samples
 from jbw.oscillator.batch import (
     MeasuredResponse,
     Motions,

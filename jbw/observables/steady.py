@@ -17,7 +17,8 @@ from jaxtyping import Array, Complex, Float, Inexact, Int
 
 from jbw.errors import DataError
 from jbw.measurement.records import Test
-from jbw.measurement.resonances import AmplitudeCurve, curve_of_points
+from jbw.measurement.residual_spectra import Spectrum, of_lines
+from jbw.measurement.resonances import AmplitudeCurve, curve_of_points, oscillator_through
 from jbw.observables.groups import Rows, changed, compared, filled, repeated
 from jbw.observables.harmonic_groups import (
     NUM_HARMONICS,
@@ -26,10 +27,9 @@ from jbw.observables.harmonic_groups import (
     groups_of,
     harmonic_label,
 )
-from jbw.observables.line_fit import LEAST_LINES, at_quadrature, oscillator_through
+from jbw.observables.line_fit import LEAST_LINES, at_quadrature
 from jbw.observables.observable import Laws, Observable, Shown, SteadyLines, Theta
 from jbw.observables.residual_terms import receptance, taken
-from jbw.observables.spectra import Spectrum, of_lines
 from jbw.oscillator.oscillator import Joint, as_oscillator, oscillator_of
 from jbw.oscillator.steady.balance import refined
 from jbw.oscillator.steady.cycle import steady_state

@@ -14,7 +14,6 @@ from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -238,28 +237,25 @@ def _noise(posterior: xr.Dataset) -> ResponseNoise | None:
     return None
 
 
-class InformationModes(NamedTuple):
-    """The combinations of parameters for which prior and information of one repeat are diagonal."""
-
-    # information f_k of one repeat along mode k, relative to the prior's
-    values: Float[np.ndarray, "joint mode"]
-    # prior variance w_ik^2 of parameter i along mode k
-    shares: Float[np.ndarray, "joint parameter mode"]
+# Information f_k along each mode over the prior's, and prior variance w_ik^2 along it.
+InformationModes = tuple[Float[np.ndarray, "joint mode"], Float[np.ndarray, "joint parameter mode"]]
 
 
 def modes(precision: Matrices, information: Matrices) -> InformationModes:
-    """Solve F w_k = f_k P w_k with w_k^T P w_k = 1 for every joint (prior P, information F)."""
+    """Return f_k and w_ik^2 of the modes F w_k = f_k P w_k, w_k^T P w_k = 1, by joint.
+
+    The modes make the prior P and the information F of one repeat diagonal.
+    """
     values, vectors = zip(
         *(eigh(fisher_matrix, precision) for fisher_matrix in information), strict=True
     )
-    return InformationModes(np.maximum(values, 0.0), np.square(vectors))
+    return np.maximum(values, 0.0), np.square(vectors)
 
 
 def spread(eigenmodes: InformationModes, repeats: float) -> Float[np.ndarray, "joint parameter"]:
     """Return coefficients of variation, CV_i^2 = [(P + R F)^-1]_ii = sum_k w_ik^2 / (1 + R f_k)."""
-    return np.sqrt(
-        np.sum(eigenmodes.shares / (1.0 + repeats * eigenmodes.values[..., None, :]), axis=-1)
-    )
+    values, shares = eigenmodes
+    return np.sqrt(np.sum(shares / (1.0 + repeats * values[..., None, :]), axis=-1))
 
 
 def covariance(precision: Matrices) -> Matrices:

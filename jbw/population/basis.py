@@ -173,11 +173,10 @@ def _facts(population: Population, fleet: xr.DataTree, torque: float | None) -> 
 
 def torque_of(population: Population, torque: float | None) -> float | None:
     """Return a new unit's torque [N m]: the given one, the reference, or that of all units."""
-    stated = {unit_torque for unit_torque in population.record["torque"] if unit_torque is not None}
+    found = population.result
+    stated = {unit_torque for unit_torque in found.torque if unit_torque is not None}
     common = stated.pop() if len(stated) == 1 else None
-    return next(
-        (t for t in (torque, population.record["reference_torque"], common) if t is not None), None
-    )
+    return next((t for t in (torque, found.reference_torque, common) if t is not None), None)
 
 
 def _noise(fleet: xr.DataTree) -> tuple[list[str], np.ndarray]:

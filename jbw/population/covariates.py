@@ -22,18 +22,18 @@ class Covariates(NamedTuple):
 
 
 def covariates_of(
-    records: Mapping[str, Mapping[str, Any]], overrides: Mapping[str, Mapping[str, Any]]
+    assemblies: Mapping[str, Mapping[str, Any]], overrides: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Covariates]:
-    """Return each run's covariates from its summary; given values take precedence."""
+    """Return each run's covariates from its stated assembly; given values take precedence."""
     for run in overrides:
-        if run not in records:
+        if run not in assemblies:
             raise ConfigError(
                 f"Covariates are given for the run `{run}`, which is not among the runs.",
-                remedy=f"{did_you_mean(run, records)}The runs are {', '.join(records)}.",
+                remedy=f"{did_you_mean(run, assemblies)}The runs are {', '.join(assemblies)}.",
             )
     return {
-        run: _checked(run, {**(record.get("assembly") or {}), **overrides.get(run, {})})
-        for run, record in records.items()
+        run: _checked(run, {**assembly, **overrides.get(run, {})})
+        for run, assembly in assemblies.items()
     }
 
 

@@ -124,7 +124,7 @@ def fleet_of(
             remedy="Give the folders of more finished runs, of other units or tightenings.",
         )
     require_alike(units, mixed_versions=mixed_versions)
-    stated = covariates_of({unit.name: unit.record for unit in units}, covariates or {})
+    stated = covariates_of({unit.name: unit.summary.assembly for unit in units}, covariates or {})
     require_torque_of_all(stated)
     return _tree(units, [stated[unit.name] for unit in units])
 
@@ -195,8 +195,8 @@ def _tree(units: Sequence[Unit], stated: Sequence[Covariates]) -> xr.DataTree:
                 for name in NUMBERS
             },
             "assembly": ("unit", _words(covariates.assembly for covariates in stated)),
-            "verdict": ("unit", _words(unit.verdict for unit in units)),
-            "sampling": ("unit", _words(unit.sampling for unit in units)),
+            "verdict": ("unit", _words(unit.summary.verdict.status for unit in units)),
+            "sampling": ("unit", _words(unit.summary.verdict.answer("sampling") for unit in units)),
             "num_draws": ("unit", [len(log) for log in logs]),
             "ess": ("unit", [unit.ess for unit in units]),
             "mean": (per, [log.mean(axis=0) for log in logs]),
@@ -217,7 +217,7 @@ def _tree(units: Sequence[Unit], stated: Sequence[Covariates]) -> xr.DataTree:
             "units": json.dumps({name: first.quantities[name].unit for name in names}),
             "symbols": json.dumps({name: first.quantities[name].symbol for name in names}),
             "meanings": json.dumps({name: first.quantities[name].meaning for name in names}),
-            "versions": json.dumps(first.versions),
+            "versions": json.dumps(first.summary.versions),
             "left_out": json.dumps(left_out),
         },
     )

@@ -110,12 +110,11 @@ def one_stage(
 
 def measured_units(studies: Sequence[Study], population: Population) -> list[MeasuredUnit]:
     """Return every unit of a fleet with its records and the scale of its posterior."""
-    if len(studies) != len(population.record["units"]):
+    if len(studies) != (num_units := len(population.result.units)):
         raise ConfigError(
-            "Argument `studies` must have one result for each of the "
-            f"{len(population.record['units'])} units of the population, but has "
-            f"{len(studies)}.",
-            remedy="Give the results of `jbw.identify`, in the order of the fleet.",
+            f"Argument `studies` must hold the {num_units} units of the "
+            f"population, but holds {len(studies)}.",
+            remedy="Give what `jbw.identify` returned of each, in the order of the fleet.",
         )
     return [_measured_unit(study, population) for study in studies]
 
@@ -144,7 +143,7 @@ def _measured_unit(study: Study, population: Population) -> MeasuredUnit:
     identification = study.identification
     if identification is None or identification.data is None:
         raise DataError(
-            f"{study.record['campaign']} has no joint posterior in memory.",
+            f"{study.result.campaign} has no joint posterior at hand.",
             why="A saved run contains draws, but not the likelihood of its records.",
             remedy="Give what `jbw.identify` returned.",
         )
@@ -154,7 +153,7 @@ def _measured_unit(study: Study, population: Population) -> MeasuredUnit:
     draws: Any = np.stack([np.ravel(posterior[name].values) for name in names], axis=-1)
     if not np.all(draws > 0):
         raise DataError(
-            f"Draws of {study.record['campaign']} are not positive: they have no logarithm.",
+            f"Draws of {study.result.campaign} are not positive: they have no logarithm.",
             remedy="Leave the unit out, or check the two-stage population by other units.",
         )
     upper = np.array([bounds[name][1] for name in names])

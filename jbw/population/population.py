@@ -20,7 +20,7 @@ Reference:
 
 import json
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -60,6 +60,7 @@ from jbw.population.prior import (
 from jbw.population.trend import bent, expected, mask_of
 from jbw.population.unit import GAIN
 from jbw.report.messages import population as messages
+from jbw.results.population import StoredPopulation
 
 logger = logging.getLogger("jbw")
 Report = Callable[[str], None]
@@ -85,7 +86,6 @@ ODD = 0.01  # A unit does not belong if its p-value, times the number of units, 
 OWN = 2.0
 # Correlation of torque and tightening number above which their effects cannot be separated.
 TOGETHER = 0.95
-Record = Mapping[str, Any]
 
 
 class Population(NamedTuple):
@@ -104,6 +104,11 @@ class Population(NamedTuple):
     prior: Prior
     draws: dict[str, np.ndarray]
     record: dict[str, Any]
+
+    @property
+    def result(self) -> StoredPopulation:
+        """The content of `record` in types."""
+        return StoredPopulation.read(self.record)
 
 
 def population_of(
@@ -180,8 +185,8 @@ def population_of(
     report(messages.sampling_stage(num, int(units.weighed.sum())))
     draws = parts("all units", lambda: sampler(units, design, prior, FULL)(key, every))
     belongs = belonging(key, units, design, prior, draws, report, parts)
-    record = record_of(fleet, Pooling(coordinates, units, design, prior, draws), belongs)
-    record["statements"] = statements(record)
+    result = record_of(fleet, Pooling(coordinates, units, design, prior, draws), belongs)
+    record = result.replaced(statements=statements(result)).plain()
     return Population(coordinates, design, prior, draws, record)
 
 
@@ -284,8 +289,8 @@ class Pooling(NamedTuple):
 
 def record_of(
     fleet: xr.DataTree, pooling: Pooling, belongs: Float[np.ndarray, " unit"]
-) -> dict[str, Any]:
-    """Return all results of a population as plain values.
+) -> StoredPopulation:
+    """Return all results of a population.
 
     `belongs` is the result of `belonging`.
     """
@@ -309,8 +314,8 @@ def record_of(
     }
     if "u" in draws:
         record["saturation_torque"] = interval(design.reference * draws["u"])
-    record["status"] = status_of(record)
-    return record
+    result = StoredPopulation.read(record)
+    return result.replaced(status=status_of(result))
 
 
 def own_over_scatter(pooled: Pooled, draws: Draws) -> Float[np.ndarray, "unit d"]:
@@ -417,17 +422,17 @@ def _sampling(draws: Draws) -> dict[str, float]:
     }
 
 
-def status_of(record: Mapping[str, Any]) -> str:
+def status_of(record: StoredPopulation) -> str:
     """Return `ok`, `failed` if sampling failed, or `not assessed` if there are too few units."""
-    sampling, num, columns = record["sampling"], len(record["units"]), len(record["columns"])
+    sampling, num, columns = record.sampling, len(record.units), len(record.columns)
     if num < FEWEST or (columns > 1 and num - columns < FEWEST_FREE):
         return "not assessed"
-    good = sampling["r_hat"] < GOOD_R_HAT
-    few = sampling["divergences"] <= FEW_DIVERGENT * sampling["num_draws"]
+    good = sampling.r_hat < GOOD_R_HAT
+    few = sampling.divergences <= FEW_DIVERGENT * sampling.num_draws
     return "ok" if good and few else "failed"
 
 
-def statements(record: Record) -> list[str]:
+def statements(record: StoredPopulation) -> list[str]:
     """Return the sentences on a population: first its reliability, then its results."""
     topics = (
         _few_units, _failed, _confounded, _without_logarithm, _trends, _ratio_trends, _runs, _odd,
@@ -436,92 +441,85 @@ def statements(record: Record) -> list[str]:
     return [sentence for topic in topics for sentence in topic(record)]
 
 
-def _few_units(record: Record) -> Iterator[str]:
-    num, columns = len(record["units"]), record["columns"]
+def _few_units(record: StoredPopulation) -> Iterator[str]:
+    num, columns = len(record.units), record.columns
     free = num - len(columns)
-    if record["status"] == "not assessed":
+    if record.status == "not assessed":
         yield messages.mostly_prior(num, free, trend=len(columns) > 1)
     elif free < FEWEST_FREE:
         yield messages.wide_intervals(num, free)
-    if record["status"] == "failed":
-        sampling = record["sampling"]
-        yield messages.not_converged(sampling["r_hat"], sampling["divergences"])
+    if record.status == "failed":
+        yield messages.not_converged(record.sampling.r_hat, record.sampling.divergences)
 
 
-def _failed(record: Record) -> Iterator[str]:
-    if failed := record["failed"]:
-        yield messages.failed_runs(failed, len(record["units"]))
+def _failed(record: StoredPopulation) -> Iterator[str]:
+    if record.failed:
+        yield messages.failed_runs(record.failed, len(record.units))
 
 
-def _confounded(record: Record) -> Iterator[str]:
-    correlation = record["correlation"]
-    if correlation is not None and abs(correlation) > TOGETHER:
-        yield messages.confounded(correlation)
+def _confounded(record: StoredPopulation) -> Iterator[str]:
+    if record.correlation is not None and abs(record.correlation) > TOGETHER:
+        yield messages.confounded(record.correlation)
 
 
-def _without_logarithm(record: Record) -> Iterator[str]:
-    for name, units in record["no_logarithm"].items():
+def _without_logarithm(record: StoredPopulation) -> Iterator[str]:
+    for name, units in record.no_logarithm.items():
         yield messages.no_logarithm(name, units)
 
 
-def _trends(record: Record) -> Iterator[str]:
-    for name, row in record["parameters"].items():
-        slope = row.get("slope_torque")
-        if slope is not None and not _holds_zero(slope):
-            yield messages.trend(name, slope, rises=slope["q005"] > 0)
+def _trends(record: StoredPopulation) -> Iterator[str]:
+    for name, row in record.parameters.items():
+        slope = row.slope_torque
+        if slope is not None and not slope.holds_zero:
+            yield messages.trend(name, slope.plain(), rises=slope.q005 > 0)
 
 
-def _ratio_trends(record: Record) -> Iterator[str]:
-    for name, slope in record["ratios"].items():
-        yield messages.ratio_trend(name, slope, depends=not _holds_zero(slope))
+def _ratio_trends(record: StoredPopulation) -> Iterator[str]:
+    for name, slope in record.ratios.items():
+        yield messages.ratio_trend(name, slope.plain(), depends=not slope.holds_zero)
 
 
-def _runs(record: Record) -> Iterator[str]:
+def _runs(record: StoredPopulation) -> Iterator[str]:
     scattering = [
-        (name, row["run_scatter"], row["scatter"]["median"])
-        for name, row in record["parameters"].items()
-        if row["run_scatter"] is not None
+        (name, row.run_scatter, row.scatter.median)
+        for name, row in record.parameters.items()
+        if row.run_scatter is not None and row.scatter is not None
     ]
     if scattering:
         yield messages.scatter(scattering)
 
 
-def _odd(record: Record) -> Iterator[str]:
-    limit = ODD / len(record["units"])
-    if odd := [name for name, p in record["belongs"].items() if p < limit]:
+def _odd(record: StoredPopulation) -> Iterator[str]:
+    limit = ODD / len(record.units)
+    if odd := [name for name, p in record.belongs.items() if p < limit]:
         yield messages.outliers(odd)
 
 
-def _stands(record: Record) -> Iterator[str]:
-    num, weighed = len(record["units"]), record["weighed"]
+def _stands(record: StoredPopulation) -> Iterator[str]:
+    num, weighed = len(record.units), record.weighed
     if weighed:
         yield messages.weighed(len(weighed), num, min(weighed.values()))
-    if rest := [name for name in record["units"] if name not in weighed]:
+    if rest := [name for name in record.units if name not in weighed]:
         yield messages.approximated(rest)
 
 
-def _weak(record: Record) -> Iterator[str]:
-    weak = [n for n, row in record["parameters"].items() if row["own_over_scatter"] > OWN]
+def _weak(record: StoredPopulation) -> Iterator[str]:
+    weak = [name for name, row in record.parameters.items() if row.own_over_scatter > OWN]
     if weak:
         yield messages.weak(weak, OWN)
 
 
-def _saturates(record: Record) -> Iterator[str]:
-    if (torque := record.get("saturation_torque")) is not None:
-        yield messages.saturates(record["saturating"], torque)
+def _saturates(record: StoredPopulation) -> Iterator[str]:
+    if record.saturation_torque is not None:
+        yield messages.saturates(record.saturating, record.saturation_torque.plain())
 
 
-def _wrench(record: Record) -> Iterator[str]:
-    """Yield the sentence on the error of a trend that comes from the uncertainty of the torques."""
-    if TORQUE not in record["columns"]:
+def _wrench(record: StoredPopulation) -> Iterator[str]:
+    """Yield the sentence on errors of a trend from the uncertainty of the set or read torque."""
+    slopes = ((name, row.slope_torque) for name, row in record.parameters.items())
+    medians = {name: abs(slope.median) for name, slope in slopes if slope is not None}
+    if not record.has_trend or not medians:
         return
-    rows = record["parameters"].items()
-    name, slope = max(
-        ((name, abs(row["slope_torque"]["median"])) for name, row in rows), key=lambda pair: pair[1]
-    )
-    attenuation = WRENCH**2 / (np.var(np.log(record["torque"])) + WRENCH**2)
-    yield messages.wrench(name, WRENCH, WRENCH * slope, float(attenuation))
-
-
-def _holds_zero(slope: Mapping[str, float]) -> bool:
-    return slope["q005"] <= 0.0 <= slope["q995"]
+    name = max(medians, key=medians.__getitem__)
+    attenuation = WRENCH**2 / (np.var(np.log(np.array(record.torque, float))) + WRENCH**2)
+    yield messages.wrench(name, WRENCH, WRENCH * medians[name], float(attenuation))

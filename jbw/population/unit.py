@@ -16,6 +16,7 @@ from jbw.observables.observable import OFFSETS
 from jbw.oscillator.laws import laws_named, quantities_of
 from jbw.quantities import OSCILLATOR, RESIDUAL_TERMS, Quantity, are_at_joints
 from jbw.report.result import laws_of, read_result, unit_of
+from jbw.results.run import RunSummary
 from jbw.study.study import Study
 from jbw.verification.predicted import noise_by_label
 
@@ -42,9 +43,9 @@ class Unit(NamedTuple):
     quantities: Mapping[str, Quantity]  # unit, symbol and meaning of each quantity
     # lower and upper bound of the uniform prior of each sampled parameter
     bounds: Mapping[str, tuple[float, float]]
-    scatter: Mapping[str, float]  # sd of each parameter over runs of one unit, relative to its mean
-    record: Mapping[str, Any]  # contents of the run's summary.json
-    # campaign, folder, source, largest fitted displacement y_peak [m], and settings of predictions
+    scatter: Mapping[str, float]  # sd over runs within the unit, relative to the mean
+    summary: RunSummary
+    # Campaign, folder, source, largest fitted displacement y_peak [m], settings of predictions.
     origin: Mapping[str, Any]
     # draws of the source's gain, or its known value; None if unknown
     gain: NDArray[np.float64] | None
@@ -53,29 +54,9 @@ class Unit(NamedTuple):
     terms: Mapping[str, NDArray[np.float64]]
 
     @property
-    def versions(self) -> dict[str, str]:
-        """The versions of jbw and of its numerical packages, by package."""
-        return dict(self.record.get("versions", {}))
-
-    @property
-    def verdict(self) -> str:
-        """The verdict on the unit's run."""
-        return str(self.record["verdict"]["status"])
-
-    @property
-    def sampling(self) -> str:
-        """The verdict on the sampling alone; an empty text in old runs without one."""
-        answers = self.record["verdict"].get("answers", {})
-        return str(answers.get("sampling", {}).get("status", ""))
-
-    @property
     def ess(self) -> float:
-        """Return the smallest effective number of draws of any parameter of the main posterior."""
-        rows = self.record["steps"][self.record["main"]].get("parameters") or {}
-        effective_sizes = [
-            row["ess_bulk"] for row in rows.values() if row.get("ess_bulk") is not None
-        ]
-        return float(min(effective_sizes, default=np.nan))
+        """The smallest effective number of draws among the parameters of the main posterior."""
+        return min(self.summary.main_step.known("ess_bulk"), default=np.nan)
 
 
 def units_of(runs: Sequence[Study | str | Path]) -> list[Unit]:
@@ -85,12 +66,12 @@ def units_of(runs: Sequence[Study | str | Path]) -> list[Unit]:
         if folder is not None and folders.count(folder) > 1:
             raise DataError(f"The run {folder} is given twice.", remedy="Give each run once.")
     read = [
-        (run.record, run.tree) if isinstance(run, Study) else read_result(Path(run)) for run in runs
+        (run.result, run.tree) if isinstance(run, Study) else read_result(Path(run)) for run in runs
     ]
-    names = _names(folders, [str(record["campaign"]) for record, _ in read])
+    names = _names(folders, [summary.campaign for summary, _ in read])
     return [
-        _unit(name, folder, record, tree)
-        for name, folder, (record, tree) in zip(names, folders, read, strict=True)
+        _unit(name, folder, summary, tree)
+        for name, folder, (summary, tree) in zip(names, folders, read, strict=True)
     ]
 
 
@@ -115,7 +96,7 @@ def _names(folders: Sequence[Path | None], campaigns: Sequence[str]) -> list[str
     return [f"{name}_run" if name in TAKEN else name for name in clean]
 
 
-def _unit(name: str, folder: Path | None, record: Mapping[str, Any], tree: xr.DataTree) -> Unit:
+def _unit(name: str, folder: Path | None, summary: RunSummary, tree: xr.DataTree) -> Unit:
     if "posterior" not in tree.children:
         raise DataError(
             f"The run {name} has no posterior.", remedy="Identify its campaign again: jbw identify."
@@ -148,14 +129,14 @@ def _unit(name: str, folder: Path | None, record: Mapping[str, Any], tree: xr.Da
     runs = np.atleast_1d(tree.attrs.get("scatter", ())).tolist()
     scatter = {n: s / float(draws[n].mean()) for n, s in zip(OFFSETS, runs, strict=False)}
     origin = {
-        "campaign": str(record["campaign"]),
+        "campaign": summary.campaign,
         "folder": str(folder or ""),
-        "source": str(record.get("campaign_file") or ""),
+        "source": summary.campaign_file or "",
         "y_peak": float(tree.attrs.get("y_peak", np.nan)),
         **{name: tree.attrs[name] for name in STARTS if name in tree.attrs},
     }
     return Unit(
-        name, laws, draws, quantities, bounds, scatter, record, origin,
+        name, laws, draws, quantities, bounds, scatter, summary, origin,
         _gain(draws, json.loads(str(tree.attrs.get("held", "{}")))), noise_by_label(posterior),
         {term.name: np.ravel(posterior[term.name].values) for term in RESIDUAL_TERMS
          if term.name in posterior},
@@ -214,9 +195,10 @@ def require_alike(units: Sequence[Unit], *, mixed_versions: bool) -> None:
                     remedy="Use the same unit of the source for all units, or collect them "
                     "separately.",
                 )
-        packages = first.versions.keys() | second.versions.keys()
+        versions = first.summary.versions, second.summary.versions
+        packages = versions[0].keys() | versions[1].keys()
         for name in () if mixed_versions else sorted(packages):
-            was, is_ = first.versions.get(name, "unknown"), second.versions.get(name, "unknown")
+            was, is_ = (of_run.get(name, "unknown") for of_run in versions)
             if was != is_:
                 raise DataError(
                     f"{pair} were made with different versions of {name}: {was}, and {is_}.",
@@ -230,7 +212,7 @@ def _require_own_records(units: Sequence[Unit]) -> None:
     """Raise an error if two runs have the same records, since one unit would count twice."""
     seen: dict[frozenset[str], str] = {}
     for unit in units:
-        records = frozenset(dict(unit.record.get("inputs", {})).values())
+        records = frozenset(unit.summary.inputs.values())
         if records and records in seen:
             raise DataError(
                 f"The runs {seen[records]} and {unit.name} are of the same records.",

@@ -8,7 +8,7 @@ names contain.
 import datetime
 import io
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import matplotlib
@@ -30,6 +30,7 @@ from jbw.report.style import GREEN, INK, ORANGE, RC, SOFT, VERMILLION
 from jbw.report.tables import every_test, tests_of_records
 from jbw.report.text import NOTHING, interval, length_unit, number, percent, unit_text
 from jbw.report.words import badge, in_symbols, law_words
+from jbw.results.run import RunSummary, StoredTest
 
 WIDTH, HEIGHT = 8.27, 11.69  # A4 [in]
 MARGIN = 0.7  # on every side [in]
@@ -42,7 +43,6 @@ PARTS = (0.1, 0.25, 0.5, 1.0)  # times the largest fitted amplitude: lines of th
 USUAL = {"size": 9.0, "color": INK}
 COLOURS = {"ok": GREEN, "usable": GREEN, "failed": VERMILLION}
 MEASURE = TextToPath()
-Summary = Mapping[str, Any]
 
 
 class Cells(NamedTuple):
@@ -55,7 +55,9 @@ class Cells(NamedTuple):
     rows: Sequence[Sequence[str]]
 
 
-def write_brief(summary: Summary, tree: xr.DataTree, today: datetime.date | None = None) -> bytes:
+def write_brief(
+    summary: RunSummary, tree: xr.DataTree, today: datetime.date | None = None
+) -> bytes:
     """Return the brief as a PDF file with one A4 page.
 
     Args:
@@ -73,7 +75,9 @@ def write_brief(summary: Summary, tree: xr.DataTree, today: datetime.date | None
     return buffer.getvalue()
 
 
-def draw_brief(summary: Summary, tree: xr.DataTree, today: datetime.date | None = None) -> Figure:
+def draw_brief(
+    summary: RunSummary, tree: xr.DataTree, today: datetime.date | None = None
+) -> Figure:
     """Draw the brief as a figure; arguments as for `write_brief`."""
     figure = Figure(figsize=(WIDTH, HEIGHT))
     quantities = names_of(tree, summary)
@@ -83,13 +87,12 @@ def draw_brief(summary: Summary, tree: xr.DataTree, today: datetime.date | None 
     law = law_words(laws_of(tree))
     top = _line(figure, top, messages.heading(day, law, __version__), color=SOFT)
     top = _verdict(figure, top - 0.1, summary, quantities)
-    findings = (summary.get("verdict") or {}).get("findings", [])
-    reasons = {finding.get("reason") for finding in findings}
+    reasons = {finding.reason for finding in summary.verdict.findings}
     for sentence in (text for text in opening(summary, tree)[:4] if text not in reasons):
         top = _paragraph(figure, top, in_symbols(sentence, quantities), most=2)
     if node(tree, BACKBONE) is not None:
         top = _draw_backbone(figure, top - 0.05, tree)
-        top = _table(figure, top, _levels(summary, tree), most=len(PARTS))
+        top = _table(figure, top, _levels(tree), most=len(PARTS))
     modes = _modes(tree)
     if modes.rows:
         top = _table(figure, top, modes, most=4)
@@ -98,24 +101,20 @@ def draw_brief(summary: Summary, tree: xr.DataTree, today: datetime.date | None 
     return figure
 
 
-def _name(summary: Summary) -> str:
-    campaign = summary.get("campaign")
-    name = campaign.get("name", "") if isinstance(campaign, Mapping) else campaign
-    return " ".join(printable(str(name or "Bolted joint")).split())
+def _name(summary: RunSummary) -> str:
+    return " ".join(printable(summary.campaign or "Bolted joint").split())
 
 
-def _verdict(figure: Figure, top: float, summary: Summary, quantities: Any) -> float:
+def _verdict(figure: Figure, top: float, summary: RunSummary, quantities: Any) -> float:
     """Draw a box with the valid use of the results and the first reason against them."""
-    verdict = summary.get("verdict") or {}
-    word = badge(verdict).word
+    word = badge(summary.verdict.status).word
     use, colour = messages.USE.get(word, messages.PROVISIONAL), COLOURS.get(word, ORANGE)
     start = top
     top = _line(figure, top - 0.08, use, size=12, weight="bold", color=colour, indent=0.15)
-    against = [row for row in verdict.get("findings", []) if row.get("status") != "ok"]
-    against.sort(key=lambda row: row.get("status") != "failed")
+    against = sorted(summary.verdict.against, key=lambda finding: finding.status != "failed")
     for finding in against[:1]:
-        text = " ".join(filter(None, (finding.get("reason"), finding.get("action"))))
-        top = _paragraph(figure, top, in_symbols(str(text), quantities), most=3, indent=0.15)
+        text = " ".join(filter(None, (finding.reason, finding.action)))
+        top = _paragraph(figure, top, in_symbols(text, quantities), most=3, indent=0.15)
     if len(against) > 1:
         remaining = messages.more_findings(len(against) - 1)
         top = _line(figure, top, remaining, size=8.5, color=SOFT, indent=0.15)
@@ -158,7 +157,7 @@ def _draw_backbone(figure: Figure, top: float, tree: xr.DataTree) -> float:
     return top - high - 0.42 - 0.16 * rows - 0.1
 
 
-def _levels(summary: Summary, tree: xr.DataTree) -> Cells:
+def _levels(tree: xr.DataTree) -> Cells:
     """Return a table of frequency, shift, damping ratio and Q at parts of the largest amplitude."""
     curve = tree[BACKBONE].to_dataset()
     y_peak = float(curve.attrs["y_fitted"])
@@ -220,30 +219,29 @@ def _modes(tree: xr.DataTree) -> Cells:
     )
 
 
-def _measured(summary: Summary, tree: xr.DataTree) -> Cells:
+def _measured(summary: RunSummary, tree: xr.DataTree) -> Cells:
     """Return a table of the measured tests; tests of equal kind and level share one line."""
-    read = {row["test"]: row for row in (summary.get("look") or {}).get("tests") or []}
-    families: dict[tuple[str, float, bool], list[dict[str, Any]]] = {}
+    read = {row.test: row for row in summary.look.tests}
+    families: dict[tuple[str, float, bool], list[StoredTest]] = {}
     every = every_test(summary, tree)
     records = tests_of_records(every)
     worst: dict[str, float] = {}
     for row in every:
-        if (test := records.get(row["test"])) is not None:
-            worst[test["test"]] = max(row.get("nrmse") or 0.0, worst.get(test["test"], 0.0))
+        if (test := records.get(row.test)) is not None:
+            worst[test.test] = max(row.nrmse or 0.0, worst.get(test.test, 0.0))
     for row in every:
-        if row["test"] in records:
+        if row.test in records:
             continue
-        row["nrmse"] = worst.get(row["test"], row.get("nrmse"))
-        level = row.get("level")
-        key = str(row.get("kind") or ""), float("nan" if level is None else level)
-        families.setdefault((*key, bool(row.get("fitted"))), []).append(row)
+        key = row.kind, np.nan if row.level is None else row.level, bool(row.fitted)
+        with_worst = row.replaced(nrmse=worst.get(row.test, row.nrmse))
+        families.setdefault(key, []).append(with_worst)
     rows = []
     for (kind, level, is_fitted), tests in sorted(
         families.items(), key=lambda family: str(family[0])
     ):
-        seen = [read[row["test"]] for row in tests if row["test"] in read]
-        unit = unit_text(str(tests[0].get("level_unit") or ""))
-        largest = max((row["y_max"] for row in seen), default=None)
+        seen = [read[row.test] for row in tests if row.test in read]
+        unit = unit_text(tests[0].level_unit)
+        largest = max((row.y_max for row in seen if row.y_max is not None), default=None)
         factor, length = length_unit(largest or 1.0)
         rows.append(
             (
@@ -252,8 +250,8 @@ def _measured(summary: Summary, tree: xr.DataTree) -> Cells:
                 str(len(tests)),
                 "fitted" if is_fitted else "held out",
                 NOTHING if largest is None else f"{number(factor * largest, digits=2)} {length}",
-                _mean(seen, "frequency_hz", 1.0),
-                _mean(seen, "damping", 100.0),
+                _mean(row.frequency_hz for row in seen),
+                _mean(row.damping and 100.0 * row.damping for row in seen),
                 _worst(tests),
             )
         )
@@ -267,25 +265,25 @@ def _measured(summary: Summary, tree: xr.DataTree) -> Cells:
     )  # fmt: skip
 
 
-def _mean(rows: Sequence[Summary], key: str, factor: float) -> str:
-    values = [row[key] for row in rows if row.get(key) is not None]
-    return number(factor * float(np.mean(values)), digits=4) if values else NOTHING
+def _mean(column: Iterable[float | None]) -> str:
+    values = [value for value in column if value is not None]
+    return number(float(np.mean(values)), digits=4) if values else NOTHING
 
 
-def _worst(rows: Sequence[Summary]) -> str:
-    errors = [row["nrmse"] for row in rows if row.get("nrmse") is not None]
+def _worst(rows: Sequence[StoredTest]) -> str:
+    errors = [row.nrmse for row in rows if row.nrmse is not None]
     return percent(max(errors), digits=2) if errors else NOTHING
 
 
-def _foot(figure: Figure, summary: Summary, tree: xr.DataTree) -> None:
+def _foot(figure: Figure, summary: RunSummary, tree: xr.DataTree) -> None:
     """Draw the last lines of the brief, which explain the results and identify the run."""
     created_at = (
         str(tree["posterior"].attrs.get("created_at", "")) if "posterior" in tree.children else ""
     )
     run = f"Identified {created_at[:10]}. " if created_at else ""
-    digest = str(summary.get("campaign_sha256") or "")[:12]
+    digest = summary.campaign_sha256[:12]
     campaign = f"Campaign {digest}. " if digest else ""
-    seed = "" if summary.get("seed") is None else f"Seed {summary['seed']}. "
+    seed = "" if summary.seed is None else f"Seed {summary.seed}. "
     top = MARGIN + FOOT - 0.12
     top = _line(figure, top, messages.FOOT, size=7.5, color=SOFT)
     _line(figure, top, f"{run}{campaign}{seed}".strip(), size=7.5, color=SOFT)

@@ -1,7 +1,6 @@
 """Tables and figures of a changed joint: two runs compared, and a watch record by record."""
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import matplotlib
@@ -27,81 +26,74 @@ from jbw.report.style import (
 from jbw.report.table import Column, Table, named, table, words
 from jbw.report.text import NOTHING, length_unit, number, unit_text
 from jbw.report.words import Badge
+from jbw.results.differences import ComparedQuantity, RunDifference, RunsSideBySide
 
-Row = Mapping[str, Any]
 RUNS = ("A", "B")
 LEAST = 1e-3  # Probabilities below this, or above 1 minus this, are stated as bounds.
 QUANTITIES = {"frequency": "frequency [Hz]", "damping": "damping ratio [%]"}
 LEVEL = 0.99  # probability of the band for a new reading of an unchanged joint
 
 
-def parameters_table(record: Row) -> Table:
+def parameters_table(record: RunDifference) -> Table:
     """Return a table with one row per quantity that both runs drew."""
     return table(
         messages.TABLE,
-        record["parameters"],
+        record.parameters,
         named("parameter", {}),
-        Column("unit", lambda row: unit_text(row["unit"]) or "-", align="left", spared=1),
+        Column("unit", lambda row: unit_text(row.unit) or "-", align="left", spared=1),
         *_columns(),
-        note=_note(record),
+        note="; ".join(f"{name}: {run.folder}" for name, run in record.runs.items()),
     )
 
 
-def backbone_table(record: Row) -> Table:
+def backbone_table(record: RunDifference) -> Table:
     """Return a table of frequency and damping at amplitudes that both runs fitted."""
-    factor, unit = length_unit(max((row["amplitude"] for row in record["backbone"]), default=1.0))
+    factor, unit = length_unit(max((row.amplitude or 0.0 for row in record.backbone), default=1.0))
     return table(
         messages.BACKBONE_TABLE,
-        [_in_per_cent(row) if row["unit"] == "1" else row for row in record["backbone"]],
-        Column("", lambda row: QUANTITIES[row["name"]], align="left"),
-        Column(f"at [{unit}]", lambda row: number(factor * row["amplitude"])),
+        [_in_per_cent(row) if row.unit == "1" else row for row in record.backbone],
+        Column("", lambda row: QUANTITIES[row.name], align="left"),
+        Column(f"at [{unit}]", lambda row: number(factor * row.amplitude)),
         *_columns(),
     )
 
 
-def side_by_side_table(record: Row) -> Table:
+def side_by_side_table(record: RunsSideBySide) -> Table:
     """Return a table of runs by torque, at two amplitudes (a tenth and all of the common range)."""
-    amplitudes = sorted({row["amplitude"] for row in record["readings"]})
+    amplitudes = sorted({row.amplitude for row in record.readings})
     factor, unit = length_unit(amplitudes[-1])
-    read = {(row["run"], row["amplitude"]): row for row in record["readings"]}
+    read = {(row.run, row.amplitude): row for row in record.readings}
 
-    def column(what: str, heading: str, amplitude: float, scale: float) -> Column:
-        def shown(run: Row) -> str:
-            values = [scale * x for x in read[run["name"], amplitude][what]]
-            return _interval({"here": values}, "here")
-
-        return Column(f"{heading}\nat {number(factor * amplitude)} {unit}", shown)
+    def column(what: str, heading: str, amplitude: float) -> Column:
+        return Column(
+            f"{heading}\nat {number(factor * amplitude)} {unit}",
+            lambda run: _interval(getattr(read[run.name, amplitude], what)),
+        )
 
     return table(
-        messages.SIDE_BY_SIDE.format(len(record["runs"])),
-        record["runs"],
+        messages.SIDE_BY_SIDE.format(len(record.runs)),
+        record.runs,
         words("run", "name"),
-        Column(
-            "torque [N m]", lambda run: NOTHING if run["torque"] is None else number(run["torque"])
-        ),
-        *(column("frequency", "frequency [Hz]", y, 1.0) for y in amplitudes),
-        *(column("damping ratio", "damping [%]", y, 1.0) for y in amplitudes),
+        Column("torque [N m]", lambda run: number(run.torque)),
+        *(column("frequency", "frequency [Hz]", y) for y in amplitudes),
+        *(column("damping", "damping [%]", y) for y in amplitudes),
     )
 
 
-def _torque(run: Row) -> str:
-    return NOTHING if run["torque"] is None else f"{run['torque']:g}"
-
-
-def side_by_side_figure(record: Row, bands: xr.Dataset, ax: Any = None) -> Panels:
+def side_by_side_figure(record: RunsSideBySide, bands: xr.Dataset, ax: Any = None) -> Panels:
     """Draw frequency and damping of several runs against amplitude, with one colour per run."""
     axes = panels(ax, 1, 2, height=3.2)
     factor, unit = length_unit(float(bands["amplitude"][-1]))
     # Colours go from dark to light in the order of torque, so that they also differ in grey.
-    colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.85, len(record["runs"])))
+    colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.85, len(record.runs)))
     x = factor * bands["amplitude"].values
     for only, (name, label) in zip(axes[0], QUANTITIES.items(), strict=True):
         scale = 100.0 if name == "damping" else 1.0
-        for run, colour in zip(record["runs"], colours, strict=True):
-            low, middle, high = scale * bands[name].sel(run=run["name"]).values
-            torque = "" if run["torque"] is None else f", {_torque(run)} N m"
+        for run, colour in zip(record.runs, colours, strict=True):
+            low, middle, high = scale * bands[name].sel(run=run.name).values
+            torque = "" if run.torque is None else f", {run.torque:g} N m"
             shade(only, x, low, high, colour, "")
-            only.plot(x, middle, color=colour, lw=1.2, label=f"{run['name']}{torque}")
+            only.plot(x, middle, color=colour, lw=1.2, label=f"{run.name}{torque}")
         only.set_ylabel(label)
         only.ticklabel_format(axis="y", useOffset=False)
     return finish(axes, ax, f"amplitude of displacement [{unit}]")
@@ -110,23 +102,24 @@ def side_by_side_figure(record: Row, bands: xr.Dataset, ax: Any = None) -> Panel
 def _columns() -> tuple[Column, ...]:
     """Return the columns of a comparison of two runs: intervals of A, B and A - B, P(A > B)."""
     return (
-        *(Column(run, partial(_interval, key=run.lower())) for run in RUNS),
-        Column("A - B", partial(_interval, key="difference")),
+        Column("A", lambda row: _interval(row.a)),
+        Column("B", lambda row: _interval(row.b)),
+        Column("A - B", lambda row: _interval(row.difference)),
         Column("P(A > B)", probability_text),
     )
 
 
-def _interval(row: Row, key: str) -> str:
-    low, middle, high = row[key]
+def _interval(ends: Sequence[float]) -> str:
+    low, middle, high = ends
     sd = 0.2 * (high - low)  # A 99 % interval is about five standard deviations wide.
     return f"{number(middle, sd)} [{number(low, sd)}, {number(high, sd)}]"
 
 
-def probability_text(row: Row) -> str:
+def probability_text(row: ComparedQuantity) -> str:
     """Format the probability P(A > B) to three digits, or as `prior`."""
-    if row.get("of_prior"):
+    if row.of_prior:
         return "prior"
-    value = row["probability"]
+    value = row.probability
     if value < LEAST:
         return f"< {LEAST:g}"
     if value > 1 - LEAST:
@@ -135,13 +128,10 @@ def probability_text(row: Row) -> str:
     return f"{value:.{2 if 0.05 < value < 0.95 else 3}f}"
 
 
-def _in_per_cent(row: Row) -> dict[str, Any]:
-    scaled = {key: [100 * x for x in row[key]] for key in ("a", "b", "difference")}
-    return {**row, **scaled}
-
-
-def _note(record: Row) -> str:
-    return "; ".join(f"{name}: {run['folder']}" for name, run in record["runs"].items())
+def _in_per_cent(row: ComparedQuantity) -> ComparedQuantity:
+    return row.replaced(
+        **{key: [100 * x for x in getattr(row, key)] for key in ("a", "b", "difference")}
+    )
 
 
 def backbones_figure(bands: xr.Dataset, ax: Any = None) -> Any:

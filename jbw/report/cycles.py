@@ -1,7 +1,7 @@
 """Tables of force loops without a model: secant stiffness, and all cycles."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,9 +9,11 @@ from jbw.report.messages import tables as notes
 from jbw.report.table import Column, Table, table, words
 from jbw.report.text import NOTHING, length_unit, number, percent
 
+if TYPE_CHECKING:
+    from jbw.results.run import StoredCycle, StoredLoop  # loads pydantic
+
 MOST_CYCLES = 12  # of a test in a table
 ANGLES = ((1.0, "rad"), (1e3, "mrad"), (1e6, "µrad"))  # factor and unit
-Row = Mapping[str, Any]
 
 
 def motion_unit(largest: float, unit: str = "m") -> tuple[float, str]:
@@ -21,54 +23,53 @@ def motion_unit(largest: float, unit: str = "m") -> tuple[float, str]:
     return next((prefix for prefix in ANGLES if largest * prefix[0] >= 1.0), ANGLES[-1])
 
 
-def loops_table(loops: Sequence[Row]) -> Table:
+def loops_table(loops: Sequence["StoredLoop"]) -> Table:
     """Return a table of force loops: largest motion and secant stiffness there."""
     motion, stiffness = _written(loops)
     return table(
         "Force loops",
         loops,
         words("test", "test"),
-        Column(f"motion [{motion[1]}]", lambda row: number(motion[0] * row["y"])),
-        Column(f"secant stiffness [{stiffness}]", lambda row: number(row["stiffness"])),
+        Column(f"motion [{motion[1]}]", lambda row: number(motion[0] * row.y)),
+        Column(f"secant stiffness [{stiffness}]", lambda row: number(row.stiffness)),
     )
 
 
-def cycles_table(loops: Sequence[Row]) -> Table:
+def cycles_table(loops: Sequence["StoredLoop"]) -> Table:
     """Return a table of cycles: amplitude, secant stiffness, work, damping, retained stiffness."""
     (factor, unit), stiffness = _written(loops)
     return table(
         notes.CYCLES,
-        list(_shown(loops)),
+        [cycle for loop in loops for cycle in _shown(loop)],
         words("test", "test"),
         words("cycle", "cycle", "right"),
-        Column(f"amplitude [{unit}]", lambda row: number(factor * row["amplitude"])),
-        Column(f"secant stiffness [{stiffness}]", lambda row: number(row["stiffness"])),
-        Column("work [J]", lambda row: number(row["work"])),
-        Column("equivalent\ndamping", lambda row: percent(row["damping"])),
+        Column(f"amplitude [{unit}]", lambda row: number(factor * row.amplitude)),
+        Column(f"secant stiffness [{stiffness}]", lambda row: number(row.stiffness)),
+        Column("work [J]", lambda row: number(row.work)),
+        Column("equivalent\ndamping", lambda row: percent(row.damping)),
         Column(notes.FIRST_OF_AMPLITUDE, _retained),
     )
 
 
-def _retained(row: Row) -> str:
-    return percent(row["retained"]) if row["repeated"] else NOTHING
+def _retained(row: "StoredCycle") -> str:
+    return percent(row.retained) if row.repeated else NOTHING
 
 
-def unit_of_motion(loops: Sequence[Row]) -> str:
+def unit_of_motion(loops: Sequence["StoredLoop"]) -> str:
     """Return `rad` if all loops are of torque and rotation, else `m`."""
-    return "rad" if {loop.get("unit", "m") for loop in loops} == {"rad"} else "m"
+    return "rad" if {loop.unit for loop in loops} == {"rad"} else "m"
 
 
-def _written(loops: Sequence[Row]) -> tuple[tuple[float, str], str]:
+def _written(loops: Sequence["StoredLoop"]) -> tuple[tuple[float, str], str]:
     """Return factor and unit of the motion, and the unit of stiffness, for a table of loops."""
     unit = unit_of_motion(loops)
-    largest = max((row["y"] for row in loops), default=1e-3)
+    largest = max((row.y for row in loops), default=1e-3)
     return motion_unit(largest, unit), "N m/rad" if unit == "rad" else "N/m"
 
 
-def _shown(loops: Sequence[Row]) -> Iterator[dict[str, Any]]:
-    """Yield the cycles of each test: all, or evenly spaced ones with first and last if many."""
-    for loop in loops:
-        cycles = loop.get("cycles") or []
-        chosen = np.unique(np.linspace(0, len(cycles) - 1, min(len(cycles), MOST_CYCLES)).round())
-        for i in chosen.astype(int):
-            yield {"test": loop["test"], "cycle": i + 1, **cycles[i]}
+def _shown(loop: "StoredLoop") -> Iterator["StoredCycle"]:
+    """Yield the cycles of a test: all, or evenly spaced ones with first and last if many."""
+    count = len(loop.cycles)
+    chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_CYCLES)).round())
+    for i in chosen.astype(int):
+        yield loop.cycles[i].replaced(test=loop.test, cycle=int(i) + 1)

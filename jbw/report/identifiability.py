@@ -1,7 +1,7 @@
 """The figures and tables of the parameters and combinations that the data constrain."""
 
 import re
-from functools import partial
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,9 +16,10 @@ from jbw.report.messages import identified
 from jbw.report.messages import tables as notes
 from jbw.report.result import branch, names_of
 from jbw.report.style import Panels, finish, panels, plain, stacks, title
-from jbw.report.table import Cell, Column, Row, Table, by_sd, digits, named, shares, table
+from jbw.report.table import Cell, Column, Table, by_sd, digits, named, shares, table
 from jbw.report.text import NOTHING, Names, axis_label, number, percent, quantity, symbol
 from jbw.report.words import combination
+from jbw.results.run import StoredDirection, StoredIdentifiability, StoredProfile, StoredShift
 
 GROUP = "identifiability"
 LEAST = 1e-6  # relative to the prior's standard deviation; shorter bars would compress the others
@@ -115,32 +116,26 @@ def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
     return finish(axes, ax, ylabels="rise of χ² [-]")
 
 
-def directions_table(summary: Row, quantities: Names) -> Table:
+def directions_table(found: StoredIdentifiability, quantities: Names) -> Table:
     """Return the table of the information spectrum, one row per direction, the strongest first."""
 
-    def direction(row: Row) -> Cell:
-        return Cell(combination(row["combination"], quantities), typed=row["combination"])
+    def direction(row: StoredDirection) -> Cell:
+        return Cell(combination(row.combination, quantities), typed=row.combination)
 
     return table(
         notes.SPECTRUM,
-        summary.get("spectrum") or [],
+        found.spectrum,
         Column("direction, strongest first", direction, align="left"),
         digits("information /\nprior's", "information"),
         shares("sd / prior's", "ratio"),
     )
 
 
-def quantities_table(summary: Row, quantities: Names) -> Table:
+def quantities_table(found: StoredIdentifiability, quantities: Names) -> Table:
     """Return a table of each parameter's and combination's precision, before and after sampling."""
-    facts = {**(summary.get("parameters") or {}), **(summary.get("combinations") or {})}
-    more = ("contraction", "box_sensitivity", "profiles")
-    rows = [
-        {"name": name, **row} | {key: (summary.get(key) or {}).get(name) for key in more}
-        for name, row in facts.items()
-    ]
     return table(
         "Parameters and combinations",
-        rows,
+        [*found.parameters.values(), *found.combinations.values()],
         named("parameter or combination", quantities),
         by_sd("fit", "value", only="terminal"),
         digits("sd", "sd", 2, only="terminal"),
@@ -148,42 +143,39 @@ def quantities_table(summary: Row, quantities: Names) -> Table:
         shares(notes.SD_OVER_PRIOR, "ratio"),
         Column(
             "contraction,\nby the draws",
-            lambda row: percent(row["contraction"]),
+            lambda row: percent(found.contraction.get(row.name)),
             identified.CONTRACTION,
         ),
         Column(
             "follows its bounds,\nin sds",
-            partial(_shift, quantities=quantities),
+            lambda row: _shift(found.box_sensitivity.get(row.name), quantities),
             identified.FOLLOWS,
         ),
-        Column(notes.PROFILE_INTERVAL, _interval),
-        note=" ".join(filter(None, (identified.OF_THE_FIT, _waterfall(summary)))),
+        Column(notes.PROFILE_INTERVAL, lambda row: _interval(found.profiles.get(row.name))),
+        note=" ".join(filter(None, (identified.OF_THE_FIT, _waterfall(found.waterfall.costs)))),
     )
 
 
-def _waterfall(summary: Row) -> str:
+def _waterfall(costs: Sequence[float | None]) -> str:
     """Return a sentence on the final costs of the fit's starts."""
-    costs = (summary.get("waterfall") or {}).get("costs") or []
     if len(costs) < 2:
         return ""
     shown = ["none" if cost is None else number(cost, digits=4) for cost in costs]
     return identified.costs(shown)
 
 
-def _shift(row: Row, quantities: Names) -> str:
+def _shift(move: StoredShift | None, quantities: Names) -> str:
     """Return how far a parameter's mean follows its prior box [sd], and which bound moves it."""
-    shift = row["box_sensitivity"]
-    if shift is None or not shift.get("box"):
+    if move is None or not move.box:
         return NOTHING
-    size = "∞" if shift.get("shift") is None else number(shift["shift"], 0.1)
-    return f"{size} by {symbol(shift['box'], quantities)} {shift['end']}"
+    size = "∞" if move.shift is None else number(move.shift, 0.1)
+    return f"{size} by {symbol(move.box, quantities)} {move.end}"
 
 
-def _interval(row: Row) -> str:
+def _interval(profile: StoredProfile | None) -> str:
     """Return the interval of a profile likelihood as text; an open end has no number."""
-    profile = row["profiles"]
     if profile is None:
         return NOTHING
-    low, high = profile["interval"]
-    ends = zip((low, high), profile["open"], strict=True)
+    low, high = profile.interval
+    ends = zip((low, high), profile.open, strict=True)
     return " to ".join("open" if far else number(end, (high - low) / 5) for end, far in ends)

@@ -1,91 +1,77 @@
 """The table that compares laws of the joint, one row per law."""
 
-from collections.abc import Mapping
-from typing import Any
+from operator import itemgetter
+from typing import TYPE_CHECKING
 
 from jbw.report.messages import free_law as messages
 from jbw.report.messages import tables as notes
 from jbw.report.table import Column, Table, table, words
 from jbw.report.text import NOTHING
 
+if TYPE_CHECKING:
+    from jbw.results.laws import StoredLaws  # loads pydantic
 
-def law_order(record: Mapping[str, Any]) -> list[str]:
+
+def law_order(record: "StoredLaws") -> list[str]:
     """Return the names of compared laws: the preferred law first, then the others by score."""
     worst = -float("inf")
 
     def rank(name: str) -> tuple[bool, float]:
-        row = record["laws"][name]
-        keys = ("elpd", "log_evidence")
-        score = next((row[key] for key in keys if row[key] is not None), worst)
+        row = record.laws[name]
+        scores = (score for score in (row.elpd, row.log_evidence) if score is not None)
         # With few runs the evidence decides, whatever the scores are.
-        return row.get("answer") == "best", score
+        return row.answer == "best", next(scores, worst)
 
-    return sorted(record["laws"], key=rank, reverse=True)
+    return sorted(record.laws, key=rank, reverse=True)
 
 
-def laws_table(record: Mapping[str, Any]) -> Table:
+def laws_table(record: "StoredLaws") -> Table:
     """Return the table of a comparison of laws, the best law first."""
-    laws = record["laws"]
-    rows = [{"law": name, "floor": record["line"], **laws[name]} for name in law_order(record)]
     return table(
-        notes.laws(record["campaign"]),
-        rows,
-        words("law", "law"),
+        notes.laws(record.campaign),
+        [record.laws[name] for name in law_order(record)],
+        words("law", "name"),
         words("parameters", "num_parameters", "right"),
         _percent("fit [%]", "error"),
         _percent("left out [%]", "error_left_out"),
         _percent("highest [%]", "error_highest"),
-        Column("other kinds [%]", _across_kinds),
+        _percent("other kinds [%]", "error_of_worst_kind"),
         _percent("held out [%]", "error_held_out"),
         _percent("beyond [%]", "error_beyond"),
-        _percent("linear by run [%]", "floor"),
-        Column("log score", _difference("elpd_difference", "elpd_difference_se")),
-        _number("weight", "weight", ".2f"),
-        Column("log evidence", _difference("log_evidence_difference", "log_evidence_error")),
-        Column("answer", lambda row: row["answer"], align="left"),
+        Column("linear by run [%]", lambda _: _percents(record.line)),
+        Column("log score", lambda row: _difference(row.elpd_difference, row.elpd_difference_se)),
+        Column("weight", lambda row: NOTHING if row.weight is None else f"{row.weight:.2f}"),
+        Column(
+            "log evidence",
+            lambda row: _difference(row.log_evidence_difference, row.log_evidence_error),
+        ),
+        words("answer", "answer"),
     )
 
 
-def free_law_table(record: Mapping[str, Any]) -> Table | None:
+def free_law_table(record: "StoredLaws") -> Table | None:
     """Return a table of laws by evidence of the readings alone, best first; None if not read."""
-    free = record.get("free_law")
-    if free is None:
+    if record.free_law is None:
         return None
-    differences = free["log_evidence_difference"]
-    rows = [
-        {"law": name, "difference": differences[name]}
-        for name in sorted(differences, key=differences.__getitem__, reverse=True)
-    ]
+    differences = record.free_law.log_evidence_difference
     return table(
         messages.TABLE,
-        rows,
-        words("law", "law"),
-        _number("log evidence", "difference", "+.1f"),
+        sorted(differences.items(), key=itemgetter(1), reverse=True),
+        Column("law", itemgetter(0), align="left"),
+        Column("log evidence", lambda row: f"{row[1]:+.1f}"),
     )
-
-
-def _across_kinds(row: Mapping[str, Any]) -> str:
-    """Return the largest error [%] of a kind of test that is predicted from the other kinds."""
-    errors = row.get("error_across")
-    return f"{100 * max(errors.values()):.3g}" if errors else NOTHING
-
-
-def _number(heading: str, key: str, form: str, scale: float = 1.0) -> Column:
-    def shown(row: Mapping[str, Any]) -> str:
-        return NOTHING if row[key] is None else format(scale * row[key], form)
-
-    return Column(heading, shown)
 
 
 def _percent(heading: str, key: str) -> Column:
-    return _number(heading, key, ".3g", 100.0)
+    return Column(heading, lambda row: _percents(getattr(row, key)))
 
 
-def _difference(key: str, error: str) -> Any:
-    def shown(row: Mapping[str, Any]) -> str:
-        if row[key] is None:
-            return NOTHING
-        difference = f"{row[key]:+.1f}" if row[key] else "0"
-        return difference if row[error] is None else f"{difference} +- {row[error]:.2g}"
+def _percents(ratio: float | None) -> str:
+    return NOTHING if ratio is None else f"{100 * ratio:.3g}"
 
-    return shown
+
+def _difference(difference: float | None, error: float | None) -> str:
+    if difference is None:
+        return NOTHING
+    text = f"{difference:+.1f}" if difference else "0"
+    return text if error is None else f"{text} +- {error:.2g}"

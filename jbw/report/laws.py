@@ -1,6 +1,7 @@
 """The figures and the page of a comparison of laws: amplitude, loops, residuals, left-out runs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,10 @@ from jbw.report.messages import laws as messages
 from jbw.report.messages import tables as notes
 from jbw.report.sheet import Folded, Sheet, render_sheet
 from jbw.report.style import LEVELS, SOFT, Panels, draw_model, finish, panels, plain, shade, title
-from jbw.report.table import table, words
+from jbw.report.table import Column, table
 from jbw.report.text import axis_label, length_unit
 from jbw.report.words import Badge
+from jbw.results.laws import StoredLaws
 
 LOOKS = [(colour, dashes) for dashes in ("-", "--", ":") for colour in LEVELS]
 RUN_ROW = 0.22  # height of a run's line [in]
@@ -109,7 +111,7 @@ def _left_out(here: Any, scores: xr.Dataset, runs: list[str], looks: Looks) -> N
     title(here, heading)
 
 
-def render_laws(tree: xr.DataTree, record: Mapping[str, Any]) -> str:
+def render_laws(tree: xr.DataTree, record: StoredLaws) -> str:
     """Return the HTML page of a comparison of laws; names from files are escaped.
 
     Args:
@@ -132,7 +134,7 @@ def render_laws(tree: xr.DataTree, record: Mapping[str, Any]) -> str:
 
 
 def law_backbones(
-    tree: xr.DataTree, record: Mapping[str, Any], laws: Sequence[str], ax: Any = None
+    tree: xr.DataTree, record: StoredLaws, laws: Sequence[str], ax: Any = None
 ) -> Panels:
     """Draw measured points on the backbone of each law, one row per law, all with the same scale.
 
@@ -154,10 +156,9 @@ def law_backbones(
             panel.axvspan(end, amplitude[-1], color=SOFT, alpha=0.15, lw=0, label="beyond the fit")
             panel.set_xlim(0.0, amplitude[-1])
             panel.ticklabel_format(axis="y", useOffset=False)
-        answer = record["laws"][law]["answer"]
+        answer = record.laws[law].answer
         title(row[0], f"{plain(law)}: {messages.ANSWERS.get(answer, answer)}")
-        error = record["laws"][law]["error"]
-        title(row[1], messages.error_of_fit(error), size=8)
+        title(row[1], messages.error_of_fit(record.laws[law].error), size=8)
     for column, name, scale in ((0, "frequency", 1.0), (1, "damping", 100.0)):
         shown = [
             scale * best[name].values.ravel(),
@@ -171,25 +172,23 @@ def law_backbones(
     return finish(axes, ax, axis_label("amplitude of displacement", unit), "frequency [Hz]")
 
 
-def laws_sheet(record: Mapping[str, Any]) -> Sheet:
+def laws_sheet(record: StoredLaws) -> Sheet:
     """Return the content of the laws page, without its figures."""
-    rows = record["laws"]
     best = law_order(record)[0]
-    best = next((name for name, row in rows.items() if row["answer"] == "best"), best)
-    equivalent = [name for name, row in rows.items() if row["answer"] == "not told apart"]
+    equivalent = record.answered("not told apart")
     equivalent_words = messages.not_distinguished(equivalent) if equivalent else ""
     tables = [("Scores", laws_table(record))]
     if (of_readings := free_law_table(record)) is not None:
         tables.append((free_messages.TABLE, of_readings))
-    if record["refused"]:
-        refused = [{"law": law, "why": why} for law, why in record["refused"].items()]
-        columns = words("law", "law"), words("why not", "why", "wrap")
-        tables.append((messages.UNJUDGED_TITLE, table("", refused, *columns)))
+    if record.refused:
+        law, why = (Column(name, itemgetter(i), align=align) for i, (name, align) in
+                    enumerate((("law", "left"), ("why not", "wrap"))))  # fmt: skip
+        tables.append((messages.UNJUDGED_TITLE, table("", record.refused.items(), law, why)))
     return Sheet(
-        title=notes.laws(record["campaign"]),
-        subtitle=messages.heading(len(rows)),
+        title=notes.laws(record.campaign),
+        subtitle=messages.heading(len(record.laws)),
         caption=messages.BACKBONES,
-        sentences=record["statements"],
+        sentences=record.statements,
         tables=tables,
         status=Badge(best, "doubt" if equivalent else "good"),
         status_words=f"is the preferred law{equivalent_words}.",

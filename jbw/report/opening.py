@@ -4,9 +4,8 @@ The sentences state the effect of the joint, the errors of fitted and of held-ou
 parameters that are not identified, and the next step.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from math import ceil, log10
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -19,12 +18,19 @@ from jbw.report.messages import opening as messages
 from jbw.report.messages.discrepancy import not_scored
 from jbw.report.result import BACKBONE, laws_of, node
 from jbw.report.words import TRUNCATED, grades, unseen_hysteresis
+from jbw.results.run import (
+    RunSummary,
+    StoredBand,
+    StoredJoints,
+    StoredMode,
+    StoredParameter,
+    StoredTest,
+)
 
-Summary = Mapping[str, Any]
 LOW = 0.1  # times the largest fitted displacement, where the joint hardly slips
 MOST_SHOWN = 8
 LARGE_ODDS = 4  # number of digits above which odds are written as a power of ten
-JOINT_EFFECTS = ("frequency_change", "damping_added")
+
 # Candidates for the first picture, in order; the second list if the tree has no readings of
 # records. If a joint's motion is prescribed, its loops come first.
 LEADS, UNREAD = ("backbone", "amplitude", "loops"), ("amplitude", "backbone", "loops")
@@ -34,48 +40,47 @@ POORLY = 2  # grade of a parameter that data constrain more than the prior, but 
 ABSENT = "no_joint"  # finding that replaces the first sentence
 
 
-def opening(summary: Summary, tree: xr.DataTree) -> list[str]:
+def opening(summary: RunSummary, tree: xr.DataTree) -> list[str]:
     """Return the opening sentences on a run: effect of the joint, errors, limits, next step.
 
     The list is empty if the summary or the tree lacks their data.
     """
-    steps = summary.get("steps") or {}
-    if summary.get("main") not in steps or not summary.get("verdict"):
+    if summary.main not in summary.steps or not summary.verdict.status:
         return []
-    met = [fit_sentence(summary)] if "quick" in summary else _misfits(summary)
-    doubts = [messages.doubtful(doubt) for doubt in summary.get("doubts") or ()]
+    met = _misfits(summary) if summary.quick is None else [fit_sentence(summary)]
+    doubts = [messages.doubtful(doubt) for doubt in summary.doubts]
     units = [messages.TORSION] if _unit_of_motion(summary) == "rad" else []
-    effects = joint_sentences(summary) or [effect_sentence(summary, tree)]
+    effects = joint_sentences(summary.joints) or [effect_sentence(summary, tree)]
     return [*effects, *units, *met, _unknown(summary), *doubts, _following(summary)]
 
 
-def split_sentence(summary: Summary) -> str | None:
+def split_sentence(summary: RunSummary) -> str | None:
     """Return the sentence on fitted and held-out tests and repeats; None without tests."""
-    rows = [row for row in summary.get("tests") or () if row.get("fitted_repeats") is not None]
+    split = [(row, row.fitted_repeats) for row in summary.tests or ()]
+    rows = [(row, used) for row, used in split if used is not None]
     sides: tuple[list[str], list[str]] = ([], [])
     some_repeats = False
-    for row in rows:
-        used = row["fitted_repeats"]
-        rest = [i for i in range(1, row["repeats"] + 1) if i not in used]
+    for row, used in rows:
+        rest = [i for i in range(1, (row.repeats or 0) + 1) if i not in used]
         some_repeats |= bool(used and rest)
         for side, numbers in zip(sides, (used, rest), strict=True):
             if numbers:
-                of_test = messages.repeats(row["test"], numbers) if used and rest else row["test"]
+                of_test = messages.repeats(row.test, numbers) if used and rest else row.test
                 side.append(of_test)
     return messages.split(*sides, some_repeats=some_repeats) if rows else None
 
 
-def lead(summary: Summary, drawn: Sequence[str]) -> str | None:
+def lead(summary: RunSummary, drawn: Sequence[str]) -> str | None:
     """Return the name of the first figure of the report, among those that could be drawn."""
     moves = "loops" if not _has_mode(summary) else None
-    leads = LEADS if (summary.get("look") or {}).get("tests") else UNREAD
+    leads = LEADS if summary.look.tests else UNREAD
     return next((name for name in (moves, *leads) if name in drawn), None)
 
 
-def known_parameters(summary: Summary) -> list[str]:
+def known_parameters(summary: RunSummary) -> list[str]:
     """List parameters known to 30 % with 99 % intervals; products where a factor is unknown."""
-    rows, graded = _rows(summary), grades(summary)
-    drawn = [name for name in graded if rows[name].get("kl") is not None]
+    rows, graded = summary.parameters, grades(summary)
+    drawn = [name for name in graded if rows[name].kl is not None]
     good = [name for name in drawn if graded[name] <= 1]
     if len(good) < len(drawn):
         good += [name for name in graded if name not in drawn and graded[name] <= 1]
@@ -83,29 +88,23 @@ def known_parameters(summary: Summary) -> list[str]:
     return [" ".join(filter(None, parts)) for parts in shown]
 
 
-def _rows(summary: Summary) -> Mapping[str, Any]:
-    return summary["steps"][summary["main"]].get("parameters") or {}
-
-
-def _unit_of_motion(summary: Summary) -> str:
+def _unit_of_motion(summary: RunSummary) -> str:
     """Return `rad` if all tests are of torque and rotation, else `m`."""
-    if "motion_unit" in summary:
-        return summary["motion_unit"]
-    look = summary.get("look") or {}
-    return "m" if look.get("tests") else unit_of_motion(look.get("loops") or ())
+    look = summary.look
+    return summary.motion_unit or ("m" if look.tests else unit_of_motion(look.loops))
 
 
-def _has_mode(summary: Summary) -> bool:
-    steps = summary.get("steps") or {}
-    return UNMEASURED in ((steps.get(summary.get("main")) or {}).get("parameters") or {})
+def _has_mode(summary: RunSummary) -> bool:
+    return UNMEASURED in summary.parameters
 
 
-def with_interval(row: Mapping[str, Any]) -> tuple[str, str, str]:
+def with_interval(row: StoredParameter) -> tuple[str, str, str]:
     """Return a parameter's mean and 99 % interval to two digits of its width, and the unit."""
-    ends = row["mean"], row["q005"], row["q995"]
-    mean, low, high = (f"{value:.{_digits(*ends[1:])}g}" for value in ends)
-    unit = str(row.get("unit") or "1")
-    return mean, f"[{low}, {high}]", "" if unit == "1" else unit
+    ends = (np.nan if value is None else value for value in (row.mean, row.q005, row.q995))
+    mean, low, high = ends
+    digits = _digits(low, high)
+    interval = f"[{low:.{digits}g}, {high:.{digits}g}]"
+    return f"{mean:.{digits}g}", interval, "" if row.unit == "1" else row.unit
 
 
 def _digits(low: float, high: float) -> int:
@@ -116,11 +115,11 @@ def _digits(low: float, high: float) -> int:
     return int(min(15, max(3, ceil(log10(largest / (high - low))) + 2)))
 
 
-def effect_sentence(summary: Summary, tree: xr.DataTree) -> str:
+def effect_sentence(summary: RunSummary, tree: xr.DataTree) -> str:
     """Return the sentence on frequency and damping at a tenth and all of the fitted amplitude."""
-    for finding in summary["verdict"]["findings"]:
-        if finding["code"] == ABSENT and finding["status"] != "ok":
-            return finding["reason"]
+    for finding in summary.verdict.against:
+        if finding.code == ABSENT:
+            return finding.reason
     if not laws_of(tree):
         return messages.LINEAR
     curve = node(tree, BACKBONE)
@@ -142,57 +141,50 @@ def effect_sentence(summary: Summary, tree: xr.DataTree) -> str:
     return messages.effect(LOW * y_peak * factor, y_peak * factor, unit, changes)
 
 
-def joint_sentences(summary: Summary) -> list[str]:
+def joint_sentences(joints: StoredJoints | None) -> list[str]:
     """Return sentences on several joints: effect on each mode, damping, unidentified joints.
 
     The list is empty for a single joint.
     """
-    joints = summary.get("joints")
-    if not joints:
+    if joints is None:
         return []
     effects = [
-        _joints_effect(mode)
-        for mode in joints["modes"]
-        if mode[JOINT_EFFECTS[0]]["0.5"] is not None
+        _joints_effect(mode) for mode in joints.modes if mode.frequency_change.median is not None
     ]
-    unknown = [row["joint"] for row in joints["joints"] if row["verdict"] != "identified"]
+    unknown = [row.joint for row in joints.joints if row.verdict != "identified"]
     damped = []
-    for i, mode in enumerate(joints["modes"]):
-        medians = {
-            row["joint"]: (row["loss_share"][i] or {}).get("0.5") for row in joints["joints"]
-        }
-        shares = {joint: share for joint, share in medians.items() if share is not None}
+    for i, mode in enumerate(joints.modes):
+        bands = ((row.joint, row.loss_share[i]) for row in joints.joints)
+        shares = {joint: band.median for joint, band in bands if band and band.median is not None}
         most = max(shares, key=shares.__getitem__, default=None)
         if most is not None and most not in unknown:
-            damped.append(messages.damped_by(mode["mode"], most, f"{100 * shares[most]:.3g}"))
+            damped.append(messages.damped_by(mode.mode, most, f"{100 * shares[most]:.3g}"))
     damping = [messages.sentence(damped)] if damped else []
     unidentified = [messages.joints_unidentified(unknown)] if unknown else []
     return [messages.at_largest_motion(effects), *damping, *unidentified, *tied_sentences(joints)]
 
 
-def _joints_effect(mode: Summary) -> str:
+def _joints_effect(mode: StoredMode) -> str:
     """Return the sentence on all joints' effect on a mode; for older runs with stuck shapes."""
-    effect = messages.joints_effect(
-        mode["mode"], *(_per_cents(mode[name]) for name in JOINT_EFFECTS)
-    )
-    return effect if mode.get("shape") == "free" else messages.in_full_stick(effect)
+    changes = map(_per_cents, (mode.frequency_change, mode.damping_added))
+    effect = messages.joints_effect(mode.mode, *changes)
+    return effect if mode.shape == "free" else messages.in_full_stick(effect)
 
 
-def tied_sentences(joint_facts: Summary) -> list[str]:
+def tied_sentences(joint_facts: StoredJoints) -> list[str]:
     """Return the sentence on whether joints share one law, by the evidence, if it was compared."""
-    tied = joint_facts.get("tied")
-    if not tied:
+    tied = joint_facts.tied
+    if tied is None:
         return []
-    log_ratio, khat = tied["log_evidence_ratio"], tied["khat"]
-    joints = [joint for joint in joints_of(tied["laws"]) if _is_tied(joint, tied["laws"])]
-    odds = _odds(abs(log_ratio), at_least=tied["is_bound"])
-    if tied["answer"] == "tied":
+    joints = [joint for joint in joints_of(tied.laws) if _is_tied(joint, tied.laws)]
+    odds = _odds(abs(tied.log_evidence_ratio), at_least=tied.is_bound)
+    if tied.answer == "tied":
         return [messages.one_law(joints, odds)]
-    if tied["answer"] == "own":
+    if tied.answer == "own":
         return [messages.own_laws(joints, odds)]
-    preferred = "one law" if log_ratio > 0 else "separate laws"
+    preferred = "one law" if tied.log_evidence_ratio > 0 else "separate laws"
     weak = messages.weak_evidence(odds, preferred)
-    reason = weak if tied["is_trusted"] else messages.rough_evidence(khat)
+    reason = weak if tied.is_trusted else messages.rough_evidence(tied.khat)
     return [messages.law_not_told(joints, reason)]
 
 
@@ -207,9 +199,10 @@ def _odds(nats: float, *, at_least: bool) -> str:
     return f"at least {odds}" if at_least else odds
 
 
-def _per_cents(ends: Mapping[str, float]) -> str:
+def _per_cents(band: StoredBand) -> str:
     """Return the median and 99 % interval of a ratio in per cent."""
-    low, middle, high = (f"{100 * ends[quantile]:.3g}" for quantile in ("0.005", "0.5", "0.995"))
+    ends = (np.nan if end is None else end for end in (band.low, band.median, band.high))
+    low, middle, high = (f"{100 * end:.3g}" for end in ends)
     return f"{middle} % [{low}, {high}]"
 
 
@@ -223,13 +216,12 @@ def _change(what: str, values: np.ndarray, unit: str) -> str:
     return messages.change(what, f"{weak:.{digits}g}", interval, lowers=strong < weak)
 
 
-def _misfits(summary: Summary) -> Iterator[str]:
+def _misfits(summary: RunSummary) -> Iterator[str]:
     """Yield the sentences on the errors of fitted and of held-out tests."""
-    tests = [row for row in (summary.get("predictions") or {}).values() if row.get("nrmse")]
-    fitted = [row for row in tests if row.get("fitted")]
-    held_out = [row for row in tests if not row.get("fitted")]
-    before = ((summary.get("held_out_answer") or {}).get("predictions") or {}).values()
-    fitted_last = [row for row in before if row.get("nrmse")]
+    tests = [row for row in summary.predictions.values() if row.nrmse]
+    fitted = [row for row in tests if row.fitted]
+    held_out = [row for row in tests if not row.fitted]
+    fitted_last = [row for row in summary.held_out_answer.predictions.values() if row.nrmse]
     if fitted:
         yield messages.fitted_errors(len(fitted), _errors(fitted), _noun(fitted))
     else:
@@ -240,50 +232,50 @@ def _misfits(summary: Summary) -> Iterator[str]:
         yield _of_held_out(held_out)
     else:
         yield messages.NONE_HELD_OUT
-    unscored = summary.get("unscored") or {}
-    if any(unscored.values()):
-        yield not_scored(**unscored)
+    unscored = summary.unscored
+    if unscored.levels or unscored.kind:
+        yield not_scored(unscored.levels, unscored.kind)
 
 
-def _of_held_out(tests: Sequence[Summary]) -> str:
+def _of_held_out(tests: Sequence[StoredTest]) -> str:
     """Return the sentence on errors of held-out tests, and on the coverage of their bands."""
-    inside = [row["coverage"] for row in tests if row.get("coverage") is not None]
-    widths = [width for row in tests if (width := row.get("half_width")) is not None]
+    inside = [row.coverage for row in tests if row.coverage is not None]
+    widths = [row.half_width for row in tests if row.half_width is not None]
     return messages.held_out_errors(
         len(tests), _errors(tests), _span(inside, 3) if inside else "",
         _span(widths) if inside and widths else "",
-        sum(bool(row.get("withheld")) for row in tests), _noun(tests),
+        sum(row.withheld for row in tests), _noun(tests),
     )  # fmt: skip
 
 
-def _noun(tests: Sequence[Summary]) -> str:
+def _noun(tests: Sequence[StoredTest]) -> str:
     """Return the noun for a predicted unit: record if there are free decays, otherwise test."""
-    is_free = (KINDS[kind].is_free for row in tests if (kind := row.get("kind")) in KINDS)
+    is_free = (KINDS[row.kind].is_free for row in tests if row.kind in KINDS)
     return "record" if any(is_free) else "test"
 
 
-def fit_sentence(summary: Summary) -> str:
+def fit_sentence(summary: RunSummary) -> str:
     """Return the sentence on RMS errors of fitted tests from a fit without draws."""
-    errors = list((summary.get("quick") or {}).values())
+    errors = list((summary.quick or {}).values())
     if not errors:
         return messages.NO_FIT_ERROR
-    fitted = [row for row in summary.get("tests") or () if row.get("fitted", True)]
+    fitted = [row for row in summary.tests or () if row.fitted is None or row.fitted]
     return messages.fit_errors(len(errors), _span(errors), _noun(fitted))
 
 
-def _errors(tests: Sequence[Summary]) -> str:
+def _errors(tests: Sequence[StoredTest]) -> str:
     """Return the text on relative errors of the joint and of the best linear oscillator.
 
     For held-out free decays it adds the errors with each record's own natural frequency.
     """
-    keys = "nrmse_linear", "nrmse_own_frequency"
-    unseen = [[row for row in tests if key == keys[0] or not row.get("fitted")] for key in keys]
-    compared = [
-        [error for row in rows if (error := row.get(key)) is not None]
-        for key, rows in zip(keys, unseen, strict=True)
-    ]
-    errors = _span([row["nrmse"] for row in tests])
-    return messages.relative_error(errors, *(_span(known) if known else "" for known in compared))
+    linear = [row.nrmse_linear for row in tests]
+    own_frequency = [row.nrmse_own_frequency for row in tests if not row.fitted]
+    errors = (_known(column) for column in ([row.nrmse for row in tests], linear, own_frequency))
+    return messages.relative_error(*(_span(known) if known else "" for known in errors))
+
+
+def _known(column: Iterable[float | None]) -> list[float]:
+    return [number for number in column if number is not None]
 
 
 def _span(ratios: Sequence[float], digits: int = 2) -> str:
@@ -292,42 +284,42 @@ def _span(ratios: Sequence[float], digits: int = 2) -> str:
     return messages.span(*(f"{float(f'{100 * ratio:.{digits}g}'):g}" for ratio in ends))
 
 
-def _unknown(summary: Summary) -> str:
+def _unknown(summary: RunSummary) -> str:
     """Return the sentence on parameters that data do not identify or the prior truncates."""
-    if (reason := unseen_hysteresis(summary)) is not None:
+    if (reason := unseen_hysteresis(summary.verdict)) is not None:
         return reason
-    rows, graded = _rows(summary), grades(summary)
-    drawn = {name: grade for name, grade in graded.items() if rows[name].get("kl") is not None}
+    rows, graded = summary.parameters, grades(summary)
+    drawn = {name: grade for name, grade in graded.items() if rows[name].kl is not None}
     hidden = [name for name, grade in drawn.items() if grade > 1]
-    leaning = [finding["reason"] for finding in summary["verdict"]["findings"]
-               if finding["code"] == TRUNCATED and finding["status"] != "ok"]  # fmt: skip
+    leaning = [row.reason for row in summary.verdict.against if row.code == TRUNCATED]
     if hidden:
-        least = _per_cent(min(abs(rows[name]["cv"]) for name in hidden))
+        least = _per_cent(min(rows[name].variation for name in hidden))
         products = [name for name, grade in graded.items() if name not in drawn and grade <= 1]
-        worst = _per_cent(max((abs(rows[name]["cv"]) for name in products), default=0.0))
+        worst = _per_cent(max((rows[name].variation for name in products), default=0.0))
         poorly = all(drawn[name] == POORLY for name in hidden)
         return messages.not_identified(hidden, least, products, worst, poorly=poorly)
     if leaning:
         return messages.truncated(leaning[0])
     if not drawn:
         return messages.NO_GRADES
-    worst = max(drawn, key=lambda name: abs(rows[name]["cv"]))
-    return messages.all_identified(worst, _per_cent(rows[worst]["cv"]), roughly=drawn[worst] != 0)
+    worst = max(drawn, key=lambda name: rows[name].variation)
+    share = _per_cent(rows[worst].variation)
+    return messages.all_identified(worst, share, roughly=drawn[worst] != 0)
 
 
-def _per_cent(cv: float) -> str:
-    return f"{float(f'{100 * abs(cv):.2g}'):g}"
+def _per_cent(ratio: float) -> str:
+    return f"{float(f'{100 * ratio:.2g}'):g}"
 
 
-def _following(summary: Summary) -> str:
+def _following(summary: RunSummary) -> str:
     """Return the sentence on the next step: the remedy of the most important finding.
 
     Failed findings come before other findings, and a cause before its consequences. If the data
     show no joint, no parameter can be identified, so that remedies for its parameters are left out.
     """
-    against = [row for row in summary["verdict"]["findings"] if row["status"] != "ok"]
-    if any(row["code"] == ABSENT for row in against):
+    against = summary.verdict.against
+    if any(row.code == ABSENT for row in against):
         follows = set(ASKED["knowledge"]) - {ABSENT}
-        against = [row for row in against if row["code"] not in follows]
-    against.sort(key=lambda row: (row["status"] != "failed", row["code"] != CAUSE))
-    return messages.next_step(next((row["action"] for row in against if row["action"]), ""))
+        against = [row for row in against if row.code not in follows]
+    against.sort(key=lambda row: (row.status != "failed", row.code != CAUSE))
+    return messages.next_step(next((row.action for row in against if row.action), ""))

@@ -4,7 +4,7 @@ import gzip
 import logging
 import os
 from base64 import b64encode
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -33,6 +33,7 @@ from jbw.report.words import (
     in_symbols,
     law_words,
 )
+from jbw.results.run import RunSummary, StoredStep, StoredVerdict
 from jbw.run.files import write_whole
 
 under_way = logging.getLogger("jbw.progress")
@@ -52,7 +53,7 @@ ENVIRONMENT = jinja2.Environment(
 
 
 def write_page(
-    summary: Mapping[str, Any],
+    summary: RunSummary,
     tree: xr.DataTree,
     path: Path,
     drawn: Mapping[str, DrawnFigure] | None = None,
@@ -63,7 +64,7 @@ def write_page(
 
 
 def render_page(
-    summary: Mapping[str, Any],
+    summary: RunSummary,
     tree: xr.DataTree,
     drawn: Mapping[str, DrawnFigure] | None = None,
     loads: LoadSection | None = None,
@@ -76,48 +77,47 @@ def render_page(
         drawn: Figures that have been drawn before, by name; others are drawn here.
         loads: Predictions under other loads, if the run has any.
     """
-    quantities, look = names_of(tree, summary), summary.get("look") or {}
-    identifiability = summary.get("identifiability") or {}
+    quantities, identifiability = names_of(tree, summary), summary.identifiability
     return ENVIRONMENT.get_template("page.html").render(
-        campaign=campaign_name(summary),
+        campaign=summary.campaign,
         laws=law_words(laws_of(tree)),
-        **_verdict(summary.get("verdict") or {}, quantities),
+        **_verdict(summary.verdict, quantities),
         steps=[_step(name, step, summary, quantities) for name, step in tables.main_first(summary)],
         opening=[
             in_symbols(sentence, quantities).replace(" %", "\N{NO-BREAK SPACE}%")
             for sentence in opening(summary, tree)
         ],
         **_parameters(summary, quantities),
-        look={"statements": [], "seen": []} | look,
+        look=summary.look,
         **_figures(summary, drawn or draw_figures(tree)),
         predictions=tables.table_of_tests(summary, tree),
         loads=loads,
         directions=directions_table(identifiability, quantities),
         quantities=quantities_table(identifiability, quantities),
         identified=identified_words(summary, quantities),
-        known_words=_statements(identifiability, quantities),
+        known_words=_symbolic(identifiability.statements, quantities),
         routes=tables.routes_table(summary, quantities),
-        route_words=_statements(summary.get("comparison"), quantities),
+        route_words=_symbolic(summary.comparison.statements, quantities),
         loops=tables.loops_table(tree),
         joints=tables.joints_table(tree),
-        cycles=cycles_table(look.get("loops") or []),
+        cycles=cycles_table(summary.look.loops),
         checks=tables.checks_table(tree, quantities),
         provenance=_provenance(summary),
-        inputs=_inputs(summary.get("inputs") or {}),
+        inputs=_inputs(summary.inputs),
     )
 
 
-def _verdict(verdict: Mapping[str, Any], quantities: Names) -> dict[str, Any]:
+def _verdict(verdict: StoredVerdict, quantities: Names) -> dict[str, Any]:
     """Return the page's data on a verdict: badge, words, findings and answers."""
-    status = badge(verdict)
+    status = badge(verdict.status)
     answers = [
         {
             "name": name,
-            "badge": badge(answered),
-            "because": in_symbols(answered["because"], quantities),
-            "question": answered["question"],
+            "badge": badge(answered.status),
+            "because": in_symbols(answered.because, quantities),
+            "question": answered.question,
         }
-        for name, answered in (verdict.get("answers") or {}).items()
+        for name, answered in verdict.answers.items()
     ]
     return {
         "status": status,
@@ -127,25 +127,23 @@ def _verdict(verdict: Mapping[str, Any], quantities: Names) -> dict[str, Any]:
     }
 
 
-def _step(
-    name: str, step: Mapping[str, Any], summary: Mapping[str, Any], quantities: Names
-) -> dict[str, Any]:
+def _step(name: str, step: StoredStep, summary: RunSummary, quantities: Names) -> dict[str, Any]:
     """Return the page's data on a step of the identification: findings and statements."""
     return {
         "name": tables.step_heading(name, summary),
-        "main": name == summary.get("main"),
+        "main": name == summary.main,
         "route": tables.of_route(name, summary),
-        "badge": badge(step.get("verdict")) if step.get("verdict") else None,
-        "findings": findings(step.get("verdict"), quantities),
-        "statements": _statements(step, quantities),
+        "badge": badge(step.verdict.status) if step.verdict.status else None,
+        "findings": findings(step.verdict, quantities),
+        "statements": _symbolic(step.statements, quantities),
         "correlations": tables.correlation_words(step, quantities),
     }
 
 
-def _parameters(summary: Mapping[str, Any], quantities: Names) -> dict[str, Table]:
+def _parameters(summary: RunSummary, quantities: Names) -> dict[str, Table]:
     """Return tables of parameters: main posterior, other steps, and the paper's route."""
     parameters = tables.parameters_table(summary, quantities, shown=True)
-    main, of_route = summary.get("main"), partial(tables.of_route, summary=summary)
+    main, of_route = summary.main, partial(tables.of_route, summary=summary)
     return {
         "parameters": _only(parameters, lambda name: name == main),
         "others": _only(parameters, lambda name: name != main and not of_route(name)),
@@ -153,27 +151,26 @@ def _parameters(summary: Mapping[str, Any], quantities: Names) -> dict[str, Tabl
     }
 
 
-def _figures(summary: Mapping[str, Any], drawn: Mapping[str, DrawnFigure]) -> dict[str, Any]:
+def _figures(summary: RunSummary, drawn: Mapping[str, DrawnFigure]) -> dict[str, Any]:
     """Collect all figures for the page: first figure, readings, groups, and missing figures."""
     by_name = {entry.name: _shown(entry, drawn[entry.name]) for entry in FIGURE_LIST}
-    first = lead(summary, [name for name, figure in by_name.items() if figure["svg"]])
-    others = [f for name, f in by_name.items() if f["svg"] and name not in (first, LOOK)]
+    shown = [entry for entry in FIGURE_LIST if drawn[entry.name].svg]
+    first = lead(summary, [entry.name for entry in shown])
+    groups = (
+        (name, title, [by_name[entry.name] for entry in shown
+                       if entry.group == name and entry.name not in (first, LOOK)])
+        for name, title in GROUPS.items()
+    )  # fmt: skip
     return {
         "lead": by_name.get(first or ""),
         "looked": by_name[LOOK],
-        "groups": _groups(others),
-        "missing": [figure for figure in by_name.values() if figure["missing"]],
+        "groups": [
+            {"id": f"figures-{name}", "title": title, "drawn": of_group}
+            for name, title, of_group in groups
+            if of_group
+        ],
+        "missing": [by_name[entry.name] for entry in FIGURE_LIST if drawn[entry.name].missing],
     }
-
-
-def _groups(drawn: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the page's figures by group, without empty groups."""
-    groups = (
-        {"id": f"figures-{name}", "title": title, "drawn": [
-            figure for figure in drawn if figure["entry"].group == name]}
-        for name, title in GROUPS.items()
-    )  # fmt: skip
-    return [group for group in groups if group["drawn"]]
 
 
 def _only(table: Table, chosen: Callable[[str], bool]) -> Table:
@@ -183,10 +180,8 @@ def _only(table: Table, chosen: Callable[[str], bool]) -> Table:
     )
 
 
-def _statements(part: Any, quantities: Names) -> list[str]:
-    return [
-        in_symbols(str(sentence), quantities) for sentence in (part or {}).get("statements") or []
-    ]
+def _symbolic(sentences: Iterable[str], quantities: Names) -> list[str]:
+    return [in_symbols(sentence, quantities) for sentence in sentences]
 
 
 def _inputs(hashes: Mapping[str, str]) -> dict[str, Any]:
@@ -198,12 +193,6 @@ def _inputs(hashes: Mapping[str, str]) -> dict[str, Any]:
     return {"folder": folder, "files": [(path[start:], hashes[path]) for path in paths]}
 
 
-def campaign_name(summary: Mapping[str, Any]) -> str:
-    """Return the campaign's name, given as text or as a record."""
-    campaign = summary.get("campaign")
-    return str(campaign.get("name", "")) if isinstance(campaign, Mapping) else str(campaign or "")
-
-
 def _shown(entry: ReportFigure, drawn: DrawnFigure) -> dict[str, Any]:
     """Return the page's data on one figure: number, pictures, or the reason why it is missing."""
     number = entry.name.removeprefix("figure_") if entry.name.startswith("figure_") else ""
@@ -212,16 +201,14 @@ def _shown(entry: ReportFigure, drawn: DrawnFigure) -> dict[str, Any]:
     return {"entry": entry, "number": number, "missing": drawn.missing, **pictures}
 
 
-def _provenance(summary: Mapping[str, Any]) -> dict[str, str]:
-    versions = summary.get("versions") or {}
-    if isinstance(versions, Mapping):
-        versions = ", ".join(f"{name} {version}" for name, version in versions.items())
+def _provenance(summary: RunSummary) -> dict[str, str]:
+    versions = (f"{name} {version}" for name, version in summary.versions.items())
     return {
-        "command": str(summary.get("command") or ""),
-        "seed": "" if summary.get("seed") is None else str(summary["seed"]),
-        "wall time": seconds(summary.get("wall_time_s")),
-        "versions": str(versions),
-        "sources of jbw": str(summary.get("sources") or ""),
+        "command": summary.command,
+        "seed": "" if summary.seed is None else str(summary.seed),
+        "wall time": seconds(summary.wall_time_s),
+        "versions": ", ".join(versions),
+        "sources of jbw": summary.sources,
     }
 
 

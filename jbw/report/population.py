@@ -1,6 +1,7 @@
 """The figure, page and tables of a fleet: its units, their population, and a new unit."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -8,9 +9,10 @@ import numpy as np
 from jbw.report.messages import population as messages
 from jbw.report.sheet import Sheet
 from jbw.report.style import BLUE, INK, VERMILLION, Panels, finish, panels, shade
-from jbw.report.table import Cell, Column, Table, digits, table, words
-from jbw.report.text import NOTHING, axis_label
+from jbw.report.table import Cell, Column, Table, table, words
+from jbw.report.text import NOTHING, axis_label, number
 from jbw.report.words import badge
+from jbw.results.population import StoredCoordinate, StoredInterval, StoredPopulation
 
 HALF_99 = 2.5758  # sds from the median to the ends of a normal 99 % interval
 MOST = 6  # coordinates in one table of units
@@ -36,10 +38,11 @@ def population_figure(
             coordinate).
         ax: Axes of the figure; a new figure when None.
     """
-    rows, trend = record["parameters"], "torque" in record["columns"]
+    found = StoredPopulation.read(record)
+    rows, trend = found.parameters, found.has_trend
     axes = panels(ax, len(rows), 1, height=1.7 * len(rows))
-    place = np.array(record["torque"], float) if trend else np.arange(1.0, len(mean) + 1)
-    odd = np.array([p < ODD / len(mean) for p in record["belongs"].values()])
+    place = np.array(found.torque, float) if trend else np.arange(1.0, len(mean) + 1)
+    odd = np.array([p < ODD / len(mean) for p in found.belongs.values()])
     for i, (panel, row) in enumerate(zip(axes[:, 0], rows.values(), strict=True)):
         low, middle, high = np.exp(new[:, :, i])
         shade(panel, at, low, high, BLUE, messages.BAND, alpha=0.15)
@@ -49,66 +52,63 @@ def population_figure(
                  np.exp(mean[:, i] + HALF_99 * sd[:, i]) - value]  # fmt: skip
         panel.errorbar(place, value, error, fmt="o", color=INK, ms=4, lw=1.0, label="unit, 99 %")
         panel.plot(place[odd], value[odd], "s", color=VERMILLION, ms=8, mfc="none")
-        panel.set_ylabel(axis_label(row["symbol"], row["unit"]))
+        panel.set_ylabel(axis_label(row.symbol, row.unit))
         if not trend:
-            panel.set_xticks(place, record["units"] if i == len(rows) - 1 else [""] * len(place))
+            panel.set_xticks(place, found.units if i == len(rows) - 1 else [""] * len(place))
     axes[-1, 0].set_xlabel("tightening torque [N m]" if trend else "unit")
     return finish(axes, ax)
 
 
 def population_sheet(
-    name: str, record: Mapping[str, Any], mean: np.ndarray, sd: np.ndarray, pooled: Table
+    name: str, record: StoredPopulation, mean: np.ndarray, sd: np.ndarray, pooled: Table
 ) -> Sheet:
     """Return the page of a fleet: figure, statements, table of the population, tables of units.
 
     Args:
         name: Name of the fleet.
-        record: Record of `population_of`.
+        record: Result of `population_of`.
         mean: Mean logarithms, with axes (unit, coordinate).
         sd: Standard deviations of the logarithms, with the same axes.
         pooled: Table of the population.
     """
     return Sheet(
         title=f"Population of {name}",
-        subtitle=messages.heading(len(record["units"])),
-        caption=messages.caption(trend="torque" in record["columns"]),
-        sentences=record["statements"],
+        subtitle=messages.heading(len(record.units)),
+        caption=messages.caption(trend=record.has_trend),
+        sentences=record.statements,
         tables=[("The population", pooled), *units_tables(record, mean, sd)],
-        status=badge(record["status"]),
-        status_words=f"Population of {len(record['units'])} units",
+        status=badge(record.status),
+        status_words=f"Population of {len(record.units)} units",
     )
 
 
-def population_table(record: Mapping[str, Any]) -> Table:
+def population_table(record: StoredPopulation) -> Table:
     """Return the table of a population, one line per coordinate, with a new unit's value."""
-    torque = record["new_unit"]["torque"]
-    at = torque if torque is not None else record["reference_torque"]
+    torque, reference = record.new_unit["torque"], record.reference_torque
+    at = torque if torque is not None else reference
     where = "" if at is None else f" at {at:.3g} N m"
-    rows = [
-        {"name": name, **row, "new": record["new_unit"][name]}
-        for name, row in record["parameters"].items()
-    ]
-    middle = "" if at is None else f" at {record['reference_torque']:.3g} N m"
+    middle = "" if at is None or reference is None else f" at {reference:.3g} N m"
+    new = {name: StoredInterval.read(record.new_unit[name]) for name in record.parameters}
+    rows = record.parameters.values()
     columns = [
         words("", "name"),
         words("unit", "unit"),
-        Column(f"mean{middle}", lambda row: _interval(row["mean"])),
-        Column("scatter between units [%]", lambda row: _interval(row["scatter"], 100.0)),
+        Column(f"mean{middle}", lambda row: _interval(row.mean)),
+        Column("scatter between units [%]", lambda row: _interval(row.scatter, 100.0)),
     ]
-    if any(row["run_scatter"] is not None for row in rows):
+    if any(row.run_scatter is not None for row in rows):
         columns.append(Column("between runs [%]", _of_runs))
-    for column in record["columns"][1:]:
-        key = f"slope_{column}"
-        columns.append(Column(f"power of {column}", lambda row, key=key: _interval(row.get(key))))
-    columns.append(Column(f"new unit{where}", lambda row: _interval(row["new"])))
-    return table(messages.table_title(len(record["units"])), rows, *columns)
+    for column in record.columns[1:]:
+        columns.append(Column(f"power of {column}", partial(_slope, f"slope_{column}")))
+    columns.append(Column(f"new unit{where}", lambda row: _interval(new[row.name])))
+    return table(messages.table_title(len(record.units)), rows, *columns)
 
 
 def units_tables(
-    record: Mapping[str, Any], mean: np.ndarray, sd: np.ndarray
+    record: StoredPopulation, mean: np.ndarray, sd: np.ndarray
 ) -> list[tuple[str, Table]]:
     """Return tables of the units with their headings, split by coordinates to fit a page."""
-    names = list(record["parameters"])
+    names = list(record.parameters)
     parts = [names[i : i + MOST] for i in range(0, len(names), MOST)]
     headings = ["The units", *["The units, further coordinates"] * (len(parts) - 1)]
     tables = [units_table(record, mean, sd, part) for part in parts]
@@ -116,43 +116,45 @@ def units_tables(
 
 
 def units_table(
-    record: Mapping[str, Any], mean: np.ndarray, sd: np.ndarray, names: Sequence[str]
+    record: StoredPopulation, mean: np.ndarray, sd: np.ndarray, names: Sequence[str]
 ) -> Table:
     """Return a table of units: torque, the named coordinates, and agreement with other units."""
-    rows = []
-    for k, unit in enumerate(record["units"]):
-        ends = np.exp(mean[k] + HALF_99 * sd[k] * np.array([[-1.0], [0.0], [1.0]]))
-        intervals = [
-            dict(zip(("q005", "median", "q995"), map(float, column), strict=True))
-            for column in ends.T
-        ]
-        estimates = dict(zip(record["parameters"], intervals, strict=True))
-        rows.append(
-            {"name": unit, "torque": record["torque"][k], **estimates}
-            | {"belongs": record["belongs"][unit]}
-            | {"stands": "its draws" if unit in record["weighed"] else "normal summary"}
-        )
-    columns = [words("unit", "name", "left wrap")]
-    if any(row["torque"] is not None for row in rows):
-        columns.append(digits("torque [N m]", "torque"))
+    places = {name: i for i, name in enumerate(record.parameters)}
+
+    def estimate(i: int, k: int) -> Cell:
+        low, middle, high = np.exp(mean[k, i] + HALF_99 * sd[k, i] * np.array([-1.0, 0.0, 1.0]))
+        return _interval(StoredInterval(q005=low, median=middle, q995=high))
+
+    def belongs(k: int) -> str:
+        return number(record.belongs[record.units[k]])
+
+    def stands(k: int) -> str:
+        return "its draws" if record.units[k] in record.weighed else "normal summary"
+
+    columns = [Column("unit", lambda k: record.units[k], align="left wrap")]
+    if any(torque is not None for torque in record.torque):
+        columns.append(Column("torque [N m]", lambda k: number(record.torque[k])))
     for name in names:
-        unit = record["parameters"][name]["unit"]
+        unit = record.parameters[name].unit
         heading = name if unit == "1" else f"{name} [{unit}]"
-        columns.append(Column(heading, lambda row, name=name: _interval(row[name])))
-    columns += [digits("P(as far off)", "belongs"), words("enters by", "stands")]
-    return table(messages.EVERY_UNIT, rows, *columns)
+        columns.append(Column(heading, partial(estimate, places[name])))
+    columns += [Column("P(as far off)", belongs), Column("enters by", stands, align="left")]
+    return table(messages.EVERY_UNIT, range(len(record.units)), *columns)
 
 
-def _of_runs(row: Mapping[str, Any]) -> str:
-    scatter = row["run_scatter"]
-    return NOTHING if scatter is None else f"{100.0 * scatter:.2g}"
+def _of_runs(row: StoredCoordinate) -> str:
+    return NOTHING if row.run_scatter is None else f"{100.0 * row.run_scatter:.2g}"
 
 
-def _interval(row: Mapping[str, float] | None, factor: float = 1.0) -> Cell:
+def _slope(key: str, row: StoredCoordinate) -> Cell:
+    return _interval(getattr(row, key, None))
+
+
+def _interval(known: StoredInterval | None, factor: float = 1.0) -> Cell:
     """Format a median above its interval, so that many columns fit on a page."""
-    if row is None:
+    if known is None:
         return Cell(NOTHING)
-    low, middle, high = (factor * row[key] for key in ("q005", "median", "q995"))
+    low, middle, high = (factor * x for x in (known.q005, known.median, known.q995))
     width = max(abs(high - low), 1e-300)
     shown = int(np.clip(np.ceil(np.log10(max(abs(low), abs(high)) / width)) + 2, 2, 12))
     value, ends = f"{middle:.{shown}g}", f"[{low:.{shown}g}, {high:.{shown}g}]"

@@ -3,17 +3,20 @@
 import json
 import shlex
 from collections.abc import Iterable, Mapping
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
+from pydantic import ValidationError
 
 from jbw.errors import DataError, reason_of
 from jbw.quantities import BY_NAME, GAINS, Quantity, in_dialect, natural
 from jbw.report.style import plain
 from jbw.report.text import about, quantity, symbol, unit_text
+from jbw.results.run import RunSummary
 from jbw.run.integrity import MARK, SEAL, damaged, unsealed
 from jbw.run.netcdf import read_tree
 
@@ -37,7 +40,7 @@ class PosteriorParameter(NamedTuple):
     truth: float | None
 
 
-def read_result(folder: Path, *groups: str) -> tuple[dict[str, Any], xr.DataTree]:
+def read_result(folder: Path, *groups: str) -> tuple[RunSummary, xr.DataTree]:
     """Read the summary and the posterior of a run's folder; raise a DataError if this fails.
 
     Only `groups` below the root of the posterior's file are read; all groups if none is given.
@@ -46,11 +49,11 @@ def read_result(folder: Path, *groups: str) -> tuple[dict[str, Any], xr.DataTree
         if not (folder / name).is_file():
             raise _unfinished(folder, name)
     try:
-        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-        if not isinstance(summary, Mapping):
+        record = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        if not isinstance(record, Mapping):
             raise ValueError("summary.json holds no table")
-        has_hashes = SEAL in summary
-        summary = unsealed(summary, folder / "posterior.nc")
+        has_hashes = SEAL in record
+        summary = _typed(folder, unsealed(record, folder / "posterior.nc"))
         tree = read_tree(folder / "posterior.nc", *groups)
         if tree.attrs.pop(MARK, None) is not None and not has_hashes:
             raise damaged(folder / "summary.json")
@@ -69,6 +72,27 @@ def read_result(folder: Path, *groups: str) -> tuple[dict[str, Any], xr.DataTree
         ) from cause
     require_finite(tree, folder / "posterior.nc")
     return summary, tree
+
+
+def _typed(folder: Path, record: Mapping[str, Any]) -> RunSummary:
+    """Return the content of `summary.json` in types; raise an error that names its version."""
+    try:
+        return RunSummary.read(record)
+    except ValidationError as cause:
+        first = cause.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        versions = record.get("versions") or {}
+        raise of_another_version(folder, versions, f"{place}: {first['msg']}") from cause
+
+
+def of_another_version(folder: Path, versions: Mapping[str, str], what: str) -> DataError:
+    """Return the error for a run that cannot be read, with the version of jbw that made it."""
+    writer = versions.get("jbw", "unknown") if isinstance(versions, Mapping) else "unknown"
+    return DataError(
+        f"The run in {folder} cannot be read: {what}",
+        why=f"It was made by version {writer} of jbw; this is version {version('jbw')}.",
+        remedy=f"Read it with version {writer}, or identify again: jbw identify CAMPAIGN.toml.",
+    )
 
 
 def require_finite(tree: xr.DataTree, path: Path) -> None:
@@ -151,7 +175,7 @@ def verified(tree: xr.DataTree, attribute: str) -> list[tuple[str, str, xr.Datas
     ]
 
 
-def names_of(tree: xr.DataTree, summary: Mapping[str, Any] | None = None) -> dict[str, Quantity]:
+def names_of(tree: xr.DataTree, summary: RunSummary | None = None) -> dict[str, Quantity]:
     """Return symbol, unit and meaning of each parameter of a run, by name."""
     # Entries that a run of jbw 0.1 lacks come from the present tables; a summary may have steps
     # that the tree lacks.
@@ -166,8 +190,8 @@ def names_of(tree: xr.DataTree, summary: Mapping[str, Any] | None = None) -> dic
                 unit_of(values),
                 meaning if today is None else today.meaning or meaning,
             )
-    for step in ((summary or {}).get("steps") or {}).values():
-        for name in step.get("parameters") or ():
+    for step in () if summary is None else summary.steps.values():
+        for name in step.parameters:
             stem = name.partition("[")[0]
             quantities[stem] = quantity(stem, quantities)
     return quantities

@@ -1,6 +1,5 @@
 """The figures of method studies: comparison of samplers, and ranks of a calibration."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from jbw.report import style
 from jbw.report.messages import figures as labels
 from jbw.report.style import Panels, finish, panels, shade, stacks, title
 from jbw.report.text import number, symbol
+from jbw.results.studies import StoredSamplers
 
 ERRORS = 2.0  # standard errors shown on either side by a bar
 NEAR = 0.3  # standard deviations drawn to scale; larger distances are compressed
@@ -18,9 +18,9 @@ ROW = 0.24  # height of one sampler's line [in]
 STATUS = {"ok": style.GREEN, "failed": style.VERMILLION}
 
 
-def comparison(record: Mapping[str, Any], ax: Any = None) -> Panels:
-    """Draw means and effective draws per second of each sampler, from the record `compare.json`."""
-    names, count = record["parameters"], len(record["samplers"])
+def comparison(record: StoredSamplers, ax: Any = None) -> Panels:
+    """Draw means and effective draws per second of each sampler, as `compare.json` stores them."""
+    names, count = record.parameters, len(record.samplers)
     axes = panels(ax, len(names) + 1, 1, height=(len(names) + 1) * (0.55 + ROW * count))
     for panel, name in zip(axes[:-1, 0], names, strict=True):
         means(record, name, panel)
@@ -28,44 +28,42 @@ def comparison(record: Mapping[str, Any], ax: Any = None) -> Panels:
     return finish(axes, ax)
 
 
-def means(record: Mapping[str, Any], parameter: str, ax: Axes | None = None) -> Axes:
+def means(record: StoredSamplers, parameter: str, ax: Axes | None = None) -> Axes:
     """Plot one parameter's mean by sampler with Monte Carlo errors, relative to the reference.
 
     Bars show +- 2 Monte Carlo errors, in standard deviations of the reference.
     """
     here = _one_line_each(record, ax)
-    truth = record["samplers"][record["reference"]]["parameters"][parameter]
+    reference = record.reference or ""
+    truth = record.samplers[reference].parameters[parameter]
     here.axvline(0.0, color=style.SOFT, lw=0.8)
-    for place, sampler in enumerate(record["samplers"].values()):
-        row = sampler["parameters"][parameter]
-        error = row.get("mcse_mean")
+    for place, sampler in enumerate(record.samplers.values()):
+        row = sampler.parameters[parameter]
         look = {
-            "color": STATUS.get(sampler["verdict"], style.BLUE),
+            "color": STATUS.get(sampler.verdict, style.BLUE),
             "fmt": "o",
             "ms": 4,
             "capsize": 2,
         }
-        away = (row["mean"] - truth["mean"]) / truth["sd"]
-        bar = None if error is None else ERRORS * error / truth["sd"]
-        here.errorbar(away, place, xerr=bar, label=f"verdict {sampler['verdict']}", **look)
+        if row.mean is None or truth.mean is None or not truth.sd:
+            continue
+        away = (row.mean - truth.mean) / truth.sd
+        bar = None if row.mcse_mean is None else ERRORS * row.mcse_mean / truth.sd
+        here.errorbar(away, place, xerr=bar, label=f"verdict {sampler.verdict}", **look)
     _scaled(here)
-    reference = record["reference"].replace("_", " ")
-    title(
-        here,
-        labels.less_mean(symbol(parameter), reference),
-    )
+    title(here, labels.less_mean(symbol(parameter), reference.replace("_", " ")))
     here.set_xlabel(labels.DISTANCE)
     return here
 
 
-def effective_rates(record: Mapping[str, Any], ax: Axes | None = None) -> Axes:
+def effective_rates(record: StoredSamplers, ax: Axes | None = None) -> Axes:
     """Draw effective draws per second of every sampler, compiled and from a cold start."""
     here = _one_line_each(record, ax)
     for shift, kind, colour, label in (
         (-0.18, "warm", style.BLUE, "compiled before"),
         (0.18, "cold", style.SOFT, "compiling included"),
     ):
-        rates = [sampler[f"ess_per_s_{kind}"] for sampler in record["samplers"].values()]
+        rates = [getattr(sampler, f"ess_per_s_{kind}") for sampler in record.samplers.values()]
         measured = [(place + shift, rate) for place, rate in enumerate(rates) if rate]
         if measured:
             heights, values = zip(*measured, strict=True)
@@ -73,19 +71,19 @@ def effective_rates(record: Mapping[str, Any], ax: Axes | None = None) -> Axes:
             here.set_xscale("log")
             least = min(here.get_xlim()[0], *values)
             here.set_xlim(left=10 ** np.floor(np.log10(least)))
-    for place, sampler in enumerate(record["samplers"].values()):
-        if sampler["verdict"] == "failed":
-            text = f"  failed: {', '.join(dict.fromkeys(sampler['failed']))}"
-            rate = sampler["ess_per_s_warm"] or sampler["ess_per_s_cold"] or here.get_xlim()[0]
+    for place, sampler in enumerate(record.samplers.values()):
+        if sampler.verdict == "failed":
+            text = f"  failed: {', '.join(dict.fromkeys(sampler.failed))}"
+            rate = sampler.ess_per_s_warm or sampler.ess_per_s_cold or here.get_xlim()[0]
             here.text(rate, place, text, va="center", fontsize=7, color=style.INK)
     title(here, labels.SPEED)
     here.set_xlabel(labels.RATE)
     return here
 
 
-def _one_line_each(record: Mapping[str, Any], ax: Axes | None) -> Axes:
+def _one_line_each(record: StoredSamplers, ax: Axes | None) -> Axes:
     """Return axes with one line per sampler, the first sampler on top."""
-    names = [name.replace("_", " ") for name in record["samplers"]]
+    names = [name.replace("_", " ") for name in record.samplers]
     here: Axes = panels(ax, 1, 1, height=0.55 + ROW * len(names))[0, 0]
     here.set_yticks(range(len(names)), names)
     here.set_ylim(len(names) - 0.4, -0.6)

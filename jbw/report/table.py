@@ -87,35 +87,41 @@ def table(title: str, rows: Iterable[Any], *columns: Column, note: str = "") -> 
 
 def named(heading: str, names: Names) -> Column:
     """Return a column of parameter names, as symbols on the page and as typed in the terminal."""
-    return Column(
-        heading,
-        lambda row: Cell(symbol(row["name"], names) + row.get("suffix", ""), typed=row["name"]),
-        align="left",
-    )
+
+    def name(row: Any) -> Cell:
+        called = field(row, "name")
+        return Cell(symbol(called, names) + (field(row, "suffix") or ""), typed=called)
+
+    return Column(heading, name, align="left")
 
 
 def words(heading: str, key: str, align: str = "left") -> Column:
     """Return a column of unchanged texts."""
-    return Column(heading, lambda row: str(row[key]), align=align)
+    return Column(heading, lambda row: str(field(row, key)), align=align)
 
 
 def by_sd(heading: str, key: str, **more: Any) -> Column:
     """Return a column of numbers, rounded by their row's standard deviation."""
-    return Column(heading, lambda row: number(row.get(key), row.get("sd")), **more)
+    return Column(heading, lambda row: number(field(row, key), field(row, "sd")), **more)
 
 
 def digits(heading: str, key: str, count: int = 3, place: float = 0, **more: Any) -> Column:
     """Return a column of numbers with `count` digits each, or all to one decimal place."""
-    return Column(heading, lambda row: number(row.get(key), place, count), **more)
+    return Column(heading, lambda row: number(field(row, key), place, count), **more)
 
 
 def shares(heading: str, key: str, missing: str = NOTHING, **more: Any) -> Column:
     """Return a column of ratios in percent."""
 
-    def share(row: Row) -> str:
-        return percent(row.get(key), digits=2).replace(NOTHING, missing)
+    def share(row: Any) -> str:
+        return percent(field(row, key), digits=2).replace(NOTHING, missing)
 
     return Column(heading, share, **more)
+
+
+def field(row: Any, key: str) -> Any:
+    """Return the attribute or entry of a row; None where it has none."""
+    return row.get(key) if isinstance(row, Mapping) else getattr(row, key, None)
 
 
 def print_table(screen: Any, shown: Table) -> None:

@@ -1,8 +1,9 @@
 """The tables of a run: what each column shows of the summary or of the tree."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from itertools import product
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -41,40 +42,40 @@ from jbw.report.text import (
     unit_text,
 )
 from jbw.report.words import badge
+from jbw.results.run import RunSummary, StoredParameter, StoredStep, StoredTest
 
 ROUTE = ("third_order_", "opening_")  # steps 3 and 4 of the paper, with any sampler
 GOOD_R_HAT, FAR = 1.01, 2.576
+SHARES = ("energy_share_at_motion", "loss_share", "softening_share")  # of a joint in a mode
 IN_UNIT = ("map", "mean", "sd", "q005", "q995", "truth")  # numbers in the unit of their row
-Summary = Mapping[str, Any]
 
 
-def main_first(summary: Summary) -> list[tuple[str, Summary]]:
+def main_first(summary: RunSummary) -> list[tuple[str, StoredStep]]:
     """Return the steps of a run, the main one first, with which the others are compared."""
-    steps = (summary.get("steps") or {}).items()
-    return sorted(steps, key=lambda step: step[0] != summary.get("main"))
+    return sorted(summary.steps.items(), key=lambda step: step[0] != summary.main)
 
 
-def step_heading(name: str, summary: Summary) -> str:
+def step_heading(name: str, summary: RunSummary) -> str:
     """Return the heading of a step of the identification; it marks the main step."""
-    return step_name(name) + (" (main result)" if name == summary.get("main") else "")
+    return step_name(name) + (" (main result)" if name == summary.main else "")
 
 
-def of_route(name: str, summary: Summary) -> bool:
+def of_route(name: str, summary: RunSummary) -> bool:
     """Return whether a step belongs to the paper's own route, which is expected to fail."""
-    return name.startswith(ROUTE) and name != summary.get("main")
+    return name.startswith(ROUTE) and name != summary.main
 
 
-def parameters_table(summary: Summary, quantities: Names, *, shown: bool = False) -> Table:
+def parameters_table(summary: RunSummary, quantities: Names, *, shown: bool = False) -> Table:
     """Return the table of parameters: every step with its verdict and all its parameters.
 
     With `shown` frequencies are in Hz and damping ratios in per cent; otherwise in SI.
     """
     sections = []
     for name, step in main_first(summary):
-        rows = [{"name": key, **facts} for key, facts in (step.get("parameters") or {}).items()]
-        rows = [_as_shown(row) if shown else row for row in rows]
-        verdict = Cell(*badge(step["verdict"])) if step.get("verdict") else Cell("")
-        wall = seconds(step.get("wall_time_s")).replace(NOTHING, "")
+        rows = [_as_shown(row) if shown else row for row in step.parameters.values()]
+        status = step.verdict.status
+        verdict = Cell(*badge(status)) if status else Cell("")
+        wall = seconds(step.wall_time_s).replace(NOTHING, "")
         sections.append(Section(rows, name, step_heading(name, summary), verdict, wall))
     columns = (
         named("parameter", quantities),
@@ -91,48 +92,51 @@ def parameters_table(summary: Summary, quantities: Names, *, shown: bool = False
         by_sd("truth", "truth", spared=5),
         Column("z", _z, notes.FROM_TRUTH, spared=4),
     )
-    return Table(f"Campaign {summary.get('campaign', '')}", columns, tuple(sections), of="step")
+    return Table(f"Campaign {summary.campaign}", columns, tuple(sections), of="step")
 
 
-def _as_shown(row: dict[str, Any]) -> dict[str, Any]:
+def _as_shown(row: StoredParameter) -> StoredParameter:
     """Return a parameter's numbers in the unit that the page shows."""
-    shown = shown_as(row["name"], str(row.get("unit") or ""))
-    scaled = {key: shown.factor * row[key] for key in IN_UNIT if row.get(key) is not None}
-    return {**row, **scaled, "unit": shown.unit, "suffix": shown.suffix}
+    shown = shown_as(row.name, row.unit)
+    numbers = {key: getattr(row, key) for key in IN_UNIT}
+    scaled = {key: shown.factor * value for key, value in numbers.items() if value is not None}
+    return row.replaced(**scaled, unit=shown.unit, suffix=shown.suffix)
 
 
-def _unit(row: Summary) -> str:
-    return unit_text(str(row.get("unit") or "")) or "-"
+def _unit(row: StoredParameter) -> str:
+    return unit_text(row.unit) or "-"
 
 
-def _interval(row: Summary) -> str:
-    return " to ".join(number(row.get(end), row.get("sd")) for end in ("q005", "q995"))
+def _interval(row: StoredParameter) -> str:
+    return _to(row.q005, row.q995, row.sd)
 
 
-def _ess(row: Summary) -> str:
-    if row.get("ess_bulk") is None:
+def _to(low: float | None, high: float | None, sd: float | None) -> str:
+    return f"{number(low, sd)} to {number(high, sd)}"
+
+
+def _ess(row: StoredParameter) -> str:
+    if row.ess_bulk is None:
         return NOTHING
-    return f"{number(row['ess_bulk'], 10.0)} / {number(row.get('ess_tail'), 10.0)}"
+    return f"{number(row.ess_bulk, 10.0)} / {number(row.ess_tail, 10.0)}"
 
 
-def _r_hat(row: Summary) -> Cell:
-    value = row.get("r_hat")
-    unmixed = value is not None and not value < GOOD_R_HAT
+def _r_hat(row: StoredParameter) -> Cell:
+    unmixed = row.r_hat is not None and not row.r_hat < GOOD_R_HAT
     # The parameter was sampled, but its R-hat is unknown.
-    unknown = value is None and row.get("ess_bulk") is not None
-    return Cell(number(value, 0.01), "flag" if unmixed or unknown else "")
+    unknown = row.r_hat is None and row.ess_bulk is not None
+    return Cell(number(row.r_hat, 0.01), "flag" if unmixed or unknown else "")
 
 
-def _z(row: Summary) -> Cell:
-    z = row.get("z")
-    return Cell(number(z, 1.0), "flag" if z is not None and abs(z) > FAR else "")
+def _z(row: StoredParameter) -> Cell:
+    return Cell(number(row.z, 1.0), "flag" if row.z is not None and abs(row.z) > FAR else "")
 
 
-def correlation_words(step: Summary, quantities: Names, strong: float = 0.9) -> list[str]:
+def correlation_words(step: StoredStep, quantities: Names, strong: float = 0.9) -> list[str]:
     """Return the strong correlations between the parameters of a step, as texts."""
     pairs = {
         frozenset((first, second)): value
-        for first, row in (step.get("correlation") or {}).items()
+        for first, row in step.correlation.items()
         for second, value in row.items()
         if first != second and value is not None and abs(value) >= strong
     }
@@ -142,36 +146,31 @@ def correlation_words(step: Summary, quantities: Names, strong: float = 0.9) -> 
     ]
 
 
-def table_of_tests(summary: Summary, tree: xr.DataTree | None = None) -> Table:
+def table_of_tests(summary: RunSummary, tree: xr.DataTree | None = None) -> Table:
     """Return the table of a campaign's tests: fitted or held out, with the model's errors.
 
     Where all tests are fitted in the end, the tests that were held out before appear with both
     errors.
     """
     rows = sorted(with_records(every_test(summary, tree)), key=_in_order)
-    before = (summary.get("held_out_answer") or {}).get("predictions") or {}
+    before = [row.replaced(test=name) for name, row in summary.held_out_answer.predictions.items()]
     of_kinds = [
-        {"test": f"all {kind}", "nrmse": row["error"], "rests_on": row["rests_on"]}
-        for kind, row in (summary.get("across_kinds") or {}).items()
+        StoredTest(test=f"all {kind}", nrmse=row.error, rests_on=row.rests_on)
+        for kind, row in summary.across_kinds.items()
     ]
     sides = (
-        ("Fitted", [row for row in rows if row.get("fitted")]),
-        ("Held out", [row for row in rows if not row.get("fitted")]),
-        (
-            notes.HELD_OUT_BEFORE,
-            sorted(({"test": name, **row} for name, row in before.items()), key=_in_order),
-        ),
+        ("Fitted", [row for row in rows if row.fitted]),
+        ("Held out", [row for row in rows if not row.fitted]),
+        (notes.HELD_OUT_BEFORE, sorted(before, key=_in_order)),
     )
     parts = [(f"{word} ({_tests_counted(chosen)})", chosen) for word, chosen in sides if chosen]
     parts += [(notes.ACROSS_KINDS, of_kinds)] if of_kinds else []
     columns = (
         words("test", "test", "left wrap"),
-        Column("kind", lambda row: str(row.get("kind") or "").replace("_", " "), align="left"),
-        Column("session", lambda row: str(row.get("run") or ""), align="left"),
+        Column("kind", lambda row: row.kind.replace("_", " "), align="left"),
+        Column("session", lambda row: row.run or "", align="left"),
         Column("level", level_of),
-        Column(
-            "used as", lambda row: "fitted" if row.get("fitted") else "held out", only="terminal"
-        ),
+        Column("used as", lambda row: "fitted" if row.fitted else "held out", only="terminal"),
         Column("remark", _fitted, align="left"),
         shares(notes.ERROR, "nrmse", ""),
         shares(notes.OWN_FREQUENCY, "nrmse_own_frequency", ""),
@@ -184,107 +183,96 @@ def table_of_tests(summary: Summary, tree: xr.DataTree | None = None) -> Table:
     return Table(notes.TESTS, columns, sections)
 
 
-def every_test(summary: Summary, tree: xr.DataTree | None = None) -> list[dict[str, Any]]:
+def every_test(summary: RunSummary, tree: xr.DataTree | None = None) -> list[StoredTest]:
     """Return every test in the summary, with its prediction error where there is one.
 
     Summaries of earlier versions list no tests; the tests with readings or predictions then count.
     """
-    predicted = dict(summary.get("predictions") or {})
-    listed = summary.get("tests")
+    predicted = dict(summary.predictions)
+    listed = summary.tests
     if listed is None:
         read = None if tree is None else node(tree, "look")
-        every = [] if read is None else [dict(test.attrs) for test in read.children.values()]
-        listed = [{**row, "fitted": int(row["fitted"])} for row in every if "fitted" in row]
-    rows = [{**predicted.pop(row["test"], {}), **row} for row in listed]
-    return [*rows, *({"test": name, **row} for name, row in predicted.items())]
+        groups = () if read is None else read.children.values()
+        every: list[Any] = [test.attrs for test in groups if "fitted" in test.attrs]
+        listed = [StoredTest.read({**row, "fitted": int(row["fitted"])}) for row in every]
+    rows = [predicted.pop(row.test, row).replaced(**row.stated) for row in listed]
+    return [*rows, *(row.replaced(test=name) for name, row in predicted.items())]
 
 
-def tests_of_records(rows: Sequence[Summary]) -> dict[str, Summary]:
+def tests_of_records(rows: Sequence[StoredTest]) -> dict[str, StoredTest]:
     """Return the test of each record that has a separate row, such as a free decay."""
     return {
-        row["test"]: test
+        row.test: test
         for test in rows
-        if test.get("nrmse") is None
+        if test.nrmse is None
         for row in rows
-        if row is not test
-        and row.get("kind") == test.get("kind")
-        and belongs_to(row["test"], test["test"])
+        if row is not test and row.kind == test.kind and belongs_to(row.test, test.test)
     }
 
 
-def with_records(rows: Sequence[Summary]) -> list[dict[str, Any]]:
+def with_records(rows: Sequence[StoredTest]) -> list[StoredTest]:
     """Replace each test's row by the rows of its records, where each record has a row."""
     tests = tests_of_records(rows)
-    replaced = {test["test"] for test in tests.values()}
-    sessions = {
-        name: {"run": test.get("run"), "assembly": test.get("assembly"), "is_record": True}
+    replaced = {test.test for test in tests.values()}
+    of_test = {
+        name: {"run": test.run, "assembly": test.assembly, "is_record": True}
         for name, test in tests.items()
     }
-    return [{**sessions.get(row["test"], {}), **row} for row in rows if row["test"] not in replaced]
+    return [
+        row.replaced(**{**of_test.get(row.test, {}), **row.stated})
+        for row in rows
+        if row.test not in replaced
+    ]
 
 
-def _in_order(row: Summary) -> tuple[Any, ...]:
-    return str(row.get("kind") or ""), about(row.get("level")), natural(str(row["test"]))
+def _in_order(row: StoredTest) -> tuple[Any, ...]:
+    return row.kind, about(row.level), natural(row.test)
 
 
-def _tests_counted(rows: list[dict[str, Any]]) -> str:
-    noun = "record" if any(row.get("is_record") for row in rows) else "test"
+def _tests_counted(rows: Sequence[StoredTest]) -> str:
+    noun = "record" if any(row.is_record for row in rows) else "test"
     return notes.counted(len(rows), noun)
 
 
-def inside(row: Summary) -> str:
+def inside(row: StoredTest) -> str:
     """Return the text on a test's coverage by the predictive band, with the number of values."""
-    if row.get("coverage") is None:
-        return notes.WITHHELD if row.get("withheld") else ""
-    count = row.get("num_values")
-    return percent(row["coverage"]) + ("" if count is None else f" of {count:,.0f}")
+    if row.coverage is None:
+        return notes.WITHHELD if row.withheld else ""
+    count = row.num_values
+    return percent(row.coverage) + ("" if count is None else f" of {count:,.0f}")
 
 
-def level_of(row: Summary) -> str:
+def level_of(row: StoredTest) -> str:
     """Return a test's level with its unit, as text."""
-    if row.get("level") is None:
-        return NOTHING
-    return f"{row['level']:.4g} {unit_text(str(row.get('level_unit') or ''))}".strip()
+    return NOTHING if row.level is None else f"{row.level:.4g} {unit_text(row.level_unit)}".strip()
 
 
-def _fitted(row: Summary) -> str:
+def _fitted(row: StoredTest) -> str:
     """Return a note on a test: partly fitted repeats, or its distance beyond the fitted tests.
 
     For a kind of test it names the parameters that only tests of this kind identify.
     """
-    if needed := row.get("rests_on"):
-        return notes.rests_on(needed)
-    count, fitted = row.get("repeats"), row.get("fitted")
-    if fitted:
-        some = count is not None and int(fitted) < count
-        return f"{fitted} of {count} repeats fitted" if some else ""
-    reach = row.get("extrapolation") or 0.0
+    if row.rests_on:
+        return notes.rests_on(row.rests_on)
+    if row.fitted:
+        some = row.repeats is not None and int(row.fitted) < row.repeats
+        return f"{row.fitted} of {row.repeats} repeats fitted" if some else ""
+    reach = row.extrapolation or 0.0
     if reach <= BEYOND:
         return ""
     return notes.beyond(reach)
 
 
-def routes_table(summary: Summary, quantities: Names) -> Table:
+def routes_table(summary: RunSummary, quantities: Names) -> Table:
     """Return a table that compares the paper's route with the joint posterior, by parameter."""
-    compared = (summary.get("comparison") or {}).get("parameters") or {}
-    facts = [(route, key) for route in ("cut", "joint") for key in ("mean", "sd")]
-    rows = [
-        {"name": name, **row} | {f"{route}_{key}": row[route][key] for route, key in facts}
-        for name, row in compared.items()
-    ]
-
-    def mean(route: str) -> Column:
-        by = (f"{route}_mean", f"{route}_sd")
-        return Column(f"{route}: mean", lambda row: number(row[by[0]], row[by[1]]))
-
     return table(
         notes.ROUTES,
-        rows,
+        summary.comparison.parameters.values(),
         named("parameter", quantities),
-        mean("cut"),
-        digits("cut: sd", "cut_sd", 2),
-        mean("joint"),
-        digits("joint: sd", "joint_sd", 2),
+        Column("cut: mean", lambda row: number(row.cut.mean, row.cut.sd)),
+        Column("cut: sd", lambda row: number(row.cut.sd, digits=2)),
+        Column("joint: mean", lambda row: number(row.joint.mean, row.joint.sd)),
+        Column("joint: sd", lambda row: number(row.joint.sd, digits=2)),
         digits("joint sd /\ncut sd", "sd_ratio", 2),
         digits(notes.CUT_LESS_JOINT, "difference", place=1.0),
     )
@@ -297,20 +285,23 @@ def loops_table(tree: xr.DataTree) -> Table:
     for name, test in parent.children.items() if parent is not None else ():
         for ending, force in (("", "elastic and hysteretic"), ("_viscous", "with viscous")):
             if (areas := enclosed_areas(test.to_dataset(), ending)) is not None:
-                measured, model = MILLI * areas.measured, MILLI * areas.model
-                sd = (model[2] - model[0]) / BAND_SDS
-                ends = {"q005": model[0], "q995": model[2], "sd": sd}
-                rows.append(dict(test=name, force=force, measured=measured, model=model, **ends))
-    return table(
-        notes.LOOPS,
-        rows,
-        words("test", "test", "left wrap"),
-        words("restoring force", "force", "right"),
-        Column("measured [mJ/kg]", _measured_area),
-        Column("model [mJ/kg]\nmedian", lambda row: number(row["model"][1], row["sd"])),
-        Column(notes.MODEL_AREA, _interval),
-        Column("bands\nmeet", _meet),
-    )
+                texts = _areas(MILLI * areas.measured, MILLI * areas.model)
+                rows.append((str(name), force, *texts))
+    headings = (
+        "restoring force", "measured [mJ/kg]", "model [mJ/kg]\nmedian", notes.MODEL_AREA,
+        "bands\nmeet",
+    )  # fmt: skip
+    columns = (Column(heading, itemgetter(i)) for i, heading in enumerate(headings, start=1))
+    return table(notes.LOOPS, rows, Column("test", itemgetter(0), align="left wrap"), *columns)
+
+
+def _areas(measured: np.ndarray, model: np.ndarray) -> tuple[str, str, str, str]:
+    """Return texts of a measured area, the model's median and interval, and whether bands meet."""
+    sd = (model[2] - model[0]) / BAND_SDS
+    low, middle, high = (number(end, sd) for end in measured)
+    own = f"{middle} ({low} to {high})" if measured[0] < measured[2] else middle
+    meet = model[0] <= measured[2] and measured[0] <= model[2]
+    return own, number(model[1], sd), _to(model[0], model[2], sd), "yes" if meet else "no"
 
 
 def joints_table(tree: xr.DataTree) -> Table:
@@ -320,32 +311,25 @@ def joints_table(tree: xr.DataTree) -> Table:
         joints = group.to_dataset()
         for joint, mode in product(joints["joint"].values, joints["mode"].values):
             effect = joints.sel(joint=joint, mode=mode)
+            shares = (_share(effect[name].values) if name in effect else NOTHING for name in SHARES)
             rows.append(
-                {
-                    "joint": str(joint),
-                    "mode": f"{mode}, {float(effect['frequency_hz']):.4g} Hz",
-                    "energy": float(effect["energy_share"]),
-                    "energy_at_motion": (
-                        effect["energy_share_at_motion"].values
-                        if "energy_share_at_motion" in effect
-                        else np.full(3, np.nan)
-                    ),
-                    "losses": effect["loss_share"].values,
-                    "frequency": effect["softening_share"].values,
-                    "verdict": "identified" if bool(effect["identified"]) else "unidentified",
-                }
+                (
+                    str(joint),
+                    f"{mode}, {float(effect['frequency_hz']):.4g} Hz",
+                    percent(float(effect["energy_share"]), digits=2),
+                    *shares,
+                    "identified" if bool(effect["identified"]) else "unidentified",
+                )
             )
-    return table(
-        notes.JOINTS,
-        rows,
-        words("joint", "joint", "left"),
-        words("mode", "mode", "left"),
-        Column("strain energy,\nin full stick", lambda row: percent(row["energy"], digits=2)),
-        Column("strain energy,\nat that motion", lambda row: _share(row["energy_at_motion"])),
-        Column("losses of\nall joints", lambda row: _share(row["losses"])),
-        Column("softening of\nall joints", lambda row: _share(row["frequency"])),
-        words("by itself", "verdict", "left"),
+    headings = (
+        ("joint", "left"), ("mode", "left"), ("strain energy,\nin full stick", "right"),
+        ("strain energy,\nat that motion", "right"), ("losses of\nall joints", "right"),
+        ("softening of\nall joints", "right"), ("by itself", "left"),
+    )  # fmt: skip
+    columns = (
+        Column(heading, itemgetter(i), align=align) for i, (heading, align) in enumerate(headings)
     )
+    return table(notes.JOINTS, rows, *columns)
 
 
 def _share(ends: np.ndarray) -> str:
@@ -354,16 +338,6 @@ def _share(ends: np.ndarray) -> str:
         return NOTHING
     low, middle, high = (f"{100 * end:.3g}" for end in ends)
     return f"{middle} % ({low} to {high})"
-
-
-def _measured_area(row: Summary) -> str:
-    low, middle, high = (number(end, row["sd"]) for end in row["measured"])
-    return f"{middle} ({low} to {high})" if row["measured"][0] < row["measured"][2] else middle
-
-
-def _meet(row: Summary) -> str:
-    (low, _, high), (least, _, most) = row["measured"], row["model"]
-    return "yes" if least <= high and low <= most else "no"
 
 
 def checks_table(tree: xr.DataTree, quantities: Names) -> Table:
@@ -387,7 +361,7 @@ def checks_table(tree: xr.DataTree, quantities: Names) -> Table:
     return table(
         "Checks of the data",
         rows,
-        Column("", lambda row: row[0], align="left"),
+        Column("", itemgetter(0), align="left"),
         Column("", lambda row: row[1] or NOTHING),
         Column("", lambda row: Cell(row[2], "soft"), align="wrap"),
     )

@@ -2,13 +2,14 @@
 
 import re
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from jbw.inference.thresholds import KNOWN, LEARNT, ROUGHLY
 from jbw.quantities import RESIDUAL_TERMS, STUCK, split
 from jbw.report.messages import opening
 from jbw.report.text import NOTHING, Names, number, percent, quantity, raised, symbol
+from jbw.results.run import RunSummary, StoredParameter, StoredVerdict
 
 KINDS = {"ok": "good", "failed": "bad"}
 # Names in sentences that belong to no parameter.
@@ -30,19 +31,18 @@ class Badge(NamedTuple):
     kind: str
 
 
-def badge(verdict: Any) -> Badge:
-    """Return the badge of a verdict, of a status, or of a missing one."""
-    word = str(verdict.get("status", "") if isinstance(verdict, Mapping) else verdict or "")
-    return Badge(word or "not judged", KINDS.get(word, "doubt"))
+def badge(status: str) -> Badge:
+    """Return the badge of a status; an empty status was not judged."""
+    return Badge(status or "not judged", KINDS.get(status, "doubt"))
 
 
-def findings(verdict: Any, quantities: Names) -> list[dict[str, Any]]:
+def findings(verdict: StoredVerdict, quantities: Names) -> list[dict[str, Any]]:
     """Return a verdict's findings, worst first; findings with the same remedy are grouped."""
     groups: dict[tuple[str, ...], dict[str, Any]] = {}
-    for finding in verdict.get("findings", []) if isinstance(verdict, Mapping) else []:
-        status, action = (str(finding.get(name) or "") for name in ("status", "action"))
-        reason = str(finding.get("reason") or finding.get("code") or "")
-        value = number(finding.get("number"))
+    for finding in verdict.findings:
+        status, action = finding.status, finding.action
+        reason = finding.reason or finding.code
+        value = number(finding.number)
         # The number of a finding is added to a reason that contains no number.
         if value != NOTHING and not any(letter.isdigit() for letter in reason):
             reason = f"{reason} ({value})"
@@ -101,45 +101,44 @@ def combination(text: str, quantities: Names) -> str:
     )
 
 
-def unseen_hysteresis(summary: Mapping[str, Any]) -> str | None:
+def unseen_hysteresis(verdict: StoredVerdict) -> str | None:
     """Return the reason why a run shows no hysteresis, or None."""
-    against = (summary.get("verdict") or {}).get("findings") or ()
-    reasons = (row["reason"] for row in against
-               if row["code"] == "no_hysteresis" and row["status"] != "ok")  # fmt: skip
+    reasons = (finding.reason for finding in verdict.against if finding.code == "no_hysteresis")
     return next(reasons, None)
 
 
-def grades(summary: Mapping[str, Any]) -> dict[str, int]:
+def grades(summary: RunSummary) -> dict[str, int]:
     """Return the grade of each parameter of the main posterior, as index of `opening.GRADES`.
 
     If no hysteresis is seen, its parameters have at best the grade "poorly", whatever their
     intervals are. So does a parameter whose interval ends at a bound, and one determined only by a
     product with it.
     """
-    main = (summary.get("steps") or {}).get(summary.get("main")) or {}
-    is_empty = unseen_hysteresis(summary) is not None
-    findings = (summary.get("verdict") or {}).get("findings") or ()
-    ended = {f.get("of") for f in findings if f["code"] == TRUNCATED and f["status"] != "ok"}
-    rows = main.get("parameters") or {}
+    is_empty = unseen_hysteresis(summary.verdict) is not None
+    ended = {finding.of for finding in summary.verdict.against if finding.code == TRUNCATED}
+    rows = summary.parameters
     ended |= {name for name in rows if any(f"{other}_{name}" in rows for other in ended)}
     graded = {}
-    for name, facts in rows.items():
-        cv, kl = facts.get("cv"), facts.get("kl")
-        if name.startswith(UNCOUNTED) or cv is None:
+    for name, row in rows.items():
+        if name.startswith(UNCOUNTED) or row.cv is None:
             continue
-        size = abs(cv)
-        grade = 0 if size <= KNOWN else 1 if size <= ROUGHLY else 2
+        grade = 0 if row.variation <= KNOWN else 1 if row.variation <= ROUGHLY else 2
         if name in ended or (is_empty and name not in LINEAR_NAMES):
             grade = 2
-        graded[name] = 3 if kl is not None and kl < LEARNT else grade
+        graded[name] = 3 if is_of_prior(row) else grade
     return graded
 
 
-def identified_words(summary: Mapping[str, Any], quantities: Names) -> list[str]:
+def is_of_prior(row: StoredParameter) -> bool:
+    """Return whether the prior alone determines a parameter: the data add almost nothing."""
+    return row.kl is not None and row.kl < LEARNT
+
+
+def identified_words(summary: RunSummary, quantities: Names) -> list[str]:
     """Return sentences on parameters by grade: known (5 %), roughly (30 %), or prior only."""
     groups: dict[int, list[str]] = {}
     for name, grade in grades(summary).items():
-        size = abs(summary["steps"][summary["main"]]["parameters"][name]["cv"])
+        size = summary.parameters[name].variation
         meaning = quantity(name, quantities).meaning.partition(",")[
             0
         ]  # The meaning of a product is shown without its formula.

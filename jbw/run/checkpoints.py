@@ -10,10 +10,11 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from operator import itemgetter
 from pathlib import Path
 from time import perf_counter
 from types import FrameType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -78,13 +79,6 @@ class Interruption:
         heard.close()
 
 
-class Generation(NamedTuple):
-    """The content of a checkpoint: how many were written before it, and its arrays."""
-
-    number: int
-    arrays: dict[str, np.ndarray]
-
-
 def pack(number: int, arrays: Mapping[str, np.ndarray]) -> bytes:
     """Return a checkpoint as bytes: a line with the hash of the rest, the number, the arrays."""
     stream = io.BytesIO()
@@ -93,14 +87,14 @@ def pack(number: int, arrays: Mapping[str, np.ndarray]) -> bytes:
     return b"%s %s\n" % (MAGIC, hashlib.sha256(content).hexdigest().encode()) + content
 
 
-def unpack(content: bytes) -> Generation | None:
-    """Return a checkpoint from its bytes; None if they are incomplete or changed."""
+def unpack(content: bytes) -> tuple[int, dict[str, np.ndarray]] | None:
+    """Return a checkpoint's number and arrays from its bytes; None where these are damaged."""
     head, _, rest = content.partition(b"\n")
     if head != b"%s %s" % (MAGIC, hashlib.sha256(rest).hexdigest().encode()):
         return None
     number, _, arrays = rest.partition(b"\n")
     with np.load(io.BytesIO(arrays), allow_pickle=False) as stored:
-        return Generation(int(number), {name: stored[name] for name in stored.files})
+        return int(number), {name: stored[name] for name in stored.files}
 
 
 class Checkpoint:
@@ -126,9 +120,7 @@ class Checkpoint:
     def load(self) -> dict[str, np.ndarray] | None:
         """Return the arrays of the last intact checkpoint, or None; warn of damaged files."""
         contents = [path.read_bytes() for path in self._files if path.exists()]
-        intact = sorted(
-            filter(None, map(unpack, contents)), key=lambda generation: generation.number
-        )
+        intact = sorted(filter(None, map(unpack, contents)), key=itemgetter(0))
         if len(intact) < len(contents):
             warnings.warn(
                 messages.damaged_checkpoint(
@@ -138,8 +130,9 @@ class Checkpoint:
             )
         if not intact:
             return None
-        self._number = intact[-1].number + 1
-        return intact[-1].arrays
+        number, arrays = intact[-1]
+        self._number = number + 1
+        return arrays
 
     def grown(self, so_far: Any) -> None:
         """Report the progress of the chains."""

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 from jbw.errors import ConfigError, DataError, RunError
 from jbw.report.messages.run import RESTORE
@@ -27,15 +27,8 @@ def versions() -> dict[str, str]:
     return {**here, "jbw": f"{here['jbw']} (sources {sources_of('jbw')})"}
 
 
-class Machine(TypedDict):
-    """The computer of a run: its name and its number of processors."""
-
-    name: str
-    processors: str
-
-
-def machine() -> Machine:
-    """Return the properties of the computer that may change the last digit of a draw."""
+def machine() -> dict[str, str]:
+    """Return the machine's name and number of processors, which may affect a draw's last bit."""
     return {"name": platform.node(), "processors": str(os.cpu_count())}
 
 
@@ -60,7 +53,7 @@ class Manifest:
     # SHA-256 of every data file by its path, relative to the campaign's folder if inside it
     inputs: dict[str, str] | None = None
     versions: dict[str, str] = field(default_factory=versions)
-    machine: Machine = field(default_factory=machine)
+    machine: dict[str, str] = field(default_factory=machine)
 
 
 def write_manifest(path: Path, manifest: Manifest) -> None:

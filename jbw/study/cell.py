@@ -2,9 +2,7 @@
 
 import io
 from base64 import b64encode
-from collections.abc import Mapping
 from html import escape
-from typing import Any
 
 import xarray as xr
 
@@ -14,22 +12,22 @@ from jbw.report.messages.opening import BACKBONE_PICTURE, GRADES
 from jbw.report.opening import MOST_SHOWN, with_interval
 from jbw.report.result import BACKBONE, node
 from jbw.report.words import grades
+from jbw.results.run import RunSummary
 
 HEADINGS = ("parameter", "mean", "99 % interval", "unit", "")
 DPI = 80  # The bytes of the picture are stored in the notebook.
 
 
-def page_of(record: Mapping[str, Any], tree: xr.DataTree) -> str:
+def page_of(summary: RunSummary, tree: xr.DataTree) -> str:
     """Return a study's notebook cell as HTML: campaign, parameters and backbone."""
-    title = f"<p>Study of {escape(str(record.get('campaign', '')))}</p>"
-    return title + _parameters(record) + _picture(tree)
+    title = f"<p>Study of {escape(summary.campaign)}</p>"
+    return title + _parameters(summary) + _picture(tree)
 
 
-def _parameters(record: Mapping[str, Any]) -> str:
-    graded = grades(record)
+def _parameters(summary: RunSummary) -> str:
+    graded, rows = grades(summary), summary.parameters
     if not graded:
         return "<p>no parameter is known</p>"
-    rows = record["steps"][record["main"]]["parameters"]
     lines = [f"<tr>{''.join(f'<th>{heading}</th>' for heading in HEADINGS)}</tr>"]
     for name in list(graded)[:MOST_SHOWN]:
         grade = GRADES[graded[name]].partition(",")[0].lower()

@@ -25,7 +25,6 @@ so that it must agree between modes that share one joint.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,7 +37,6 @@ from scipy import stats
 from jbw.errors import ConfigError
 from jbw.identification.joint_answers import JOINTS
 from jbw.inference.posterior.summary import QUANTILES, evenly_spaced, scalars
-from jbw.inference.thresholds import LEARNT
 from jbw.oscillator.laws import laws_named, quantities_of
 from jbw.oscillator.parameters import Monomial
 from jbw.quantities import (
@@ -53,7 +51,9 @@ from jbw.quantities import (
 from jbw.report.messages import differences as messages
 from jbw.report.result import read_result, unit_of
 from jbw.report.text import interval, number, typed
-from jbw.report.words import UNCOUNTED
+from jbw.report.words import UNCOUNTED, is_of_prior
+from jbw.results.differences import ComparedJoint, ComparedQuantity, ComparedRun, RunDifference
+from jbw.results.run import RunSummary
 from jbw.verification.backbone import curves
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
@@ -77,21 +77,15 @@ class FinishedRun(NamedTuple):
 
     name: str
     folder: Path
-    summary: Mapping[str, Any]
+    summary: RunSummary
     tree: xr.DataTree
     basis: Basis
 
 
-@dataclass(frozen=True)
-class Difference:
-    """The comparison of two runs: numbers and sentences in `record`, and both runs' `backbones`."""
-
-    record: dict[str, Any]
-    backbones: xr.Dataset | None
-
-
-def differences(first: Path, second: Path) -> Difference:
+def differences(first: Path, second: Path) -> tuple[RunDifference, xr.Dataset | None]:
     """Compare the parameters, frequencies and damping of two finished runs.
+
+    The second value contains both runs' backbones; None where a run has none.
 
     Raises:
         ConfigError: The runs have different laws, or quantities in different units.
@@ -101,42 +95,37 @@ def differences(first: Path, second: Path) -> Difference:
     parameters, apart = _parameters(first_run, second_run)
     joints = changed_joints(_drawn(first_run), _drawn(second_run), first_run.basis.laws)
     backbones, rows = _along_amplitude(first_run, second_run)
-    record = {
-        "runs": {
-            run.name: {
-                "folder": str(run.folder),
-                "campaign": str(run.summary.get("campaign", "")),
-                "verdict": (run.summary.get("verdict") or {}).get("status", ""),
-                "model_adequacy": _model_adequacy(run.summary),
-                "largest_displacement": run.basis.y_peak,
-            }
-            for run in (first_run, second_run)
-        },
-        "laws": list(first_run.basis.laws),
-        "parameters": parameters,
-        "backbone": rows,
-        **({"joints": joints} if joints else {}),
+    runs = {
+        run.name: ComparedRun(
+            folder=str(run.folder),
+            campaign=run.summary.campaign,
+            verdict=run.summary.verdict.status,
+            model_adequacy=run.summary.verdict.answer("law"),
+            largest_displacement=run.basis.y_peak,
+        )
+        for run in (first_run, second_run)
     }
+    record = RunDifference(
+        runs=runs, laws=list(first_run.basis.laws), parameters=parameters, backbone=rows
+    )
+    record = record.replaced(joints=joints) if joints else record
     sentences = _statements(record, first_run, second_run, apart)
-    return Difference(record | {"statements": sentences}, backbones)
+    return record.replaced(statements=sentences), backbones
 
 
-def _model_adequacy(summary: Mapping[str, Any]) -> str:
-    """Return the verdict's status on whether the model fits the data; empty if not assessed."""
-    answers = (summary.get("verdict") or {}).get("answers") or {}
-    return str((answers.get("law") or {}).get("status", ""))
-
-
-def compared(a: Float[np.ndarray, " draw"], b: Float[np.ndarray, " other"]) -> dict[str, Any]:
+def compared(
+    a: Float[np.ndarray, " draw"], b: Float[np.ndarray, " other"], **named: Any
+) -> ComparedQuantity:
     """Return the intervals of A, B and A - B, and the probability P(A > B), from draws."""
     below = np.searchsorted(np.sort(b), a, "left") + np.searchsorted(np.sort(b), a, "right")
     away = np.subtract.outer(a, b).ravel()
-    return {
-        "a": np.quantile(a, QUANTILES).tolist(),
-        "b": np.quantile(b, QUANTILES).tolist(),
-        "difference": np.quantile(away, QUANTILES).tolist(),
-        "probability": float(np.mean(below) / (2 * len(b))),
-    }
+    return ComparedQuantity(
+        a=np.quantile(a, QUANTILES).tolist(),
+        b=np.quantile(b, QUANTILES).tolist(),
+        difference=np.quantile(away, QUANTILES).tolist(),
+        probability=float(np.mean(below) / (2 * len(b))),
+        **named,
+    )
 
 
 def _opened(name: str, folder: Path) -> FinishedRun:
@@ -172,20 +161,24 @@ def _shared(first: FinishedRun, second: FinishedRun) -> list[str]:
     return both
 
 
-def _parameters(first: FinishedRun, second: FinishedRun) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return one comparison row per parameter of both runs, and the names that only one run has."""
+def _parameters(
+    first: FinishedRun, second: FinishedRun
+) -> tuple[list[ComparedQuantity], list[str]]:
+    """Return one comparison row per shared parameter of two runs, and the unshared names."""
     drawn = [_drawn(run) for run in (first, second)]
-    rows: list[dict[str, Any]] = []
+    rows: list[ComparedQuantity] = []
     for name in _shared(first, second):
         a, b = (draws[name] for draws in drawn)
-        of_prior = [run.name for run in (first, second) if _is_of_prior(run, name)]
+        both = [(run.name, run.summary.parameters.get(name)) for run in (first, second)]
+        of_prior = [run for run, row in both if row is not None and is_of_prior(row)]
         unit = unit_of(first.basis.posterior[name])
-        rows.append({"name": name, "unit": unit, **compared(a, b), "of_prior": of_prior})
+        rows.append(compared(a, b, name=name, unit=unit, of_prior=of_prior))
     for ratio in ratios(first.basis.laws):
         a, b = (of_draws(ratio, draws) for draws in drawn)
         if a is not None and b is not None:
-            facts = {"name": ratio.ratio.name, "unit": ratio.ratio.quantity.unit, "of_prior": []}
-            rows.append({**facts, **compared(a, b), "two_modes": are_two_modes(*drawn)})
+            name, unit = ratio.ratio.name, ratio.ratio.quantity.unit
+            two_modes = are_two_modes(*drawn)
+            rows.append(compared(a, b, name=name, unit=unit, of_prior=[], two_modes=two_modes))
     unshared = [
         name for name in drawn[0].keys() ^ drawn[1].keys() if not name.startswith(UNCOUNTED)
     ]
@@ -219,17 +212,10 @@ def _between_words(runs: Sequence[FinishedRun]) -> list[str]:
     return [messages.records_scatter(spreads)] if spreads else []
 
 
-def _is_of_prior(run: FinishedRun, name: str) -> bool:
-    """Return whether the prior alone determines a parameter: the data add almost nothing."""
-    main = (run.summary.get("steps") or {}).get(run.summary.get("main")) or {}
-    kl = ((main.get("parameters") or {}).get(name) or {}).get("kl")
-    return kl is not None and kl < LEARNT
-
-
 def _along_amplitude(
     first: FinishedRun, second: FinishedRun
-) -> tuple[xr.Dataset | None, list[dict[str, Any]]]:
-    """Return both runs' bands of frequency and damping, at amplitudes that both runs fitted."""
+) -> tuple[xr.Dataset | None, list[ComparedQuantity]]:
+    """Return both runs' bands of frequency and damping at amplitudes that both fitted."""
     y_peak = min(run.basis.y_peak for run in (first, second))
     needed = set(parameter_names(first.basis.laws)) - {INPUT}
     drawn = [run.basis.thinned(NUM_CARRIED) for run in (first, second)]
@@ -244,8 +230,7 @@ def _along_amplitude(
     for place, (name, unit) in enumerate((("frequency", "Hz"), ("damping", "1"))):
         a, b = carried[0][place], carried[1][place]
         rows += [
-            {"name": name, "unit": unit, "amplitude": float(amplitude[i])}
-            | compared(a[:, i], b[:, i])
+            compared(a[:, i], b[:, i], name=name, unit=unit, amplitude=float(amplitude[i]))
             for i in TOLD
         ]
         both = np.stack([np.quantile(x, QUANTILES, axis=0) for x in (a, b)])
@@ -259,14 +244,14 @@ def _along_amplitude(
 
 
 def _statements(
-    record: Mapping[str, Any], first: FinishedRun, second: FinishedRun, unshared: Sequence[str]
+    record: RunDifference, first: FinishedRun, second: FinishedRun, unshared: Sequence[str]
 ) -> list[str]:
     """Return all sentences on a comparison of two runs: differences, equality and limits."""
-    rows, runs = record["parameters"], record["runs"]
-    identified = [row for row in rows if not row["of_prior"]]
+    rows, runs = record.parameters, record.runs
+    identified = [row for row in rows if not row.of_prior]
     sure = [row for row in identified if _is_sure(row)]
-    sentences = joint_statements(record.get("joints", ()))
-    factors = list(motion_factors_in(row["name"] for row in rows))
+    sentences = joint_statements(record.joints)
+    factors = list(motion_factors_in(row.name for row in rows))
     if factors and sentences:
         sentences.append(messages.factors_apart(factors))
     homes = _homes(first), _homes(second)
@@ -276,20 +261,18 @@ def _statements(
         if home != homes[1].get(joints, home)
     ]
     sentences += [_differs(row) for row in sure] or [messages.NONE_DIFFERS]
-    if rest := [row["name"] for row in identified if row not in sure]:
+    if rest := [row.name for row in identified if row not in sure]:
         sentences.append(messages.may_be_same(rest))
-    if of_prior := {row["name"]: row["of_prior"] for row in rows if row["of_prior"]}:
+    if of_prior := {row.name: row.of_prior for row in rows if row.of_prior}:
         sentences.append(messages.of_prior(of_prior))
-    sentences += [
-        _shared_joint_sentence(row, sure=_is_sure(row)) for row in rows if row.get("two_modes")
-    ]
-    sentences += [_differs(row) for row in record["backbone"][len(TOLD) - 1 :: len(TOLD)]]
+    sentences += [_shared_joint_sentence(row, sure=_is_sure(row)) for row in rows if row.two_modes]
+    sentences += [_differs(row) for row in record.backbone[len(TOLD) - 1 :: len(TOLD)]]
     if unshared:
         sentences.append(messages.only_one(unshared))
-    verdicts = {name: run["verdict"] for name, run in runs.items()}
+    verdicts = {name: run.verdict for name, run in runs.items()}
     unusable = {name: word for name, word in verdicts.items() if word not in ("ok", "usable")}
     sentences += [messages.not_usable(name, word) for name, word in unusable.items()]
-    inadequate = [name for name, run in runs.items() if run["model_adequacy"] not in ("ok", "")]
+    inadequate = [name for name, run in runs.items() if run.model_adequacy not in ("ok", "")]
     if sure and inadequate:
         sentences.append(messages.inadequate(inadequate))
     both = (first, second)
@@ -313,16 +296,17 @@ def _homes(run: FinishedRun) -> dict[str, str]:
     return homes
 
 
-def _is_sure(row: Mapping[str, Any]) -> bool:
-    return max(row["probability"], 1 - row["probability"]) > SURE
+def _is_sure(row: ComparedQuantity) -> bool:
+    return max(row.probability, 1 - row.probability) > SURE
 
 
-def _differs(row: Mapping[str, Any]) -> str:
+def _differs(row: ComparedQuantity) -> str:
     """Return the sentence on the difference of one quantity between two runs, with its interval."""
-    unit = "" if row["unit"] in ("", "1") else f" {row['unit']}"
-    place = f" at {number(row['amplitude'])} m" if "amplitude" in row else ""
-    difference = f"{interval(*row['difference'], sd=0.5)}{unit}"
-    return messages.differs(typed(f"{row['name']}{place}"), difference, sure=_is_sure(row))
+    unit = "" if row.unit in ("", "1") else f" {row.unit}"
+    place = "" if row.amplitude is None else f" at {number(row.amplitude)} m"
+    low, middle, high = row.difference
+    difference = f"{interval(low, middle, high, sd=0.5)}{unit}"
+    return messages.differs(typed(f"{row.name}{place}"), difference, sure=_is_sure(row))
 
 
 def _scatter_words(runs: Sequence[FinishedRun]) -> str:
@@ -339,8 +323,8 @@ def _scatter_words(runs: Sequence[FinishedRun]) -> str:
     return messages.sessions_scatter(spreads) if spreads else messages.ONE_ASSEMBLY
 
 
-def changed_joints(first: Draws, second: Draws, laws: Sequence[str]) -> list[dict[str, Any]]:
-    """Test each joint for a change between two runs; return one row of a chi-square test per joint.
+def changed_joints(first: Draws, second: Draws, laws: Sequence[str]) -> list[ComparedJoint]:
+    """Return which joints have changed between two runs: one row of a chi-square test per joint.
 
     Args:
         first: Draws of the first run's parameters, by parameter name.
@@ -358,13 +342,13 @@ def changed_joints(first: Draws, second: Draws, laws: Sequence[str]) -> list[dic
         p = float(stats.chi2.sf(square, degrees)) if degrees else 1.0
         has_changed = p < BY_CHANCE / len(groups)
         rows.append(
-            {
-                "joint": " and ".join(joints),
-                "chi_square": square,
-                "degrees_of_freedom": degrees,
-                "p": p,
-                "changed": has_changed,
-            }
+            ComparedJoint(
+                joint=" and ".join(joints),
+                chi_square=square,
+                degrees_of_freedom=degrees,
+                p=p,
+                changed=has_changed,
+            )
         )
     return rows
 
@@ -389,14 +373,14 @@ def _distance(first: Draws, second: Draws, names: Sequence[str]) -> tuple[float,
     return float((away / std) @ np.linalg.solve(correlation, away / std)), len(varying)
 
 
-def joint_statements(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+def joint_statements(rows: Sequence[ComparedJoint]) -> list[str]:
     """Return the sentences on joints that have changed and on joints that may be unchanged."""
     sentences = [
-        messages.joint_changed(row["joint"], row["chi_square"], row["degrees_of_freedom"])
+        messages.joint_changed(row.joint, row.chi_square, row.degrees_of_freedom)
         for row in rows
-        if row["changed"]
+        if row.changed
     ]
-    if rest := {row["joint"]: row["p"] for row in rows if not row["changed"]}:
+    if rest := {row.joint: row.p for row in rows if not row.changed}:
         sentences.append(messages.joints_may_be_same(rest))
     return sentences
 
@@ -446,7 +430,6 @@ def are_two_modes(first: Draws, second: Draws) -> bool:
     return len(both) == 2 and max(both) > APART * min(both)
 
 
-def _shared_joint_sentence(row: Mapping[str, Any], *, sure: bool) -> str:
-    """Return the sentence on whether two modes may share one joint, from the ratio of products."""
-    a, b = interval(*row["a"]), interval(*row["b"])
-    return messages.one_joint(row["name"], a, b, sure=sure)
+def _shared_joint_sentence(row: ComparedQuantity, *, sure: bool) -> str:
+    """Return the sentence on whether two modes may share one joint, from the row of a ratio."""
+    return messages.one_joint(row.name, interval(*row.a), interval(*row.b), sure=sure)

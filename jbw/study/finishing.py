@@ -21,6 +21,7 @@ from jbw.inference.samplers.chunked_run import Keep
 from jbw.report.messages import stages as messages
 from jbw.report.messages.instruments import BESIDE_MATRICES
 from jbw.report.opening import opening
+from jbw.results.run import HeldOutAnswer, RunSummary, StoredTest
 from jbw.study.assembly_group import GROUP as ASSEMBLY
 from jbw.study.assembly_group import assembly_group
 from jbw.study.comparisons import Comparisons
@@ -30,11 +31,10 @@ from jbw.study.look import look_groups
 from jbw.study.order import Order
 from jbw.study.prepared import PreparedTests
 from jbw.study.study import Study
-from jbw.study.summary import record_of, steps_group, verdict_record, widened_by_instruments
+from jbw.study.summary import record_of, steps_group, widened_by_instruments
 from jbw.verification.predictive_basis import AS_RECORDED
 
 Once = Callable[[Campaign, Keep], Study]
-HELD_OUT = "held_out_answer"  # key of the held-out tests' result in summary.json
 
 
 def finished_study(
@@ -55,14 +55,16 @@ def finished_study(
     groups = measured_groups(order, prepared, comparisons.tree, wide)
     groups |= free_law_groups(comparisons.without_form)
     tree = xr.DataTree.from_dict(groups)
-    facts = record_of(order, measured, identification, tree, compared=comparisons.routes, wide=wide)
-    facts |= {"look": prepared.look.record, **(notes or {})}
-    record = {**facts, "opening": list(opening(facts, tree))}
-    groups["/procedure"] = steps_group(record)
+    summary = record_of(
+        order, measured, identification, tree, compared=comparisons.routes, wide=wide,
+        look=prepared.look.record, **(notes or {}),
+    )  # fmt: skip
+    groups["/procedure"] = steps_group(summary)
+    more: dict[str, Any] = {"opening": opening(summary, tree)}
     if (known := comparisons.identifiability) is not None:
         groups["/identifiability"] = as_group(known)
-        record["identifiability"] = known.summary()
-    record["wall_time_s"] = round(perf_counter() - order.started, 2)
+        more["identifiability"] = known.stored()
+    record = summary.replaced(**more, wall_time_s=round(perf_counter() - order.started, 2)).plain()
     return Study(xr.DataTree.from_dict(groups), record, order.campaign, identification)
 
 
@@ -110,7 +112,7 @@ def for_use(once: Once, campaign: Campaign, keep: Keep, report: Report) -> Study
     """
     settings = campaign.settings.model_copy(update={"final": False})
     held = once(replace(campaign, settings=settings), keep)
-    if not held_out(held.record):
+    if not held_out(held.result):
         report(messages.NONE_HELD_OUT)
         return held
     report(messages.FITTING_FOR_USE)
@@ -118,27 +120,23 @@ def for_use(once: Once, campaign: Campaign, keep: Keep, report: Report) -> Study
     return with_held_out(once(every, lambda name: keep(f"final_{name}")), held)
 
 
-def held_out(record: Mapping[str, Any]) -> dict[str, Any]:
+def held_out(summary: RunSummary) -> dict[str, StoredTest]:
     """Return the predictions of the held-out tests, by test name."""
-    predictions = record.get("predictions") or {}
-    return {name: row for name, row in predictions.items() if not row["fitted"]}
+    return {name: row for name, row in summary.predictions.items() if not row.fitted}
 
 
 def with_held_out(final: Study, held: Study) -> Study:
-    """Return the study that fits all tests, with an earlier one's predictions of held-out tests."""
-    verdict = adequate_as(held.verdict, final.verdict)
-    before = {
-        "verdict": held.record["verdict"]["status"],
-        "predictions": held_out(held.record),
-        "parameters": held.record["steps"][held.record["main"]]["parameters"],
-    }
-    wall_time = held.record["wall_time_s"] + final.record["wall_time_s"]
-    record = final.record | {
-        "verdict": verdict_record(verdict),
-        HELD_OUT: before,
-        "wall_time_s": round(wall_time, 2),
-    }
-    return replace(final, record=record)
+    """Return the study that fits all tests, with the predictions that an earlier study held out."""
+    first, last = held.result, final.result
+    before = HeldOutAnswer(
+        verdict=first.verdict.status, predictions=held_out(first), parameters=first.parameters
+    )
+    summary = last.replaced(
+        verdict=adequate_as(held.verdict, final.verdict).stored(),
+        held_out_answer=before,
+        wall_time_s=round((first.wall_time_s or 0.0) + (last.wall_time_s or 0.0), 2),
+    )
+    return replace(final, record=summary.plain())
 
 
 def adequate_as(held: Verdict, final: Verdict) -> Verdict:

@@ -1,7 +1,7 @@
 """The numbers of a study as pandas data frames: parameters, backbone and predictions."""
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -9,6 +9,8 @@ import xarray as xr
 from jbw.errors import ConfigError, DataError, did_you_mean
 from jbw.identification.joint_answers import BACKBONES
 from jbw.report.result import BACKBONE, FREE_LAW, branch, node
+from jbw.results.run import RunSummary
+from jbw.results.stored import Stored
 
 if TYPE_CHECKING:  # The import takes half a second.
     from pandas import DataFrame
@@ -18,20 +20,20 @@ ENDS = ("low", "", "high")
 PARAMETERS = ("unit", "mean", "sd", "cv", "q005", "q995", "map", "kl", "ess_bulk", "r_hat")
 
 
-def parameter_frame(record: Mapping[str, Any], step: str | None) -> "DataFrame":
+def parameter_frame(summary: RunSummary, step: str | None) -> "DataFrame":
     """Return a data frame with one row per parameter of a step of the identification.
 
     The main step is used when `step` is None.
     """
-    steps = record.get("steps") or {}
-    name = record.get("main") if step is None else step
+    steps = summary.steps
+    name = summary.main if step is None else step
     if name not in steps:
         listed = ", ".join(steps) or "none"
         raise ConfigError(
             f"Argument `step` must be a step of the run, but is {name!r}.",
             remedy=f"{did_you_mean(str(name), steps)}Its steps: {listed}.",
         )
-    return _frame(steps[name].get("parameters") or {}, PARAMETERS, "parameter")
+    return _frame(steps[name].parameters, PARAMETERS, "parameter")
 
 
 def backbone_frame(tree: xr.DataTree) -> "DataFrame":
@@ -86,17 +88,17 @@ def _bands(amplitude: xr.DataArray, frequency: xr.DataArray, damping: xr.DataArr
     return DataFrame(columns, index=Index(np.asarray(amplitude, float), name="amplitude_m"))
 
 
-def prediction_frame(record: Mapping[str, Any]) -> "DataFrame":
-    """Return the error and coverage of each test's prediction, one row per test."""
-    predicted = record.get("predictions") or {}
-    columns = dict.fromkeys(key for row in predicted.values() for key in row)
-    return _frame(predicted, columns, "test")
+def prediction_frame(summary: RunSummary) -> "DataFrame":
+    """Return a data frame of prediction errors and coverage, with one row per predicted test."""
+    columns = dict.fromkeys(key for row in summary.predictions.values() for key in row.plain())
+    return _frame(summary.predictions, columns, "test")
 
 
-def _frame(rows: Mapping[str, Any], columns: Iterable[str], of: str) -> "DataFrame":
-    """Return a data frame from its rows, without columns that are empty in all rows."""
+def _frame(rows: Mapping[str, Stored], columns: Iterable[str], of: str) -> "DataFrame":
+    """Return a data frame from rows by name, without columns that are empty in all rows."""
     from pandas import DataFrame, Index
 
-    kept = [c for c in columns if any(row.get(c) is not None for row in rows.values())]
-    values = [[row.get(column) for column in kept] for row in rows.values()]
+    stated = [row.plain() for row in rows.values()]
+    kept = [c for c in columns if any(row.get(c) is not None for row in stated)]
+    values = [[row.get(column) for column in kept] for row in stated]
     return DataFrame(values, index=Index(list(rows), name=of), columns=Index(kept))

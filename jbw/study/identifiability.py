@@ -36,6 +36,7 @@ from jbw.inference.space.box import Product, alone, require_float64, value_of
 from jbw.inference.space.stated import as_wide
 from jbw.observables.dataset import stacked
 from jbw.report.messages import identified
+from jbw.results.run import StoredIdentifiability
 
 logger = logging.getLogger("jbw")
 # A start whose final cost exceeds the lowest one by less than this fraction found the optimum.
@@ -64,6 +65,10 @@ class Identifiability:
 
     def summary(self) -> dict[str, Any]:
         """Return plain values for `identifiability` in summary.json; None for an unknown number."""
+        return self.stored().plain()
+
+    def stored(self) -> StoredIdentifiability:
+        """Return the result as a run's summary stores it."""
         costs, names = self.fitted.fit.waterfall, self.information.names
         facts = ("value", "sd", "relative", "ratio")
         rows = {
@@ -85,7 +90,7 @@ class Identifiability:
             name: {part: np.asarray(getattr(profile, part)).tolist() for part in parts}
             for name, profile in self.profiles.items()
         }
-        return {
+        record = {
             "statements": list(self.statements),
             "spectrum": spectrum,
             "parameters": {name: rows[name] for name in names},
@@ -98,6 +103,7 @@ class Identifiability:
             "profiles": followed,
             "waterfall": {"costs": [plain(cost) for cost in costs], "reached": reached(costs)},
         }
+        return StoredIdentifiability.read(record)
 
 
 def plain(value: float) -> float | None:

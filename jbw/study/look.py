@@ -25,8 +25,8 @@ from jbw.measurement.channels import rms
 from jbw.measurement.curves import ForcedLoop, forced_loop
 from jbw.measurement.delays import on_time
 from jbw.measurement.envelopes import bands_of
-from jbw.measurement.hypotheses.begins_late import blows_seen
-from jbw.measurement.hypotheses.examine import examined_sweep, read_decays
+from jbw.measurement.faults.begins_late import blows_seen
+from jbw.measurement.faults.examine import examined_sweep, read_decays
 from jbw.measurement.loops import readings_of_cycles
 from jbw.measurement.nonlinearity import coherence_at_resonance, seen_in
 from jbw.measurement.readings.statement import (
@@ -54,6 +54,7 @@ from jbw.quantities import UNIT_OF, per
 from jbw.report.messages import look as messages
 from jbw.report.messages.look import NO_OSCILLATOR
 from jbw.report.messages.study import no_shaker
+from jbw.results.run import StoredCycle, StoredLook, StoredLoop, StoredReading
 from jbw.verification.places import place
 
 if TYPE_CHECKING:
@@ -91,9 +92,9 @@ class ShownResponse(NamedTuple):
 
 @dataclass(frozen=True)
 class Look:
-    """The result of `look`: numbers in `record`; measured values, tables and responses by test."""
+    """The result of `look`: `record` as stored; readings, tables and responses by test."""
 
-    record: dict[str, Any]
+    record: StoredLook
     readings: dict[str, list[Reading]]
     tables: dict[str, list[RecordTable]]
     responses: dict[str, ShownResponse]
@@ -137,16 +138,16 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
                 loops.append(_loop_row(test))
             except UNREADABLE as why:
                 unread[test.name] = str(why).splitlines()[0]
-    record = {
-        "campaign": campaign.name,
-        "tests": sorted(rows, key=lambda row: row["y"]),
-        "loops": loops,
-        "unread": unread,
-        "seen": [sentence for test in campaign.tests for sentence in _seen(test)],
-    }
-    found = statements(record, tables_of, _modes_hz(campaign))
-    facts = {"statements": found.sentences, "laws": list(found.laws)}
-    return Look(record | facts, readings_of, tables_of, responses)
+    record = StoredLook(
+        campaign=campaign.name,
+        tests=sorted(rows, key=lambda row: row.y),
+        loops=loops,
+        unread=unread,
+        seen=[sentence for test in campaign.tests for sentence in _seen(test)],
+    )
+    sentences, laws = statements(record, tables_of, _modes_hz(campaign))
+    record = record.replaced(statements=sentences, laws=list(laws))
+    return Look(record, readings_of, tables_of, responses)
 
 
 def _modes_hz(campaign: Campaign) -> tuple[float, ...]:
@@ -182,25 +183,24 @@ def look_groups(looked: Look, fitted: Mapping[str, bool] | None = None) -> "dict
     import xarray as xr  # This import takes long, and it is needed only for a figure.
 
     groups, fitted = {}, fitted or {}
-    for row in looked.record["tests"]:
-        readings = looked.readings[row["test"]]
+    for row in looked.record.tests:
+        readings = looked.readings[row.test]
         columns = {name: [getattr(reading, name) for reading in readings] for name in UNITS}
         variables = {
             name: ("reading", np.array(values), {"units": UNITS[name], "long_name": MEANING[name]})
             for name, values in columns.items()
         }
-        response = looked.responses.get(row["test"])
+        response = looked.responses.get(row.test)
         if response is not None:
             attrs = {"units": response.unit, "long_name": "displacement over source"}
             variables["response"] = ("freq", response.magnitude, attrs)
             # This variable is the coordinate of the response.
             variables["freq"] = ("freq", response.freq_hz, {"units": "Hz"})
-        columns_read = {
-            key: row[key] for key in ("test", "kind", "level", "drive") if row[key] is not None
-        }
-        if row["test"] in fitted:  # A test that joins several tones has no entry here.
-            columns_read["fitted"] = int(fitted[row["test"]])
-        groups[place("look", row["test"])] = xr.Dataset(variables, attrs=columns_read)
+        stated = {"test": row.test, "kind": row.kind, "level": row.level, "drive": row.drive}
+        if row.test in fitted:  # A family of tones has no entry.
+            stated["fitted"] = int(fitted[row.test])
+        attrs = {key: value for key, value in stated.items() if value is not None}
+        groups[place("look", row.test)] = xr.Dataset(variables, attrs=attrs)
     return groups
 
 
@@ -325,8 +325,8 @@ def _of_harmonics(tests: Sequence[Test]) -> tuple[list[RecordRead], ShownRespons
     return readings_found, _shown(first.omega, load, motion, readings_found[0].rows[0], tests[0])
 
 
-def _row(name: str, test: Test, records: Sequence[RecordRead]) -> dict[str, Any]:
-    """Return a test's frequency and damping at its largest motion, as means with errors.
+def _row(name: str, test: Test, records: Sequence[RecordRead]) -> StoredReading:
+    """Return a test's frequency and damping at its largest motion: record means with errors.
 
     An error combines that of a single record with the standard deviation between records.
     """
@@ -337,22 +337,21 @@ def _row(name: str, test: Test, records: Sequence[RecordRead]) -> dict[str, Any]
                               np.mean(columns[key])))
         for key, of in (("frequency_sd", "frequency_hz"), ("damping_sd", "damping"))
     }  # fmt: skip
-    means = {key: _finite(np.mean(values)) for key, values in columns.items()}
-    return {
-        "test": name,
-        "kind": test.kind,
-        "drive": drive_of(test),
-        "level": None if np.isnan(test.level) else test.level,
-        "records": len(test.records),
-        "run": test.run or None,
-        "assembly": test.assembly or None,
-        **means,
-        **spread,
-        "y_min": min(row.y for one in records for row in one.rows),
-        "y_max": float(columns["y"].max()),
-        "noise": _scatter(test),
-        "coherence": _coherence(test),
-    }
+    means: dict[str, Any] = {key: _finite(np.mean(values)) for key, values in columns.items()}
+    return StoredReading(
+        test=name,
+        kind=test.kind,
+        drive=drive_of(test),
+        level=_finite(test.level),
+        records=len(test.records),
+        run=test.run or None,
+        assembly=test.assembly or None,
+        **{**means, **spread},
+        y_min=min(row.y for one in records for row in one.rows),
+        y_max=max(row.y for row in tops),
+        noise=_scatter(test),
+        coherence=_coherence(test),
+    )
 
 
 def _finite(value: Any) -> float | None:
@@ -384,7 +383,7 @@ def _coherence(test: Test) -> float | None:
     return coherence_at_resonance(u, y, first.fs, first.response)[1]
 
 
-def _loop_row(test: Test) -> dict[str, Any]:
+def _loop_row(test: Test) -> StoredLoop:
     """Return the mean secant stiffness of repeated force loops at their largest displacement.
 
     `cycles` are those of the stiffest repeat; `unit` is the unit of the motion, m or rad.
@@ -393,17 +392,19 @@ def _loop_row(test: Test) -> dict[str, Any]:
     secants = np.array([_secant(test, loop) for loop in loops])
     y, stiffness = np.mean(secants, axis=0)
     cycles = readings_of_cycles(loops[int(np.argmax(secants[:, 1]))])
-    return {
-        "test": test.name,
-        "y": float(y),
-        "stiffness": float(stiffness),
-        "unit": test.records[0].units.get("displacement", "m"),
-        "cycles": [
-            {name: _finite(value) for name, value in cycle._asdict().items()}
-            | {"repeated": cycle.repeated}
+    return StoredLoop(
+        test=test.name,
+        y=float(y),
+        stiffness=float(stiffness),
+        unit=test.records[0].units.get("displacement", "m"),
+        cycles=[
+            StoredCycle.read(
+                {name: _finite(value) for name, value in cycle._asdict().items()}
+                | {"repeated": cycle.repeated}
+            )
             for cycle in cycles
         ],
-    }
+    )
 
 
 def _secant(test: Test, loop: ForcedLoop) -> tuple[float, float]:
@@ -444,24 +445,18 @@ def read_of_shaker(spec: TestSpec, record: Record) -> str:
         return no_shaker(spec.name, " ".join(str(error).split()))
 
 
-class Statements(NamedTuple):
-    """Sentences on a structure, and laws that its frequency and damping suggest, simplest first."""
-
-    sentences: list[str]
-    laws: tuple[str, ...]
-
-
 def statements(
-    record: Mapping[str, Any],
+    record: StoredLook,
     by_test: Mapping[str, list[RecordTable]],
     modes_hz: Sequence[float] = (),
-) -> Statements:
-    """Report differences between records, and how frequency and damping depend on amplitude.
+) -> tuple[list[str], tuple[str, ...]]:
+    """Return sentences on the readings, and the laws that they propose, simplest first.
 
+    The sentences state whether records differ, and how frequency and damping depend on amplitude.
     Several modes are reported separately, each from the readings nearest to its frequency.
     """
     sentences, laws = [], ()
-    labels = {row["test"]: row["assembly"] or row["run"] or "" for row in record["tests"]}
+    labels = {row.test: row.assembly or row.run or "" for row in record.tests}
     for hz, tables in _by_mode(by_test, modes_hz).items():
         of_mode = [table for _, table in tables], [labels.get(name, "") for name, _ in tables]
         try:
@@ -474,23 +469,22 @@ def statements(
             sentence if hz is None else messages.of_mode(hz, sentence)
             for sentence in answer.sentences
         ]
-    sentences += days(record["tests"])
-    coherent = [row for row in record["tests"] if row["coherence"] is not None]
+    sentences += days(record.tests)
+    coherent = [(row.coherence, row.test) for row in record.tests if row.coherence is not None]
     if len(coherent) > 1:
-        ends = [(row["coherence"], row["test"]) for row in (coherent[0], coherent[-1])]
-        sentences.append(messages.coherence(*ends))
-    loops = sorted(record["loops"], key=lambda row: row["y"])
+        sentences.append(messages.coherence(coherent[0], coherent[-1]))
+    loops = sorted(record.loops, key=lambda row: row.y)
     if len(loops) > 1:
         first, last = loops[0], loops[-1]
-        change = last["stiffness"] / first["stiffness"] - 1
-        unit = "mrad" if first["unit"] == "rad" else "mm"
-        sentences.append(messages.secant(first["y"], last["y"], change, unit))
+        change = last.stiffness / first.stiffness - 1
+        unit = "mrad" if first.unit == "rad" else "mm"
+        sentences.append(messages.secant(first.y, last.y, change, unit))
     sentences += [sentence for loop in loops if (sentence := _worn(loop))]
     reasons: dict[str, list[str]] = {}
-    for name, why in record["unread"].items():
+    for name, why in record.unread.items():
         reasons.setdefault(why, []).append(name)
     unread = [messages.not_read(names, why) for why, names in reasons.items()]
-    return Statements([*sentences, *unread], laws)
+    return [*sentences, *unread], laws
 
 
 def _by_mode(
@@ -521,16 +515,17 @@ class Nonlinear(NamedTuple):
     laws: tuple[str, ...] = ()
 
 
-def _worn(loop: Mapping[str, Any]) -> str | None:
-    """Return the sentence on a change of stiffness over equal load cycles; None if it is small."""
-    cycles = [cycle for cycle in loop["cycles"] if cycle["retained"] is not None]
-    if not cycles:
+def _worn(loop: StoredLoop) -> str | None:
+    """Return the sentence on a change of stiffness over equal cycles; None if it is small."""
+    changes = {
+        number: cycle.retained - 1
+        for number, cycle in enumerate(loop.cycles, start=1)
+        if cycle.retained is not None
+    }
+    last = max(changes, key=lambda number: abs(changes[number]), default=None)
+    if last is None or abs(changes[last]) < WORN:
         return None
-    last = max(cycles, key=lambda cycle: abs(cycle["retained"] - 1))
-    change = last["retained"] - 1
-    if abs(change) < WORN:
-        return None
-    return messages.worn(loop["test"], loop["cycles"].index(last) + 1, change)
+    return messages.worn(loop.test, last, changes[last])
 
 
 def nonlinear(tables: Sequence[RecordTable], labels: Sequence[str] = ()) -> Nonlinear:
@@ -620,22 +615,24 @@ def _between_ends(tables: Sequence[RecordTable], differ: list[str]) -> Nonlinear
     return Nonlinear(shifts or grows, [*differ, sentence])
 
 
-def days(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the sentence on how frequency and damping vary within and between days."""
-    groups: dict[tuple[Any, ...], dict[tuple[Any, ...], list[Mapping[str, Any]]]] = {}
+def days(rows: Sequence[StoredReading]) -> list[str]:
+    """Return the sentence on variation of frequency and damping within and between days."""
+    groups: dict[tuple[Any, ...], dict[tuple[Any, ...], list[StoredReading]]] = {}
     for row in rows:
-        day = row["assembly"], row["run"]
+        day = row.assembly, row.run
         if any(day):
-            of_level = groups.setdefault((row["kind"], row["level"]), {})
+            of_level = groups.setdefault((row.kind, row.level), {})
             of_level.setdefault(day, []).append(row)
     several = [list(group.values()) for group in groups.values() if len(group) > 1]
-    within = [row for group in several for day in group for row in day if row["frequency_sd"]]
+    within = [row for group in several for day in group for row in day if row.frequency_sd]
     if not within:
         return []
     scatter = []
     for name, key in (("frequency", "frequency_hz"), ("damping", "damping")):
-        inner = rms([row[f"{name}_sd"] / row[key] for row in within])
-        means = [[np.mean([row[key] for row in day]) for day in group] for group in several]
+        inner = rms([getattr(row, f"{name}_sd") / getattr(row, key) for row in within])
+        means = [
+            [np.mean([getattr(row, key) for row in day]) for day in group] for group in several
+        ]
         outer = rms([float(np.std(level, ddof=1) / np.mean(level)) for level in means])
         scatter.append((name, inner, outer))
     return [messages.session_scatter(max(map(len, several)), scatter)]

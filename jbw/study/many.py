@@ -11,7 +11,7 @@ import sys
 import time
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +23,7 @@ from jbw.report.formats import formats_of
 from jbw.report.messages import stages
 from jbw.report.messages import study as messages
 from jbw.report.result import read_result
+from jbw.results.run import RunSummary
 from jbw.run.files import hash_of
 from jbw.run.folder import HIDDEN, MANIFEST, begin, reopen, require_same
 from jbw.run.manifest import Manifest
@@ -204,9 +205,9 @@ def _run(task: Task) -> RunOutcome:
     return _done(task, summary, began, time.perf_counter() - started)
 
 
-def _done(task: Task, summary: Mapping[str, Any], began: Any, seconds: float = 0.0) -> RunOutcome:
-    verdict = str(summary["verdict"]["status"])
-    code = 0 if verdict in ("ok", "usable") or "quick" in summary else 4
+def _done(task: Task, summary: RunSummary, began: Any, seconds: float = 0.0) -> RunOutcome:
+    verdict = summary.verdict.status
+    code = 0 if verdict in ("ok", "usable") or summary.quick is not None else 4
     return RunOutcome(
         task.campaign, task.folder, "done", verdict, "", code, began, round(seconds, 2)
     )
@@ -271,25 +272,25 @@ def _finished_before(task: Task) -> RunOutcome | None:
     return _done(task, summary, "finished")
 
 
-def _require_same_result(task: Task, summary: Mapping[str, Any]) -> None:
-    """Raise an error if a finished run has another campaign, seed or data than requested."""
+def _require_same_result(task: Task, summary: RunSummary) -> None:
+    """Raise an error if a finished run differs from the task in campaign, data or seed."""
     remedy = messages.identify_anew(str(task.folder))
-    _require_asked(task, summary.get("campaign_file"), None)
-    if task.seed is not None and summary.get("seed") != task.seed:
+    _require_asked(task, summary.campaign_file, None)
+    if task.seed is not None and summary.seed != task.seed:
         raise RunError(
-            f"The run in {task.folder} has the seed {summary.get('seed')}, not {task.seed}.",
+            f"The run in {task.folder} has the seed {summary.seed}, not {task.seed}.",
             remedy=remedy,
         )
     try:
         text = Path(task.campaign).read_text(encoding="utf-8")
-        changed = [n for n, was in summary["inputs"].items() if hash_of(Path(n)) != was]
+        changed = [n for n, was in summary.inputs.items() if hash_of(Path(n)) != was]
     except OSError as error:
         raise DataError(
             f"{error.filename} cannot be read, so that the run in {task.folder} cannot be checked: "
             f"{error.strerror}.",
             remedy="Restore it, or leave this campaign out.",
         ) from error
-    if summary.get("campaign_sha256", digest_of(text)) != digest_of(text):
+    if summary.campaign_sha256 not in ("", digest_of(text)):
         changed.insert(0, task.campaign)
     if changed:
         raise DataError(f"{changed[0]} changed since {task.folder} was finished.", remedy=remedy)

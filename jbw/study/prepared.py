@@ -50,7 +50,7 @@ def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTest
     report(stages.READING_RECORDS)
     look = look_quietly(replace(campaign, tests=accepted.tests))
     measured = measured_in(campaign, report, accepted.tests, accepted.line_fit)
-    read = look.record["laws"]
+    read = look.record.laws
     if campaign.states_laws or several or not read:
         return PreparedTests(measured, look, accepted.left_out)
     found = chosen(measured, dict.fromkeys([*read, *DEFAULT_LAWS]), seed, report)

@@ -1,7 +1,5 @@
 """The quick result of a campaign, in seconds: its fit, with bands from the fit's covariance."""
 
-from typing import Any
-
 import jax
 import xarray as xr
 
@@ -16,6 +14,7 @@ from jbw.observables import dataset
 from jbw.report.messages import stages
 from jbw.report.messages.opening import by_the_fit
 from jbw.report.opening import effect_sentence, fit_sentence, known_parameters
+from jbw.results.run import RunSummary, StoredTest
 from jbw.study.collect import groups_in, run_attrs
 from jbw.study.comparisons import Comparisons
 from jbw.study.finishing import about_instruments, finished_study
@@ -23,7 +22,7 @@ from jbw.study.identifiability import look
 from jbw.study.order import Order
 from jbw.study.prepared import PreparedTests
 from jbw.study.study import Study
-from jbw.study.summary import step_record, verdict_record
+from jbw.study.summary import step_record
 from jbw.verification.backbone import backbone_group
 from jbw.verification.predictive_basis import NUM_DRAWS, basis_of
 
@@ -79,15 +78,15 @@ def fit_lines(seen: Measured, fitted: Fitted, seed: int) -> list[str]:
     judged = judge(checks.findings)
     step = step_of(posteriors.joint, checks, judged, checks.statements)
     tree = fit_tree(seen, posteriors)
-    record: dict[str, Any] = {
-        "main": "joint",
-        "steps": {"joint": step_record(step, {}, stated=fitted.data.stated)},
-        "verdict": verdict_record(judged),
-        "quick": fit_errors(fitted),
-        "tests": [{"kind": test.kind} for test in seen.chosen],
-    }
+    summary = RunSummary(
+        main="joint",
+        steps={"joint": step_record(step, {}, stated=fitted.data.stated)},
+        verdict=judged.stored(),
+        quick=fit_errors(fitted),
+        tests=[StoredTest(kind=test.kind) for test in seen.chosen],
+    )
     return [
-        by_the_fit(known_parameters(record)),
-        effect_sentence(record, tree),
-        fit_sentence(record),
+        by_the_fit(known_parameters(summary)),
+        effect_sentence(summary, tree),
+        fit_sentence(summary),
     ]

@@ -3,9 +3,8 @@
 import hashlib
 import json
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import xarray as xr
 
@@ -16,6 +15,7 @@ from jbw.report.figures import Beside
 from jbw.report.formats import formats_of
 from jbw.report.opening import opening
 from jbw.report.result import read_result
+from jbw.results.run import RunSummary
 from jbw.run.folder import Run, is_first_answer
 from jbw.run.manifest import with_inputs
 from jbw.study.identify import identify
@@ -25,10 +25,8 @@ from jbw.study.study import input_hashes
 Say = Callable[[str], None]
 
 
-def carried_out(
-    run: Run, say: Say, beside: Beside | None = None
-) -> tuple[Mapping[str, Any], xr.DataTree]:
-    """Complete a run from its current state; return its summary and its result tree.
+def carried_out(run: Run, say: Say, beside: Beside | None = None) -> tuple[RunSummary, xr.DataTree]:
+    """Finish a run from its current state, and return its summary and its result tree.
 
     After a first answer only the result is written, and the run can be continued later. A second
     process, `beside`, draws some of the report's figures.
@@ -39,7 +37,7 @@ def carried_out(
     else:
         forget_when_many()  # Free the compiled functions that earlier runs left in this process.
         tree, summary = identified(run, say)
-        save_result(run.folder, tree, summary)
+        save_result(run.folder, tree, summary.plain())
         if run.manifest.quick:
             say("Done")
             return summary, tree
@@ -53,7 +51,7 @@ def carried_out(
     return summary, tree
 
 
-def identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:
+def identified(run: Run, say: Say) -> tuple[xr.DataTree, RunSummary]:
     """Identify the campaign of a run, after measuring the virtual rig if the run requests it."""
     path, request, truth = run.campaign, run.manifest, None
     if request.preset is not None:
@@ -75,11 +73,13 @@ def identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:
         loaded, seed=request.seed, truth=truth, report=say, keep=run.keep, command=request.command,
         quick=request.quick,
     )  # fmt: skip
-    source = {"campaign_file": str(path.resolve()), "campaign_sha256": digest_of(text)}
-    wall_time = {"wall_time_s": round(run.spent + study.record["wall_time_s"], 2)}
-    record = {**study.record, "doubts": list(dict.fromkeys(str(x.message) for x in doubts))}
-    record["opening"] = list(opening(record, study.tree))
-    return study.tree, {**record, **wall_time, **source}
+    summary = study.result.replaced(
+        doubts=list(dict.fromkeys(str(doubt.message) for doubt in doubts)),
+        wall_time_s=round(run.spent + (study.result.wall_time_s or 0.0), 2),
+        campaign_file=str(path.resolve()),
+        campaign_sha256=digest_of(text),
+    )
+    return study.tree, summary.replaced(opening=opening(summary, study.tree))
 
 
 def digest_of(text: str) -> str:

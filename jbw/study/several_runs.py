@@ -10,8 +10,7 @@ of the residuals from the line is improbable, the runs vary independently of tor
 interval of the slope is widened, in quadrature, by Student's interval from that variation.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ from jbw.inference.posterior.summary import QUANTILES
 from jbw.report.messages import differences as messages
 from jbw.report.result import read_result
 from jbw.report.text import interval, length_unit, number
+from jbw.results.differences import ReadingBeside, RunBeside, RunsSideBySide, TorqueTrend
 from jbw.verification.backbone import curves
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
@@ -40,29 +40,18 @@ BY_CHANCE = 0.01  # The variation about a trend is reported if chance has a smal
 NUISANCE = {"gain"}  # parameters of the source, on which frequency and damping do not depend
 
 
-@dataclass(frozen=True)
-class SideBySide:
-    """The comparison of several runs: numbers and sentences in `record`, and all backbones.
+def side_by_side(folders: Sequence[Path]) -> tuple[RunsSideBySide, xr.Dataset]:
+    """Compare frequency and damping against amplitude of several finished runs, of any laws.
 
-    Attributes:
-        record: Runs, readings, trends and statements in plain values.
-        backbones: 99 % bands of frequency [Hz] and damping ratio, by run, quantile and amplitude.
-    """
-
-    record: dict[str, Any]
-    backbones: xr.Dataset
-
-
-def side_by_side(folders: Sequence[Path]) -> SideBySide:
-    """Compare frequency and damping against amplitude of several finished runs with any laws.
-
-    Runs are ordered by the torques of their campaigns where all state one, otherwise as given.
+    The second value contains their 99 % bands of frequency [Hz] and damping ratio, by run, quantile
+    and amplitude. Runs are ordered by the torques of their campaigns where all state one, otherwise
+    as given.
 
     Raises:
         ConfigError: A run has no frequency and damping against amplitude.
     """
     opened = [read_result(folder) for folder in folders]
-    torques: list[Any] = [(summary.get("assembly") or {}).get("torque") for summary, _ in opened]
+    torques: list[Any] = [summary.assembly.get("torque") for summary, _ in opened]
     order = list(range(len(folders)))
     if all(torque is not None for torque in torques):
         order.sort(key=lambda i: torques[i])
@@ -72,34 +61,33 @@ def side_by_side(folders: Sequence[Path]) -> SideBySide:
     amplitude = min(basis.y_peak for basis in bases) * GRID
     names = _names([folders[i] for i in order])
     runs = [
-        {
-            "name": name,
-            "folder": str(folders[i]),
-            "campaign": str(opened[i][0].get("campaign", "")),
-            "verdict": (opened[i][0].get("verdict") or {}).get("status", ""),
-            "laws": list(basis.laws),
-            "torque": torques[i],
-        }
+        RunBeside(
+            name=name,
+            folder=str(folders[i]),
+            campaign=opened[i][0].campaign,
+            verdict=opened[i][0].verdict.status,
+            laws=list(basis.laws),
+            torque=torques[i],
+        )
         for name, i, basis in zip(names, order, bases, strict=True)
     ]
     draws = [_along(basis, amplitude) for basis in bases]
     # Axes: run, quantile, quantity, amplitude.
     bands = np.array([np.quantile(x, QUANTILES, axis=1) for x in draws])
     backbones = _dataset(bands, names, amplitude)
-    record = {
-        "runs": runs,
-        "readings": [
+    readings = [
+        ReadingBeside.read(
             {"run": name, "amplitude": float(amplitude[place])}
             | {
                 what: (scale * bands[i, :, q, place]).tolist()
                 for q, (what, _, scale) in enumerate(QUANTITIES)
             }
-            for i, name in enumerate(names)
-            for place in TOLD
-        ],
-        "trends": _trends(runs, draws, amplitude),
-    }
-    return SideBySide(record | {"statements": _statements(record)}, backbones)
+        )
+        for i, name in enumerate(names)
+        for place in TOLD
+    ]
+    record = RunsSideBySide(runs=runs, readings=readings, trends=_trends(runs, draws, amplitude))
+    return record.replaced(statements=_statements(record)), backbones
 
 
 def _require_backbone(folder: Path, basis: Basis) -> None:
@@ -143,25 +131,25 @@ def _dataset(
 
 
 def _trends(
-    runs: Sequence[Mapping[str, Any]],
+    runs: Sequence[RunBeside],
     draws: Sequence[Float[np.ndarray, "what draw place"]],
     amplitude: Float[np.ndarray, " place"],
-) -> list[dict[str, Any]]:
+) -> list[TorqueTrend]:
     """Return the changes of frequency and damping per doubling of torque, over several runs.
 
     The list is empty if torques are missing or do not differ.
     """
-    torques = [run["torque"] for run in runs]
-    if None in torques or len({*torques}) < 2:
+    torques = [run.torque for run in runs if run.torque is not None]
+    if len(torques) < len(runs) or len({*torques}) < 2:
         return []
     doublings = np.log2(torques)
     return [
-        {
-            "name": what,
-            "unit": unit,
-            "amplitude": float(amplitude[place]),
+        TorqueTrend(
+            name=what,
+            unit=unit,
+            amplitude=float(amplitude[place]),
             **_trend(doublings, [scale * x[q, :, place] for x in draws]),
-        }
+        )
         for q, (what, unit, scale) in enumerate(QUANTITIES)
         for place in TOLD
     ]
@@ -194,22 +182,21 @@ def _trend(
     return {"per_doubling": [low, middle, high], "p": p, "direction": word}
 
 
-def _statements(record: Mapping[str, Any]) -> list[str]:
-    factor, unit = length_unit(max(row["amplitude"] for row in record["readings"]))
+def _statements(record: RunsSideBySide) -> list[str]:
+    factor, unit = length_unit(max(row.amplitude for row in record.readings))
     sentences = []
-    for row in record["trends"]:
-        low, middle, high = row["per_doubling"]
-        at = f"{number(factor * row['amplitude'])} {unit}"
-        change = f"{interval(low, middle, high)} {row['unit']}"
-        sentences.append(messages.with_torque(row["name"], at, change, row["direction"]))
-    if any(row["p"] < BY_CHANCE for row in record["trends"]):
+    for row in record.trends:
+        low, middle, high = row.per_doubling
+        at = f"{number(factor * row.amplitude)} {unit}"
+        change = f"{interval(low, middle, high)} {row.unit}"
+        sentences.append(messages.with_torque(row.name, at, change, row.direction))
+    if any(row.p < BY_CHANCE for row in record.trends):
         sentences.append(messages.SCATTER)
-    if not record["trends"]:
+    if not record.trends:
         sentences.append(messages.NO_TORQUES)
-    unusable = {run["name"]: run["verdict"] for run in record["runs"]}
     sentences += [
-        messages.not_usable(name, word)
-        for name, word in unusable.items()
-        if word not in ("ok", "usable")
+        messages.not_usable(run.name, run.verdict)
+        for run in record.runs
+        if run.verdict not in ("ok", "usable")
     ]
     return [*sentences, messages.INDEPENDENT_RUNS]

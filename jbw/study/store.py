@@ -21,6 +21,7 @@ from jbw.report.messages.run import REPEAT, going_on
 from jbw.report.page import write_page
 from jbw.report.prediction import prediction
 from jbw.report.style import Panels
+from jbw.results.run import RunSummary
 from jbw.run.files import put_whole, require_room
 from jbw.run.folder import lock
 from jbw.run.integrity import MARK, sealed
@@ -150,7 +151,7 @@ def save_result(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> 
 def save_report(
     folder: Path,
     tree: xr.DataTree,
-    summary: Mapping[str, Any],
+    summary: RunSummary,
     beside: Beside | None = None,
     formats: Sequence[str] = (),
 ) -> None:

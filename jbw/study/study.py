@@ -2,9 +2,9 @@
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
+from functools import cached_property
 from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING, Any, Unpack
@@ -14,16 +14,17 @@ import scipy.sparse
 import xarray as xr
 
 from jbw.campaign.load import Campaign, load_campaign, with_laws
-from jbw.errors import ConfigError, DataError
+from jbw.errors import ConfigError
 from jbw.forced.profiles import RandomProfile
 from jbw.forced.shock import Pulse, pulse_of
 from jbw.identification.procedure import Identification, Known
-from jbw.inference.posterior.finding import Verdict, kept_finding
+from jbw.inference.posterior.finding import Verdict, kept_verdict
 from jbw.measurement.records import Test
 from jbw.oscillator.oscillator import Oscillator
 from jbw.report.formats import formats_of
 from jbw.report.opening import known_parameters
-from jbw.report.result import node, read_result
+from jbw.report.result import node, of_another_version, read_result
+from jbw.results.run import RunSummary
 from jbw.run.files import hash_of
 from jbw.study.cell import page_of
 from jbw.study.frames import backbone_frame, parameter_frame, prediction_frame
@@ -70,18 +71,22 @@ class Study:
     identification: Identification | None = None
 
     def __repr__(self) -> str:
-        judged = [repr(self.verdict)] if "verdict" in self.record else []
+        judged = [repr(self.verdict)] if self.result.verdict.status else []
         return "\n".join([*judged, self._known()])
 
     def _repr_html_(self) -> str:
-        verdict = self.verdict._repr_html_() if "verdict" in self.record else ""
-        return verdict + page_of(self.record, self.tree)
+        verdict = self.verdict._repr_html_() if self.result.verdict.status else ""
+        return verdict + page_of(self.result, self.tree)
 
     def _known(self) -> str:
-        """Return the campaign's name and its identified parameters in one line."""
-        sentences = known_parameters(self.record) if "main" in self.record else []
-        listed = "; ".join(sentences) or "no parameter is known"
-        return shorten(f"Study of {self.record.get('campaign', '')}: {listed}", LINE)
+        """Return the campaign and its determined parameters in one line."""
+        listed = "; ".join(known_parameters(self.result)) or "no parameter is known"
+        return shorten(f"Study of {self.result.campaign}: {listed}", LINE)
+
+    @cached_property
+    def result(self) -> RunSummary:
+        """The content of `record` in types."""
+        return RunSummary.read(self.record)
 
     @property
     def posterior(self) -> xr.DataTree:
@@ -91,8 +96,7 @@ class Study:
     @property
     def verdict(self) -> Verdict:
         """The verdict on the main posterior."""
-        stored = self.record["verdict"]
-        return Verdict(stored["status"], tuple(map(kept_finding, stored["findings"])))
+        return kept_verdict(self.result.verdict)
 
     def summary(self) -> dict[str, Any]:
         """Return all steps and parameters in numbers, with sentences on what the data determine."""
@@ -113,7 +117,7 @@ class Study:
         Raises:
             ConfigError: The run has no step of that name.
         """
-        return parameter_frame(self.record, step)
+        return parameter_frame(self.result, step)
 
     def backbone(self) -> "DataFrame":
         """Return natural frequency and damping ratio at each amplitude, with 99 % bands.
@@ -145,7 +149,7 @@ class Study:
         Returns:
             One row per predicted test; none after a quick run, which predicts no test.
         """
-        return prediction_frame(self.record)
+        return prediction_frame(self.result)
 
     def predict(
         self, test: str | Test, num_draws: int = NUM_DRAWS, *, noise: bool = True
@@ -324,7 +328,7 @@ class Study:
         formats = formats_of(figures, "Argument `figures`")
         claimed = claim(Path(folder))
         save_result(claimed, self.tree, self.record)
-        save_report(claimed, self.tree, self.record, formats=formats)
+        save_report(claimed, self.tree, self.result, formats=formats)
 
 
 def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
@@ -348,17 +352,16 @@ def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
         >>> print(f"{study.table()['mean']['omega_n']:.2f} rad/s,", study.verdict.status)
         118.12 rad/s, not assessed
     """
-    record, tree = read_result(Path(folder))
+    summary, tree = read_result(Path(folder))
     if "posterior" in tree.children:
-        # Fail now, not later, if the run cannot make predictions.
-        _basis(Path(folder), record, tree)
-    where = record.get("campaign_file")
+        _basis(Path(folder), summary, tree)  # A run that cannot predict must fail now, not later.
+    where = summary.campaign_file
     if campaign is None and where is not None and Path(where).is_file():
         # The run had the permission to read outside of its folder.
         campaign = load_campaign(where, allow_outside=True)
     if campaign is not None:
         campaign = with_laws(campaign, json.loads(str(tree.attrs.get("laws", "null"))))
-    return Study(tree, record, campaign)
+    return Study(tree, summary.plain(), campaign)
 
 
 def basis_of_run(folder: Path) -> Basis:
@@ -366,23 +369,19 @@ def basis_of_run(folder: Path) -> Basis:
     return _basis(folder, *read_result(folder, *GROUPS_OF_BASIS))
 
 
-def _basis(folder: Path, record: Mapping[str, Any], tree: xr.DataTree) -> Basis:
+def _basis(folder: Path, summary: RunSummary, tree: xr.DataTree) -> Basis:
     try:
         return basis_of(tree)
     except (KeyError, TypeError, ValueError) as cause:
-        writer = dict(record.get("versions", {})).get("jbw", "unknown")
-        raise DataError(
-            f"The run in {folder} cannot be read: {type(cause).__name__} {cause}",
-            why=f"It was made by version {writer} of jbw; this is version {version('jbw')}.",
-            remedy=f"Read it with version {writer}, or identify again: jbw identify CAMPAIGN.toml.",
-        ) from cause
+        what = f"{type(cause).__name__} {cause}"
+        raise of_another_version(folder, summary.versions, what) from cause
 
 
 def campaign_of(folder: Path, stated: Path | None = None) -> Path:
     """Return the path of a run's campaign file: the given path, or the one in the run."""
     summary, _ = read_result(folder, "posterior")
     within = sorted(folder.glob("*/campaign.toml"))
-    for campaign_path in filter(None, [stated, summary.get("campaign_file"), *within]):
+    for campaign_path in filter(None, [stated, summary.campaign_file, *within]):
         for path in (folder / campaign_path, Path(campaign_path)):
             if path.is_file():
                 return path
@@ -393,11 +392,11 @@ def campaign_of(folder: Path, stated: Path | None = None) -> Path:
     )
 
 
-def known_of(folder: Path) -> tuple[dict[str, Any], Known]:
-    """Return a run's summary, with its prior bounds and the posterior means of Step 3."""
+def known_of(folder: Path) -> tuple[RunSummary, Known]:
+    """Return the summary of a run, with its prior bounds and the posterior means of Step 3."""
     summary, tree = read_result(folder, "posterior", "steps")
     bounds, means = {}, {}
-    if summary["main"] == "joint" and "posterior" in tree.children:
+    if summary.main == "joint" and "posterior" in tree.children:
         for name, values in tree["posterior"].data_vars.items():
             if "lower" in values.attrs:
                 bounds[str(name)] = float(values.attrs["lower"]), float(values.attrs["upper"])
@@ -407,9 +406,9 @@ def known_of(folder: Path) -> tuple[dict[str, Any], Known]:
     return summary, Known(bounds, means)
 
 
-def require_same_inputs(campaign: Campaign, summary: Mapping[str, Any]) -> None:
+def require_same_inputs(campaign: Campaign, summary: RunSummary) -> None:
     """Raise an error if a campaign's records differ from those in a run's summary."""
-    now, then = set(input_hashes(campaign).values()), set(summary.get("inputs", {}).values())
+    now, then = set(input_hashes(campaign).values()), set(summary.inputs.values())
     if then and now != then:
         raise ConfigError(
             f"The campaign {campaign.name} has other records than the run: {len(now - then)} of "

@@ -1,15 +1,13 @@
 """The content of a study's `summary.json`: steps, verdict, predictions, inputs and versions."""
 
 import sys
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict
+from collections.abc import Iterable, Mapping
 from importlib.metadata import version
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from jbw.campaign.load import Campaign
 from jbw.identification.across_kinds import across_kinds_record, kinds_of
@@ -23,13 +21,13 @@ from jbw.identification.procedure import Identification
 from jbw.identification.run_effects import runs_summary
 from jbw.identification.step import Step
 from jbw.identification.tied_joints import tied_record
-from jbw.inference.posterior.finding import Verdict, answers
 from jbw.inference.posterior.summary import as_plain, correlations, summarise
 from jbw.inference.space.stated import StatedDensities
 from jbw.measurement.records import INPUTS, Test
 from jbw.observables.dataset import Dataset
 from jbw.report.messages import study as messages
 from jbw.report.result import node, verified
+from jbw.results.run import RunSummary, StoredParameter, StoredStep
 from jbw.sources import sources_of
 from jbw.study.identifiability import plain
 from jbw.study.order import Order
@@ -53,11 +51,12 @@ def record_of(
     *,
     compared: Mapping[str, Any],
     wide: xr.Dataset | None = None,
-) -> dict[str, Any]:
-    """Return the content of `summary.json` for one identification.
+    **more: Any,
+) -> RunSummary:
+    """Return the content of `summary.json` for an identification.
 
     `compared` is the comparison of the routes; `wide` is the main posterior with the errors of the
-    instruments, where they are stated.
+    instruments, where they are stated; `more` are additional entries.
     """
     campaign, truth = order.campaign, order.truth
     steps = {} if found.linear is None else {"linear": _linear(found.linear, truth or {})}
@@ -71,9 +70,9 @@ def record_of(
         )
         for name, step in found.steps.items()
     }
-    return {
+    record = {
         "campaign": campaign.name,
-        "verdict": verdict_record(found.main.verdict),
+        "verdict": found.main.verdict.stored(),
         "main": found.main.name,
         "steps": steps,
         "comparison": compared,
@@ -92,6 +91,7 @@ def record_of(
         "command": order.command or " ".join(["jbw", *sys.argv[1:]]),
         "wall_time_s": round(perf_counter() - order.started, 2),
     }
+    return RunSummary.read(record | more)
 
 
 def _turning(tests: Iterable[Test]) -> dict[str, str]:
@@ -110,35 +110,21 @@ def _assembly(campaign: Campaign) -> dict[str, Any]:
     return {"assembly": name, **{key: value for key, value in numbers.items() if value is not None}}
 
 
-def steps_group(record: Mapping[str, Any]) -> xr.Dataset:
-    """Return each step's verdict, effective sample size and R-hat, for the flow diagram."""
-    # Durations are not stored, so that repeated runs give identical groups.
-    steps = record["steps"]
-    parameters = [(step.get("parameters") or {}).values() for step in steps.values()]
-
-    def worst(what: str, choose: Callable[..., float]) -> NDArray[np.float64]:
-        values = ([row[what] for row in rows if row.get(what) is not None] for rows in parameters)
-        return np.array([choose(numbers, default=np.nan) for numbers in values], float)
-
-    verdicts = [(step.get("verdict") or {}).get("status", "") for step in steps.values()]
+def steps_group(summary: RunSummary) -> xr.Dataset:
+    """Return verdict, ESS and R-hat of each step for the flow diagram; NaN without draws."""
+    # Durations are not stored, so that equal runs leave equal groups.
+    steps = summary.steps.values()
+    ess = [min(step.known("ess_bulk"), default=np.nan) for step in steps]
+    r_hat = [max(step.known("r_hat"), default=np.nan) for step in steps]
     return xr.Dataset(
         {
-            "verdict": ("step", np.asarray(verdicts, object)),
-            "ess": ("step", worst("ess_bulk", min), {"units": "1"}),
-            "r_hat": ("step", worst("r_hat", max), {"units": "1"}),
+            "verdict": ("step", np.asarray([step.verdict.status for step in steps], object)),
+            "ess": ("step", np.array(ess, float), {"units": "1"}),
+            "r_hat": ("step", np.array(r_hat, float), {"units": "1"}),
         },
-        {"step": np.asarray(list(steps), object)},
-        {"main": str(record["main"])},
+        {"step": np.asarray(list(summary.steps), object)},
+        {"main": summary.main},
     )
-
-
-def verdict_record(verdict: Verdict) -> dict[str, Any]:
-    """Return a verdict in plain values: status, answers and findings."""
-    findings = [
-        {**finding.record(), "number": plain(finding.number)} for finding in verdict.findings
-    ]
-    answered = {name: asdict(answer) for name, answer in answers(verdict.findings)}
-    return {"status": verdict.status, "answers": answered, "findings": findings}
 
 
 def fitted_and_held_out(seen: Measured) -> list[dict[str, Any]]:
@@ -185,11 +171,10 @@ def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
     }
     repeats = step.pooled.num_repeats
     words = messages.step_2(step.y_rms, repeats)
-    linear: dict[str, Any] = {"parameters": parameters, "statements": [words]}
-    if step.modal is not None:
-        linear["modes"] = _modes(step.modal)
-        linear["statements"].append(_modes_sentence(step.modal))
-    return linear
+    if step.modal is None:
+        return {"parameters": parameters, "statements": [words]}
+    statements = [words, _modes_sentence(step.modal)]
+    return {"parameters": parameters, "statements": statements, "modes": _modes(step.modal)}
 
 
 def _modes(fit: ModalFit) -> list[dict[str, float]]:
@@ -233,8 +218,8 @@ def step_record(
     truth: Mapping[str, float],
     wide: xr.Dataset | None = None,
     stated: StatedDensities | None = None,
-) -> dict[str, Any]:
-    """Return a step's posterior as plain values: parameters, statements, correlations.
+) -> StoredStep:
+    """Return a step's posterior as stored values: parameters, statements, correlations.
 
     `wide` is the posterior with the errors of the instruments, where they are stated; `stated` are
     the prior densities other than the box.
@@ -246,20 +231,27 @@ def step_record(
         rows = spread_of(rows, summarise(drawn, step.box, stated))
     rows = as_plain(rows)
     posterior = step.posterior["posterior"].to_dataset()
-    for name, row in rows.items():
-        row["unit"] = posterior[name].attrs.get("units", "1")
-        row["truth"] = truth.get(name)
-        has_truth = row["truth"] is not None and row["sd"]
-        row["z"] = (row["mean"] - row["truth"]) / row["sd"] if has_truth else None
-    step_facts = {
-        "verdict": verdict_record(step.verdict),
-        "parameters": rows,
-        "statements": list(step.statements),
-        "correlation": correlations(drawn),
-    }
-    if "runs" in step.posterior.children:
-        step_facts["runs"] = runs_summary(step.posterior["runs"].to_dataset())
-    return {**step_facts, "wall_time_s": round(step.wall_s, 2)}
+    runs = step.posterior.children.get("runs")
+    return StoredStep(
+        verdict=step.verdict.stored(),
+        parameters={
+            name: _parameter(row, posterior[name].attrs.get("units", "1"), truth.get(name))
+            for name, row in rows.items()
+        },
+        statements=list(step.statements),
+        correlation=correlations(drawn),
+        **({} if runs is None else {"runs": runs_summary(runs.to_dataset())}),
+        wall_time_s=round(step.wall_s, 2),
+    )
+
+
+def _parameter(row: dict[str, Any], unit: str, truth: float | None) -> StoredParameter:
+    """Return a summary row with its unit, and with its distance from the rig's truth [sd]."""
+    parameter = StoredParameter(**row, unit=unit, truth=truth, z=None)
+    mean, sd = parameter.mean, parameter.sd
+    if truth is None or mean is None or not sd:
+        return parameter
+    return parameter.replaced(z=(mean - truth) / sd)
 
 
 def _predictions(tree: xr.DataTree) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import xarray as xr
 from jaxtyping import Array, Float
 
 from jbw.measurement.envelopes import filter_of
-from jbw.measurement.hypotheses.examine import read_decays
+from jbw.measurement.faults.examine import read_decays
 from jbw.measurement.records import Test
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.steady.backbone import backbone

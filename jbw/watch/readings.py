@@ -19,7 +19,7 @@ from jbw.errors import DataError
 from jbw.measurement.channels import lines_within
 from jbw.measurement.demodulation import band_filter, demodulate
 from jbw.measurement.envelopes import filter_of
-from jbw.measurement.hypotheses.examine import read_decays
+from jbw.measurement.faults.examine import read_decays
 from jbw.measurement.readings.table import ModeReading
 from jbw.measurement.records import Record, Test
 from jbw.population.coordinates import unit_names
@@ -205,17 +205,17 @@ def trend_of(
     _require_known(fleet, amplitudes, test)
     population = population_of(fleet, report=report)
     require_torque(population.design, torque)
-    if population.record["status"] != "ok":
+    if (status := population.result.status) != "ok":
         raise DataError(
-            f"The status of the population is {population.record['status']}.",
-            why="A change of torque would seem more certain than it is.",
-            remedy="Collect more units, look at `jbw population`, or leave --population out.",
+            f"The status of the population is {status}.",
+            why="A change of torque would be stated with more confidence than there is.",
+            remedy="Collect more units, look with jbw population, or leave --population out.",
         )
     before, raised = (
         _readings_at(tightening, population, fleet, amplitudes, test)
         for tightening in (torque, RAISED * torque)
     )
-    torques = np.array(population.record["torque"])
+    torques = np.array(population.result.torque, float)
     part = WRENCH**2 / (np.var(np.log(torques)) + WRENCH**2)
     report(watch.attenuated(WRENCH, part))
     slopes = (raised - before) / np.log(RAISED)

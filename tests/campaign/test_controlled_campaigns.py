@@ -267,4 +267,4 @@ def test_a_look_reads_frequency_and_damping_of_every_point(tmp_path, made):
     np.testing.assert_allclose([2 * np.pi * one.frequency_hz for one in readings], OMEGA_R)
     np.testing.assert_allclose([one.damping for one in readings], ZETA, rtol=1e-9)
     if kind == "backbone":
-        assert any("falls from" in line for line in found.record["seen"])
+        assert any("falls from" in line for line in found.record.seen)

@@ -5,8 +5,8 @@ import pytest
 
 from jbw.campaign.load import load_campaign
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.checks.responses import impassive
 from jbw.measurement.curves import displacement_of, response_curve
+from jbw.measurement.faults.responses import impassive
 from jbw.measurement.files.read import read
 from jbw.measurement.records import Record
 

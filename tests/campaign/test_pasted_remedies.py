@@ -15,8 +15,8 @@ from jbw.campaign.files import repeats_of
 from jbw.campaign.load import load_campaign
 from jbw.campaign.schema import parse
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.checks.long_records import long_records
 from jbw.measurement.envelopes import envelopes, filter_of
+from jbw.measurement.faults.long_records import long_records
 from jbw.measurement.spans import start_of
 from jbw.units import decibels, quantity_of
 

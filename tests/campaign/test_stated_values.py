@@ -11,9 +11,9 @@ from jbw.campaign.check import check_campaign
 from jbw.campaign.draft import start_campaign, write_campaign
 from jbw.cli import run
 from jbw.errors import DataError
-from jbw.measurement.checks.responses import band_about_peak, level_unlike
 from jbw.measurement.demodulation import band_filter
-from jbw.measurement.hypotheses.examine import Examined, examined_decay
+from jbw.measurement.faults.examine import Examined, examined_decay
+from jbw.measurement.faults.responses import band_about_peak, level_unlike
 from jbw.measurement.records import Record
 
 FS, HERTZ = 512.0, 18.8

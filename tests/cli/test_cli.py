@@ -16,6 +16,7 @@ from jbw.cli.printing import show
 from jbw.errors import ModelError, RunError
 from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.records import Record
+from jbw.results.run import RunSummary, StoredVerdict
 
 UNITS = {"input": "V", "velocity": "m/s"}
 
@@ -252,7 +253,7 @@ def test_table_1_loses_columns_on_a_narrow_screen_but_no_digits(monkeypatch, cap
         monkeypatch.setattr(
             "jbw.cli.printing.console", lambda width=width: Console(width=width, highlight=False)
         )
-        show(*summary_lines(summary))
+        show(*summary_lines(RunSummary.read(summary)))
         printed = capsys.readouterr().out
         assert "…" not in printed
         assert max(map(len, printed.splitlines())) <= width
@@ -264,7 +265,7 @@ def test_table_1_loses_columns_on_a_narrow_screen_but_no_digits(monkeypatch, cap
 def test_a_warning_of_several_tests_is_told_once(capsys):
     from jbw.campaign.check import Check, Row
     from jbw.cli.check import _lines
-    from jbw.measurement.checks.faults import doubt
+    from jbw.measurement.faults.fault import doubt
 
     sign = doubt("velocity", "The sign may be turned.", "It adds pi.", "Set turn.")
     other = doubt("velocity", "It lags by 2 ms.", "It adds phase.", "Set delay.")
@@ -319,7 +320,9 @@ def test_a_usable_verdict_ends_with_0_unless_strict(status, strict, code, capsys
 
     from jbw.cli.identify import ended
 
-    finding = {"code": "misfit", "status": status}
-    assert ended({"status": status, "findings": [finding]}, Path("run"), strict=strict) == code
+    found = StoredVerdict.read(
+        {"status": status, "findings": [{"code": "misfit", "status": status}]}
+    )
+    assert ended(found, Path("run"), strict=strict) == code
     named = "predict" if code == 0 else "explain"
     assert f"Next: jbw {named}" in capsys.readouterr().err

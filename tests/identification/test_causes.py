@@ -15,8 +15,10 @@ from scipy.signal import chirp, lsim
 from jbw import Record, Test
 from jbw.campaign.settings import Identify
 from jbw.identification.assemble import measured
-from jbw.identification.causes import _swapped, cause_finding, causes, causes_sentence
+from jbw.identification.causes import cause_finding, causes, causes_sentence
 from jbw.identification.prepare import fit_joint
+from jbw.measurement.faults.suspect import Misfit
+from jbw.measurement.faults.swapped_channels import SwappedChannels
 
 FS, LENGTH, GAIN = 256.0, 1536, 15.0
 OMEGA_N, ZETA = 2 * np.pi * 18.8, 0.01
@@ -112,46 +114,46 @@ def of_its_day(name, u, v):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (late, "lags the input by"),
-        (by_another_clock, "ppm faster than that of the drive"),
-        (turned, "a reversed sign"),
+        (late, "lags behind the drive by"),
+        (by_another_clock, "ppm fast compared with that of the drive"),
+        (turned, "has the opposite sign to that of the other tests"),
         (thousandths, "unit: thousand"),
-        (amplified, "times as large as the other tests predict"),
-        (shifted, "constant offset"),
-        (cut, "clipping of high"),
-        (fed_through, "modes outside the band"),
-        (second_mode, "another mode near 23"),
-        (of_its_day, "differences of natural frequency"),
+        (amplified, "times that of the other tests"),
+        (shifted, "has an offset of"),
+        (cut, "of the samples are clipped, in high"),
+        (fed_through, "Modes outside the band respond"),
+        (second_mode, "contains two modes, at 18.8 and 23"),
+        (of_its_day, "Natural frequency and damping differ between the tests"),
     ],
 )
 def test_the_first_cause_is_what_was_done_to_the_data(change, words):
     first, *_ = every = found(change)
-    assert words in first.text
+    assert words in first.text.what
     # What noise leaves is two thousandths; the modes' and delays' steps are linear, so not exact.
     assert first.explained > 0.85
     finding = cause_finding(every)
     assert finding is not None
     assert finding.status == "failed"
-    assert finding.action == first.action
-    assert first.text in causes_sentence(every)
+    assert finding.action == first.text.remedy
+    assert first.text.what.rstrip(".") in causes_sentence(every)
     if change is not cut:  # what a range has cut off no key brings back
-        assert lines_of(first.action)
-        pasted(first.action)
+        assert lines_of(first.text.remedy)
+        pasted(first.text.remedy)
 
 
 def test_a_delay_is_told_by_its_size():
     text = found(late)[0].text
     # The step is linear in omega tau = 0.12, so right to a hundredth.
-    lag = text.removeprefix("a response that lags the input by ").split()[0]
+    lag = text.what.removeprefix("The response lags behind the drive by ").split()[0]
     assert float(lag) == pytest.approx(1e-3, rel=0.03)
-    assert pasted(found(late)[0].action).tests[0].delay == pytest.approx(1e-3, rel=0.03)
+    assert pasted(text.remedy).tests[0].delay == pytest.approx(1e-3, rel=0.03)
 
 
 def test_a_clock_is_told_by_its_size():
     first, *_ = found(by_another_clock)
     # The step is linear in t times the part, 0.1 rad at most, and noise adds a hundredth.
-    assert float(first.text.split("runs ")[1].split()[0]) == pytest.approx(1000, rel=0.05)
-    assert pasted(first.action).tests[0].clock_ppm == pytest.approx(1000, rel=0.05)
+    assert float(first.text.what.split("runs ")[1].split()[0]) == pytest.approx(1000, rel=0.05)
+    assert pasted(first.text.remedy).tests[0].clock_ppm == pytest.approx(1000, rel=0.05)
 
 
 def test_nothing_is_named_where_noise_alone_is_left():
@@ -169,5 +171,5 @@ def test_swapped_channels_explain_the_squares_that_they_leave_less():
         omega=omega, factor=np.ones(4), measured=stiffness * modelled,
         source=np.sqrt(0.99) * modelled + 0.1 * beside, residual=0.5 * beside, values=modelled,
     )  # fmt: skip
-    (cause,) = _swapped({"sweep": spectrum}, ["sweep"], theta)
+    (cause,) = SwappedChannels().suspects(Misfit({"sweep": spectrum}, ["sweep"], theta))
     assert cause.explained == pytest.approx(1 - 0.1**2 / 0.5**2, rel=1e-12)

@@ -31,7 +31,7 @@ from jbw.law_comparison.answers import (
     _behind_by_runs,
     _of_offsets,
     _of_unseen,
-    compare_rows,
+    compared_rows,
     differences,
     stacking,
     statements,
@@ -42,6 +42,7 @@ from jbw.measurement.records import Record, Test
 from jbw.observables import dataset, noise
 from jbw.observables.dataset import log_likelihood
 from jbw.report.messages import laws as texts
+from jbw.results.laws import StoredLaw, StoredLaws, StoredSharedRuns
 
 OMEGA_N, ZETA, CUBIC, LEVELS = 500.0, 0.003, -2e10, (5.0, 20.0, 40.0, 60.0, 80.0, 100.0)
 
@@ -248,29 +249,26 @@ def test_differences_and_stacking_are_closed_forms():
     np.testing.assert_allclose([weights[name] for name in far], [0.5, 0.5, 0.0], atol=1e-3)
 
 
-def row(evidence_of, error=0.1, count=1, hopeless=False):
+def row(evidence_of, error=0.1, count=1, hopeless=False, **more):
     wide = None if evidence_of is None else evidence_of - count * np.log(2.0)
-    return {"error": error, "hopeless": hopeless, "log_likelihood": 20.0 - error * 1e3,
+    facts = {"error": error, "hopeless": hopeless, "log_likelihood": 20.0 - error * 1e3,
             "log_evidence": evidence_of, "log_evidence_wide": wide, "khat": 0.1,
             "elpd_doubt": 0.0, "khat_evidence": 0.1, "at_bound": [], "reached": [],
             "laws": []}  # fmt: skip
+    return StoredLaw.read(facts | more)
+
+
+def said_of(rows, runs, **more):
+    """The sentences on a comparison of these laws."""
+    return statements(StoredLaws(laws=rows, runs=list(runs), **more))
 
 
 def test_few_runs_are_no_comparison_of_predictions():
     rows = {"a": row(0.0), "b": row(-3.0), "c": row(-20.0)}
-    compare_rows(rows, {name: np.zeros(3) for name in rows})
-    assert [one["answer"] for one in rows.values()] == ["best", "not told apart", "worse"]
-    assert rows["a"]["weight"] is None
-    said = statements(
-        {
-            "laws": rows,
-            "runs": ["x", "y", "z"],
-            "shared_runs": None,
-            "floor": 0.09,
-            "line": 0.035,
-            "lines": {"x": 0.03, "y": 0.04},
-        }
-    )
+    rows = compared_rows(rows, {name: np.zeros(3) for name in rows})
+    assert [one.answer for one in rows.values()] == ["best", "not told apart", "worse"]
+    assert rows["a"].weight is None
+    said = said_of(rows, "xyz", floor=0.09, line=0.035, lines={"x": 0.03, "y": 0.04})
     assert said[:5] == [
         texts.best_by_evidence("a", 3, 5),
         texts.equivalent(["b"]),
@@ -282,12 +280,11 @@ def test_few_runs_are_no_comparison_of_predictions():
 
 def test_other_kinds_are_predicted_by_the_law_whose_worst_kind_is_least():
     rows = {
-        "a": row(0.0) | {"error_across": {"sweeps": 0.02, "loops": 0.3}},
-        "b": row(-3.0) | {"error_across": {"sweeps": 0.03, "loops": 0.1}},
+        "a": row(0.0, error_across={"sweeps": 0.02, "loops": 0.3}),
+        "b": row(-3.0, error_across={"sweeps": 0.03, "loops": 0.1}),
     }
-    compare_rows(rows, {name: np.zeros(3) for name in rows})
-    record = {"laws": rows, "runs": ["x", "y", "z"], "floor": None, "lines": {}}
-    said = statements(record | {"shared_runs": None})
+    rows = compared_rows(rows, {name: np.zeros(3) for name in rows})
+    said = said_of(rows, "xyz")
     assert texts.predicted_by(texts.ACROSS, ["b"], 0.1, "a", 0.3) in said
     assert texts.best_across("a", "sweeps", 0.02) in said
     assert texts.best_across("b", "loops", 0.1) in said
@@ -298,31 +295,29 @@ def test_a_rough_score_calls_no_law_worse_and_none_the_best():
     base = rng.normal(size=6)
     scores = {"a": base, "b": base - 50.0, "c": base - 60.0, "d": base + 40.0}
     rows = {name: row(0.0) for name in scores}
-    rough = {"khat": 0.9, "elpd_doubt": 120.0}
-    rows["b"] |= rough
-    rows["d"] |= rough
-    compare_rows(rows, scores)
-    answers = {name: one["answer"] for name, one in rows.items()}
+    for name in "bd":
+        rows[name] = rows[name].replaced(khat=0.9, elpd_doubt=120.0)
+    rows = compared_rows(rows, scores)
+    answers = {name: one.answer for name, one in rows.items()}
     assert answers == {"a": "best", "b": "not judged", "c": "worse", "d": "not judged"}
-    said = statements(
-        {"laws": rows, "runs": list("uvwxyz"), "floor": None, "lines": {}, "shared_runs": None}
-    )
+    said = said_of(rows, "uvwxyz")
     assert texts.not_judged(["b", "d"], "a", GOOD_KHAT) in said
     # What it may be off by does not reach so far.
-    rows["b"]["elpd_doubt"] = rows["d"]["elpd_doubt"] = 30.0
-    compare_rows(rows, scores)
-    answers = {name: one["answer"] for name, one in rows.items()}
+    for name in "bd":
+        rows[name] = rows[name].replaced(elpd_doubt=30.0)
+    rows = compared_rows(rows, scores)
+    answers = {name: one.answer for name, one in rows.items()}
     assert answers == {"a": "worse", "b": "worse", "c": "worse", "d": "best"}
-    rows = {"a": row(0.0), "b": row(-80.0) | {"khat_evidence": np.inf}, "c": row(-80.0)}
-    compare_rows(rows, {})
-    assert [one["answer"] for one in rows.values()] == ["best", "not judged", "worse"]
+    rows = {"a": row(0.0), "b": row(-80.0, khat_evidence=np.inf), "c": row(-80.0)}
+    rows = compared_rows(rows, {})
+    assert [one.answer for one in rows.values()] == ["best", "not judged", "worse"]
 
 
 @pytest.mark.parametrize(("doubt", "behind"), [(0.0, True), (5.0, False)])
 def test_a_law_is_no_worse_than_one_whose_own_score_may_be_off_by_as_much(doubt, behind):
     """Ten nats behind, with a standard error of one: a rough best score is off by 3 x 5 nats."""
-    sure = {"elpd_difference": -10.0, "elpd_difference_se": 1.0, "khat": 0.1, "elpd_doubt": 0.0}
-    assert _behind_by_runs(sure, {"khat": 0.9, "elpd_doubt": doubt}) == behind
+    sure = StoredLaw(elpd_difference=-10.0, elpd_difference_se=1.0, khat=0.1, elpd_doubt=0.0)
+    assert _behind_by_runs(sure, StoredLaw(khat=0.9, elpd_doubt=doubt)) == behind
 
 
 def test_a_hopeless_law_is_worse_whatever_its_score_and_the_words_say_by_what():
@@ -330,30 +325,28 @@ def test_a_hopeless_law_is_worse_whatever_its_score_and_the_words_say_by_what():
     base = rng.normal(size=6)
     # Far behind on one run alone, which no standard error over runs would call apart.
     scores = {"a": base, "b": base - np.array([0, 0, 0, 0, 0, 9e3])}
-    rows = {"a": row(0.0), "b": row(None, error=0.4, hopeless=True) | {"khat": None}}
-    compare_rows(rows, scores)
-    assert -rows["b"]["elpd_difference"] < 2 * rows["b"]["elpd_difference_se"]
-    assert [one["answer"] for one in rows.values()] == ["best", "worse"]
-    np.testing.assert_allclose([one["weight"] for one in rows.values()], [1.0, 0.0], atol=1e-3)
-    said = statements(
-        {"laws": rows, "runs": list("uvwxyz"), "floor": None, "lines": {}, "shared_runs": None}
-    )
+    rows = {"a": row(0.0), "b": row(None, error=0.4, hopeless=True, khat=None)}
+    rows = compared_rows(rows, scores)
+    assert -rows["b"].elpd_difference < 2 * rows["b"].elpd_difference_se
+    assert [one.answer for one in rows.values()] == ["best", "worse"]
+    np.testing.assert_allclose([one.weight for one in rows.values()], [1.0, 0.0], atol=1e-3)
+    said = said_of(rows, "uvwxyz")
     assert texts.by_fit_alone("b", 0.4, "a", 0.1, 300.0) in said
     # Where the law that leaves least could not be weighed, the others are compared all the same.
     alone = {"b": row(None, error=0.4, hopeless=True), "c": row(None, error=0.5, hopeless=True)}
-    compare_rows(alone, {"b": base, "c": base + 1.0})
-    assert [one["answer"] for one in alone.values()] == ["best", "worse"]
+    alone = compared_rows(alone, {"b": base, "c": base + 1.0})
+    assert [one.answer for one in alone.values()] == ["best", "worse"]
     # Alone with a rough law it is still not the best one.
-    rows["a"]["khat"] = 0.9
-    compare_rows(rows, scores)
-    assert [one["answer"] for one in rows.values()] == ["best", "worse"]
+    rows["a"] = rows["a"].replaced(khat=0.9)
+    rows = compared_rows(rows, scores)
+    assert [one.answer for one in rows.values()] == ["best", "worse"]
 
 
 def test_evidence_that_hangs_on_the_priors_tells_nothing_apart():
     # Seven nats behind with one parameter more, four with both priors twice as wide.
     rows = {"a": row(0.0, count=5), "b": row(-7.0, count=0)}
-    compare_rows(rows, {})
-    assert rows["b"]["answer"] == "not told apart"
+    rows = compared_rows(rows, {})
+    assert rows["b"].answer == "not told apart"
 
 
 class Normal(NamedTuple):
@@ -437,7 +430,7 @@ def test_a_law_is_shown_with_offsets_of_the_runs_and_without():
     # One level of four that is off by 0.3 % costs the fit without offsets more than that with them.
     assert row["error"][1] > 2 * row["error"][0]
     shown = {**row, "errors": {"linear": 1.0, "cubic": shared[0].error}}
-    (said,) = _of_offsets("cubic", shown)
+    (said,) = _of_offsets("cubic", StoredSharedRuns.read(shown))
     with_, without = row["error"]
     moved = [
         texts.moved(name, (each["without"], each["without_sd"]), (each["with"], each["with_sd"]))
@@ -475,10 +468,10 @@ def test_tests_that_nobody_fitted_are_told_apart_by_reach():
     rows = {name: errors_apart(found, name, "a") for name in "ab"}
     assert rows["a"] == {"error_held_out": pytest.approx(0.025**0.5), "error_beyond": 0.6}
     assert rows["b"] == {"error_held_out": 0.3, "error_beyond": 0.4}
-    within, beyond = _of_unseen(rows)
+    within, beyond = _of_unseen({name: StoredLaw(**row) for name, row in rows.items()})
     assert within == texts.best_within("a", 0.025**0.5)
     assert beyond == texts.best_beyond("b", 0.4)
-    assert list(_of_unseen({"a": errors_apart(None, "a", "a")})) == []
+    assert list(_of_unseen({"a": StoredLaw(**errors_apart(None, "a", "a"))})) == []
 
 
 @pytest.mark.slow

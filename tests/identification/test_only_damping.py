@@ -11,6 +11,7 @@ from jbw.identification.no_joint import Nested, drag_finding, may_be_drag
 from jbw.measurement.records import Record, Test
 from jbw.report.opening import known_parameters
 from jbw.report.words import grades
+from jbw.results.run import RunSummary
 
 RNG = np.random.default_rng(0)
 NOTHING = 1e-4 * RNG.standard_normal(500)
@@ -80,11 +81,12 @@ def test_a_doubted_joint_has_no_known_parameter():
         for name in ("omega_n", "zeta", "alpha", "delta", "gamma")
     }
     found = drag_finding(Nested(1.0, 2, None, {}), SOFTENING, 1e-3, misses=False)
-    summary = {
+    record = {
         "main": "joint",
         "steps": {"joint": {"parameters": rows}},
-        "verdict": {"status": "usable", "findings": [found.record()]},
+        "verdict": {"status": "usable", "findings": [found.stored()]},
     }
+    summary = RunSummary.read(record)
     graded = grades(summary)
     assert {name for name, grade in graded.items() if grade <= 1} == {"omega_n", "zeta"}
     assert [line.split()[0] for line in known_parameters(summary)] == ["omega_n", "zeta"]
@@ -134,7 +136,7 @@ def test_a_first_answer_of_drag_doubts_hysteresis_and_the_line_cures():
     codes = {one.code: one for one in study.verdict.findings}
     assert codes["no_hysteresis"].status != "ok"
     assert codes["no_hysteresis"].reason in " ".join(study.record["opening"])
-    assert not any(line.startswith("alpha") for line in known_parameters(study.record))
+    assert not any(line.startswith("alpha") for line in known_parameters(study.result))
     cured = quick_answer(test, pasted(codes["no_hysteresis"].action).laws)
     assert [one.code for one in cured.verdict.findings] == ["not_sampled"]
     row = cured.record["steps"]["joint"]["parameters"]["quadratic_damping"]

@@ -18,6 +18,7 @@ from jbw.identification.uncertain_shapes import first_factors
 from jbw.inference.generator import parts_of
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.report.opening import tied_sentences
+from jbw.results.run import StoredJoints
 
 BOLT = (7e6, 2.5e5, 5e4)  # alpha [N/m], delta and gamma [1/m]
 TIED = ("bouc_wen@bolt_1=bolt_2",)
@@ -49,7 +50,7 @@ def said(log_ratio, khat=0.1, *, is_bound=False):
     attrs = TiedEvidence(TIED, None, log_ratio, khat, is_bound).attrs  # pyright: ignore[reportArgumentType]
     record = tied_record(attrs)
     assert record is not None
-    (sentence,) = tied_sentences({"tied": record})
+    (sentence,) = tied_sentences(StoredJoints.read({"tied": record}))
     return record["answer"], sentence
 
 
@@ -72,7 +73,7 @@ def test_the_evidence_is_told_in_odds():
     assert answer == "not told"
     assert "(k-hat 0.9)" in sentence
     assert tied_record({"other": 1}) is None
-    assert tied_sentences({}) == []
+    assert tied_sentences(StoredJoints()) == []
 
 
 def test_the_evidence_of_one_law_is_above_that_of_two_and_as_sure_as_the_poorer(monkeypatch):

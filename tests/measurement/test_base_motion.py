@@ -61,10 +61,10 @@ def written(folder, role="acceleration", unit="m/s^2", head="", more="", *, is_r
 def test_a_mode_on_a_moving_base_is_read_as_it_is(tmp_path, role, unit, more):
     path = written(tmp_path, role, unit, more=more, is_relative=bool(more))
     campaign = load_campaign(path)
-    (row,) = look(campaign, report=lambda _: None).record["tests"]
-    assert row["frequency_hz"] == pytest.approx(20.0, abs=3 * row["frequency_sd"])
-    assert row["damping"] == pytest.approx(ZETA, abs=3 * row["damping_sd"])
-    assert row["damping_sd"] < 0.02 * ZETA
+    (row,) = look(campaign, report=lambda _: None).record.tests
+    assert row.frequency_hz == pytest.approx(20.0, abs=3 * row.frequency_sd)
+    assert row.damping == pytest.approx(ZETA, abs=3 * row.damping_sd)
+    assert row.damping_sd < 0.02 * ZETA
     record = campaign.tests[0].records[0]
     y, u = record.channels[role], record.channels["input"]
     order = ("displacement", "velocity", "acceleration").index(role)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from jbw.measurement.hypotheses.begins_late import _onset
-from jbw.measurement.hypotheses.hypothesis import Facts
-from jbw.measurement.hypotheses.lag import ClocksApart, Delay
-from jbw.measurement.hypotheses.second_mode import SecondMode
-from jbw.measurement.hypotheses.steady_line import UndecayingLine
-from jbw.measurement.hypotheses.window import window_constant
+from jbw.measurement.faults.begins_late import _onset
+from jbw.measurement.faults.hypothesis import Facts
+from jbw.measurement.faults.lag import ClocksApart, Delay
+from jbw.measurement.faults.second_mode import SecondMode
+from jbw.measurement.faults.steady_line import UndecayingLine
+from jbw.measurement.faults.window import window_constant
 from jbw.measurement.readings import table
 from jbw.measurement.readings.decay import _log_response, _moments
 from jbw.measurement.readings.statement import _between_records, _RowsOfRecords

@@ -5,8 +5,8 @@ import pytest
 
 from jbw.campaign.check import findings
 from jbw.campaign.tables import TestSpec
+from jbw.measurement.faults.window import window_constant
 from jbw.measurement.files.assemble import unwindowed
-from jbw.measurement.hypotheses.window import window_constant
 from jbw.measurement.records import Record
 
 FS, HZ, RATE = 600.0, 30.0, 1.1

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import chirp, lsim
 
-from jbw.measurement.hypotheses.lag import Delay
+from jbw.measurement.faults.lag import Delay
 from jbw.measurement.readings.read import sweep_fits, swept_signal
 from jbw.measurement.records import Record
 

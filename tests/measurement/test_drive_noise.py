@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from jbw.measurement.checks.drive_noise import noisy_drive, passed_on
-from jbw.measurement.hypotheses.unlike_gains import unlike_gains
+from jbw.measurement.faults.drive_noise import noisy_drive, passed_on
+from jbw.measurement.faults.unlike_gains import unlike_gains
 from jbw.measurement.records import Record
 
 FS, N, F_N, ZETA = 256.0, 4096, 18.8, 0.005

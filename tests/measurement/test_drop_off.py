@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from jbw.measurement.hypotheses.drop_off import RANDOM, drive_course, drop_off
-from jbw.measurement.hypotheses.examine import examined_sweep
+from jbw.measurement.faults.drop_off import RANDOM, drive_course, drop_off
+from jbw.measurement.faults.examine import examined_sweep
 from jbw.measurement.records import Record
 
 SIZE = 2000

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 
 from jbw.cli import run
-from jbw.measurement.checks.faults import doubt, gathered, refusal, told_together
+from jbw.measurement.faults.fault import doubt, gathered, refusal, told_together
 from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.records import Record
 

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from jbw.measurement.checks.long_records import long_records
+from jbw.measurement.faults.long_records import long_records
 from jbw.measurement.records import Record, Test
 
 FS = 4096.0

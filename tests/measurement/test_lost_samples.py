@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jbw.measurement.checks.channels import inspect
+from jbw.measurement.faults.channels import inspect
 from jbw.measurement.records import Record
 
 FS = 1000.0

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from jbw.measurement.checks.channels import inspect
-from jbw.measurement.checks.samples import drop_outs, held_for
+from jbw.measurement.faults.channels import inspect
+from jbw.measurement.faults.samples import drop_outs, held_for
 from jbw.measurement.records import Record
 
 FS, SIZE = 2048.0, 8192

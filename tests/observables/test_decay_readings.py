@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jbw
-from jbw.measurement.hypotheses.examine import read_decays
+from jbw.measurement.faults.examine import read_decays
 from jbw.measurement.records import Record, Test
 
 FS, HZ, LINEAR, QUADRATIC, SOFTENING = 512.0, 20.0, 0.5, 0.6, 0.008

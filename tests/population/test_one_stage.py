@@ -18,6 +18,7 @@ from jbw.population.coordinates import Pooled
 from jbw.population.one_stage import joint_model, measured_units, one_stage
 from jbw.population.population import Population
 from jbw.population.prior import CovariateDesign, Prior
+from jbw.results.run import RunSummary
 
 S = np.array([0.05, 0.1, 0.1, 0.2, 0.15])  # each unit's own error of ln zeta
 Y = np.log(0.01) + np.array([-0.3, 0.1, 0.25, 0.0, -0.1])
@@ -41,7 +42,8 @@ def units(monkeypatch):
         )
         data = SimpleNamespace(y=y, s=s, laws=())
         studies.append(SimpleNamespace(
-            identification=SimpleNamespace(data=data, main=main), record={"campaign": "unit"},
+            identification=SimpleNamespace(data=data, main=main),
+            result=RunSummary(campaign="unit"),
         ))  # fmt: skip
     pooled = Pooled(
         ("zeta",), Y[:, None], S[:, None, None] ** 2, np.array([[0.0, 1.0]]), ("omega_n", "zeta"),
@@ -102,8 +104,8 @@ def test_units_that_it_cannot_take_are_named(units):
     studies, population = units
     with pytest.raises(ConfigError, match=r"must have .* the 5 units.*but has 4"):
         jbw.one_stage(studies[:4], population)
-    saved = SimpleNamespace(identification=None, record={"campaign": "beam"})
-    with pytest.raises(DataError, match="beam has no joint posterior in memory"):
+    saved = SimpleNamespace(identification=None, result=RunSummary(campaign="beam"))
+    with pytest.raises(DataError, match="beam has no joint posterior at hand"):
         jbw.one_stage([saved, *studies[1:]], population)
     more = population._replace(pooled=population.pooled._replace(powers=np.array([[1.0, 1.0]])))
     with pytest.raises(DataError, match="do not determine all of zeta"):

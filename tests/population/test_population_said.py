@@ -5,6 +5,7 @@ import pytest
 
 from jbw.population.population import statements, status_of
 from jbw.report.messages import population
+from jbw.results.population import StoredPopulation
 
 
 def interval(low, median, high):
@@ -17,7 +18,7 @@ def a_record(num=6, **changed):
         "scatter": interval(0.1, 0.2, 0.3), "run_scatter": None, "own_over_scatter": 0.5,
         "slope_torque": interval(-2.0, -1.5, -1.0),
     }  # fmt: skip
-    return {
+    facts = {
         "units": names, "torque": [4.0, 8.0, 12.0] * (num // 3) + [4.0] * (num % 3),
         "columns": ["mean", "torque"], "correlation": None, "saturating": [], "ratios": {},
         "parameters": {"stiffness": row}, "belongs": dict.fromkeys(names, 0.5),
@@ -25,6 +26,7 @@ def a_record(num=6, **changed):
         "sampling": {"r_hat": 1.001, "divergences": 0, "num_draws": 2000}, "status": "ok",
         **changed,
     }  # fmt: skip
+    return StoredPopulation.read(facts)
 
 
 def stated(**changed):
@@ -48,7 +50,7 @@ def test_failed_runs_and_a_failed_sampler_are_named():
     diverged = {"r_hat": 1.2, "divergences": 40, "num_draws": 2000}
     record = a_record(sampling=diverged)
     assert status_of(record) == "failed"
-    assert statements({**record, "status": "failed"})[0] == population.not_converged(1.2, 40)
+    assert statements(record.replaced(status="failed"))[0] == population.not_converged(1.2, 40)
 
 
 @pytest.mark.parametrize("correlation", [0.99, -0.99])
@@ -70,7 +72,7 @@ def test_ratios_runs_and_what_has_no_logarithm_are_told():
     statements = stated(ratios={"gamma/delta": level, "a/b": rising})
     assert population.ratio_trend("gamma/delta", level, depends=False) in statements
     assert population.ratio_trend("a/b", rising, depends=True) in statements
-    row = {**a_record()["parameters"]["stiffness"], "run_scatter": 0.031}
+    row = a_record().parameters["stiffness"].replaced(run_scatter=0.031)
     assert population.scatter([("stiffness", 0.031, 0.2)]) in stated(parameters={"stiffness": row})
     lacking = {"gamma": ["unit_2"]}
     assert population.no_logarithm("gamma", ["unit_2"]) in stated(no_logarithm=lacking)

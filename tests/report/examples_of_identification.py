@@ -19,18 +19,9 @@ from jbw.report.messages import (
 
 EXAMPLES = {
     "causes": [
-        causes.causes([(0.8, "a clock"), (0.2, "an offset")]),
-        *causes.swapped("sweep"),
-        *causes.delay(1e-3, "Put under [[test]]: `x = 1`."),
-        *causes.clock(-81.2, "Put under [[test]]: `x = 1`."),
-        *causes.turned("sweep", "Put under [[test]]: `x = 1`."),
-        *causes.factor("sweep", 9.81, "units of g", "Put under [[test]]: `x = 1`.", is_turned=True),
-        *causes.factor("sweep", 1.3, None, "Put under [[test]]: `x = 1`.", is_turned=False),
-        *causes.offset(0.1, "Put under [[test]]: `x = 1`."),
-        *causes.clipping(["sweep"]),
-        *causes.residual_term(1e-6, "Put under [[test]]: `x = 1`."),
-        *causes.natural_frequencies(0.002, "Put under [[test]]: `x = 1`."),
-        *causes.further_mode(30.1, " Put under [[test]]: `band = [15.0, 23.0]`."),
+        causes.causes([(0.8, "The clock runs fast."), (0.2, "The response has an offset.")]),
+        causes.residual_term(1e-6),
+        causes.natural_frequencies(0.002),
     ],
     "draft": [
         draft.NAME_RECORD,

@@ -64,7 +64,7 @@ OF_FINDINGS = {
          "counted": 0.11}, OTHER_LAW,
     ),
     "repeatability": ({"count": 6, "test": "sweep", "error": 0.08, "scatter": 0.03}, OTHER_LAW),
-    "cause": ({"text": "a response that lags the input by 0.001 s", "share": 0.8},
+    "cause": ({"text": "The response lags behind the drive by 0.001 s.", "share": 0.8},
               {"action": "Put under [[test]]: `delay = 0.001`."}),
     "level_trend": (
         {"quantity": "damping ratio", "count": 6, "change": 0.012, "std": 0.002,

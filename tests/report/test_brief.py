@@ -13,6 +13,7 @@ from jbw.cli.result import report
 from jbw.errors import ConfigError
 from jbw.report.brief import HEIGHT, WIDTH, draw_brief, write_brief
 from jbw.report.messages.brief import USE
+from jbw.results.run import RunSummary
 
 DAY = datetime.date(2026, 11, 26)
 LONG = '$x_{ & </b> "quoted" 試験 \u202e' + 40 * "bolt" + " " + 30 * "a word "
@@ -83,8 +84,8 @@ def several_modes(tree):
 
 
 def test_nothing_overlaps_on_the_page(tree, summary):
-    require_order(draw_brief(summary, tree, DAY))
-    assert num_pages(write_brief(summary, tree, DAY)) == 1
+    require_order(draw_brief(RunSummary.read(summary), tree, DAY))
+    assert num_pages(write_brief(RunSummary.read(summary), tree, DAY)) == 1
 
 
 @pytest.mark.filterwarnings("ignore:Glyph")  # the font lacks it: a box
@@ -101,20 +102,22 @@ def test_long_names_and_many_tests_stay_on_the_page(tree, summary):
         }
         for i in range(40)
     ]
-    figure = draw_brief(summary, tree, DAY)
+    figure = draw_brief(RunSummary.read(summary), tree, DAY)
     require_order(figure)
     assert "more lines: see report.html" in words(figure)
-    assert num_pages(write_brief(summary, tree, DAY)) == 1
+    assert num_pages(write_brief(RunSummary.read(summary), tree, DAY)) == 1
 
 
 def test_a_failed_verdict_is_said_before_any_number(tree, summary):
-    page_words = words(draw_brief(failed(summary), tree, DAY))
+    page_words = words(draw_brief(RunSummary.read(failed(summary)), tree, DAY))
     assert page_words.index(USE["failed"]) < page_words.index("The law fails. Try another.")
     assert page_words.index("The law fails.") < page_words.index("RMS error")
     fine = {"status": "ok", "findings": []}
-    assert USE["ok"] in words(draw_brief({**summary, "verdict": fine}, tree, DAY))
+    assert USE["ok"] in words(draw_brief(RunSummary.read({**summary, "verdict": fine}), tree, DAY))
     doubt = {"status": "not assessed", "findings": []}
-    assert "provisional" in words(draw_brief({**summary, "verdict": doubt}, tree, DAY))
+    assert "provisional" in words(
+        draw_brief(RunSummary.read({**summary, "verdict": doubt}), tree, DAY)
+    )
 
 
 def test_numbers_are_those_of_the_backbone(tree, summary):
@@ -122,7 +125,7 @@ def test_numbers_are_those_of_the_backbone(tree, summary):
     group = tree["verification/backbone"].to_dataset()
     y_peak = group.attrs["y_fitted"]
     at = group.interp(amplitude=y_peak)
-    page_words = words(draw_brief(summary, tree, DAY))
+    page_words = words(draw_brief(RunSummary.read(summary), tree, DAY))
     assert f"{1e3 * y_peak:.3g} mm" in page_words
     hertz = float(at["frequency"].values[1])
     shown = [float(x) for x in re.findall(r"(\d+\.\d+) \[", page_words)]
@@ -136,24 +139,24 @@ def test_numbers_are_those_of_the_backbone(tree, summary):
 
 def test_several_modes_have_a_table_of_their_own(tree, summary):
     both = several_modes(tree)
-    figure = draw_brief(summary, both, DAY)
+    figure = draw_brief(RunSummary.read(summary), both, DAY)
     require_order(figure)
     page_words = words(figure)
     assert "of the first mode" in page_words
     assert "mode 2" in page_words
     second = 2.5 * float(tree["posterior"]["omega_n"].median()) / (2 * np.pi)
     assert f"{second:.1f}" in page_words
-    assert "mode 2" not in words(draw_brief(summary, tree, DAY))
+    assert "mode 2" not in words(draw_brief(RunSummary.read(summary), tree, DAY))
 
 
 def test_another_law_and_a_bare_run_have_their_page(tree, summary):
     iwan = tree.copy()
     iwan.attrs = {**tree.attrs, "laws": '["iwan4", "cubic"]'}
-    assert "iwan4 and cubic spring" in words(draw_brief(summary, iwan, DAY))
-    bare = draw_brief({}, xr.DataTree(), DAY)
+    assert "iwan4 and cubic spring" in words(draw_brief(RunSummary.read(summary), iwan, DAY))
+    bare = draw_brief(RunSummary.read({}), xr.DataTree(), DAY)
     require_order(bare)
     assert "provisional" in words(bare)
-    assert num_pages(write_brief({}, xr.DataTree(), DAY)) == 1
+    assert num_pages(write_brief(RunSummary.read({}), xr.DataTree(), DAY)) == 1
 
 
 def test_the_command_writes_one_page_and_nothing_else(tree, summary, tmp_path):
@@ -177,6 +180,6 @@ def test_the_command_writes_one_page_and_nothing_else(tree, summary, tmp_path):
 @pytest.mark.filterwarnings("ignore:Glyph")
 @pytest.mark.parametrize("name", ["a" * 300, "\t\n", "🔩 " * 60, "Ünïcödé"])
 def test_any_name_is_shortened_to_its_line(name):
-    figure = draw_brief({"campaign": name}, xr.DataTree(), DAY)
+    figure = draw_brief(RunSummary.read({"campaign": name}), xr.DataTree(), DAY)
     require_order(figure)
-    assert num_pages(write_brief({"campaign": name}, xr.DataTree(), DAY)) == 1
+    assert num_pages(write_brief(RunSummary.read({"campaign": name}), xr.DataTree(), DAY)) == 1

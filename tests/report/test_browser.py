@@ -12,6 +12,7 @@ import subprocess
 import pytest
 
 from jbw.report.page import write_page
+from jbw.results.run import RunSummary
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 CHROMIUM = next((path for name in NAMES if (path := shutil.which(name))), None)
@@ -79,7 +80,7 @@ def measured(page):
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")
 def test_the_page_fits_every_window(tree, summary, tmp_path):
     path = tmp_path / "report.html"
-    write_page(summary, tree, path)
+    write_page(RunSummary.read(summary), tree, path)
     for (_, theme), measures in zip(WINDOWS, measured(path), strict=True):
         assert measures["wide"] <= measures["width"]
         assert measures["pictures"] > 0

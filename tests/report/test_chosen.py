@@ -9,6 +9,7 @@ from jbw.report.chosen import chosen_names, selected
 from jbw.report.figures import FIGURES
 from jbw.report.responses import softening
 from jbw.report.tables import every_test, table_of_tests, with_records
+from jbw.results.run import RunSummary
 
 
 def campaign(*tests):
@@ -97,15 +98,15 @@ def test_one_list_tells_of_every_test_whether_it_was_fitted():
         ],
         "predictions": {"weak": {"nrmse": 0.1, "fitted": True}, "family of tones": {"nrmse": 0.2}},
     }
-    rows = every_test(summary)
-    assert [row["test"] for row in rows] == ["weak", "tone", "family of tones"]
-    assert rows[0]["nrmse"] == 0.1
-    assert rows[0]["fitted"] == 1
+    rows = every_test(RunSummary.read(summary))
+    assert [row.test for row in rows] == ["weak", "tone", "family of tones"]
+    assert rows[0].nrmse == 0.1
+    assert rows[0].fitted == 1
     old = xr.DataTree.from_dict(
         {"/look/weak": xr.Dataset(attrs={"test": "weak", "kind": "noise", "fitted": 0})}
     )
-    (read,) = every_test({}, old)
-    assert read["fitted"] == 0
+    (read,) = every_test(RunSummary.read({}), old)
+    assert read.fitted == 0
 
 
 def test_records_of_decays_stand_in_the_place_of_their_test():
@@ -122,9 +123,9 @@ def test_records_of_decays_stand_in_the_place_of_their_test():
             for name in ("soft 1", "soft 2", "softer")
         },
     }
-    rows = with_records(every_test(summary))
-    assert [row["test"] for row in rows] == ["softer", "hard", "soft 1", "soft 2"]
-    assert {row["run"] for row in rows} == {"monday"}
-    assert "repeats" not in rows[-1]
-    (section,) = table_of_tests(summary).sections
+    rows = with_records(every_test(RunSummary.read(summary)))
+    assert [row.test for row in rows] == ["softer", "hard", "soft 1", "soft 2"]
+    assert {row.run for row in rows} == {"monday"}
+    assert rows[-1].repeats is None
+    (section,) = table_of_tests(RunSummary.read(summary)).sections
     assert section.heading == "Fitted (4 records)"

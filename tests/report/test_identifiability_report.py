@@ -15,6 +15,7 @@ from jbw.report.identifiability import (
 from jbw.report.page import render_page
 from jbw.report.text import quantity
 from jbw.report.words import combination
+from jbw.results.run import RunSummary, StoredIdentifiability
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +83,7 @@ def texts(shown):
 
 
 def test_rows_of_the_tables():
-    shown = quantities_table(identifiability_summary(), {})
+    shown = quantities_table(StoredIdentifiability.read(identifiability_summary()), {})
     rows = texts(shown)
     assert rows["α"]["follows"] == "0.17 by α lower"
     assert rows["δ"]["follows"] == "∞ by α upper"
@@ -90,16 +91,28 @@ def test_rows_of_the_tables():
     assert rows["ζ"]["99"] == "0.004380 to 0.004500"
     assert rows["α"]["99"] == "open to open"
     assert shown.columns[3].cell(shown.rows[-2]).text == "0.30 %"
-    assert list(texts(directions_table(identifiability_summary(), {})))[3] == "α·δ"
+    assert (
+        list(texts(directions_table(StoredIdentifiability.read(identifiability_summary()), {})))[3]
+        == "α·δ"
+    )
     assert shown.meanings.endswith("412.0, 412.3, 980.0, none.")
 
 
 def test_a_run_without_is_shown_without(summary, tree):
-    assert quantities_table({}, {}).rows == directions_table({}, {}).rows == []
-    assert "Costs" not in quantities_table({"waterfall": {"costs": [1.0]}}, {}).meanings
+    assert (
+        quantities_table(StoredIdentifiability.read({}), {}).rows
+        == directions_table(StoredIdentifiability.read({}), {}).rows
+        == []
+    )
+    assert (
+        "Costs"
+        not in quantities_table(
+            StoredIdentifiability.read({"waterfall": {"costs": [1.0]}}), {}
+        ).meanings
+    )
     bare = xr.DataTree.from_dict({"/steps/linear": tree["steps/linear"].to_dataset()})
-    page = render_page({**summary, "identifiability": {}}, bare)
+    page = render_page(RunSummary.read({**summary, "identifiability": {}}), bare)
     assert "What the data identify" not in page
-    page = render_page(summary, bare)
+    page = render_page(RunSummary.read(summary), bare)
     assert "What the data identify" in page
     assert "&lt;α&gt;" in page

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jbw.report.law_table import _across_kinds, law_order
+from jbw.report.law_table import law_order, laws_table
 from jbw.report.laws import law_backbones, laws_sheet, render_laws
 from jbw.report.messages.laws import not_distinguished
+from jbw.results.laws import StoredLaws
 
 HOSTILE = "<script>alert(1)</script> $x_{"
 LAWS = ("bouc_wen", "cubic", "linear", "iwan4", "masing_power", HOSTILE)
@@ -34,13 +35,13 @@ def record():
         law: row(answer, -10.0 * i, 0.01 * (1 + i))
         for i, (law, answer) in enumerate(zip(LAWS, answers, strict=True))
     }
-    return {
+    return StoredLaws.read({
         "campaign": HOSTILE,
         "laws": dict(reversed(rows.items())),
         "line": None,
         "refused": {"jenkins_3": HOSTILE},
         "statements": ["Best is bouc_wen, by what each law predicts."],
-    }
+    })  # fmt: skip
 
 
 @pytest.fixture
@@ -95,12 +96,9 @@ def test_the_page_has_scores_the_preferred_law_and_why(comparison, record):
     assert "<script" not in page.lower()
     assert 'src="http' not in page
     assert laws_sheet(record).status.kind == "doubt"
-    sure = {
-        **record,
-        "laws": {law: {**row, "answer": "worse"} for law, row in record["laws"].items()},
-    }
-    sure["laws"]["bouc_wen"]["answer"] = "best"
-    assert laws_sheet(sure).status == ("bouc_wen", "good")
+    laws = {law: row.replaced(answer="worse") for law, row in record.laws.items()}
+    laws["bouc_wen"] = laws["bouc_wen"].replaced(answer="best")
+    assert laws_sheet(record.replaced(laws=laws)).status == ("bouc_wen", "good")
 
 
 def test_a_comparison_without_readings_has_its_page(comparison, record):
@@ -115,8 +113,11 @@ def test_the_preferred_law_stands_first_whatever_the_scores_of_few_runs():
         "low": {**row, "elpd": -10.0, "answer": "not told apart"},
         "chosen": {**row, "elpd": 0.0, "answer": "best"},
     }
-    assert law_order({"laws": laws}) == ["chosen", "high", "low"]
+    assert law_order(StoredLaws.read({"laws": laws})) == ["chosen", "high", "low"]
 
 
 def test_the_worst_kind_of_test_stands_for_all_that_others_predict():
-    assert _across_kinds({"error_across": {"sweeps": 0.04, "loops": 0.31}}) == "31"
+    law = {"answer": "best", "error_across": {"sweeps": 0.04, "loops": 0.31}}
+    shown = laws_table(StoredLaws.read({"laws": {"cubic": law}}))
+    (column,) = [column for column in shown.columns if column.heading == "other kinds [%]"]
+    assert column.cell(shown.rows[0]).text == "31"

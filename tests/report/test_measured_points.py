@@ -8,6 +8,7 @@ from jbw.report.charts import charts_of
 from jbw.report.loops import backbone
 from jbw.report.measured_points import measured_points
 from jbw.report.opening import lead
+from jbw.results.run import RunSummary
 
 AMPLITUDE = np.linspace(1e-4, 4e-3, 40)
 CURVE = xr.Dataset(
@@ -87,6 +88,6 @@ def test_every_kind_has_an_open_symbol_and_a_legend_entry():
 
 def test_the_picture_with_points_stands_first_where_there_are_any():
     mode = {"main": "joint", "steps": {"joint": {"parameters": {"zeta": {}}}}}
-    assert lead(mode, ["amplitude", "backbone"]) == "amplitude"
+    assert lead(RunSummary.read(mode), ["amplitude", "backbone"]) == "amplitude"
     read = mode | {"look": {"tests": [{"test": "sweep"}]}}
-    assert lead(read, ["amplitude", "backbone"]) == "backbone"
+    assert lead(RunSummary.read(read), ["amplitude", "backbone"]) == "backbone"

@@ -22,6 +22,7 @@ from jbw.report.opening import (
     opening,
     split_sentence,
 )
+from jbw.results.run import RunSummary, StoredJoints
 from jbw.study import resumable, store
 from jbw.study.summary import _turning
 
@@ -34,12 +35,12 @@ def facts(mean, cv, kl=2.0, unit="1"):
     return {"mean": mean, "cv": cv, "kl": kl, "unit": unit, "sd": cv * abs(mean), **ends}
 
 
-def summary_of(parameters=None, findings=(), predictions=None):
+def summary_of(parameters=None, findings=(), predictions=None, **more):
     """A run's summary of what the sentences are made of."""
     rows = parameters or {"omega_n": facts(118.0, 1e-3, unit="rad/s"), "zeta": facts(0.01, 0.02)}
     status = "ok" if all(row["status"] == "ok" for row in findings) else "failed"
     answers = {"sampling": {"status": "ok", "question": "Did it?"}}
-    return {
+    record = {
         "campaign": "toy",
         "main": "joint",
         "steps": {"joint": {"parameters": rows}, "linear": {"parameters": {}}},
@@ -47,6 +48,7 @@ def summary_of(parameters=None, findings=(), predictions=None):
         "predictions": predictions or {},
         "wall_time_s": 60.0,
     }
+    return RunSummary.read(record | more)
 
 
 def finding(code, status="failed", reason="It is so.", action="Do it."):
@@ -123,11 +125,11 @@ def test_a_prescribed_motion_tells_stiffness_and_no_frequency():
 
 def test_rotations_are_written_in_radians_and_said_to_be():
     loops = [{"test": "twist", "y": 4e-3, "stiffness": 1.0, "unit": "rad"}]
-    turned = summary_of() | {"look": {"tests": [], "loops": loops}}
+    turned = summary_of(look={"tests": [], "loops": loops})
     effect, units, *_ = opening(turned, tree_of())
     assert effect.startswith("From 0.4 to 4 mrad")
     assert units == messages.TORSION
-    pulled = summary_of() | {"look": {"tests": [], "loops": [{**loops[0], "unit": "m"}]}}
+    pulled = summary_of(look={"tests": [], "loops": [{**loops[0], "unit": "m"}]})
     assert opening(pulled, tree_of())[0].startswith("From 0.4 to 4 mm")
     assert messages.TORSION not in opening(pulled, tree_of())
 
@@ -150,13 +152,11 @@ def test_errors_of_fitted_and_held_out_tests_stand_apart():
 def test_what_no_test_shows_of_the_law_is_said_at_once():
     nothing = {"levels": "", "kind": ""}
     for unscored in ({"levels": "one run", "kind": "sweeps"}, {"levels": "", "kind": "loops"}):
-        said = opening(summary_of() | {"unscored": unscored}, tree_of())
+        said = opening(summary_of(unscored=unscored), tree_of())
         assert not_scored(**unscored) in said
     unknown = "The error of the law in predicting"
     assert not any(line.startswith(unknown) for line in opening(summary_of(), tree_of()))
-    assert opening(summary_of() | {"unscored": nothing}, tree_of()) == opening(
-        summary_of(), tree_of()
-    )
+    assert opening(summary_of(unscored=nothing), tree_of()) == opening(summary_of(), tree_of())
 
 
 def test_what_is_not_known_is_named_with_the_products_that_are():
@@ -206,7 +206,7 @@ def test_what_fails_is_to_be_done_before_what_is_only_limited():
 
 
 def test_a_bare_summary_has_no_sentences():
-    assert opening({}, xr.DataTree()) == []
+    assert opening(RunSummary.read({}), xr.DataTree()) == []
 
 
 @pytest.mark.parametrize("width", [80, 160])
@@ -214,7 +214,7 @@ def test_the_terminal_has_at_most_ten_lines_and_its_report(tree, summary, monkey
     """Nine here: the tenth says where the report is, and a wide terminal wraps few of them."""
     screen = Console(file=io.StringIO(), width=width, highlight=False)
     monkeypatch.setattr("jbw.cli.printing.console", lambda: screen)
-    lines = list(short_lines(summary, tree))
+    lines = list(short_lines(RunSummary.read(summary), tree))
     assert len(lines) <= 9
     show(*lines)
     printed = screen.file.getvalue()
@@ -227,8 +227,8 @@ def test_the_terminal_has_at_most_ten_lines_and_its_report(tree, summary, monkey
 
 
 def test_the_command_prints_ten_lines_and_with_verbose_the_rest(tmp_path, monkeypatch, capsys):
-    summary = summary_of(findings=[finding("coloured_residual", "ok")]) | {"comparison": {}}
-    summary["steps"]["joint"] |= {"statements": ["Drawn at once."], "verdict": {"status": "ok"}}
+    step = {"statements": ["Drawn at once."], "verdict": {"status": "ok"}}
+    summary = summary_of(findings=[finding("coloured_residual", "ok")], steps={"joint": step})
     monkeypatch.setattr(resumable, "identified", lambda *_: (tree_of(), summary))
     monkeypatch.setattr(store, "write_page", lambda *of: of[2].write_text("page"))
     monkeypatch.setattr(store, "draw_figures", lambda *_: None)
@@ -245,7 +245,7 @@ def test_the_command_prints_ten_lines_and_with_verbose_the_rest(tmp_path, monkey
 
 
 def test_what_is_doubtful_in_the_records_stands_before_what_to_do_next():
-    doubted = summary_of() | {"doubts": ["decay_1: at 2.21 s the motion jumps."]}
+    doubted = summary_of(doubts=["decay_1: at 2.21 s the motion jumps."])
     *_, doubt, following = opening(doubted, tree_of())
     assert doubt == messages.doubtful("decay_1: at 2.21 s the motion jumps.")
     assert following == opening(summary_of(), tree_of())[-1]
@@ -257,33 +257,29 @@ def shares(*medians):
 
 def test_several_joints_are_told_by_mode_and_an_unidentified_one_damps_nothing():
     joint = {"energy_share": [0.2, 0.1], "softening_share": shares(0.5, 0.5)}
-    summary = {
-        "joints": {
-            "modes": [
-                {
-                    "mode": mode,
-                    "frequency_hz": hz,
-                    "frequency_change": {"0.005": -0.041, "0.5": -0.04, "0.995": -0.039},
-                    "damping_added": {"0.005": 0.009, "0.5": 0.01, "0.995": 0.011},
-                    "shape": shape,
-                }
-                for mode, hz, shape in ((1, 32.0, "free"), (2, 90.0, "full stick"))
-            ],
-            "joints": [
-                {"joint": "bolt_1", "verdict": "unidentified", "loss_share": shares(0.7, 0.02)}
-                | joint,
-                {"joint": "bolt_2", "verdict": "identified", "loss_share": shares(0.3, 0.98)}
-                | joint,
-            ],
-        }
+    joints = {
+        "modes": [
+            {
+                "mode": mode,
+                "frequency_hz": hz,
+                "frequency_change": {"0.005": -0.041, "0.5": -0.04, "0.995": -0.039},
+                "damping_added": {"0.005": 0.009, "0.5": 0.01, "0.995": 0.011},
+                "shape": shape,
+            }
+            for mode, hz, shape in ((1, 32.0, "free"), (2, 90.0, "full stick"))
+        ],
+        "joints": [
+            {"joint": "bolt_1", "verdict": "unidentified", "loss_share": shares(0.7, 0.02)} | joint,
+            {"joint": "bolt_2", "verdict": "identified", "loss_share": shares(0.3, 0.98)} | joint,
+        ],
     }
-    effect, damped, unknown = joint_sentences(summary)
+    effect, damped, unknown = joint_sentences(StoredJoints.read(joints))
     assert "frequency of mode 1 changes by -4 % [-4.1, -3.9]" in effect
     assert "damping ratio by 1 % [0.9, 1.1]" in effect
     assert effect.count("in the mode shape with fully stuck joints") == 1
     assert damped == "Mode 2 is damped mainly by bolt_2 (98 % of the joints' losses)."
     assert unknown.startswith("Not identified separately: bolt_1;")
-    assert joint_sentences({}) == []
+    assert joint_sentences(None) == []
 
 
 def test_a_cause_is_told_before_what_follows_from_it():
@@ -292,13 +288,22 @@ def test_a_cause_is_told_before_what_follows_from_it():
         {"code": code, "status": "failed", "reason": "Found.", "action": action}
         for code, action in (("modes", "Report each mode."), ("cause", "Correct the clock."))
     ]
-    assert _following({"verdict": {"findings": rows}}).endswith("Correct the clock.")
-    assert _following({"verdict": {"findings": rows[:1]}}).endswith("Report each mode.")
+    assert _following(RunSummary.read({"verdict": {"findings": rows}})).endswith(
+        "Correct the clock."
+    )
+    assert _following(RunSummary.read({"verdict": {"findings": rows[:1]}})).endswith(
+        "Report each mode."
+    )
 
 
 def test_decays_of_torsion_say_the_units_of_their_tables():
-    assert _unit_of_motion({"motion_unit": "rad", "look": {"tests": [{"name": "decay"}]}}) == "rad"
-    assert _unit_of_motion({"look": {"tests": [{"name": "decay"}]}}) == "m"
+    assert (
+        _unit_of_motion(
+            RunSummary.read({"motion_unit": "rad", "look": {"tests": [{"name": "decay"}]}})
+        )
+        == "rad"
+    )
+    assert _unit_of_motion(RunSummary.read({"look": {"tests": [{"name": "decay"}]}})) == "m"
 
 
 @pytest.mark.parametrize(
@@ -316,9 +321,11 @@ def test_the_split_names_the_fitted_repeats_and_the_others():
         {"test": "sweep", "repeats": 2, "fitted_repeats": [1, 2]},
         {"test": "tone", "repeats": 1, "fitted_repeats": []},
     ]
-    assert split_sentence({"tests": rows}).startswith(
+    assert split_sentence(RunSummary.read({"tests": rows})).startswith(
         "Fitted: tap (repeats 1 and 4) and sweep. Held out: tap (repeats 2 and 3) and tone. "
     )
-    whole = split_sentence({"tests": rows[1:2]})
+    whole = split_sentence(RunSummary.read({"tests": rows[1:2]}))
     assert whole == "Fitted: sweep. Held out: nothing."
-    assert split_sentence({"tests": [{"kind": "sweep"}]}) is None  # of an earlier version
+    assert (
+        split_sentence(RunSummary.read({"tests": [{"kind": "sweep"}]})) is None
+    )  # of an earlier version

@@ -15,6 +15,7 @@ from jbw.errors import RunError
 from jbw.report.figures import FIGURE_LIST, GROUPS
 from jbw.report.page import render_page, write_page
 from jbw.report.tables import loops_table
+from jbw.results.run import RunSummary
 from jbw.run import files
 
 HOSTILE = '<script>alert(1)<script> $x_{ & "q"'
@@ -64,7 +65,7 @@ def whole(tree, tmp_path_factory):
     """The page with all figures, written once."""
     folder = tmp_path_factory.mktemp("whole")
     began = time.process_time()
-    write_page(result_summary(), tree, folder / "report.html")
+    write_page(RunSummary.read(result_summary()), tree, folder / "report.html")
     # Six seconds on one free core; the limit leaves room for a slower one.
     assert time.process_time() - began < 30.0
     return folder / "report.html"
@@ -119,7 +120,7 @@ def test_findings_that_ask_for_the_same_stand_together(small, summary):
     findings = [{**ask, "code": code, "reason": f"{code} is 3."} for code in ("ess_bulk", "r_hat")]
     findings.append({"code": "solver", "status": "ok", "reason": "Steps are fine.", "number": 2.0})
     summary["verdict"] = {"status": "failed", "findings": findings}
-    text = "".join(outline(render_page(summary, small)).texts)
+    text = "".join(outline(render_page(RunSummary.read(summary), small)).texts)
     assert text.count("What to do: Draw more.") == 1
     assert "bulk ESS is 3." in text
     assert "R-hat is 3." in text
@@ -130,15 +131,15 @@ def test_findings_that_ask_for_the_same_stand_together(small, summary):
 
 def test_input_files_are_told_below_the_folder_they_share(small, summary):
     summary["inputs"] = {f"/data/joint/{name}.h5": 64 * name for name in "ab"}
-    text = "".join(outline(render_page(summary, small)).texts)
+    text = "".join(outline(render_page(RunSummary.read(summary), small)).texts)
     assert "2 files in /data/joint" in text
     assert f"{64 * 'a'}  a.h5" in text
     summary["inputs"] = {"a.h5": 64 * "a"}
-    assert f"{64 * 'a'}  a.h5" in render_page(summary, small)
+    assert f"{64 * 'a'}  a.h5" in render_page(RunSummary.read(summary), small)
 
 
 def test_the_verdict_comes_first_then_what_is_known(small, summary):
-    text = "".join(outline(render_page(summary, small)).texts)
+    text = "".join(outline(render_page(RunSummary.read(summary), small)).texts)
     text = text[text.index("not assessed") :]  # below the links to the sections
     order = [
         "Some checks could not be made",
@@ -177,7 +178,7 @@ def test_the_verdict_comes_first_then_what_is_known(small, summary):
 def test_no_red_mark_stands_above_the_papers_route_when_the_main_answer_is_good(small, summary):
     """Its steps fail in the toy; they are told within the one fold, which is closed."""
     summary["verdict"] = {"status": "ok", "findings": []}
-    text = render_page(summary, small)
+    text = render_page(RunSummary.read(summary), small)
     start = text.rindex("<details", 0, text.index('<div id="steps">'))
     fold = text[start : text.rindex("<details", 0, text.index('<div id="provenance">'))]
     outside = text.replace(fold, "")
@@ -187,7 +188,7 @@ def test_no_red_mark_stands_above_the_papers_route_when_the_main_answer_is_good(
     assert 'class="badge bad"' not in outside
     # Where the main answer itself is bad, the mark is there to be seen.
     summary["verdict"] = {"status": "failed", "findings": []}
-    text = render_page(summary, small)
+    text = render_page(RunSummary.read(summary), small)
     assert 'class="badge bad"' in text[text.index("<main>") : text.index('<div id="steps">')]
 
 
@@ -195,7 +196,7 @@ def test_a_failed_posterior_of_decays_is_not_excused_with_the_papers_route(small
     """It is no step of the paper: nothing says that its failing is expected."""
     failed = summary["steps"]["third_order_paper"]
     summary["steps"] = {"decay": failed, "joint": summary["steps"]["joint"]}
-    text = render_page(summary, small)
+    text = render_page(RunSummary.read(summary), small)
     others = text[text.index('<div id="others">') : text.index('<div id="provenance">')]
     assert "Free decays" in others
     assert 'class="badge bad"' in others
@@ -209,7 +210,7 @@ def test_a_step_that_was_not_judged_has_no_mark(small, summary):
     for step in summary["steps"].values():
         step["main"] = False
     next(iter(summary["steps"].values())).pop("verdict")
-    assert 'class="badge bad"' in render_page(summary, small)
+    assert 'class="badge bad"' in render_page(RunSummary.read(summary), small)
 
 
 @pytest.mark.fault(52)
@@ -222,7 +223,7 @@ def test_names_from_files_are_escaped(tree, summary):
     name = f"/verification/sweep/{HOSTILE}"
     sweep = tree["verification/sweep/sweep_0p10"].to_dataset()
     sweep.attrs["level_unit"] = HOSTILE
-    text = render_page(summary, xr.DataTree.from_dict({name: sweep}))
+    text = render_page(RunSummary.read(summary), xr.DataTree.from_dict({name: sweep}))
     assert "<script" not in text.lower()
     assert text.count("&lt;script&gt;") >= 5
     assert "script" not in {tag for tag, _ in outline(text).tags}
@@ -230,7 +231,7 @@ def test_names_from_files_are_escaped(tree, summary):
 
 def test_the_loops_areas_stand_beside_each_other(tree, summary):
     loops = xr.DataTree.from_dict({"/validation/loops": tree["validation/loops"]})
-    text = "".join(outline(render_page(summary, loops)).texts)
+    text = "".join(outline(render_page(RunSummary.read(summary), loops)).texts)
     assert "Areas of the hysteresis loops" in text
     # pi * 0.12 * 4 mm * 500 1/s^2 * 4 mm = 3.016 mJ/kg: the toy's ellipse.
     assert "3.016 (2.986 to 3.046)" in text
@@ -249,11 +250,11 @@ def test_the_loops_areas_stand_beside_each_other(tree, summary):
 @pytest.mark.parametrize("status", ["ok", "failed", "not assessed", "unheard of"])
 def test_every_status_has_words(small, summary, status):
     summary["verdict"] = {"status": status, "findings": []}
-    assert status in render_page(summary, small)
+    assert status in render_page(RunSummary.read(summary), small)
 
 
 def test_a_bare_summary_still_makes_a_page():
-    text = render_page({}, xr.DataTree())
+    text = render_page(RunSummary.read({}), xr.DataTree())
     assert "not judged" in text
     assert text.count("<li>Figure") == 12
 
@@ -267,7 +268,7 @@ def test_a_failed_page_leaves_the_old_one(small, summary, tmp_path, monkeypatch)
 
     monkeypatch.setattr(files.os, "replace", refuse)
     with pytest.raises(RunError, match="disk full"):
-        write_page(summary, small, path)
+        write_page(RunSummary.read(summary), small, path)
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
 

@@ -13,6 +13,7 @@ from jbw.report.population import (
     units_tables,
 )
 from jbw.report.sheet import render_sheet
+from jbw.results.population import StoredPopulation
 
 ROOM = 71 * 16 - 40  # the page's width less its margins, at 1280 pixels [px]
 CELL = 2 * 0.45 * 0.82 * 16  # padding of a cell [px]
@@ -40,11 +41,12 @@ def fleet():
     }  # fmt: skip
     record = {
         "units": UNITS, "torque": [4.0, 8.0, 12.0, 4.0, 8.0, 12.0], "columns": ["mean", "torque"],
-        "parameters": rows, "belongs": dict.fromkeys(UNITS, 0.5), "weighed": UNITS[:3],
+        "parameters": rows, "belongs": dict.fromkeys(UNITS, 0.5),
+        "weighed": dict.fromkeys(UNITS[:3], 0.9),
         "reference_torque": 8.0, "status": "ok", "statements": ["All belong together."],
         "new_unit": {"torque": 10.0, **{name: ends(987.6) for name in PARAMETERS}},
     }  # fmt: skip
-    return record, mean, np.full((6, 8), 0.01)
+    return StoredPopulation.read(record), mean, np.full((6, 8), 0.01)
 
 
 def lines_of(text):
@@ -92,7 +94,7 @@ def page_of(fleet):
     record, mean, sd = fleet
     at = np.array([4.0, 12.0])
     new = np.log(123.0) + np.array([-0.3, 0.0, 0.3])[:, None, None] * np.ones((3, 2, 8))
-    drawn = population_figure(record, mean, sd, at, new)
+    drawn = population_figure(record.plain(), mean, sd, at, new)
     sheet = population_sheet("series", record, mean, sd, population_table(record))
     return render_sheet(sheet, drawn)
 

@@ -6,6 +6,7 @@ import pytest
 from jbw.report.messages.opening import GRADES
 from jbw.report.text import quantity, shown_as, spread_text
 from jbw.report.words import identified_words, in_symbols
+from jbw.results.run import RunSummary
 
 PARAMETERS = ("omega_n", "zeta", "alpha", "delta", "gamma", "gain", "cubic", "share")
 KNOWN = {name: quantity(name) for name in (*PARAMETERS, "alpha_delta", "alpha_gamma")}
@@ -40,12 +41,12 @@ def test_parameters_are_graded_by_what_is_known_of_them():
         "noise_std[0.1]": {"cv": 0.01, "kl": None},
     }
     words = identified_words(
-        {"main": "joint", "steps": {"joint": {"parameters": parameters}}}, KNOWN
+        RunSummary.read({"main": "joint", "steps": {"joint": {"parameters": parameters}}}), KNOWN
     )
     assert tuple(sentence.partition(":")[0] for sentence in words) == GRADES
     assert "natural frequency" in words[0]
     assert "noise" not in "".join(words)
-    assert identified_words({}, KNOWN) == []
+    assert identified_words(RunSummary.read({}), KNOWN) == []
 
 
 def test_a_frequency_is_shown_in_hertz_and_a_spread_as_half_of_its_interval():

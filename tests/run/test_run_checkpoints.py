@@ -35,7 +35,7 @@ def loaded(folder):
 
 def newest(folder):
     paths = sorted(folder.glob("*.checkpoint"))
-    return max(paths, key=lambda path: unpack(path.read_bytes()).number)
+    return max(paths, key=lambda path: unpack(path.read_bytes())[0])
 
 
 def test_the_newest_of_two_generations_is_loaded(saved):
@@ -62,7 +62,7 @@ def test_a_torn_checkpoint_falls_back_one_generation(saved, share):
 @pytest.mark.fault(44)
 def test_a_changed_byte_anywhere_is_noticed():
     intact = pack(7, arrays(3))
-    assert unpack(intact).number == 7
+    assert unpack(intact)[0] == 7
     for i in range(len(intact)):
         changed = bytearray(intact)
         changed[i] ^= 1

@@ -36,9 +36,9 @@ def test_another_clock_is_the_first_cause_and_its_key_cures(tmp_path, monkeypatc
                 late = make_interp_spline(t, velocity, 5, axis=-1)(t / (1 + 1e-6 * PPM))
                 file["velocity"][...] = late
     fitted, (first, *_) = found(path)
-    assert "ppm faster than that of the drive" in first.text
+    assert "ppm fast compared with that of the drive" in first.text.what
     assert first.explained > MOSTLY  # then the verdict names it
-    ((table, line),) = lines_of(first.action)
+    ((table, line),) = lines_of(first.text.remedy)
     assert table == "[test]"
     assert float(line.partition(" = ")[2]) == pytest.approx(PPM, rel=0.15)  # one linear step
     path.write_text(path.read_text().replace("fs = 256.0\n", f"fs = 256.0\n{line}\n"))

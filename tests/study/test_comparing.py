@@ -79,12 +79,12 @@ def test_a_factor_of_two_dropped_from_the_log_likelihood_is_seen(found):
 
 @pytest.mark.slow
 def test_the_figure_has_a_line_a_parameter_and_the_rates(found, capsys):
-    axes = comparison(found.record)
+    axes = comparison(found.result)
     assert axes.shape == (3, 1)
-    assert comparison(found.record, ax=axes).shape == (3, 1)
-    assert isinstance(means(found.record, "p"), Axes)
-    assert isinstance(effective_rates(found.record), Axes)
-    show(*comparison_lines({"campaign": "toy", **found.record}))
+    assert comparison(found.result, ax=axes).shape == (3, 1)
+    assert isinstance(means(found.result, "p"), Axes)
+    assert isinstance(effective_rates(found.result), Axes)
+    show(*comparison_lines(found.result.replaced(campaign="toy")))
     said = capsys.readouterr().out
     assert "tempered_smc" in said
     assert "those of quadrature" in said

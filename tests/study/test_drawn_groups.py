@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from jbw.results.run import RunSummary
 from jbw.study.summary import steps_group
 from jbw.verification.backbone import NUM_AMPLITUDES, backbone_group
 
@@ -92,7 +93,7 @@ def test_a_step_is_as_good_as_its_worst_parameter(tmp_path):
             },
         },
     }
-    found = steps_group(record)
+    found = steps_group(RunSummary.read(record))
     joint = found.sel(step="joint")
     assert (joint["verdict"].item(), float(joint["ess"]), float(joint["r_hat"])) == (
         "failed", 90.5, 1.02,

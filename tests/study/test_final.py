@@ -1,21 +1,22 @@
 """All tests fitted for use, beside what the law was worth on those that were held out before."""
 
 import json
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
 import toy_campaign
+import xarray as xr
 from finished import finished
 
 import jbw
 from jbw.campaign.load import Campaign
 from jbw.campaign.settings import Identify
 from jbw.cli import run
-from jbw.inference.posterior.finding import Finding, Verdict, judge
+from jbw.inference.posterior.finding import Finding, judge
 from jbw.report.opening import opening
 from jbw.report.tables import table_of_tests
 from jbw.study.finishing import adequate_as, for_use
+from jbw.study.study import Study
 
 
 def finding(code, status, reason=""):
@@ -38,14 +39,6 @@ def test_of_one_finding_the_worse_answer_counts_and_of_equal_ones_the_held_out()
     assert reasons == {"misfit": ("failed", "misfit"), "chi_square": ("usable", "before")}
 
 
-@dataclass(frozen=True)
-class Answer:
-    """What an identification leaves, as far as the held-out answer reads it."""
-
-    verdict: Verdict
-    record: dict
-
-
 def answer_of(campaign, kept):
     """An answer whose numbers tell which tests were fitted for it."""
     every = campaign.settings.hold_out == ()
@@ -53,12 +46,12 @@ def answer_of(campaign, kept):
     rows = {"weak": {"fitted": True, "nrmse": 0.01}, "strong": {"fitted": every, "nrmse": 0.02}}
     record = {
         "predictions": rows,
-        "verdict": {"status": "usable" if every else "ok"},
+        "verdict": judge([finding("r_hat", "usable" if every else "ok")]).stored().plain(),
         "main": "joint",
         "steps": {"joint": {"parameters": {"zeta": {"mean": 2.0 if every else 1.0}}}},
         "wall_time_s": 3.0 if every else 5.0,
     }
-    return Answer(judge([finding("r_hat", "usable" if every else "ok")]), record)
+    return Study(xr.DataTree(), record)
 
 
 def campaign_of(**settings):
@@ -129,10 +122,10 @@ def test_every_test_is_fitted_and_the_held_out_answer_stays(final, toy):
 @pytest.mark.slow
 def test_the_report_tells_both(final):
     study = jbw.load_study(final)
-    text = " ".join(opening(study.record, study.tree))
+    text = " ".join(opening(study.result, study.tree))
     assert "the held-out test" in text
     assert "After this check the held-out tests were fitted too." in text
-    headings = [str(section.heading) for section in table_of_tests(study.record).sections]
+    headings = [str(section.heading) for section in table_of_tests(study.result).sections]
     assert headings == [
         "Fitted (3 tests)",
         "Held out from the earlier fit (1 test)",

@@ -10,6 +10,7 @@ from jbw.freeform.free_law import free_law
 from jbw.measurement.readings.statement import RecordTable
 from jbw.report.law_table import free_law_table
 from jbw.report.messages import free_law as messages
+from jbw.results.laws import StoredLaws
 from jbw.study.free_group import (
     free_law_groups,
     free_law_record,
@@ -81,7 +82,7 @@ def test_a_record_and_sentences_say_the_same_numbers(law):
     sentences = free_law_sentences(law)
     assert "at 1 mm (99 % bands)" in sentences[0]
     assert len(sentences) >= 3
-    table = free_law_table({"free_law": record})
+    table = free_law_table(StoredLaws.read({"free_law": record}))
     assert len(table.rows) == len(record["log_evidence"])
     assert free_law_sentences(None) == gap_sentences(None) == []
-    assert free_law_table({}) is None
+    assert free_law_table(StoredLaws()) is None

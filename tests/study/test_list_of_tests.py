@@ -5,6 +5,7 @@ import json
 import jbw
 from jbw.report.result import fitted_text
 from jbw.report.tables import every_test
+from jbw.results.run import RunSummary
 
 
 def test_the_list_says_of_every_test_how_many_repeats_were_fitted(toy):
@@ -26,7 +27,7 @@ def test_the_list_says_of_every_test_how_many_repeats_were_fitted(toy):
         for test in study.posterior[path].children.values():
             name = test.attrs.get("test", test.name)
             assert bool(rows[name]["fitted"]) == bool(test.attrs["fitted"]), path
-    assert [row["test"] for row in every_test(summary, study.posterior)] == list(rows)
+    assert [row.test for row in every_test(RunSummary.read(summary), study.posterior)] == list(rows)
 
 
 def test_a_comparison_says_whether_its_own_repeats_were_fitted(toy):

@@ -18,6 +18,7 @@ from jbw.measurement.records import Record, Test
 from jbw.measurement.resonances import Reading, driven_lines, read_curve, read_lines
 from jbw.report.looking import look_figure
 from jbw.report.messages import look as texts
+from jbw.results.run import StoredLook, StoredReading
 from jbw.study.identify import identify
 from jbw.study.look import days, look, look_groups, nonlinear, statements
 
@@ -134,20 +135,20 @@ def test_a_linear_structure_is_called_linear_and_a_joint_is_not():
             a_test(level, joint, 1e-4, repeats=2, name=f"sweep {level}") for level in levels
         )
         found = look(Campaign("levels", None, tests))
-        (said,) = [s for s in found.record["statements"] if s.startswith("Nonlinear: ")]
+        (said,) = [s for s in found.record.statements if s.startswith("Nonlinear: ")]
         assert said.startswith("Nonlinear: yes.") == (joint is JOINT)
-        rows = found.record["tests"]
-        assert [row["test"] for row in rows] == [test.name for test in tests]
+        rows = found.record.tests
+        assert [row.test for row in rows] == [test.name for test in tests]
         if joint is SILENT:
             assert "no change of the frequency is detected" in said
-            assert rows[-1]["left"] < 0.01
+            assert rows[-1].left < 0.01
         else:
-            frequencies = [row["frequency_hz"] for row in rows]
+            frequencies = [row.frequency_hz for row in rows]
             assert frequencies == sorted(frequencies, reverse=True)
-            assert rows[-1]["left"] > 0.03  # several times what a linear structure leaves
+            assert rows[-1].left > 0.03  # several times what a linear structure leaves
         # 1e-4 m/s of noise over each record's rms, from two repeats: half of it is chance.
         rms = np.sqrt(np.mean(tests[0].records[0].channels["velocity"] ** 2))
-        assert rows[0]["noise"] == pytest.approx(1e-4 / rms, rel=0.1)
+        assert rows[0].noise == pytest.approx(1e-4 / rms, rel=0.1)
 
 
 def a_table(y, hz, zeta, hz_sd=1e-4, zeta_sd=1e-6):
@@ -243,9 +244,9 @@ def test_what_cannot_be_read_is_said_once_and_stops_nothing():
     gap = linear(0.3, name="gap")
     gap.records[0].channels["velocity"][5] = np.nan
     found = look(Campaign("two", None, (good, gap)))
-    assert [row["test"] for row in found.record["tests"]] == ["good"]
-    assert found.record["statements"][-1] == (
-        "Frequency and damping could not be found in gap. A record has samples missing."
+    assert [row.test for row in found.record.tests] == ["good"]
+    assert found.record.statements[-1] == (
+        "Frequency and damping were not read from gap. A record has samples missing."
     )
 
 
@@ -269,9 +270,9 @@ def test_what_no_oscillator_fits_is_no_reading():
     noise = np.random.default_rng(0).standard_normal(size)
     alien.records[0].channels["velocity"][:] = noise
     found = look(Campaign("two", None, (good, alien)))
-    assert [row["test"] for row in found.record["tests"]] == ["good"]
-    assert "alien" in found.record["statements"][-1]
-    assert found.record["statements"][-1].startswith("Frequency and damping could not be found in ")
+    assert [row.test for row in found.record.tests] == ["good"]
+    assert "alien" in found.record.statements[-1]
+    assert found.record.statements[-1].startswith("Frequency and damping were not read from ")
 
 
 def test_a_reading_holds_where_it_takes_energy_in_and_explains_the_response():
@@ -294,8 +295,8 @@ def test_what_stands_beside_the_readings_stops_nothing_either(monkeypatch):
     monkeypatch.setattr("jbw.study.look._coherence", lambda test: test is noise and refuse(test))
     found = look(Campaign("three", None, (good, noise, held)))
     assert list(found.readings) == ["good"]
-    assert found.record["loops"] == []
-    assert found.record["unread"] == {
+    assert found.record.loops == []
+    assert found.record.unread == {
         "noise": "No coherence.",
         "held": "The displacement of test held is constant.",
     }
@@ -389,7 +390,7 @@ def row(y, frequency, sd=0.01, damping=0.01, **more):
     """A row of a look, of a test at this motion [m]."""
     facts = {"test": f"at {1e3 * y:g} mm", "kind": "sweep", "level": 1.0, "run": None}
     facts |= {"assembly": None, "y": y, "frequency_hz": frequency, "frequency_sd": sd}
-    return {**facts, "damping": damping, "damping_sd": 1e-4, **more}
+    return StoredReading.read({**facts, "damping": damping, "damping_sd": 1e-4, **more})
 
 
 def test_readings_tell_where_their_frequency_leaves_the_weakest():
@@ -438,14 +439,14 @@ def test_each_of_several_modes_is_told_by_itself():
         "first": [a_table(y, 30.0 * (1 - 5.0 * y), 0.01)],
         "second": [a_table(y, 90.0, 0.01)],
     }
-    record = {"tests": [], "loops": [], "unread": {}}
-    told = statements(record, readings, (30.5, 91.0)).sentences
+    record = StoredLook()
+    told = statements(record, readings, (30.5, 91.0))[0]
     first = [sentence for sentence in told if sentence.startswith("Mode near 30.5 Hz: ")]
     (second,) = [sentence for sentence in told if sentence.startswith("Mode near 91 Hz: ")]
     assert first[0].startswith("Mode near 30.5 Hz: Nonlinear: yes")
     assert second.startswith("Mode near 91 Hz: Nonlinear: not detected")
     # A mode that no test reads says nothing; one mode alone is not named.
     alone = {"first": readings["first"]}
-    assert statements(record, alone, (30.5, 91.0)).sentences == first
-    unnamed = statements(record, alone).sentences
+    assert statements(record, alone, (30.5, 91.0))[0] == first
+    unnamed = statements(record, alone)[0]
     assert [texts.of_mode(30.5, sentence) for sentence in unnamed] == first

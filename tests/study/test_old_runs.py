@@ -76,7 +76,7 @@ def test_an_old_run_with_a_cubic_spring_still_has_it(tmp_path):
 def test_an_old_run_is_still_reported_and_exported(tmp_path):
     draws = {name: np.full(4, value) for name, value in {**JOINT, "gain": GAIN}.items()}
     study = load_study(old_run(tmp_path, draws))
-    save_report(tmp_path, study.tree, study.summary())
+    save_report(tmp_path, study.tree, study.result)
     assert "old" in (tmp_path / "report.html").read_text(encoding="utf-8")
     with pytest.raises(DataError, match="no density of its draws") as caught:
         export(study.tree)
@@ -84,6 +84,32 @@ def test_an_old_run_is_still_reported_and_exported(tmp_path):
     found = export(study.tree, draw=3)
     rows = {row["parameter"]: row for row in found.parameters if row["unit"]}
     assert rows["omega_n"]["value"] == pytest.approx(JOINT["omega_n"])
+
+
+def changed_summary(folder, **entries):
+    """An old run whose summary has other entries."""
+    old_run(folder, drawn())
+    record = json.loads((folder / "summary.json").read_text()) | entries
+    (folder / "summary.json").write_text(json.dumps(record))
+    return record
+
+
+def test_entries_of_another_version_are_kept_and_nulls_are_defaults(tmp_path):
+    step = {"parameters": {"zeta": {"mean": 0.01, "shade": "dark"}}, "colour": None}
+    record = changed_summary(tmp_path, hue=[1, {"a": None}], steps={"joint": step})
+    study = load_study(tmp_path)
+    assert study.record == record
+    assert study.result.parameters["zeta"].mean == 0.01
+    changed_summary(tmp_path, look=None, tests=None, verdict={"status": "ok", "findings": None})
+    study = load_study(tmp_path)
+    assert (study.result.look.tests, study.result.verdict.against) == ([], [])
+
+
+def test_a_summary_that_cannot_be_read_names_the_entry_and_the_version(tmp_path):
+    changed_summary(tmp_path, seed="seven")
+    with pytest.raises(DataError, match=r"cannot be read: seed: ") as caught:
+        load_study(tmp_path)
+    assert "version 0.1.0" in caught.value.why
 
 
 def test_a_run_that_cannot_be_read_says_which_version_made_it(tmp_path):

@@ -60,10 +60,10 @@ def test_the_probability_of_gaussians_is_the_closed_one():
     for a, s, b, t in ((1.0, 0.3, 0.7, 0.4), (0.0, 1.0, 0.0, 1.0), (-2.0, 0.5, 0.0, 0.5)):
         found = compared(gaussian(a, s), gaussian(b, t, seed=1))
         wide = np.hypot(s, t)
-        assert found["probability"] == pytest.approx(norm.cdf((a - b) / wide), abs=2e-3)
+        assert found.probability == pytest.approx(norm.cdf((a - b) / wide), abs=2e-3)
         # The outermost of 1,000 draws cut the tails: 1 % of the interval's end.
         expected = norm.ppf([0.005, 0.5, 0.995], a - b, wide)
-        np.testing.assert_allclose(found["difference"], expected, atol=0.02 * wide)
+        np.testing.assert_allclose(found.difference, expected, atol=0.02 * wide)
 
 
 def correlated(mean, covariance, seed):
@@ -90,15 +90,15 @@ def test_the_joint_that_has_changed_is_named_by_all_its_parameters():
     )
     same, changed = changed_joints(first, second, laws)
     # 1.5^2 (1, 1) R^-1 (1, 1) = 2 1.5^2 / (1 - 0.9); of the first joint by its own ridge.
-    assert changed["chi_square"] == pytest.approx(45.0, rel=1e-6)
+    assert changed.chi_square == pytest.approx(45.0, rel=1e-6)
     expected = (0.04 + 0.01 - 2 * 0.9 * 0.02) / (1 - 0.81) + 0.09
-    assert same["chi_square"] == pytest.approx(expected, rel=1e-6)
-    assert changed["degrees_of_freedom"] == same["degrees_of_freedom"] == 3
-    assert (same["changed"], changed["changed"]) == (False, True)
+    assert same.chi_square == pytest.approx(expected, rel=1e-6)
+    assert changed.degrees_of_freedom == same.degrees_of_freedom == 3
+    assert (same.changed, changed.changed) == (False, True)
     # The survival function of chi-square with three degrees of freedom in closed form.
     x = expected
     p = 2 * norm.sf(np.sqrt(x)) + np.sqrt(2 * x / np.pi) * np.exp(-x / 2)
-    assert same["p"] == pytest.approx(p, rel=1e-6)
+    assert same.p == pytest.approx(p, rel=1e-6)
     said = joint_statements([same, changed])
     assert said[0] == texts.joint_changed("bolt_2", 45.0, 3)
     assert said[1].startswith("Joints that may be the same: bolt_1 (p = ")
@@ -115,13 +115,13 @@ def test_factors_on_the_motion_of_joints_are_compared_one_by_one_and_that_is_sai
         runs.append(
             write_run(tmp_path / folder, (126.0, 0.1), laws="bouc_wen@bolt_1", held=held, **draws)
         )
-    record = differences(*runs).record
-    assert [row["degrees_of_freedom"] for row in record["joints"]] == [3]
-    assert not record["joints"][0]["changed"]
-    row = next(row for row in record["parameters"] if row["name"] == factor)
+    record = differences(*runs)[0]
+    assert [row.degrees_of_freedom for row in record.joints] == [3]
+    assert not record.joints[0].changed
+    row = next(row for row in record.parameters if row.name == factor)
     # Phi(-0.1 / sqrt(2) 0.01) of a factor that is larger in the second run.
-    assert row["probability"] < 1e-6
-    assert texts.factors_apart([factor]) in record["statements"]
+    assert row.probability < 1e-6
+    assert texts.factors_apart([factor]) in record.statements
 
 
 def test_laws_in_metres_of_other_motions_are_told(tmp_path):
@@ -141,20 +141,20 @@ def test_laws_in_metres_of_other_motions_are_told(tmp_path):
         joints.to_netcdf(run_folder / "posterior.nc", mode="a", group="joints", engine="h5netcdf")
         runs.append(run_folder)
     said = texts.homes_differ("bolt_1", "bolt_1 in mode 1", "bolt_1 in mode 2")
-    assert said in differences(*runs[:2]).record["statements"]
-    alike = differences(runs[0], runs[2]).record["statements"]
+    assert said in differences(*runs[:2])[0].statements
+    alike = differences(runs[0], runs[2])[0].statements
     assert not any("the model's motion of" in sentence for sentence in alike)
 
 
 def test_of_one_joint_no_joint_is_named(tmp_path):
     first, second = (write_run(tmp_path / name, (126.0, 0.1)) for name in ("first", "second"))
-    assert "joints" not in differences(first, second).record
+    assert differences(first, second)[0].joints == []
     assert joint_statements([]) == []
 
 
 def test_a_tie_counts_as_half():
-    assert compared(np.ones(10), np.ones(20))["probability"] == 0.5
-    assert compared(np.array([1.0, 3.0]), np.array([1.0, 2.0]))["probability"] == 0.625  # 2.5 / 4
+    assert compared(np.ones(10), np.ones(20)).probability == 0.5
+    assert compared(np.array([1.0, 3.0]), np.array([1.0, 2.0])).probability == 0.625  # 2.5 / 4
 
 
 def test_frequencies_differ_by_what_the_oscillators_do(tmp_path):
@@ -162,18 +162,16 @@ def test_frequencies_differ_by_what_the_oscillators_do(tmp_path):
     one = write_run(tmp_path / "first", (126.0, 0.1))
     other = write_run(tmp_path / "second", (125.0, 0.1))
     found = differences(one, other)
-    rows = {
-        (row["name"], round(1e3 * row["amplitude"], 6)): row for row in found.record["backbone"]
-    }
+    rows = {(row.name, round(1e3 * row.amplitude, 6)): row for row in found[0].backbone}
     assert {y for _, y in rows} == {0.2, 0.5, 1.0, 1.5, 2.0}
-    low, middle, high = rows["frequency", 2.0]["difference"]
+    low, middle, high = rows["frequency", 2.0].difference
     # Of 200 draws carried the tails end at 2.8 standard deviations.
     half = 2.576 * np.hypot(0.1, 0.1) / (2 * np.pi)
     assert middle == pytest.approx(1.0 / (2 * np.pi), abs=0.05 * half)
     assert (high - low) / 2 == pytest.approx(half, rel=0.1)
-    assert rows["frequency", 2.0]["probability"] > 0.999
-    np.testing.assert_allclose(rows["damping", 1.0]["a"], 0.01, rtol=1e-6)
-    said = found.record["statements"]
+    assert rows["frequency", 2.0].probability > 0.999
+    np.testing.assert_allclose(rows["damping", 1.0].a, 0.01, rtol=1e-6)
+    said = found[0].statements
     assert texts.differs("omega_n", "1.00 [0.64, 1.36] rad/s", sure=True) in said
     assert texts.may_be_same(["zeta", "alpha", "delta", "gamma", "gamma/delta"]) in said
     assert texts.ONE_ASSEMBLY in said
@@ -188,32 +186,32 @@ def with_ratio(mean, sd, seed):
 def test_two_modes_of_one_joint_have_one_ratio(tmp_path):
     one = write_run(tmp_path / "first", (126.0, 0.1), **with_ratio(0.27, 0.02, 1))
     other = write_run(tmp_path / "second", (252.0, 0.1), **with_ratio(0.50, 0.03, 4))
-    found = differences(one, other).record
-    row = found["parameters"][-1]
-    assert (row["name"], row["unit"]) == ("gamma/delta", "1")
+    found = differences(one, other)[0]
+    row = found.parameters[-1]
+    assert (row.name, row.unit) == ("gamma/delta", "1")
     # The outermost of 1,000 draws cut the tails, as above.
     low, middle, high = norm.ppf([0.005, 0.5, 0.995], -0.23, np.hypot(0.02, 0.03))
-    np.testing.assert_allclose(row["difference"], [low, middle, high], atol=2e-3)
-    said = " ".join(found["statements"])
+    np.testing.assert_allclose(row.difference, [low, middle, high], atol=2e-3)
+    said = " ".join(found.statements)
     assert "same gamma/delta in both. A: 0.270 [0.2" in said
     assert texts.SHARES[True] in said
     same = write_run(tmp_path / "same", (252.0, 0.1), **with_ratio(0.29, 0.03, 4))
-    said = " ".join(differences(one, same).record["statements"])
+    said = " ".join(differences(one, same)[0].statements)
     assert texts.SHARES[True] not in said
     assert texts.SHARES[False] in said
     # Of one mode on two days nothing is said of modes; a softening that may be none has no ratio.
     again = write_run(tmp_path / "again", (127.0, 0.1), **with_ratio(0.50, 0.03, 4))
-    said = " ".join(differences(one, again).record["statements"])
+    said = " ".join(differences(one, again)[0].statements)
     assert not any(answer in said for answer in texts.SHARES.values())
     weak = write_run(tmp_path / "weak", (252.0, 0.1), delta=gaussian(1.0, 1.0))
-    names = [row["name"] for row in differences(one, weak).record["parameters"]]
+    names = [row.name for row in differences(one, weak)[0].parameters]
     assert "gamma/delta" not in names
 
 
 def test_equal_runs_do_not_differ_and_their_scatter_is_told(tmp_path):
     one = write_run(tmp_path / "first", (126.0, 0.1), scatter=(0.5, 1e-4))
     other = write_run(tmp_path / "second", (126.0, 0.1))
-    said = differences(one, other).record["statements"]
+    said = differences(one, other)[0].statements
     assert said[0] == texts.NONE_DIFFERS
     assert texts.sessions_scatter({"A": ("0.5 rad/s", "0.0001")}) in said
 
@@ -221,10 +219,10 @@ def test_equal_runs_do_not_differ_and_their_scatter_is_told(tmp_path):
 def test_what_the_data_do_not_know_is_not_compared(tmp_path):
     one = write_run(tmp_path / "first", (126.0, 0.1))
     other = write_run(tmp_path / "second", (125.0, 0.1), kl=0.1)
-    found = differences(one, other).record
-    row = next(row for row in found["parameters"] if row["name"] == "omega_n")
+    found = differences(one, other)[0]
+    row = next(row for row in found.parameters if row.name == "omega_n")
     assert probability_text(row) == "prior"
-    assert texts.of_prior({"omega_n": ["B"]}) in found["statements"]
+    assert texts.of_prior({"omega_n": ["B"]}) in found.statements
 
 
 def test_laws_and_units_must_agree_and_a_gain_of_another_source_is_left_out(tmp_path):
@@ -239,7 +237,7 @@ def test_laws_and_units_must_agree_and_a_gain_of_another_source_is_left_out(tmp_
     gain = {"gain": np.ones(COUNT)}
     newtons = write_run(tmp_path / "n", (126.0, 0.1), units=UNITS | {"gain": "1/kg"}, **gain)
     driven = write_run(tmp_path / "v", (126.0, 0.1), units=UNITS | {"gain": "N/kg/V"}, **gain)
-    names = [row["name"] for row in differences(newtons, driven).record["parameters"]]
+    names = [row.name for row in differences(newtons, driven)[0].parameters]
     assert names == ["omega_n", *LINEAR, "gamma/delta"]
 
 
@@ -281,20 +279,20 @@ def test_records_that_scatter_widen_what_a_run_says(tmp_path):
     runs = [
         write_run(tmp_path / name, (126.0, 0.1), zeta=x) for name, x in zip("ab", zeta, strict=True)
     ]
-    told = differences(*runs).record
-    (plain,) = [row for row in told["parameters"] if row["name"] == "zeta"]
-    assert plain["probability"] == 0.0
-    assert not [line for line in told["statements"] if line.startswith("The records of a run")]
+    told = differences(*runs)[0]
+    (plain,) = [row for row in told.parameters if row.name == "zeta"]
+    assert plain.probability == 0.0
+    assert not [line for line in told.statements if line.startswith("The records of a run")]
     for folder in runs:
         with_scattered_records(folder, 0.06, 9)
-    told = differences(*runs).record
-    (row,) = [row for row in told["parameters"] if row["name"] == "zeta"]
+    told = differences(*runs)[0]
+    (row,) = [row for row in told.parameters if row.name == "zeta"]
     std = np.sqrt(2e-10 + (0.06 / 3) ** 2 * (0.01**2 + 0.0105**2))
     # A million pairs of 1,000 random draws each: 5 % of a standard deviation.
-    assert row["probability"] == pytest.approx(norm.cdf(-0.0005 / std), abs=0.02)
-    low, _, high = row["difference"]
+    assert row.probability == pytest.approx(norm.cdf(-0.0005 / std), abs=0.02)
+    low, _, high = row.difference
     assert high - low == pytest.approx(2 * 2.576 * std, rel=0.1)
-    (line,) = [line for line in told["statements"] if line.startswith("The records of a run")]
+    (line,) = [line for line in told.statements if line.startswith("The records of a run")]
     assert "a zeta 2 %" in line.lower()
 
 
@@ -309,6 +307,6 @@ def adequacy(folder, status):
 def test_a_sure_difference_under_a_law_that_leaves_more_than_noise_may_be_of_the_records(tmp_path):
     first = adequacy(write_run(tmp_path / "one", (118.0, 0.01)), "usable")
     second = adequacy(write_run(tmp_path / "other", (119.0, 0.01)), "ok")
-    assert texts.inadequate(["A"]) in differences(first, second).record["statements"]
+    assert texts.inadequate(["A"]) in differences(first, second)[0].statements
     adequacy(first, "ok")
-    assert texts.inadequate(["A"]) not in differences(first, second).record["statements"]
+    assert texts.inadequate(["A"]) not in differences(first, second)[0].statements

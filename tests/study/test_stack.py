@@ -12,6 +12,7 @@ from jbw.errors import DataError
 from jbw.law_comparison.answers import weights_for
 from jbw.law_comparison.compare import LawComparison
 from jbw.law_comparison.stack import basis_of_laws, holds_laws
+from jbw.results.laws import StoredLaw
 from jbw.study.store import write_json
 from jbw.verification.planned import planned_sweep, planned_tones
 from jbw.verification.predict import Request, basis_for, predict
@@ -144,7 +145,7 @@ ROWS = {
     ],
 )
 def test_the_weights_follow_what_is_predicted(changed, target, shares):
-    rows = {name: {**row, **changed.get(name, {})} for name, row in ROWS.items()}
+    rows = {name: StoredLaw(**{**row, **changed.get(name, {})}) for name, row in ROWS.items()}
     assert weights_for(rows, target) == pytest.approx(shares)
 
 

@@ -10,6 +10,7 @@ import xarray as xr
 
 from jbw.cli import run as command
 from jbw.errors import ConfigError, RunError
+from jbw.results.run import RunSummary
 from jbw.run.manifest import Manifest, read_manifest, write_manifest
 from jbw.study import store as storage
 from jbw.study.study import Study
@@ -23,7 +24,7 @@ def a_tree():
 
 def save(folder, tree, summary):
     storage.save_result(folder, tree, summary)
-    storage.save_report(folder, tree, summary)
+    storage.save_report(folder, tree, RunSummary.read(summary))
 
 
 def test_a_folder_that_holds_something_is_refused(tmp_path):

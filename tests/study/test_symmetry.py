@@ -60,7 +60,7 @@ def allowed(scale):
 
 
 def seen(campaign):
-    return look(campaign, report=lambda _: None).record
+    return look(campaign, report=lambda _: None).record.plain()
 
 
 def checked(campaign, folder):

@@ -5,12 +5,13 @@ from dataclasses import dataclass, field, replace
 from functools import reduce
 from html import escape
 from textwrap import shorten
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
 
 from jbw.report.messages.findings import FINDINGS, remedy_of, sentence_of
 from jbw.report.messages.questions import QUESTIONS
+from jbw.results.run import StoredAnswer, StoredFinding, StoredVerdict
 
 Status = Literal["ok", "usable", "failed", "not assessed"]
 GRADE = "law_grade"  # code of the finding that states whether the law describes the data
@@ -80,17 +81,15 @@ class Finding:
             first = remedy_of(self.entry or self.code, first) if is_data else ""
         return " ".join(filter(None, (first, *(action for _, action in self.additions))))
 
-    def record(self) -> dict[str, Any]:
-        """Return the finding as plain values for a run's summary."""
-        fields = ("code", "status", "reason", "number", "action")
+    def stored(self) -> StoredFinding:
+        """Return the finding as a run's summary stores it, with the parameter's name if any."""
         of = self.values.get("name") if isinstance(self.values, Mapping) else None
-        return {name: getattr(self, name) for name in fields} | ({"of": of} if of else {})
-
-
-def kept_finding(record: Mapping[str, Any]) -> Finding:
-    """Return a finding from the plain values in a run's summary."""
-    number = float("nan") if record["number"] is None else record["number"]
-    return Finding(record["code"], record["status"], record["reason"], number, record["action"])
+        facts = {
+            "code": self.code, "status": self.status, "reason": self.reason,
+            "number": float(self.number) if np.isfinite(self.number) else None,
+            "action": self.action,
+        }  # fmt: skip
+        return StoredFinding.read(facts | ({"of": of} if of else {}))
 
 
 @dataclass(frozen=True, repr=False)
@@ -107,9 +106,29 @@ class Verdict:
         badge = f"border-left:.6em solid {COLOURS.get(self.status, DOUBT)};padding-left:.5em"
         return f'<p style="{badge}"><b>{self._heading()}</b></p>{table_of(self.findings)}'
 
+    def stored(self) -> StoredVerdict:
+        """Return the verdict as a run's summary stores it: status, answers and findings."""
+        answered = dict(answers(self.findings))
+        findings = [finding.stored() for finding in self.findings]
+        return StoredVerdict.read(
+            {"status": self.status, "answers": answered, "findings": findings}
+        )
+
     def _heading(self) -> str:
         statuses = ((name, answer.word) for name, answer in answers(self.findings))
         return first_line(self.status, statuses)
+
+
+def kept_verdict(stored: StoredVerdict) -> Verdict:
+    """Return the verdict that a run's summary has stored."""
+    findings = (
+        Finding(
+            row.code, cast("Status", row.status), row.reason,
+            np.nan if row.number is None else row.number, row.action,
+        )
+        for row in stored.findings
+    )  # fmt: skip
+    return Verdict(cast("Status", stored.status), tuple(findings))
 
 
 class Amendment(NamedTuple):
@@ -193,24 +212,6 @@ def checked(
     return Finding(code, "ok" if ok else "failed", values, float(number), needed, entry=entry)
 
 
-@dataclass(frozen=True)
-class Answer:
-    """The answer to one question of the verdict, from its findings.
-
-    Attributes:
-        question: Text of the question.
-        status: The verdict of its findings.
-        word: The status; for a graded law, its grade.
-        because: Facts of the findings that are not ok, or of the first one if all are ok; then the
-            additions of later checks, each sentence once.
-    """
-
-    question: str
-    status: Status
-    word: str
-    because: str
-
-
 def question_of(code: str) -> str:
     """Return the question of the verdict that findings of a code answer."""
     if code in ASKED_BY:
@@ -218,8 +219,8 @@ def question_of(code: str) -> str:
     return FINDINGS[code].question if code in FINDINGS else "sampling"
 
 
-def answers(findings: Iterable[Finding]) -> Iterator[tuple[str, Answer]]:
-    """Yield the three answers of a verdict by name; nothing without findings."""
+def answers(findings: Iterable[Finding]) -> Iterator[tuple[str, StoredAnswer]]:
+    """Yield the three answers of a verdict by name; none without findings."""
     looked = tuple(findings)
     for name, question in QUESTIONS.items():
         relevant = [finding for finding in looked if question_of(finding.code) == name]
@@ -235,7 +236,7 @@ def answers(findings: Iterable[Finding]) -> Iterator[tuple[str, Answer]]:
             status = answered(relevant)
             is_graded = any(finding.code == GRADE for finding in relevant)
             word = GRADES.get(status, status) if is_graded else status
-            yield name, Answer(question, status, word, because)
+            yield name, StoredAnswer(question=question, status=status, word=word, because=because)
 
 
 def first_line(status: str, answers: Iterable[tuple[str, str]] = ()) -> str:

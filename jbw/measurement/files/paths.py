@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from jbw.errors import DataError, did_you_mean
 from jbw.measurement.files.tree import Leaf, Node, Opaque, names
+from jbw.report.messages.message import first_of
 from jbw.units import titled
 
 INDICES = re.compile(r"\s*(:|-?\d+)(\s*,\s*(:|-?\d+))*\s*")
@@ -47,8 +48,7 @@ def _follow(root: Node, path: str) -> Leaf | list[Leaf]:
         if unit and isinstance(root, Mapping) and name in root:  # a title followed by its unit
             return _walk(root[name], [], "")
         channels = [name for name, item in names(root) if isinstance(item, Leaf)]
-        more = f" and {len(channels) - 20} more" if len(channels) > 20 else ""
-        listed = f"Found: {', '.join(channels[:20]) or 'nothing'}{more}."
+        listed = f"Found: {first_of(channels, 20) or 'nothing'}."
         remedy = error.remedy or did_you_mean(path, channels) + listed
         raise DataError(f"Channel `{path}` {error.what}", why=error.why, remedy=remedy) from None
 

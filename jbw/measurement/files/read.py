@@ -13,8 +13,8 @@ from importlib import import_module
 from pathlib import Path
 
 from jbw.errors import ConfigError, DataError, JbwError, did_you_mean, naming
-from jbw.measurement.checks.channels import inspect
-from jbw.measurement.checks.faults import Fault
+from jbw.measurement.faults.channels import inspect
+from jbw.measurement.faults.fault import Fault
 from jbw.measurement.files.assemble import records_of
 from jbw.measurement.files.sampling import Wanted
 from jbw.measurement.files.tree import Contents

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from jbw.errors import DataError, naming
-from jbw.measurement.checks.channels import inspect
+from jbw.measurement.faults.channels import inspect
 from jbw.measurement.files.assemble import records_of
 from jbw.measurement.files.clocks import sampling_frequency
 from jbw.measurement.files.read import report

@@ -35,13 +35,6 @@ Slopes = tuple[Scalar, ...]
 Law = tuple[Scalar, Scalar, Scalar]
 
 
-class _Kinked(NamedTuple):
-    """The force z at the end, and the kinks' effect (times 1/h and 1/h^2), with derivatives."""
-
-    values: tuple[Scalar, Scalar, Scalar]
-    slopes: tuple[Slopes, Slopes, Slopes]
-
-
 class _Motion(NamedTuple):
     """The path of a step: turning point, curvature there, and the moves before and after it."""
 
@@ -59,7 +52,7 @@ def kinked_step(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> tuple[Scala
     Without the path's quartic term, (h d/dt)^4 y / 24 [m], the turning point would only be of order
     4, and its derivatives of order 3, because they move it within the step.
     """
-    return _kinked(law, z, ends, quartic).values
+    return _kinked(law, z, ends, quartic)[0]
 
 
 @kinked_step.defjvp
@@ -77,8 +70,13 @@ def _kinked_step_jvp(primals, tangents):
     return values, tuple(total(*pair) for pair in zip(values, slopes, strict=True))
 
 
-def _kinked(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Kinked:
-    """Return values and derivatives of a step with kinks; under jit only those that are used."""
+def _kinked(
+    law: Law, z: Scalar, ends: Ends, quartic: Scalar
+) -> tuple[tuple[Scalar, Scalar, Scalar], tuple[Slopes, ...]]:
+    """Return the force z at the end and impulses (times 1/h and 1/h^2), and derivatives of each.
+
+    Under jit the derivatives are computed only if they are used.
+    """
     motion = _motion(law, z, ends, quartic)
     fraction_slopes, sharpness_slopes, by_path, by_quartic = _turn_slopes(motion, ends, quartic)
     z_1 = motion.moves.end
@@ -89,7 +87,7 @@ def _kinked(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Kinked:
     )
     zero, zero_impulses = _zero_impulse(law, z, motion, end_slopes)
     impulses = (barrier(_sum(*pair)) for pair in zip(turn_impulses, zero_impulses, strict=True))
-    return _Kinked((z_1, turn.v + zero.v, turn.y + zero.y), (end_slopes, *impulses))
+    return (z_1, turn.v + zero.v, turn.y + zero.y), (end_slopes, *impulses)
 
 
 def _motion(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Motion:

@@ -180,30 +180,26 @@ def _simulate(
         unit_frequency = first_frequency(structure)
         memory_units = map_laws(lambda law: law.memory_unit(unit_frequency), structure.laws)
         unit = omega_n, tuple(jnp.ones_like(w) for w in omega_n), memory_units
-        states, residual = steady_period(lambda start: solve(start).states, initial, unit)
-        work = solve(jax.tree.map(lambda x: x[0], states)).work(structure)
+        states, residual = steady_period(lambda start: solve(start)[0], initial, unit)
+        _, work_of = solve(jax.tree.map(lambda x: x[0], states))
     else:
-        solved = solve(initial)
-        states, work = solved.states, solved.work(structure)
-    response = _response_of(structure, t, u_sampled, states, residual, work)
+        states, work_of = solve(initial)
+    response = _response_of(structure, t, u_sampled, states, residual, work_of(structure))
     if not is_one_joint:
         return response
     one_joint = {name: getattr(response, name)[0] for name in ("x", "z", "r", "work")}
     return replace(response, **one_joint)
 
 
-class _Solved(NamedTuple):
-    """The states at the samples, and a function for the work of each joint."""
-
-    states: Trajectory
-    work: Callable[[Structure], Array]
+# The states at the samples, and a function for the work of every joint of a structure.
+Solved = tuple[Trajectory, Callable[[Structure], Array]]
 
 
-def _stepped(options: ModalOptions, steps: ModalStepping, initial: ModalState) -> _Solved:
-    """Return the motion computed by jbw's own exact time step."""
+def _stepped(options: ModalOptions, steps: ModalStepping, initial: ModalState) -> Solved:
+    """Return a motion by jbw's own exact step."""
     states, kicks = modal_solve(steps, initial)
     samples = jax.tree.map(lambda x: x[:: options.substeps], states)
-    return _Solved(samples, lambda structure: work_of_joints(structure, steps, states, kicks))
+    return (samples, lambda structure: work_of_joints(structure, steps, states, kicks))
 
 
 def _response_of(structure, t, u, states, residual, work) -> StructureResponse:
@@ -246,13 +242,13 @@ def oscillate_modes(structure: Structure, u: Scalar, state: Any) -> Any:
 
 def _stock(
     options: ModalOptions, structure: Structure, u: Callable, fs: Scalar, initial: ModalState
-) -> _Solved:
-    """Return motion from a standard solver; a periodic one includes the next period's start."""
+) -> Solved:
+    """Return a motion by a stock solver; a periodic one extends to the next period's start."""
     num = (options.num_samples or 0) + options.periodic
     scheme = StockScheme(options.solver, options.controller, options.substeps)
     start = initial, tuple(jnp.zeros(()) for _ in structure.laws)
     states, works = solve_stock(structure, u, num, fs, start, scheme, oscillate_modes)
-    return _Solved(states, lambda structure: jnp.stack([work[-1] for work in works]))
+    return (states, lambda structure: jnp.stack([work[-1] for work in works]))
 
 
 def _hermite(orders: tuple[int, int]) -> list[Polynomial]:

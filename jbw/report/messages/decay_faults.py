@@ -65,16 +65,6 @@ def second_blow(at_s: float, size: float, remedy: str, *, grows: bool) -> FaultT
     )
 
 
-def interrupted(at_s: float, remedy: str) -> FaultText:
-    """Return the message that samples are missing in a decay at a time [s], and its remedy."""
-    return FaultText(
-        f"At {at_s:.3g} s the motion does not continue: samples are missing, or there was a second "
-        "blow.",
-        "A decay has one initial state; this record has two.",
-        remedy,
-    )
-
-
 def steady_line(hz: str, share: float) -> FaultText:
     """Return the message on a line that does not decay [Hz], over the largest response."""
     return FaultText(
@@ -93,9 +83,11 @@ def line_in_sweep(hz: str) -> FaultText:
     )
 
 
-def second_mode(first_hz: float, second_hz: float, band: tuple[float, float] | None) -> FaultText:
+def second_mode(
+    first_hz: float, second_hz: float, band: tuple[float, float] | None, *, driven: bool
+) -> FaultText:
     """Return the message for two modes in one band [Hz], and a band with the first mode only."""
-    structure = "tate both modes by [structure]."
+    structure = f"tate both modes by [structure]{' or by `modes` in [identify]' if driven else ''}."
     narrower = None if band is None else f"Put under [[test]]: `band = [{band[0]:g}, {band[1]:g}]`"
     return FaultText(
         f"`band` contains two modes, at {first_hz:.4g} and {second_hz:.4g} Hz.",

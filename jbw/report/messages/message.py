@@ -1,6 +1,6 @@
 """One entry of the catalogue, and how values are put into its sentences."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from inspect import cleandoc
 from string import Formatter
 from typing import Any, NamedTuple
@@ -80,6 +80,12 @@ def listed(names: Any) -> str:
     """Return the message on names as a list in a sentence: "a", "a and b", "a, b and c"."""
     *first, last = map(str, names)
     return f"{', '.join(first)} and {last}" if first else last
+
+
+def first_of(texts: Sequence[str], most: int = 4) -> str:
+    """Return the message on the first texts of many: "a, b and 3 more"."""
+    more = f" and {len(texts) - most} more" if len(texts) > most else ""
+    return f"{', '.join(texts[:most])}{more}"
 
 
 def capital(text: str) -> str:

@@ -150,7 +150,8 @@ MESSAGES = (
     Message(
         "cause",
         lambda text, share: (
-            f"{capital(text)} would explain {percent(share, '.0f')} of the residual."
+            f"{capital(text.rstrip('.'))}. This would explain {percent(share, '.0f')} of the "
+            "residual."
         ),
         """
         Check: where the residual exceeds the noise, the usual mistakes, each by one Gauss-Newton

@@ -116,10 +116,10 @@ def lost_samples(
     )
 
 
-def clipped(share: float, stretches: str, more: str, remedy: str) -> FaultText:
+def clipped(share: float, where: str, remedy: str = "Leave the clipped part out.") -> FaultText:
     """Return the message on the share of samples that are cut off, and where."""
     return FaultText(
-        f"{100 * share:.2g} % of the samples are clipped, at {stretches}{more}.",
+        f"{100 * share:.2g} % of the samples are clipped, {where}.",
         "A fit takes clipped peaks for softening and for harmonics.",
         f"{remedy} Otherwise measure with a larger range.",
     )
@@ -134,21 +134,23 @@ def stopped(end: float, keep: str) -> FaultText:
     )
 
 
-def gaps(stretches: str, more: str, count: int, remedy: str) -> FaultText:
+def gaps(stretches: str, count: int, remedy: str) -> FaultText:
     """Return the message for gaps that a recorder filled with its last value."""
     return FaultText(
-        f"The response is constant at {stretches}{more}, with motion before and after: "
+        f"The response is constant at {stretches}, with motion before and after: "
         f"{'1 gap' if count == 1 else f'{count} gaps'}.",
         "A recorder that lost samples fills the gaps in this way.",
         remedy,
     )
 
 
-def swapped(ratio: float) -> FaultText:
-    """Return the message that the input looks like the response of the other."""
+def swapped(of: str = "", ratio: float | None = None) -> FaultText:
+    """Return the message that the input looks like a response to the other channel."""
+    peaked = "" if ratio is None else f": the spectrum of the input is {ratio:.3g} times more "
+    than = "" if ratio is None else "peaked than that of the response"
     return FaultText(
-        f"The spectrum of the input is {ratio:.3g} times more peaked than that of the response.",
-        "The FRF looks like this when input and response are swapped.",
+        f"Input and response{of} seem to be swapped{peaked}{than}.",
+        "A resonance belongs to the response, not to the input.",
         "Check which channel is which.",
     )
 
@@ -180,38 +182,6 @@ def unresolved(peak: float, width: float, duration_s: float, resolution_hz: floa
         f"of {duration_s:.4g} s resolves ({resolution_hz:.3g} Hz).",
         "The damping read from this width is then only an upper bound.",
         f"Measure longer: {4 * duration_s:.4g} s resolve {resolution_hz / 4:.3g} Hz.",
-    )
-
-
-def negative_gain(role: str) -> FaultText:
-    """Return the message that the gain is negative."""
-    return FaultText(
-        "At its resonance the response moves against the input: the gain is negative.",
-        "The polarity of one channel is reversed, or the response was measured in the opposite "
-        "direction.",
-        f"Put under [[test]]: `scale = {{ {role} = -1.0 }}`.",
-    )
-
-
-def base_motion(gain: float) -> FaultText:
-    """Return the message that a drive is the acceleration of a base, and the response absolute."""
-    return FaultText(
-        "At its resonance the response moves against the input, as a structure on a moving base "
-        f"does: the gain is {gain:.3g} /kg.",
-        "`force` may contain the acceleration of a base, and the response may be absolute. "
-        "Otherwise one channel has a reversed sign, and the modal mass is about 1 kg.",
-        "If a base moves, subtract the drive from the response in the file. Then reverse its sign, "
-        "with `scale = { acceleration = -1.0 }` under [[test]].",
-    )
-
-
-def other_size(ratio: float) -> FaultText:
-    """Return the message that a response differs in size from the input times the stated gain."""
-    return FaultText(
-        f"At its resonance the response is {number(ratio)} times the value that the campaign's "
-        "gain or modal mass predicts from the input.",
-        "A factor of 1000 means metre for millimetre, 9.81 g for m/s^2, 4.45 lbf for N.",
-        "Check both units, and gain or modal_mass.",
     )
 
 

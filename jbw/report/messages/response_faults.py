@@ -93,10 +93,10 @@ def undecaying(times: float) -> FaultText:
     )
 
 
-def offset(ratio: float) -> FaultText:
-    """Return the message on the mean of a response over its standard deviation."""
+def offset(ratio: float, of: str = "") -> FaultText:
+    """Return the message on the offset of a response over its standard deviation."""
     return FaultText(
-        f"The mean of the response is {ratio:.2g} times its standard deviation.",
+        f"The response{of} has an offset of {ratio:.2g} times its standard deviation.",
         "An offset of the channel is not a motion, but would be fitted as one.",
         "Put under [[test]]: `remove_mean = true`.",
     )

@@ -1,0 +1,1 @@
+"""Faults of records: hypotheses, one file each, and plain checks of samples."""

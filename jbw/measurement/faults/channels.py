@@ -1,0 +1,169 @@
+"""Checks of every channel after reading: each finds one fault and says how to remedy it."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from jbw.measurement.faults.clipping import LEVELS_FROM, clipped
+from jbw.measurement.faults.fault import Fault, doubt, refusal
+from jbw.measurement.faults.samples import drop_outs, held_for
+from jbw.measurement.records import RESPONSES, Record
+from jbw.measurement.spans import exclude_line, kept_part, span_line, start_of
+from jbw.report.messages import record_faults as messages
+from jbw.report.messages.message import first_of
+
+# Beyond any SI value of a vibration test: a flipped bit in a float makes such values.
+LARGEST = 1e12
+FOLDS = 4  # turns of the frequency along a curve; more turns mean that lines are out of order
+HELD_RUN = 4  # consecutive equal samples in a changing signal: the recorder filled them in
+CHANCE = 1e-6  # probability of mistaking equal samples of a coarse converter for filled ones
+FALL = 8.0  # converter steps to a neighbouring sample, more than a slow signal makes
+FAR = 10.0  # ranges of all other samples: a logger's code for a lost sample lies that far away
+FEWEST_LEVELS = 256  # distinct values: 8 bits
+FEW_SOURCE_LEVELS = 16  # a source of fewer levels is a pulse train, not a clipped signal
+PLAUSIBLE = {"displacement": 0.5, "velocity": 20.0, "acceleration": 2e4}  # [m], [m/s], [m/s^2]
+GUESS = {"displacement": "mm or um", "velocity": "mm/s or um/s", "acceleration": "mm/s^2"}
+
+
+def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> tuple[Fault, ...]:
+    """Return all faults that the checks find in a record, errors first."""
+    # With `masked`, samples may be NaN. `is_curve` tells whether a frequency channel holds the
+    # lines of a curve.
+    faults, lengths = [], {role: len(x) for role, x in record.channels.items()}
+    if len(set(lengths.values())) > 1:
+        listed = ", ".join(f"`{role}` has {n}" for role, n in lengths.items())
+        faults.append(refusal(next(iter(lengths)), *messages.unequal_lengths(listed)))
+    if is_curve and "frequency" in record.channels:
+        faults += _ordered(record)
+    for role in record.channels:
+        faults += _channel(record, role, masked)
+    return tuple(sorted(faults, key=lambda fault: fault.severity))
+
+
+def _channel(record: Record, role: str, masked: bool) -> Iterator[Fault]:
+    """Yield the faults of one channel; stop after a fault that makes its numbers meaningless."""
+    x = record.channels[role]
+    # NaN passes through min and max, which need no copy of a long record.
+    if len(x) and not np.isfinite([x.min(), x.max()]).all():
+        finite = np.isfinite(x)
+        bad = np.flatnonzero(~finite)
+        if not (masked and len(bad) < len(x) / 2):
+            first = ", ".join(str(i) for i in bad[:5])
+            leaves_some = not np.isfinite(record.fs) and len(bad) < len(x) / 2
+            remedy = (
+                messages.masked_or_left_out(exclude_line(record))
+                if leaves_some
+                else kept_part(record, ~finite)
+            )
+            yield refusal(role, *messages.not_finite(len(bad), len(x), first, remedy))
+            return
+        yield doubt(role, *messages.masked(len(bad), len(x)))
+        x = x[finite]
+    if not len(x):
+        yield refusal(role, "The channel is empty.", remedy="Export the record again.")
+    elif (largest := max(-x.min(), x.max())) > LARGEST:
+        yield refusal(role, *messages.beyond_measurement(int(np.abs(x).argmax()), largest))
+    elif np.isfinite(record.fs):
+        yield from _signal(record, role)
+
+
+def _ordered(record: Record) -> Iterator[Fault]:
+    freq = record.channels["frequency"]
+    freq = freq[np.isfinite(freq)]
+    steps = np.diff(freq)
+    if not (np.all(freq > 0) and (np.all(steps > 0) or np.all(steps < 0))):
+        turns = np.count_nonzero(np.diff(np.sign(steps)))
+        back = min(np.count_nonzero(steps < 0), np.count_nonzero(steps > 0))
+        # A single step back is one line out of place, not a folded curve.
+        is_curve = np.all(freq > 0) and turns <= FOLDS and back > 1
+        is_folded = is_curve and "force" in record.channels
+        yield refusal("frequency", *(messages.FOLDED if is_folded else messages.UNORDERED))
+
+
+def _signal(record: Record, role: str) -> Iterator[Fault]:
+    x = record.channels[role]
+    levels = np.unique(x[:LEVELS_FROM])
+    span, largest = np.ptp(x), max(-x.min(), x.max())
+    # A source may switch between two values; one that toggles its last bit is dead.
+    toggles = len(levels) <= 2 < len(x) and (role in RESPONSES or span <= 1e-3 * largest)
+    if span == 0 or toggles:
+        leave_out = exclude_line(record)
+        yield refusal(role, *messages.constant(x[0], leave_out, toggles=bool(span > 0)))
+        return
+    if words := list(_lost(record, role)):
+        yield from words
+        return
+    is_measured = role in RESPONSES or role == "restoring_force"
+    each, first = held_for(x) if is_measured else (1, 0)
+    if each > 1:  # other faults show in the values without their repetitions
+        yield doubt(role, *messages.held(each, record.fs / each))
+        thinned = replace(record, fs=record.fs / each, channels={role: x[first::each]})
+        yield from _signal(thinned, role)
+        return
+    if role in RESPONSES and (lost := drop_outs(x)):
+        yield doubt(role, *messages.dropped_out(len(lost), lost[0] / record.fs))
+    if is_measured:
+        yield from _filled(record, role, float(np.diff(levels).min()))
+    if role in RESPONSES or len(levels) > FEW_SOURCE_LEVELS:
+        yield from clipped(record, role, levels)
+    if len(levels) < FEWEST_LEVELS and len(x) >= 4 * FEWEST_LEVELS and role in RESPONSES:
+        yield doubt(role, *messages.few_levels(len(levels), FEWEST_LEVELS))
+    if largest > PLAUSIBLE.get(role, np.inf):
+        yield doubt(role, *messages.implausible(role, largest, GUESS[role]))
+
+
+def _lost(record: Record, role: str) -> Iterator[Fault]:
+    """Report samples at one value far from all others, as a logger's -9999 for lost samples."""
+    x = record.channels[role]
+    ends = float(x.min()), float(x.max())
+    others = x[(x > ends[0]) & (x < ends[1])]
+    if 2 * len(others) < len(x) or not np.ptp(others) > 0:
+        return
+    low, high = float(others.min()), float(others.max())
+    for end, away in zip(ends, (low - ends[0], ends[1] - high), strict=True):
+        at = np.flatnonzero(x == end)
+        # A single such sample of a source may be a pulse.
+        if away > FAR * (high - low) and (len(at) > 1 or role in RESPONSES):
+            first, remedy = at[0] / record.fs, kept_part(record, x == end)
+            fault_text = messages.lost_samples(len(at), len(x), end, first, (low, high), remedy)
+            yield refusal(role, *fault_text)
+
+
+def _filled(record: Record, role: str, step: float) -> Iterator[Fault]:
+    """Report runs of equal samples within a moving response: blocks that the recorder lost.
+
+    A constant force, such as that of a slider, is not a lost block.
+    """
+    x, fs = record.channels[role], record.fs
+    # First sample of each run, except of the first run of the record.
+    changes = np.flatnonzero(np.diff(x)) + 1
+    starts, stops = changes, np.append(changes[1:], len(x))
+    # Chance makes n p^(length - 1) of n runs as long, where p is the share of runs of two or more.
+    chance_of_repeat = min(np.mean(stops - starts > 1), 1 - 1e-9)
+    by_chance = 1 + np.log(CHANCE / len(x)) / np.log(max(chance_of_repeat, CHANCE))
+    long = stops - starts >= max(HELD_RUN, by_chance)
+    gaps = []
+    for start, stop in zip(starts[long].tolist(), stops[long].tolist(), strict=True):
+        if x[start] in (x.max(), x.min()):  # clipped samples are reported elsewhere
+            continue
+        before = abs(x[start] - x[start - 1])
+        after = abs(x[stop] - x[start]) if stop < len(x) else before
+        around = x[max(0, start - max(stop - start, 2 * HELD_RUN)) : start]
+        # A block of zeros jumps at both ends; a block that repeats the last value, at one end.
+        if min(before, after) > FALL * step or (
+            role in RESPONSES
+            and stop < len(x)
+            and after > FALL * step
+            and np.std(around) > FALL * step
+        ):
+            gaps.append((start, stop))
+    if gaps and gaps[-1][1] == len(x):
+        end = gaps.pop()[0] / fs
+        yield doubt(role, *messages.stopped(end, span_line(0.0, end, start_of(record))))
+    if gaps:
+        standing = np.zeros(len(x), bool)
+        for start, stop in gaps:
+            standing[start:stop] = True
+        listed = first_of([f"{start / fs:.4g}-{stop / fs:.4g} s" for start, stop in gaps])
+        yield refusal(role, *messages.gaps(listed, len(gaps), kept_part(record, standing)))

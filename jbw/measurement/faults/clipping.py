@@ -1,0 +1,108 @@
+"""Samples that are clipped at an extreme of their channel."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from jbw.measurement.channels import Reals, noise_of
+from jbw.measurement.faults.fault import Fault
+from jbw.measurement.faults.hypothesis import Hypothesis
+from jbw.measurement.faults.suspect import Misfit, Suspect, as_columns, in_time
+from jbw.measurement.records import RESPONSES, Record
+from jbw.measurement.spans import kept_part
+from jbw.report.messages import record_faults as messages
+from jbw.report.messages.message import first_of
+
+CLIP_RUN = 3  # consecutive equal samples at the extreme
+BEYOND_NOISE = 4.0  # standard deviations of the noise that a flat peak does not fall by chance
+FLATTENED = 2.0  # standard deviations of the noise by which a flattened crest may be higher
+NO_CHANCE = 6  # equal samples of a flat peak that noise does not produce
+# Converter steps below an extreme, where peaks of an unclipped signal would also lie.
+NEAR_TOP = 8.0
+SAME = 1e-9  # relative to the range: closer values differ only by round-off
+MORE_OFTEN = 2.0  # number of samples at both extremes over the number at any two levels
+PILED = 3  # samples at the extremes, beyond one each and beyond the number of samples near them
+LEVELS_FROM = 2**20  # samples used to count levels, because sorting a huge record is slow
+CLIPPED_SHARE = 1e-3  # largest share of clipped samples with which a sweep can be fitted
+
+
+class Clipping(Hypothesis):
+    """Responses that are limited to their largest measured size."""
+
+    name = "clipping"
+
+    def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
+        """Yield the part of the predicted responses that exceeds the largest measured ones."""
+        cut, count, total = {}, 0, 0
+        for label, spectrum in in_time(misfit.spectra).items():
+            model, most = spectrum.values - spectrum.residual, np.max(np.abs(spectrum.values))
+            beyond = np.count_nonzero(np.abs(model) > most)
+            if beyond:
+                cut[label] = as_columns(np.clip(model, -most, most) - model)
+                count, total = count + beyond, total + len(model)
+        if cut:
+            text = messages.clipped(count / total, f"in {', '.join(cut)}")
+            yield Suspect(cut, lambda _: text)
+
+
+def clipped(record: Record, role: str, levels: Reals) -> Iterator[Fault]:
+    """Report samples clipped at an extreme: runs of three or more, or peaks that pile up there."""
+    x, fs = record.channels[role], record.fs
+    step, noise, runs = float(np.diff(levels).min()), noise_of(x), []
+    shortest = 1 if role in RESPONSES and _piles_up(x, step) else CLIP_RUN
+    for extreme in (x.max(), x.min()):
+        at = np.flatnonzero(x == extreme)
+        for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1):
+            start, stop = int(run[0]), int(run[-1]) + 1
+            if stop - start >= shortest and _is_no_crest(x, start, stop, step, noise):
+                runs.append((start, stop))
+    if not runs:
+        return
+    share = sum(stop - start for start, stop in runs) / len(x)
+    listed = first_of([f"{start / fs:.3f}-{stop / fs:.3f} s" for start, stop in sorted(runs)])
+    spoilt = np.zeros(len(x), bool)
+    for start, stop in runs:
+        spoilt[start:stop] = True
+    text = messages.clipped(share, f"at {listed}", kept_part(record, spoilt))
+    yield Fault("error" if share > CLIPPED_SHARE else "warning", role, *text)
+
+
+def _is_no_crest(x: Reals, start: int, stop: int, step: float, noise: float) -> bool:
+    r"""Return whether a flat peak is too flat to be the crest of a smooth, rounded, noisy signal.
+
+    A parabola that stays within one converter step for n samples is lower, n samples further, by at
+    most $((3n - 1) / (n - 1))^2$ steps; rounding adds one step, and noise flattens a sharper crest.
+    Noise larger than a step makes no six samples equal. A peak of fewer than three samples, of
+    those that pile up, always counts.
+    """
+    size = stop - start
+    by = size if size >= CLIP_RUN else 1
+    outside = [x[i] for i in (start - by, stop - 1 + by) if 0 <= i < len(x)]
+    fall = max((float(abs(value - x[start])) for value in outside), default=0.0)
+    if size < CLIP_RUN:
+        return fall > 2 * step
+    if size >= NO_CHANCE and noise > step:
+        return True
+    of_parabola = ((3 * size - 1) / (size - 1)) ** 2
+    return fall > (1 + of_parabola) * (step + FLATTENED * noise) + BEYOND_NOISE * noise
+
+
+def _piles_up(x: Reals, step: float) -> bool:
+    """Return whether single peaks end at the same extreme value more often than by chance.
+
+    A steady sine has more samples near its crest than on it, and a record that repeats itself has
+    equal samples at every level.
+    """
+    ends = beyond = 0
+    for depth in (x.max() - x, x - x.min()):
+        count = np.count_nonzero(depth == 0)
+        near = np.count_nonzero(depth < NEAR_TOP * step) - count
+        ends, beyond = ends + count, beyond + max(count - 1 - near, 0)
+    if beyond < PILED:
+        return False
+    span, middle = np.ptp(x), (x.max() + x.min()) / 2
+    # Without the quiet end of a record, which has few levels.
+    some = x[np.abs(x - middle) > span / 4][:LEVELS_FROM]
+    # Values that differ only by round-off count as one level.
+    levels = np.unique(np.round(some / (SAME * span)))
+    return bool(ends > 2 * MORE_OFTEN * len(some) / len(levels))

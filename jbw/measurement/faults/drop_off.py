@@ -1,0 +1,48 @@
+"""A drive that drops to its own noise at the resonance, where the structure moves most easily."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from jbw.measurement.channels import Reals
+from jbw.measurement.faults.fault import Fault, doubt
+from jbw.measurement.faults.hypothesis import Facts, Fits, Hypothesis
+from jbw.measurement.readings.sweep import SweepFits, SweepSignal
+from jbw.report.messages import clock_faults as messages
+
+FALLS = 0.5  # share of its median to which a drive must fall to count as dropping off
+NOISY = 0.05  # noise over the smallest drive; more makes an error of percents in the damping
+RANDOM = 0.3  # roughness over the median: a sweep's is 0.01 between moments, that of noise 0.5
+SMOOTHED = 0.02  # share of the values over which the drive is smoothed
+
+
+class DropOff(Hypothesis):
+    """The noise of a drive that is left where it falls at the resonance."""
+
+    name = "drop-off of the drive"
+
+    def seen(self, fits: Fits, facts: Facts) -> Iterator[Fault]:
+        """Yield a warning if the drive of a sweep falls to its noise."""
+        if isinstance(fits, SweepFits) and (dropped := drop_off(fits.signal)) is not None:
+            yield doubt(facts.record.source, *messages.drop_off(*dropped))
+
+
+def drop_off(signal: SweepSignal) -> tuple[float, float] | None:
+    """Return the smallest drive over its median, and its relative noise; None if it is no drop."""
+    smooth, rough = drive_course(signal)
+    least = float(smooth.min())
+    noise = rough / least
+    return (least, noise) if least <= FALLS and noise >= NOISY else None
+
+
+def drive_course(signal: SweepSignal) -> tuple[Reals, float]:
+    """Return the smoothed size of a drive over its median, and the rms of the rest around it."""
+    size = np.abs(signal.u)
+    # Of few values, a quarter.
+    width = max(min(max(int(SMOOTHED * len(size)), 5), len(size) // 4), 1)
+    smooth = uniform_filter1d(size, width, mode="nearest")
+    inner = slice(width, -width) if len(size) > 2 * width else slice(None)
+    usual = float(np.median(smooth[inner]))
+    rough = float(np.sqrt(np.mean((size - smooth)[inner] ** 2)))
+    return smooth[inner] / usual, rough / usual

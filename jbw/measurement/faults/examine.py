@@ -1,0 +1,207 @@
+"""Reading of a record once, with its table and faults; results are cached for later commands."""
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, fields
+from functools import cache
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from typing import Any
+
+import numpy as np
+import platformdirs
+
+from jbw.errors import DataError, JbwError
+from jbw.measurement.faults.begins_late import begins_late
+from jbw.measurement.faults.drop_off import RANDOM, drive_course
+from jbw.measurement.faults.fault import Fault
+from jbw.measurement.faults.hypotheses import explained
+from jbw.measurement.faults.hypothesis import Facts, Fits
+from jbw.measurement.faults.responses import about_peak, undecaying
+from jbw.measurement.readings.read import decay_fits, sweep_fits, swept_signal
+from jbw.measurement.readings.table import MeasuredChange, ModeReading, read_fits
+from jbw.measurement.records import Record, Test
+from jbw.measurement.spans import start_of
+from jbw.report.messages.reading import none_decays
+from jbw.sources import sources_of
+
+Band = tuple[float, float]
+UNREADABLE = (ArithmeticError, IndexError, JbwError, ValueError, np.linalg.LinAlgError)
+KEPT_DAYS = 30  # days after which an unused reading is removed from the cache
+# Packages that readings depend on: a change of their source invalidates the cache.
+SOURCES = ("jbw.measurement.readings", "jbw.measurement.faults", "jbw.report.messages")
+
+
+@dataclass(frozen=True)
+class Examined:
+    """The reading of one record, with its faults and the band that was read.
+
+    Attributes:
+        reading: Frequency and damping against amplitude; None if they cannot be read.
+        faults: Errors and doubts found in the record.
+        band_hz: Band that was read [Hz].
+    """
+
+    reading: ModeReading | None
+    faults: tuple[Fault, ...]
+    band_hz: Band
+
+
+_read: dict[str, Examined] = {}
+
+
+def examined_decay(record: Record, band_hz: Band | None, settle_s: float) -> Examined:
+    """Read a record of a decay and find its faults.
+
+    Args:
+        record: A record whose samples are all finite.
+        band_hz: Band of its single mode [Hz]; if None, a band about its strongest line.
+        settle_s: Time at the start of the record that is not read [s].
+    """
+    band = band_hz or about_peak(record, settle_s)
+    key = _key(record, "decay", (*band, settle_s))
+    return _kept(key, band, lambda: _decay(record, band, settle_s))
+
+
+def read_decays(test: Test) -> list[ModeReading | None]:
+    """Return the reading of every record of a decay test; None for each unreadable record.
+
+    Raises:
+        DataError: No record can be read.
+    """
+    found = [examined_decay(record, test.band_hz, test.settle) for record in test.records]
+    readings = [one.reading for one in found]
+    if all(reading is None for reading in readings):
+        faults = [fault for one in found for fault in one.faults]
+        what, why, remedy = none_decays(test.name)
+        if faults:
+            why, remedy = faults[0].what, faults[0].remedy or remedy
+        raise DataError(what, why=why, remedy=remedy)
+    return readings
+
+
+def examined_sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
+    """Read a record of a sweep and find its faults.
+
+    Args:
+        record: A record whose source and response have finite samples.
+        band_hz: Band of its single mode [Hz]; if None, the band that the drive sweeps.
+        delay_s: Stated lag of the response [s].
+    """
+    key = _key(record, "sweep", (*(band_hz or ()), delay_s))
+    swept = band_hz or (0.0, record.fs / 2)
+    return _kept(key, swept, lambda: _sweep(record, band_hz, delay_s))
+
+
+def _decay(record: Record, band: Band, settle_s: float) -> Examined:
+    late = tuple(begins_late(record, band, settle_s)) or tuple(undecaying(record, settle_s))
+    if late:
+        return Examined(None, late, band)
+    fits = decay_fits(record, band, settle_s)
+    if fits is None:
+        return Examined(None, (), band)
+    faults = tuple(explained(fits, Facts(record, settle_s, 0.0, band)))
+    return Examined(_read_fits(fits), faults, band)
+
+
+def _sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
+    found = swept_signal(record, band_hz, delay_s)
+    if found is None:
+        return Examined(None, (), band_hz or (0.0, record.fs / 2))
+    signal, band = found
+    _, varies = drive_course(signal)
+    if varies > RANDOM or (fits := sweep_fits(signal)) is None:
+        return Examined(None, (), band)
+    faults = tuple(explained(fits, Facts(record, 0.0, delay_s, band)))
+    return Examined(_read_fits(fits), faults, band)
+
+
+def _read_fits(fits: Fits) -> ModeReading | None:
+    """Return the readings of a record's fits; None if their errors cannot be computed."""
+    try:
+        return read_fits(fits)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _key(record: Record, kind: str, numbers: Sequence[float]) -> str:
+    """Return a digest of everything that an examination depends on."""
+    digest = hashlib.blake2b(sources_of(*SOURCES).encode(), digest_size=20)
+    facts = kind, record.fs, numbers, record.name, start_of(record), record.drive
+    digest.update(repr(facts).encode())
+    for role in sorted(record.channels):
+        digest.update(role.encode())
+        digest.update(np.ascontiguousarray(record.channels[role]).tobytes())
+    return digest.hexdigest()
+
+
+def _kept(key: str, band: Band, make: Callable[[], Examined]) -> Examined:
+    """Return the stored result of this process or an earlier command, else compute and store it.
+
+    If the folder cannot be written or a file cannot be read, the only cost is a new computation.
+    The result is empty if the numerics fail on an unusual record.
+    """
+    if key not in _read:
+        path = platformdirs.user_cache_path("jbw") / "readings" / f"{key}.json"
+        if (kept := _opened(path)) is None:
+            kept = Examined(None, (), band)
+            # Searches may diverge.
+            with suppress(*UNREADABLE), np.errstate(all="ignore"):
+                kept = make()
+            _write(path, kept)
+        _read[key] = kept
+    return _read[key]
+
+
+def _opened(path: Path) -> Examined | None:
+    try:
+        return _from_json(json.loads(path.read_text()))
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def _write(path: Path, examined: Examined) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _forget(path.parent)
+        with NamedTemporaryFile("w", dir=path.parent, suffix=".part", delete=False) as file:
+            file.write(json.dumps(asdict(examined), default=np.ndarray.tolist))
+        Path(file.name).replace(path)
+    except OSError:
+        return
+
+
+@cache
+def _forget(folder: Path) -> None:
+    """Remove readings that no command used for a month; do so once per process."""
+    oldest = time.time() - KEPT_DAYS * 86400
+    for path in folder.iterdir():
+        with suppress(OSError):  # another process may have removed it
+            if path.stat().st_mtime < oldest:
+                path.unlink()
+
+
+def _from_json(kept: Mapping[str, Any]) -> Examined:
+    reading: Any = kept["reading"]
+    if reading is not None:
+        types = {field.name: field.type for field in fields(ModeReading)}
+        values: dict[str, Any] = {
+            name: MeasuredChange(*value)
+            if types[name] in (MeasuredChange, "MeasuredChange")
+            else _array(value)
+            for name, value in reading.items()
+        }
+        reading = ModeReading(**values)
+    faults = tuple(
+        Fault(**fault | {"leaves": fault["leaves"] and tuple(fault["leaves"])})
+        for fault in kept["faults"]
+    )
+    low, high = kept["band_hz"]
+    return Examined(reading, faults, (low, high))
+
+
+def _array(value: Any) -> Any:
+    return np.array(value) if isinstance(value, list) else value

@@ -1,0 +1,58 @@
+"""The list of all hypotheses, and the faults of one record that they explain."""
+
+from collections.abc import Iterator
+
+from jbw.measurement.faults.clipping import Clipping
+from jbw.measurement.faults.drop_off import DropOff
+from jbw.measurement.faults.fault import Fault, doubt, refusal
+from jbw.measurement.faults.high_pass import HighPass
+from jbw.measurement.faults.hypothesis import (
+    UNEXPLAINED,
+    UNEXPLAINED_SHARE,
+    Facts,
+    Fits,
+    Hypothesis,
+    named_cause,
+    remainder,
+)
+from jbw.measurement.faults.lag import ClocksApart, Delay, LostBlock
+from jbw.measurement.faults.load_cell import ZeroOfLoadCell
+from jbw.measurement.faults.offset import Offset
+from jbw.measurement.faults.outside_modes import OutsideModes
+from jbw.measurement.faults.own_frequencies import OwnFrequencies
+from jbw.measurement.faults.second_blow import SecondBlow
+from jbw.measurement.faults.second_mode import SecondMode
+from jbw.measurement.faults.slip import Slip
+from jbw.measurement.faults.steady_line import UndecayingLine
+from jbw.measurement.faults.swapped_channels import SwappedChannels
+from jbw.measurement.faults.unlike_gains import UnlikeGain
+from jbw.measurement.faults.wear import Wear
+from jbw.measurement.faults.window import Window
+from jbw.measurement.readings.sweep import SweepFits
+from jbw.report.messages import decay_faults as messages
+
+# Hypotheses that are fitted together with a mode are ordered by their number of parameters.
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    Delay(), ClocksApart(), UndecayingLine(), SecondBlow(), LostBlock(), SecondMode(),
+    Window(), DropOff(), HighPass(), Wear(), Slip(), ZeroOfLoadCell(),
+    UnlikeGain(), Offset(), Clipping(), SwappedChannels(), OutsideModes(), OwnFrequencies(),
+)  # fmt: skip
+
+
+def explained(fits: Fits, facts: Facts) -> Iterator[Fault]:
+    """Yield the faults that a fitted mode shows, and the one cause that explains its residual."""
+    yield from (seen := [fault for one in HYPOTHESES for fault in one.seen(fits, facts)])
+    # Noise of the drive biases the damping and leaves no residual to explain.
+    if isinstance(fits, SweepFits) and seen:
+        return
+    left = remainder(fits)
+    if left.is_noise and not left.has_line:
+        return
+    named = named_cause(fits, (UndecayingLine(),) if left.is_noise else HYPOTHESES)
+    if named is not None:
+        hypothesis, values, mode = named
+        severity = refusal if hypothesis.spoils(values, fits) else doubt
+        text = hypothesis.fault(values, fits, facts._replace(mode=mode))
+        yield severity(facts.record.response, *text, leaves=mode)
+    elif left.rms > UNEXPLAINED and left.share > UNEXPLAINED_SHARE:
+        yield doubt(facts.record.response, *messages.unexplained(left.share))

@@ -1,0 +1,223 @@
+r"""Faults as hypotheses against a reading, and the conditions under which one is named.
+
+A mode is fitted first. Only if its residual exceeds noise and the law's own error are further
+causes tried, one at a time, *fitted together with the mode*. A cause is named if it meets four
+conditions, which are calibrated on sound records of every law (`benchmarks/outside`):
+
+1. something is left: a weighted rms above 1.2, or 6 % of the response; for a steady line alone a
+   line of 30 times its local median and 0.05 % of the largest response;
+2. the cause explains at least 40 % of the weighted squares;
+3. $2 \ln L_1/L_0 - k \ln n > 25$, with n the effective number of values of a coloured residual
+   and k the number of the cause's parameters;
+4. it is large enough to matter, by a limit of each hypothesis.
+
+Among causes within 20 of the best, the one with the fewest parameters is named.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from jbw.measurement.channels import Reals
+from jbw.measurement.faults.fault import Fault
+from jbw.measurement.faults.loop_residual import LoopCause, LoopResidual
+from jbw.measurement.faults.suspect import Cause, Misfit, Suspect
+from jbw.measurement.readings.decay import DecayCause, DecayFits, fit_decay
+from jbw.measurement.readings.slow_flow import ModeFit, filtered_share, independent_share
+from jbw.measurement.readings.sweep import SweepCause, SweepFits, fit_sweep
+from jbw.measurement.records import Record
+from jbw.report.messages.message import FaultText
+
+LEFT, LINE, LINE_SIZE, LEFT_SHARE = 1.2, 30.0, 5e-4, 0.06  # limits of condition 1
+EXPLAINS = 0.6  # largest share of the residual squares that a cause may leave: condition 2
+ENOUGH = 0.01  # share of the residual squares; a cause that leaves less needs no rival
+ODDS = 25.0  # limit of condition 3
+NEARLY = 20.0  # difference in 2 ln of the likelihood below which two causes count as equal
+# Weighted rms and share of the response from which an unexplained residual is reported.
+UNEXPLAINED, UNEXPLAINED_SHARE = 20.0, 0.03
+BASES_TRIED = ("linear", "power")  # amplitude bases of the mode that is fitted with a cause
+AROUND = 61  # lines of a residual's spectrum whose median is compared with a line
+
+Fits = DecayFits | SweepFits
+
+
+class Hypothesis:
+    """A kind of fault; a member offers the tests that can show it, and inherits none for others."""
+
+    name: ClassVar[str]  # the name of the fault in a table
+
+    def seen(self, fits: Fits, facts: "Facts") -> Iterator[Fault]:
+        """Yield the fault if the record of a fitted mode shows it without a joint fit."""
+        yield from ()
+
+    def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
+        """Yield the cause with starting values for a joint fit with a mode, if it is applicable."""
+        yield from ()
+
+    def matters(self, values: Reals, fits: Fits) -> bool:
+        """Return whether a cause with these values is physical and large enough to matter."""
+        raise NotImplementedError
+
+    def fault(self, values: Reals, fits: Fits, facts: "Facts") -> FaultText:
+        """Return the text of the fault to report: finding, reason and remedy."""
+        raise NotImplementedError
+
+    def spoils(self, values: Reals, fits: Fits) -> bool:
+        """Return whether a cause with these values makes the record useless."""
+        return False
+
+    def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
+        """Yield what the fault leaves of the force of a loop, fitted together with sliders."""
+        yield from ()
+
+    def suspects(self, misfit: Misfit) -> Iterator[Suspect | Cause]:
+        """Yield what the fault would explain of the residual of an identification's fit."""
+        yield from ()
+
+
+class Facts(NamedTuple):
+    """A record and its stated settings, for the text of a remedy.
+
+    Attributes:
+        record: The whole record.
+        settle_s: Time at the start of the record that was not read [s].
+        delay_s: Stated lag of the response [s].
+        band_hz: Band that was read [Hz].
+        mode: Frequency [Hz] and damping ratio of the mode that is fitted with the cause.
+    """
+
+    record: Record
+    settle_s: float
+    delay_s: float
+    band_hz: tuple[float, float]
+    mode: tuple[float, float] = (np.nan, np.nan)
+
+
+class LeftOver(NamedTuple):
+    """The residual of a mode's fit to a record.
+
+    Attributes:
+        rms: Weighted root mean square; 1 for noise alone.
+        line: Largest line of the spectrum over the local median.
+        line_size: Amplitude of that line over the largest response.
+        share: Rms of the residual over the rms of the response.
+    """
+
+    rms: float
+    line: float
+    line_size: float
+    share: float
+
+    @property
+    def has_line(self) -> bool:
+        """Whether a single line of the residual stands out."""
+        return self.line > LINE and self.line_size > LINE_SIZE
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether the residual is explained by noise, apart from a line that may stand out."""
+        return self.rms < LEFT and self.share < LEFT_SHARE
+
+
+def best_of(fits: Fits) -> ModeFit:
+    """Return the fit of the amplitude basis with the smallest residual."""
+    return min(fits.fits.values(), key=lambda fit: fit.squares)
+
+
+def remainder(fits: Fits) -> LeftOver:
+    """Return the residual of the best basis' fit to a record."""
+    best, signal = best_of(fits), fits.signal
+    turned = best.residual
+    if isinstance(fits, SweepFits):  # a steady line rotates relative to the frame of the drive
+        frame = fits.signal.phase - 2 * np.pi * fits.signal.centre_hz * fits.signal.time
+        turned = turned * np.exp(1j * frame)
+    power = np.abs(np.fft.fft(turned * fits.weight)) ** 2
+    local = median_filter(power, min(AROUND, len(power) | 1), mode="wrap") / np.log(2)
+    over = power / (local + 0.02 * power.mean() + 1e-300)
+    at = int(np.argmax(over))
+    size = abs(np.fft.fft(turned)[at]) / len(turned) / np.abs(signal.z).max()
+    share = float(np.linalg.norm(best.residual) / np.linalg.norm(signal.z))
+    rms = float(np.sqrt(best.squares / len(signal.z)))
+    return LeftOver(rms, float(over[at]), float(size), share)
+
+
+def named_cause(
+    fits: Fits, hypotheses: Sequence[Hypothesis]
+) -> tuple[Hypothesis, Reals, tuple[float, float]] | None:
+    """Return the hypothesis that explains the residual of a fitted mode; None if there is none.
+
+    Its parameters follow, and frequency [Hz] and damping ratio of the linear mode that is fitted
+    with it, as after a remedy.
+    """
+    nothing = best_of(fits)
+    enough = min(LEFT**2 * len(fits.signal.z), ENOUGH * nothing.squares)
+    tried, rivals = [], 0
+    modes = {}  # mode of each hypothesis, by its name
+    for hypothesis in hypotheses:
+        found = list(_joint_fits(fits, hypothesis))
+        if found:
+            modes[hypothesis.name] = _mode(fits, found[0][1])
+        tried += [(hypothesis, *row) for row in found if hypothesis.matters(row[0], fits)]
+        rivals += len(found) > 0
+        # Hypotheses come in order of parameters: it is enough that one of two leaves noise alone.
+        if rivals > 1 and any(fitted.squares < enough for _, _, fitted in tried):
+            break
+    if not tried:
+        return None
+    closest = min(tried, key=lambda row: row[2].squares)[2]
+    signal = fits.signal
+    # A spectrum of few lines cannot show how coloured it is, but the effect of the filter is known.
+    of_filter = filtered_share(signal.taps, round(signal.step_s * signal.fs))
+    share = min(independent_share(closest.residual * fits.weight), of_filter)
+    count = 2 * len(signal.z) * share
+
+    def score(fitted: ModeFit) -> float:
+        return count * np.log(max(fitted.squares, 1e-300)) + len(fitted.theta) * np.log(count)
+
+    zero = min(score(fitted) for fitted in fits.fits.values())
+    odds = [zero - score(fitted) for _, _, fitted in tried]
+    alike = [i for i in range(len(tried)) if odds[i] > max(odds) - NEARLY]
+    chosen = min(alike, key=lambda i: (len(tried[i][1]), -odds[i]))
+    hypothesis, values, fitted = tried[chosen]
+    if odds[chosen] > ODDS and fitted.squares < EXPLAINS * nothing.squares:
+        return hypothesis, values, modes[hypothesis.name]
+    return None
+
+
+def _mode(fits: Fits, linear: ModeFit) -> tuple[float, float]:
+    """Return the frequency [Hz] and damping ratio of a linear mode."""
+    sigma, turn = linear.theta[fits.FIRST : fits.FIRST + 2] * fits.scale
+    pole = complex(-sigma, turn + 2 * np.pi * fits.signal.centre_hz)
+    return abs(pole) / (2 * np.pi), -pole.real / abs(pole)
+
+
+def _joint_fits(fits: Fits, hypothesis: Hypothesis) -> Iterator[tuple[Reals, ModeFit]]:
+    """Yield joint fits of a hypothesis, with a linear mode and with a power law of amplitude.
+
+    The fit with a power law also starts from the result of the fit with a linear mode.
+    """
+    ended: list[DecayCause | SweepCause] = []
+    for basis in BASES_TRIED:
+        if basis not in fits.fits:
+            continue
+        count = len(fits.fits[basis].theta)
+        ends = [
+            (fitted, cause)
+            for cause in (*hypothesis.causes(fits, basis), *ended)
+            if (fitted := joint_fit(fits, basis, cause)) is not None
+        ]
+        if ends:
+            fitted, cause = min(ends, key=lambda row: row[0].squares)
+            ended = [cause._replace(start=fitted.theta[count:])]
+            yield fitted.theta[count:], fitted
+
+
+def joint_fit(fits: Fits, basis: str, cause: DecayCause | SweepCause) -> ModeFit | None:
+    """Return the joint fit of a mode and a cause; None if its numerics fail."""
+    fit: Any = fit_decay if isinstance(fits, DecayFits) else fit_sweep
+    try:
+        return fit(fits.signal, basis, fits.fits[basis].theta, fits.scale, fits.weight, cause)
+    except (ValueError, np.linalg.LinAlgError):
+        return None

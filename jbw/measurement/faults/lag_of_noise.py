@@ -1,0 +1,204 @@
+r"""Drive and response of a noise test whose clocks differ: a lag that is constant, grows or jumps.
+
+A constant lag is a delay, one that grows along the record comes from two clocks of different
+speed, and one that jumps from a block of samples that one channel lost. Parts of a record have the
+same FRF apart from the lag. Away from the resonance the phase of the structure is known whatever
+its joint does,
+
+$$\arg \frac{Y}{U} = -\omega\,\tau - \frac{2\zeta\,r}{1 - r^2} - k\pi, \quad
+  r = \omega / \omega_n$$
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+from scipy.special import fdtrc
+
+from jbw.measurement.channels import Reals
+from jbw.measurement.faults.fault import Fault, doubt
+from jbw.measurement.records import Record
+from jbw.measurement.resonances import swept
+from jbw.measurement.spans import kept_before
+from jbw.measurement.spectra import averaged
+from jbw.quantities import derivative_order
+from jbw.report.messages import clock_faults as messages
+
+AWAY = 0.08  # |1 - r^2| beyond which damping is the only effect on the phase
+LOUD = 0.3  # share of the drive's median power above which the phase of a line is used
+FEWEST = 12  # smallest number of values of a phase or lag
+CERTAIN = 6.0  # standard errors of a lag
+ONE_MODE = 0.3  # standard deviation of log |Y/U| about that of one mode; more means several modes
+ROUGH = 0.15  # [rad]; a phase that varies by more is not that of one mode
+PARTS, AVERAGES = 8, 8  # parts of a record of noise, averages in each part
+LEAST_PARTS = 2  # smallest number of parts on each side of a part within which the lag jumps
+COHERENT = 0.5  # smallest mean coherence of response and drive for which a lag is read
+MOST_TURNS = 3  # half turns of the phase that are tried on either side of its middle
+ODDS = 1e-6  # probability of calling a chance result a lag
+TURNED = 0.05  # [rad] at the end of the record: a smaller error does not affect the damping
+
+
+def untimely(record: Record, delay: float) -> Iterator[Fault]:
+    """Yield a warning if drive and response of a noise record differ by a lag, drift or gap."""
+    u, x = (record.channels[role] for role in (record.source, record.response))
+    parts = _lags_of_noise(u, x, record.fs)
+    if parts is None:
+        return
+    time, lags, hz = parts
+    (slope, step), least = _course(time, lags), TURNED / (2 * np.pi * hz)
+    length = record.num_samples / record.fs
+    if step is not None and abs(step[2]) > least:
+        before, after, jump = step
+        text = messages.lost_block(0.5 * (before + after), jump, kept_before(record, before))
+    elif abs(slope) * length > least:
+        # A fast clock samples early: each sample shows an earlier instant, and the lag grows.
+        text = messages.another_clock(slope, abs(slope) * length)
+    elif (constant := _constant_of_noise(record)) is not None:
+        seconds, error = constant
+        # A voltage input is held from sample to sample, which is half a sample of lag.
+        held = 1 / record.fs if record.source == "input" else 0.0
+        if abs(seconds - delay) <= max(least, CERTAIN * error, held):
+            return
+        text = messages.another_delay(seconds, delay)
+    else:
+        return
+    yield doubt(record.response, *text)
+
+
+def _away(
+    omega: Reals, receptance: Complex[np.ndarray, " line"]
+) -> tuple[Int[np.ndarray, " kept"], Reals, Reals] | None:
+    """Return lines away from a single resonance, their phase and its change by damping, or None."""
+    natural = float(omega[np.argmax(np.abs(omega * receptance))])
+    r = omega / natural
+    lines_away = np.flatnonzero(np.abs(1 - r**2) > AWAY)
+    if len(lines_away) < FEWEST:
+        return None
+    r = r[lines_away]
+    # The size of a single mode falls as 1 / (1 - r^2); with several modes the phase shows no lag.
+    if np.std(np.log(np.abs(receptance[lines_away] * (1 - r**2)))) > ONE_MODE:
+        return None
+    phase = np.angle(receptance[lines_away] * np.where(r < 1, 1.0, -1.0))
+    return lines_away, phase, 2 * r / (1 - r**2)
+
+
+def _constant_of_noise(record: Record) -> tuple[float, float] | None:
+    """Return lag and standard error [s] of a record of noise, from its FRF off the resonance."""
+    u, x = (record.channels[role] for role in (record.source, record.response))
+    short = 2 * len(u) // (PARTS * (AVERAGES + 1))
+    freq, power, response, cross = averaged(
+        u, x, fs=record.fs, window="hann", nperseg=short, noverlap=short // 2
+    )
+    coherence = np.abs(cross) ** 2 / power / response
+    lines = (freq > 0) & (coherence > COHERENT) & (power > LOUD * np.median(power[power > 0]))
+    lines &= swept(power)
+    omega = 2 * np.pi * freq[lines]
+    order = derivative_order(record.response)
+    away = (
+        _away(omega, cross[lines] / power[lines] / (1j * omega) ** order) if lines.any() else None
+    )
+    if away is None:
+        return None
+    lines_away, phase, bend = away
+    phase, design = np.unwrap(phase), np.column_stack([-omega[lines_away], -bend])
+    # Half turns are the polarity of a channel, whereas a lag rotates the phase with frequency.
+    nearest = np.round(np.median(phase) / np.pi)
+    turns = np.pi * (nearest + np.arange(-MOST_TURNS, MOST_TURNS + 1))
+    fitted = min((_squares(design, phase - turn) for turn in turns), key=lambda fit: fit.squares)
+    scatter = float(np.sqrt(fitted.squares / (len(lines_away) - 2)))
+    if scatter > ROUGH:
+        return None
+    return float(fitted.values[0]), float(fitted.errors[0]) * scatter
+
+
+class _Fit(NamedTuple):
+    values: Reals
+    errors: Reals  # standard errors for residuals of unit variance
+    squares: float
+
+
+def _squares(design: Float[np.ndarray, "value unknown"], target: Reals) -> _Fit:
+    scale = np.linalg.norm(design, axis=0)
+    inverse = np.linalg.pinv(design / scale)
+    values = (inverse @ target) / scale
+    residual = target - design @ values
+    return _Fit(values, np.linalg.norm(inverse, axis=1) / scale, float(residual @ residual))
+
+
+def _better(simple: _Fit, extended: _Fit, count: int, unknowns: int) -> bool:
+    """Return whether an additional unknown reduces the squares by more than noise would."""
+    degrees = (count - unknowns) / 2  # neighbouring values overlap by half
+    ratio = (simple.squares - extended.squares) / max(extended.squares, 1e-300) * degrees
+    return bool(fdtrc(1, degrees, ratio) < ODDS)
+
+
+def _lags_of_noise(u: Reals, x: Reals, fs: float) -> tuple[Reals, Reals, float] | None:
+    """Return the times of parts of a record, their lags to the first [s], and a frequency [Hz]."""
+    size = len(u) // PARTS
+    short = 2 * size // (AVERAGES + 1)
+    if short < 64:
+        return None
+    cross = np.array(
+        [_cross(u[i * size :][:size], x[i * size :][:size], short) for i in range(PARTS)]
+    )
+    power, coherence = np.abs(cross[:, 0]), np.abs(cross[:, 1])
+    weight = np.prod(coherence, axis=0) ** (1 / PARTS) * np.prod(power, axis=0) ** (1 / PARTS)
+    if np.sum(weight) < COHERENT * np.sum(np.prod(power, axis=0) ** (1 / PARTS)):
+        return None
+    ratios = cross[:, 0] / np.maximum(power, 1e-300)
+    fine = 16
+    lags = []
+    for part in ratios:
+        correlation = np.fft.irfft(part * np.conj(ratios[0]) * weight, fine * short)
+        place = int(np.argmax(correlation))
+        place -= fine * short if place > fine * short / 2 else 0
+        around = correlation[[place - 1, place, (place + 1) % len(correlation)]]
+        curve = around[0] - 2 * around[1] + around[2]
+        lags.append((place + (0.5 * (around[0] - around[2]) / curve if curve else 0.0)) / fine / fs)
+    freq = np.fft.rfftfreq(short, 1 / fs)
+    hz = float(np.sqrt(np.sum(weight * freq**2) / np.sum(weight)))
+    time: Reals = np.asarray((np.arange(PARTS) + 0.5) * size / fs, np.float64)
+    return time, np.array(lags, np.float64), hz
+
+
+def _cross(u: Reals, x: Reals, short: int) -> Complex[np.ndarray, "two line"]:
+    """Return the cross spectrum and the coherence of one part of a record."""
+    window = np.hanning(short)
+    starts = range(0, len(u) - short + 1, short // 2)
+    spectra = np.array(
+        [[np.fft.rfft(window * (y[i : i + short] - y[i : i + short].mean())) for i in starts]
+         for y in (u, x)]
+    )  # fmt: skip
+    cross = np.mean(np.conj(spectra[0]) * spectra[1], axis=0)
+    power = np.mean(np.abs(spectra) ** 2, axis=1)
+    return np.stack([cross, np.abs(cross) ** 2 / np.maximum(np.prod(power, axis=0), 1e-300)])
+
+
+def _course(time: Reals, lags: Reals) -> tuple[float, tuple[float, float, float] | None]:
+    """Return what describes the lags of noise over time best: a slope [s/s], a step, or neither.
+
+    A step has the times [s] between which the lag jumps, and its size [s].
+    """
+    count, part = len(time), np.arange(len(time))
+
+    def fitted(*columns: np.ndarray) -> _Fit:
+        return _squares(np.column_stack([np.ones_like(time), *columns]), lags)
+
+    plain, growing = fitted(), fitted(time - time[0])
+    steps = [(3, at - 1, at, fitted(part >= at)) for at in range(1, count)]
+    # A part within which the lag jumps has an intermediate lag.
+    for at in range(LEAST_PARTS, count - LEAST_PARTS):
+        within = fitted(part > at, part == at)
+        if _better(plain, within, 2 * count, 4):
+            steps.append((4, at - 1, at + 1, within))
+    unknowns, before, after, jump = min(steps, key=lambda candidate: candidate[-1].squares)
+    chosen = plain
+    # Only a few of eight parts remain to estimate the variation; the odds account for this.
+    if _better(plain, growing, 2 * count, 2):
+        chosen = growing
+    if jump.squares < chosen.squares and _better(plain, jump, 2 * count, unknowns):
+        chosen = jump
+    slope = float(growing.values[1]) if chosen is growing else 0.0
+    step = float(time[before]), float(time[after]), float(jump.values[1])
+    return slope, step if chosen is jump else None

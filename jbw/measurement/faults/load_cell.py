@@ -1,0 +1,42 @@
+"""A load cell whose zero is off, or drifts along the record: $c_0 + c_1 t$."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from jbw.measurement.channels import Reals
+from jbw.measurement.curves import ForcedLoop
+from jbw.measurement.faults.hypothesis import Hypothesis
+from jbw.measurement.faults.loop_residual import LoopCause, LoopResidual
+from jbw.measurement.loops import begins_unmoved
+from jbw.report.messages import loop_faults as messages
+
+STILL = 1e-3  # share of the whole stroke within which a joint counts as at rest
+
+
+class ZeroOfLoadCell(Hypothesis):
+    """The offset and the drift of a load cell's zero."""
+
+    name = "zero of load cell"
+
+    def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
+        """Yield the unstated parts of the zero, fitted with the loop's law."""
+        if not residual.zero.shape[1]:
+            return
+        found, half_range = residual.fit(*residual.zero.T), 0.5 * np.ptp(residual.loop.force)
+        offset, drift = np.pad(found.beside, (2 - len(found.beside), 0)) / half_range
+        yield LoopCause(found.square, messages.off_centre(float(offset), float(drift)))
+
+
+def at_rest(loop: ForcedLoop) -> Reals:
+    """Return the force before the motion starts, which should be zero for every law."""
+    y = loop.displacement
+    if not begins_unmoved(y):
+        return loop.force[:0]
+    return loop.force[: int(np.argmax(np.abs(y - y[0]) > STILL * np.ptp(y)))]
+
+
+def loaded(rest: Reals, force: Reals) -> Iterator[LoopCause]:
+    """Yield the cause of a zero offset, from the force before the motion."""
+    text = messages.off_centre(float(np.mean(rest) / (0.5 * np.ptp(force))), 0.0)
+    yield LoopCause(len(rest) * float(np.var(rest)), text)

@@ -1,0 +1,42 @@
+"""A constant offset of a response, which is no motion of a structure that starts from rest."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from jbw.measurement.channels import Reals
+from jbw.measurement.faults.fault import Fault, doubt
+from jbw.measurement.faults.hypothesis import Hypothesis
+from jbw.measurement.faults.suspect import Misfit, Suspect, in_time
+from jbw.measurement.records import Record
+from jbw.report.messages import response_faults as messages
+from jbw.report.messages.message import FaultText
+
+OFFSET = 1.0  # mean of a response over its standard deviation: more is an offset of the channel
+
+
+class Offset(Hypothesis):
+    """The constant offset of each response."""
+
+    name = "offset of the response"
+
+    def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
+        """Yield a constant of every group that is compared sample by sample."""
+        groups = in_time(misfit.spectra)
+        units = zip(groups.items(), np.eye(len(groups)), strict=True)
+        columns = {n: np.tile(unit, (len(s.values), 1)) for (n, s), unit in units}
+
+        def text(offsets: Reals) -> FaultText:
+            shares = np.abs(offsets) / [np.std(s.values) for s in groups.values()]
+            largest = int(np.argmax(shares))
+            return messages.offset(float(shares[largest]), f" of {list(groups)[largest]}")
+
+        if groups:
+            yield Suspect(columns, text)
+
+
+def offset(record: Record) -> Iterator[Fault]:
+    """Yield a warning if the mean of a response exceeds its standard deviation."""
+    x = record.channels[record.response]
+    if abs(np.mean(x)) > OFFSET * np.std(x):
+        yield doubt(record.response, *messages.offset(abs(np.mean(x)) / np.std(x)))

@@ -1,0 +1,107 @@
+"""Checks whether a record of broad-band excitation can be what its campaign file states."""
+
+import warnings
+from collections.abc import Iterator
+
+import numpy as np
+
+from jbw.errors import DataError
+from jbw.measurement.channels import Complexes, Reals, lines_within
+from jbw.measurement.faults.fault import Fault, doubt
+from jbw.measurement.faults.swapped_channels import SEGMENTS, carried, peaked_input
+from jbw.measurement.faults.unlike_gains import turned_over
+from jbw.measurement.records import INPUTS, Record
+from jbw.measurement.spectra import FRF, frf, half_power_bandwidth, stands_out
+from jbw.report.messages import gain_faults as gain_messages
+from jbw.report.messages import record_faults as messages
+
+LOOKED_AT = 2**21  # samples used; a stationary record shows its faults in them
+LONGEST = 4  # segments at the finest resolution of the resonance
+CLEAR = 4.0  # times the median of the band: a peak above it is a resonance in the band
+RESOLVED = 1.5  # window widths; a narrower peak shows the window itself, T 2 zeta f_n < 2
+LOW_COHERENCE = 0.5  # median over the lines that carry the response
+MASS_FACTOR = 3.0  # between estimated and stated modal mass; more means a wrong unit
+
+
+def doubts(
+    record: Record, band_hz: tuple[float, float] | None, delay: float, per_unit: float | None
+) -> Iterator[Fault]:
+    """Report doubts about a noise or multisine record: fs, band, channels, length, size, sign."""
+    # `per_unit` is force per modal mass for one unit of the input: a gain [N/kg/V] or 1/m [1/kg].
+    if not any(role in record.channels for role in INPUTS):
+        return
+    try:
+        coarse, fine = (_frf(record, n, delay) for n in (SEGMENTS, LONGEST))
+    except DataError as error:  # a record of a few samples
+        yield doubt(record.response, error.what, error.why, error.remedy)
+        return
+    # After each of these two faults the size and the width of the FRF mean nothing.
+    broken = [*peaked_input(record.source, coarse), *_incoherent(record.response, coarse)]
+    if broken:
+        yield broken[0]
+        return
+    yield from _outside_band(record.response, coarse, band_hz)
+    lines = carried(fine) & lines_within(fine.freq, band_hz or (0.0, np.inf))
+    freq, h = fine.freq[lines], fine.h[lines]
+    if len(freq) >= SEGMENTS and stands_out(h):
+        yield from _unresolved(record, fine.resolution_hz, freq, h)
+        yield from _missized(record.response, freq, h, band_hz is not None, per_unit)
+
+
+def swapped(record: Record) -> Iterator[Fault]:
+    """Yield a warning if input and response of a sweep are swapped."""
+    try:
+        estimate = _frf(record, SEGMENTS, 0.0)
+    except DataError:  # too short, or no input at some frequencies: nothing to compare
+        return
+    yield from peaked_input(record.source, estimate)
+
+
+def _frf(record: Record, segments: int, delay: float) -> FRF:
+    u, y = (record.channels[role][:LOOKED_AT] for role in (record.source, record.response))
+    nperseg = len(u) // segments
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the checks below report the same faults
+        return frf(u, y, record.fs, response=record.response, nperseg=nperseg, delay=delay)
+
+
+def _incoherent(role: str, estimate: FRF) -> Iterator[Fault]:
+    lines = carried(estimate)
+    coherence = float(np.median(estimate.coherence[lines])) if lines.any() else 1.0
+    if coherence < LOW_COHERENCE:
+        yield doubt(role, *messages.incoherent(coherence))
+
+
+def _outside_band(role: str, estimate: FRF, band_hz: tuple[float, float] | None) -> Iterator[Fault]:
+    freq, density = estimate.freq, estimate.output_spectrum
+    peak = float(freq[density.argmax()])
+    if band_hz is None or lines_within(np.array(peak), band_hz):
+        return
+    inside = density[lines_within(freq, band_hz)]
+    # A structure may have a stronger mode elsewhere, in addition to a clear one in the band.
+    if len(inside) > SEGMENTS and inside[1:-1].max() > max(
+        CLEAR * np.median(inside), *inside[[0, -1]]
+    ):
+        return
+    yield doubt(role, *messages.outside_band(peak, *band_hz, 2 * peak / sum(band_hz)))
+
+
+def _unresolved(record: Record, resolution_hz: float, freq: Reals, h: Complexes) -> Iterator[Fault]:
+    """Yield a warning if the longest window cannot resolve the half-power width 2 zeta f_n."""
+    width, peak = half_power_bandwidth(freq, h), float(freq[np.abs(h).argmax()])
+    lasts = record.num_samples / record.fs
+    if width <= RESOLVED * resolution_hz:
+        yield doubt(record.response, *messages.unresolved(peak, width, lasts, resolution_hz))
+
+
+def _missized(
+    role: str, freq: Reals, h: Complexes, in_band: bool, per_unit: float | None
+) -> Iterator[Fault]:
+    """Compare force per modal mass, g = 2 / pi int Re[j omega H] d omega, with the given one."""
+    omega = 2 * np.pi * freq
+    seen = 2 / np.pi * float(np.trapezoid(np.real(1j * omega * h), omega))
+    ratio = 1.0 if per_unit is None else seen / per_unit
+    if seen < 0 and in_band:  # without a band another mode may have the other sign
+        yield turned_over(role, seen)
+    elif not 1 / MASS_FACTOR < ratio < MASS_FACTOR:
+        yield doubt(role, *gain_messages.other_size(ratio))

@@ -1,0 +1,173 @@
+"""A second mode within the band, which beats with the first mode."""
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from jbw.measurement.channels import Complexes, Reals
+from jbw.measurement.faults.hypothesis import Facts, Fits, Hypothesis
+from jbw.measurement.faults.suspect import (
+    Misfit,
+    Suspect,
+    as_columns,
+    driven_lines,
+    stiffness,
+)
+from jbw.measurement.readings.decay import DecayCause, DecayFits, DecaySignal
+from jbw.measurement.readings.read import decay_fits
+from jbw.measurement.readings.slow_flow import strongest_line
+from jbw.measurement.readings.sweep import (
+    SweepCause,
+    SweepFits,
+    SweepSignal,
+    mirror_of,
+    sweep_columns,
+)
+from jbw.report.messages import decay_faults as messages
+from jbw.report.messages.message import FaultText
+
+LEAST = 0.02  # smallest amplitude over that of the first mode at the start
+DAMPINGS = (0.2, 6.0)  # range of a mode's damping, over the damping of the first mode
+NEAREST = 2.0  # smallest distance to the first mode in a sweep, in damping rates of the first
+# Distance in damping rates of the first mode, if the second is within the first mode's line.
+BEAT = 4.0
+# Largest change of the first mode's frequency and damping, over its damping, by a narrower band.
+MOVED = 0.1
+NUM_PLACES, TRIED_DAMPINGS = 96, (0.003, 0.01, 0.03)  # modes that are tried near a fit
+APART = 0.05  # relative distance in frequency from which a mode is not the joint's own
+
+
+class SecondMode(Hypothesis):
+    """A second mode: amplitude, phase, distance and damping, the last two in damping rates."""
+
+    name = "second mode"
+
+    def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
+        """Yield modes on both sides of the first, and at the strongest line of the residual."""
+        if isinstance(fits, DecayFits):
+            yield from _in_decay(fits, basis)
+            return
+        if basis != "linear":
+            return
+        reach = 0.3 * float(np.ptp(fits.signal.rate)) / fits.scale
+        for away in (-reach, -3.0, 3.0, reach):
+            yield _in_sweep(fits, away)
+
+    def matters(self, values: Reals, fits: Fits) -> bool:
+        """Return whether a sweep passes the mode; for a decay, whether it beats and exceeds 2 %."""
+        low, high = DAMPINGS
+        if isinstance(fits, SweepFits):
+            rate = fits.signal.rate
+            second = 2 * np.pi * _first_hz(fits) + float(values[1]) * _rate(fits)
+            passed = low < abs(values[0]) < high and rate.min() < second < rate.max()
+            # A nearer mode would be the first one, rotated by a lag.
+            return bool(passed and abs(float(values[1])) > NEAREST)
+        # If nearer than the sum of both damping rates, one mode has decayed before they beat.
+        beats = abs(float(values[2])) > 1.0 + abs(float(values[3]))
+        return beats and low < abs(values[3]) < high and float(np.hypot(*values[:2])) > LEAST
+
+    def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
+        """Return the fault: both frequencies, and a band without the second mode if there is one.
+
+        That band is tried on a decay: what it leaves of the second mode, or eats of the record,
+        must not move the first.
+        """
+        first = _first_hz(fits)
+        away = values[2] if isinstance(fits, DecayFits) else values[1]
+        second = first + float(away) * _rate(fits) / (2 * np.pi)
+        band = _beside(first, second, facts.band_hz)
+        driven = not isinstance(fits, DecayFits)
+        narrower = band if driven or _keeps_mode(band, facts) else None
+        return messages.second_mode(first, second, narrower, driven=driven)
+
+    def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
+        """Yield modes at all driven frequencies away from the joint's mode."""
+        driven = _driven(misfit)
+        if len(driven):
+            places = np.geomspace(driven.min(), driven.max(), NUM_PLACES)
+            is_apart = np.abs(places / misfit.theta["omega_n"] - 1) > APART
+            yield from modes_at(misfit, places[is_apart])
+
+
+def modes_at(misfit: Misfit, places: Iterable[float]) -> Iterator[Suspect]:
+    """Yield suspected further modes at given frequencies [rad/s], each with usual dampings."""
+    first, driven = misfit.theta["omega_n"] / (2 * np.pi), _driven(misfit) / (2 * np.pi)
+    for omega in map(float, places):
+        second = omega / (2 * np.pi)
+        band = _beside(first, second, (driven.min(), driven.max())) if len(driven) else None
+        text = messages.second_mode(first, second, band, driven=True)
+        yield from (_near_fit(misfit, omega, zeta, text) for zeta in TRIED_DAMPINGS)
+
+
+def _driven(misfit: Misfit) -> Reals:
+    """Return the driven frequencies [rad/s] of all groups."""
+    lines = [s.omega[driven_lines(s)] for s in misfit.spectra.values()]
+    return np.concatenate([line[line > 0] for line in lines])
+
+
+def _near_fit(misfit: Misfit, omega: float, zeta: float, text: FaultText) -> Suspect:
+    r"""Return a suspected mode: $X = a\,U / (\omega_2^2 - \omega^2 + 2j\zeta_2\omega_2\omega)$."""
+    columns = {}
+    for label, spectrum in misfit.spectra.items():
+        below = stiffness({"omega_n": omega, "zeta": zeta}, spectrum.omega)
+        columns[label] = as_columns(spectrum.row(spectrum.factor * spectrum.source / below))
+    return Suspect(columns, lambda _: text, mode=(omega, zeta))
+
+
+def _beside(first: float, second: float, band: tuple[float, float]) -> tuple[float, float]:
+    """Return the part of a band [Hz] about the first mode that ends midway to the second."""
+    middle = 0.5 * (first + second)
+    low, high = (band[0], middle) if second > first else (middle, band[1])
+    return float(f"{low:.4g}"), float(f"{high:.4g}")
+
+
+def _keeps_mode(band_hz: tuple[float, float], facts: Facts) -> bool:
+    """Return whether a decay that is read in a band has the mode of the fit with both modes."""
+    fits = decay_fits(facts.record, band_hz, facts.settle_s)
+    if fits is None:
+        return False
+    hz, zeta = _first_hz(fits), _rate(fits) / (2 * np.pi * _first_hz(fits))
+    first_hz, first_zeta = facts.mode
+    moved = abs(hz / first_hz - 1) / first_zeta, abs(zeta / first_zeta - 1)
+    return max(moved) < MOVED
+
+
+def _rate(fits: Fits) -> float:
+    """Return the damping rate of the linear mode [1/s]."""
+    at = 2 if isinstance(fits, DecayFits) else 0
+    return abs(float(fits.fits["linear"].theta[at])) * fits.scale
+
+
+def _first_hz(fits: Fits) -> float:
+    at = 3 if isinstance(fits, DecayFits) else 1
+    turn = float(fits.fits["linear"].theta[at]) * fits.scale
+    return fits.signal.centre_hz + turn / (2 * np.pi)
+
+
+def _in_decay(fits: DecayFits, basis: str) -> Iterator[DecayCause]:
+    signal = fits.signal
+    sigma, omega = _rate(fits), 2 * np.pi * (_first_hz(fits) - signal.centre_hz)
+    residual = fits.fits[basis].residual
+    strongest, _ = strongest_line(residual, signal.step_s)
+
+    def with_mode(signal: DecaySignal, model: Complexes, values: Reals) -> Complexes:
+        pole = 1j * (omega + values[2] * sigma) - abs(values[3]) * sigma
+        return model + signal.a0 * (values[0] + 1j * values[1]) * np.exp(pole * signal.time)
+
+    for side in (-1.0, 1.0):
+        at = strongest if abs(strongest - omega) > 1.5 * sigma else omega + side * BEAT * sigma
+        shape = np.exp((1j * at - sigma) * signal.time)
+        size = np.vdot(shape, residual) / np.vdot(shape, shape) / signal.a0
+        yield DecayCause(np.array([size.real, size.imag, (at - omega) / sigma, 1.0]), with_mode)
+
+
+def _in_sweep(fits: SweepFits, away: float) -> SweepCause:
+    rate, first = _rate(fits), 2 * np.pi * _first_hz(fits)
+
+    def with_mode(signal: SweepSignal, columns: Complexes, values: Reals) -> Complexes:
+        pole = -(abs(values[0]) + 1e-6) * rate + 1j * (first + values[1] * rate)
+        pole = np.full(len(signal.time), pole)
+        second = sweep_columns(signal, pole, mirror_of(signal, pole)).columns
+        return np.column_stack([columns, second[:, 0]])
+
+    return SweepCause(np.array([1.0, away]), with_mode)

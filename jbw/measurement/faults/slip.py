@@ -1,0 +1,40 @@
+"""A displacement gauge that slips once: the motion jumps while the force does not."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from jbw.measurement.faults.hypothesis import Hypothesis
+from jbw.measurement.faults.loop_residual import LoopCause, LoopResidual
+from jbw.measurement.readings.loop import basis_of, fit_loop
+from jbw.measurement.spans import kept_part, start_of
+from jbw.report.messages import loop_faults as messages
+
+SLIPS = 3  # number of places at which a gauge may have slipped
+NEIGHBOURS = 2  # steps of a motion to either side, whose median is the usual step
+
+
+class Slip(Hypothesis):
+    """The time of a slip, and its size."""
+
+    name = "slip of the gauge"
+
+    def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
+        """Yield slips at the steps of the motion that differ most from their neighbours."""
+        loop, record, every = residual.loop, residual.record, residual.every
+        steps = np.diff(loop.displacement)
+        around = np.lib.stride_tricks.sliding_window_view(steps, 2 * NEIGHBOURS + 1)
+        unlike = steps[NEIGHBOURS:-NEIGHBOURS] - np.median(around, axis=1)
+        before = loop.begins - start_of(record)  # a stated delay may skip the first samples
+        skipped = round(before * record.fs) if before else 0
+        for place in np.argsort(np.abs(unlike))[-SLIPS:].tolist():
+            first = place + NEIGHBOURS + 1  # first sample after the slip
+            motion = loop.displacement.copy()
+            motion[first:] -= unlike[place]
+            found = fit_loop(basis_of(motion), loop.force)
+            spoilt = np.zeros(len(record.channels["displacement"]), bool)
+            last = skipped + first * every
+            spoilt[last - every + 1 : last + 1] = True
+            at, keep = before + first / loop.fs, kept_part(record, spoilt)
+            text = messages.slipped(float(unlike[place]), at, keep)
+            yield LoopCause(found.square, text, "displacement")

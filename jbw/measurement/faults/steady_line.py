@@ -1,0 +1,98 @@
+"""A line that does not decay or that the drive does not cause: hum, or a running machine."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from jbw.measurement.channels import Complexes, Reals
+from jbw.measurement.faults.hypothesis import (
+    Facts,
+    Fits,
+    Hypothesis,
+    remainder,
+)
+from jbw.measurement.readings.decay import DecayCause, DecayFits, DecaySignal
+from jbw.measurement.readings.slow_flow import strongest_line
+from jbw.measurement.readings.sweep import SweepCause, SweepFits, SweepSignal
+from jbw.report.messages import decay_faults as messages
+from jbw.report.messages.message import FaultText
+
+LEAST = 2e-3  # share of the initial amplitude below which a line affects no reading
+SPOILS = 0.01  # share of the initial amplitude; readings a decade below have an error of 10 %
+STANDS_OUT = 60.0  # times the local median of a sweep's residual
+
+
+class UndecayingLine(Hypothesis):
+    """A steady line: amplitude, phase and frequency."""
+
+    name = "steady line"
+
+    def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
+        """Yield a line at the strongest frequency of the residual of the fit with this basis."""
+        residual = fits.fits[basis].residual
+        yield (
+            _in_decay(fits, residual) if isinstance(fits, DecayFits) else _in_sweep(fits, residual)
+        )
+
+    def matters(self, values: Reals, fits: Fits) -> bool:
+        """Return whether the line exceeds 0.2 % of the decay or stands out of the residual."""
+        if self.turn(values, fits) <= -2 * np.pi * fits.signal.centre_hz:
+            return False  # the image of the mode's own oscillation
+        if isinstance(fits, SweepFits):
+            return remainder(fits).line > STANDS_OUT
+        return self.share(values, fits) > LEAST
+
+    def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
+        """Return the fault to report: frequency and size of the steady line."""
+        hz = fits.signal.centre_hz + self.turn(values, fits) / (2 * np.pi)
+        # Use enough digits to distinguish neighbouring lines of the record's spectrum.
+        periods = abs(hz) * facts.record.num_samples / facts.record.fs
+        digits = max(4, 1 + int(np.ceil(np.log10(periods))))
+        named = f"{hz:.{digits}g}"
+        if isinstance(fits, SweepFits):
+            return messages.line_in_sweep(named)
+        return messages.steady_line(named, self.share(values, fits))
+
+    def spoils(self, values: Reals, fits: Fits) -> bool:
+        """Return whether the line exceeds 1 % of a decay."""
+        return isinstance(fits, DecayFits) and self.share(values, fits) > SPOILS
+
+    def share(self, values: Reals, fits: DecayFits) -> float:
+        """Return the line's amplitude before the filter over the decay's amplitude at its start."""
+        mode = float(fits.fits["linear"].theta[3]) * fits.scale
+        passed = fits.signal.passed(mode) / fits.signal.passed(self.turn(values, fits))
+        return float(np.hypot(values[0], values[1])) * passed
+
+    def turn(self, values: Reals, fits: Fits) -> float:
+        """Return the line's frequency relative to the centre of the band [rad/s]."""
+        if isinstance(fits, DecayFits):
+            return float(values[2]) / fits.signal.time[-1] * 2 * np.pi
+        return float(values[0]) / float(np.ptp(fits.signal.time)) * 2 * np.pi
+
+
+def _in_decay(fits: DecayFits, residual: Complexes) -> DecayCause:
+    """Return a steady line as a cause in a decay, with starting values from the residual."""
+    signal = fits.signal
+    turn, size = strongest_line(residual * fits.weight**2, signal.step_s)
+    level = size / np.sum(fits.weight**2) / signal.a0
+    lines = turn * signal.time[-1] / (2 * np.pi)
+
+    def with_line(signal: DecaySignal, model: Complexes, values: Reals) -> Complexes:
+        wave = np.exp(2j * np.pi * values[2] / signal.time[-1] * signal.time)
+        return model + signal.a0 * (values[0] + 1j * values[1]) * wave
+
+    return DecayCause(np.array([level.real, level.imag, lines]), with_line)
+
+
+def _in_sweep(fits: SweepFits, residual: Complexes) -> SweepCause:
+    """Return a steady line as a cause in a sweep, with its starting frequency from the residual."""
+    signal = fits.signal
+    frame = signal.phase - 2 * np.pi * signal.centre_hz * signal.time
+    turn, _ = strongest_line(residual * np.exp(1j * frame), signal.step_s)
+    length = float(np.ptp(signal.time))
+
+    def with_line(signal: SweepSignal, columns: Complexes, values: Reals) -> Complexes:
+        turned = 2 * np.pi * (values[0] / length + signal.centre_hz) * signal.time - signal.phase
+        return np.column_stack([columns, np.exp(1j * turned)])
+
+    return SweepCause(np.array([turn * length / (2 * np.pi)]), with_line)

@@ -1,0 +1,133 @@
+"""Repeats and tests whose response over drive differs in sign or size, or from a modal mass."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from jbw.measurement.faults.fault import Fault, doubt
+from jbw.measurement.faults.hypothesis import Hypothesis
+from jbw.measurement.faults.suspect import (
+    Cause,
+    Misfit,
+    Suspect,
+    as_columns,
+    driven_lines,
+    stiffness,
+)
+from jbw.measurement.residual_spectra import Spectrum
+from jbw.measurement.resonances import oscillator_through
+from jbw.report.messages import gain_faults as messages
+from jbw.report.messages.message import FaultText
+
+# Distance from -1, the gain of a base's acceleration for one mode, read to 4 % or better.
+BASE = 0.1
+LARGER = 1.5  # ratio to the median; no joint changes a modal mass that much
+TURNED = 0.2  # distance from -1 within which a factor is a reversed sign
+CLOSE = 0.03  # relative distance within which a factor is a ratio of units
+UNITS = {
+    1e-3: "thousandths", 1e3: "thousands", 1e-6: "millionths", 1e6: "millions",
+    9.80665: "units of g", 1 / 9.80665: "units of g", 2 * np.pi: "rad/s for Hz",
+    1 / (2 * np.pi): "rad/s for Hz", 2**0.5: "rms for peak", 0.5**0.5: "rms for peak",
+    0.0254: "inches", 1 / 0.0254: "inches",
+}  # fmt: skip
+NEAR_PEAK = 0.3  # share of the largest response from which lines belong to the resonance
+LEAST_LINES = 6  # lines near a resonance that the separate gain of one group needs
+FAR_OFF = 3.0  # ratio of gains from which a unit or sign is wrong; softening does not reach it
+
+
+class UnlikeGain(Hypothesis):
+    """The gain of one test, over that of the others: a wrong sign, unit or factor."""
+
+    name = "sign or gain"
+
+    def suspects(self, misfit: Misfit) -> Iterator[Suspect | Cause]:
+        """Yield a test whose separate gain is unlike the others', or a factor of every test.
+
+        A step from a fit that is far from all tests is unreliable.
+        """
+        apart = list(_apart(misfit))
+        yield from apart or (_factor(label, s) for label, s in misfit.spectra.items())
+
+
+def _factor(label: str, spectrum: Spectrum) -> Suspect:
+    columns = {label: as_columns(spectrum.values - spectrum.residual)}
+    source = spectrum.source_role
+    return Suspect(columns, lambda more: unlike(1 + more[0], source, label), label)
+
+
+def unlike(factor: float, source: str, test: str = "") -> FaultText:
+    """Return the text on a test, or a repeat, whose gain is `factor` times that of the others."""
+    if abs(factor + 1) < TURNED:
+        return messages.other_sign(source, test)
+    unit = next((name for f, name in UNITS.items() if abs(abs(factor) / f - 1) < CLOSE), "")
+    return messages.other_gain(factor, source, unit, test)
+
+
+def _apart(misfit: Misfit) -> Iterator[Cause]:
+    """Yield the cause that one group's separate gain differs in sign or size from the others'."""
+    fits = {n: pair for n, s in misfit.spectra.items() if (pair := _alone(s)) is not None}
+    missed = [label for label in misfit.missed if label in fits]
+    if len(fits) < 2 or not missed:
+        return
+    # Compare each gain with the median of the others, by sign and size. If there are only two, it
+    # cannot be determined which is wrong.
+    ratios = {
+        label: gain / np.median([other for n, (other, _) in fits.items() if n != label])
+        for label, (gain, _) in fits.items()
+    }
+    label = max(ratios, key=lambda n: abs(np.log(abs(ratios[n]))) + FAR_OFF * (ratios[n] < 0))
+    if 1 / FAR_OFF < ratios[label] < FAR_OFF:
+        return
+    errors = sum(misfit.error(n) ** 2 for n in missed)
+    explained = 1 - sum(fits[n][1] ** 2 for n in missed) / errors
+    text = unlike(float(ratios[label]), misfit.spectra[label].source_role, label)
+    yield Cause(text, float(explained), label)
+
+
+def _alone(spectrum: Spectrum) -> tuple[float, float] | None:
+    """Fit a linear oscillator to one group; return its gain and the relative residual."""
+    factor, measured = spectrum.factor, spectrum.measured
+    x = np.divide(measured, factor, out=np.zeros_like(factor), where=factor != 0)
+    driven = driven_lines(spectrum)
+    near = driven & (np.abs(x) > NEAR_PEAK * np.abs(x[driven]).max(initial=0.0))
+    if near.sum() < LEAST_LINES:
+        return None
+    mode = oscillator_through(spectrum.omega[near], spectrum.source[near], x[near])
+    modelled = mode["gain"] * factor * spectrum.source / stiffness(mode, spectrum.omega)
+    return mode["gain"], float(np.linalg.norm(measured - modelled) / np.linalg.norm(measured))
+
+
+def unlike_gains(
+    gains: Sequence[tuple[str, float]], role: str, source: str
+) -> Iterator[tuple[str, Fault]]:
+    """Yield repeats by name, each with a warning that a channel there has another sign or unit.
+
+    A force that is measured at the mode's own point drives it with a positive gain, one over a
+    modal mass.
+
+    Args:
+        gains: Name of each repeat and gain of its mode; NaN if none was read.
+        role: Role of the response.
+        source: Role of the drive.
+    """
+    known = [(name, gain) for name, gain in gains if np.isfinite(gain) and gain != 0.0]
+    if not known:
+        return
+    if all(gain < 0 for _, gain in known):
+        yield from ((name, turned_over(role, gain)) for name, gain in known)
+        return
+    size = float(np.median([abs(gain) for _, gain in known]))
+    signs = [np.sign(gain) for _, gain in known]
+    usual = np.sign(sum(signs)) or signs[0]
+    for name, gain in known:
+        ratio = abs(gain) / size
+        if np.sign(gain) != usual:
+            yield name, doubt(role, *unlike(-1.0, source))
+        elif not 1 / LARGER < ratio < LARGER:
+            yield name, doubt(role, *unlike(ratio, source))
+
+
+def turned_over(role: str, gain: float) -> Fault:
+    """Return a warning that the response moves against its drive, from its gain [1/kg]."""
+    is_base = role == "acceleration" and abs(gain + 1) < BASE
+    return doubt(role, *(messages.base_motion(gain) if is_base else messages.negative_gain(role)))

@@ -1,0 +1,118 @@
+r"""An exponential window: a record was multiplied by exp(-t / tau), so that its noise decays too.
+
+$$\log P(t, f) = c(f) - 2 t / \tau$$
+
+for the noise outside the band, equally at all frequencies and up to the end of the record.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+from scipy.signal import ShortTimeFFT
+from scipy.signal.windows import blackmanharris
+from scipy.special import chdtrc
+
+from jbw.measurement.channels import Reals
+from jbw.measurement.faults.fault import Fault, doubt
+from jbw.measurement.faults.hypothesis import Facts, Fits, Hypothesis
+from jbw.measurement.readings.decay import DecayFits
+from jbw.report.messages import decay_faults as messages
+
+SURE = 8.0  # standard errors by which the fall must differ from zero
+# Smallest number of frames in time and of lines in frequency for the course of noise.
+FRAMES, LINES_OF_NOISE = 10, 10
+APART = 3  # distance of lines that are independent under a Blackman-Harris window
+# Groups of frequencies, in which windowed noise falls equally; smallest number of lines in each.
+GROUPS, LEAST_OF_GROUP = 4, 5
+SCATTERED = 0.67  # largest ratio of the lower quartile of the noise's lines to their median
+ALIKE = 1e-3  # smallest probability of the variation between groups and along time
+# Share of the mode's own decay rate; noise that falls faster is the skirt of the mode.
+OF_MODE = 0.95
+# Smallest rms of noise in converter steps; with less noise, samples show only the steps.
+CONVERTED = 0.35
+
+
+class Window(Hypothesis):
+    """The time constant of an exponential window, from the noise outside the band."""
+
+    name = "exponential window"
+
+    def seen(self, fits: Fits, facts: Facts) -> Iterator[Fault]:
+        """Yield a warning if the noise of a decay falls too."""
+        if not isinstance(fits, DecayFits):
+            return
+        (low, high), record, signal = facts.band_hz, facts.record, fits.signal
+        outside = 1.5 * low - 0.5 * high, 1.5 * high - 0.5 * low
+        rate = float(fits.fits["linear"].theta[2]) * fits.scale
+        x = record.channels[record.response][round((facts.settle_s + signal.begins) * record.fs) :]
+        window = window_constant(x, record.fs, outside, rate, signal.quantum)
+        if window is not None:
+            yield doubt(record.response, *messages.windowed(*window))
+
+
+def window_constant(
+    x: Reals, fs: float, outside_hz: tuple[float, float], decay_rate: float, quantum: float
+) -> tuple[float, float] | None:
+    """Return the time constant of a window and its standard error [s]; None if there is no window.
+
+    Args:
+        x: Samples of the decay.
+        fs: Sampling frequency [Hz].
+        outside_hz: Frequencies below and above which there is only noise [Hz].
+        decay_rate: Decay rate of the mode's amplitude [1/s].
+        quantum: Step of the converter; 0 if none is visible.
+    """
+    size = len(x) // (2 * FRAMES)
+    if size < LINES_OF_NOISE:
+        return None
+    window = blackmanharris(2 * size, sym=False)
+    transform = ShortTimeFFT(window, size, fs)
+    spectra = np.abs(transform.stft(x - np.mean(x))) ** 2
+    complete = slice(transform.lower_border_end[1], transform.upper_border_begin(len(x))[1])
+    spectra, time = spectra[:, complete], transform.t(len(x))[complete]
+    low, high = outside_hz
+    outside = (transform.f < low) | (transform.f > high)
+    spectra = spectra[outside][1:-1:APART]
+    if len(spectra) < LINES_OF_NOISE or spectra.shape[1] < FRAMES // 2 or not spectra.min() > 0:
+        return None
+    quietest = np.median(spectra, axis=0).min() / np.log(2) / np.sum(window**2)
+    if np.sqrt(quietest) < CONVERTED * quantum:
+        return None
+    groups = np.array_split(spectra, min(GROUPS, len(spectra) // LEAST_OF_GROUP))
+    logs = np.array([np.log(np.median(group, axis=0)) for group in groups])
+    count = len(spectra) // len(groups)
+    # The median of n exponential variables has the relative variance 1 / (n ln^2 2).
+    variance = 1 / (count * np.log(2) ** 2)
+    # Noise varies about its median, whereas the skirt of a strong line is smooth. Low values show
+    # the difference: the lower quartile of an exponential variable is 0.415 of its median.
+    quartiles = np.array([np.log(np.quantile(group, 0.25, axis=0)) for group in groups])
+    if np.mean(quartiles - logs) > np.log(SCATTERED):
+        return None
+    # Frames overlap by half, so that every second one is independent.
+    logs, time = logs[:, ::2], time[::2]
+    rate, error, chance = _fall_of(logs, time, variance)
+    if chance < ALIKE:
+        # With few lines, other modes take up more of them than a median tolerates.
+        modal = int(np.argmax([group.max() for group in groups]))
+        rate, error, chance = _fall_of(np.delete(logs, modal, axis=0), time, variance)
+    is_sure = SURE * error <= rate <= OF_MODE * 2 * decay_rate
+    if chance < ALIKE or not is_sure:
+        return None
+    return 2 / rate, 2 * error / rate**2
+
+
+def _fall_of(
+    logs: Float[np.ndarray, "group frame"], time: Reals, variance: float
+) -> tuple[float, float, float]:
+    """Return the common rate of fall of log noise power in all groups of frequencies [1/s].
+
+    Its standard error and the probability of its misfit follow.
+    """
+    centred = time - time.mean()
+    spread = float(np.sum(centred**2))
+    rate = -float(np.mean(logs @ centred)) / spread
+    misfit = logs - logs.mean(axis=1, keepdims=True) + rate * centred
+    degrees = misfit.size - len(logs) - 1
+    chance = float(chdtrc(degrees, float(np.sum(misfit**2)) / variance))
+    return rate, float(np.sqrt(variance / spread / len(logs))), chance

@@ -1,0 +1,66 @@
+"""Faults of the sign and the size of a response over its drive: what, why and remedy."""
+
+from jbw.report.messages.message import FaultText, number
+
+
+def negative_gain(role: str) -> FaultText:
+    """Return the message that the gain is negative."""
+    return FaultText(
+        "At its resonance the response moves against the input: the gain is negative.",
+        "The polarity of one channel is reversed, or the response was measured in the opposite "
+        "direction.",
+        f"Put under [[test]]: `scale = {{ {role} = -1.0 }}`.",
+    )
+
+
+def base_motion(gain: float) -> FaultText:
+    """Return the message that a drive is the acceleration of a base, and the response absolute."""
+    return FaultText(
+        "At its resonance the response moves against the input, as a structure on a moving base "
+        f"does: the gain is {gain:.3g} /kg.",
+        "`force` may contain the acceleration of a base, and the response may be absolute. "
+        "Otherwise one channel has a reversed sign, and the modal mass is about 1 kg.",
+        "If a base moves, subtract the drive from the response in the file. Then reverse its sign, "
+        "with `scale = { acceleration = -1.0 }` under [[test]].",
+    )
+
+
+def other_size(ratio: float) -> FaultText:
+    """Return the message that a response differs in size from the input times the stated gain."""
+    return FaultText(
+        f"At its resonance the response is {number(ratio)} times the value that the campaign's "
+        "gain or modal mass predicts from the input.",
+        "A factor of 1000 means metre for millimetre, 9.81 g for m/s^2, 4.45 lbf for N.",
+        "Check both units, and gain or modal_mass.",
+    )
+
+
+def other_sign(source: str, test: str = "") -> FaultText:
+    """Return the message for a repeat or a test whose response over drive has the wrong sign."""
+    where, others, apart = _compared(test)
+    return FaultText(
+        f"The ratio of response to drive{where} has the opposite sign to that of {others}.",
+        "The polarity of a channel was reversed: the mean over all cancels, and a fit follows none "
+        "of them.",
+        f"{apart}Put under [[test]]: `scale = {{ {source} = -1.0 }}`.",
+    )
+
+
+def other_gain(ratio: float, source: str, unit: str, test: str = "") -> FaultText:
+    """Return the message for a repeat or a test of another gain, and the unit that explains it."""
+    where, others, apart = _compared(test)
+    sign = ", with the opposite sign" if ratio < 0 else ""
+    hint = f" (the factor of a wrong unit: {unit})" if unit else ""
+    return FaultText(
+        f"The ratio of response to drive{where} is {abs(ratio):.4g} times that of {others}"
+        f"{sign}{hint}.",
+        "A channel has another unit or gain.",
+        f"{apart}Put under [[test]]: `scale = {{ {source} = {ratio:.4g} }}`.",
+    )
+
+
+def _compared(test: str) -> tuple[str, str, str]:
+    """Return where a ratio differs, from which others, and the remedy to set a repeat apart."""
+    if test:
+        return f" in {test}", "the other tests", ""
+    return "", "most repeats", "Give this record a separate [[test]]. "

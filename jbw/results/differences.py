@@ -1,0 +1,96 @@
+"""Comparisons of finished runs as types: two runs, and several runs side by side."""
+
+from pydantic import Field
+
+from jbw.results.stored import Number, Stored
+
+Ends = list[float]  # lower end, median and upper end of a 99 % interval
+
+
+class ComparedRun(Stored):
+    """One of two compared runs."""
+
+    folder: str
+    campaign: str = ""
+    verdict: str = ""
+    model_adequacy: str = ""
+    largest_displacement: Number = None
+
+
+class ComparedQuantity(Stored):
+    """A quantity of two runs, A and B: both intervals, that of A - B, and P(A > B).
+
+    `of_prior` names the runs in which the prior alone determines it. `two_modes` is stated for the
+    ratio of a law's products: whether the runs are of two modes.
+    """
+
+    name: str = ""
+    unit: str = ""
+    amplitude: Number = None
+    a: Ends
+    b: Ends
+    difference: Ends
+    probability: float
+    of_prior: list[str] = []
+    two_modes: bool = False
+
+
+class ComparedJoint(Stored):
+    """The chi-square test of whether a joint has changed between two runs."""
+
+    joint: str
+    chi_square: float
+    degrees_of_freedom: int
+    p: float
+    changed: bool
+
+
+class RunDifference(Stored):
+    """The comparison of two runs."""
+
+    runs: dict[str, ComparedRun]
+    laws: list[str]
+    parameters: list[ComparedQuantity]
+    backbone: list[ComparedQuantity]
+    joints: list[ComparedJoint] = []
+    statements: list[str] = []
+
+
+class RunBeside(Stored):
+    """One of several runs side by side."""
+
+    name: str
+    folder: str
+    campaign: str
+    verdict: str
+    laws: list[str]
+    torque: Number
+
+
+class ReadingBeside(Stored):
+    """The 99 % intervals of frequency [Hz] and damping ratio [%] of a run at an amplitude [m]."""
+
+    run: str
+    amplitude: float
+    frequency: Ends
+    damping: Ends = Field(alias="damping ratio")
+
+
+class TorqueTrend(Stored):
+    """The change of a quantity per doubling of the torque; `direction` is empty if none is seen."""
+
+    name: str
+    unit: str
+    amplitude: float
+    per_doubling: Ends
+    p: float
+    direction: str
+
+
+class RunsSideBySide(Stored):
+    """Several runs side by side, by torque."""
+
+    runs: list[RunBeside]
+    readings: list[ReadingBeside]
+    trends: list[TorqueTrend]
+    statements: list[str] = []

@@ -1,0 +1,70 @@
+"""The content of `population.json` as types: what the units of a fleet share."""
+
+from typing import Any
+
+from jbw.results.stored import ByName, Number, Stored, StoredRow
+
+
+class StoredInterval(Stored):
+    """The median and the ends of a 99 % interval."""
+
+    median: float
+    q005: float
+    q995: float
+
+    @property
+    def holds_zero(self) -> bool:
+        """Whether the interval contains zero."""
+        return self.q005 <= 0.0 <= self.q995
+
+
+class StoredCoordinate(StoredRow):
+    """A coordinate of a population: mean, variations between units and runs, exponents."""
+
+    unit: str = "1"
+    symbol: str = ""
+    mean: StoredInterval | None = None
+    scatter: StoredInterval | None = None
+    run_scatter: Number = None
+    slope_torque: StoredInterval | None = None
+    slope_sequence: StoredInterval | None = None
+    own_over_scatter: float = 0.0
+
+
+class StoredSampling(Stored):
+    """The diagnostics of the sampler."""
+
+    r_hat: float = 1.0
+    divergences: int = 0
+    num_draws: int = 0
+
+
+class StoredPopulation(Stored):
+    """A population.
+
+    `belongs` is each unit's p-value of belonging to the others; `weighed` the Kish share of the
+    draws of each unit that is represented by its draws.
+    """
+
+    units: list[str] = []
+    torque: list[Number] = []
+    columns: list[str] = []
+    correlation: Number = None
+    saturating: list[str] = []
+    reference_torque: Number = None
+    parameters: ByName[StoredCoordinate] = {}
+    ratios: dict[str, StoredInterval] = {}
+    belongs: dict[str, float] = {}
+    weighed: dict[str, float] = {}
+    failed: list[str] = []
+    no_logarithm: dict[str, list[str]] = {}
+    sampling: StoredSampling = StoredSampling()
+    saturation_torque: StoredInterval | None = None
+    status: str = ""
+    statements: list[str] = []
+    new_unit: dict[str, Any] = {}  # its torque, and an interval by coordinate
+
+    @property
+    def has_trend(self) -> bool:
+        """Whether the coordinates follow the torque."""
+        return "torque" in self.columns

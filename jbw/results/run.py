@@ -1,0 +1,377 @@
+"""The content of a run's `summary.json` as types, one per thing that people name.
+
+A run is read into these types once, and every reader takes attributes. A field that a file lacks
+has its default; an entry without a field is kept. What was read is therefore written unchanged.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import Field
+
+from jbw.results.stored import ByName, Number, Stored, StoredRow
+
+
+class StoredBand(Stored):
+    """The median and the ends of a 99 % interval."""
+
+    low: Number = Field(default=None, alias="0.005")
+    median: Number = Field(default=None, alias="0.5")
+    high: Number = Field(default=None, alias="0.995")
+
+
+# -- verdict ---------------------------------------------------------------------------------------
+class StoredFinding(Stored):
+    """The result of one check; `of` is the parameter that it concerns."""
+
+    code: str = ""
+    status: str = ""
+    reason: str = ""
+    number: Number = None
+    action: str = ""
+    of: str = ""
+
+
+class StoredAnswer(Stored):
+    """The answer of the findings to one question of the verdict.
+
+    `word` is the status, or the grade of a graded law; `because` are facts of the findings that are
+    not ok, or of the first one if all are ok, then the additions of later checks, each once.
+    """
+
+    question: str = ""
+    status: str = ""
+    word: str = ""
+    because: str = ""
+
+
+class StoredVerdict(Stored):
+    """A verdict; its status is empty where nothing was judged."""
+
+    status: str = ""
+    answers: dict[str, StoredAnswer] = {}
+    findings: list[StoredFinding] = []
+
+    @property
+    def against(self) -> list[StoredFinding]:
+        """The findings that are not ok."""
+        return [finding for finding in self.findings if finding.status != "ok"]
+
+    def answer(self, name: str) -> str:
+        """Return the status of an answer; an empty text in runs of versions without answers."""
+        return self.answers[name].status if name in self.answers else ""
+
+
+# -- posterior -------------------------------------------------------------------------------------
+class StoredParameter(StoredRow):
+    """A parameter's posterior in numbers, in SI; `suffix` is added to its symbol in a table."""
+
+    map: Number = None
+    mean: Number = None
+    sd: Number = None
+    cv: Number = None
+    q005: Number = None
+    q995: Number = None
+    kl: Number = None
+    contraction: Number = None
+    ess_bulk: Number = None
+    ess_tail: Number = None
+    r_hat: Number = None
+    unit: str = ""
+    truth: Number = None
+    z: Number = None
+    suffix: str = Field(default="", exclude=True)
+
+    @property
+    def variation(self) -> float:
+        """The coefficient of variation without its sign; infinite where it is unknown."""
+        return float("inf") if self.cv is None else abs(self.cv)
+
+
+class StoredStep(Stored):
+    """A step of the identification."""
+
+    verdict: StoredVerdict = StoredVerdict()
+    parameters: ByName[StoredParameter] = {}
+    statements: list[str] = []
+    correlation: Mapping[str, Mapping[str, Number]] = {}
+    runs: dict[str, Any] = {}
+    wall_time_s: Number = None
+
+    def known(self, what: str) -> list[float]:
+        """Return a number of every parameter that has it, such as `ess_bulk`."""
+        numbers = (getattr(row, what) for row in self.parameters.values())
+        return [number for number in numbers if number is not None]
+
+
+class StoredMoments(Stored):
+    """The mean and the standard deviation of a parameter by one route."""
+
+    mean: Number = None
+    sd: Number = None
+
+
+class StoredRoutes(StoredRow):
+    """A parameter by the paper's sequential steps (the cut) and by the joint posterior."""
+
+    cut: StoredMoments = StoredMoments()
+    joint: StoredMoments = StoredMoments()
+    sd_ratio: Number = None
+    difference: Number = None
+
+
+class StoredComparison(Stored):
+    """The comparison of the paper's route with the joint posterior."""
+
+    parameters: ByName[StoredRoutes] = {}
+    statements: list[str] = []
+
+
+# -- tests -----------------------------------------------------------------------------------------
+class StoredTest(Stored):
+    """A test: how it was measured and used, and the errors of its prediction.
+
+    `is_record` marks a record of a test that has a separate prediction.
+    """
+
+    test: str = ""
+    kind: str = ""
+    level: Number = None
+    level_unit: str = ""
+    run: str | None = None
+    assembly: str | None = None
+    repeats: int | None = None
+    fitted: bool | int | None = None  # number of fitted repeats, or whether there are any
+    fitted_repeats: list[int] | None = None
+    coverage: Number = None
+    num_values: Number = None
+    nrmse: Number = None
+    nrmse_own_frequency: Number = None
+    half_width: Number = None
+    nrmse_linear: Number = None
+    nrmse_cubic: Number = None
+    extrapolation: Number = None
+    withheld: bool = False
+    is_record: bool = Field(default=False, exclude=True)
+    rests_on: list[str] = Field(default=[], exclude=True)
+
+    @property
+    def stated(self) -> dict[str, Any]:
+        """The fields that the file states."""
+        return {name: getattr(self, name) for name in self.model_fields_set}
+
+
+class StoredKind(Stored):
+    """The prediction of one kind of test from the other kinds."""
+
+    error: Number = None
+    fitted: Number = None
+    rests_on: list[str] = []
+
+
+class StoredUnscored(Stored):
+    """Why no test scores predictions of other levels, or of a kind; empty where some test does."""
+
+    levels: str = ""
+    kind: str = ""
+
+
+class HeldOutAnswer(Stored):
+    """The result of the fit that held out some tests, where all tests are fitted in the end."""
+
+    verdict: str = ""
+    predictions: dict[str, StoredTest] = {}
+    parameters: ByName[StoredParameter] = {}
+
+
+# -- readings without a model ----------------------------------------------------------------------
+class StoredCycle(Stored):
+    """A cycle of a force loop; `test` and `cycle`, its number, name it in a table."""
+
+    test: str = Field(default="", exclude=True)
+    cycle: int = Field(default=0, exclude=True)
+    amplitude: Number = None
+    stiffness: Number = None
+    work: Number = None
+    damping: Number = None
+    retained: Number = None
+    repeated: bool = False
+
+
+class StoredLoop(Stored):
+    """A test's force loops: the secant stiffness at the largest motion, and its cycles."""
+
+    test: str = ""
+    y: float = 0.0
+    stiffness: float = 0.0
+    unit: str = "m"  # of the motion
+    cycles: list[StoredCycle] = []
+
+
+class StoredReading(Stored):
+    """A test's frequency and damping at its largest motion, read without a model."""
+
+    test: str = ""
+    kind: str = ""
+    drive: str | None = None
+    level: Number = None
+    records: int = 0
+    run: str | None = None
+    assembly: str | None = None
+    y: float = 0.0
+    frequency_hz: Number = None
+    damping: Number = None
+    left: Number = None
+    third: Number = None
+    frequency_sd: Number = None
+    damping_sd: Number = None
+    y_min: Number = None
+    y_max: Number = None
+    noise: Number = None
+    coherence: Number = None
+
+
+class StoredLook(Stored):
+    """The readings of all records without a model."""
+
+    campaign: str = ""
+    tests: list[StoredReading] = []
+    loops: list[StoredLoop] = []
+    unread: dict[str, str] = {}
+    seen: list[str] = []
+    statements: list[str] = []
+    laws: list[str] = []
+
+
+# -- several joints --------------------------------------------------------------------------------
+class StoredMode(Stored):
+    """The effect of all joints on a mode at the largest fitted motion."""
+
+    mode: int = 0
+    frequency_hz: Number = None
+    shape: str = ""
+    frequency_change: StoredBand = StoredBand()
+    damping_added: StoredBand = StoredBand()
+
+
+class StoredJoint(Stored):
+    """A joint's shares of each mode."""
+
+    joint: str = ""
+    verdict: str = ""
+    loss_share: list[StoredBand | None] = []
+
+
+class StoredTie(Stored):
+    """The evidence for one law of all joints compared with separate laws."""
+
+    laws: list[str] = []
+    log_evidence_ratio: float = 0.0
+    khat: float = 0.0
+    is_bound: bool = False
+    is_trusted: bool = False
+    answer: str = ""
+
+
+class StoredJoints(Stored):
+    """The effects of several joints."""
+
+    modes: list[StoredMode] = []
+    joints: list[StoredJoint] = []
+    tied: StoredTie | None = None
+
+
+# -- identifiability -------------------------------------------------------------------------------
+class StoredDirection(Stored):
+    """A direction of the parameters with its information relative to the prior."""
+
+    combination: str = ""
+    information: Number = None
+    ratio: Number = None
+
+
+class StoredPrecision(StoredRow):
+    """The precision of a parameter or combination by the fit."""
+
+    text: str = ""
+    value: Number = None
+    sd: Number = None
+    relative: Number = None
+    ratio: Number = None
+
+
+class StoredShift(Stored):
+    """How far a mean follows a bound of the prior box [sd]."""
+
+    shift: Number = None
+    box: str = ""
+    end: str = ""
+
+
+class StoredProfile(Stored):
+    """A profile likelihood: its 99 % interval, and which ends are open."""
+
+    interval: list[float] = [0.0, 0.0]
+    open: list[bool] = [True, True]
+
+
+class StoredWaterfall(Stored):
+    """The final costs of the starts of a fit."""
+
+    costs: list[Number] = []
+
+
+class StoredIdentifiability(Stored):
+    """How well the data constrain parameters and combinations."""
+
+    statements: list[str] = []
+    spectrum: list[StoredDirection] = []
+    parameters: ByName[StoredPrecision] = {}
+    combinations: ByName[StoredPrecision] = {}
+    contraction: dict[str, Number] = {}
+    box_sensitivity: dict[str, StoredShift] = {}
+    profiles: dict[str, StoredProfile] = {}
+    waterfall: StoredWaterfall = StoredWaterfall()
+
+
+# -- the run ---------------------------------------------------------------------------------------
+class RunSummary(Stored):
+    """The content of `summary.json`."""
+
+    campaign: str = ""
+    verdict: StoredVerdict = StoredVerdict()
+    main: str = ""
+    steps: dict[str, StoredStep] = {}
+    comparison: StoredComparison = StoredComparison()
+    tests: list[StoredTest] | None = None  # None in runs of versions that list no tests
+    predictions: dict[str, StoredTest] = {}
+    across_kinds: dict[str, StoredKind] = {}
+    unscored: StoredUnscored = StoredUnscored()
+    loops: dict[str, Any] = {}
+    joints: StoredJoints | None = None
+    motion_unit: str = ""
+    versions: dict[str, str] = {}
+    sources: str = ""
+    seed: int | None = None
+    inputs: dict[str, str] = {}
+    assembly: dict[str, Any] = {}  # as the campaign states it: torque [N m], sequence, temperature
+    command: str = ""
+    wall_time_s: Number = None
+    look: StoredLook = StoredLook()
+    quick: dict[str, float] | None = None  # errors of a fit without draws, by group of data
+    opening: list[str] = []
+    identifiability: StoredIdentifiability = StoredIdentifiability()
+    held_out_answer: HeldOutAnswer = HeldOutAnswer()
+    doubts: list[str] = []
+    campaign_file: str | None = None
+    campaign_sha256: str = ""
+
+    @property
+    def main_step(self) -> StoredStep:
+        """The main step; an empty one where the file has none."""
+        return self.steps.get(self.main, StoredStep())
+
+    @property
+    def parameters(self) -> dict[str, StoredParameter]:
+        """The parameters of the main posterior, by name."""
+        return self.main_step.parameters

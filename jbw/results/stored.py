@@ -1,0 +1,49 @@
+"""The base of stored results: a JSON object in types."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Self
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+Number = float | None  # None where the number is unknown or infinite
+
+
+class Stored(BaseModel):
+    """A value that is stored as a JSON object."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_null(cls, record: Any) -> Any:
+        """Leave out a null, as earlier versions wrote it, where the field has another default."""
+        if not isinstance(record, Mapping):
+            return record
+        filled = {name for name, field in cls.model_fields.items() if field.default is not None}
+        return {key: x for key, x in record.items() if x is not None or key not in filled}
+
+    @classmethod
+    def read(cls, record: Mapping[str, Any]) -> Self:
+        """Return the value of a JSON object."""
+        return cls.model_validate(record)
+
+    def plain(self) -> dict[str, Any]:
+        """Return the JSON object: the fields that were read or set."""
+        return self.model_dump(exclude_unset=True, by_alias=True)
+
+    def replaced(self, **fields: Any) -> Self:
+        """Return the value with some fields replaced."""
+        return self.model_copy(update=fields)
+
+
+class StoredRow(Stored):
+    """A row of a table by name; the name is its key in the file."""
+
+    name: str = Field(default="", exclude=True)
+
+
+def _with_names[Row: StoredRow](rows: dict[str, Row]) -> dict[str, Row]:
+    return {name: row.replaced(name=name) for name, row in rows.items()}
+
+
+type ByName[Row: StoredRow] = Annotated[dict[str, Row], AfterValidator(_with_names)]
