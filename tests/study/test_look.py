@@ -246,7 +246,7 @@ def test_what_cannot_be_read_is_said_once_and_stops_nothing():
     found = look(Campaign("two", None, (good, gap)))
     assert [row.test for row in found.record.tests] == ["good"]
     assert found.record.statements[-1] == (
-        "Frequency and damping were not read from gap. A record has samples missing."
+        "Frequency and damping could not be found in gap. A record has samples missing."
     )
 
 
@@ -272,7 +272,7 @@ def test_what_no_oscillator_fits_is_no_reading():
     found = look(Campaign("two", None, (good, alien)))
     assert [row.test for row in found.record.tests] == ["good"]
     assert "alien" in found.record.statements[-1]
-    assert found.record.statements[-1].startswith("Frequency and damping were not read from ")
+    assert found.record.statements[-1].startswith("Frequency and damping could not be found in ")
 
 
 def test_a_reading_holds_where_it_takes_energy_in_and_explains_the_response():
