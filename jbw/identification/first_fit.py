@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Key
 
 from jbw.campaign.settings import Identify
+from jbw.errors import ModelError
 from jbw.identification.coordinates import box_of
 from jbw.identification.curve_fit import fit_curve, rows_of_curve
 from jbw.identification.stated_modes import unknown_signs, with_signs
@@ -113,8 +115,9 @@ def fit_from(
     is_met = is_met or explains
     ends: list[Fit] = []
     if set(prior.names) <= known.keys():
-        ends.append(costly_fit(dataset.stacked, prior, data, starts=inside(known, prior)))
-        if is_met(ends[0]):
+        with suppress(ModelError):  # the model cannot be solved at the known values
+            ends.append(costly_fit(dataset.stacked, prior, data, starts=inside(known, prior)))
+        if ends and is_met(ends[0]):
             return ends[0]
     start = middle_but(known, prior)
     guessed = by_secant(data.parts)
