@@ -94,7 +94,11 @@ class Envelopes(Observable):
             )
         envelope = np.stack([thinned_envelope[:length] for thinned_envelope in thinned])
         order = derivative_order(test.records[0].response)
-        y_start, duration = _course(test.name, envelope, chosen, order)
+        consumed = round(test.settle * chosen.fs) + np.arange(2 * chosen.half + 1)
+        peaks = np.array([
+            np.max(np.abs(record.channels[record.response][consumed])) for record in test.records
+        ])  # fmt: skip
+        y_start, duration = _course(test.name, envelope, peaks, chosen, order)
         turn = 2 * np.pi * chosen.centre_hz / chosen.fs
         taps = chosen.taps[:: chosen.stride]
         n = np.arange(len(taps)) * chosen.stride
@@ -144,8 +148,18 @@ def _groups_of(test: Test, envelope: Complex[np.ndarray, "record step"]) -> Grou
     )
 
 
-def _course(name: str, envelope: np.ndarray, chosen: BandFilter, order: int) -> tuple[float, float]:
-    """Return start amplitude and duration of a simulated decay that covers every record."""
+def _course(
+    name: str, envelope: np.ndarray, peaks: np.ndarray, chosen: BandFilter, order: int
+) -> tuple[float, float]:
+    """Return start amplitude and duration of a simulated decay that covers every record.
+
+    Args:
+        name: Name of the test.
+        envelope: Envelope of every record (row).
+        peaks: Largest response of every record in the time that the filter takes from it.
+        chosen: Filter of the band.
+        order: Order of the response's derivative.
+    """
     size = np.log(np.abs(envelope))
     strongest = int(np.argmax(size[:, 0]))
     edge = min(8, envelope.shape[1] // 2)
@@ -164,9 +178,11 @@ def _course(name: str, envelope: np.ndarray, chosen: BandFilter, order: int) -> 
         max(float(row[0] - row[-1]) / ((edge - 1) * chosen.step_s), LEAST_RATE * fall / duration)
         for row in (size[strongest, :edge], size[strongest, -edge:])
     )
-    # The filter shortens the simulated decay at its start, where it decays up to twice as fast.
+    # The filter shortens the simulated decay at its start, where it decays up to twice as fast. But
+    # no motion was larger than the peak, and a softening spring may not carry a larger one at all.
     lead = chosen.half / chosen.fs
-    start = HEADROOM * np.exp(size[strongest, 0] + 2 * first * lead)
+    slow, fast = (np.exp(size[strongest, 0] + times * first * lead) for times in (1, 2))
+    start = HEADROOM * max(slow, min(fast, float(peaks[strongest])))
     weakest = size[:, 0].min()
     late_enough = np.flatnonzero(size[strongest] <= weakest)
     wait = (

@@ -130,6 +130,17 @@ def test_the_simulated_decay_begins_above_the_record_wherever_its_mode_lies_in_t
     assert float(np.sqrt(match.misfit[0])) / size < 2e-4
 
 
+@pytest.mark.parametrize("zeta", [0.004, 0.04])
+def test_the_simulated_decay_begins_no_higher_than_the_record(zeta):
+    """Twice as high, a softening spring that carries the record may have no way back."""
+    omega, t = 2 * np.pi * 20.0, np.arange(2048) / FS
+    y = 1e-3 * np.exp(-zeta * omega * t) * np.cos(omega * t)
+    record = Record(FS, {"displacement": y}, {"displacement": "m"})
+    data = Decays.of(Test("decay", (record,), "tap", band_hz=BAND), laws=())
+    # The headroom of 2 %, and 1 % for the rate that the first values of the envelope have.
+    assert 1e-3 < float(data.y_start) < 1.03e-3
+
+
 def test_the_largest_displacement_is_that_of_the_record_and_not_of_the_simulated_decay():
     omega, rate, t = 2 * np.pi * 20.0, 0.5, np.arange(4096) / FS
     v = 0.3 * np.exp(-rate * t) * np.cos(omega * t)
