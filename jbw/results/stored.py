@@ -19,7 +19,11 @@ class Stored(BaseModel):
         """Leave out a null, as earlier versions wrote it, where the field has another default."""
         if not isinstance(record, Mapping):
             return record
-        filled = {name for name, field in cls.model_fields.items() if field.default is not None}
+        filled = {
+            name
+            for name, field in cls.model_fields.items()
+            if field.default is not None and not field.is_required()
+        }
         return {key: x for key, x in record.items() if x is not None or key not in filled}
 
     @classmethod

@@ -11,6 +11,7 @@ from scipy.io import savemat
 
 from jbw.cli import run
 from jbw.cli.identify import ended
+from jbw.results.run import StoredVerdict
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "study"))
 from toy_campaign import FS, PLAIN, integrated, sweep
@@ -75,7 +76,8 @@ def test_from_matlab_files_to_a_report_by_the_commands_that_are_named(
 )
 def test_a_run_names_what_follows_its_verdict(capsys, status, code, named):
     finding = {"code": "r_hat", "status": status}
-    assert ended({"status": status, "findings": [finding]}, Path("a run")) == code
+    verdict = StoredVerdict.read({"status": status, "findings": [finding]})
+    assert ended(verdict, Path("a run")) == code
     assert named_after(capsys.readouterr()) == named
 
 

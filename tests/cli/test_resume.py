@@ -13,6 +13,7 @@ import pytest
 import xarray as xr
 
 from jbw.cli import run
+from jbw.results.run import RunSummary
 from jbw.study import resumable
 from jbw.study import store as storage
 
@@ -159,7 +160,7 @@ def test_a_demo_goes_on_from_its_first_second(tmp_path, monkeypatch, capsys):
 
 
 def test_a_failed_report_is_tried_again_by_its_command(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(resumable, "identified", lambda run, say: (xr.DataTree(), {"verdict": {}}))
+    monkeypatch.setattr(resumable, "identified", lambda run, say: (xr.DataTree(), RunSummary()))
     monkeypatch.setattr(storage, "write_page", lambda *_: 1 / 0)
     out = tmp_path / "run"
     (tmp_path / "x.toml").touch()

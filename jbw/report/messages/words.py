@@ -314,6 +314,13 @@ WORDS: dict[tuple[str, ...], str] = {
     ("best linear leaves", "linear residual", "residual of a linear fit"): (
         "The part of a record that no linear oscillator describes."
     ),
+    ("scatter of repeats",): (
+        "The standard deviation of a test's repeats about their mean, over the rms of the mean."
+    ),
+    ("coherence",): (
+        "The share of the response's power at resonance that the source explains linearly: one "
+        "where noise and nonlinearity add nothing."
+    ),
     ("third harmonic",): (
         "Motion at three times the frequency of a tone, over that at the tone: a sign of a "
         "nonlinear joint."
