@@ -63,7 +63,7 @@ np.savetxt(
 )
 
 # %% [markdown]
-# One command reads the record, chooses the law by its readings and fits it.
+# One command reads the record, fits the laws that suit it and keeps the best.
 
 # %%
 command = ["identify", "hit.csv", "--quick", "--mass", str(MASS), "--out", "hit-run"]

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from jbw.report.messages.message import listed
+from jbw.report.messages.message import listed, number
 
 LINEAR = "The structure is modelled as linear, without a joint."
 NO_BACKBONE = "This run does not contain frequency and damping against amplitude."
@@ -72,7 +72,8 @@ def repeats(test: str, numbers: Sequence[int]) -> str:
 
 def effect(least: float, most: float, unit: str, changes: str) -> str:
     """Return the message on the effect of the joint between two amplitudes."""
-    return f"From {least:.2g} to {most:.2g} {unit} of motion the joint {changes}."
+    low, high = number(least, ".2g"), number(most, ".2g")
+    return f"From {low} to {high} {unit} of motion the joint {changes}."
 
 
 def joints_effect(mode: int, frequency: str, damping: str) -> str:
