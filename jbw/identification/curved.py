@@ -10,12 +10,14 @@ Then the intervals of a Gaussian are too wide or too narrow, and points are weig
 posterior instead.
 """
 
+from contextlib import suppress
 from typing import NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Array, Float, Key
 
+from jbw.errors import ModelError
 from jbw.identification.prepare import Fitted
 from jbw.inference.fit.costly_fit import rows_of, to_search
 from jbw.inference.fit.valley import about_valley
@@ -92,11 +94,14 @@ def weighted_draws(
         if (place := coordinates()) is None:
             continue
         problem = problem_of(dataset.log_likelihood, prior, data, place)
-        tried.append(points(key, problem, size=SIZE, least=ENOUGH, most_rounds=MOST_ROUNDS))
-        if tried[-1].khat < GOOD_KHAT:
+        with suppress(ModelError):  # no point of these coordinates can be solved
+            tried.append(points(key, problem, size=SIZE, least=ENOUGH, most_rounds=MOST_ROUNDS))
+        if tried and tried[-1].khat < GOOD_KHAT:
             break
+    if not tried:
+        return None
     found = min(tried, key=lambda points: points.khat)
-    if found.khat > MOST_KHAT:
+    if not found.khat <= MOST_KHAT:
         return None
     rng, shape = generator(key), (num_chains, num_draws)
     rows = rng.choice(len(found.weights), shape, p=found.weights / found.weights.sum())

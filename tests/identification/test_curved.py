@@ -76,3 +76,10 @@ def test_weights_that_cannot_be_trusted_give_no_draws(monkeypatch):
     monkeypatch.setattr(curved, "about_valley", lambda *_: None)
     monkeypatch.setattr(curved, "dataset", SimpleNamespace(log_likelihood=banana, stacked=None))
     assert curved.weighted_draws(jax.random.key(0), ready_about(), 4, 10) is None
+
+
+def test_coordinates_in_which_nothing_can_be_solved_are_passed_over(monkeypatch):
+    nothing = SimpleNamespace(log_likelihood=lambda theta, data: jnp.full(2, jnp.nan), stacked=None)
+    monkeypatch.setattr(curved, "about_valley", lambda *_: None)
+    monkeypatch.setattr(curved, "dataset", nothing)
+    assert curved.weighted_draws(jax.random.key(0), ready_about(), 4, 10) is None
