@@ -19,6 +19,7 @@ from jbw.report.text import NOTHING, number
 
 if TYPE_CHECKING:
     from jbw.measurement.records import Test
+    from jbw.results.run import StoredTest
     from jbw.verification.predictive_basis import Basis
 
 
@@ -222,10 +223,11 @@ def _planned(basis: "Basis", options: Mapping[str, Any]) -> "Iterator[Test]":
 def prediction_table(rows: Sequence[dict[str, Any]]) -> Table:
     """Return the table of predictions with one line per test."""
     from jbw.report.tables import inside, level_of  # loads matplotlib
+    from jbw.results.run import StoredTest
 
     return table(
         "",
-        rows,
+        [StoredTest.read(row) for row in rows],
         words("test", "test"),
         Column("level", level_of),
         words("kind", "kind"),
@@ -238,15 +240,15 @@ def prediction_table(rows: Sequence[dict[str, Any]]) -> Table:
     )
 
 
-def _peak(row: dict[str, Any]) -> str:
-    if row["y_peak"] is None:
+def _peak(row: "StoredTest") -> str:
+    if row.y_peak is None:
         return NOTHING
-    values = list(row["y_peak"].values())
+    values = list(row.y_peak.values())
     low, middle, high = (number(quantile, values[2] - values[0]) for quantile in values)
     return f"{middle} [{low}, {high}]"
 
 
-def _reach(row: dict[str, Any]) -> str:
-    if row["extrapolation"] is None:
+def _reach(row: "StoredTest") -> str:
+    if row.extrapolation is None:
         return NOTHING
-    return f"{row['extrapolation']:.2f}" + (" BEYOND" if row["beyond"] else "")
+    return f"{row.extrapolation:.2f}" + (" BEYOND" if row.beyond else "")

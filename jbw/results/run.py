@@ -151,6 +151,8 @@ class StoredTest(Stored):
     nrmse_linear: Number = None
     nrmse_cubic: Number = None
     extrapolation: Number = None
+    y_peak: dict[str, float] | None = None  # largest displacement by quantile [m]
+    beyond: bool = False  # whether that exceeds what predictions may be trusted for
     withheld: bool = False
     is_record: bool = Field(default=False, exclude=True)
     rests_on: list[str] = Field(default=[], exclude=True)
