@@ -32,7 +32,8 @@ Chains = Float[np.ndarray, "chain draw"]
 DISTANCE = 2.0  # standard deviations from the fit to the tested points
 LEAST, MOST = 1.0, 4.0  # the tested difference, 2 for a Gaussian posterior
 SIZE, MOST_ROUNDS = 256, 12  # points of a round of weighting, and rounds
-ENOUGH = 200.0  # effective points after which no further round begins
+# Effective points after which no further round begins, and below which the Gaussian is taken.
+ENOUGH, FEWEST = 200.0, 100.0
 MOST_KHAT = 1.0  # k-hat above which weights have no finite mean
 
 
@@ -79,7 +80,7 @@ def is_curved(ready: Fitted) -> bool:
 def weighted_draws(
     key: Key[Array, ""], ready: Fitted, num_chains: int, num_draws: int
 ) -> WeightedDraws | None:
-    """Return draws from weighted points; None if the mean weight is not finite in any coordinates.
+    """Return draws from weighted points; None if the weights cannot be trusted in any coordinates.
 
     Logarithms are the first coordinates. If their weights are poor, those along the valley of the
     least determined parameter are tried too, and the better are taken.
@@ -101,10 +102,11 @@ def weighted_draws(
     if not tried:
         return None
     found = min(tried, key=lambda points: points.khat)
-    if not found.khat <= MOST_KHAT:
+    effective = float(1 / np.sum(found.weights**2))
+    if not (found.khat <= MOST_KHAT and effective >= FEWEST):
         return None
     rng, shape = generator(key), (num_chains, num_draws)
     rows = rng.choice(len(found.weights), shape, p=found.weights / found.weights.sum())
     theta = {name: np.asarray(found.theta[name])[rows] for name in prior.names}
     density = found.terms.sum(axis=1)[rows]
-    return WeightedDraws((density, theta), float(1 / np.sum(found.weights**2)))
+    return WeightedDraws((density, theta), effective)
