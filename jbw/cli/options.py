@@ -116,7 +116,7 @@ def out_option(where: str) -> Option:
 
 def seed_option(otherwise: str = "", default: int | None = None) -> Option:
     """Return the option `--seed N`, with the origin of its default in the help."""
-    default_words = f"; by default that of the {otherwise}" if otherwise else ""
+    default_words = f", the {otherwise}'s by default" if otherwise else ""
     return click.option(
         "--seed", type=int, default=default, show_default=default is not None,
         help=f"Seed of all random numbers{default_words}.",

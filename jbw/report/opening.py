@@ -250,8 +250,8 @@ def _of_held_out(tests: Sequence[StoredTest]) -> str:
 
 def _noun(tests: Sequence[StoredTest]) -> str:
     """Return the noun for a predicted unit: record if there are free decays, otherwise test."""
-    is_free = (KINDS[row.kind].is_free for row in tests if row.kind in KINDS)
-    return "record" if any(is_free) else "test"
+    kinds = (KINDS.get(row.kind) for row in tests)
+    return "record" if any(kind is not None and kind.is_free for kind in kinds) else "test"
 
 
 def fit_sentence(summary: RunSummary) -> str:

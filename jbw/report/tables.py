@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from itertools import product
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from typing import Any
 
 import numpy as np
@@ -201,12 +201,13 @@ def every_test(summary: RunSummary, tree: xr.DataTree | None = None) -> list[Sto
 
 def tests_of_records(rows: Sequence[StoredTest]) -> dict[str, StoredTest]:
     """Return the test of each record that has a separate row, such as a free decay."""
+    kind_of = attrgetter("kind")
     return {
         row.test: test
         for test in rows
         if test.nrmse is None
         for row in rows
-        if row is not test and row.kind == test.kind and belongs_to(row.test, test.test)
+        if row is not test and kind_of(row) == kind_of(test) and belongs_to(row.test, test.test)
     }
 
 
