@@ -269,6 +269,6 @@ def table_of(findings: Sequence[Finding], size: int = SIZE) -> str:
             break
         rows.append(f"<tr>{row}</tr>")
     omitted = len(against) - len(rows)
-    more = f", {omitted} more did not pass" if omitted else ""
+    more = f" ({omitted} more not passed)" if omitted else ""
     passed = f"<p>{len(findings) - len(against)} of {len(findings)} checks passed{more}</p>"
     return (f"<table>{''.join(rows)}</table>" if rows else "") + passed
