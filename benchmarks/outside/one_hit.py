@@ -65,7 +65,7 @@ def true_resonance(plant: Plant, y: float) -> tuple[float, float, float]:
     half = plant.zeta + abs(stiffness.imag) / 2
 
     def below(at: float) -> float:
-        return -steady_height(plant, force, at, y, half)
+        return -steady_height(plant, force, at, y)
 
     trials = w * (1 + half * np.linspace(-1, 1, 9))
     i = int(np.clip(np.argmin([below(at) for at in trials]), 1, 7))
@@ -75,9 +75,9 @@ def true_resonance(plant: Plant, y: float) -> tuple[float, float, float]:
     return force, float(found.x), -float(found.fun)
 
 
-def steady_height(plant: Plant, force: float, w: float, y: float, damping: float) -> float:
+def steady_height(plant: Plant, force: float, w: float, y: float) -> float:
     """Return the displacement's first harmonic under a sine, simulated until it is steady."""
-    periods = int(TIME_CONSTANTS / (2 * np.pi * min(damping, plant.zeta))) + 3
+    periods = int(TIME_CONSTANTS / (2 * np.pi * plant.zeta)) + 3
     count, fs = periods * STEPS_A_PERIOD + 1, STEPS_A_PERIOD * w / (2 * np.pi)
     half_steps = force * np.cos(np.pi / STEPS_A_PERIOD * np.arange(2 * count - 1))
     last = march(plant, half_steps, fs, 1, (0.0, y * w))[0, -STEPS_A_PERIOD - 1 : -1]

@@ -14,9 +14,16 @@ from jbw.inference.posterior.finding import Amendment, Finding, checked, usable_
 from jbw.inference.posterior.remedies import put
 from jbw.inference.posterior.summary import evenly_spaced
 from jbw.measurement.channels import rms
-from jbw.observables.dataset import Dataset, by_label, halved, log_likelihood
+from jbw.observables.dataset import (
+    Dataset,
+    by_label,
+    error_by_label,
+    halved,
+    log_likelihood,
+    residual_by_label,
+)
 from jbw.observables.effective_values import LEAST_VALUES, coloured_from, correlation_at_one
-from jbw.observables.noise import num_known, repeatability
+from jbw.observables.noise import fractions_counted, num_known, repeatability
 from jbw.report.messages import residuals as messages
 from jbw.report.messages.remedies import OTHER_LAWS, beside_other_laws
 
@@ -103,6 +110,13 @@ def residual_finding(
     }  # fmt: skip
     remedy = {"another_law": another_law(laws)}
     return checked("coloured_residual", not coloured, values, lag_one[worst], remedy)
+
+
+def errors_and_colour(best: Fit, data: Dataset) -> tuple[dict[str, float], Finding | None]:
+    """Return the relative error of every group at a fit, and the finding on its residuals."""
+    residuals = residual_by_label(best.residual, data)
+    error = error_by_label(residuals, data)
+    return error, residual_finding(residuals, fractions_counted(data), error, data.laws)
 
 
 def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:

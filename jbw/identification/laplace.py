@@ -24,7 +24,7 @@ from jaxtyping import Array, Float, Key
 from scipy.linalg import block_diag
 from scipy.special import softmax
 
-from jbw.identification.accuracy import residual_finding
+from jbw.identification.accuracy import errors_and_colour
 from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.checks import Checks, seen_hysteresis
 from jbw.identification.curved import WeightedDraws, is_curved, weighted_draws
@@ -47,7 +47,7 @@ from jbw.inference.posterior.verdict import bounds_findings
 from jbw.inference.samplers.truncated_gaussian import mixture_within
 from jbw.inference.space.box import bounds_by_name
 from jbw.inference.space.reparametrisation import in_logarithms, never_zero
-from jbw.observables import dataset, noise
+from jbw.observables import dataset
 from jbw.observables.dataset import Dataset, by_label
 from jbw.observables.drives import plain
 from jbw.observables.observable import OFFSETS
@@ -157,9 +157,7 @@ def doubts_of_fit(drawn: xr.Dataset, ready: Fitted) -> list[Finding]:
     data = ready.data
     findings = []
     if (added := effects(drawn, data.held, ready.y_peak, data.laws)) is not None:
-        residuals = dataset.residual_by_label(ready.fit.residual, data)
-        error = dataset.error_by_label(residuals, data)
-        shown = residual_finding(residuals, noise.fractions_counted(data), error, data.laws)
+        _, shown = errors_and_colour(ready.fit, data)
         misses = shown is not None and shown.status != "ok"
         findings.append(seen_hysteresis(added, ready, misses=misses))
     draws = {name: drawn[name].values for name in ready.box.names}

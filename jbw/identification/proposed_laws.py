@@ -5,7 +5,7 @@ fitted. The proposals are fitted in turn, those with the fewest parameters first
 white residuals. If none does, the law with the smallest error is chosen.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -13,11 +13,10 @@ import jax
 import numpy as np
 
 from jbw.errors import JbwError
-from jbw.identification.accuracy import residual_finding
+from jbw.identification.accuracy import errors_and_colour
 from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.first_fit import first_fit
 from jbw.inference.fit.fitting import Fit
-from jbw.observables import dataset, noise
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import law_named
 from jbw.report.messages import laws as messages
@@ -69,8 +68,6 @@ def chosen(seen: Measured, laws: Iterable[str], seed: int, report: Report) -> Ch
 
 def remains_of(best: Fit, data: Dataset) -> tuple[float, bool]:
     """Return the rms of the groups' relative errors, and whether their residuals are white."""
-    residuals = dataset.residual_by_label(best.residual, data)
-    error: Mapping[str, float] = dataset.error_by_label(residuals, data)
-    found = residual_finding(residuals, noise.fractions_counted(data), error)
+    error, found = errors_and_colour(best, data)
     mean_square = np.mean(np.square([*error.values()]))
     return float(np.sqrt(mean_square)), found is None or found.status == "ok"
