@@ -1,7 +1,7 @@
 """The first fit of the joint to a dataset: its starting points, and the choice of the best."""
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -42,11 +42,6 @@ NUM_SCREENED = 255
 # evaluations of each. The best ones of a round continue in the next.
 ROUNDS = ((11, 8), (4, 12), (2, 60))
 EXPLAINED = 1.2  # If chi-square per degree of freedom is smaller, the residuals are mainly noise.
-CLOSE = (
-    # Relative error of each data group below which a quick result is accepted (without run
-    # offsets).
-    0.15
-)
 # parameters that frequency and damping against amplitude do not determine
 BESIDE_CURVE = {"gain", *(quantity.name for quantity in MODAL)}
 
@@ -57,15 +52,14 @@ def first_fit(
     settings: Identify,
     known: Mapping[str, float] | None = None,
     *,
-    quick: bool = False,
+    alone: bool = False,
     parts: Parts = unkept,
 ) -> tuple[Box, Fit, Dataset]:
     """Fit a dataset from starting values; return prior bounds, fit and dataset.
 
     The returned dataset contains the signs of modes at the joint, chosen by a rough fit and again
-    by the final one. If `quick`, other starts are tried only if the error of the first exceeds
-    15 % of the rms of a group. Force loops are solved without a time loop, so all starts are tried
-    on them. `parts` stores the fit, and the one across the laws' thresholds.
+    by the final one. If the fit from the first start does not explain the data, further starts are
+    tried unless `alone`. `parts` stores the fit, and the one across the laws' thresholds.
     """
     values = {**first_factors(data), **told_by(data.parts, data.held), **(known or {})}
     prior = box_of(settings, data, values)
@@ -73,9 +67,7 @@ def first_fit(
     if unknown_signs(prior, data):
         begun, data = with_signs(fit_from(key, data, prior, values, alone=True), prior, data)
         values |= begun.theta
-    is_brief = quick and not all(part.is_prescribed for part in data.parts)
-    is_met = partial(is_close, data=data) if is_brief else explains
-    fitted = partial(fit_from, key, data, prior, values, is_met=is_met)
+    fitted = partial(fit_from, key, data, prior, values, alone=alone)
     best, data = with_signs(parts("fit", fitted, Fit, WeakDirection), prior, data)
     across = partial(across_thresholds, best, prior, data)
     return prior, parts("fit across thresholds", across, Fit, WeakDirection), data
@@ -103,21 +95,19 @@ def fit_from(
     known: Mapping[str, float],
     *,
     alone: bool = False,
-    is_met: Callable[[Fit], bool] | None = None,
 ) -> Fit:
     """Fit all parameters by least squares, from known values and from the most likely points.
 
     If all values are known, as after the paper's steps, the fit starts there. Otherwise the
     likelihood of many points is evaluated, which costs less than one fit, and the fit starts at the
-    best of them. If it does not explain the data (by `is_met` if given), further starts are tried
-    unless `alone`, and the best of them are continued.
+    best of them. If it does not explain the data, further starts are tried unless `alone`, and the
+    best of them are continued.
     """
-    is_met = is_met or explains
     ends: list[Fit] = []
     if set(prior.names) <= known.keys():
         with suppress(ModelError):  # the model cannot be solved at the known values
             ends.append(costly_fit(dataset.stacked, prior, data, starts=inside(known, prior)))
-        if ends and is_met(ends[0]):
+        if ends and explains(ends[0]):
             return ends[0]
     start = middle_but(known, prior)
     guessed = by_secant(data.parts)
@@ -129,7 +119,7 @@ def fit_from(
     order = np.argsort(-np.nan_to_num(likelihood, nan=-np.inf))
     begun = [{name: float(x[row]) for name, x in points.items()} for row in order]
     ends.append(rough(begun[0], prior, data))
-    if not (alone or is_met(ends[-1])):
+    if not (alone or explains(ends[-1])):
         ends += by_rounds(begun[1:], prior, data)
     return with_waterfall(min(ends, key=lambda end: end.cost), ends)
 
@@ -199,12 +189,6 @@ def explains(found: Fit) -> bool:
     """Return whether a fit's residuals are hardly more than the noise of the data."""
     chi_square, dof = found.chi_square
     return chi_square < EXPLAINED * dof
-
-
-def is_close(found: Fit, data: Dataset) -> bool:
-    """Return whether a fit explains the data, or its error is at most 15 % in each data group."""
-    errors = dataset.error_by_label(dataset.residual_by_label(found.residual, data), data)
-    return explains(found) or (bool(errors) and max(errors.values()) <= CLOSE)
 
 
 def screened(

@@ -89,7 +89,7 @@ def prepare(
 ) -> Fitted:
     """Fit a dataset from starting and `known` values, and determine weights and coordinates.
 
-    If `quick`, one start is enough if it fits the data, and the solver's steps are not refined.
+    If `quick`, the solver's steps are not refined.
     """
     ready = weighed(keys, data, settings, known, quick=quick)
     return completed(keys[1], ready, settings, quick=quick)
@@ -104,7 +104,7 @@ def weighed(
     quick: bool = False,
 ) -> Fitted:
     """Fit a dataset and determine its weights, before coordinates and solver steps."""
-    prior, first, data = first_fit(keys[0], data, settings, known, quick=quick)
+    prior, first, data = first_fit(keys[0], data, settings, known)
     ready = with_effects(keys[1], data, prior, first, settings, quick=quick)
     best = replace(ready.fit, waterfall=first.waterfall)  # Later fits have only one start.
     return replace(ready, fit=best, chi_square=explained(first, data))

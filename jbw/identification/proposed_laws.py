@@ -47,11 +47,11 @@ def chosen(seen: Measured, laws: Iterable[str], seed: int, report: Report) -> Ch
     is_white = False
     by_size = sorted(laws, key=lambda law: len(law_named(law).table))
     # If no fit from one start leaves white residuals, each law gets all starts.
-    for law, quick in [(law, True) for law in by_size] + [(law, False) for law in by_size]:
+    for law, alone in [(law, True) for law in by_size] + [(law, False) for law in by_size]:
         report(messages.trying(law))
         tried = assemble(replace(seen, laws=(law,)))
         try:
-            _, best, data = first_fit(jax.random.key(seed), tried, seen.settings, quick=quick)
+            _, best, data = first_fit(jax.random.key(seed), tried, seen.settings, alone=alone)
         except JbwError:  # the law cannot be solved for these tests
             continue
         fits[law] = best.theta

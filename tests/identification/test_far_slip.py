@@ -59,7 +59,7 @@ def test_bounds_hold_a_joint_that_slips_far():
 @pytest.mark.slow
 def test_a_first_answer_finds_a_joint_that_slips_far():
     data = assemble(measured([loop()], Identify()))
-    _, best, _ = first_fit(jax.random.key(0), data, Identify(), quick=True)
+    _, best, _ = first_fit(jax.random.key(0), data, Identify())
     std = dict(zip(best.theta, np.sqrt(np.diag(best.covariance)), strict=True))
     for name, value in {"alpha": ALPHA, "delta": DELTA, "gamma": GAMMA}.items():
         assert std[name] < 0.01 * value

@@ -12,7 +12,9 @@ import pytest
 from scaled_campaigns import AT_TRUTH, FS, PLANS, RIG
 from scipy.stats import chi2
 from tiers import represented_by
+from toy_campaign import PLAIN, TRUTH, write_toy
 
+from jbw.campaign.load import load_campaign
 from jbw.campaign.settings import Identify
 from jbw.identification.assemble import assemble, measured_in
 from jbw.identification.first_fit import first_fit
@@ -21,6 +23,7 @@ from jbw.observables.dataset import as_arrays, stacked
 from jbw.rig import measure
 from jbw.rig.generator import Multisine, Steps, Tone
 from jbw.rig.presets import RESONANCE_HZ, Plan
+from jbw.study.identify import identify
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
 STEPS = Plan("steps", "stepped", Steps(RESONANCE_HZ, 0.15, dwell=24.0), 2, settle=20.0)
@@ -61,3 +64,15 @@ def test_a_loop_beside_one_tone_starts_beside_what_its_secant_tells(seed):
     best, cost_of_truth = first_of("pulled", "tone", seed=seed)
     assert best.cost <= cost_of_truth
     assert best.at_bound == {}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_quick_answer_does_not_depend_on_its_seed(tmp_path, seed):
+    # With seeds 2 and 3 the first of the starts ends with gamma near 0 and an error of 4 %.
+    path = write_toy(tmp_path, PLAIN + '\n[joint]\nlaws = ["bouc_wen"]\n')
+    study = identify(load_campaign(path), quick=True, seed=seed, report=lambda _: None)
+    for name, truth in TRUTH.items():
+        draws = study.tree["posterior"][name]
+        # Five standard deviations, which chance exceeds once in 2e6, and 1e-3 for one solver step
+        # per sample.
+        assert abs(draws.mean() - truth) < 5 * draws.std() + 1e-3 * truth, name
