@@ -267,7 +267,7 @@ def test_five_recorders_come_to_a_look_in_two_commands_each():
     typed = re.findall(r"\$ jbw (\w+) (\w+)", shown)
     assert typed == [(command, name) for name in folders for command in ("init", "look")]
     # The joint that was simulated has 30 Hz at small motion, and softens.
-    assert shown.count("read without a model of the joint") == 5
+    assert shown.count("measured without a model of the joint") == 5
     assert not re.search(r"Doubtful|were not read|error", shown)
 
 

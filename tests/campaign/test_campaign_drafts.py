@@ -29,7 +29,7 @@ def test_struct_array_of_curves_is_a_test_each(tmp_path):
     tables = tomllib.loads(draft.text)["test"]
     assert [table["kind"] for table in tables] == ["frf"] * 3
     assert tables[2]["channels"]["acceleration"] == "FR.Control[2].amplitude"
-    assert "role acceleration of FR.Control[0].amplitude is a guess" in " ".join(draft.assumed)
+    assert "FR.Control[0].amplitude, acceleration, is a guess" in " ".join(draft.assumed)
     assert "CHECK: acceleration is a guess" in draft.text
     with pytest.warns(UserWarning, match="passive"):  # the guess is checked like everything else
         tests = load_campaign(write_campaign(draft, tmp_path)).tests
@@ -239,7 +239,7 @@ def test_an_assumption_of_several_tests_is_one_line_and_keys_stand_once(tmp_path
     assert len(tomllib.loads(draft.text)["test"]) == 2
     about = [line for line in draft.assumed if "unit of velocity" in line]
     assert about == [
-        "high_sweep_1.npz, low_sweep_1.npz: unit of velocity assumed to be m/s, the SI unit."
+        "high_sweep_1.npz, low_sweep_1.npz: the unit of velocity is assumed to be the SI unit, m/s."
     ]
     assert draft.text.count("# level = ") == 1
     assert draft.text.index("# level = ") > draft.text.rindex("[[test]]\n")

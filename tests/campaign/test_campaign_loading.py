@@ -269,7 +269,7 @@ def test_draft_of_csv_files_loads_back_and_marks_its_guesses(tmp_path):
         )
     np.savetxt(folder / "decay_1.csv", table, delimiter=",", header="t,drive,laser", comments="")
     draft = start_campaign(folder)
-    assert "unit of velocity assumed to be m/s" in " ".join(draft.assumed)
+    assert "unit of velocity is assumed to be the SI unit, m/s" in " ".join(draft.assumed)
     assert "# CHECK" in draft.text
     assert load_campaign(write_campaign(draft, folder)).tests[0].kind == "decay"
 

@@ -88,11 +88,11 @@ def test_response_per_unit_force(tmp_path):
 @pytest.mark.parametrize(
     ("channels", "change", "says"),
     [
-        ({r: CHANNELS[r] for r in ("frequency", "force", "acceleration")}, {}, "has no phase"),
-        (CHANNELS, {"f": FREQ[::-1] * (FREQ < 80)}, "positive, and either rise or fall"),
-        (CHANNELS, {"F": -FORCE}, "amplitude must be positive"),
+        ({r: CHANNELS[r] for r in ("frequency", "force", "acceleration")}, {}, "but no phase"),
+        (CHANNELS, {"f": FREQ[::-1] * (FREQ < 80)}, "positive, and either all rise or all fall"),
+        (CHANNELS, {"F": -FORCE}, "amplitude of the input must be positive"),
         (CHANNELS, {"phi": FREQ[:-1]}, "equal lengths"),
-        (CHANNELS, {name: x[:3] for name, x in arrays().items()}, "has 3 lines"),
+        (CHANNELS, {name: x[:3] for name, x in arrays().items()}, "has 3 points"),
     ],
 )
 def test_faults_of_curves(tmp_path, channels, change, says):
@@ -102,7 +102,7 @@ def test_faults_of_curves(tmp_path, channels, change, says):
 
 
 def test_band_beside_the_curve(tmp_path):
-    with pytest.raises(DataError, match=r"No line of the curve, 78 to 82 Hz, lies in `band`"):
+    with pytest.raises(DataError, match=r"No point of the .* 78 to 82 Hz, lies in `band`"):
         load_campaign(campaign(tmp_path, arrays(), band=[490.0, 510.0]))
 
 
@@ -132,7 +132,7 @@ def test_masked_lines_do_not_hide_a_phase_in_degrees(tmp_path):
 
 def test_a_curve_read_by_itself_goes_one_way_too(tmp_path):
     np.savez(tmp_path / "a.npz", **arrays() | {"f": np.roll(FREQ, 1)})
-    with pytest.raises(DataError, match="positive, and either rise or fall"):
+    with pytest.raises(DataError, match="positive, and either all rise or all fall"):
         read(tmp_path / "a.npz", CHANNELS, UNITS)
 
 

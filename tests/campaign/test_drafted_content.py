@@ -136,11 +136,11 @@ DRAFT = """[campaign]
 name = "a"
 [[test]]
 kind = "decay"  # CHECK: a guess
-files = "a.csv"  # 1 file(s), one repeat each
+files = "a.csv"  # 1 file(s), each of which is one repeat
 channels = { time = "t", velocity = "v" }
 units = { time = "s", velocity = "m/s" }  # CHECK: SI assumed, not in the file, for time, velocity
 # fs = 1024.0  # CHECK: sampling frequency [Hz], not in the file
-band = [5.0, 9.0]  # CHECK: about the strongest line; no other mode in it
+band = [5.0, 9.0]  # CHECK: around the strongest spectral line; no other mode may lie in it
 """
 
 

@@ -95,10 +95,10 @@ def pasted(path, remedies):
 def test_decays_are_read_from_their_own_blows_on(tmp_path):
     path = written(tmp_path, with_its_trigger)
     assert faults(path) == []
-    said = [line for line in check_campaign(path).seen if "before their blow" in line]
+    said = [line for line in check_campaign(path).seen if "the blow comes" in line]
     assert len(said) == 1
     assert "3 of 3 records" in said[0]
-    assert "after 1 s to 1.2 s" in said[0]
+    assert "1 s to 1.2 s after the start" in said[0]
     ((test,),) = [load_campaign(path).tests]
     for i, record in enumerate(test.records):
         # Noise is that of the samples which the blow has moved back.

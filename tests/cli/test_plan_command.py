@@ -63,7 +63,7 @@ def test_a_table_goes_to_stdout_and_progress_to_stderr(capsys, plan_file):
     assert "1/1 stepped" in streams.err
     # What it costs is said before the first candidate is judged.
     lines = streams.err.splitlines()
-    (cost,) = (i for i, line in enumerate(lines) if "1 candidates at 2 joints: about" in line)
+    (cost,) = (i for i, line in enumerate(lines) if "1 candidate tests for 2 joints take" in line)
     assert cost < next(i for i, line in enumerate(lines) if "1/1 stepped" in line)
 
 

@@ -65,7 +65,7 @@ def test_bands_hold_the_truth_in_noise_and_the_words_follow_them():
     near = diagnosis_sentences(diagnose(readings(0.7, 1.05 * masing_ratio(0.7), noise=1e-4)))
     assert "agree with a joint of sliders" in near[1]  # closed forms are of first order
     viscous = diagnosis_sentences(diagnose(readings(0.7, 1.0, noise=0.02)))
-    assert "damping does not soften" in viscous[1]
+    assert "damping comes without softening" in viscous[1]
     hard = diagnosis_sentences(diagnose(readings(1.0, 0.2, softening=-0.01, noise=0.02)))
     assert "hardens" in hard[1]
 
@@ -95,7 +95,7 @@ def test_damping_without_softening_is_told():
     noise = 1e-5 * rng.normal(size=Y.size)
     constant = AmplitudeCurve(Y, still, 0.003 + noise, sd, none + 1e-10 * np.eye(len(Y)))
     stuck = diagnosis_sentences(diagnose(constant))
-    assert stuck[1].endswith("as with fully stuck sliders.")
+    assert stuck[1].endswith("whose sliders are fully stuck.")
 
 
 def exactly(*columns):

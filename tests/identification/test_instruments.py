@@ -242,7 +242,7 @@ def test_the_keys_of_a_campaign():
 @pytest.mark.parametrize(
     ("role", "value", "said"),
     [
-        ("force", 0.01, "names role `force`, which no test has"),
+        ("force", 0.01, "names role `force`, but no test has"),
         ("velocity", 1.0, "must lie between 0 and 1, but is 1.0"),
         ("velcity", 0.1, "role `velcity` is unknown"),
     ],

@@ -291,7 +291,7 @@ def test_laws_stand_beside_each_other():
 
 def test_laws_that_no_motion_tells_apart_are_named():
     assert same_by_construction(("iwan4", "cubic", "bouc_wen")) is None
-    assert "depends only on the sum of their virgin" in str(
+    assert "depends only on the sum of the virgin" in str(
         same_by_construction(("iwan4", "jenkins_2"))
     )
     assert "with an exponent of 1" in str(same_by_construction(("bouc_wen_nu", "bouc_wen")))

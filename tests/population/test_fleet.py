@@ -180,7 +180,7 @@ def test_the_command_collects_a_folder_of_runs(tmp_path, capsys):
     arguments = ["collect", tmp_path / "runs", "--out", out, "--covariates", tmp_path / "units.csv"]
     assert run([*map(str, arguments), "--json"]) == 0
     printed = capsys.readouterr()
-    assert "is left out, because it is not finished" in " ".join(printed.err.split())
+    assert "is left out of the fleet, because the run is" in " ".join(printed.err.split())
     answer = json.loads(printed.out)
     assert [unit["torque"] for unit in answer["units"]] == [8.0, 4.0]
     assert read_fleet(out)["torque"].values.tolist() == [8.0, 4.0]

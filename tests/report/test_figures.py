@@ -119,7 +119,7 @@ def test_bands_are_named_for_what_they_are(drawn):
     labels = [text.get_text() for text in drawn["figure_12"].legends[0].get_texts()]
     assert "99 % band: parameters alone" in labels
     assert "99 % band: parameters and noise" in labels
-    assert "99 % band of the repeats" in labels
+    assert "99 % band of the measured repeats" in labels
 
 
 @pytest.mark.parametrize(

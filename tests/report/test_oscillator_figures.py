@@ -82,7 +82,7 @@ def test_the_procedure_tells_what_each_step_found(tree):
     (joint,) = [text for text in written if text.startswith("ωₙ/2π = ")]
     assert joint.splitlines()[-1] == "ESS 1404, R-hat 1.00"
     # The toy's loops: the model's area is 1.005 times the measured one.
-    assert "3 loops, error of the model's areas at most 0.50 %" in written
+    assert "3 loops, error of the model's loop areas at most 0.50 %" in written
     assert {"Step 2", "Step 3", "Step 4", "Joint", "Verification", "Validation"} <= set(written)
 
 

@@ -87,7 +87,7 @@ def test_the_figure_has_a_line_a_parameter_and_the_rates(found, capsys):
     show(*comparison_lines(found.result.replaced(campaign="toy")))
     said = capsys.readouterr().out
     assert "tempered_smc" in said
-    assert "those of quadrature" in said
+    assert "those of sampler quadrature" in said
 
 
 def test_every_posterior_is_drawn_from_by_what_suits_it():

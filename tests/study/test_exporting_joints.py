@@ -384,7 +384,7 @@ def test_where_the_matrices_hold_the_joints_the_spring_is_to_be_replaced(tmp_pat
         to_hz=two_bolts.TO_HZ, zeta=two_bolts.ZETA, holds_joints=True
     )
     text = (written(tmp_path, tree_of(held)) / "joints.tcl").read_text()
-    replaced = "the model contains this as a spring, which the joint replaces"
+    replaced = "the model contains this stiffness as a spring, which the exported joint replaces"
     assert f"1.5e+07 N/m when fully stuck; {replaced}" in text
     # The joint is the same, whole.
     assert joints_read(text)[0].spring == pytest.approx(K - two_bolts.BOLTS[0][0], rel=1e-14)

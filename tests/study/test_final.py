@@ -124,12 +124,12 @@ def test_the_report_tells_both(final):
     study = jbw.load_study(final)
     text = " ".join(opening(study.result, study.tree))
     assert "the held-out test" in text
-    assert "After this check the held-out tests were fitted too." in text
+    assert "After this check, the held-out tests were included in the fit." in text
     headings = [str(section.heading) for section in table_of_tests(study.result).sections]
     assert headings == [
         "Fitted (3 tests)",
-        "Held out from the earlier fit (1 test)",
-        "Each kind, predicted from the others",
+        "Tests that were held out from the earlier fit (1 test)",
+        "Each kind of test, predicted from the other kinds",
     ]
     codes = {one.code for one in study.verdict.findings}
     assert "held_out_coverage" in codes

@@ -55,7 +55,7 @@ def test_a_record_that_ends_in_motion_is_read_as_well():
 @pytest.mark.parametrize("num_samples", [1, 2, 7, 20])
 def test_a_record_of_few_samples_drives_too_few_lines(num_samples):
     noise = np.random.default_rng(0).normal(size=num_samples)
-    with pytest.raises(DataError, match="drives fewer than 12 lines"):
+    with pytest.raises(DataError, match="drives fewer than 12 spectral lines"):
         driven_lines(Record(FS, {"input": noise, "displacement": noise}, {}))
 
 
@@ -246,7 +246,7 @@ def test_what_cannot_be_read_is_said_once_and_stops_nothing():
     found = look(Campaign("two", None, (good, gap)))
     assert [row.test for row in found.record.tests] == ["good"]
     assert found.record.statements[-1] == (
-        "Frequency and damping could not be found in gap. A record has samples missing."
+        "Frequency and damping could not be determined in gap. A record has samples missing."
     )
 
 
@@ -272,7 +272,9 @@ def test_what_no_oscillator_fits_is_no_reading():
     found = look(Campaign("two", None, (good, alien)))
     assert [row.test for row in found.record.tests] == ["good"]
     assert "alien" in found.record.statements[-1]
-    assert found.record.statements[-1].startswith("Frequency and damping could not be found in ")
+    assert found.record.statements[-1].startswith(
+        "Frequency and damping could not be determined in "
+    )
 
 
 def test_a_reading_holds_where_it_takes_energy_in_and_explains_the_response():
@@ -426,7 +428,7 @@ def test_scatter_within_a_day_stands_against_that_between_days():
     (said,) = days(rows)
     assert "3 sessions or assemblies" in said
     # 0.01 and 0.1 Hz of 18.9 Hz.
-    assert "frequency 0.053 % within, 0.53 % between" in said
+    assert "frequency 0.053 % within them, 0.53 % between" in said
     assert days([row(1e-3, 18.8), row(2e-3, 18.7)]) == []
     # Levels are not compared with one another.
     assert days([row(1e-3, 18.8, run="a"), row(2e-3, 18.7, run="b", level=2.0)]) == []

@@ -141,9 +141,9 @@ def test_laws_of_masing_are_sliders(tmp_path, law):
     # A bin is as wide as a fifteenth of where it lies: the slope there is off by half of it.
     np.testing.assert_allclose(found, expected, atol=2e-3 * size)
     text = (tmp_path / "joint.tcl").read_text()
-    assert f"# Sliders represent {law} up to 0.008 m" in text
+    assert f"The joint {law} is represented by sliders up to a displacement of 0.008 m" in text
     # What is stated of the loss, by the closed form of sliders and the law's own.
-    told = float(text.partition("cycle is correct to ")[2].partition(" %")[0]) / 100.0
+    told = float(text.partition("per cycle is at most ")[2].partition(" %")[0]) / 100.0
     peaks = Y_MAX * np.array([0.1, 0.33, 0.7, 1.0])
     law = law_of(law)
     exactly = [np.pi * y**2 * float(law.loop(y).damping) for y in peaks]

@@ -193,7 +193,7 @@ def test_two_modes_of_one_joint_have_one_ratio(tmp_path):
     low, middle, high = norm.ppf([0.005, 0.5, 0.995], -0.23, np.hypot(0.02, 0.03))
     np.testing.assert_allclose(row.difference, [low, middle, high], atol=2e-3)
     said = " ".join(found.statements)
-    assert "same gamma/delta in both. A: 0.270 [0.2" in said
+    assert "gamma/delta is the same in both. A: 0.270 [0.2" in said
     assert texts.SHARES[True] in said
     same = write_run(tmp_path / "same", (252.0, 0.1), **with_ratio(0.29, 0.03, 4))
     said = " ".join(differences(one, same)[0].statements)
@@ -282,7 +282,7 @@ def test_records_that_scatter_widen_what_a_run_says(tmp_path):
     told = differences(*runs)[0]
     (plain,) = [row for row in told.parameters if row.name == "zeta"]
     assert plain.probability == 0.0
-    assert not [line for line in told.statements if line.startswith("The records of a run")]
+    assert not [line for line in told.statements if line.startswith("Single records of a run")]
     for folder in runs:
         with_scattered_records(folder, 0.06, 9)
     told = differences(*runs)[0]
@@ -292,7 +292,7 @@ def test_records_that_scatter_widen_what_a_run_says(tmp_path):
     assert row.probability == pytest.approx(norm.cdf(-0.0005 / std), abs=0.02)
     low, _, high = row.difference
     assert high - low == pytest.approx(2 * 2.576 * std, rel=0.1)
-    (line,) = [line for line in told.statements if line.startswith("The records of a run")]
+    (line,) = [line for line in told.statements if line.startswith("Single records of a run")]
     assert "a zeta 2 %" in line.lower()
 
 

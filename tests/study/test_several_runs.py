@@ -64,7 +64,7 @@ def test_runs_that_scatter_about_the_line_widen_its_interval_as_student_does(tmp
     assert reach == pytest.approx(t.ppf(0.995, 2) * deviation, rel=0.02)
     assert trend.p < 1e-6
     assert trend.direction == ""
-    assert any("vary about a straight line" in x for x in compared[0].statements)
+    assert any("deviate from a straight line" in x for x in compared[0].statements)
 
 
 def test_a_rise_from_run_to_run_is_one_although_no_line_follows_it(tmp_path):

@@ -20,4 +20,4 @@ def test_one_record_has_no_cv():
     assert "There is no CV" in summary["statements"][0]
     both = _linear(linear_step(noise), {})
     assert both["parameters"]["zeta"]["cv"] > 0
-    assert "CVs are those between 2 repeats" in both["statements"][0]
+    assert "CVs are the coefficients of variation between 2 repeats" in both["statements"][0]

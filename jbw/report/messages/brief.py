@@ -9,8 +9,8 @@ PROVISIONAL = "The numbers are provisional: some checks could not be made."
 MODES = "Modes at small motion, with the joint fully stuck"
 MEASURED = "Measured frequency and damping, found without a model of the joint"
 FOOT = (
-    "Intervals: 99 %. Model error: largest RMS error over the rms of the record. All details: "
-    "report.html."
+    "Intervals: 99 %. Model error: largest RMS residual of a record, divided by the record's "
+    "rms. All details: report.html."
 )
 
 
@@ -27,7 +27,7 @@ def levels(*, several_modes: bool) -> str:
 
 def more_findings(count: int) -> str:
     """Return the message that counts the findings that do not fit on the page."""
-    return f"{count} more findings: see report.html."
+    return f"{count} more findings are in report.html."
 
 
 def more_lines(count: int) -> str:

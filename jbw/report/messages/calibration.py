@@ -5,8 +5,9 @@ from jbw.report.messages.message import Message
 MESSAGES = (
     Message(
         "calibration_ranks",
-        "The ranks of the true values are least uniform for {name}: p = {p:.2g} ({test}, smallest "
-        "of {count} p-values, multiplied by {count}); it must be at least {limit:g}.",
+        "The ranks of the true values are least uniform for {name}: the smallest of {count} "
+        "p-values ({test}), multiplied by {count}, is p = {p:.2g}; it must be at least "
+        "{limit:g}.",
         """
         Check: the ranks of the simulated true values among the draws of their posteriors, by the
         exact simultaneous envelope of their ECDF and by chi-square; the smallest p-value times the

@@ -5,35 +5,42 @@ from collections.abc import Sequence
 from jbw.report.messages.message import FaultText, number
 
 AMPLITUDE_ALONE = FaultText(
-    "The response is real and has no phase.",
+    "The response is real: it has an amplitude, but no phase.",
     "Amplitude alone does not determine damping and stiffness separately.",
-    "Name the channel `phase`, or one that contains the complex response.",
+    "Name the channel `phase` in `channels`, or a channel that contains the complex response.",
 )
 TWO_SOURCES = FaultText(
     "`input` and `force` were both recorded; `input` is taken as the source.",
     "With the shaker's voltage or current as the source, the shaker is part of the structure.",
     'State the source by drive = "voltage" or drive = "force".',
 )
-ONE_RUN = "there is only one run, so that no runs can differ"
+ONE_RUN = "there is only one run, and only several runs can differ"
 NO_FORCE = "the tests are driven by a voltage or a current, and no force is known"
 GAIN_STATED = "the campaign states the gain, so that it is not identified"
 NO_GAIN = "no test has a source whose gain could be identified"
-NOTHING_FREE = "under a prescribed displacement nothing moves freely"
+NOTHING_FREE = "the displacement is prescribed, so that no mode of the structure vibrates freely"
 NO_MODE = FaultText(
     "No mode in the bands of the tests moves a joint; the data do not constrain any law.",
     remedy="Sweep a mode in which the joints have large energy shares.",
 )
-ONE_MODE = "One mode determines only the sum over all joints, not the part of each joint."
-EXCHANGEABLE = "Interchanging their laws changes no response, so that the posterior has two modes."
+ONE_MODE = (
+    "One mode determines only the sum of the effects of all joints, not the effect of each joint."
+)
+EXCHANGEABLE = (
+    "Interchanging the joints' laws changes no response, so that the posterior has two modes."
+)
 SUM_OF_LAWS = (
-    "Single modes determine only the sum of their laws; only several modes that move at once "
-    "determine the difference."
+    "Single modes determine only the sum of the joints' laws; only several modes that move at "
+    "once determine the difference."
 )
 SAME_SAMPLES = "contains the same samples as"
 FILES_ONCE = "Name each file once in `files`."
 NO_TESTS = "[[test]]: at least one test is needed, each under its own [[test]]."
 GAIN_OR_MASS = "[campaign]: give gain or modal_mass, not both; one follows from the other."
-SEE_TOML = "See https://toml.io; strings need quotes, and each key may occur only once."
+SEE_TOML = (
+    "The rules of a campaign file are at https://toml.io; strings need quotes, and each "
+    "key may occur only once."
+)
 BACKSLASH = "has a backslash in double quotes, where it begins an escape such as \\n"
 DECIMAL_COMMA = "has a decimal comma, which separates two values"
 BARE_POINT = "has a number that begins or ends with its decimal point"
@@ -95,7 +102,7 @@ def motion_of_metres(motion: float, hz: float) -> FaultText:
     line = f" at its strongest line, {hz:.3g} Hz" if hz else ""
     return FaultText(
         f"The motion would be {number(motion)} m{line}.",
-        "A joint on a bench moves by less than centimetres.",
+        "Joints in laboratories and machines move by centimetres at most.",
         "Correct the unit of the channel, the unit of `time`, or `fs`.",
     )
 
@@ -138,7 +145,7 @@ def broken_periods(samples: int, periods: int) -> FaultText:
 def no_line_in_band(lines: tuple[float, float], band: Sequence[float]) -> FaultText:
     """Return the message on a curve whose lines lie outside the band [Hz]."""
     return FaultText(
-        f"No line of the curve, {lines[0]:.4g} to {lines[1]:.4g} Hz, lies in `band` = "
+        f"No point of the response curve, {lines[0]:.4g} to {lines[1]:.4g} Hz, lies in `band` = "
         f"[{band[0]:g}, {band[1]:g}] Hz.",
         remedy="Correct band, or the unit of frequency: it may be rad/s.",
     )
@@ -149,8 +156,9 @@ def started_apart(size_s: float, delay_s: float, *, later: bool) -> FaultText:
     return FaultText(
         f"According to the file, the response was started {size_s:.6g} s "
         f"{'after' if later else 'before'} the drive.",
-        "Samples of the same number were then taken at different times.",
-        f"Put under [[test]]: `delay = {delay_s:.9g}`, or export both from the same time on.",
+        "Samples with the same number were then measured at different times.",
+        f"Put under [[test]]: `delay = {delay_s:.9g}`, or export both channels from the same "
+        "time on.",
     )
 
 
@@ -169,7 +177,7 @@ def read_by_kinds(kinds: str) -> str:
 
 def no_test_of_kind(kind: str) -> str:
     """Return the message that no test is of a kind."""
-    return f"no test is of kind {kind}"
+    return f"no test of the campaign is of kind {kind}"
 
 
 def nothing_to_adapt(sampler: str) -> str:
@@ -190,8 +198,9 @@ def put_same_as(joint: str, leader: str) -> str:
 def few_modes(laws: int, modes: int) -> FaultText:
     """Return the message that there are fewer swept modes than laws of joints."""
     return FaultText(
-        f"{laws} laws need {laws} swept modes or more, but the bands of the tests contain {modes}.",
-        "Every mode determines one number, the sum over all joints.",
+        f"To determine {laws} laws, at least {laws} modes must be swept, but the bands of the "
+        f"tests contain only {modes}.",
+        "Every mode determines one number: the sum of the effects of all joints.",
         "Sweep more modes, or tie joints by `same_as`.",
     )
 
@@ -219,7 +228,8 @@ def twice(first: str, relation: str, second: str, remedy: str) -> FaultText:
     """Return the message that two tests contain the same record."""
     return FaultText(
         f"{first} {relation} {second}.",
-        "A record that is used twice makes intervals too narrow, and predicts itself.",
+        "A record that is used twice makes intervals too narrow; if one copy is held out, its "
+        "prediction is no test.",
         remedy,
     )
 
@@ -262,7 +272,7 @@ def no_level(level: float, levels: str) -> str:
 
 def no_role(role: str) -> str:
     """Return the message on a role of `gain_std` that no test has."""
-    return f"[campaign] gain_std: names role `{role}`, which no test has in its channels."
+    return f"[campaign] gain_std: names role `{role}`, but no test has a channel of this role."
 
 
 def base_beside_others(others: str) -> str:

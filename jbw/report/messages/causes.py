@@ -10,8 +10,8 @@ def causes(explained: Sequence[tuple[float, str]]) -> str:
     """Return the message on what would explain the residual, each with its share."""
     shares = [f"{text.rstrip('.')} ({percent(share, '.0f')})" for share, text in explained]
     return (
-        "Possible causes of the residual, with the part of it that each alone would explain: "
-        f"{'; '.join(shares)}."
+        "Possible causes of the residual, each with the share of the residual that it alone "
+        f"would explain: {'; '.join(shares)}."
     )
 
 
@@ -19,7 +19,7 @@ def residual_term(constant: float) -> FaultText:
     """Return the message on the response of modes outside the band, and the line that fits it."""
     return FaultText(
         f"Modes outside the band respond by {constant:.3g} m per unit of the input.",
-        "A single mode has no such constant.",
+        "A model of one mode does not contain this response.",
         f"Fit residual terms, or restrict the band. {put('[test]', 'residuals', 'both')}",
     )
 
@@ -27,8 +27,8 @@ def residual_term(constant: float) -> FaultText:
 def natural_frequencies(scatter: float) -> FaultText:
     """Return the message that natural frequencies differ between tests, and its remedy."""
     return FaultText(
-        "Natural frequency and damping differ between the tests (standard deviation "
-        f"{percent(scatter, '.2f')}).",
+        "Natural frequency and damping differ between the tests: the standard deviation is "
+        f"{percent(scatter, '.2f')}.",
         "One joint with one law has one natural frequency at rest.",
         "If all tests were made on one assembly, the law is wrong: compare laws by `jbw laws`. "
         "Otherwise name the run of every test, and measure a noise record in each run. "

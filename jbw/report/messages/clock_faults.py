@@ -42,8 +42,8 @@ def another_delay(lag_s: float, stated_s: float | None = None) -> FaultText:
 def drop_off(share: float, noise: float) -> FaultText:
     """Return the message on the drop of the drive at resonance, and its share of noise there."""
     return FaultText(
-        f"At the resonance the drive falls to {share:.2g} times its usual level; "
-        f"{percent(noise, '.0f')} of what is left is noise.",
+        f"At the resonance the drive falls to {share:.2g} times its usual level, and "
+        f"{percent(noise, '.0f')} of the measured drive is then noise.",
         "A fit takes this noise for a part of the drive, and finds too much damping.",
         "Measure the drive with a more sensitive sensor, or hold its level through the resonance.",
     )

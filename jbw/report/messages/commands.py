@@ -29,23 +29,23 @@ SHORT = {
     "demo": "Run the demonstration: measure a virtual rig and identify its joint.",
     "init": "Write a commented campaign file for a folder of records.",
     "check": "Check a campaign, channel by channel.",
-    "look": "Read frequency and damping without a model, in a minute.",
+    "look": "Measure frequency and damping without a model of the joint, in a minute.",
     "identify": "Identify the joint; --quick stops after the fit, in seconds.",
     "resume": "Continue a run that was interrupted, or made by --quick.",
     "identifiability": "Show which parameters the data identify, before sampling.",
-    "laws": "Compare laws of the joint by the data.",
+    "laws": "Compare how well laws of the joint describe the data.",
     "report": "Write the one-file report of a finished run.",
     "predict": "Predict measured or planned tests from a run.",
     "export": "Export a run's joint to other programs, or as an FMU.",
     "diff": "Compare runs of different assemblies, torques or days.",
-    "plan": "Plan tests that reach a given accuracy.",
+    "plan": "Plan tests that determine the parameters to a given accuracy.",
     "collect": "Collect finished runs of several units into one fleet.",
     "population": "Show how the units of a fleet vary, and depend on torque.",
     "watch": "Monitor new records for a change of the joint.",
     "explain": "Explain a finding, parameter, column or word.",
     "docs": "Open the documentation, without a network.",
-    "sbc": "Test the intervals of a step on simulated data.",
-    "compare": "Compare samplers on one posterior of a run.",
+    "sbc": "Test on simulated data whether intervals contain the true value.",
+    "compare": "Compare samplers on the posterior of one run.",
     "schema": "Print a file's JSON Schema, for editors.",
     "completion": "Print the script that completes commands in a shell.",
     "more": "List the other commands.",
@@ -101,12 +101,15 @@ def finished(folder: str, page: str) -> str:
 
 def without_model(campaign: str) -> str:
     """Return the title of the table of readings that need no model of the joint."""
-    return f"Campaign {campaign}, read without a model of the joint"
+    return f"Campaign {campaign}: frequency and damping, measured without a model of the joint"
 
 
 def sampler_distances(reference: str) -> str:
     """Return the title of the table that compares samplers with a reference sampler."""
-    return f"Distances of the means from those of {reference}, in Monte Carlo standard errors"
+    return (
+        f"Distances of the posterior means from those of sampler {reference}, in Monte Carlo "
+        "standard errors"
+    )
 
 
 def condition_number(value: str) -> str:

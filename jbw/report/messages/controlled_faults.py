@@ -54,8 +54,8 @@ def put_tolerance(tolerance: float) -> str:
 def off_phase(points: str, error: float, held: float, remedy: str) -> FaultText:
     """Return the message for points whose phase deviates from the held phase [degrees]."""
     return FaultText(
-        f"The phase of {points} deviates by up to {error:.3g} degrees from the phase to be held, "
-        f"{held:g} degrees.",
+        f"The phase of {points} deviates by up to {error:.3g} degrees from the phase that the "
+        f"controller was to hold, {held:g} degrees.",
         "A backbone is measured at one phase; at another phase, frequency and force differ.",
         remedy,
     )

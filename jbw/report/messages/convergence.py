@@ -275,12 +275,12 @@ MESSAGES = (
     ),
     Message(
         "second_posterior",
-        "{reason} The joint posterior of all tests does not depend on it.",
+        "{reason} The posterior of all tests together does not depend on it.",
         """
-        Check: whether the posterior of the free decays alone, with which the joint posterior of
-        all tests is compared, could be sampled.
+        Check: whether the posterior of the free decays alone, with which the posterior of
+        all tests together is compared, could be sampled.
 
-        The joint posterior does not depend on it: only the comparison is missing.
+        The posterior of all tests together does not depend on it: only the comparison is missing.
 
         Remedy: identify the free decays in a separate campaign; its messages show the cause.
         """,

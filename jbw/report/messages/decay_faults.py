@@ -13,7 +13,7 @@ def few_values(
     return FaultText(
         f"The record has {count} independent values in `band` = [{low:g}, {high:g}] Hz after "
         f"`settle`; at least {least} are needed.",
-        f"The record lasts {seconds:.4g} s, which is {periods:.3g} periods.",
+        f"After `settle` the record lasts {seconds:.4g} s, which is {periods:.3g} periods.",
         remedy,
     )
 
@@ -37,8 +37,8 @@ def read_from_blow(test: str, first: str, last: str, count: int, of: int) -> str
     """Return the message that records begin before their blows, and what is read of them."""
     when = first if first == last else f"{first} to {last}"
     return (
-        f"{test}: {count} of {of} records begin before their blow, which comes after {when}; each "
-        "record is read from one period after its blow."
+        f"{test}: in {count} of {of} records the blow comes {when} after the start; each "
+        "record is used from one period after its blow."
     )
 
 
@@ -68,16 +68,19 @@ def second_blow(at_s: float, size: float, remedy: str, *, grows: bool) -> FaultT
 def steady_line(hz: str, share: float) -> FaultText:
     """Return the message on a line that does not decay [Hz], over the largest response."""
     return FaultText(
-        f"A line at {hz} Hz does not decay; its amplitude is {share:.2g} of the largest response.",
-        "Late in the decay a fit takes it for the mode, which changes frequency and damping.",
-        f"Put under [[test]]: `lines_hz = [{hz}]`, which removes it, or measure without it.",
+        f"A spectral line at {hz} Hz does not decay; its amplitude is {share:.2g} of the "
+        "largest response.",
+        "Late in the decay a fit takes this line for the mode, and then finds a wrong "
+        "frequency and damping.",
+        f"Put under [[test]]: `lines_hz = [{hz}]`, which removes the line, or remove its source "
+        "and measure again.",
     )
 
 
 def line_in_sweep(hz: str) -> FaultText:
     """Return the message on a line in a sweep that its drive does not make [Hz]."""
     return FaultText(
-        f"A line at {hz} Hz does not come from the drive.",
+        f"A spectral line at {hz} Hz does not come from the drive.",
         "Where the sweep passes this frequency, the line is taken for the response.",
         "Measure without it.",
     )
@@ -91,7 +94,7 @@ def second_mode(
     narrower = None if band is None else f"Put under [[test]]: `band = [{band[0]:g}, {band[1]:g}]`"
     return FaultText(
         f"`band` contains two modes, at {first_hz:.4g} and {second_hz:.4g} Hz.",
-        "The modes beat; read as one mode, they give a wrong frequency and damping.",
+        "Two modes in one band beat; fitted as one mode, they give a wrong frequency and damping.",
         f"S{structure}" if narrower is None else f"{narrower}, or s{structure}",
     )
 
@@ -100,8 +103,8 @@ def unexplained(share: float) -> FaultText:
     """Share of a response that one mode and no known fault explain."""
     return FaultText(
         f"One mode does not explain {share:.2g} of the response, and no known fault explains it.",
-        "Frequency and damping read from this response do not belong to a mode.",
-        "Look at the record: `band` may contain several modes, or none.",
+        "Frequency and damping that are fitted to this response do not belong to a mode.",
+        "Look at the record: `band` may contain several modes, or no mode.",
     )
 
 

@@ -30,8 +30,8 @@ def may_be_same(names: Sequence[str]) -> str:
 def joint_changed(joint: str, chi_square: float, degrees: int) -> str:
     """Return the sentence that a joint has changed, with chi-square of all its parameters."""
     return (
-        f"{joint} has changed: chi-square of all its parameters together is {chi_square:.3g} with "
-        f"{degrees} degrees of freedom."
+        f"{joint} has changed: chi-square of the differences of all its parameters is "
+        f"{chi_square:.3g} with {degrees} degrees of freedom."
     )
 
 
@@ -44,8 +44,8 @@ def joints_may_be_same(joints: Mapping[str, float]) -> str:
 def factors_apart(names: Sequence[str]) -> str:
     """Return the sentence that factors on the motion of joints are compared one by one."""
     return (
-        "A joint is compared only by its laws; the factors on the motion of joints "
-        f"({listed(names)}) are compared one by one."
+        "Joints are compared by the parameters of their laws together; the factors on the "
+        f"motion of joints ({listed(names)}) are compared one by one between the runs."
     )
 
 
@@ -61,12 +61,15 @@ def homes_differ(joints: str, first: str, second: str) -> str:
 def of_prior(names: Mapping[str, Sequence[str]]) -> str:
     """Return the message on parameters that a run does not identify, with these runs."""
     shown = ", ".join(f"{name} ({' and '.join(runs)})" for name, runs in names.items())
-    return f"Not compared, because the data of the runs in brackets do not identify it: {shown}."
+    return (
+        "Parameters that are not compared, because the data of the runs in brackets do not "
+        f"identify them: {shown}."
+    )
 
 
 def only_one(names: Sequence[str]) -> str:
     """Return the message on parameters that only one run has."""
-    return f"Only one of the runs has {listed(names)}."
+    return f"Only one of the two runs has the parameters {listed(names)}."
 
 
 def not_usable(run: str, verdict: str) -> str:
@@ -91,8 +94,8 @@ def records_scatter(spreads: Mapping[str, Mapping[str, float]]) -> str:
         for run, row in spreads.items()
     )
     return (
-        "The records of a run need different parameters. The intervals and P(A > B) include the "
-        f"standard deviation of the mean over the records: {shown}."
+        "Single records of a run need different parameters. The intervals and P(A > B) include "
+        f"the standard deviation of the mean over the records: {shown}."
     )
 
 
@@ -110,8 +113,8 @@ def sessions_scatter(spreads: Mapping[str, tuple[str, str]]) -> str:
 def one_joint(ratio: str, a: str, b: str, *, sure: bool) -> str:
     """Return the message on whether two modes may have one joint."""
     return (
-        f"A joint that both modes share has the same {ratio} in both. "
-        f"A: {a}, B: {b}; {SHARES[sure]}."
+        f"If both modes share one joint, {ratio} is the same in both. A: {a}, B: {b}; "
+        f"{SHARES[sure]}."
     )
 
 
@@ -131,7 +134,7 @@ def with_torque(quantity: str, amplitude: str, change: str, word: str) -> str:
 
 
 SCATTER = (
-    "The runs vary about a straight line in the logarithm of the torque by more than their "
+    "The runs deviate from a straight line in the logarithm of the torque by more than their "
     "posteriors explain; the intervals of the trend include this variation. Each tightening "
     "differs, or the trend is not a straight line."
 )

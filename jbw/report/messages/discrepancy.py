@@ -10,7 +10,7 @@ IN_BANDS = (
     "on runs that are left out of the fit. Beyond the largest fitted amplitude this error grows "
     "with the square of the amplitude, as the equivalent stiffness of a cubic spring does."
 )
-SHIFT_OF_RUN = "error of the fit without this run"
+SHIFT_OF_RUN = "error of a fit without this run"
 
 
 class Unscored(NamedTuple):
@@ -39,9 +39,9 @@ UNSCORED = {
     ),
 }
 WITHHELD = (
-    "withheld, as is the band of a measurement: the error of the law exceeds noise, and no run "
-    "that is left out of the fit determines it at the amplitude of these tests; fit a test of "
-    "their level"
+    "The bands of tests and of measurements are withheld: the error of the law exceeds noise, "
+    "and no run that is left out of the fit determines this error at the amplitude of these "
+    "tests; fit a test of their level"
 )
 FIT_THAT_LEVEL = "Fit a test of that level."
 
@@ -50,7 +50,8 @@ def bands_withheld(names: Sequence[str]) -> str:
     """Return the sentence on held-out tests without a band, with the reason."""
     return (
         f"The bands of {listed(names)} are withheld: the error of the law exceeds noise, and no "
-        "run that is left out of the fit determines it at that amplitude."
+        "run that is left out of the fit determines this error at the amplitude of these "
+        "tests."
     )
 
 
@@ -84,7 +85,11 @@ def missed(
     """Return the sentence on the error of a law on omitted runs, with the largest."""
     parts = [f"{percent(frequency)} of the natural frequency"] if frequency else []
     parts += [f"{percent(damping)} of critical damping"] if damping else []
-    parts += [f"{percent(rest)} of the response for other differences of shape"] if rest else []
+    parts += (
+        [f"{percent(rest)} of the response for differences that neither of these two explains"]
+        if rest
+        else []
+    )
     changes = []
     if run_frequency:
         size, side = percent(abs(run_frequency)), _side(run_frequency)

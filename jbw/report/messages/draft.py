@@ -4,14 +4,17 @@ from collections.abc import Sequence
 
 HEAD = """\
 # Campaign file of jbw. Check the lines marked CHECK: the records do not state their values.
-# See what jbw makes of it: jbw check campaign.toml
-# Channels are paths, such as group.name: [3] is the fourth item, counted from zero; (4)
-# and {4} are it counted from one, as in MATLAB; [:] takes all; 'a - b' is a difference.
+# To check this file and its records: jbw check campaign.toml
+# A channel is a path, such as group.name. [3] selects the fourth item, counted from zero.
+# As in MATLAB, (4) and {4} also select the fourth item. [:] selects all items.
+# 'a - b' is the difference of two channels.
 
 [campaign]"""
 FURTHER = "# More keys of a [[test]]; write them below its line `kind`:"
 NO_RESPONSE = "no channel is named like a response."
-NAME_RECORD = "Name a record, a campaign file, or a folder of either."
+NAME_RECORD = (
+    "Name a record, a campaign file, or a folder that contains records or a campaign file."
+)
 GUESS = "  # CHECK: a guess"
 NO_BAND = "band must be given."
 NO_TONES = "tones must be given."
@@ -71,7 +74,7 @@ def guessed_kind(kind: str) -> str:
 
 def guessed_role(role: str, channel: str) -> str:
     """Return the message on a role of a channel that was guessed."""
-    return f"role {role} of {channel} is a guess."
+    return f"the role of channel {channel}, {role}, is a guess."
 
 
 def check_roles(roles: Sequence[str]) -> str:
@@ -92,12 +95,17 @@ def shared_band(band: str) -> str:
 
 def about_strongest(low: float, high: float) -> str:
     """Return the message on a band that was guessed from one record [Hz]."""
-    return f"band {low:g} to {high:g} Hz is about the strongest line."
+    return (
+        f"the band {low:g} to {high:g} Hz is a guess: it lies around the strongest spectral line."
+    )
 
 
 def about_shared(low: float, high: float) -> str:
     """Return the message on a band that was guessed from all decays [Hz]."""
-    return f"band {low:g} to {high:g} Hz is around the spectral line that every decay shows."
+    return (
+        f"the band {low:g} to {high:g} Hz is a guess: it lies around the spectral line that "
+        "every decay shows."
+    )
 
 
 def more_groups(count: int) -> str:
@@ -107,7 +115,7 @@ def more_groups(count: int) -> str:
 
 def files(pattern: str, count: int) -> str:
     """Return the message on the files of a test, and how many they are."""
-    return f"files = {pattern}  # {count} file(s), one repeat each"
+    return f"files = {pattern}  # {count} file(s), each of which is one repeat"
 
 
 def assembly(name: str) -> str:
@@ -117,7 +125,7 @@ def assembly(name: str) -> str:
 
 def of_one_torque(torque: str) -> str:
     """Return the message on the table of the torque [N m] that the names of all files have."""
-    return f"[assembly]\ntorque = {torque}  # [N m] CHECK: by the names of the files"
+    return f"[assembly]\ntorque = {torque}  # [N m] CHECK: taken from the names of the files"
 
 
 def torques(patterns: Sequence[str]) -> str:
@@ -142,17 +150,17 @@ def delay(delay: str) -> str:
 
 def resampled(rate: str) -> str:
     """Return the message on a rate for times that are not even [Hz]."""
-    return f"resample = {rate}  # CHECK: [Hz]; its times are not evenly spaced"
+    return f"resample = {rate}  # CHECK: [Hz]; the times of the record are not evenly spaced"
 
 
 def resampled_at(rate: float) -> str:
     """Return the message on a rate that was guessed [Hz]."""
-    return f"resampled at {rate:g} Hz, because its times are not evenly spaced."
+    return f"resampled at {rate:g} Hz, because the times of the record are not evenly spaced."
 
 
 def assumed_unit(role: str, unit: str) -> str:
     """Return the message on a unit that the file does not state."""
-    return f"unit of {role} assumed to be {unit}, the SI unit."
+    return f"the unit of {role} is assumed to be the SI unit, {unit}."
 
 
 def check_units(roles: str) -> str:
@@ -162,17 +170,19 @@ def check_units(roles: str) -> str:
 
 def band(band: str) -> str:
     """Return the message on a band about the strongest line."""
-    return f"band = {band}  # CHECK: about the strongest line; no other mode in it"
+    return (
+        f"band = {band}  # CHECK: around the strongest spectral line; no other mode may lie in it"
+    )
 
 
 def about_tone(hz: float) -> str:
     """Return the message on a tone that was guessed [Hz]."""
-    return f"tones of {hz:g} Hz are the strongest line of its source."
+    return f"the tones, {hz:g} Hz, are a guess: the strongest spectral line of the record's source."
 
 
 def tone(tones: str) -> str:
     """Return the message on a tone at the strongest line."""
-    return f"tones = {tones}  # CHECK: the strongest line of its source [Hz]"
+    return f"tones = {tones}  # CHECK: the strongest spectral line of the record's source [Hz]"
 
 
 def scalar_rate(name: str) -> str:
@@ -197,7 +207,7 @@ def separate_files(files: str) -> str:
 
 def slowest(rate: str) -> str:
     """Return the message on the rate of the slowest channel [Hz]."""
-    return f"resample = {rate}  # [Hz], the slowest channel's"
+    return f"resample = {rate}  # [Hz], the rate of the slowest channel"
 
 
 def doubtful(doubt: str) -> str:
@@ -207,27 +217,30 @@ def doubtful(doubt: str) -> str:
 
 def one_of_axes(role: str, channels: str) -> str:
     """Return the message that one of several axes or curves is drafted."""
-    return f"{role} is one of {channels}: choose, or make a test of each."
+    return f"{role} may be any of {channels}: choose one, or make a test of each."
 
 
 def check_axes(role: str, channels: str) -> str:
     """Return the message on the mark of a channel that is one of several axes."""
-    return f"  # CHECK: {role} is one of {channels}"
+    return f"  # CHECK: {role} may be any of {channels}"
 
 
 def assumed_time_unit(channel: str, unit: str) -> str:
     """Return the message on a unit of times that the file does not state."""
-    return f"unit of times {channel} assumed to be {unit}; the sampling frequency depends on it."
+    return (
+        f"the unit of the channel of times, {channel}, is assumed to be {unit}; the sampling "
+        "frequency depends on it."
+    )
 
 
 def counts_samples(channel: str) -> str:
     """Return the message that a column counts samples and no rate is stated."""
-    return f"{channel} counts samples, so that the sampling frequency fs must be given."
+    return f"channel {channel} counts samples, so that the sampling frequency fs must be given."
 
 
 def coarse_times(channel: str, fs: float) -> str:
     """Return the message on times that have too few digits, and their mean rate [Hz]."""
-    return f"times {channel} have too few digits; their mean rate is {fs:g} Hz."
+    return f"the times in channel {channel} have too few digits; their mean rate is {fs:g} Hz."
 
 
 def mean_rate(fs: str) -> str:
@@ -248,8 +261,8 @@ def sensitivity(sensors: str) -> str:
 def matrices(files: Sequence[str]) -> str:
     """Return the message on files with matrices of a model next to the records."""
     return (
-        f"{', '.join(files)}: matrices of a model. To identify its joints, fill in the tables "
-        "[structure] and [[joint]], which the draft contains as a comment."
+        f"{', '.join(files)}: matrices of a model. To identify the joints of the model, fill in "
+        "the tables [structure] and [[joint]], which the draft contains as a comment."
     )
 
 

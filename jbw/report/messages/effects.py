@@ -8,7 +8,7 @@ Estimate = tuple[float, float, float]
 """Lower end, median and upper end of an interval."""
 
 HARDENS = "The joint hardens: its elastic stiffness grows with amplitude."
-MORE_DAMPING = ": a part of the damping does not soften the joint"
+MORE_DAMPING = ": a part of the added damping comes without softening"
 SLIDERS = ": the data agree with a joint of sliders"
 
 
@@ -41,10 +41,10 @@ def _share(quantiles: Sequence[float]) -> str:
 def known_together(y: float, frequency: float, damping: float) -> str:
     """Return the sentence on frequency and damping (half widths) if parameters trade off."""
     return (
-        f"The combined effect of these parameters is identified: at {1000.0 * y:.2g} mm the change "
-        f"of frequency to {percent(frequency, '.0f')} and the damping to {percent(damping, '.0f')} "
-        "(half widths of the 99 % intervals). Use products and responses instead of single "
-        "parameters, and stay near the fitted amplitudes."
+        f"The combined effect of these parameters is identified: at {1000.0 * y:.2g} mm the "
+        f"change of frequency is known to {percent(frequency, '.0f')} and the damping to "
+        f"{percent(damping, '.0f')} (half widths of the 99 % intervals). Use products and "
+        "responses instead of single parameters, and stay near the fitted amplitudes."
     )
 
 
@@ -104,12 +104,18 @@ def no_softening(*, grows: bool) -> str:
     """Return the message that no softening is seen, with damping that grows or without."""
     if grows:
         return "The damping grows without softening, as with Dahl's law or a damper."
-    return "Neither softening nor a growing damping is detected, as with fully stuck sliders."
+    return (
+        "Neither softening nor a growing damping is detected, as in a joint whose sliders "
+        "are fully stuck."
+    )
 
 
 def elastic_softening(share: Estimate) -> str:
     """Return the message on the share of the softening that dissipates nothing."""
-    return f": {_percent(share)} of the softening is elastic, or the joint breaks Masing's rule"
+    return (
+        f": {_percent(share)} of the softening is elastic, or the joint does not follow "
+        "Masing's rule"
+    )
 
 
 def masing(ratio: Estimate, of_masing: float, comparison: str, opening: Estimate) -> str:
@@ -145,7 +151,7 @@ def threshold(y: Estimate, y_peak: float, rests: str) -> str:
         f"[{low / y_peak:.2g}, {high / y_peak:.2g}] times the largest motion"
     )
     if high <= y_peak:
-        return f"{place}: reached"
+        return f"{place}: the tests reached it"
     if low > y_peak:
-        return f"{place}: not reached, so that only the prior determines {rests}"
-    return f"{place}: perhaps reached, so that the prior helps to determine {rests}"
+        return f"{place}: the tests did not reach it, so that only the prior determines {rests}"
+    return f"{place}: the tests may have reached it, so that the prior helps to determine {rests}"

@@ -1,40 +1,40 @@
 """Labels and titles of figures."""
 
 COMMON_BAND = "99 % band: parameters alone"
-REPEATS_BAND = "99 % band of the repeats"
-REPEATS_MEAN = "measured, mean of the repeats"
-REPEATS_POOLED = "measured, pooled over the repeats"
-LOOP_BAND = "99 % band of the measured loop, from ζ and gain"
-LESS_SECANT = "restoring force minus its secant [N/kg]"
+REPEATS_BAND = "99 % band of the measured repeats"
+REPEATS_MEAN = "measured, mean of a test's repeats"
+REPEATS_POOLED = "measured, pooled over a test's repeats"
+LOOP_BAND = "99 % band of the measured loop, from the uncertainty of ζ and gain"
+LESS_SECANT = "restoring force minus its secant line [N/kg]"
 LINEAR_RESIDUAL = "residual of a linear oscillator"
 PHASE_LESS_MEDIAN = "arg H₃ minus its median [°]"
 
-DIRECTIONS = "Directions from the fit, strongest first"
+DIRECTIONS = "Combinations of parameters from the fit, best determined first"
 BEFORE_SAMPLING = "from the fit, before sampling"
-OVER_PRIOR = "standard deviation over that of the prior [-]"
+OVER_PRIOR = "posterior standard deviation over that of the prior [-]"
 
 ONE_MODE = "one mode, per unit mass"
 OVER_MODE = "|q / q of the mode| [-]"
-SLIP = "effect of slip on the hysteretic force"
+SLIP = "effect of slip on the joint's hysteretic force"
 
 STEP_3_PUBLISHED = "Step 3, random walk as published"
 STEP_4_PUBLISHED = "Step 4, γ alone, random walk as published"
 STEP_4_NUTS = "Step 4, γ alone, NUTS"
 STEP_3_BOX = "Step 3, within the prior box"
-DENSITY = "density over prior density [-]"
+DENSITY = "posterior density over prior density [-]"
 DRAW = "draw n of a chain [-]"
 RUNNING_MEAN = "conv(n) over its last mean [-]"
 TRACES = "traces, one line per chain"
-RANKS = "ranks, in twentieths of all draws"
+RANKS = "ranks of a chain's draws, in twentieths of all draws"
 RANK = "rank among all draws [-]"
 
-DISTANCE = "distance [standard deviations of the posterior]"
-SPEED = "speed for the slowest parameter"
+DISTANCE = "distance of the means [standard deviations of the posterior]"
+SPEED = "effective draws per second, slowest parameter"
 RATE = "effective draws per second [1/s]"
-UNIFORM_RANKS = "simultaneous 99 % band of uniform ranks"
+UNIFORM_RANKS = "simultaneous 99 % band for uniform ranks"
 
 MODE = "mode [-]"
-LOSS_SHARE = "share of the joints' losses"
+LOSS_SHARE = "share of the losses of all joints"
 ISOMETRIC = ("x and y, isometric", "height, isometric")
 MOTION, FORCE, FORCE_LESS_SECANT = "motion", "force", "force minus secant"
 MEDIAN_FREE, MEDIANS_STUCK = "median, free mode shape", "stuck mode shape, at the medians"
@@ -90,9 +90,12 @@ def fold(mode: str, amplitude: str) -> str:
 
 def loop_areas(count: int, largest: str) -> str:
     """Return the label of the loops in the flow diagram: their number and largest area error."""
-    return f"{count} loops, error of the model's areas at most {largest}"
+    return f"{count} loops, error of the model's loop areas at most {largest}"
 
 
 def less_mean(parameter: str, reference: str) -> str:
     """Return the title of a panel that compares a parameter's means between samplers."""
-    return f"{parameter}: mean minus that of {reference}; bars: two Monte Carlo standard errors"
+    return (
+        f"{parameter}: mean minus the mean of sampler {reference}; bars: two Monte Carlo "
+        "standard errors"
+    )

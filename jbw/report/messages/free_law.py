@@ -7,8 +7,8 @@ from jbw.report.messages.message import percent
 FREQUENCY = "natural frequency, without assuming a law"
 DAMPING = "damping ratio, without assuming a law"
 LEAST_DAMPING = "smallest damping ratio of any law that follows Masing's rule"
-BAND = "99 % without a law"
-TABLE = "Scores of laws fitted only to measured frequency and damping"
+BAND = "99 % band, without assuming a law"
+TABLE = "Scores of laws that were fitted only to measured frequency and damping"
 
 
 def _band(hz: Sequence[float], zeta: Sequence[float]) -> str:
@@ -22,15 +22,16 @@ def _band(hz: Sequence[float], zeta: Sequence[float]) -> str:
 def bands(y: float, hz: Sequence[float], zeta: Sequence[float]) -> str:
     """Return the sentence on frequency and damping at the largest amplitude [m] (99 % bands)."""
     return (
-        f"Without assuming a law, the joint has {_band(hz, zeta)} at {1e3 * y:.3g} mm (99 % bands)."
+        f"Without assuming a law, natural frequency and damping at {1000.0 * y:.3g} mm are "
+        f"{_band(hz, zeta)} (99 % bands)."
     )
 
 
 def bands_beyond(times: float, hz: Sequence[float], zeta: Sequence[float]) -> str:
     """Return the sentence on frequency and damping beyond the readings (99 % bands)."""
     return (
-        f"At {times:g} times the largest measured amplitude, the joint has "
-        f"{_band(hz, zeta)} (99 % bands, without assuming a law)."
+        f"Extrapolated to {times:g} times the largest measured amplitude without assuming a "
+        f"law, natural frequency and damping are {_band(hz, zeta)} (99 % bands)."
     )
 
 
@@ -45,24 +46,25 @@ def masing(rule: str, nats: float, limit: float) -> str:
     if rule == "holds":
         return f"Damping and stiffness follow Masing's rule {evidence}."
     return (
-        "The measured frequency and damping do not decide whether the joint follows Masing's rule "
-        f"{evidence}."
+        "The measured frequency and damping do not decide whether the joint follows Masing's "
+        f"rule {evidence}."
     )
 
 
 def least_damping(times: float, zeta: float) -> str:
     """Return the message on the least damping that any law of sliders has beyond the readings."""
     return (
-        f"Every law that follows Masing's rule has at least {100 * zeta:.3g} % of critical damping "
-        f"at {times:g} times the largest amplitude (99 %)."
+        f"Every law that follows Masing's rule has at least {100 * zeta:.3g} % of critical "
+        f"damping at {times:g} times the largest measured amplitude (99 % confidence)."
     )
 
 
 def scattered(times: float) -> str:
     """Return the sentence that no law of the amplitude fits the readings within their errors."""
     return (
-        "No function of the amplitude describes the measured frequency and damping within their "
-        f"errors: they vary {times:.2g} times as much. The bands include this variation."
+        "No function of the amplitude describes the measured frequency and damping within "
+        f"their errors: the deviations are {times:.2g} times as large as the errors. The bands "
+        "include this variation."
     )
 
 

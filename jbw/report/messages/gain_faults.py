@@ -30,7 +30,8 @@ def other_size(ratio: float) -> FaultText:
     return FaultText(
         f"At its resonance the response is {number(ratio)} times the value that the campaign's "
         "gain or modal mass predicts from the input.",
-        "A factor of 1000 means metre for millimetre, 9.81 g for m/s^2, 4.45 lbf for N.",
+        "A factor of 1000 suggests metre for millimetre, 9.81 suggests g for m/s^2, and 4.45 "
+        "suggests lbf for N.",
         "Check both units, and gain or modal_mass.",
     )
 
@@ -40,8 +41,8 @@ def other_sign(source: str, test: str = "") -> FaultText:
     where, others, apart = _compared(test)
     return FaultText(
         f"The ratio of response to drive{where} has the opposite sign to that of {others}.",
-        "The polarity of a channel was reversed: the mean over all cancels, and a fit follows none "
-        "of them.",
+        "The polarity of a channel was reversed: such records cancel in the mean over all, and "
+        "a fit follows neither.",
         f"{apart}Put under [[test]]: `scale = {{ {source} = -1.0 }}`.",
     )
 
@@ -54,7 +55,7 @@ def other_gain(ratio: float, source: str, unit: str, test: str = "") -> FaultTex
     return FaultText(
         f"The ratio of response to drive{where} is {abs(ratio):.4g} times that of {others}"
         f"{sign}{hint}.",
-        "A channel has another unit or gain.",
+        "A channel of this record has another unit or gain than the same channel of the others.",
         f"{apart}Put under [[test]]: `scale = {{ {source} = {ratio:.4g} }}`.",
     )
 

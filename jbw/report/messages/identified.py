@@ -59,7 +59,7 @@ def determined(combinations: Sequence[str], *, logs: bool) -> str:
 def follows_bound(name: str, shift: float, bound: str) -> str:
     """Return a parameter with the shift of its mean due to a bound, in standard deviations."""
     size = (
-        "further than any of its draws"
+        "further than any posterior draw"
         if shift == float("inf")
         else f"by {shift:.2g} standard deviations"
     )
@@ -140,31 +140,33 @@ def costs(shown: Sequence[str]) -> str:
 
 COLUMNS: Mapping[str, str] = {
     "direction_text": "combination",
-    "direction_information": "information over that of the prior",
-    "direction_ratio": "standard deviation over the prior's, by the fit",
-    "loadings": "share of each parameter, in prior standard deviations",
-    "cost": "cost reached from a start",
-    "relative": "standard deviation over value, by the fit",
-    "ratio": "standard deviation over the prior's, by the fit",
+    "direction_information": "inverse variance of the posterior over that of the prior",
+    "direction_ratio": "posterior standard deviation over that of the prior, from the fit",
+    "loadings": "share of each parameter in the combination, in prior standard deviations",
+    "cost": "lowest cost that the fit reached from a start",
+    "relative": "standard deviation over value, from the fit",
+    "ratio": "posterior standard deviation over that of the prior, from the fit",
     "contraction": (
-        "1 less the variance of the draws over that of the prior, of logarithms of positive ones"
+        "1 minus the posterior variance over the prior variance, in logarithms of positive "
+        "parameters"
     ),
     "shift": (
         "largest move of the mean when a tenth of the prior's range is cut off, in posterior "
         "standard deviations"
     ),
     "profile_value": "fixed value",
-    "profile_chi_square": "rise of chi-square with the other parameters free",
-    "profile_interval": "99 % interval by the profile likelihood",
+    "profile_chi_square": "rise of chi-square when the other parameters are fitted",
+    "profile_interval": "99 % interval from the profile likelihood",
 }
 """Variables of the group `identifiability` of posterior.nc."""
 
 CONTRACTION = (
-    "1 less the variance of the draws over that of the prior, of logarithms where values are "
-    "positive; 100 %: identified by the data, 0 %: unchanged from the prior"
+    "1 minus the posterior variance over the prior variance, in logarithms of positive "
+    "parameters; 100 %: identified by the data, 0 %: unchanged from the prior"
 )
 FOLLOWS = (
-    "the largest move of the posterior mean, in standard deviations, when a tenth of the prior's "
-    "range is cut off at either end; a parameter that the data do not constrain moves by 0.17"
+    "largest move of the posterior mean, in standard deviations, when a tenth of the prior's "
+    "range is cut off at either end; the mean of a parameter that the data do not constrain "
+    "moves by 0.17"
 )
-OF_THE_FIT = "The numbers of the fit come from its derivatives and are valid near its optimum."
+OF_THE_FIT = "The numbers from the fit follow from its derivatives and are valid near its optimum."

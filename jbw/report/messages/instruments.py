@@ -43,18 +43,19 @@ def attachment(test: str, share: float, added: float, *, at_drive_point: bool) -
         else ""
     )
     return (
-        f"The attachment of the shaker was found from {test}. It predicts how omega_n and zeta "
-        f"change, with a standard deviation of {percent(share, '.0f')} of the change{doubled}. It "
-        f"changes the modal mass by {percent(added, '+.2f')}; the joint's share of the stiffness "
-        "changes by as much, which is neglected."
+        f"How the shaker is attached was determined from test {test}. The effect of the "
+        "attachment on omega_n and zeta is predicted, with a standard deviation of "
+        f"{percent(share, '.0f')} of this effect{doubled}. The attachment changes the modal "
+        f"mass by {percent(added, '+.2f')}; the resulting equal change of the joint's share of "
+        "the stiffness is neglected."
     )
 
 
 def heavy(limit: float) -> str:
     """Return the message with the remedy for a shaker that adds too much to the modal mass."""
     return (
-        f"An added mass of more than {percent(limit, '.0f')} matters: fit the tests of each drive "
-        "separately, or move the shaker to where the mode moves less."
+        f"A shaker that adds more than {percent(limit, '.0f')} of the modal mass matters: fit "
+        "the tests of each drive separately, or move the shaker to where the mode moves less."
     )
 
 
@@ -81,8 +82,8 @@ def shaker_reading(
     return (
         f"{name}: the shaker gives {gain:.4g} N/V and is attached by {mass:.3g} kg, "
         f"{damping:.3g} N s/m and {stiffness:.4g} N/m; the residual is {with_attachment} of the "
-        f"force ({by_gain} with its gain alone). Driven by voltage the structure's modes move from "
-        f"{moved}."
+        f"force ({by_gain} with its gain alone). When the structure is driven by voltage, its "
+        f"modes move from {moved}."
     )
 
 

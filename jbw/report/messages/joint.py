@@ -6,9 +6,9 @@ from typing import Any
 from jbw.report.messages.message import number
 
 BOUNDED = "alpha > 0 and delta + gamma >= 0 must hold"
-SAME_CURVES = "every motion depends only on the sum of their virgin curves"
+SAME_CURVES = "every motion depends only on the sum of the virgin curves of all sliders"
 SAME_EXPONENT = "with an exponent of 1 they are the same law"
-EVEN_SQUARE = "`square` is an even spring"
+EVEN_SQUARE = "`square` is a spring whose force is even in the displacement"
 
 # What a record that stays below a threshold of a law leaves undetermined.
 BEHIND_GAP = "the parameters behind the gap"
@@ -19,9 +19,10 @@ def stiffer_than_structure(held: str, stiffness: Any, limit: Any) -> str:
     """Return the message that the joint's stiffness exceeds the limit named by `held` [1/s^2]."""
     return (
         f"The joint is stiffer than the structure: its stiffness must not exceed {held}, but "
-        f"{number(stiffness, '.4g')} > {number(limit, '.4g')} 1/s^2. Once the joint slips, nothing "
-        "holds the structure, and the motion runs away. Lower the stiffness of the laws, or raise "
-        "omega_n, which includes the stiffness of the fully stuck joint."
+        f"{number(stiffness, '.4g')} > {number(limit, '.4g')} 1/s^2. Once the joint slips, no "
+        "stiffness remains that holds the structure, and the motion grows without limit. Lower "
+        "the stiffness of the laws, or raise omega_n, which includes the stiffness of the "
+        "fully stuck joint."
     )
 
 
@@ -137,20 +138,20 @@ def joints_stiffer(largest: float) -> str:
     """Return the message that several joints are stiffer than the structure."""
     return (
         "The joints are stiffer than the structure: no eigenvalue of k_j sum(h p / omega_n^2) "
-        f"must exceed 1, but one is {largest:.4g}. Once the joints slip, nothing holds the "
-        "structure, and the motion runs away. Lower the stiffness of the laws, or raise omega_n, "
-        "which includes the stiffness of all fully stuck joints."
+        f"must exceed 1, but one is {largest:.4g}. Once the joints slip, no stiffness remains "
+        "that holds the structure, and the motion grows without limit. Lower the stiffness of "
+        "the laws, or raise omega_n, which includes the stiffness of all fully stuck joints."
     )
 
 
 def step_of_mode(hz: float, angle: float, fs: float, substeps: int) -> str:
     """Return the clause on the angle by which the highest mode moves in one time step."""
     return (
-        f"The highest mode, at {hz:.4g} Hz, moves by {angle:.3g} rad in a step of `fs` = {fs:g} "
-        f"Hz and `substeps` = {substeps}"
+        f"The phase of the highest mode, at {hz:.4g} Hz, advances by {angle:.3g} rad in a time "
+        f"step of `fs` = {fs:g} Hz and `substeps` = {substeps}"
     )
 
 
 def put_substeps(substeps: int) -> str:
     """Return the message with the number of substeps that resolves the highest mode."""
-    return f"Put `substeps={substeps}`, sample the input faster, or leave the mode out."
+    return f"Put `substeps={substeps}`, sample the input faster, or leave the highest mode out."

@@ -55,15 +55,15 @@ def tried_at_joints(
 
 def best_by_predictions(law: str, num_sessions: int) -> str:
     """Return the message on the best law by its predictions of held-out sessions."""
-    return f"Best law: {law}, by the predictions of {num_sessions} held-out sessions."
+    return f"Best law: {law}; it predicts {num_sessions} held-out sessions best."
 
 
 def best_by_evidence(law: str, num_sessions: int, needed: int) -> str:
     """Return the message on the best law if the sessions are too few to compare predictions."""
     there_are = f"there are {num_sessions}" if num_sessions != 1 else "there is 1"
     return (
-        f"Best law: {law}, by the evidence alone, which depends on the priors. To compare "
-        f"predictions takes {needed} sessions, but {there_are}."
+        f"Best law: {law}, by the evidence alone, which depends on the priors. A comparison of "
+        f"predictions needs {needed} sessions, but {there_are}."
     )
 
 
@@ -100,24 +100,26 @@ def by_fit_alone(law: str, error: float, best: str, least_error: float, behind: 
     """Return the sentence on a law whose fit is so poor that nothing else was computed."""
     return (
         f"{law} is judged by its fit alone: its RMS error is {percent(error)} ({best}: "
-        f"{percent(least_error)}), its maximum log likelihood {behind:.0f} lower."
+        f"{percent(least_error)}), and its maximum log likelihood is {behind:.0f} lower than "
+        f"that of {best}."
     )
 
 
 def not_judged(laws: Sequence[str], best: str, khat: float) -> str:
     """Return the message on laws whose scores are too uncertain."""
     return (
-        f"Not judged: {', '.join(laws)}, because the score of each, or that of {best}, is "
-        f"unreliable (k-hat above {khat:g}). Draw more samples, or narrow the priors."
+        f"Laws that are not judged: {', '.join(laws)}, because the score of each, or that of "
+        f"{best}, is unreliable (k-hat above {khat:g}). Draw more samples, or narrow the "
+        "priors."
     )
 
 
 def against_repeats(law: str, error: float, floor: float, *, near: bool) -> str:
     """Return the sentence on the best law's error compared with that of the mean of repeats."""
-    enough = "; the data need no better law" if near else ""
+    enough = "; the error is so small that the data need no better law" if near else ""
     return (
-        f"RMS error of {law}: {percent(error)} of the response; standard error of the mean of the "
-        f"repeats: {percent(floor)}{enough}."
+        f"RMS error of {law}: {percent(error)} of the response; standard error of the mean of a "
+        f"test's repeats: {percent(floor)}{enough}."
     )
 
 
@@ -194,8 +196,9 @@ def wider_priors(changes: Mapping[str, float]) -> str:
     """Return the message on how much the evidence depends on the priors."""
     shown = ", ".join(f"{law} {change:+.1f}" for law, change in changes.items())
     return (
-        "If the priors of the laws' parameters are made twice as wide, the log evidence changes: "
-        f"{shown} (by -0.7 for every identified parameter, by more if a prior bound truncates it)."
+        "If the priors of the laws' parameters are made twice as wide, the log evidence "
+        f"changes: {shown} (for every identified parameter it falls by 0.7; it changes by more "
+        "if a prior bound truncates the parameter)."
     )
 
 
@@ -211,7 +214,7 @@ def heading(count: int) -> str:
 
 def not_distinguished(laws: Sequence[str]) -> str:
     """Return the message that ends the page's first sentence: equivalent laws."""
-    return f", but the data do not distinguish it from {', '.join(laws)}"
+    return f", but the data do not distinguish this law from {', '.join(laws)}"
 
 
 def error_of_fit(error: float) -> str:
@@ -224,10 +227,10 @@ ANSWERS = {"best": "preferred", "worse": "significantly worse", "not told apart"
 
 
 BACKBONES = (
-    "Frequency and damping ratio against amplitude under each law, the preferred one first, then "
-    "by score, all on the scale of the first. Open symbols: measured in each test without a model "
-    "of the joint, as of a linear oscillator. If they lie outside the band of a law, the "
-    "law does not describe this joint. Grey: beyond the fitted amplitudes."
+    "Frequency and damping ratio against amplitude under each law, the preferred one first, "
+    "then by score, all on the scale of the first. Open symbols: measured in each test without "
+    "a model of the joint, as of a linear oscillator. If they lie outside the band of a law, "
+    "the law does not describe this joint. Grey: beyond the fitted amplitudes."
 )
 LOOPS = (
     "From top to bottom: frequency and damping of all laws in one panel each, the loop of each "
@@ -240,11 +243,11 @@ LABELS = {
     "backbone": " under each law with its 99 % band; dotted: largest fitted amplitude",
     "amplitude": "amplitude of the displacement [mm]",
     "loop": "loop of each law at the largest fitted amplitude",
-    "force": "force less the linear\nspring's [N/kg]",
+    "force": "force minus the force of the linear spring [N/kg]",
     "residual": "residual of each law along ",
     "place": "position in the record (0: start, 1: end)",
     "error": "error of each session, predicted from the others",
-    "bar": "; bar: linear oscillator fitted to that session",
+    "bar": "; bar: error of a linear oscillator that is fitted to the session",
     "error_axis": "RMS error over the rms of the record [%]",
 }
 """Labels of the figure of laws next to each other."""

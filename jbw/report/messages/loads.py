@@ -37,13 +37,14 @@ def warnings_of(what: str, y: float, reach: float, most: float, *, withheld: boo
     if reach > most:
         yield (
             f"{what} moves the joint by {y:.3g} m, {reach:.2g} times the largest fitted "
-            "displacement. No fitted test shows that the joint follows the law there. Add a test "
-            "of that level to the campaign and identify again."
+            "displacement. No fitted test shows that the joint's law is valid at this "
+            "displacement. Add a test of that level to the campaign and identify again."
         )
     if withheld:
         yield (
-            f"{what} has no 99 % band, because the error of the law exceeds noise, and no run that "
-            "is left out of the fit determines it at this amplitude. Fit a test of this level."
+            f"{what} has no 99 % band, because the error of the law exceeds noise, and no run "
+            "that is left out of the fit determines this error at this amplitude. Fit a test "
+            "of this level."
         )
 
 
@@ -53,13 +54,13 @@ def units_of_resonance(response: Mapping[str, str]) -> dict[str, dict[str, str]]
         "frequency": {**HERTZ, "long_name": "frequency of the peak"},
         "peak": {**response, "long_name": f"peak {response['long_name']}"},
         "displacement": {**METRE, "long_name": "peak displacement"},
-        "quality": {**NUMBER, "long_name": "Q, withheld where the curve folds"},
+        "quality": {**NUMBER, "long_name": "Q; not given where the response curve folds"},
         "half_power_width": {**HERTZ, "long_name": "half-power width"},
-        "jump_up": {**HERTZ, "long_name": "frequency of the jump up"},
-        "jump_down": {**HERTZ, "long_name": "frequency of the jump down"},
-        "folds": {**NUMBER, "long_name": "share of draws whose curve folds"},
-        "reach": {**NUMBER, "long_name": "displacement over the largest fitted"},
-        "withheld": {**NUMBER, "long_name": "1 where no band can be stated"},
+        "jump_up": {**HERTZ, "long_name": "frequency of the jump to the upper branch"},
+        "jump_down": {**HERTZ, "long_name": "frequency of the jump to the lower branch"},
+        "folds": {**NUMBER, "long_name": "share of draws whose response curve folds"},
+        "reach": {**NUMBER, "long_name": "displacement over the largest fitted displacement"},
+        "withheld": {**NUMBER, "long_name": "1 if no band can be stated, otherwise 0"},
     }
 
 
@@ -81,8 +82,8 @@ LOADS_OR_TESTS = (
     "Predict other loads (--response, --psd, --shock) and tests (--campaign, --test, --sweep, "
     "--stepped, --tone) by separate commands."
 )
-BASE_NEEDS = "--base needs a load: --response, --psd or --shock."
-RESPONSE_NEEDS = "--response needs --level, and --notch needs --response and --level."
+BASE_NEEDS = "Option --base needs a load: --response, --psd or --shock."
+RESPONSE_NEEDS = "Option --response needs --level, and --notch needs --response and --level."
 
 
 def no_quantity(text: str) -> str:
@@ -92,7 +93,10 @@ def no_quantity(text: str) -> str:
 
 def bare_level(unit: str) -> str:
     """Return the message that the level of a planned test has a unit."""
-    return f"State --level of a sweep, steps or a tone in the run's own unit, not in {unit}."
+    return (
+        "State --level of a sweep, of steps or of a tone in the unit of the run's source, "
+        f"not in {unit}."
+    )
 
 
 def contains(attrs: Mapping[str, Any]) -> str:
@@ -101,21 +105,21 @@ def contains(attrs: Mapping[str, Any]) -> str:
     if attrs["drive"] != "base":
         return said
     return (
-        f"{said} The mode has the participation {attrs['participation']:.4g} and the shape "
-        f"{attrs['shape']:g}; to change them, use --participation and --shape."
+        f"{said} The mode has the participation factor {attrs['participation']:.4g} and the "
+        f"shape {attrs['shape']:g}; to change them, use --participation and --shape."
     )
 
 
 def in_report(run: str) -> str:
     """Return the message that the run's report can show these predictions."""
-    return f"On the report's page: jbw report {run}"
+    return f"To show the prediction on the report's page: jbw report {run}"
 
 
 def earlier_posterior(run: str) -> str:
     """Return the message for predictions that were made with an earlier posterior of the run."""
     return (
-        f"{run}/predictions contains predictions under other loads, made with an earlier "
-        "posterior of this run. Predict them again with `jbw predict`."
+        f"{run}/predictions contains predictions under other loads that were made with an "
+        "earlier posterior of this run. Predict them again with `jbw predict`."
     )
 
 

@@ -36,16 +36,16 @@ def secant(first: float, last: float, change: float, unit: str = "mm") -> str:
 
 def worn(test: str, cycle: int, change: float) -> str:
     """Return the sentence on the cycle whose stiffness differs most from the first equal cycle."""
-    direction = "less" if change < 0 else "more"
+    direction = "lower" if change < 0 else "higher"
     return (
-        f"{test}: cycle {cycle} has {percent(abs(change))} {direction} secant stiffness than the "
-        "first cycle of the same amplitude."
+        f"{test}: the secant stiffness of cycle {cycle} is {percent(abs(change))} {direction} "
+        "than that of the first cycle of the same amplitude."
     )
 
 
 def not_read(tests: Sequence[str], why: str) -> str:
     """Return the message on tests of which frequency and damping could not be read."""
-    return f"Frequency and damping could not be found in {', '.join(tests)}. {why}"
+    return f"Frequency and damping could not be determined in {', '.join(tests)}. {why}"
 
 
 def of_mode(hz: float, sentence: str) -> str:
@@ -109,8 +109,8 @@ def records_differ(scatter: Sequence[tuple[str, float]], goes_with: str) -> str:
     causes = {
         "order": "The difference grows with the order of the records: the joint relaxes, wears or "
         "warms up.",
-        "runs": "The difference is between the stated runs or assemblies.",
-        "": "Torque, day, temperature, or the sensor's mass or place may differ.",
+        "runs": "The difference lies between the stated runs or assemblies.",
+        "": "The day, the torque, the temperature, or the mass or place of the sensor may differ.",
     }
     return (
         f"Records differ at equal amplitude, {sizes} (standard deviation between records). "
@@ -120,7 +120,10 @@ def records_differ(scatter: Sequence[tuple[str, float]], goes_with: str) -> str:
 
 def likely_laws(laws: Sequence[str]) -> str:
     """Return the sentence on the laws that have the measured powers of the amplitude."""
-    return f"Laws that change with the same powers of the amplitude: {', '.join(laws)}."
+    return (
+        "Laws whose frequency and damping change with the same powers of the amplitude: "
+        f"{', '.join(laws)}."
+    )
 
 
 def between_ends(
@@ -129,7 +132,7 @@ def between_ends(
     """Return the message on how the last of single readings differs from the first."""
     word = f"yes, it {kind}, if the records differ only in amplitude" if kind else "not detected"
     return (
-        f"Nonlinear: {word}. From {reach(y)} ({len(y)} readings, too few for an exponent) the "
+        f"Nonlinear: {word}. From {reach(y)} ({len(y)} values, too few for an exponent) the "
         f"frequency {'falls' if shift < 0 else 'rises'} by {percent(abs(shift))}, "
         f"{half_widths:.2g} half-widths of the resonance, and the damping ratio changes from "
         f"{percent(damping[0], '.3g')} to {percent(damping[1], '.3g')}."
@@ -147,7 +150,7 @@ def onset(y: float, *, is_linear: bool) -> str:
 
 def session_scatter(count: int, rows: Sequence[tuple[str, float, float]]) -> str:
     """Return the sentence on standard deviations within and between sessions at one level."""
-    parts = (f"{name} {percent(a)} within, {percent(b)} between them" for name, a, b in rows)
+    parts = (f"{name} {percent(a)} within them, {percent(b)} between them" for name, a, b in rows)
     return (
         f"Standard deviations in {count} sessions or assemblies at one level: {'; '.join(parts)}."
     )
@@ -163,7 +166,7 @@ def repeats(count: int, scatter: float, floor: float, how: str) -> str:
     """Return the message on how far repeats scatter, as shares of the response, and `how`."""
     return (
         f"{count} repeats vary by {of_response(scatter)} of the response, {how}; their mean "
-        f"cannot show effects below {of_response(floor)}."
+        f"cannot show effects that are smaller than {of_response(floor)} of the response."
     )
 
 
@@ -173,8 +176,8 @@ AS_NOISE = "which noise explains"
 def more_than_noise(noise: float, p: float, size: float) -> str:
     """Return the phrase that repeats differ by more than noise, with its p-value."""
     return (
-        f"more than the noise of {of_response(noise)}: their amplitude, start time or speed "
-        f"differs (p = {p:.0e}), the amplitude by {of_response(size)}"
+        f"more than the noise of {of_response(noise)} (p = {p:.0e}): their amplitude, start "
+        f"time or speed differs; the amplitude differs by {of_response(size)}"
     )
 
 
@@ -198,8 +201,9 @@ def harmonics(listed: Sequence[str], residual: float) -> str:
 def distortion(noise: float, nonlinear_share: float, num_realisations: int) -> str:
     """Return the sentence on noise and nonlinear distortion of the best linear approximation."""
     return (
-        f"noise is {of_response(noise)} of the best linear approximation; nonlinear distortion is "
-        f"{of_response(nonlinear_share)} of it in a single one of {num_realisations} realisations."
+        f"noise is {of_response(noise)} of the best linear approximation; in a single one of "
+        f"{num_realisations} realisations, nonlinear distortion is "
+        f"{of_response(nonlinear_share)} of it."
     )
 
 

@@ -8,7 +8,7 @@ def degrading(amplitude: float, number: int, change: float, keep: str, *, falls:
     return FaultText(
         f"Cycles of the amplitude {amplitude:.3g} m differ: from cycle 2 to cycle {number} the "
         f"force {'falls' if falls else 'rises'} by {percent(change, '.0f')}.",
-        "The joint changes as it is loaded; most laws give equal cycles the same loop.",
+        "The joint changes as it is loaded, whereas most laws give equal cycles the same loop.",
         f"{keep}, which keeps its last cycles, and make separate tests and assemblies of its other "
         "states; or fit the wear with the law `bwbn`.",
     )
@@ -17,8 +17,8 @@ def degrading(amplitude: float, number: int, change: float, keep: str, *, falls:
 def lopsided(ratio: float, *, positive: bool) -> FaultText:
     """Return the message that a joint is stronger to one side."""
     return FaultText(
-        f"The joint is {ratio:.2g} times as strong on the "
-        f"{'positive' if positive else 'negative'} side as on the other.",
+        f"The force of the joint is {ratio:.2g} times as large on the "
+        f"{'positive' if positive else 'negative'} side as on the other side.",
         "Every law except `square` gives both sides the same force.",
         "A fit averages both sides; add the law `square` to the campaign's laws to fit a small "
         "difference.",
@@ -30,7 +30,7 @@ def off_centre(offset: float, drift: float) -> FaultText:
     return FaultText(
         f"The force begins {percent(offset, '.1f')} of its half range away from zero and moves by "
         f"{percent(drift, '.1f')} of it along the record.",
-        "The load cell has an offset or drifts; a fit takes this for a force of the joint.",
+        "The load cell has an offset or drifts; a fit takes this signal for a force of the joint.",
         'Put under [[test]]: `load_cell = "drift"`; or "offset" if the load cell cannot drift.',
     )
 
@@ -39,7 +39,7 @@ def late(lag: float, delay: float) -> FaultText:
     """Return the message that the force lags the displacement [s], and the whole delay [s]."""
     return FaultText(
         f"The force lags the displacement by {lag:.3g} s.",
-        "The lag makes the loop narrower, by an energy that no law of a joint describes.",
+        "This lag makes the loop narrower, by an energy that no law of a joint describes.",
         f"Put under [[test]]: `delay = {delay:.4g}`, or give both channels the same filter.",
     )
 
@@ -47,8 +47,8 @@ def late(lag: float, delay: float) -> FaultText:
 def high_passed(time_constant: float) -> FaultText:
     """Return the message on the time constant of a charge amplifier before a force [s]."""
     return FaultText(
-        f"The force falls back to zero with a time constant of {time_constant:.3g} s, as after the "
-        "high-pass filter of a charge amplifier.",
+        f"The force falls back to zero with a time constant of {time_constant:.3g} s, as a "
+        "high-pass filter of a charge amplifier causes it.",
         "The force then leads the displacement, which makes the loop wider.",
         "Measure the force with a strain gauge load cell, or with a longer time constant of the "
         "amplifier.",
@@ -59,7 +59,7 @@ def slipped(size: float, at_s: float, keep: str) -> FaultText:
     """Return the message for a jump of displacement [m] at a time [s], and its remedy."""
     return FaultText(
         f"The displacement jumps by {size:.3g} m at {at_s:.5g} s while the force does not.",
-        "The gauge slipped; the joint did not move.",
+        "The displacement gauge slipped; the joint did not move.",
         keep,
     )
 
@@ -69,6 +69,7 @@ def free_travel(gap: float, amplitude: float, laws: str) -> FaultText:
     return FaultText(
         f"The joint moves freely over {2e3 * gap:.3g} mm, at an amplitude of "
         f"{1e3 * amplitude:.3g} mm, and is stiff beyond that: it has a gap between two contacts.",
-        "No law of the campaign has a gap; a cubic spring is smooth where a contact has a kink.",
+        "No law of the campaign describes a gap; a cubic spring is smooth where a contact has "
+        "a kink.",
         f"Put under [joint]: `laws = [{laws}]`.",
     )

@@ -33,16 +33,16 @@ def shown(matrices: str, dofs: int, nodes: int) -> str:
 def asymmetric(name: str, error: float, first: str, second: str) -> str:
     """Return the message on a matrix that is symmetric but for round-off of its file."""
     return (
-        f"{name} is symmetric only to {error:.1e} (at {first} and {second}); its symmetric part is "
-        "used."
+        f"Matrix {name} is symmetric only to {error:.1e} (at {first} and {second}); its "
+        "symmetric part is used."
     )
 
 
 def reduced(count: int, frequencies: str, residual: int, joints: Sequence[str]) -> str:
     """Return the message on a reduced model in one line."""
     return (
-        f"ReducedModel: {count} modes in full stick at {frequencies} Hz, {residual} residual "
-        f"modes, joints {', '.join(joints)}"
+        f"ReducedModel: {count} modes with fully stuck joints at {frequencies} Hz, {residual} "
+        f"residual modes, joints {', '.join(joints)}"
     )
 
 
@@ -58,9 +58,9 @@ def dashpots(by_joint: Mapping[str, float]) -> str:
     """Return the message on dashpots across joints that a damping matrix contains [N s/m]."""
     dampings = ", ".join(f"{d:.4g} N s/m across {name}" for name, d in by_joint.items())
     return (
-        "The damping matrix is a sum of terms proportional to mass and stiffness, and of dashpots "
-        f"at the joints: {dampings}. A `Structure` contains these dashpots; an identification "
-        "includes only their part of each mode's damping ratio."
+        "The damping matrix is a sum of terms proportional to mass and stiffness, and of "
+        f"dashpots at the joints: {dampings}. A `Structure` contains these dashpots; an "
+        "identification includes only what they add to each mode's damping ratio."
     )
 
 
@@ -71,14 +71,14 @@ def damping_of_joints(note: str) -> str:
 
 def massless(count: int) -> str:
     """Return the note on the number of degrees of freedom without mass."""
-    return f"Degrees of freedom without mass, condensed statically: {count}."
+    return f"Degrees of freedom without mass, which were condensed statically: {count}."
 
 
 def slowed(limit_hz: float, count: int, fastest: str) -> str:
     """Return the message on residual modes that were slowed to a limit [Hz]."""
     return (
-        f"Residual modes slowed to {limit_hz:.4g} Hz: {count}, the fastest from {fastest}; their "
-        "static flexibility is kept."
+        f"Residual modes whose frequency was lowered to {limit_hz:.4g} Hz: {count}, the highest "
+        f"from {fastest}; their static flexibility is kept."
     )
 
 

@@ -6,10 +6,10 @@ from jbw.report.messages.message import percent
 
 NOT_COMMON = "one common joint is rejected, provided that the separate laws follow the data"
 MAY_BE_COMMON = "the modes may share one joint"
-LOSS_SHARE = "share of the joints' losses"
+LOSS_SHARE = "share of the losses of all joints"
 ENERGY_AT_MOTION = "share of the mode's strain energy at that amplitude"
-SOFTENING_SHARE = "share of the joints' softening"
-LOOP_FORCE = "force of the laws at the posterior medians"
+SOFTENING_SHARE = "share of the softening by all joints"
+LOOP_FORCE = "force of the laws, for the posterior medians of their parameters"
 
 
 def growth_by_neighbours(growth: float) -> str:
@@ -19,7 +19,7 @@ def growth_by_neighbours(growth: float) -> str:
 
 def one_joint(evidence: str, least: float) -> str:
     """Return the message that modes share a joint, by chi-square and its limit."""
-    return f"The modes share one joint: {evidence} (by chance at most {least:.3g})."
+    return f"The modes share one joint: {evidence} (growth by chance is at most {least:.3g})."
 
 
 def no_shared_joint(evidence: str) -> str:
@@ -76,7 +76,10 @@ def rejected(clauses: str) -> str:
 
 def hardly_seen(name: str) -> str:
     """Return the message on a mode with hardly any motion at the first point."""
-    return f"{name} hardly moves the first point: the shares of its losses cannot be determined."
+    return (
+        f"{name} hardly moves the first response point: the shares of its losses cannot be "
+        "determined."
+    )
 
 
 def all_joints(
@@ -104,10 +107,10 @@ def numbered(mode: int, hz: float) -> str:
     return f"Mode {mode}, at {hz:.4g} Hz,"
 
 
-MOTION_FACTOR = "motion over that of the matrices"
+MOTION_FACTOR = "measured motion over that of the matrices"
 LAWS_BY_MODEL = (
     "In all other modes the motion of a joint is taken from the matrices, and the laws of the "
-    "joint refer to that motion."
+    "joint refer to the motion in these modes."
 )
 
 

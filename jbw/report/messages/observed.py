@@ -46,7 +46,9 @@ def sign_of_motion(growth: float, *, is_clear: bool) -> str:
     """Return the sentence on whether the fit determines the sign of h, with chi-square."""
     if is_clear:
         return f"The sign of h is determined: the other sign raises chi-square by {growth:.3g}."
-    return f"The sign of h is not determined: the other sign changes chi-square by {growth:.2g}."
+    return (
+        f"The sign of h is not determined: the other sign changes chi-square by only {growth:.2g}."
+    )
 
 
 def too_deep(label: str, count: int) -> str:

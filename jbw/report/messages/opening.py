@@ -13,10 +13,11 @@ TORSION = (
 NONE_HELD_OUT = (
     "No test was held out; with `hold_out` the report shows how well the model predicts a test."
 )
-FITTED_NOW = "After this check the held-out tests were fitted too."
+FITTED_NOW = "After this check, the held-out tests were included in the fit."
 NO_FIT_ERROR = "The error of the fit will be known when the posterior is sampled."
 SPREAD = (
-    "The fitted repeats range from the strongest to the weakest; `fit_repeats` states how many."
+    "The fitted repeats range from the strongest to the weakest; `fit_repeats` states how many "
+    "repeats are fitted."
 )
 NAMED = 6  # tests of a list
 NO_GRADES = "This run does not state which parameters are identified."
@@ -189,7 +190,7 @@ def relative_error(error: str, linear: str, own: str = "") -> str:
         own: With the natural frequency of each record as measured; empty where not known.
     """
     compared = [f"best linear oscillator: {linear}"] if linear else []
-    compared += [f"with each record's own frequency: {own}"] if own else []
+    compared += [f"with a natural frequency for each record: {own}"] if own else []
     comparison = f" ({'; '.join(compared)})" if compared else ""
     return f"{error} of the record's rms{comparison}"
 
@@ -233,7 +234,7 @@ def next_step(remedy: str) -> str:
 
 def by_the_fit(identified: Sequence[str]) -> str:
     """Return the message on parameters by the fit alone."""
-    return f"From the fit alone, not assessed: {'; '.join(identified) or 'none'}"
+    return f"From the fit alone; the posterior is not assessed: {'; '.join(identified) or 'none'}"
 
 
 def headline(identified: Sequence[str], *, quick: bool) -> str:

@@ -10,10 +10,10 @@ NOISE_ALONE = (
     "make the parameters less certain. A CV above 30 % is only an order of magnitude."
 )
 PER_KILOGRAM = (
-    "The run has no gain, so inputs are in N/kg; for V or N, give gain or modal_mass in a file of "
-    "--limits."
+    "The run has no gain, so the inputs of the planned tests are in N/kg; for V or N, give "
+    "gain or modal_mass in a file of --limits."
 )
-FLEET_NOISE = "Errors of single records are neglected; assemblies vary by far more."
+FLEET_NOISE = "The errors of single records are neglected, because assemblies vary by far more."
 NO_TEST_NEEDED = "No test is needed: the required CV is already reached."
 NO_TEST_ADMITTED = "No test is within the limits; raise max_displacement or max_input."
 TIMING = "Timing the first candidate of each form"
@@ -35,8 +35,9 @@ def drawn_from_run(num_joints: int) -> str:
 def unknown_reach(displacement: float) -> str:
     """Return the message that levels aim at a displacement of the plan's own choice [m]."""
     return (
-        f"The run states no largest displacement, so levels aim at {displacement:.3g} m, where the "
-        "joint slips; give max_displacement in a file of --limits."
+        "The run states no largest displacement, so the planned levels aim at "
+        f"{displacement:.3g} m, where the joint slips; give max_displacement in a file of "
+        "--limits."
     )
 
 
@@ -44,14 +45,14 @@ def cost(num_candidates: int, num_joints: int, seconds: float) -> str:
     """Return the message on how long the planning of tests takes."""
     duration = f"{seconds:.2g} s" if seconds < 120.0 else f"{seconds / 60.0:.2g} minutes"
     return (
-        f"{num_candidates} candidates at {num_joints} joints: about {duration} once compiled; "
-        "to save time, state fewer candidates or a smaller `joints` in [plan]"
+        f"{num_candidates} candidate tests for {num_joints} joints take about {duration} after "
+        "compilation; to save time, state fewer candidates or a smaller `joints` in [plan]"
     )
 
 
 def too_far(displacement: float, limit: float) -> str:
     """Return the reason for an infeasible candidate test: its peak displacement [m]."""
-    return f"peak displacement {displacement:.3g} m exceeds {limit:g} m"
+    return f"the peak displacement {displacement:.3g} m exceeds {limit:g} m"
 
 
 def too_strong(limit: float, unit: str) -> str:
@@ -61,7 +62,7 @@ def too_strong(limit: float, unit: str) -> str:
 
 def no_response(count: int, num_joints: int) -> str:
     """Return the reason why the response of a candidate test cannot be predicted."""
-    return f"no steady response at {count} of {num_joints} joints"
+    return f"the response does not become steady for {count} of {num_joints} joints"
 
 
 def with_median(worst: float, median: float) -> str:
@@ -77,8 +78,8 @@ def before(cvs: Mapping[str, str]) -> str:
 def title(cv: float, parameters: Sequence[str], num_joints: int) -> str:
     """Return the title of the table of candidate tests."""
     return (
-        f"Tests that reach a CV of {cv:.2g} for {', '.join(parameters)}, in 90 % of {num_joints} "
-        "joints"
+        f"Tests that reach a CV of {cv:.2g} for {', '.join(parameters)} with 90 % of "
+        f"{num_joints} joints"
     )
 
 
@@ -89,7 +90,7 @@ def most_per_second(test: str, level: float, unit: str) -> str:
 
 def recommended(tests: Sequence[str], cvs: Mapping[str, str], duration: str) -> list[str]:
     """Return the lines on the recommended tests, then the coefficients of variation."""
-    heading = "Recommended, in order of expected information gain per second:"
+    heading = "Recommended tests, in order of expected information gain per second:"
     return [heading, *tests, f"  CV {_pairs(cvs)} after {duration} of measuring."]
 
 
@@ -98,7 +99,8 @@ def not_reached(
 ) -> list[str]:
     """Return the message on the best tests if no combination reaches the required accuracy."""
     heading = (
-        f"No combination of at most {most} repeats reaches the required CV. The best one found:"
+        f"No combination of at most {most} repeats reaches the required CV. The best "
+        "combination found:"
     )
     return [heading, *tests, f"  CV {_pairs(cvs)} after {duration} of measuring."]
 
@@ -113,16 +115,16 @@ def fleet_designs(few: tuple[int, int], many: int, gain: float) -> str:
     assemblies, torques = few
     return (
         f"{assemblies * torques} tightenings ({assemblies} assemblies at each of {torques} "
-        f"torques) determine the slope {gain:.2g} times better than {many} tightenings at "
-        f"{many} torques."
+        f"torques) determine the slope with torque {gain:.2g} times more precisely than {many} "
+        f"tightenings at {many} torques."
     )
 
 
 def fleet_title(scatter: float) -> str:
     """Return the title of the table of designs for a fleet of assemblies."""
     return (
-        f"99 % intervals of a fleet with a standard deviation of {percent(scatter, 'g')} between "
-        "assemblies"
+        "99 % intervals of a fleet in which assemblies vary by a standard deviation of "
+        f"{percent(scatter, 'g')}"
     )
 
 
@@ -144,7 +146,8 @@ def missing(key: str, meaning: str) -> str:
 def beyond_stiffness(key: str, least: float, value: float) -> str:
     """Return the message on a stiffness of the joint that exceeds the whole."""
     return (
-        f" {key}: must stay below omega_n^2, whose lower end is {least:g}, but reaches {value:g}."
+        f"{key}: must stay below omega_n^2, which may be as low as {least:g}, but reaches "
+        f"{value:g}."
     )
 
 

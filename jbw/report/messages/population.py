@@ -22,7 +22,8 @@ def mostly_prior(num_units: int, free: int, *, trend: bool) -> str:
 def wide_intervals(num_units: int, free: int) -> str:
     """Return the message that few degrees of freedom are left."""
     return (
-        f"With {num_units} units there are only {free} degrees of freedom: the intervals are wide."
+        f"With {num_units} units there are only {free} degrees of freedom, so that the "
+        "intervals are wide."
     )
 
 
@@ -46,29 +47,29 @@ def confounded(correlation: float) -> str:
     """Return the message that torque and sequence of the tightenings changed together."""
     way = "rose together" if correlation > 0 else "changed in opposite directions"
     return (
-        f"Torque and tightening number {way} (correlation {correlation:.2f}): the data determine "
-        "only their combined effect, and the prior divides it between them."
+        f"Torque and tightening number {way} (correlation {correlation:.2f}): the data "
+        "determine only the combined effect of both, and the prior divides it between them."
     )
 
 
 def no_logarithm(name: str, units: Sequence[str]) -> str:
     """Return the message that a parameter is not pooled as it is not positive in every unit."""
     return (
-        f"{name} is unknown or not positive in {listed(units)}: it is not pooled, and every unit "
-        "keeps the prior of its run."
+        f"{name} is unknown or not positive in {listed(units)}. It is therefore not part of the "
+        "population, and every unit keeps the prior of its run for it."
     )
 
 
 def trend(name: str, slope: Interval, *, rises: bool) -> str:
     """Return the message on a parameter that changes with torque."""
     way = "rises" if rises else "falls"
-    return f"{name} {way} with torque, to the power {interval(slope)}."
+    return f"{name} {way} with torque to the power {interval(slope)}."
 
 
 def ratio_trend(name: str, slope: Interval, *, depends: bool) -> str:
     """Return the message on whether a ratio of parameters changes with torque."""
     answer = "it depends on torque" if depends else "no dependence on torque is detected"
-    return f"{name} varies with torque to the power {interval(slope)}: {answer}."
+    return f"The exponent of torque in {name} is {interval(slope)}: {answer}."
 
 
 def scatter(rows: Sequence[tuple[str, float, float]]) -> str:
@@ -88,8 +89,8 @@ def outliers(units: Sequence[str]) -> str:
 def weighed(count: int, num_units: int, least: float) -> str:
     """Return the message on the number of units that are represented by draws."""
     return (
-        f"{count} of {num_units} units are represented by reweighted draws; the effective sample "
-        f"size is at least {percent(least, '.0f')} of the draws."
+        f"{count} of {num_units} units are represented by reweighted draws of their posterior; "
+        f"the effective sample size is at least {percent(least, '.0f')} of the draws."
     )
 
 
@@ -110,17 +111,19 @@ def weak(names: Sequence[str], times: float) -> str:
 def saturates(names: Sequence[str], torque: Interval) -> str:
     """Return the sentence on parameters that saturate with torque, as the user states."""
     return (
-        f"{listed(names)} saturates with torque, as the input states, at {interval(torque)} N m; "
-        "only very different torques distinguish this from a power law."
+        f"{listed(names)} follows a curve that saturates with torque, as the input requests; "
+        f"the saturation torque is {interval(torque)} N m. Only very different torques "
+        "distinguish this curve from a power law."
     )
 
 
 def wrench(name: str, error: float, added: float, attenuation: float) -> str:
     """Return the sentence on a wrench's error: effect on exponents if torque is set, or read."""
     return (
-        f"If a wrench sets the torque with an error of {percent(error, '.0f')}, the exponents are "
-        f"unbiased, and {name} varies by {percent(added)} because of the wrench. If the torque is "
-        f"read with that error, every exponent is about {percent(attenuation, '.1g')} too small."
+        f"If a wrench sets the torque with an error of {percent(error, '.0f')}, the exponents "
+        f"are unbiased, and {name} varies by {percent(added)} because of the wrench. If the "
+        "torque is measured with that error, every exponent is about "
+        f"{percent(attenuation, '.1g')} too small."
     )
 
 
@@ -136,7 +139,7 @@ def sampling_stage(num_units: int, num_weighed: int) -> str:
 
 def without_stage(number: int, total: int) -> str:
     """Return the progress message of the check whether a unit belongs to the population."""
-    return f"Population without a unit that may not belong to it: {number} of {total}"
+    return f"Population without one unit that may not belong to it: {number} of {total}"
 
 
 def one_stage(num_units: int, num_samples: int) -> str:
@@ -146,8 +149,8 @@ def one_stage(num_units: int, num_samples: int) -> str:
 
 WRITE_FLEET = "Write it with this version of jbw: jbw collect RUNS --out fleet.nc."
 NEW_UNIT = "Frequency and damping of a new unit"
-BAND = "99 % of a new unit"
-EVERY_UNIT = "Every unit, median [99 %]"
+BAND = "interval with 99 % of new units"
+EVERY_UNIT = "Every unit: median [99 % interval]"
 
 
 def heading(num_units: int) -> str:
@@ -166,4 +169,4 @@ def caption(*, trend: bool) -> str:
 
 def table_title(num_units: int) -> str:
     """Return the title of the table of a population."""
-    return f"Population of {num_units} units, median [99 %]"
+    return f"Population of {num_units} units: median [99 % interval]"

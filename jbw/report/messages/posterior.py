@@ -78,8 +78,8 @@ def intervals_of_fit(effective: float | None) -> str:
     if effective is None:
         return "the intervals are those of a Gaussian approximation at the optimum of the fit"
     return (
-        "the intervals come from points about the fit that are weighted by the likelihood "
-        f"(as good as {effective:.0f} independent draws), because the posterior is not Gaussian"
+        "the intervals come from points around the fit that are weighted by the likelihood (as "
+        f"good as {effective:.0f} independent draws), because the posterior is not Gaussian"
     )
 
 

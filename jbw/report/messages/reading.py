@@ -28,8 +28,9 @@ STATE_MASS = (
 AS_HDF5 = "Save the file as HDF5, which can be read in parts."
 AS_V73 = "Save the file with -v7.3, which can be read in parts, or save fewer variables."
 FEWER_SAMPLES = (
-    "Read a part of the records, `span = [first, last]` in seconds under [[test]], or decimate "
-    "them, `resample = RATE` in Hz at four times the end of the band or more."
+    "Read only a part of the records, by `span = [first, last]` in seconds under [[test]], or "
+    "resample them, by `resample = RATE` in Hz with at least four times the upper end of the "
+    "band."
 )
 CONJUGATED = "phase conjugated, from exp(-j omega t) to exp(j omega t)"
 STORE_NUMBERS = "Store the samples as a dataset of floats or integers."
@@ -38,8 +39,8 @@ EXPORT_ARRAYS = (
 )
 MATLAB_OBJECT = "a MATLAB table, object or function handle"
 MINE = (
-    "Correct the unit that is wrong; the file's own unit need not be stated. If the file is wrong, "
-    'put under [[test]]: `units_are = "mine"`.'
+    "Correct the unit that is wrong in the campaign; a unit that the file states can be left "
+    'out. If the file is wrong, put under [[test]]: `units_are = "mine"`.'
 )
 EXPORT = "Export the record again."
 EVEN = "Spectra and sampled inputs need evenly spaced samples."
@@ -65,8 +66,8 @@ def part_or_higher_rate(line: str) -> str:
 def coarse_times(fs: float) -> str:
     """Return the remedy for times with too few digits whose mean sampling rate is known [Hz]."""
     return (
-        "Export the times with more digits. If no sample is lost, take `time` out of `channels` "
-        f"and put under [[test]]: `fs = {fs:.9g}`."
+        "Export the times with more digits. If no sample is lost, take `time` out of "
+        f"`channels` and put under [[test]]: `fs = {fs:.9g}`."
     )
 
 
@@ -75,15 +76,19 @@ def time_without_unit(name: str, first: Sequence[float], guess: str) -> FaultTex
 
     `guess` is empty where the times are counts of samples.
     """
-    count = "if it counts samples, take `time` out of `channels` and state the rate by `fs = HZ`"
+    count = (
+        "if this column counts samples, take `time` out of `channels` and state the rate "
+        "by `fs = HZ`"
+    )
     unit = (
-        "Put under [[test]] its unit, one of s, ms, us and ns, in `units`, such as "
-        f'`units = {{ time = "{guess or "ms"}" }}`'
+        "Put under [[test]] the unit of column `time`, one of s, ms, us and ns, in `units`, "
+        f'such as `units = {{ time = "{guess or "ms"}" }}`'
     )
     listed = ", ".join(f"{x:.15g}" for x in first)
     return FaultText(
         f"Column `{name}` contains whole numbers without a unit: {listed}, ...",
-        "They may be counts of samples, or times in a small unit; the sampling rate depends on it.",
+        "The numbers may be counts of samples, or times in a small unit; the sampling rate "
+        "depends on the unit.",
         f"{unit}; {count}.",
     )
 
@@ -130,14 +135,14 @@ def angle_of(role: str) -> str:
 
 def few_driven_lines(record: str, least: int) -> str:
     """Return the message on a record whose source drives too few lines."""
-    return f"{record} drives fewer than {least} lines in its band."
+    return f"The source of {record} drives fewer than {least} spectral lines in its band."
 
 
 def rests(start: float, end: float, share: float, keep: str) -> str:
     """Return the message on the times in which a record moves [s], with the key to keep them."""
     return (
-        f"The structure is at rest outside of {start:g} to {end:g} s. {keep}; a fit then takes "
-        f"{100 * share:.0f} % of the time."
+        f"The structure is at rest outside of {start:g} to {end:g} s. {keep}; a fit to this "
+        f"part takes only {100 * share:.0f} % of the time."
     )
 
 
@@ -159,7 +164,8 @@ def to_rate(fs: float, new_fs: float, passed: float, lost: float) -> str:
     """Return the note on resampling to another rate [Hz], and the loss above the new band."""
     return (
         f"from {fs:.7g} to {new_fs:.7g} Hz, with an error of 3e-05 below "
-        f"{passed * new_fs / 2:.4g} Hz; {100 * lost:.2g} % of its rms lay above and is removed"
+        f"{passed * new_fs / 2:.4g} Hz; the part above this frequency is removed "
+        f"({100 * lost:.2g} % of the rms)"
     )
 
 
@@ -174,7 +180,7 @@ def from_uneven(usual: float, new_fs: float, band_hz: float, error: float) -> st
 
 def response_clock(ppm: float) -> str:
     """Return the note that the response was stretched to the clock of the drive [ppm]."""
-    return f"response resampled to the clock of the drive, by {ppm:g} ppm"
+    return f"response resampled to the clock of the drive channel, by {ppm:g} ppm"
 
 
 def input_unknown(tone: str) -> str:
@@ -187,7 +193,9 @@ def input_unknown(tone: str) -> str:
 
 def harmonic_kept(tone: str) -> str:
     """Return the message that the third harmonic of the source was not removed."""
-    return f"{tone}: the third harmonic of the source was measured, but not removed."
+    return (
+        f"{tone}: the third harmonic of the source was measured, but not removed from the response."
+    )
 
 
 def large_harmonic(tone: str, ratio: float) -> str:
@@ -218,7 +226,7 @@ def held_phase(
 
 def removed_line(hz: float, amplitude: float, error: float) -> str:
     """Return the message on a line that was removed: frequency [Hz], amplitude, error."""
-    return f"{hz:.6g} Hz with the amplitude {amplitude:.4g} (error {error:.2g})"
+    return f"{hz:.6g} Hz with the amplitude {amplitude:.4g} (standard error {error:.2g})"
 
 
 def one_header(packets: int) -> str:
@@ -228,7 +236,7 @@ def one_header(packets: int) -> str:
 
 def rounded_rate(error: float) -> str:
     """Return the clause on the error of a sampling frequency that follows from printed digits."""
-    return f"leave the sampling frequency uncertain by {error:.1e}"
+    return f"leave a relative error of {error:.1e} in the sampling frequency"
 
 
 def resampled_to(fs: float) -> str:
@@ -244,8 +252,8 @@ def own_path(path: str) -> str:
 def none_decays(name: str) -> tuple[str, str, str]:
     """Return the message that no record of a test decays in its band as one mode does."""
     return (
-        f"Test `{name}` must decay in its `band`, but no part of its records is the decay of one "
-        "mode there.",
-        "Every part of them grows, or is not the decay of one mode.",
+        f"Test `{name}` must decay in its `band`, but no part of its records is a decay of one "
+        "mode in this band.",
+        "Every part of the records grows, or is not the decay of one mode.",
         "Correct `band`, or let `settle` begin after the blow.",
     )

@@ -3,13 +3,17 @@
 from jbw.report.messages.message import FaultText, number
 
 UNORDERED = FaultText(
-    "Frequencies must be positive, and either rise or fall.",
-    remedy="Sort the lines of the measured FRF, and remove repeated lines and 0 Hz.",
+    "The frequencies must be positive, and either all rise or all fall.",
+    remedy=(
+        "Sort the lines of the measured FRF by frequency, and remove repeated lines and the "
+        "line at 0 Hz."
+    ),
 )
 
 FOLDED = FaultText(
-    "Frequencies must either rise or fall, but turn back as along a curve that folds.",
-    "Sorted lines would mix the branches of the curve.",
+    "The frequencies must either all rise or all fall, but they turn back, as along a curve "
+    "that folds.",
+    "Sorted points would mix the branches of the curve.",
     'Put under [[test]]: `kind = "curve"`, which keeps the points in the measured order.',
 )
 
@@ -18,8 +22,8 @@ def unequal_lengths(lengths: str) -> FaultText:
     """Return the message that channels have different lengths."""
     return FaultText(
         f"Channels must have equal lengths, but {lengths} samples.",
-        "To cut the longer channel would assume that both begin together.",
-        "Export the channels together, or name those that were sampled together.",
+        "To cut the longer channel, one would have to assume that both channels begin together.",
+        "Export the channels together, or name channels that were sampled together.",
     )
 
 
@@ -31,8 +35,8 @@ def masked_or_left_out(leave_out: str) -> str:
 def not_finite(count: int, total: int, first: str, remedy: str) -> FaultText:
     """Return the message on samples that are no numbers, and the first of them."""
     return FaultText(
-        f"Samples must be finite, but {count} of {total} are not; the first at {first}.",
-        "Filling gaps would invent data.",
+        f"Samples must be finite numbers, but {count} of {total} are not; the first at {first}.",
+        "Filling the gaps would invent data.",
         remedy,
     )
 
@@ -40,8 +44,9 @@ def not_finite(count: int, total: int, first: str, remedy: str) -> FaultText:
 def masked(count: int, total: int) -> FaultText:
     """Return the message on samples that the campaign masks."""
     return FaultText(
-        f'{count} of {total} samples are not finite; gaps = "mask" leaves them out.',
-        remedy="Nothing is to be done if this is intended.",
+        f'{count} of {total} samples are not finite; gaps = "mask" leaves these samples out of '
+        "the fit.",
+        remedy="Nothing is to be done if the gaps are intended.",
     )
 
 
@@ -76,7 +81,8 @@ def held(each: int, fs: float) -> FaultText:
     """Return the message that each value stands for several samples."""
     return FaultText(
         f"Each value is repeated for {each} samples: the channel was recorded at {fs:.6g} Hz.",
-        f"It lags channels of the stated rate by {_samples((each - 1) / 2)}.",
+        "This channel lags channels that were recorded at the stated rate by "
+        f"{_samples((each - 1) / 2)}.",
         f"Export all channels at {fs:.6g} Hz.",
     )
 
@@ -90,8 +96,9 @@ def dropped_out(count: int, first_s: float) -> FaultText:
     return FaultText(
         f"The signal has drop-outs: at {count} places, first at {first_s:.4g} s, it falls to "
         "nearly zero for a few samples.",
-        "A laser that loses its light, or a loose contact, has this effect.",
-        "Improve focus or surface and measure again, or bridge these samples before you export.",
+        "A laser vibrometer that loses its signal, or a loose contact, has this effect.",
+        "Improve the focus or the surface and measure again, or bridge these samples before "
+        "you export.",
     )
 
 
@@ -116,7 +123,9 @@ def lost_samples(
     )
 
 
-def clipped(share: float, where: str, remedy: str = "Leave the clipped part out.") -> FaultText:
+def clipped(
+    share: float, where: str, remedy: str = "Leave the clipped part of the record out."
+) -> FaultText:
     """Return the message on the share of samples that are cut off, and where."""
     return FaultText(
         f"{100 * share:.2g} % of the samples are clipped, {where}.",
@@ -159,8 +168,9 @@ def incoherent(coherence: float) -> FaultText:
     """Return the message that little of a response comes from its input."""
     return FaultText(
         f"The median coherence with the input is {coherence:.2f} over the excited lines.",
-        "Only a small part of this response comes from this input.",
-        "Check that the channels belong together, or narrow band to lines of good coherence.",
+        "Only a small part of this response is caused by this input.",
+        "Check that the two channels belong together, or narrow `band` to spectral lines with "
+        "good coherence.",
     )
 
 
@@ -169,8 +179,8 @@ def outside_band(peak: float, low: float, high: float, ratio: float) -> FaultTex
     return FaultText(
         f"The response is largest at {peak:.4g} Hz, outside `band` = [{low:g}, {high:g}] Hz, at "
         f"{ratio:.3g} times its centre.",
-        "A factor of 6.28 means rad/s, 2 half the sampling frequency, 1.024 a rate of 1000 Hz that "
-        "was rounded from 1024 Hz.",
+        "A factor of 6.28 suggests rad/s, 2 suggests half the sampling frequency, and 1.024 a "
+        "rate of 1000 Hz that was rounded from 1024 Hz.",
         "Check fs and band.",
     )
 
@@ -178,10 +188,10 @@ def outside_band(peak: float, low: float, high: float, ratio: float) -> FaultTex
 def unresolved(peak: float, width: float, duration_s: float, resolution_hz: float) -> FaultText:
     """Return the message on a resonance that is narrower than the record resolves."""
     return FaultText(
-        f"The resonance at {peak:.4g} Hz appears {width:.3g} Hz wide, hardly more than a record "
-        f"of {duration_s:.4g} s resolves ({resolution_hz:.3g} Hz).",
+        f"The resonance at {peak:.4g} Hz appears {width:.3g} Hz wide, hardly more than the "
+        f"resolution of a record of {duration_s:.4g} s ({resolution_hz:.3g} Hz).",
         "The damping read from this width is then only an upper bound.",
-        f"Measure longer: {4 * duration_s:.4g} s resolve {resolution_hz / 4:.3g} Hz.",
+        f"Measure longer: a record of {4 * duration_s:.4g} s resolves {resolution_hz / 4:.3g} Hz.",
     )
 
 
@@ -191,5 +201,6 @@ def noisy_drive(source: str, ratio: float, response: str) -> FaultText:
         f"At the resonance the noise of `{source}` causes {ratio:.2g} times the error that the "
         f"noise of `{response}` causes.",
         "A fit takes the measured drive as exact, so that its errors are larger than it states.",
-        f"Set the range of `{source}` nearer to the level, raise the level, or leave the test out.",
+        f"Set the measuring range of `{source}` closer to its level, raise the level, or leave "
+        "the test out.",
     )

@@ -7,7 +7,7 @@ from typing import Any
 PUT = "Put under [[test]]:"
 LEAVE_OUT_BY_NUMBER = "leave the record out by its number in `exclude`"
 LEAVE_OUT_TEST = "Leave the test out."
-NO_LINE = "Measure again: no line of the campaign file was found that repairs this."
+NO_LINE = "Measure again: no change of the campaign file was found that repairs this fault."
 OTHER_LAWS = "Try other laws: jbw laws."
 # Patterns that find the texts of the functions below in a remedy.
 SPAN = re.compile(r"`span = \[([^,\]]+), ([^\]]+)\]`")
@@ -59,5 +59,5 @@ def draw_more(num_samples: int | None, sampler: str) -> str:
     """Return the remedy for too few draws: more samples, or another sampler if none suffice."""
     if num_samples is None:
         line = put("identify", "sampler", sampler)
-        return f"Use another sampler: more draws of this one will not be enough. {line}"
+        return f"Use another sampler: more draws of the present one will not be enough. {line}"
     return f"Draw more samples. {put('identify', 'num_samples', num_samples)}"

@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 
 from jbw.report.messages.message import capital, listed, percent
 
-ERROR_FROM_REST = "error when predicted from the other tests"
-SD_RATIO = "standard deviation without this kind over that with it"
-WITH_FREQUENCY = ", with its own natural frequency"
-Z_SCORE = "change over its standard deviation by chance"
-WIDER_WITHOUT = "standard deviation without this run over that with it"
+ERROR_FROM_REST = "error of a test when it is predicted from the other tests"
+SD_RATIO = "standard deviation from a fit without this kind of test, over that from the fit with it"
+WITH_FREQUENCY = ", with a separate natural frequency"
+Z_SCORE = "change over the standard deviation that it has by chance"
+WIDER_WITHOUT = "standard deviation from a fit without this run, over that from the fit with it"
 IN_GRADE = "The grade of the law already includes this error."
 NOT_PREDICTED = "The law does not predict tests that were not fitted."
 FIT_MISSED = "Fit these tests too, or look for a difference between the tests: jbw look."
@@ -25,7 +25,7 @@ def across_kinds(
         f"{kind} {percent(error)} ({percent(fitted)} when fitted)"
         for kind, (error, fitted) in errors.items()
     )
-    proviso = ", but with their own natural frequency" if own_frequency else ""
+    proviso = ", but with a separate natural frequency for each" if own_frequency else ""
     return (
         f"RMS error of each kind of test, predicted from the other kinds{proviso}: {rows}."
         f"{identified_by(identified)}"
@@ -62,8 +62,8 @@ def outside_band(terms: str, share: float) -> str:
 def neighbour(hz: float, zeta: float, share: float, fall: float) -> str:
     """Return the message on a linear mode next to the joint's, and the reduction of chi-square."""
     return (
-        f"A linear mode at {hz:.4g} Hz, zeta {percent(zeta, '.2f')}, with {share:.2g} times "
-        "the gain of the joint's mode was added to the fit; chi-square falls by "
+        f"A linear mode at {hz:.4g} Hz, zeta {percent(zeta, '.2f')}, with {share:.2g} times the "
+        "gain of the joint's mode was added to the fit; this lowers chi-square by "
         f'{percent(fall, ".0f")}. To omit this mode, state `residuals = "none"` in a test.'
     )
 

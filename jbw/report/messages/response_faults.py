@@ -5,12 +5,13 @@ from collections.abc import Sequence
 from jbw.report.messages.message import FaultText, percent
 
 NO_PHASE = FaultText(
-    "The response is in phase with the input at every line.",
-    "The response of a damped structure lags; without its phase the damping is unknown.",
+    "The response is in phase with the input at every frequency.",
+    "The response of a damped structure lags the input; without its phase the damping cannot "
+    "be determined.",
     "Name the channel that contains the phase.",
 )
 NEGATIVE_AMPLITUDE = FaultText(
-    "The input's amplitude must be positive, but it is not at every line.",
+    "The amplitude of the input must be positive at every frequency, but it is not.",
     remedy="Give amplitudes, not instantaneous values; correct the polarity in the response.",
 )
 RISING_PHASE = "its phase rises with frequency"
@@ -31,8 +32,7 @@ def drifting(tones: str, change: float) -> FaultText:
 def buried_harmonic(tones: str, size: float, noise: float) -> FaultText:
     """Return the message on a third harmonic that does not stand above the noise [m]."""
     return FaultText(
-        f"{tones}: the third harmonic ({size:.2g} m) does not stand above the noise ({noise:.2g} "
-        "m).",
+        f"{tones}: the third harmonic ({size:.2g} m) does not exceed the noise ({noise:.2g} m).",
         "This record alone does not determine the joint's third-order kernel.",
         "Raise the level, measure longer, or leave the tone out.",
     )
@@ -41,7 +41,7 @@ def buried_harmonic(tones: str, size: float, noise: float) -> FaultText:
 def few_lines(count: int, least: int) -> FaultText:
     """Return the message on a response curve of too few lines."""
     return FaultText(
-        f"The curve has {count} lines, but at least {least} are needed.",
+        f"The curve has {count} points, but at least {least} are needed.",
         remedy="Measure more frequencies around the resonance.",
     )
 
@@ -49,8 +49,8 @@ def few_lines(count: int, least: int) -> FaultText:
 def locked_phase(phase: float) -> FaultText:
     """Return the message that a curve is a backbone [degrees]."""
     return FaultText(
-        f"The phase is {phase:.3g} degrees at every line: these are points of a backbone, each at "
-        "a different force.",
+        f"The phase is {phase:.3g} degrees at every frequency: these are points of a backbone, "
+        "each at a different force.",
         "A response curve passes through the resonance at one force or one amplitude.",
         'Put under [[test]]: `kind = "backbone"`.',
     )
@@ -60,7 +60,7 @@ def active(doubts: Sequence[str], keys: Sequence[str]) -> FaultText:
     """Return the message for a response that no passive structure has, with keys to correct it."""
     return FaultText(
         f"The response cannot be that of a passive structure: {' and '.join(doubts)}.",
-        "A wrong sign gives a joint with negative damping or stiffness.",
+        "A wrong sign of a channel gives a joint with negative damping or stiffness.",
         " ".join(f"Put under [[test]]: {key}." for key in keys),
     )
 
@@ -105,11 +105,11 @@ def offset(ratio: float, of: str = "") -> FaultText:
 def already_moving(share: float) -> FaultText:
     """Return the message on the motion at the start of a record over its usual motion."""
     return FaultText(
-        f"The record begins with {percent(share, '.0f')} of its usual motion, but the model of "
-        "such a test starts from rest.",
+        f"The motion at the start of the record is {percent(share, '.0f')} of its usual size, "
+        "but the model of such a test starts from rest.",
         "The effect of the earlier motion would be taken for an error of the law.",
-        "Set `settle` to the time in which free motion dies out, some 6 / (zeta omega_n), or let "
-        "`span` begin where the structure is at rest.",
+        "Set `settle` to the time in which free motion dies out, about 6 / (zeta omega_n), or "
+        "let `span` begin where the structure is at rest.",
     )
 
 
@@ -127,16 +127,16 @@ def unlike_level(level: float, role: str, peak: float, rms: float, unit: str) ->
 def put_band(low: float, high: float) -> str:
     """Return the message on the line of a band about the strongest line."""
     return (
-        f"Put under [[test]]: `band = [{low:g}, {high:g}]`. This band is around the strongest "
-        "line; it must not contain another mode."
+        f"Put under [[test]]: `band = [{low:g}, {high:g}]`. This band lies around the strongest "
+        "spectral line; it must not contain another mode."
     )
 
 
 def without_band(remedy: str) -> FaultText:
     """Return the message that a decay has no band, with the remedy."""
     return FaultText(
-        "A free decay needs `band`: the frequencies around the one mode of the joint.",
-        "A free decay contains all modes at once.",
+        "A free decay needs `band`: the frequencies around the one mode that moves the joint.",
+        "Without a band, a free decay contains all modes at once.",
         remedy,
     )
 

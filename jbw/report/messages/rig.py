@@ -10,7 +10,10 @@ IDENTIFY = "# Chosen before any fit: the tests that are fitted; the others are p
 PRIOR = "# Priors: the bounds of a uniform distribution in SI, or another distribution."
 PURPOSE = {
     "noise": "White noise: natural frequency, damping and gain (Step 2).",
-    "tone": "Probing tone near a third of the natural frequency: Y(3 omega) (Step 3).",
+    "tone": (
+        "Probing tone near a third of the natural frequency: third-order kernel Y(3 omega) "
+        "(Step 3)."
+    ),
     "sweep": "Sweep from rest, then free decay: all parameters (Step 4).",
     "stepped": "Stepped sine, one frequency after another, for verification of the FRF.",
     "loop": "Tone near resonance: hysteresis loops, for validation.",

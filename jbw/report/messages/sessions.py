@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 
 from jbw.report.messages.message import percent
 
-OF_EACH_RUN = "In the likelihood each run has its own offsets of omega_n and zeta."
+OF_EACH_RUN = "In the likelihood each run has separate offsets of omega_n and zeta."
 SHARED_DAMPING = (
-    "In the likelihood each level has its own omega_n, but all levels share zeta, because no "
-    "repeats of one level show that zeta varies. The law must explain damping that changes with "
-    "level."
+    "In the likelihood each level has a separate omega_n, but all levels share zeta, because "
+    "no repeats of one level show that zeta varies. The law must explain damping that changes "
+    "with level."
 )
 
 
@@ -24,8 +24,8 @@ def differ(p: float, offsets_hz: Mapping[str, float], likelihood: str) -> str:
 def of_each_level(scatter: float) -> str:
     """Return the message on natural frequency per level and the scatter of zeta between levels."""
     return (
-        "In the likelihood each level has its own omega_n, and zeta varies between levels by "
-        f"{percent(scatter, '.1f')} of its value, as it does between repeats of one level."
+        "In the likelihood each level has a separate omega_n, and zeta varies between levels "
+        f"by {percent(scatter, '.1f')} of its value, as it does between repeats of one level."
     )
 
 
@@ -38,6 +38,7 @@ def scatter(hz: tuple[float, float, float], sessions: str) -> str:
 def population_mean(scatters: Sequence[str]) -> str:
     """Return the message that the natural frequency is a population's mean, with its scatter."""
     return (
-        "The natural frequency of the posterior is the mean of the population; natural frequencies "
-        f"vary by {' and '.join(scatters)} (standard deviation [99 % interval])."
+        "The natural frequency of the posterior is the mean over the population; the natural "
+        f"frequencies vary around it by {' and '.join(scatters)} (standard deviation [99 % "
+        "interval])."
     )

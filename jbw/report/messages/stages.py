@@ -3,7 +3,7 @@
 READING_RECORDS = "Measuring frequency and damping of the records without a model"
 DRAWING = "Drawing the posterior"
 SINGLE_RECORDS = "Computing the likelihood of every record, and its prediction from the prior"
-FITTING_SHARED = "Fitting all laws with sessions that share omega_n and zeta"
+FITTING_SHARED = "Fitting all laws with the same omega_n and zeta for all sessions"
 COMPUTING_JOINT = "Computing the joint's backbone with bands, and its loops"
 SAVED = "Saved. Repeat the command to continue."
 
@@ -11,24 +11,26 @@ SAVED = "Saved. Repeat the command to continue."
 ANSWER_OF_FIT = "The result of the fit alone"
 IDENTIFIABILITY = "The study of identifiability"
 WITHOUT_FORM = "The estimate of frequency and damping without assuming a law"
-OUTSIDE_BAND = "The constant of the modes outside the band"
-ROUTES = "The comparison of the paper's steps with the joint posterior"
-TIED = "The evidence of one law for several joints"
+OUTSIDE_BAND = "The contribution of the modes outside the band"
+ROUTES = (
+    "The comparison of Steps 2 to 4 of Teloli et al. with the joint posterior of all parameters"
+)
+TIED = "The evidence that several joints have one law"
 KERNEL = "The comparison of the third-order kernel with the model"
-ENERGY = "The running mean of the energy of the sweeps"
+ENERGY = "The running mean of the response energy in the sweeps"
 TESTS = "The comparison of the tests with the model"
 BACKBONE = "The backbone"
 RECORD_LIKELIHOOD = "The likelihood of single records"
 
-FREE_DECAYS = "Free decays: the joint from them alone"
+FREE_DECAYS = "Free decays: the joint, identified from them alone"
 FREE_POSTERIOR = "The posterior of the free decays alone"
 STEP_4 = "Step 4: gamma alone, with the results of the earlier steps fixed"
 STEP_3_MEANS = "Step 3: means of zeta, alpha and delta, by NUTS"
-WITHOUT_KIND = "fit without kind %d of %d"
+WITHOUT_KIND = "fit without kind of test %d of %d"
 WITHOUT_RUN = "fit without run %d of %d"
-PRIOR_POINTS = "predictions at %d points of the prior"
+PRIOR_POINTS = "predictions at %d points drawn from the prior"
 FURTHER_START = "additional start %d of %d"
-REWEIGHTING = "fit and weights, round %d of at most %d"
+REWEIGHTING = "fit and weights of its points, round %d of at most %d"
 NONE_HELD_OUT = "No test is held out: this result uses all tests."
 FITTING_FOR_USE = "Fitting all tests, including the held-out ones"
 
@@ -66,10 +68,10 @@ def scoring(law: str, num_sessions: int, *, by_fit: bool) -> str:
 
 def points(count: int, coordinates: str) -> str:
     """Return the progress message on how many points a parametrisation is evaluated at."""
-    return f"parametrisation by {coordinates}: evaluating {count} points"
+    return f"parametrisation by {coordinates}: evaluating the model at {count} points"
 
 
-CHAINS = "chains that start from the draws so far"
+CHAINS = "chains that start from the present draws"
 
 
 def drawing_figures(page: str) -> str:
@@ -128,4 +130,4 @@ def line_fit(test: str) -> str:
 
 def fitting_as(law: str) -> str:
     """Return the progress message on the law whose weights are used to fit all laws."""
-    return f"Fitting all laws with the weights of {law}, the law with the smallest residual"
+    return f"Fitting all laws with the noise weights of {law}, the law with the smallest residual"

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from jbw.report.messages.message import capital, number, percent
 
-STEP_2_DRAWS = "The draws of Step 2 come from a Gaussian approximation of its fit."
+STEP_2_DRAWS = "The draws of Step 2 come from a Gaussian approximation around its fit."
 NO_COMPILER = (
     "There is no C compiler here (cc, gcc or clang), so the FMU contains only source code: compile "
     "it where it is used, or install a compiler and export again."
@@ -31,13 +31,14 @@ AS_ASKED = "as requested"
 def step_2(y_rms: float, repeats: int) -> str:
     """Return the message on the rms displacement [m] at which Step 2 reads the oscillator."""
     counted = (
-        "There is no CV, because there is only one record"
+        "There is no CV (coefficient of variation), because there is only one record"
         if repeats < 2
-        else f"CVs are those between {repeats} repeats"
+        else f"CVs are the coefficients of variation between {repeats} repeats"
     )
     return (
-        f"Fitted at an rms displacement of {number(1e6 * y_rms, '.2g')} um: omega_n is the natural "
-        f"frequency at this amplitude, which softening of the joint lowers. {counted}."
+        f"Fitted at an rms displacement of {number(1000000.0 * y_rms, '.2g')} um: omega_n is "
+        "the natural frequency at this amplitude, which softening of the joint lowers. "
+        f"{counted}."
     )
 
 
@@ -46,23 +47,24 @@ def neighbours(modes: Sequence[tuple[float, float]], residual: float) -> str:
     shown = ", ".join(f"{hertz:.4g} Hz ({percent(ratio, '.2f')})" for hertz, ratio in modes)
     return (
         f"Several modes in the band were fitted together, the joint's mode first: {shown}; "
-        f"residual of the lines: {percent(residual)}. The joint is fitted only to the first mode."
+        f"residual of the spectral lines: {percent(residual)}. The joint is fitted only to the "
+        "first mode."
     )
 
 
 def rigid_body(constant: str, unit: str) -> str:
     """Return the message that modes below the band dominate outside it."""
     return (
-        f"The modes outside the band contribute one real constant, {constant} {unit}, which comes "
-        "from the rigid body and the modes below the band."
+        f"The modes outside the band contribute a real constant to the response, {constant} "
+        f"{unit}, which comes from the rigid body and the modes below the band."
     )
 
 
 def compliance(constant: str, unit: str) -> str:
     """Return the message that modes above the band dominate outside it."""
     return (
-        f"The modes outside the band contribute one real constant, {constant} {unit}, which is the "
-        "compliance of the modes above the band."
+        f"The modes outside the band contribute a real constant to the response, {constant} "
+        f"{unit}, which is the compliance of the modes above the band."
     )
 
 
@@ -114,8 +116,8 @@ def mode_beside_matrices(mode: int, hz: float, model_hz: float, damping: float) 
 def motion_beside_matrices(what: str, factor: float) -> str:
     """Return the comment on a factor of joint motion that a model with these matrices lacks."""
     return (
-        f"{capital(what)} is {factor:.4g}. "
-        "A model with these matrices does not include this factor."
+        f"{capital(what)} is {factor:.4g}. A model with these matrices does not include this "
+        "factor."
     )
 
 
@@ -134,8 +136,11 @@ def joint_place(
         held = "which the model has" if is_held else "which the model lacks: add it as a spring"
         return f"{place}. It has no law and is not in these files: {spring}, {held}."
     if is_held:
-        return f"{place}, {spring}; the model contains this as a spring, which the joint replaces."
-    return f"{place}, {spring}; the model has no spring there."
+        return (
+            f"{place}, {spring}; the model contains this stiffness as a spring, which the "
+            "exported joint replaces."
+        )
+    return f"{place}, {spring}; the model has no spring at this place."
 
 
 def joint_in_si(name: str, motion_unit: str, force_unit: str) -> str:
@@ -147,7 +152,8 @@ def joint_dashpot(name: str, hz: float, motion: float, unit: str) -> str:
     """Return the comment on the frequency and motion at which a dashpot loses as a joint does."""
     return (
         f"Dashpot of {name}: at {hz:.4g} Hz it dissipates as much as the joint does at "
-        f"{motion:.4g} {unit}, its largest measured motion, in the mode that moved it most."
+        f"{motion:.4g} {unit}, the joint's largest measured motion, in the mode that moved the "
+        "joint most."
     )
 
 
@@ -170,8 +176,9 @@ def sliders(
 ) -> str:
     """Return the message on how far and how well sliders represent a law."""
     return (
-        f"Sliders represent {law} up to {reach:.4g} {unit}, and a spring beyond that. From "
-        f"{least:.4g} to {most:.4g} {unit} the loss per cycle is correct to {error:.2g} %."
+        f"The joint {law} is represented by sliders up to a displacement of {reach:.4g} {unit}, "
+        f"and by a spring beyond it. From {least:.4g} to {most:.4g} {unit} the error of the "
+        f"energy loss per cycle is at most {error:.2g} %."
     )
 
 
@@ -182,12 +189,15 @@ def without_form(program: str) -> str:
 
 def no_logarithm(name: str, units: Sequence[str]) -> str:
     """Return the message on a parameter that a fleet cannot pool."""
-    return f"{name} is left out: it is unknown or not positive in {', '.join(units)}."
+    return f"{name} is left out of the fleet: it is unknown or not positive in {', '.join(units)}."
 
 
 def unfinished(folder: str) -> str:
     """Return the message on a run that a fleet omits."""
-    return f"{folder} is left out, because it is not finished. Continue it: jbw resume {folder}"
+    return (
+        f"{folder} is left out of the fleet, because the run is not finished. Continue it: "
+        f"jbw resume {folder}"
+    )
 
 
 def further_units(torque: float | None, *, of_units: bool) -> str:
@@ -198,25 +208,30 @@ def further_units(torque: float | None, *, of_units: bool) -> str:
 
 
 VARIABLES = {
-    "response": "rms of the response, over the rms of the mean of the test's repeats",
+    "response": "rms of the response, divided by the rms of the mean of the test's repeats",
     "log_likelihood": (
-        "log likelihood of a record given its noise, less that of the mean of the test's repeats "
-        "with the standard deviation between them [nats]"
+        "log likelihood of a record given its noise, minus that of the mean of the test's "
+        "repeats with the standard deviation between them [nats]"
     ),
     "conv": "running mean of the response's energy, conv(n)",
-    "extrapolation": "largest displacement over the largest fitted one",
-    "line": "RMS error of a linear oscillator fitted to the session, over the rms",
-    "hopeless": "1 if the law is judged by its fit alone; its band is then that of the fit",
-    "weight": "factor of a degree of freedom in the joint's motion",
+    "extrapolation": "largest displacement over the largest fitted displacement",
+    "line": (
+        "RMS error of a linear oscillator fitted to the session, divided by the rms of the session"
+    ),
+    "hopeless": (
+        "1 if the law is judged by its fit alone, so that its band is only that of the "
+        "fit; otherwise 0"
+    ),
+    "weight": "factor by which a degree of freedom enters the joint's motion",
 }
 """Long names of variables of results."""
 
 
 def rank_below(name: str) -> str:
     """Return the long name of a calibration's ranks: the draws below the true value."""
-    return f"draws below the true {name}"
+    return f"number of posterior draws below the true {name}"
 
 
 def truth_inside(name: str) -> str:
     """Return the long name of the flag that an interval contains the true value."""
-    return f"true {name} inside the 99 % interval"
+    return f"whether the 99 % interval contains the true {name}"

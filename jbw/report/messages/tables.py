@@ -4,19 +4,26 @@ from collections.abc import Sequence
 
 from jbw.report.messages.message import listed
 
-FROM_TRUTH = "distance of the mean from the true value in standard deviations, bold beyond 2.58"
-KL = "information gained compared with the prior, in nats"
-R_HAT = "the chains disagree if it is above 1.01 (bold)"
+FROM_TRUTH = (
+    "distance of the posterior mean from the true value in standard deviations, bold beyond 2.58"
+)
+KL = "information that the data add to the prior, in nats"
+R_HAT = "if it is above 1.01 (bold), the chains disagree"
 TESTS = "Tests: fitted and held out"
-HELD_OUT_BEFORE = "Held out from the earlier fit"
-ACROSS_KINDS = "Each kind, predicted from the others"
-ROUTES = "The paper's steps and the joint posterior"
+HELD_OUT_BEFORE = "Tests that were held out from the earlier fit"
+ACROSS_KINDS = "Each kind of test, predicted from the other kinds"
+ROUTES = "Steps 2 to 4 of Teloli et al. and the joint posterior of all parameters"
 LOOPS = "Areas of the hysteresis loops"
 CYCLES = "Force loops, cycle by cycle"
 MODES_IN_STICK = "Modes with fully stuck joints"
-JOINTS = "Shares of the joints in every mode, at its largest motion and in its shape at that motion"
+JOINTS = (
+    "Each joint's share in every mode, at the mode's largest motion and in the mode shape "
+    "at that motion"
+)
 WITHHELD = "withheld"  # a band
-MATRIX_B = "Matrix B of the swept modes, each row divided by its largest value"
+MATRIX_B = (
+    "Matrix B: how far each joint softens each swept mode, each row divided by its largest value"
+)
 
 # Headings of columns, in two lines.
 ERROR = "RMS error /\nrms of the record"
@@ -29,8 +36,8 @@ SD_OVER_VALUE = "sd / value,\nby the fit"
 SD_OVER_PRIOR = "sd / prior's,\nby the fit"
 PROFILE_INTERVAL = "99 % interval\nof the profile"
 
-SPECTRUM = "Information spectrum, strongest direction first"
-COHERENCE = "lowest coherence at the resonance"
+SPECTRUM = "Information spectrum: combinations of parameters, best determined first"
+COHERENCE = "lowest coherence of a test at the resonance"
 COHERENCE_NOTE = "near 1 if the records are long enough for the damping and free of noise"
 VARIATION_NOTE = "between repeats; compare it with the standard deviations of Table 1"
 HARMONIC = "largest third harmonic of the source"
@@ -44,7 +51,7 @@ def rests_on(parameters: Sequence[str]) -> str:
 
 def beyond(reach: float) -> str:
     """Return the message on the extrapolation of a test beyond the fitted displacement."""
-    return f"reaches {reach:.2g} times the largest fitted displacement"
+    return f"its motion is {reach:.2g} times the largest fitted displacement"
 
 
 def laws(campaign: str) -> str:

@@ -2,21 +2,23 @@
 
 from jbw.report.messages.message import percent
 
-EVERY_TEST = "Verification and validation: every test against the model, and without hysteresis"
+EVERY_TEST = "Comparison of every test with the model, and with oscillators without hysteresis"
 WITHOUT_HYSTERESIS = "The fit of the oscillators without hysteresis"
-FREE_DECAYS = "Verification: free decays, frequency and damping against amplitude"
+FREE_DECAYS = "Comparison of free decays: frequency and damping against amplitude"
 DECAYS_COMPARED = "The comparison of the free decays with the model"
 DECAY_CURVES = "The frequency and damping of the free decays against amplitude"
-STIFFNESS = "stiffness of Z without slip"
-SLIP = "Z minus Z without slip"
-FORCE_PHASE = "phase of the force ahead of the displacement"
+STIFFNESS = "stiffness of the restoring force Z without slip"
+SLIP = "restoring force Z minus its value without slip"
+FORCE_PHASE = "phase by which the force leads the displacement"
 SOURCE_UNIT = "unit of the run's source"
-ERROR_ALONE = "not known: band of the parameters and of the model discrepancy"
-OWN = "of this test, as fitted"
+ERROR_ALONE = (
+    "noise not known: the band contains the uncertainty of the parameters and the model discrepancy"
+)
+OWN = "noise of this test, as fitted"
 ALIKE = "mean of the fitted tests of its kind"
 REPEATS = "variation between the test's repeats"
-UNKNOWN = "not known: band of the parameters alone"
-LEFT_OUT = "left out, as requested: band of the parameters alone"
+UNKNOWN = "noise not known: the band contains only the uncertainty of the parameters"
+LEFT_OUT = "noise left out, as requested: the band contains only the uncertainty of the parameters"
 
 
 def comparison_of(test: str, quantity: str) -> str:
@@ -39,7 +41,7 @@ def away_from_mode(test: str, share: float) -> str:
     return (
         f"Only {percent(share)} of the input power of test `{test}` lies within 25 % of the "
         "natural frequency. The test hardly moves the identified mode, and other modes may "
-        "dominate its response. Choose a test around the mode."
+        "dominate its response. Choose a test with a frequency range around the mode."
     )
 
 

@@ -46,16 +46,16 @@ def torque_change(before: float, after: Estimate, *, within_fleet: bool, is_expl
     if not within_fleet:
         phrase += ", outside the torques of the fleet"
     if not is_explained:
-        phrase += ", but no torque explains both frequency and damping"
+        phrase += ", but no torque explains both the frequency and the damping"
     return phrase
 
 
 def attenuated(error: float, attenuation: float) -> str:
     """Return the message that slopes of torques that were read are too small."""
     return (
-        "If the torques of the fleet were not set but read with an error of "
-        f"{percent(error, '.0f')}, its slopes are about {percent(attenuation, '.1g')} too small, "
-        "and changes of torque are overestimated by as much."
+        "If the torques of the fleet were not set but measured with an error of "
+        f"{percent(error, '.0f')}, its slopes are about {percent(attenuation, '.1g')} too "
+        "small, and changes of torque are overestimated by as much."
     )
 
 
@@ -79,7 +79,7 @@ def known_already(record: str, number: int) -> str:
 
 def particles(record: str, share: float, *, moved: bool) -> str:
     """Return the progress message on the share of effective particles after a record."""
-    kernel = "; the particles were moved" if moved else ""
+    kernel = "; the particles were resampled and moved" if moved else ""
     return f"{record}: {percent(share, '.0f')} of the particles are effective{kernel}"
 
 
@@ -95,8 +95,8 @@ CAPTION = (
     "Frequency and damping at one amplitude, and the band that contains 99 % of new records of an "
     "unchanged joint. A square marks an alarm."
 )
-BAND = "99 % of an unchanged joint"
-CARRIED = "A run that is carried from record to record"
+BAND = "band with 99 % of records of an unchanged joint"
+CARRIED = "A run that is updated by new records"
 
 
 def heading(num_records: int, num_reference: int) -> str:

@@ -42,20 +42,21 @@ WORDS: dict[tuple[str, ...], str] = {
         "energy that lies in the fully stuck joint. It bounds the effect of the joint on the mode."
     ),
     ("strain energy, at that motion",): (
-        "The joint's part of the mode's strain energy at the largest measured motion of the mode, "
-        "in the mode shape at that motion, with its 99 % interval."
+        "The joint's share of the mode's strain energy at the largest measured motion of the "
+        "mode, in the mode shape at that motion, with its 99 % interval."
     ),
     ("losses of all joints", "loss share"): (
-        "The part of one joint in the energy that all joints dissipate in a cycle of a mode at its "
-        "largest motion: median and 99 % interval."
+        "The share of one joint in the energy that all joints dissipate in a cycle of a mode "
+        "at its largest motion: median and 99 % interval."
     ),
     ("softening of all joints", "softening share"): (
-        "The part of one joint in the change of a mode's squared frequency by all joints, at the "
-        "largest motion of the mode: median and 99 % interval."
+        "The share of one joint in the change of a mode's squared frequency by all joints, at "
+        "the largest motion of the mode: median and 99 % interval."
     ),
     ("by itself",): (
-        "Whether the effect of one of several joints is known within a factor of two, in the mode "
-        "that shows it best. If not, the tests determine only its effect together with others."
+        "Whether the effect of one of several joints is known within a factor of two, in the "
+        "mode that shows it best. If not, the tests determine only its effect together with "
+        "the effects of other joints."
     ),
     ("product", "products"): (
         "alpha*delta sets how fast the frequency falls with amplitude at small amplitude, and "
@@ -66,11 +67,13 @@ WORDS: dict[tuple[str, ...], str] = {
         "The linear fit of a noise test: natural frequency and damping ratio at low amplitude."
     ),
     ("Step 3",): (
-        "The paper's fit to the third-order kernel H3, measured by tones: zeta, alpha and delta."
+        "The fit of Teloli et al. to the third-order kernel H3, which is measured by tones. It "
+        "determines zeta, alpha and delta."
     ),
     ("Step 4",): (
-        "The paper's fit of gamma alone to sweeps, with the results of Step 3 fixed. The joint "
-        "posterior updates all parameters together; if there are both, use the joint posterior."
+        "The fit by which Teloli et al. determine gamma alone from sweeps, with the results of "
+        "Step 3 fixed. The joint posterior updates all parameters together; if there are both, "
+        "use the joint posterior."
     ),
     ("joint posterior", "joint"): (
         "The posterior of all parameters from all fitted tests together: the main result of a "
@@ -86,8 +89,8 @@ WORDS: dict[tuple[str, ...], str] = {
         "correlated: then it contains a discrepancy of the model in addition to the noise."
     ),
     ("offset", "offsets", "run effects"): (
-        "The natural frequency and the damping ratio of a session, or an assembly, minus those of "
-        "all."
+        "The deviation of the natural frequency and the damping ratio of one session, or one "
+        "assembly, from the values that all sessions share."
     ),
     ("leave one out", "leave-one-out"): (
         "A fit without one session. If it moves the parameters far, that session contradicts the "
@@ -99,12 +102,12 @@ WORDS: dict[tuple[str, ...], str] = {
     ),
     ("direction", "directions", "direction, strongest first"): (
         "A combination of parameters, mostly a product of powers such as alpha*delta, that the "
-        "data determine separately. The strongest is determined best. All are computed in "
-        "logarithms of parameters that cannot be zero."
+        "data determine separately. The strongest direction is determined best. All directions "
+        "are computed in logarithms of parameters that cannot be zero."
     ),
     ("information", "information / prior's"): (
-        "How much more precisely the data determine a direction than the prior does: the ratio of "
-        "the inverse variances."
+        "How much more precisely the data determine a direction (a combination of parameters) "
+        "than the prior does: the ratio of the inverse variances."
     ),
     ("sd / prior's", "sd / prior's, by the fit"): (
         "Standard deviation of the posterior over that of the prior: 1 means that the data add "
@@ -141,8 +144,8 @@ WORDS: dict[tuple[str, ...], str] = {
         "that `jbw diff` compares."
     ),
     ("sd", "joint: sd", "cut: sd", "std"): (
-        'Standard deviation. "cut" is the paper\'s order of steps, in which Steps 3 and 4 fix the '
-        "results of earlier steps."
+        'Standard deviation. In a column "cut", it belongs to the method of Teloli et al., '
+        "whose Steps 3 and 4 fix the results of earlier steps."
     ),
     ("CV", "sd / value, by the fit"): (
         "Coefficient of variation: standard deviation over mean. A parameter counts as identified "
@@ -182,8 +185,8 @@ WORDS: dict[tuple[str, ...], str] = {
         "How far chains disagree. 1: they agree; above 1.01: they have not converged."
     ),
     ("k-hat", "Pareto k"): (
-        "How much a few draws dominate the weights of all. Below 0.7 means can be trusted. "
-        "`arviz.loo` reports one for every record."
+        "How much a few draws dominate the weights of all draws. If k-hat is below 0.7, means "
+        "can be trusted. `arviz.loo` reports one value for every record."
     ),
     ("divergence",): ("A step of NUTS that failed because the posterior bends too sharply there."),
     ("AMIS", "weighed points", "importance sampling"): (
@@ -191,15 +194,15 @@ WORDS: dict[tuple[str, ...], str] = {
         "improve the approximation."
     ),
     ("NUTS",): (
-        "A sampler that follows the gradient of the posterior: few draws are wasted, each costs "
-        "many evaluations."
+        "A sampler that follows the gradient of the posterior: few draws are wasted, but each "
+        "draw costs many evaluations."
     ),
     ("elliptical slice", "slices"): (
-        "A sampler without gradients, for posteriors that are nearly Gaussian about the fit."
+        "A sampler without gradients, for posteriors that are nearly Gaussian around the fit."
     ),
     ("evidence", "log evidence"): (
-        "How well a law predicts the data before any parameter is fitted. Differences above about "
-        "5 nats decide."
+        "How well a law predicts the data before any parameter is fitted. Differences above "
+        "about 5 nats are decisive."
     ),
     ("log score", "elpd", "LOO"): (
         "How well each test is predicted by fits without this test, summed over the tests, in "
@@ -309,7 +312,7 @@ WORDS: dict[tuple[str, ...], str] = {
         "Natural frequency at the amplitude of the test, found without a model of the joint."
     ),
     ("damping", "damping [%]", "damping ratio"): (
-        "Damping ratio over the critical one, in per cent; Q is 1 over twice it."
+        "Damping over critical damping, in per cent; the quality factor Q is 1 / (2 zeta)."
     ),
     ("best linear leaves", "linear residual", "residual of a linear fit"): (
         "The part of a record that no linear oscillator describes."
@@ -322,8 +325,8 @@ WORDS: dict[tuple[str, ...], str] = {
         "where noise and nonlinearity add nothing."
     ),
     ("third harmonic",): (
-        "Motion at three times the frequency of a tone, over that at the tone: a sign of a "
-        "nonlinear joint."
+        "Motion at three times the frequency of a tone, divided by the motion at the frequency "
+        "of the tone: a sign of a nonlinear joint."
     ),
     ("secant stiffness", "secant stiffness [N/m]"): (
         "Force over displacement between the ends of a loop."
@@ -341,7 +344,8 @@ WORDS: dict[tuple[str, ...], str] = {
         "whether the two bands overlap."
     ),
     ("joint sd / cut sd", "cut less joint, over the joint's sd"): (
-        "Comparison of the paper's order of steps (cut) with the joint posterior of all parameters."
+        "Comparison of the steps of Teloli et al. (cut: each step fixes the results of earlier "
+        "steps) with the joint posterior of all parameters."
     ),
     ("A - B", "P(A > B)"): ("Difference of two runs, and the probability that it is positive."),
     (
@@ -401,7 +405,7 @@ WORDS: dict[tuple[str, ...], str] = {
         "Secant stiffness of a cycle over that of the first cycle of equal amplitude. Below 1 the "
         "joint degrades."
     ),
-    ("share",): ("A part: of the stiffness that slips, of the draws, or of the response."),
+    ("share",): ("A fraction: of the stiffness that slips, of the draws, or of the response."),
     ("CHECK",): (
         "Mark of `jbw init` on a line of a campaign file whose value the records do not state. "
         "Check it before you identify."
