@@ -54,7 +54,7 @@ def typographic(typed: str) -> str:
 
 
 def mended(number: int, line: str, alike_lines: Sequence[int]) -> str:
-    """Return the remedy: the corrected line, and the first later line with the same slip."""
+    """Return the remedy: the corrected line, and the first later line with the same mistake."""
     more = f" Correct line {alike_lines[0]} in the same way." if alike_lines else ""
     return f"Write line {number} as `{line}`.{more}"
 
@@ -84,7 +84,7 @@ def in_one_table(other: int, number: int, key: str, line: str) -> tuple[str, str
 
 
 def decimal_points(bounds: str) -> str:
-    """Return the message on two bounds that were written with decimal commas."""
+    """Return the message on two values that were written with decimal commas."""
     return f"A comma separates values; with decimal points they are {bounds}."
 
 
@@ -98,7 +98,7 @@ def two_rates(fs: float, other: str, other_fs: float) -> FaultText:
 
 
 def motion_of_metres(motion: float, hz: float) -> FaultText:
-    """Return the message on a motion [m] that no bench has, by a line [Hz]; 0 of a displacement."""
+    """Return the message on an implausible motion [m], at a line [Hz]; 0 Hz for a displacement."""
     line = f" at its strongest line, {hz:.3g} Hz" if hz else ""
     return FaultText(
         f"The motion would be {number(motion)} m{line}.",
@@ -116,7 +116,7 @@ def band_beyond(end: float, nyquist: float) -> FaultText:
 
 
 def tone_beyond(tone: float, limit: float) -> FaultText:
-    """Return the message on a tone whose third harmonic is not sampled [Hz]."""
+    """Return the message on a tone whose third harmonic would be aliased [Hz]."""
     return FaultText(
         f"Tone {tone:g} Hz must lie below a third of half the sampling frequency ({limit:.4g} Hz).",
         "Otherwise its third harmonic is aliased.",
@@ -134,7 +134,7 @@ def too_short(length: float, needed: float, *, is_stepped: bool) -> FaultText:
 
 
 def broken_periods(samples: int, periods: int) -> FaultText:
-    """Return the message on samples that are no whole number of periods."""
+    """Return the message on a number of samples that is not a whole number of periods."""
     return FaultText(
         f"The record's {samples} samples are not {periods} whole periods.",
         "Averages over periods would drift through the record.",
@@ -143,7 +143,7 @@ def broken_periods(samples: int, periods: int) -> FaultText:
 
 
 def no_line_in_band(lines: tuple[float, float], band: Sequence[float]) -> FaultText:
-    """Return the message on a curve whose lines lie outside the band [Hz]."""
+    """Return the message on a response curve whose points all lie outside the band [Hz]."""
     return FaultText(
         f"No point of the response curve, {lines[0]:.4g} to {lines[1]:.4g} Hz, lies in `band` = "
         f"[{band[0]:g}, {band[1]:g}] Hz.",
@@ -152,7 +152,7 @@ def no_line_in_band(lines: tuple[float, float], band: Sequence[float]) -> FaultT
 
 
 def started_apart(size_s: float, delay_s: float, *, later: bool) -> FaultText:
-    """Return the message on channels that were started one after the other [s]."""
+    """Return the message on channels that were started at different times [s]."""
     return FaultText(
         f"According to the file, the response was started {size_s:.6g} s "
         f"{'after' if later else 'before'} the drive.",
@@ -171,22 +171,22 @@ def unread(name: str, reason: str) -> FaultText:
 
 
 def read_by_kinds(kinds: str) -> str:
-    """Return the message on kinds of test that read a setting."""
+    """Return the reason why a setting has no effect: it applies only to absent kinds of test."""
     return f"only tests of kind {kinds} use it, and the campaign has no such test"
 
 
 def no_test_of_kind(kind: str) -> str:
-    """Return the message that no test is of a kind."""
+    """Return the reason why a setting has no effect: no test is of a kind."""
     return f"no test of the campaign is of kind {kind}"
 
 
 def nothing_to_adapt(sampler: str) -> str:
-    """Return the message that a sampler has no warm-up."""
+    """Return the reason why a setting has no effect: the sampler has no warm-up."""
     return f"sampler {sampler} has no warm-up"
 
 
 def no_coordinates(laws: str) -> str:
-    """Return the message that no law of the joint offers other coordinates."""
+    """Return the reason why a setting has no effect: no law offers other coordinates."""
     return f"no law of the joint ({laws}) offers other parametrisations"
 
 
@@ -215,7 +215,7 @@ def unmoved(joint: str) -> FaultText:
 
 
 def exchanged(test: str, ratio: float, other: str, smaller: float) -> FaultText:
-    """Return the message that the levels of two tests contradict their drives."""
+    """Return the message that the `level` of two tests and their drives contradict each other."""
     return FaultText(
         f"The `level` of test `{test}` is {ratio:.3g} times that of `{other}`, but its drive is "
         f"{smaller:.3g} times smaller, and its response is smaller too.",
@@ -276,7 +276,7 @@ def no_role(role: str) -> str:
 
 
 def base_beside_others(others: str) -> str:
-    """Return the message that a campaign mixes tests on a moving base with other drives."""
+    """Return the message that a campaign combines tests on a moving base with other drives."""
     return (
         f"[[test]] channels: tests with `base` cannot be combined with tests driven by {others}, "
         "which have another gain; make a separate campaign of each."
@@ -289,22 +289,22 @@ def joint_twice(table: str, count: int) -> str:
 
 
 def no_place(table: str) -> str:
-    """Return the message that a joint of a model lacks its place."""
+    """Return the message that a joint of a matrix model has no place."""
     return f"{table}: if there are matrices, a joint must have `across` or `weights`."
 
 
 def no_stiffness(table: str) -> str:
-    """Return the message that a joint of a model lacks its stiffness."""
+    """Return the message that a joint of a matrix model has no stiffness."""
     return f"{table} stiffness: missing; state that of the stuck joint in SI [N/m, or N m/rad]."
 
 
 def without_matrices(table: str, key: str) -> str:
-    """Return the message on a key that matrices alone make read."""
+    """Return the message on a key that needs `matrices`."""
     return f"{table} {key}: needs `matrices` under [structure]."
 
 
 def shape_of_modes(table: str, modes: int, count: int) -> str:
-    """Return the message on a shape of another number of modes."""
+    """Return the message on a shape with a wrong number of modes."""
     return (
         f"{table} shape: must have a number for each of {modes} modes under [structure], but "
         f"has {count}."
@@ -317,7 +317,7 @@ def unknown_leader(key: str, leader: str, guess: str, joints: str) -> str:
 
 
 def circle(key: str) -> str:
-    """Return the message on joints that share laws in a circle."""
+    """Return the message that joints refer to each other in a circle by `same_as`."""
     return (
         f"{key}: must lead to a joint with its own law, but the joints refer to each other in a "
         "circle. Leave it out of one of these joints."

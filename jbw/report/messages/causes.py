@@ -7,7 +7,7 @@ from jbw.report.messages.remedies import put
 
 
 def causes(explained: Sequence[tuple[float, str]]) -> str:
-    """Return the message on what would explain the residual, each with its share."""
+    """Return the sentence on possible causes of the residual, each with the share it explains."""
     shares = [f"{text.rstrip('.')} ({percent(share, '.0f')})" for share, text in explained]
     return (
         "Possible causes of the residual, each with the share of the residual that it alone "
@@ -16,7 +16,7 @@ def causes(explained: Sequence[tuple[float, str]]) -> str:
 
 
 def residual_term(constant: float) -> FaultText:
-    """Return the message on the response of modes outside the band, and the line that fits it."""
+    """Return the fault that modes outside the band respond, and the line that fits them."""
     return FaultText(
         f"Modes outside the band respond by {constant:.3g} m per unit of the input.",
         "A model of one mode does not contain this response.",

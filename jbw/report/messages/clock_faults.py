@@ -15,7 +15,7 @@ def lost_block(at_s: float, jump_s: float, keep: str) -> FaultText:
 
 
 def another_clock(slope: float, change_s: float | None = None) -> FaultText:
-    """Return the message on a growing lag by two clocks [s/s], and its change in a record [s]."""
+    """Return the message that two clocks differ [s/s], with the change of lag in a record [s]."""
     fast = "fast" if slope > 0 else "slow"
     change = "" if change_s is None else f": their lag changes by {change_s:.2g} s along the record"
     return FaultText(
@@ -40,7 +40,7 @@ def another_delay(lag_s: float, stated_s: float | None = None) -> FaultText:
 
 
 def drop_off(share: float, noise: float) -> FaultText:
-    """Return the message on the drop of the drive at resonance, and its share of noise there."""
+    """Return the message that the drive drops at resonance, with the share of noise there."""
     return FaultText(
         f"At the resonance the drive falls to {share:.2g} times its usual level, and "
         f"{percent(noise, '.0f')} of the measured drive is then noise.",

@@ -20,7 +20,7 @@ def parameter_explained(quantity: Quantity, laws: Sequence[str]) -> str:
 
 
 def nothing_called(name: str, nearest: str) -> str:
-    """Return the message that a name is not explained, with the nearest that is."""
+    """Return the message that a name has no explanation, with the most similar known name."""
     guess = f" Did you mean '{nearest}'?" if nearest else ""
     return f"There is no explanation of '{name}'.{guess} For a list of all findings: jbw explain"
 
@@ -63,7 +63,7 @@ def one_at_a_time(first: str, second: str) -> str:
 
 
 def no_command(name: str, nearest: str) -> str:
-    """Return the message that a command is misspelt, with the nearest one."""
+    """Return the message that a command is misspelt, with the most similar command."""
     guess = f" Did you mean '{nearest}'?" if nearest else ""
     return f"No such command '{name}'.{guess}"
 
@@ -100,7 +100,7 @@ def finished(folder: str, page: str) -> str:
 
 
 def without_model(campaign: str) -> str:
-    """Return the title of the table of readings that need no model of the joint."""
+    """Return the title of the table of frequency and damping without a model of the joint."""
     return f"Campaign {campaign}: frequency and damping, measured without a model of the joint"
 
 

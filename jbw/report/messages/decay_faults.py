@@ -19,12 +19,12 @@ def few_values(
 
 
 def put_wider_band(low: float, high: float) -> str:
-    """Return the message on the line of a band that a record is long enough for [Hz]."""
+    """Return the remedy with a band that is wide enough for the length of the record [Hz]."""
     return f"Put under [[test]]: `band = [{low:g}, {high:g}]`, where no other mode lies in it."
 
 
 def late_blow(blow_s: float, settle_s: float, settle: str) -> FaultText:
-    """Return the message on the time of a late blow [s], with a `settle` after it [s]."""
+    """Return the message that a blow comes late [s], with a `settle` after the blow [s]."""
     return FaultText(
         f"The blow comes {blow_s:.3g} s after the start of the record"
         + (f" and its `settle` of {settle_s:g} s." if settle_s > 0 else "."),
@@ -34,7 +34,7 @@ def late_blow(blow_s: float, settle_s: float, settle: str) -> FaultText:
 
 
 def read_from_blow(test: str, first: str, last: str, count: int, of: int) -> str:
-    """Return the message that records begin before their blows, and what is read of them."""
+    """Return the message that records begin before their blows, and which part is used."""
     when = first if first == last else f"{first} to {last}"
     return (
         f"{test}: in {count} of {of} records the blow comes {when} after the start; each "
@@ -66,7 +66,7 @@ def second_blow(at_s: float, size: float, remedy: str, *, grows: bool) -> FaultT
 
 
 def steady_line(hz: str, share: float) -> FaultText:
-    """Return the message on a line that does not decay [Hz], over the largest response."""
+    """Return the message on a spectral line [Hz] that does not decay, and its relative size."""
     return FaultText(
         f"A spectral line at {hz} Hz does not decay; its amplitude is {share:.2g} of the "
         "largest response.",
@@ -78,7 +78,7 @@ def steady_line(hz: str, share: float) -> FaultText:
 
 
 def line_in_sweep(hz: str) -> FaultText:
-    """Return the message on a line in a sweep that its drive does not make [Hz]."""
+    """Return the message on a spectral line in a sweep [Hz] that its drive does not cause."""
     return FaultText(
         f"A spectral line at {hz} Hz does not come from the drive.",
         "Where the sweep passes this frequency, the line is taken for the response.",
@@ -100,7 +100,7 @@ def second_mode(
 
 
 def unexplained(share: float) -> FaultText:
-    """Share of a response that one mode and no known fault explain."""
+    """Return the message on the share of a response that neither a mode nor a fault explains."""
     return FaultText(
         f"One mode does not explain {share:.2g} of the response, and no known fault explains it.",
         "Frequency and damping that are fitted to this response do not belong to a mode.",
@@ -109,7 +109,7 @@ def unexplained(share: float) -> FaultText:
 
 
 def windowed(tau_s: float, error: float) -> FaultText:
-    """Time constant of an exponential window, and its standard error [s]."""
+    """Return the message on an exponential window: its time constant and standard error [s]."""
     return FaultText(
         f"The noise decays too, with a time constant of {tau_s:.3g} s (standard error "
         f"{error:.1g}).",

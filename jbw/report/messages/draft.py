@@ -41,7 +41,7 @@ def several_folders(folders: Sequence[str]) -> tuple[str, str, str]:
 
 
 def other_records(path: str) -> tuple[str, str, str]:
-    """Return the message that a campaign file has the name of a draft, and other records."""
+    """Return the message that an existing campaign file has the draft's name but other records."""
     return (
         f"The campaign file of these records would be `{path}`, but this file names other records.",
         "A campaign file is not overwritten.",
@@ -63,7 +63,7 @@ def drafted(path: str) -> str:
 
 
 def drafted_before(path: str) -> str:
-    """Return the message that the campaign of some records is there already."""
+    """Return the message that a campaign file for the records exists already."""
     return f"The campaign file {path} names these records, and is used."
 
 
@@ -89,7 +89,7 @@ def not_used(channels: str) -> str:
 
 
 def shared_band(band: str) -> str:
-    """Return the message on a band about the line that every decay shows."""
+    """Return the line of a band around the spectral line that every decay shows."""
     return f"band = {band}  # CHECK: around the spectral line that every decay shows"
 
 
@@ -119,12 +119,12 @@ def files(pattern: str, count: int) -> str:
 
 
 def assembly(name: str) -> str:
-    """Return the message on the assembly of a test, by the torque in its files' name."""
+    """Return the line of a test's assembly, taken from the torque in the name of its files."""
     return f"assembly = {name}  # CHECK: from the torque in the name"
 
 
 def of_one_torque(torque: str) -> str:
-    """Return the message on the table of the torque [N m] that the names of all files have."""
+    """Return the table [assembly] with the torque [N m] that all names of files contain."""
     return f"[assembly]\ntorque = {torque}  # [N m] CHECK: taken from the names of the files"
 
 
@@ -139,17 +139,17 @@ def torques(patterns: Sequence[str]) -> str:
 
 
 def level(level: str, source: str) -> str:
-    """Return the message on the level of a test, as its source was recorded."""
+    """Return the line of a test's level, taken from the record of its source."""
     return f"level = {level}  # peak of the {source}"
 
 
 def delay(delay: str) -> str:
-    """Return the message on a delay by the start times."""
+    """Return the line of a delay between channels, taken from their start times."""
     return f"delay = {delay}  # from the start times in the file"
 
 
 def resampled(rate: str) -> str:
-    """Return the message on a rate for times that are not even [Hz]."""
+    """Return the line of a rate [Hz] for times that are not evenly spaced."""
     return f"resample = {rate}  # CHECK: [Hz]; the times of the record are not evenly spaced"
 
 
@@ -169,7 +169,7 @@ def check_units(roles: str) -> str:
 
 
 def band(band: str) -> str:
-    """Return the message on a band about the strongest line."""
+    """Return the line of a band around the strongest spectral line."""
     return (
         f"band = {band}  # CHECK: around the strongest spectral line; no other mode may lie in it"
     )
@@ -181,12 +181,12 @@ def about_tone(hz: float) -> str:
 
 
 def tone(tones: str) -> str:
-    """Return the message on a tone at the strongest line."""
+    """Return the line of a tone at the strongest spectral line."""
     return f"tones = {tones}  # CHECK: the strongest spectral line of the record's source [Hz]"
 
 
 def scalar_rate(name: str) -> str:
-    """Return the message on a sampling frequency that a scalar of the file holds."""
+    """Return the line of a sampling frequency that a scalar of the file contains."""
     return f"fs = {name}  # the scalar of that name in the file"
 
 
@@ -196,7 +196,7 @@ def name_channels(file: str, channels: str) -> str:
 
 
 def kind(kind: str, kinds: str) -> str:
-    """Return the message on a kind of test, among all."""
+    """Return the commented line of the kind of a test, with all kinds."""
     return f"# kind = {kind}  # one of {kinds}"
 
 
@@ -206,22 +206,22 @@ def separate_files(files: str) -> str:
 
 
 def slowest(rate: str) -> str:
-    """Return the message on the rate of the slowest channel [Hz]."""
+    """Return the line of the sampling rate of the slowest channel [Hz]."""
     return f"resample = {rate}  # [Hz], the rate of the slowest channel"
 
 
 def doubtful(doubt: str) -> str:
-    """Return the message on data that the reader cannot use."""
+    """Return the comment on data that cannot be used."""
     return f"# CHECK: {doubt}"
 
 
 def one_of_axes(role: str, channels: str) -> str:
-    """Return the message that one of several axes or curves is drafted."""
+    """Return the note that one of several axes or curves is drafted."""
     return f"{role} may be any of {channels}: choose one, or make a test of each."
 
 
 def check_axes(role: str, channels: str) -> str:
-    """Return the message on the mark of a channel that is one of several axes."""
+    """Return the mark of a channel that is one of several axes."""
     return f"  # CHECK: {role} may be any of {channels}"
 
 
@@ -244,7 +244,7 @@ def coarse_times(channel: str, fs: float) -> str:
 
 
 def mean_rate(fs: str) -> str:
-    """Return the message on the mean rate of times with too few digits [Hz]."""
+    """Return the line of the mean rate of times with too few digits [Hz]."""
     return f"fs = {fs}  # CHECK: [Hz], the mean rate of times with too few digits"
 
 
@@ -254,7 +254,7 @@ def in_volts(role: str) -> str:
 
 
 def sensitivity(sensors: str) -> str:
-    """Return the message on the line of sensitivities, to be filled in."""
+    """Return the commented line of sensors' sensitivities, to be filled in."""
     return f"# sensitivity = {sensors}  # CHECK: of the sensor, from its certificate"
 
 

@@ -39,7 +39,7 @@ def _share(quantiles: Sequence[float]) -> str:
 
 
 def known_together(y: float, frequency: float, damping: float) -> str:
-    """Return the sentence on frequency and damping (half widths) if parameters trade off."""
+    """Return the sentence on the accuracy of frequency and damping if parameters trade off."""
     return (
         f"The combined effect of these parameters is identified: at {1000.0 * y:.2g} mm the "
         f"change of frequency is known to {percent(frequency, '.0f')} and the damping to "
@@ -49,12 +49,12 @@ def known_together(y: float, frequency: float, damping: float) -> str:
 
 
 def frequency_at(y: float) -> str:
-    """Name of the natural frequency at an amplitude [m]."""
+    """Return the name of the natural frequency at an amplitude [m]."""
     return f"the natural frequency at {y:.2g} m"
 
 
 def damping_at(y: float) -> str:
-    """Name of the damping at an amplitude [m]."""
+    """Return the name of the damping at an amplitude [m]."""
     return f"the damping at {y:.2g} m"
 
 
@@ -101,7 +101,7 @@ def readings(count: int, range_mm: tuple[float, float], of_frequency: str, of_da
 
 
 def no_softening(*, grows: bool) -> str:
-    """Return the message that no softening is seen, with damping that grows or without."""
+    """Return the message that no softening is detected, and whether the damping grows."""
     if grows:
         return "The damping grows without softening, as with Dahl's law or a damper."
     return (

@@ -43,17 +43,17 @@ IDENTIFIED, UNIDENTIFIED = "identified", "unidentified"
 
 
 def mode_at(mode: int, hz: float) -> str:
-    """Return the message on a mode by its number and frequency."""
+    """Return the label of a mode: its number and frequency."""
     return f"mode {mode}, {hz:.4g} Hz"
 
 
 def energy_of(shares: str) -> str:
-    """Return the message on joints with their shares in a mode's strain energy."""
+    """Return the label with the joints' shares in a mode's strain energy."""
     return f"strain energy: {shares}"
 
 
 def secant(stiffness: str, unit: str) -> str:
-    """Return the message on the slope from tip to tip of a loop."""
+    """Return the label of the line from tip to tip of a loop: its slope."""
     return f"secant {stiffness} {unit}"
 
 
@@ -68,7 +68,7 @@ def taken_by_slip(stiffness: str) -> str:
 
 
 def full_stick(stiffness: str) -> str:
-    """Return the message on the line of the joint at full stick, by the name of its stiffness."""
+    """Return the label of the line of a fully stuck joint, with the name of its stiffness."""
     return f"fully stuck, Z = {stiffness} y"
 
 

@@ -15,7 +15,7 @@ FINDINGS: dict[str, Message] = {
 
 
 def register(message: Message) -> Message:
-    """Add an entry from outside of jbw: findings of its code are told by it everywhere.
+    """Add a finding that an extension defines, so that jbw prints its sentence everywhere.
 
     Raises:
         ConfigError: Another entry has that code.
@@ -36,7 +36,7 @@ def sentence_of(entry: str, values: Mapping[str, Any], *, passed: bool) -> str:
 
 
 def remedy_of(entry: str, values: Mapping[str, Any]) -> str:
-    """Return the message on the remedy of an entry with its values."""
+    """Return the remedy of a finding with its values."""
     return written(FINDINGS[entry].remedy, values)
 
 

@@ -28,7 +28,7 @@ def bands(y: float, hz: Sequence[float], zeta: Sequence[float]) -> str:
 
 
 def bands_beyond(times: float, hz: Sequence[float], zeta: Sequence[float]) -> str:
-    """Return the sentence on frequency and damping beyond the readings (99 % bands)."""
+    """Return the sentence on frequency and damping beyond the measured amplitudes (99 % bands)."""
     return (
         f"Extrapolated to {times:g} times the largest measured amplitude without assuming a "
         f"law, natural frequency and damping are {_band(hz, zeta)} (99 % bands)."
@@ -52,7 +52,7 @@ def masing(rule: str, nats: float, limit: float) -> str:
 
 
 def least_damping(times: float, zeta: float) -> str:
-    """Return the message on the least damping that any law of sliders has beyond the readings."""
+    """Return the message on the least damping of any law of sliders at a larger amplitude."""
     return (
         f"Every law that follows Masing's rule has at least {100 * zeta:.3g} % of critical "
         f"damping at {times:g} times the largest measured amplitude (99 % confidence)."
@@ -60,7 +60,7 @@ def least_damping(times: float, zeta: float) -> str:
 
 
 def scattered(times: float) -> str:
-    """Return the sentence that no law of the amplitude fits the readings within their errors."""
+    """Return the sentence that no function of amplitude fits the values within their errors."""
     return (
         "No function of the amplitude describes the measured frequency and damping within "
         f"their errors: the deviations are {times:.2g} times as large as the errors. The bands "

@@ -61,7 +61,7 @@ def other_gain(ratio: float, source: str, unit: str, test: str = "") -> FaultTex
 
 
 def _compared(test: str) -> tuple[str, str, str]:
-    """Return where a ratio differs, from which others, and the remedy to set a repeat apart."""
+    """Return where a ratio differs, from which ratios, and the remedy to separate a repeat."""
     if test:
         return f" in {test}", "the other tests", ""
     return "", "most repeats", "Give this record a separate [[test]]. "

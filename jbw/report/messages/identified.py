@@ -45,7 +45,7 @@ def tie(product: str, times: float) -> str:
 
 
 def undetermined(names: Sequence[str]) -> str:
-    """Return the message on parameters that no data of a test determine."""
+    """Return the clause on parameters that the data do not determine."""
     return f"the data do not determine {listed(names)}"
 
 
@@ -67,7 +67,7 @@ def follows_bound(name: str, shift: float, bound: str) -> str:
 
 
 def box_sensitivity(moves: Sequence[str]) -> str:
-    """Return the message on means that depend on the bounds of the prior, if any."""
+    """Return the message on posterior means that depend on the prior bounds, if any."""
     if not moves:
         return STABLE
     return (
@@ -83,7 +83,7 @@ def profile_interval(name: str, ends: Sequence[str]) -> str:
 
 
 def profile_limit(name: str, limit: float, side: str) -> str:
-    """Return the message on the one end that a profile has, "above" or "below"."""
+    """Return the message on the one end that a profile interval has, "above" or "below"."""
     other = "below" if side == "above" else "above"
     return (
         f"The profile likelihood limits {name} from {side}, at {limit:.5g} (99 %), but not from "
@@ -92,7 +92,7 @@ def profile_limit(name: str, limit: float, side: str) -> str:
 
 
 def profile_open(name: str, bounds: tuple[float, float], rise: float, *, flat: bool) -> str:
-    """Return the message that the profile of a parameter has no end within the prior."""
+    """Return the message that the profile interval of a parameter has no end within the prior."""
     shape = "flat" if flat else "open on both sides"
     low, high = bounds
     return (
@@ -102,7 +102,7 @@ def profile_open(name: str, bounds: tuple[float, float], rise: float, *, flat: b
 
 
 def profile_refused(name: str, count: int) -> str:
-    """Return the message on the points of a profile that could not be solved."""
+    """Return the message on the points of a profile at which the model could not be solved."""
     points = "1 point" if count == 1 else f"{count} points"
     return (
         f"The profile likelihood of {name} lacks {points}, at which the model could not be solved."

@@ -52,7 +52,7 @@ def attachment(test: str, share: float, added: float, *, at_drive_point: bool) -
 
 
 def heavy(limit: float) -> str:
-    """Return the message with the remedy for a shaker that adds too much to the modal mass."""
+    """Return the remedy for a shaker that adds too much to the modal mass."""
     return (
         f"A shaker that adds more than {percent(limit, '.0f')} of the modal mass matters: fit "
         "the tests of each drive separately, or move the shaker to where the mode moves less."
@@ -60,7 +60,7 @@ def heavy(limit: float) -> str:
 
 
 def mode_moves(before: tuple[float, float], after: tuple[float, float]) -> str:
-    """Return the message on frequency [Hz] and damping ratio of a mode, and those with a shaker."""
+    """Return frequency [Hz] and damping ratio of a mode without and with a shaker."""
     modes = (f"{hz:.4g} Hz ({percent(zeta, '.2f')})" for hz, zeta in (before, after))
     return " to ".join(modes)
 
@@ -88,7 +88,7 @@ def shaker_reading(
 
 
 def of_clock(error: float) -> str:
-    """Return the message on the relative error of the clock, among others."""
+    """Return the clause on the relative error of the clock."""
     return f"the clock ({error:.2g})"
 
 

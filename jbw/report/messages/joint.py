@@ -27,7 +27,7 @@ def stiffer_than_structure(held: str, stiffness: Any, limit: Any) -> str:
 
 
 def no_bounds(names: Sequence[str]) -> str:
-    """Say that the prior of a law leaves out some of its parameters."""
+    """Return the message that the prior of a law omits some of its parameters."""
     return f"`prior` must bound every parameter of `table`, but has no {', '.join(names)}."
 
 
@@ -65,7 +65,7 @@ def unloads_beyond(z: float) -> str:
 
 
 def unbounded(reason: str, parameters: Mapping[str, Any], remedy: str) -> str:
-    """Return the message that z leaves every bound, and why."""
+    """Return the message that the hysteretic force is unbounded, and why."""
     return f"The hysteretic force is unbounded: {reason} ({_stated(parameters)}). {remedy}"
 
 
@@ -145,7 +145,7 @@ def joints_stiffer(largest: float) -> str:
 
 
 def step_of_mode(hz: float, angle: float, fs: float, substeps: int) -> str:
-    """Return the clause on the angle by which the highest mode moves in one time step."""
+    """Return the clause on the phase by which the highest mode advances in one time step."""
     return (
         f"The phase of the highest mode, at {hz:.4g} Hz, advances by {angle:.3g} rad in a time "
         f"step of `fs` = {fs:g} Hz and `substeps` = {substeps}"

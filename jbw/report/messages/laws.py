@@ -10,7 +10,7 @@ IN_FIRST_MODE = " in the first mode"
 
 
 def trying(law: str) -> str:
-    """Return the message that a law is fitted that suits measured frequency and damping."""
+    """Return the message that a law suiting the measured frequency and damping is tried."""
     return f"Trying {law}, which suits how frequency and damping change with amplitude"
 
 
@@ -106,7 +106,7 @@ def by_fit_alone(law: str, error: float, best: str, least_error: float, behind: 
 
 
 def not_judged(laws: Sequence[str], best: str, khat: float) -> str:
-    """Return the message on laws whose scores are too uncertain."""
+    """Return the message on laws whose scores are unreliable."""
     return (
         f"Laws that are not judged: {', '.join(laws)}, because the score of each, or that of "
         f"{best}, is unreliable (k-hat above {khat:g}). Draw more samples, or narrow the "
@@ -124,7 +124,7 @@ def against_repeats(law: str, error: float, floor: float, *, near: bool) -> str:
 
 
 def linear_by_session(error: float, least: float, most: float) -> str:
-    """Return the message on the error of linear oscillators, one a session."""
+    """Return the message on the error of linear oscillators, one for each session."""
     return (
         f"RMS error of a linear oscillator fitted to each session: {percent(error)} ("
         f"{percent(least)} to {percent(most)})."

@@ -33,7 +33,7 @@ def shock(unit: str, pulse: Any) -> str:
 
 
 def warnings_of(what: str, y: float, reach: float, most: float, *, withheld: bool) -> Iterator[str]:
-    """Yield what must be known before a prediction of a load is trusted."""
+    """Yield the warnings on a prediction under a load: extrapolation, and a missing band."""
     if reach > most:
         yield (
             f"{what} moves the joint by {y:.3g} m, {reach:.2g} times the largest fitted "
@@ -49,7 +49,7 @@ def warnings_of(what: str, y: float, reach: float, most: float, *, withheld: boo
 
 
 def units_of_resonance(response: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """Return the message on attributes of the variables of a resonance."""
+    """Return the attributes (unit and long name) of the variables of a resonance."""
     return {
         "frequency": {**HERTZ, "long_name": "frequency of the peak"},
         "peak": {**response, "long_name": f"peak {response['long_name']}"},
@@ -65,7 +65,7 @@ def units_of_resonance(response: Mapping[str, str]) -> dict[str, dict[str, str]]
 
 
 def units_of_random(response: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """Return the message on attributes of the variables of a random response."""
+    """Return the attributes (unit and long name) of the variables of a random response."""
     unit, name = response["units"], response["long_name"]
     return {
         "rms": {**response, "long_name": f"rms {name}"},
@@ -137,5 +137,5 @@ def heading(name: str) -> str:
 
 
 def slug_of(name: str) -> str:
-    """Return the name of a prediction as a file has it."""
+    """Return the file name of a prediction, without suffix."""
     return re.sub(r"[^\w.-]+", "_", name)

@@ -54,7 +54,7 @@ def of_mode(hz: float, sentence: str) -> str:
 
 
 def reach(y: Sequence[float]) -> str:
-    """Return the range of amplitudes [m] of the readings."""
+    """Return the text of the range of measured amplitudes [m]."""
     return f"{1e3 * y[0]:.3g} to {1e3 * y[-1]:.3g} mm"
 
 
@@ -92,7 +92,7 @@ def nonlinear(answer: bool, y: Sequence[float], count: int, changes: Sequence[st
 
 
 def one_amplitude(y: float, count: int) -> str:
-    """Return the message that readings at one amplitude say nothing of a change."""
+    """Return the message that records at one amplitude cannot show a change."""
     return (
         f"Nonlinear: not assessed, because {_records(count)} at one amplitude ({1e3 * y:.3g} mm) "
         "cannot show a change with amplitude."
@@ -129,7 +129,7 @@ def likely_laws(laws: Sequence[str]) -> str:
 def between_ends(
     y: Sequence[float], shift: float, half_widths: float, damping: tuple[float, float], kind: str,
 ) -> str:  # fmt: skip
-    """Return the message on how the last of single readings differs from the first."""
+    """Return the message on the difference between the first and the last measured amplitude."""
     word = f"yes, it {kind}, if the records differ only in amplitude" if kind else "not detected"
     return (
         f"Nonlinear: {word}. From {reach(y)} ({len(y)} values, too few for an exponent) the "
@@ -208,7 +208,7 @@ def distortion(noise: float, nonlinear_share: float, num_realisations: int) -> s
 
 
 def noise_of_periods(noise: float, num_periods: int) -> str:
-    """Return the message on noise by the scatter of periods."""
+    """Return the message on noise, estimated from the variation between periods."""
     return f"noise is {of_response(noise)} of the response's mean over {num_periods} periods."
 
 
@@ -230,5 +230,5 @@ def coherence_of_noise(hz: float, coherence_mean: float) -> str:
 
 
 def of_response(share: float) -> str:
-    """Return the message on a share in per cent, of two digits behind the point."""
+    """Return a share of the response in per cent, with two decimals."""
     return f"{100 * share:.2f} %"

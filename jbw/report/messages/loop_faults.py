@@ -4,7 +4,7 @@ from jbw.report.messages.message import FaultText, percent
 
 
 def degrading(amplitude: float, number: int, change: float, keep: str, *, falls: bool) -> FaultText:
-    """Return the message that the force changes over equal cycles, and how to keep the last."""
+    """Return the message that the force changes over equal cycles, and the part to keep."""
     return FaultText(
         f"Cycles of the amplitude {amplitude:.3g} m differ: from cycle 2 to cycle {number} the "
         f"force {'falls' if falls else 'rises'} by {percent(change, '.0f')}.",
@@ -15,7 +15,7 @@ def degrading(amplitude: float, number: int, change: float, keep: str, *, falls:
 
 
 def lopsided(ratio: float, *, positive: bool) -> FaultText:
-    """Return the message that a joint is stronger to one side."""
+    """Return the message that a joint's force is larger on one side."""
     return FaultText(
         f"The force of the joint is {ratio:.2g} times as large on the "
         f"{'positive' if positive else 'negative'} side as on the other side.",
@@ -26,7 +26,7 @@ def lopsided(ratio: float, *, positive: bool) -> FaultText:
 
 
 def off_centre(offset: float, drift: float) -> FaultText:
-    """State where a force begins and by how much it drifts, over its half range."""
+    """Return the message on the offset and drift of a force, over its half range."""
     return FaultText(
         f"The force begins {percent(offset, '.1f')} of its half range away from zero and moves by "
         f"{percent(drift, '.1f')} of it along the record.",
@@ -36,7 +36,7 @@ def off_centre(offset: float, drift: float) -> FaultText:
 
 
 def late(lag: float, delay: float) -> FaultText:
-    """Return the message that the force lags the displacement [s], and the whole delay [s]."""
+    """Return the message that the force lags the displacement [s], and the delay to state [s]."""
     return FaultText(
         f"The force lags the displacement by {lag:.3g} s.",
         "This lag makes the loop narrower, by an energy that no law of a joint describes.",

@@ -31,7 +31,7 @@ def shown(matrices: str, dofs: int, nodes: int) -> str:
 
 
 def asymmetric(name: str, error: float, first: str, second: str) -> str:
-    """Return the message on a matrix that is symmetric but for round-off of its file."""
+    """Return the message on a matrix that is symmetric except for round-off in its file."""
     return (
         f"Matrix {name} is symmetric only to {error:.1e} (at {first} and {second}); its "
         "symmetric part is used."
@@ -65,7 +65,7 @@ def dashpots(by_joint: Mapping[str, float]) -> str:
 
 
 def damping_of_joints(note: str) -> str:
-    """Return the message on where damping of joints belongs."""
+    """Return a note with the advice to describe damping of joints by their laws."""
     return f"{note} Describe damping of the joints themselves by their laws."
 
 
@@ -75,7 +75,7 @@ def massless(count: int) -> str:
 
 
 def slowed(limit_hz: float, count: int, fastest: str) -> str:
-    """Return the message on residual modes that were slowed to a limit [Hz]."""
+    """Return the note on residual modes whose frequency was lowered to a limit [Hz]."""
     return (
         f"Residual modes whose frequency was lowered to {limit_hz:.4g} Hz: {count}, the highest "
         f"from {fastest}; their static flexibility is kept."

@@ -54,7 +54,7 @@ class _Words(Formatter):
 
 
 def written(template: Template, values: Mapping[str, Any]) -> str:
-    """Return the message on a text of the catalogue with its values."""
+    """Return a text of the catalogue with its values."""
     if callable(template):
         return template(**values)
     return _Words().vformat(template, (), values)
@@ -77,17 +77,17 @@ def number(value: float, digits: str = ".3g") -> str:
 
 
 def listed(names: Any) -> str:
-    """Return the message on names as a list in a sentence: "a", "a and b", "a, b and c"."""
+    """Return names as a list in a sentence: "a", "a and b", "a, b and c"."""
     *first, last = map(str, names)
     return f"{', '.join(first)} and {last}" if first else last
 
 
 def first_of(texts: Sequence[str], most: int = 4) -> str:
-    """Return the message on the first texts of many: "a, b and 3 more"."""
+    """Return the first of many texts and a count of the others: "a, b and 3 more"."""
     more = f" and {len(texts) - most} more" if len(texts) > most else ""
     return f"{', '.join(texts[:most])}{more}"
 
 
 def capital(text: str) -> str:
-    """Return the message on a text with a capital at its beginning, the rest as it is."""
+    """Return a text with a capital letter at its beginning."""
     return text[:1].upper() + text[1:]

@@ -42,7 +42,7 @@ def compared(
 
 
 def still_mode(hz: float, ratio: str, low: float, high: float) -> str:
-    """Return the message on a mode that the source or the sensor does not see."""
+    """Return the message that a mode is not visible: the source or sensor lies at a node."""
     return (
         f"The mode at {hz:g} Hz is not visible: {ratio} lies between {low:.2g} and {high:.2g}. The "
         "source or the sensor lies at a node of this mode. Leave the mode out of `modes`, or "
@@ -51,7 +51,7 @@ def still_mode(hz: float, ratio: str, low: float, high: float) -> str:
 
 
 def one_serves(factor: float) -> str:
-    """Return the message on the ratio of residuals from which one joint is rejected."""
+    """Return the message that one joint fits all modes, with the limit of the residual ratio."""
     return (
         "One joint fits the free decays of all modes: no residual is more than "
         f"{factor:g} times that of a separate joint."
@@ -75,7 +75,7 @@ def rejected(clauses: str) -> str:
 
 
 def hardly_seen(name: str) -> str:
-    """Return the message on a mode with hardly any motion at the first point."""
+    """Return the message that a mode hardly moves the first response point."""
     return (
         f"{name} hardly moves the first response point: the shares of its losses cannot be "
         "determined."

@@ -83,7 +83,7 @@ def joints_effect(mode: int, frequency: str, damping: str) -> str:
 
 
 def in_full_stick(effect: str) -> str:
-    """Return the message that an effect is of a mode in its shape of full stick."""
+    """Return the message that an effect applies to the mode shape with fully stuck joints."""
     return f"{effect} (in the mode shape with fully stuck joints)"
 
 
@@ -135,7 +135,7 @@ def law_not_told(joints: Sequence[str], reason: str) -> str:
 
 
 def rough_evidence(khat: float) -> str:
-    """Return the message that the weights by which evidence was found cannot be trusted."""
+    """Return the reason that the evidence is unreliable, with the k-hat of its weights."""
     return f"the evidence is unreliable (k-hat {khat:.2g})"
 
 
@@ -196,7 +196,7 @@ def relative_error(error: str, linear: str, own: str = "") -> str:
 
 
 def span(least: str, most: str) -> str:
-    """Return the message on a range in per cent."""
+    """Return the text of a range in per cent."""
     return f"{least} %" if least == most else f"{least} to {most} %"
 
 
@@ -228,17 +228,17 @@ def all_identified(worst: str, cv: str, *, roughly: bool) -> str:
 
 
 def next_step(remedy: str) -> str:
-    """Return the message on the remedy of the first finding."""
+    """Return the message on what to do next: the remedy of the first finding."""
     return f"To do next: {remedy}" if remedy else NOTHING_TO_DO
 
 
 def by_the_fit(identified: Sequence[str]) -> str:
-    """Return the message on parameters by the fit alone."""
+    """Return the message on parameters from the fit alone."""
     return f"From the fit alone; the posterior is not assessed: {'; '.join(identified) or 'none'}"
 
 
 def headline(identified: Sequence[str], *, quick: bool) -> str:
-    """Return the message on parameters in a line of the terminal."""
+    """Return the line of the terminal that lists the identified parameters."""
     by = " from the fit alone" if quick else ""
     return f"Identified{by}, mean [99 % interval]: {'; '.join(identified) or 'nothing'}"
 

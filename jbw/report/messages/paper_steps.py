@@ -9,7 +9,7 @@ CONDITIONAL = (
 
 
 def held_parameters(names: str, times: str, far: str) -> str:
-    """Return the message on the effect on gamma of the parameters that Step 4 takes as known."""
+    """Return the message on how the parameters that Step 4 fixes affect gamma."""
     return (
         f"Step 4 of Teloli et al. takes {names} as exactly known; its gamma is valid only if "
         f"they are. With all parameters free, the standard deviation of gamma is {times} times "
@@ -19,7 +19,7 @@ def held_parameters(names: str, times: str, far: str) -> str:
 
 
 def outside_interval(names: Sequence[str]) -> str:
-    """Return the message on parameters that the paper's steps find outside the joint interval."""
+    """Return the message on means of the paper's steps outside the joint posterior's interval."""
     return (
         f"Steps 2 to 4 of Teloli et al. give means of {', '.join(names)} outside the 99 % "
         "interval of the joint posterior of all parameters. Use the joint posterior."
@@ -49,7 +49,7 @@ def left_out(why: str) -> str:
 
 
 def other_law(laws: str) -> str:
-    """Return the message that the joint has none of the law of Steps 3 and 4."""
+    """Return the message that the joint lacks the law of Steps 3 and 4."""
     return (
         "Steps 3 and 4 of Teloli et al. need the Bouc-Wen law and are omitted: the joint "
         f"has {laws}."

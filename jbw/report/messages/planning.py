@@ -33,7 +33,7 @@ def drawn_from_run(num_joints: int) -> str:
 
 
 def unknown_reach(displacement: float) -> str:
-    """Return the message that levels aim at a displacement of the plan's own choice [m]."""
+    """Return the message that planned levels aim at a displacement that jbw chose [m]."""
     return (
         "The run states no largest displacement, so the planned levels aim at "
         f"{displacement:.3g} m, where the joint slips; give max_displacement in a file of "
@@ -66,7 +66,7 @@ def no_response(count: int, num_joints: int) -> str:
 
 
 def with_median(worst: float, median: float) -> str:
-    """Return the message on a coefficient of variation at nine in ten joints."""
+    """Return a coefficient of variation for nine in ten joints, with its median."""
     return f"{worst:.2g}" if worst == median else f"{worst:.2g} (median {median:.2g})"
 
 
@@ -144,7 +144,7 @@ def missing(key: str, meaning: str) -> str:
 
 
 def beyond_stiffness(key: str, least: float, value: float) -> str:
-    """Return the message on a stiffness of the joint that exceeds the whole."""
+    """Return the message on a joint stiffness that exceeds the whole stiffness."""
     return (
         f"{key}: must stay below omega_n^2, which may be as low as {least:g}, but reaches "
         f"{value:g}."

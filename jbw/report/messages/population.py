@@ -9,18 +9,18 @@ Interval = Mapping[str, float]
 
 
 def interval(row: Interval) -> str:
-    """Return the message on a median with its 99 % interval."""
+    """Return a median with its 99 % interval."""
     return f"{row['median']:.2g} [{row['q005']:.2g}, {row['q995']:.2g}]"
 
 
 def mostly_prior(num_units: int, free: int, *, trend: bool) -> str:
-    """Return the message that units are too few for a scatter, or for one about a trend."""
+    """Return the message that units are too few to determine the variation (about a trend)."""
     about = f"about a trend ({free} degrees of freedom)" if trend else "between units"
     return f"{num_units} units do not determine the variation {about}: the prior dominates it."
 
 
 def wide_intervals(num_units: int, free: int) -> str:
-    """Return the message that few degrees of freedom are left."""
+    """Return the message that only few degrees of freedom remain."""
     return (
         f"With {num_units} units there are only {free} degrees of freedom, so that the "
         "intervals are wide."
@@ -36,7 +36,7 @@ def not_converged(r_hat: float, divergences: int) -> str:
 
 
 def failed_runs(failed: Sequence[str], num_units: int) -> str:
-    """Return the message on units whose runs failed and are pooled all the same."""
+    """Return the message on units whose runs failed but which are pooled."""
     return (
         f"The population includes {len(failed)} of {num_units} units whose runs failed: "
         f"{listed(failed)}. Repair these runs (jbw explain), or remove them."
@@ -44,7 +44,7 @@ def failed_runs(failed: Sequence[str], num_units: int) -> str:
 
 
 def confounded(correlation: float) -> str:
-    """Return the message that torque and sequence of the tightenings changed together."""
+    """Return the message that torque and sequence of tightening changed together."""
     way = "rose together" if correlation > 0 else "changed in opposite directions"
     return (
         f"Torque and tightening number {way} (correlation {correlation:.2f}): the data "
@@ -87,7 +87,7 @@ def outliers(units: Sequence[str]) -> str:
 
 
 def weighed(count: int, num_units: int, least: float) -> str:
-    """Return the message on the number of units that are represented by draws."""
+    """Return the message on the number of units that are represented by reweighted draws."""
     return (
         f"{count} of {num_units} units are represented by reweighted draws of their posterior; "
         f"the effective sample size is at least {percent(least, '.0f')} of the draws."
@@ -109,7 +109,7 @@ def weak(names: Sequence[str], times: float) -> str:
 
 
 def saturates(names: Sequence[str], torque: Interval) -> str:
-    """Return the sentence on parameters that saturate with torque, as the user states."""
+    """Return the sentence on parameters that saturate with torque, as the user requests."""
     return (
         f"{listed(names)} follows a curve that saturates with torque, as the input requests; "
         f"the saturation torque is {interval(torque)} N m. Only very different torques "

@@ -49,17 +49,17 @@ HIGHER_RATE = "Measure at a higher rate."
 
 
 def times_or_rate(channels: str) -> str:
-    """Return the message on the line of channels with a column of times, or the rate."""
+    """Return the remedy to name a column of times, or to state the rate."""
     return f"Put under [[test]]: `channels = {channels}`, or the rate in hertz: `fs = HZ`."
 
 
 def resample_or_part(resample: str, part: str) -> str:
-    """Return the message on the line of a rate, or that of a part without gaps."""
+    """Return the remedy to resample, or to keep a part without gaps."""
     return f"Put under [[test]]: {resample}, or keep a part: {part}."
 
 
 def part_or_higher_rate(line: str) -> str:
-    """Return the message on the line of a part without pauses, or what to measure."""
+    """Return the remedy to keep a part without pauses, or to measure at a higher rate."""
     return f"{line}, or measure at a higher rate."
 
 
@@ -94,7 +94,7 @@ def time_without_unit(name: str, first: Sequence[float], guess: str) -> FaultTex
 
 
 def unfitting_names(names: Sequence[str], columns: int) -> str:
-    """Return the message on names above a table that are not as many as its columns."""
+    """Return the message that a header and its rows have different numbers of columns."""
     some = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
     return (
         f"its header names {len(names)} columns ({some}), but its rows have {columns}, so that the "
@@ -134,7 +134,7 @@ def angle_of(role: str) -> str:
 
 
 def few_driven_lines(record: str, least: int) -> str:
-    """Return the message on a record whose source drives too few lines."""
+    """Return the message on a record whose source drives too few spectral lines."""
     return f"The source of {record} drives fewer than {least} spectral lines in its band."
 
 
@@ -184,7 +184,7 @@ def response_clock(ppm: float) -> str:
 
 
 def input_unknown(tone: str) -> str:
-    """Return the message that a third harmonic may be of the source."""
+    """Return the message that a third harmonic may come from the source."""
     return (
         f"{tone}: the input was not measured, so its third harmonic may be part of Y(3 omega). "
         "This frequency alone does not allow a conclusion on the joint."
@@ -207,7 +207,7 @@ def large_harmonic(tone: str, ratio: float) -> str:
 
 
 def harmonic_in_noise(tone: str) -> str:
-    """Return the message that a third harmonic is noise."""
+    """Return the message that a third harmonic does not exceed the noise."""
     return f"{tone}: Y(3 omega) does not stand above the noise; leave this frequency out."
 
 
@@ -225,7 +225,7 @@ def held_phase(
 
 
 def removed_line(hz: float, amplitude: float, error: float) -> str:
-    """Return the message on a line that was removed: frequency [Hz], amplitude, error."""
+    """Return the text of a removed spectral line: frequency [Hz], amplitude, error."""
     return f"{hz:.6g} Hz with the amplitude {amplitude:.4g} (standard error {error:.2g})"
 
 
@@ -240,12 +240,12 @@ def rounded_rate(error: float) -> str:
 
 
 def resampled_to(fs: float) -> str:
-    """Return the message on the rate that a campaign asks for [Hz]."""
+    """Return the clause on the rate to which a campaign resamples [Hz]."""
     return f"{fs:.10g} Hz, to which it is resampled"
 
 
 def own_path(path: str) -> str:
-    """Return the message on the path of a linked group."""
+    """Return the remedy for a linked group of a file: use the group's own path."""
     return f"Use the group's own path `{path}`."
 
 

@@ -28,7 +28,7 @@ def unequal_lengths(lengths: str) -> FaultText:
 
 
 def masked_or_left_out(leave_out: str) -> str:
-    """Return the message on the remedy for lines of a curve that are no numbers."""
+    """Return the remedy for samples that are not finite: mask them or leave the record out."""
     return f'Put under [[test]]: `gaps = "mask"`, or {leave_out}.'
 
 
@@ -60,7 +60,7 @@ def beyond_measurement(sample: int, largest: float) -> FaultText:
 
 
 def constant(value: float, leave_out: str, *, toggles: bool) -> FaultText:
-    """Return the message on a channel that does not change, but for its last bit."""
+    """Return the message on a channel that is constant, except perhaps for its last bit."""
     return FaultText(
         f"The channel is constant at {value:.6g}" + (", to within one bit." if toggles else "."),
         "A dead sensor or an unconnected input looks like this.",
@@ -69,7 +69,7 @@ def constant(value: float, leave_out: str, *, toggles: bool) -> FaultText:
 
 
 def few_levels(count: int, least: int) -> FaultText:
-    """Return the message that a converter used few of its bits."""
+    """Return the message that a channel has only few distinct values."""
     return FaultText(
         f"The channel has only {count} distinct values, fewer than {least}.",
         "With so few values, quantisation errors are no longer like white noise.",
@@ -78,7 +78,7 @@ def few_levels(count: int, least: int) -> FaultText:
 
 
 def held(each: int, fs: float) -> FaultText:
-    """Return the message that each value stands for several samples."""
+    """Return the message that each value is repeated for several samples."""
     return FaultText(
         f"Each value is repeated for {each} samples: the channel was recorded at {fs:.6g} Hz.",
         "This channel lags channels that were recorded at the stated rate by "
@@ -92,7 +92,7 @@ def _samples(count: float) -> str:
 
 
 def dropped_out(count: int, first_s: float) -> FaultText:
-    """Return the message that a laser lost its light now and then."""
+    """Return the message that a signal has drop-outs."""
     return FaultText(
         f"The signal has drop-outs: at {count} places, first at {first_s:.4g} s, it falls to "
         "nearly zero for a few samples.",
@@ -103,7 +103,7 @@ def dropped_out(count: int, first_s: float) -> FaultText:
 
 
 def implausible(role: str, largest: float, guess: str) -> FaultText:
-    """Return the message on a motion that no bolted joint survives."""
+    """Return the message on a motion that is too large for a bolted joint."""
     return FaultText(
         f"The largest {role} is {number(largest)} in SI units, more than a bolted joint survives.",
         remedy=f"Check the unit: is the file in {guess}?",
@@ -154,7 +154,7 @@ def gaps(stretches: str, count: int, remedy: str) -> FaultText:
 
 
 def swapped(of: str = "", ratio: float | None = None) -> FaultText:
-    """Return the message that the input looks like a response to the other channel."""
+    """Return the message that input and response seem to be swapped."""
     peaked = "" if ratio is None else f": the spectrum of the input is {ratio:.3g} times more "
     than = "" if ratio is None else "peaked than that of the response"
     return FaultText(
@@ -175,7 +175,7 @@ def incoherent(coherence: float) -> FaultText:
 
 
 def outside_band(peak: float, low: float, high: float, ratio: float) -> FaultText:
-    """Return the message on a band without the largest response."""
+    """Return the message that the response is largest outside the band."""
     return FaultText(
         f"The response is largest at {peak:.4g} Hz, outside `band` = [{low:g}, {high:g}] Hz, at "
         f"{ratio:.3g} times its centre.",
@@ -196,7 +196,7 @@ def unresolved(peak: float, width: float, duration_s: float, resolution_hz: floa
 
 
 def noisy_drive(source: str, ratio: float, response: str) -> FaultText:
-    """Return the message on the error by noise of the drive over that by noise of the response."""
+    """Return the message on the error due to the drive's noise, over that due to the response's."""
     return FaultText(
         f"At the resonance the noise of `{source}` causes {ratio:.2g} times the error that the "
         f"noise of `{response}` causes.",

@@ -21,12 +21,12 @@ OF_ONE_ROLE = re.compile(r'(scale|units) = \{ (\w+) = (-?[\d.]+|"[^"]+") \}')
 
 
 def span(first: float, last: float) -> str:
-    """Return the message on the key that keeps a part of a record [s]."""
+    """Return the key that keeps a part of a record [s]."""
     return f"`span = [{first}, {last}]`"
 
 
 def exclude(files: str) -> str:
-    """Return the message on the key that leaves files out, a list as TOML writes it."""
+    """Return the key that leaves files out, as a TOML list."""
     return f"`exclude = {files}`"
 
 
@@ -51,7 +51,7 @@ def put(table: str, key: str, value: Any) -> str:
 
 
 def beside_other_laws(line: str) -> str:
-    """Return the remedy of another law: the line to paste, and how to compare more laws."""
+    """Return the remedy of another law: the line to paste, and how to compare laws."""
     return f"{line} To compare this and other laws, such as a gap between contacts: jbw laws."
 
 

@@ -30,7 +30,7 @@ def drifting(tones: str, change: float) -> FaultText:
 
 
 def buried_harmonic(tones: str, size: float, noise: float) -> FaultText:
-    """Return the message on a third harmonic that does not stand above the noise [m]."""
+    """Return the message on a third harmonic that does not exceed the noise [m]."""
     return FaultText(
         f"{tones}: the third harmonic ({size:.2g} m) does not exceed the noise ({noise:.2g} m).",
         "This record alone does not determine the joint's third-order kernel.",
@@ -39,7 +39,7 @@ def buried_harmonic(tones: str, size: float, noise: float) -> FaultText:
 
 
 def few_lines(count: int, least: int) -> FaultText:
-    """Return the message on a response curve of too few lines."""
+    """Return the message on a response curve with too few points."""
     return FaultText(
         f"The curve has {count} points, but at least {least} are needed.",
         remedy="Measure more frequencies around the resonance.",
@@ -75,7 +75,7 @@ def in_degrees(phase: float) -> FaultText:
 
 
 def loop_turned(rises: float, work: float) -> FaultText:
-    """Return the message for a loop of wrong sign, with correlation and work [J]."""
+    """Return the message on a loop with a wrong sign: correlation and work [J]."""
     return FaultText(
         f"The force falls where the displacement rises (correlation {rises:.2g}), with a work of "
         f"{work:.3g} J over the record.",
@@ -85,7 +85,7 @@ def loop_turned(rises: float, work: float) -> FaultText:
 
 
 def undecaying(times: float) -> FaultText:
-    """Return the message on a decay that does not decay."""
+    """Return the message that the response of a free decay does not fall."""
     return FaultText(
         f"The response of the last quarter is {times:.2g} times that of the first.",
         "A free decay falls; this record may be driven, or may begin before the impact.",
@@ -125,7 +125,7 @@ def unlike_level(level: float, role: str, peak: float, rms: float, unit: str) ->
 
 
 def put_band(low: float, high: float) -> str:
-    """Return the message on the line of a band about the strongest line."""
+    """Return the remedy with a band around the strongest spectral line."""
     return (
         f"Put under [[test]]: `band = [{low:g}, {high:g}]`. This band lies around the strongest "
         "spectral line; it must not contain another mode."

@@ -24,7 +24,7 @@ def damaged_checkpoint(name: str, folder: str, *, has_earlier: bool) -> str:
 
 
 def another_machine(before: str, processors_before: str, now: str, processors_now: str) -> str:
-    """Return the message that a run goes on on another machine than it began on."""
+    """Return the message that a run continues on another machine than it began on."""
     return (
         f"The run began on {before} ({processors_before} processors) and continues on {now} "
         f"({processors_now} processors): its draws may differ in the last digits, and chains "

@@ -129,5 +129,5 @@ def line_fit(test: str) -> str:
 
 
 def fitting_as(law: str) -> str:
-    """Return the progress message on the law whose weights are used to fit all laws."""
+    """Return the progress message on the law whose noise weights are used to fit all laws."""
     return f"Fitting all laws with the noise weights of {law}, the law with the smallest residual"
